@@ -1,0 +1,236 @@
+//! Material: what the blocks are made of (SPEC 3; paper, algorithms 1 to 3).
+//!
+//! Names compare case-sensitively. An empty name, of a block or wanted, matches nothing.
+
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use crate::checks::{Finding, Rule, Subject};
+use crate::voxel::{Cell, Structure};
+
+/// Which material names are wanted.
+fn matches(name: &str, wanted: &str, use_substring_match: bool) -> bool {
+    if name.is_empty() || wanted.is_empty() {
+        false
+    } else if use_substring_match {
+        name.contains(wanted)
+    } else {
+        name == wanted
+    }
+}
+
+/// Number of entries, of the wanted material where one is given.
+fn count(structure: &Structure, wanted: Option<&str>, use_substring_match: bool) -> usize {
+    let Some(wanted) = wanted else { return structure.len() };
+    let mask = structure.palette().mask(|name| matches(name, wanted, use_substring_match));
+    structure.material_ids().iter().filter(|&&id| mask[id as usize]).count()
+}
+
+fn described(wanted: Option<&str>, use_substring_match: bool) -> String {
+    match wanted {
+        None => "blocks".to_owned(),
+        Some(name) if use_substring_match => format!("blocks whose name contains {name:?}"),
+        Some(name) => format!("blocks of {name:?}"),
+    }
+}
+
+macro_rules! count_rule {
+    ($(#[$doc:meta])* $rule:ident, $bound:ident, $relation:literal, $compare:expr) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+        #[serde(deny_unknown_fields)]
+        pub struct $rule {
+            /// The number compared with, in entries.
+            pub $bound: f64,
+            /// Only entries of this material count; null counts all.
+            #[serde(default)]
+            pub expected_material: Option<String>,
+            /// Whether a name that contains the wanted one matches.
+            #[serde(default)]
+            pub use_substring_match: bool,
+        }
+
+        impl Rule for $rule {
+            fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+                let wanted = self.expected_material.as_deref();
+                let found = count(subject.structure, wanted, self.use_substring_match);
+                let compare: fn(f64, f64) -> bool = $compare;
+                let what = described(wanted, self.use_substring_match);
+                Finding::binary(
+                    compare(found as f64, self.$bound),
+                    found,
+                    json!({ $relation: self.$bound }),
+                    format!("{found} {what}; required {} {}", $relation, self.$bound),
+                )
+            }
+        }
+    };
+}
+
+count_rule!(
+    /// The number of entries equals a count.
+    BlockCountEqualTo, expected_count, "==", |found, bound| found == bound
+);
+count_rule!(
+    /// The number of entries is larger than a count.
+    BlockCountLargerThan, cnt, ">", |found, bound| found > bound
+);
+count_rule!(
+    /// The number of entries is at least a count.
+    BlockCountAtLeast, min_count, ">=", |found, bound| found >= bound
+);
+count_rule!(
+    /// The number of entries is at most a count.
+    BlockCountAtMost, max_count, "<=", |found, bound| found <= bound
+);
+
+/// Every entry is of one material.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AllMaterialEqualTo {
+    /// The wanted material.
+    pub expected_material: String,
+    /// Whether a name that contains the wanted one matches.
+    #[serde(default)]
+    pub use_substring_match: bool,
+}
+
+impl Rule for AllMaterialEqualTo {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        let required = json!({ "all": self.expected_material });
+        ratio_finding(subject.structure, (0..subject.structure.len()).collect(), &self.expected_material, self.use_substring_match, 1.0, required)
+    }
+}
+
+/// The share of matching entries in a region, against a threshold; an empty region fails.
+fn ratio_finding(
+    structure: &Structure,
+    region: Vec<usize>,
+    wanted: &str,
+    use_substring_match: bool,
+    threshold: f64,
+    required: serde_json::Value,
+) -> Finding {
+    if structure.is_empty() {
+        return Finding::nothing_stands(false, required);
+    }
+    if region.is_empty() {
+        return Finding::binary(false, json!(null), required, "no block stands in the region that is checked");
+    }
+    let mask = structure.palette().mask(|name| matches(name, wanted, use_substring_match));
+    let is_match = |&i: &usize| mask[structure.material_ids()[i] as usize];
+    let matching = region.iter().filter(|i| is_match(i)).count();
+    let ratio = matching as f64 / region.len() as f64;
+    let summary = format!("{matching} of {} blocks are {wanted:?}", region.len());
+    let mut finding = Finding::binary(ratio >= threshold, ratio, required, summary);
+    for i in region.into_iter().filter(|i| !is_match(i)) {
+        finding.add_witness(structure.cells()[i], structure.material(i));
+    }
+    finding
+}
+
+const fn default_height_y() -> i32 {
+    2
+}
+
+const fn default_ratio_threshold() -> f64 {
+    0.5
+}
+
+/// Indices of the entries at `y`.
+fn entries_at(structure: &Structure, y: i32) -> Vec<usize> {
+    (0..structure.len()).filter(|&i| structure.cells()[i].y == y).collect()
+}
+
+/// Indices out of `region` that attain the greatest value of one of `keys`; all ties, each entry once.
+fn extremes(structure: &Structure, region: &[usize], keys: &[fn(Cell) -> i64]) -> Vec<usize> {
+    let at = |i: usize| structure.cells()[i];
+    let greatest: Vec<Option<i64>> = keys.iter().map(|key| region.iter().map(|&i| key(at(i))).max()).collect();
+    let attains = |i: usize| keys.iter().zip(&greatest).any(|(key, most)| Some(key(at(i))) == *most);
+    region.iter().copied().filter(|&i| attains(i)).collect()
+}
+
+macro_rules! region_rule {
+    ($(#[$doc:meta])* $rule:ident, $keys:expr) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+        #[serde(deny_unknown_fields)]
+        pub struct $rule {
+            /// The wanted material.
+            pub expected_material: String,
+            /// The level that is looked at.
+            #[serde(default = "default_height_y")]
+            pub height_y: i32,
+            /// Least share of matching entries.
+            #[serde(default = "default_ratio_threshold")]
+            pub ratio_threshold: f64,
+            /// Whether a name that contains the wanted one matches.
+            #[serde(default)]
+            pub use_substring_match: bool,
+        }
+
+        impl Rule for $rule {
+            fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+                let level = entries_at(subject.structure, self.height_y);
+                let region = extremes(subject.structure, &level, $keys);
+                let required = json!({ ">=": self.ratio_threshold });
+                ratio_finding(
+                    subject.structure,
+                    region,
+                    &self.expected_material,
+                    self.use_substring_match,
+                    self.ratio_threshold,
+                    required,
+                )
+            }
+        }
+    };
+}
+
+const X: fn(Cell) -> i64 = |c| c.x as i64;
+const Z: fn(Cell) -> i64 = |c| c.z as i64;
+
+region_rule!(
+    /// Corners of one level: the entries with the greatest x+z, x-z, -x+z or -x-z.
+    CornerMaterialEqualTo, &[|c| X(c) + Z(c), |c| X(c) - Z(c), |c| Z(c) - X(c), |c| -X(c) - Z(c)]
+);
+region_rule!(
+    /// The side of least x on one level.
+    MinXMaterialEqualTo, &[|c| -X(c)]
+);
+region_rule!(
+    /// The side of greatest x on one level.
+    MaxXMaterialEqualTo, &[|c| X(c)]
+);
+region_rule!(
+    /// The side of least z on one level.
+    MinZMaterialEqualTo, &[|c| -Z(c)]
+);
+region_rule!(
+    /// The side of greatest z on one level.
+    MaxZMaterialEqualTo, &[|c| Z(c)]
+);
+
+/// The entries at the greatest y.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HighestBlockMaterialEqualTo {
+    /// The wanted material.
+    pub expected_material: String,
+    /// Least share of matching entries.
+    #[serde(default = "default_ratio_threshold")]
+    pub ratio_threshold: f64,
+    /// Whether a name that contains the wanted one matches.
+    #[serde(default)]
+    pub use_substring_match: bool,
+}
+
+impl Rule for HighestBlockMaterialEqualTo {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        let all: Vec<usize> = (0..subject.structure.len()).collect();
+        let region = extremes(subject.structure, &all, &[|c| i64::from(c.y)]);
+        let required = json!({ ">=": self.ratio_threshold });
+        let (wanted, substring) = (&self.expected_material, self.use_substring_match);
+        ratio_finding(subject.structure, region, wanted, substring, self.ratio_threshold, required)
+    }
+}

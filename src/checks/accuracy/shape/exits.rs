@@ -1,0 +1,117 @@
+//! Ways out for a box of some size (SPEC 3): through doors and over beds, needing no floor.
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use super::contains_lower;
+use crate::checks::{Finding, Rule, Subject};
+use crate::voxel::free_space::{BoxSize, FreeSpace};
+use crate::voxel::{Bounds, Cell, Structure};
+
+/// A box of width x depth x height, turned either way, can move out of the bounding box.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HasExit {
+    /// Width, in cells.
+    #[serde(default = "two")]
+    pub width: BoxSide,
+    /// Depth, in cells.
+    #[serde(default = "one")]
+    pub depth: BoxSide,
+    /// Height, in cells.
+    #[serde(default = "two")]
+    pub height: BoxSide,
+    /// Starts at blocks whose lower-cased name contains this; null starts at the centre of the bounding box.
+    #[serde(default)]
+    pub start_material: Option<String>,
+}
+
+/// [`HasExit`] for a box as deep as it is wide and two high.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HasWideExit {
+    /// Width and depth, in cells.
+    #[serde(default = "two")]
+    pub width: BoxSide,
+    /// Starts at blocks whose lower-cased name contains this; null starts at the centre of the bounding box.
+    #[serde(default)]
+    pub start_material: Option<String>,
+}
+
+/// A side of the moving box: 1 to 64 cells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "i64", into = "i64")]
+pub struct BoxSide(i32);
+
+impl BoxSide {
+    const MAX: i32 = 64;
+}
+
+impl TryFrom<i64> for BoxSide {
+    type Error = String;
+
+    fn try_from(cells: i64) -> Result<Self, String> {
+        match i32::try_from(cells) {
+            Ok(cells @ 1..=Self::MAX) => Ok(Self(cells)),
+            _ => Err(format!("{cells} is out of range: 1 to {} cells", Self::MAX)),
+        }
+    }
+}
+
+impl From<BoxSide> for i64 {
+    fn from(side: BoxSide) -> Self {
+        Self::from(side.0)
+    }
+}
+
+const fn one() -> BoxSide {
+    BoxSide(1)
+}
+
+const fn two() -> BoxSide {
+    BoxSide(2)
+}
+
+/// Where a way out starts: the blocks of a material, or the centre of the bounding box.
+pub(super) fn starts(structure: &Structure, bounds: &Bounds, start_material: Option<&str>) -> Vec<Cell> {
+    match start_material.filter(|material| !material.is_empty()) {
+        Some(material) => structure.cells_of(|name| contains_lower(name, material)),
+        None => vec![bounds.centre()],
+    }
+}
+
+fn exit_finding(subject: &Subject<'_>, size: [i32; 3], start_material: Option<&str>) -> Finding {
+    let [width, depth, height] = size;
+    let required: Value = json!({ "exit": { "width": width, "depth": depth, "height": height } });
+    let structure = subject.structure;
+    let Some(bounds) = structure.bounds() else {
+        return Finding::nothing_stands(true, required);
+    };
+    let starts = starts(structure, &bounds, start_material);
+    if starts.is_empty() {
+        let summary = format!("no block is {:?}: nothing has to get out", start_material.unwrap_or_default());
+        return Finding::binary(true, json!(null), required, summary).vacuous_if(true);
+    }
+    let solid = structure.cells_of(|name| !contains_lower(name, "door") && !contains_lower(name, "bed"));
+    let beside = |start: &Cell| std::iter::once(*start).chain(start.side_neighbours());
+    let escapes = |x: i32, z: i32| {
+        let space = FreeSpace::new(&solid, &bounds, BoxSize { x, y: height, z });
+        space.escapes(starts.iter().flat_map(beside))
+    };
+    let holds = escapes(width, depth) || (width != depth && escapes(depth, width));
+    let summary = format!("a box {width} wide, {depth} deep and {height} high {} out", if holds { "gets" } else { "does not get" });
+    let finding = Finding::binary(holds, holds, required, summary);
+    if holds { finding } else { finding.with_witnesses(starts, "start") }
+}
+
+impl Rule for HasExit {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        exit_finding(subject, [self.width.0, self.depth.0, self.height.0], self.start_material.as_deref())
+    }
+}
+
+impl Rule for HasWideExit {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        exit_finding(subject, [self.width.0, self.width.0, 2], self.start_material.as_deref())
+    }
+}

@@ -1,0 +1,20 @@
+//! Shape: clusters, surfaces, rooms, doors, ways out, symmetry and stairs.
+
+pub mod clusters;
+pub mod doors;
+pub mod exits;
+pub mod rooms;
+pub mod single_level;
+pub mod stairs;
+pub mod surfaces;
+pub mod symmetry;
+
+/// Whether a name contains another when both are lower-cased: how shape checks compare.
+pub(super) fn contains_lower(name: &str, wanted: &str) -> bool {
+    name.to_lowercase().contains(&wanted.to_lowercase())
+}
+
+/// Whether a block counts as a door.
+pub(super) fn is_door(name: &str) -> bool {
+    name.to_lowercase().contains("door")
+}

@@ -1,0 +1,50 @@
+//! Rooms: enclosed air on one level (SPEC 3; paper, algorithm "Room Counting").
+
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use super::is_door;
+use crate::checks::evidence::MAX_WITNESSES;
+use crate::checks::{Finding, Rule, Subject};
+use crate::voxel::Cell;
+use crate::voxel::planar::sorted_distinct;
+use crate::voxel::rooms::FloorPlan;
+
+/// At least this many enclosed regions of air at a level. Doors one level below count as walls: they are two high.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HasRooms {
+    /// Least number of rooms; none or fewer always holds.
+    pub room_cnt: f64,
+    /// The level.
+    #[serde(default = "default_y")]
+    pub y: i32,
+}
+
+const fn default_y() -> i32 {
+    2
+}
+
+impl Rule for HasRooms {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        let required = json!({ ">=": self.room_cnt });
+        if self.room_cnt <= 0.0 {
+            return Finding::binary(true, json!(null), required, "no room is required").vacuous_if(true);
+        }
+        let structure = subject.structure;
+        let door = structure.palette().mask(is_door);
+        let is_wall = |y: i32, id: u32| y == self.y || (y == self.y - 1 && door[id as usize]);
+        let walls = structure.entries().filter(|(cell, id)| is_wall(cell.y, *id)).map(|(cell, _)| (cell.x, cell.z));
+        let plan = FloorPlan::of(sorted_distinct(walls.collect()));
+        let found = plan.rooms().len();
+        let holds = found as f64 >= self.room_cnt;
+        let summary = format!("{found} rooms at y={}; required {}", self.y, self.room_cnt);
+        let raised = |(x, z): (i32, i32)| Cell::new(x, self.y, z);
+        let finding = Finding::binary(holds, found, required, summary)
+            .with_witnesses(plan.rooms().iter().map(|room| raised(room.first)), "room");
+        if holds {
+            return finding;
+        }
+        finding.with_witnesses(plan.leaks(MAX_WITNESSES).into_iter().map(raised), "leaks")
+    }
+}

@@ -1,0 +1,69 @@
+//! Mirror symmetry about the centre of the bounding box (SPEC 3). Materials do not matter.
+
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use crate::checks::{Finding, Rule, Subject};
+use crate::voxel::{Cell, Structure};
+
+/// The build is its own mirror image along x, y or z.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HasAxisSymmetry {}
+
+/// The build is not its own mirror image along any axis.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HasNoAxisSymmetry {}
+
+/// Axes along which the build is symmetric, and a cell whose image is missing for each other axis. An axis along which
+/// the build is one block thick is skipped.
+fn symmetries(structure: &Structure) -> (Vec<&'static str>, Vec<Cell>) {
+    let Some(bounds) = structure.bounds() else { return (Vec::new(), Vec::new()) };
+    let (low, high) = (bounds.min, bounds.max);
+    let axes: [(&str, i64, Box<dyn Fn(Cell) -> Cell>); 3] = [
+        ("x", bounds.extent()[0], Box::new(move |c| Cell::new(low.x + high.x - c.x, c.y, c.z))),
+        ("y", bounds.extent()[1], Box::new(move |c| Cell::new(c.x, low.y + high.y - c.y, c.z))),
+        ("z", bounds.extent()[2], Box::new(move |c| Cell::new(c.x, c.y, low.z + high.z - c.z))),
+    ];
+    let mut symmetric = Vec::new();
+    let mut unmatched = Vec::new();
+    for (name, extent, mirror) in &axes {
+        if *extent == 0 {
+            continue;
+        }
+        match structure.cells().iter().find(|cell| !structure.contains(mirror(**cell))) {
+            None => symmetric.push(*name),
+            Some(&cell) => unmatched.push(cell),
+        }
+    }
+    (symmetric, unmatched)
+}
+
+fn symmetry_finding(subject: &Subject<'_>, wanted: bool) -> Finding {
+    let required = json!({ "symmetric": wanted });
+    if subject.structure.is_empty() {
+        return Finding::nothing_stands(wanted, required);
+    }
+    let (axes, unmatched) = symmetries(subject.structure);
+    let summary = if axes.is_empty() {
+        "no mirror symmetry along x, y or z".to_owned()
+    } else {
+        format!("mirror symmetry along {}", axes.join(", "))
+    };
+    let holds = axes.is_empty() != wanted;
+    let finding = Finding::binary(holds, json!(axes), required, summary);
+    if wanted && !holds { finding.with_witnesses(unmatched, "no mirror image") } else { finding }
+}
+
+impl Rule for HasAxisSymmetry {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        symmetry_finding(subject, true)
+    }
+}
+
+impl Rule for HasNoAxisSymmetry {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        symmetry_finding(subject, false)
+    }
+}

@@ -1,0 +1,152 @@
+//! Size: extents and heights of the bounding box (SPEC 3; paper, algorithms "Bounding-Box Size" and "Vertical and
+//! Minimum-Size").
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use crate::checks::{Finding, Rule, Subject};
+use crate::voxel::{Bounds, Cell};
+
+/// Plan size in blocks, in either order of x and z, and height in blocks.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Equal {
+    /// Blocks spanned along x and z, in any order.
+    pub xz: [f64; 2],
+    /// Blocks spanned along y; null leaves the height free.
+    #[serde(default)]
+    pub y: Option<f64>,
+}
+
+/// At most this plan size in blocks, in either order of x and z, and at most this height.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AtMost {
+    /// Blocks spanned along x and z, in any order.
+    pub xz: [f64; 2],
+    /// Blocks spanned along y; null leaves the height free.
+    #[serde(default)]
+    pub y: Option<f64>,
+}
+
+fn size_finding(subject: &Subject<'_>, xz: [f64; 2], y: Option<f64>, relation: &str, compare: fn(f64, f64) -> bool) -> Finding {
+    let required = json!({ relation: { "xz": xz, "y": y } });
+    let Some(bounds) = subject.structure.bounds() else {
+        return Finding::nothing_stands(false, required);
+    };
+    let [dx, dy, dz] = bounds.extent().map(|d| d as f64);
+    let mut found = [dx, dz];
+    let mut wanted = xz.map(|blocks| blocks - 1.0);
+    found.sort_by(f64::total_cmp);
+    wanted.sort_by(f64::total_cmp);
+    let holds = compare(found[0], wanted[0])
+        && compare(found[1], wanted[1])
+        && y.is_none_or(|y| compare(dy, y - 1.0));
+    let spans = [dx + 1.0, dy + 1.0, dz + 1.0];
+    let height = y.map_or_else(|| "any height".to_owned(), |y| format!("height {relation} {y}"));
+    let summary = format!(
+        "spans {} x {} in plan and {} in height; required plan {relation} {} x {}, {height}",
+        spans[0], spans[2], spans[1], xz[0], xz[1]
+    );
+    let finding = Finding::binary(holds, json!({ "x": spans[0], "y": spans[1], "z": spans[2] }), required, summary);
+    if holds { finding } else { finding.with_witnesses([bounds.min, bounds.max], "corner of the bounding box") }
+}
+
+impl Rule for Equal {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        size_finding(subject, self.xz, self.y, "==", |found, wanted| found == wanted)
+    }
+}
+
+impl Rule for AtMost {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        size_finding(subject, self.xz, self.y, "<=", |found, wanted| found <= wanted)
+    }
+}
+
+/// The least y equals a level.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MinYEqual {
+    /// The level.
+    pub expected_y: f64,
+}
+
+/// The least y is at or below a level.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MinYAtMost {
+    /// The level.
+    pub max_y: f64,
+}
+
+/// The greatest y is at or above a level.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MaxYAtLeast {
+    /// The level.
+    pub min_y: f64,
+}
+
+fn height_finding(
+    subject: &Subject<'_>,
+    pick: fn(&Bounds) -> i32,
+    what: &str,
+    relation: &str,
+    bound: f64,
+    compare: fn(f64, f64) -> bool,
+) -> Finding {
+    let required = json!({ relation: bound });
+    let Some(bounds) = subject.structure.bounds() else {
+        return Finding::nothing_stands(false, required);
+    };
+    let y = pick(&bounds);
+    let holds = compare(f64::from(y), bound);
+    let finding = Finding::binary(holds, y, required, format!("{what} y is {y}; required {relation} {bound}"));
+    if holds {
+        return finding;
+    }
+    let at_y: Vec<Cell> = subject.structure.cells().iter().copied().filter(|c| c.y == y).collect();
+    finding.with_witnesses(at_y, what)
+}
+
+impl Rule for MinYEqual {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        height_finding(subject, |b| b.min.y, "lowest", "==", self.expected_y, |y, bound| y == bound)
+    }
+}
+
+impl Rule for MinYAtMost {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        height_finding(subject, |b| b.min.y, "lowest", "<=", self.max_y, |y, bound| y <= bound)
+    }
+}
+
+impl Rule for MaxYAtLeast {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        height_finding(subject, |b| b.max.y, "highest", ">=", self.min_y, |y, bound| y >= bound)
+    }
+}
+
+/// Every extent is at least a size.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AllDimensionsAtLeast {
+    /// The size, in blocks.
+    pub min_size: f64,
+}
+
+impl Rule for AllDimensionsAtLeast {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        let required = json!({ ">=": self.min_size });
+        let Some(bounds) = subject.structure.bounds() else {
+            return Finding::nothing_stands(false, required);
+        };
+        let [x, y, z] = bounds.extent().map(|d| d + 1);
+        let holds = [x, y, z].iter().all(|&blocks| (blocks - 1) as f64 >= self.min_size - 1.0);
+        let measured: Value = json!({ "x": x, "y": y, "z": z });
+        let summary = format!("spans {x} x {y} x {z}; required at least {} on each axis", self.min_size);
+        let finding = Finding::binary(holds, measured, required, summary);
+        if holds { finding } else { finding.with_witnesses([bounds.min, bounds.max], "corner of the bounding box") }
+    }
+}

@@ -1,0 +1,60 @@
+//! Dependency: materials appear in a required order (SPEC 3; paper, algorithm "Material Sequence Order").
+
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use crate::checks::{Finding, Rule, Subject};
+
+/// Walking the blocks in building order meets the named materials one after another.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MaterialSequenceOrder {
+    /// The materials in order.
+    pub material_sequence: Vec<String>,
+    /// Whether a name that contains the wanted one matches.
+    #[serde(default = "yes")]
+    pub use_substring_match: bool,
+}
+
+const fn yes() -> bool {
+    true
+}
+
+impl Rule for MaterialSequenceOrder {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        let wanted = &self.material_sequence;
+        let required = json!({ "sequence": wanted });
+        if wanted.is_empty() {
+            return Finding::binary(true, 0, required, "no order is required").vacuous_if(true);
+        }
+        if subject.structure.is_empty() {
+            return Finding::nothing_stands(false, required);
+        }
+        let matches = |name: &str, wanted: &str| {
+            !name.is_empty()
+                && !wanted.is_empty()
+                && if self.use_substring_match { name.contains(wanted) } else { name == wanted }
+        };
+        let palette = subject.structure.palette();
+        let mut met = Vec::new();
+        let mut next = wanted.iter();
+        let mut mask = next.next().map(|name| palette.mask(|n| matches(n, name)));
+        for (cell, id) in subject.structure.entries() {
+            let Some(current) = &mask else { break };
+            if current[id as usize] {
+                met.push(cell);
+                mask = next.next().map(|name| palette.mask(|n| matches(n, name)));
+            }
+        }
+        let holds = met.len() == wanted.len();
+        let summary = match wanted.get(met.len()) {
+            None => format!("all of {} materials in order", wanted.len()),
+            Some(missing) => format!("{} of {} materials in order; no {missing:?} after them", met.len(), wanted.len()),
+        };
+        let mut finding = Finding::binary(holds, met.len(), required, summary);
+        for (cell, name) in met.into_iter().zip(wanted) {
+            finding.add_witness(cell, &format!("first {name} in turn"));
+        }
+        finding
+    }
+}

@@ -1,0 +1,4 @@
+//! Planning: efficiency and dependency.
+
+pub mod dependency;
+pub mod efficiency;

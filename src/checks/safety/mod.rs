@@ -1,0 +1,4 @@
+//! Safety: physical plausibility and structural stability.
+
+pub mod plausibility;
+pub mod stability;

@@ -1,0 +1,28 @@
+//! Physical plausibility: nothing floats (SPEC 3; paper, algorithm "Ground Connectivity").
+
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use crate::checks::{Finding, Rule, Subject};
+use crate::voxel::connectivity::floating_cells;
+
+/// Every block is linked by faces to a block at y <= 0.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GroundConnected {
+    /// Accepted as the published evaluator does, where it only asks for a drawing; it changes no score.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub mark_visit: bool,
+}
+
+impl Rule for GroundConnected {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        let required = json!({ "floating": 0 });
+        if subject.structure.is_empty() {
+            return Finding::nothing_stands(true, required);
+        }
+        let floating = floating_cells(subject.structure);
+        let summary = format!("{} of {} blocks float", floating.len(), subject.structure.len());
+        Finding::binary(floating.is_empty(), floating.len(), required, summary).with_witnesses(floating, "floats")
+    }
+}

@@ -1,0 +1,41 @@
+//! Structural stability: greatest von Mises stress against a reference (SPEC 3 and 4; paper, section 4.2).
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use crate::checks::{Finding, Subject};
+use crate::elasticity::{Stopped, sph};
+
+/// Reference over greatest stress, at most 1.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StressScore {
+    /// Greatest von Mises stress of an ideal build, in Pa.
+    #[serde(rename = "von_mises_stress")]
+    pub reference_pa: f64,
+}
+
+impl StressScore {
+    /// Scores the structure.
+    ///
+    /// # Errors
+    /// Where the subject's `stop` asks for it before the simulation has ended.
+    pub fn evaluate(&self, subject: &Subject<'_>) -> Result<Finding, Stopped> {
+        let required = json!({ "<=": self.reference_pa });
+        if subject.structure.is_empty() {
+            return Ok(Finding::nothing_stands(false, required));
+        }
+        let outcome = sph::simulate(subject.structure.cells(), subject.stop)?;
+        let stress_pa = outcome.max_von_mises_pa;
+        let is_usable = stress_pa.is_finite() && stress_pa > 0.0;
+        let score = if is_usable { self.reference_pa / stress_pa } else { 0.0 };
+        let summary = format!("greatest von Mises stress {stress_pa:.2} Pa; reference {} Pa", self.reference_pa);
+        let measured = if stress_pa.is_finite() { json!(stress_pa) } else { Value::Null };
+        let mut finding = Finding::graded(score, measured, required, summary);
+        if let Some(most) = outcome.most_stressed {
+            finding.add_witness(subject.structure.cells()[most], "greatest stress");
+        }
+        finding.cautions = outcome.cautions();
+        Ok(finding)
+    }
+}

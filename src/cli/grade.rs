@@ -1,0 +1,130 @@
+//! `plumbline grade`: raw records in, the summary of the run out.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context as _, bail};
+use clap::Args;
+use comfy_table::{Table, presets};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::progress;
+use crate::checks::Criterion;
+use crate::grading::raw_records::{RecordedProblem, problems, read_records};
+use crate::grading::summary::ProblemRate;
+use crate::grading::{ProblemScores, Summary, grade_structures};
+use crate::tasks::{embedded, lite};
+use crate::voxel::Fault;
+
+/// Arguments of `grade`.
+#[derive(Debug, Args)]
+pub struct GradeArgs {
+    /// Raw records, one JSON object a line.
+    pub file: PathBuf,
+    /// Print one JSON object with check_level, problem_level, graded and passed_runs.
+    #[arg(long)]
+    pub json: bool,
+    /// Grade only the problems of the Lite draw with this seed (the published one is 42).
+    #[arg(long, value_name = "SEED")]
+    pub lite: Option<u64>,
+}
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+struct Output {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    run_idx: Option<Vec<u32>>,
+    #[serde(flatten)]
+    summary: Summary,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Where the file cannot be read or has faults.
+pub fn run(args: &GradeArgs) -> anyhow::Result<ExitCode> {
+    let text = std::fs::read_to_string(&args.file).with_context(|| format!("cannot read {}", args.file.display()))?;
+    let mut problems = read_problems(&text).with_context(|| format!("{} is faulty", args.file.display()))?;
+    let drawn = args.lite.map(lite_numbers).transpose()?;
+    if let Some(drawn) = &drawn {
+        problems.retain(|problem| drawn.contains(&problem.task.number));
+        if problems.len() != drawn.len() {
+            bail!("the records hold {} of the {} problems of this draw", problems.len(), drawn.len());
+        }
+    }
+    let summary = Summary::of(&grade_all(&problems));
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&Output { run_idx: drawn, summary })?);
+    } else {
+        println!("{}", table(&summary));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Reads records and puts them together; all faults in one error.
+///
+/// # Errors
+/// Where the text has faults.
+pub fn read_problems(text: &str) -> anyhow::Result<Vec<RecordedProblem>> {
+    let told = |faults: Vec<Fault>| {
+        let lines: Vec<String> = faults.iter().map(ToString::to_string).collect();
+        anyhow::anyhow!("{}", lines.join("\n"))
+    };
+    problems(read_records(text).map_err(told)?).map_err(told)
+}
+
+/// Numbers of the problems of a Lite draw, in its order.
+///
+/// # Errors
+/// Where the suite in the binary is faulty.
+pub fn lite_numbers(seed: u64) -> anyhow::Result<Vec<u32>> {
+    let full = embedded::full().map_err(|faults| anyhow::anyhow!("{faults:?}"))?;
+    Ok(lite::draw(&full, seed).into_iter().map(|task| task.number).collect())
+}
+
+/// Grades problems on all cores.
+#[must_use]
+pub fn grade_all(problems: &[RecordedProblem]) -> Vec<ProblemScores> {
+    let bar = progress::bar(problems.len(), "grading");
+    let scores = problems
+        .par_iter()
+        .filter_map(|problem| {
+            let report = grade_structures(&problem.task, problem.structures.iter().cloned(), &|| false);
+            bar.inc(1);
+            // Nothing asks it to stop.
+            report.ok().map(|report| report.scores())
+        })
+        .collect();
+    bar.finish_and_clear();
+    scores
+}
+
+fn percent(rate: Option<f64>) -> String {
+    rate.map_or_else(|| "n/a".to_owned(), |rate| format!("{:.1} %", rate * 100.0))
+}
+
+fn table(summary: &Summary) -> Table {
+    let mut table = Table::new();
+    table.load_style(presets::ASCII_MARKDOWN);
+    table.set_header(["", "problems passed", "of", "rate", "checks", "mean score of checks"]);
+    let level = &summary.problem_level;
+    let row = |name: &str, problems: &ProblemRate, checks: String, mean: String| {
+        [name.to_owned(), problems.pass.to_string(), problems.of.to_string(), percent(problems.rate), checks, mean]
+    };
+    table.add_row(row("overall", &level.overall, String::new(), String::new()));
+    let dimensions = [
+        ("accuracy", &level.per.accuracy, &summary.check_level.accuracy),
+        ("safety", &level.per.safety, &summary.check_level.safety),
+        ("planning", &level.per.planning, &summary.check_level.planning),
+    ];
+    for (name, problems, checks) in dimensions {
+        table.add_row(row(name, problems, checks.rows.to_string(), percent(checks.mean)));
+    }
+    for criterion in Criterion::ALL {
+        let checks = summary.check_level.criterion(criterion);
+        let problems = level.per.criterion(criterion);
+        table.add_row(row(criterion.name(), problems, checks.rows.to_string(), percent(checks.mean)));
+    }
+    table
+}

@@ -1,0 +1,9 @@
+//! Grading: a task and a log give a report; reports give the summary of a run.
+
+pub mod advisories;
+pub mod raw_records;
+pub mod report;
+pub mod summary;
+
+pub use report::{Report, grade_log, grade_structures};
+pub use summary::{ProblemScores, Summary};

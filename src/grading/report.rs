@@ -1,0 +1,172 @@
+//! The report on one submission: per turn, check and criterion, and for the problem as a whole (SPEC 5).
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::advisories::{Advisory, advise};
+use super::summary::ProblemScores;
+use crate::checks::{CHECKS_VERSION, Check, Criterion, Dimension, Finding, Subject};
+use crate::elasticity::Stopped;
+use crate::tasks::Task;
+use crate::voxel::replay::Replay;
+use crate::voxel::{BlockLog, Structure};
+
+/// One check of a report.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct CheckReport {
+    /// The check's published name.
+    #[serde(rename = "fn")]
+    pub name: String,
+    /// Its arguments.
+    pub args: Value,
+    /// The criterion it counts for.
+    pub criterion: Criterion,
+    /// Score and evidence.
+    #[serde(flatten)]
+    pub finding: Finding,
+}
+
+/// One turn of a report.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct TurnReport {
+    /// Turn number, from 1.
+    pub turn: u32,
+    /// Blocks that stand after it.
+    pub blocks: u64,
+    /// Its checks, in the task's order.
+    pub checks: Vec<CheckReport>,
+}
+
+/// One criterion over all turns.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct CriterionReport {
+    /// The criterion.
+    pub criterion: Criterion,
+    /// The dimension it belongs to.
+    pub dimension: Dimension,
+    /// Whether every check of it scored 1.
+    pub holds: bool,
+    /// Mean score of its checks.
+    pub mean: f64,
+    /// Number of its checks.
+    pub checks: u32,
+    /// How many of them scored 1.
+    pub checks_at_1: u32,
+}
+
+/// The report on one submission. Carries no time and no host: the same log, task and checks give the same bytes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct Report {
+    /// The task's id.
+    pub task: String,
+    /// The task's number in its suite.
+    pub number: u32,
+    /// SHA-256 of the task, in hex.
+    pub task_hash: String,
+    /// Version of the rules that scored it.
+    pub checks_version: u32,
+    /// Accuracy and physical plausibility and dependency, as far as they apply (SPEC 5).
+    pub overall: bool,
+    /// Material and shape and size, as far as they apply; null where the task has no such check.
+    pub accuracy: Option<bool>,
+    /// The criteria that apply, in the paper's order.
+    pub criteria: Vec<CriterionReport>,
+    /// The turns in order.
+    pub turns: Vec<TurnReport>,
+    /// What a reader must know beside the scores; never changes one.
+    pub advisories: Vec<Advisory>,
+}
+
+impl Report {
+    /// The scores that the summary of a run needs.
+    #[must_use]
+    pub fn scores(&self) -> ProblemScores {
+        let checks = self.turns.iter().flat_map(|turn| &turn.checks);
+        ProblemScores {
+            number: self.number,
+            rows: checks.map(|check| (check.criterion, check.finding.score)).collect(),
+        }
+    }
+}
+
+/// Grades a log against a task, turn by turn.
+///
+/// A turn that the log lacks repeats the structure before it, as a turn without events does (SPEC 2).
+///
+/// # Errors
+/// Only where `stop` asked a long computation to end.
+pub fn grade_log(task: &Task, log: &BlockLog, stop: &(dyn Fn() -> bool + Sync)) -> Result<Report, Stopped> {
+    grade_structures(task, Replay::new(log), stop)
+}
+
+/// Grades structures, one per turn, against a task.
+///
+/// # Errors
+/// Only where `stop` asked a long computation to end.
+pub fn grade_structures(
+    task: &Task,
+    structures: impl IntoIterator<Item = Structure>,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Report, Stopped> {
+    let mut structures = structures.into_iter();
+    let mut standing = Structure::from_named([]);
+    let mut turns = Vec::with_capacity(task.turns.len());
+    let mut advisories = Vec::new();
+    for (turn, instruction) in (1u32..).zip(&task.turns) {
+        standing = structures.next().unwrap_or(standing);
+        let subject = Subject { structure: &standing, stop };
+        let mut checks = Vec::with_capacity(instruction.checks.len());
+        for check in &instruction.checks {
+            checks.push(check_report(check, check.evaluate(&subject)?));
+        }
+        let report = TurnReport { turn, blocks: standing.len() as u64, checks };
+        advise(&standing, instruction, &report, &mut advisories);
+        turns.push(report);
+    }
+    let criteria = criterion_reports(&turns);
+    let holds = |wanted: &dyn Fn(&CriterionReport) -> bool| {
+        let mut applicable = criteria.iter().filter(|c| wanted(c)).peekable();
+        applicable.peek().is_some().then(|| applicable.all(|c| c.holds))
+    };
+    let accuracy = holds(&|c| c.dimension == Dimension::Accuracy);
+    let plausible = holds(&|c| c.criterion == Criterion::PhysicalPlausibility);
+    let ordered = holds(&|c| c.criterion == Criterion::Dependency);
+    Ok(Report {
+        task: task.id.clone(),
+        number: task.number,
+        task_hash: task.content_hash(),
+        checks_version: CHECKS_VERSION,
+        overall: [accuracy, plausible, ordered].into_iter().all(|part| part.unwrap_or(true)),
+        accuracy,
+        criteria,
+        turns,
+        advisories,
+    })
+}
+
+fn check_report(check: &Check, finding: Finding) -> CheckReport {
+    let mut data = serde_json::to_value(check).unwrap_or_default();
+    let args = data.get_mut("args").map(Value::take).unwrap_or_default();
+    CheckReport { name: check.name().to_owned(), args, criterion: check.criterion(), finding }
+}
+
+fn criterion_reports(turns: &[TurnReport]) -> Vec<CriterionReport> {
+    let mut reports = Vec::new();
+    for criterion in Criterion::ALL {
+        let checks = || turns.iter().flat_map(|t| &t.checks).filter(|c| c.criterion == criterion);
+        let count = checks().count();
+        if count == 0 {
+            continue;
+        }
+        let at_1 = checks().filter(|c| c.finding.holds()).count();
+        reports.push(CriterionReport {
+            criterion,
+            dimension: criterion.dimension(),
+            holds: at_1 == count,
+            mean: checks().map(|c| c.finding.score).sum::<f64>() / count as f64,
+            checks: u32::try_from(count).unwrap_or(u32::MAX),
+            checks_at_1: u32::try_from(at_1).unwrap_or(u32::MAX),
+        });
+    }
+    reports
+}

@@ -1,0 +1,264 @@
+//! The summary of a run: scores per check and per problem (SPEC 5; paper, appendix "Overall Accuracy").
+//!
+//! Its keys are those of published summaries: `check_level`, `problem_level`, `graded`, `passed_runs`.
+
+use serde::{Deserialize, Serialize};
+
+use crate::checks::{Criterion, Dimension};
+
+/// Scores of one problem: a row per check.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ProblemScores {
+    /// The problem's number in its suite.
+    pub number: u32,
+    /// Criterion and score of each check, over all turns in order.
+    pub rows: Vec<(Criterion, f64)>,
+}
+
+impl ProblemScores {
+    /// Whether every check that `wanted` picks scored 1; `None` where it picks none.
+    fn holds(&self, wanted: impl Fn(Criterion) -> bool) -> Option<bool> {
+        let mut picked = self.rows.iter().filter(|(criterion, _)| wanted(*criterion)).peekable();
+        picked.peek().is_some().then(|| picked.all(|(_, score)| *score >= 1.0))
+    }
+
+    /// Mean score of a criterion's checks; `None` where it has none.
+    fn mean(&self, wanted: Criterion) -> Option<f64> {
+        let scores: Vec<f64> = self.rows.iter().filter(|(c, _)| *c == wanted).map(|(_, score)| *score).collect();
+        (!scores.is_empty()).then(|| scores.iter().sum::<f64>() / scores.len() as f64)
+    }
+
+    fn accuracy(&self) -> Option<bool> {
+        self.holds(|c| c.dimension() == Dimension::Accuracy)
+    }
+
+    fn overall(&self) -> bool {
+        let parts = [
+            self.accuracy(),
+            self.holds(|c| c == Criterion::PhysicalPlausibility),
+            self.holds(|c| c == Criterion::Dependency),
+        ];
+        parts.into_iter().all(|part| part.unwrap_or(true))
+    }
+}
+
+/// Scores of checks, whichever problems they belong to.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct CheckRate {
+    /// Sum of the scores.
+    pub sum: f64,
+    /// Number of checks.
+    pub rows: u64,
+    /// How many scored 1.
+    pub rows_at_1: u64,
+    /// Mean score; null without checks.
+    pub mean: Option<f64>,
+}
+
+/// Problems that pass, of those to which a criterion applies.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct ProblemRate {
+    /// Problems that pass.
+    pub pass: u64,
+    /// Problems to which it applies.
+    pub of: u64,
+    /// Pass over of; null where it applies to none.
+    pub rate: Option<f64>,
+}
+
+/// A mean over problems.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct GradedMean {
+    /// Number of problems.
+    pub n: u64,
+    /// Mean of their scores; null without problems.
+    pub mean: Option<f64>,
+}
+
+/// One value per criterion and per dimension.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct PerCriterion<T> {
+    /// Blocks of the right material.
+    pub material: T,
+    /// The right form.
+    pub shape: T,
+    /// The right size.
+    pub size: T,
+    /// Nothing floats.
+    pub physical_plausibility: T,
+    /// Greatest stress against the reference.
+    pub structural_stability: T,
+    /// Little movement.
+    pub efficiency: T,
+    /// The right order.
+    pub dependency: T,
+    /// Material, shape and size.
+    pub accuracy: T,
+    /// Plausibility and stability.
+    pub safety: T,
+    /// Efficiency and dependency.
+    pub planning: T,
+}
+
+impl<T> PerCriterion<T> {
+    fn from_fn(mut value: impl FnMut(&dyn Fn(Criterion) -> bool) -> T) -> Self {
+        let mut one = |wanted: Criterion| value(&|c| c == wanted);
+        let (material, shape, size) = (one(Criterion::Material), one(Criterion::Shape), one(Criterion::Size));
+        let physical_plausibility = one(Criterion::PhysicalPlausibility);
+        let structural_stability = one(Criterion::StructuralStability);
+        let (efficiency, dependency) = (one(Criterion::Efficiency), one(Criterion::Dependency));
+        let mut all = |wanted: Dimension| value(&|c| c.dimension() == wanted);
+        Self {
+            material,
+            shape,
+            size,
+            physical_plausibility,
+            structural_stability,
+            efficiency,
+            dependency,
+            accuracy: all(Dimension::Accuracy),
+            safety: all(Dimension::Safety),
+            planning: all(Dimension::Planning),
+        }
+    }
+
+    /// The value of one criterion.
+    #[must_use]
+    pub const fn criterion(&self, criterion: Criterion) -> &T {
+        match criterion {
+            Criterion::Material => &self.material,
+            Criterion::Shape => &self.shape,
+            Criterion::Size => &self.size,
+            Criterion::PhysicalPlausibility => &self.physical_plausibility,
+            Criterion::StructuralStability => &self.structural_stability,
+            Criterion::Efficiency => &self.efficiency,
+            Criterion::Dependency => &self.dependency,
+        }
+    }
+}
+
+/// Problem-level rates.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct ProblemLevel {
+    /// Per criterion and dimension.
+    #[serde(flatten)]
+    pub per: PerCriterion<ProblemRate>,
+    /// Accuracy and physical plausibility and dependency, over all problems.
+    pub overall: ProblemRate,
+}
+
+/// Means of the graded criteria over problems.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct Graded {
+    /// Efficiency, over the problems that have it.
+    pub efficiency: GradedMean,
+    /// Structural stability, over the problems that have it.
+    pub stress: GradedMean,
+    /// Efficiency, over those whose accuracy passes.
+    pub efficiency_accurate: GradedMean,
+    /// Structural stability, over those whose accuracy passes.
+    pub stress_accurate: GradedMean,
+}
+
+/// Numbers of the problems that pass.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct PassedRuns {
+    /// Accuracy.
+    pub accuracy: Vec<u32>,
+    /// Physical plausibility.
+    pub physical_plausibility: Vec<u32>,
+    /// Dependency.
+    pub dependency: Vec<u32>,
+    /// Overall.
+    pub overall: Vec<u32>,
+}
+
+/// The summary of a run.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct Summary {
+    /// Scores of checks.
+    pub check_level: PerCriterion<CheckRate>,
+    /// Problems that pass.
+    pub problem_level: ProblemLevel,
+    /// Means of the graded criteria.
+    pub graded: Graded,
+    /// Numbers of the problems that pass.
+    pub passed_runs: PassedRuns,
+}
+
+
+impl Summary {
+    /// Summarises problems in the order of their numbers.
+    #[must_use]
+    pub fn of(problems: &[ProblemScores]) -> Self {
+        Self::with_unanswered(problems, &[])
+    }
+
+    /// Summarises problems; those of `unanswered` count as failed at the problem level and have no checks scored.
+    ///
+    /// The rows of an unanswered problem tell only which criteria apply to it.
+    #[must_use]
+    pub fn with_unanswered(problems: &[ProblemScores], unanswered: &[ProblemScores]) -> Self {
+        let mut problems: Vec<&ProblemScores> = problems.iter().collect();
+        problems.sort_by_key(|problem| problem.number);
+        let failed = |holds: &dyn Fn(&ProblemScores) -> Option<bool>| {
+            unanswered.iter().filter(|problem| holds(problem).is_some()).count() as u64
+        };
+        let rate = |holds: &dyn Fn(&ProblemScores) -> Option<bool>| {
+            let answers: Vec<bool> = problems.iter().filter_map(|problem| holds(problem)).collect();
+            let pass = answers.iter().filter(|holds| **holds).count() as u64;
+            problem_rate(pass, answers.len() as u64 + failed(holds))
+        };
+        let passed = |holds: &dyn Fn(&ProblemScores) -> Option<bool>| {
+            problems.iter().filter(|p| holds(p) == Some(true)).map(|p| p.number).collect()
+        };
+        let plausibility = |p: &ProblemScores| p.holds(|c| c == Criterion::PhysicalPlausibility);
+        let dependency = |p: &ProblemScores| p.holds(|c| c == Criterion::Dependency);
+        let overall = |p: &ProblemScores| Some(p.overall());
+        let accurate = |p: &&&ProblemScores| p.accuracy() == Some(true);
+        let mean = |criterion: Criterion| graded_mean(problems.iter().filter_map(|p| p.mean(criterion)));
+        let mean_accurate =
+            |criterion: Criterion| graded_mean(problems.iter().filter(accurate).filter_map(|p| p.mean(criterion)));
+        Self {
+            check_level: PerCriterion::from_fn(|wanted| check_rate(&problems, wanted)),
+            problem_level: ProblemLevel {
+                per: PerCriterion::from_fn(|wanted| rate(&|p| p.holds(wanted))),
+                overall: rate(&overall),
+            },
+            graded: Graded {
+                efficiency: mean(Criterion::Efficiency),
+                stress: mean(Criterion::StructuralStability),
+                efficiency_accurate: mean_accurate(Criterion::Efficiency),
+                stress_accurate: mean_accurate(Criterion::StructuralStability),
+            },
+            passed_runs: PassedRuns {
+                accuracy: passed(&ProblemScores::accuracy),
+                physical_plausibility: passed(&plausibility),
+                dependency: passed(&dependency),
+                overall: passed(&overall),
+            },
+        }
+    }
+}
+
+fn check_rate(problems: &[&ProblemScores], wanted: &dyn Fn(Criterion) -> bool) -> CheckRate {
+    let scores = problems.iter().flat_map(|p| &p.rows).filter(|(criterion, _)| wanted(*criterion));
+    let mut rate = CheckRate::default();
+    for (_, score) in scores {
+        rate.sum += score;
+        rate.rows += 1;
+        rate.rows_at_1 += u64::from(*score >= 1.0);
+    }
+    rate.mean = (rate.rows > 0).then(|| rate.sum / rate.rows as f64);
+    rate
+}
+
+fn problem_rate(pass: u64, of: u64) -> ProblemRate {
+    ProblemRate { pass, of, rate: (of > 0).then(|| pass as f64 / of as f64) }
+}
+
+fn graded_mean(scores: impl Iterator<Item = f64>) -> GradedMean {
+    let scores: Vec<f64> = scores.collect();
+    let n = scores.len() as u64;
+    GradedMean { n, mean: (n > 0).then(|| scores.iter().sum::<f64>() / n as f64) }
+}

@@ -1,0 +1,10 @@
+//! Plumbline grades what AI agents build as construction engineers in Minecraft (the MineCEraft benchmark).
+//!
+//! The rooms and what each may import are told in ARCHITECTURE.md; `tests/tidy.rs` enforces it.
+
+pub mod checks;
+pub mod cli;
+pub mod elasticity;
+pub mod grading;
+pub mod tasks;
+pub mod voxel;

@@ -1,0 +1,557 @@
+//! Reads a block log from JSON, in either form, and finds all its faults at once.
+//!
+//! A turn is `{"events": [{"action": "place", "x": 0, "y": -1, "z": 0, "material": "stone"}, …]}` or, compactly,
+//! `{"palette": ["stone"], "rows": [[0, -1, 0, 0], …]}`, where a row of four places `palette[i]` and a row of
+//! three removes.
+
+use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess};
+
+use super::block_log::{BlockLog, Event, Turn};
+use super::cell::{Cell, MAX_HORIZONTAL, MAX_Y, MIN_Y};
+use super::faults::Faults;
+use super::palette::{MaterialId, Palette};
+use super::tolerant::{Integer, Read, Scalar, Shape, Text};
+
+/// What a log may hold at most. Served at `/v1/limits`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LogLimits {
+    /// Turns in a log.
+    pub max_turns: usize,
+    /// Events over all turns.
+    pub max_events: usize,
+    /// Distinct material names.
+    pub max_materials: usize,
+    /// Characters of a material name.
+    pub max_material_chars: usize,
+}
+
+/// Wants the array of a log's turns.
+#[derive(Debug)]
+pub struct Turns<'f> {
+    /// Where faults go.
+    pub faults: &'f mut Faults,
+    /// What the log may hold.
+    pub limits: LogLimits,
+}
+
+impl<'de> Shape<'de> for Turns<'_> {
+    type Out = BlockLog;
+
+    fn wanted(&self) -> &'static str {
+        "an array of turns"
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn array<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Option<BlockLog>, A::Error> {
+        let mut reader = Reader { faults: self.faults, limits: self.limits, palette: Palette::new(), events: 0 };
+        let mut turns = Vec::new();
+        loop {
+            reader.faults.enter_index(turns.len());
+            let turn = elements.next_element_seed(Read(TurnShape { reader: &mut reader }));
+            reader.faults.leave();
+            let Some(turn) = turn? else { break };
+            turns.push(turn.unwrap_or_default());
+            if turns.len() > reader.limits.max_turns {
+                reader.faults.add(format!("more than {} turns", reader.limits.max_turns));
+                while elements.next_element::<IgnoredAny>()?.is_some() {}
+                return Ok(None);
+            }
+        }
+        reader.check_totals();
+        Ok(Some(BlockLog { palette: reader.palette, turns }))
+    }
+}
+
+/// State of reading one log.
+struct Reader<'f> {
+    faults: &'f mut Faults,
+    limits: LogLimits,
+    palette: Palette,
+    events: usize,
+}
+
+impl Reader<'_> {
+    /// Counts an event; false where it is one too many and need not be kept.
+    fn count_event(&mut self) -> bool {
+        self.events += 1;
+        self.events <= self.limits.max_events
+    }
+
+    fn check_totals(&mut self) {
+        if self.events > self.limits.max_events {
+            self.faults.add(format!("{} events; at most {} are allowed", self.events, self.limits.max_events));
+        }
+        if self.palette.len() > self.limits.max_materials {
+            let (found, max) = (self.palette.len(), self.limits.max_materials);
+            self.faults.add(format!("{found} different materials; at most {max} are allowed"));
+        }
+    }
+
+    /// Stops the palette from growing far beyond its limit on the way to the fault.
+    fn intern(&mut self, name: &str) -> MaterialId {
+        if self.palette.len() > self.limits.max_materials { 0 } else { self.palette.intern(name) }
+    }
+}
+
+/// Reads the value of the member just named, with faults placed at it.
+macro_rules! member {
+    ($members:expr, $reader:expr, $key:expr, $shape:expr) => {{
+        $reader.faults.enter_key($key);
+        let value = $members.next_value_seed(Read($shape));
+        $reader.faults.leave();
+        value?
+    }};
+}
+
+struct TurnShape<'r, 'f> {
+    reader: &'r mut Reader<'f>,
+}
+
+impl<'de> Shape<'de> for TurnShape<'_, '_> {
+    type Out = Turn;
+
+    fn wanted(&self) -> &'static str {
+        "a turn: an object with \"events\", or with \"palette\" and \"rows\""
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.reader.faults
+    }
+
+    fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<Turn>, A::Error> {
+        let reader = self.reader;
+        let (mut events, mut palette, mut rows) = (None, None, None);
+        while let Some(key) = members.next_key::<String>()? {
+            match key.as_str() {
+                "events" if events.is_none() => {
+                    events = Some(member!(members, reader, "events", EventsShape { reader: &mut *reader }));
+                }
+                "palette" if palette.is_none() => {
+                    palette = Some(member!(members, reader, "palette", PaletteShape { reader: &mut *reader }));
+                }
+                "rows" if rows.is_none() => {
+                    rows = Some(member!(members, reader, "rows", RowsShape { reader: &mut *reader }));
+                }
+                known @ ("events" | "palette" | "rows") => {
+                    reader.faults.add_at(known, "given twice");
+                    members.next_value::<IgnoredAny>()?;
+                }
+                unknown => {
+                    reader.faults.add_at(unknown, "unknown field; a turn has events, or palette and rows");
+                    members.next_value::<IgnoredAny>()?;
+                }
+            }
+        }
+        Ok(match (events, palette, rows) {
+            (Some(events), None, None) => events,
+            (None, palette, Some(rows)) => rows.and_then(|rows| {
+                let names = palette.unwrap_or_else(|| Some(Vec::new()));
+                names.map(|names| resolve_rows(reader, rows, &names))
+            }),
+            (None, Some(_), None) => {
+                reader.faults.add_at("rows", "missing");
+                None
+            }
+            (None, None, None) => {
+                reader.faults.add_at("events", "missing; a turn in which nothing was done is {\"events\": []}");
+                None
+            }
+            (Some(_), _, _) => {
+                reader.faults.add("give either events, or palette and rows");
+                None
+            }
+        })
+    }
+}
+
+/// Rows name materials by their place in the turn's palette; the log has one palette for all turns.
+fn resolve_rows(reader: &mut Reader<'_>, rows: Vec<Row>, names: &[MaterialId]) -> Turn {
+    let mut turn = Turn::with_capacity(rows.len());
+    reader.faults.enter_key("rows");
+    for Row { index, cell, material } in rows {
+        match material.map(|i| usize::try_from(i).ok().and_then(|i| names.get(i)).ok_or(i)) {
+            None => turn.push(Event::Remove { cell }),
+            Some(Ok(&material)) => turn.push(Event::Place { cell, material }),
+            Some(Err(i)) => {
+                reader.faults.enter_index(index);
+                reader.faults.enter_index(3);
+                reader.faults.add(format!("{i} is not an index of the palette, which has {} entries", names.len()));
+                reader.faults.leave();
+                reader.faults.leave();
+            }
+        }
+    }
+    reader.faults.leave();
+    turn
+}
+
+/// An array whose elements are read one by one with the same shape.
+macro_rules! array_of {
+    ($elements:ident, $reader:ident, $shape:expr, |$i:ident, $item:ident| $keep:block) => {{
+        let mut $i = 0usize;
+        loop {
+            $reader.faults.enter_index($i);
+            let item = $elements.next_element_seed(Read($shape));
+            $reader.faults.leave();
+            let Some($item) = item? else { break };
+            $keep
+            $i += 1;
+        }
+    }};
+}
+
+struct EventsShape<'r, 'f> {
+    reader: &'r mut Reader<'f>,
+}
+
+impl<'de> Shape<'de> for EventsShape<'_, '_> {
+    type Out = Turn;
+
+    fn wanted(&self) -> &'static str {
+        "an array of events"
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.reader.faults
+    }
+
+    fn array<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Option<Turn>, A::Error> {
+        let reader = self.reader;
+        let mut turn = Turn::new();
+        array_of!(elements, reader, EventShape { reader: &mut *reader }, |i, event| {
+            if reader.count_event() {
+                turn.extend(event);
+            }
+        });
+        Ok(Some(turn))
+    }
+}
+
+struct EventShape<'r, 'f> {
+    reader: &'r mut Reader<'f>,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Action {
+    Place,
+    Remove,
+}
+
+impl<'de> Shape<'de> for EventShape<'_, '_> {
+    type Out = Event;
+
+    fn wanted(&self) -> &'static str {
+        "an event: an object with \"action\", \"x\", \"y\", \"z\" and, to place, \"material\""
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.reader.faults
+    }
+
+    fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<Event>, A::Error> {
+        let reader = self.reader;
+        let mut action = None;
+        let mut at: [Option<Option<i64>>; 3] = [None; 3];
+        let mut material = None;
+        while let Some(key) = members.next_key::<std::borrow::Cow<'de, str>>()? {
+            match &*key {
+                "action" if action.is_none() => {
+                    action = Some(member!(members, reader, "action", ActionShape { faults: &mut *reader.faults }));
+                }
+                "material" if material.is_none() => {
+                    material = Some(member!(members, reader, "material", MaterialShape { reader: &mut *reader }));
+                }
+                axis @ ("x" | "y" | "z") if at[axis_index(axis)].is_none() => {
+                    let i = axis_index(axis);
+                    at[i] = Some(member!(members, reader, axis, coordinate(i, reader.faults)));
+                }
+                "action" | "material" | "x" | "y" | "z" => {
+                    reader.faults.add_at(&key, "given twice");
+                    members.next_value::<IgnoredAny>()?;
+                }
+                unknown => {
+                    reader.faults.add_at(unknown, "unknown field; an event has action, x, y, z and material");
+                    members.next_value::<IgnoredAny>()?;
+                }
+            }
+        }
+        for (axis, value) in ["x", "y", "z"].iter().zip(&at) {
+            if value.is_none() {
+                reader.faults.add_at(axis, "missing");
+            }
+        }
+        if action.is_none() {
+            reader.faults.add_at("action", "missing: \"place\" or \"remove\"");
+        }
+        if action == Some(Some(Action::Place)) && material.is_none() {
+            reader.faults.add_at("material", "missing: to place a block, its material must be named");
+        }
+        let cell = cell_of(at.map(Option::flatten));
+        Ok(match (action.flatten(), cell, material.flatten()) {
+            (Some(Action::Place), Some(cell), Some(material)) => Some(Event::Place { cell, material }),
+            (Some(Action::Remove), Some(cell), _) => Some(Event::Remove { cell }),
+            _ => None,
+        })
+    }
+}
+
+fn axis_index(axis: &str) -> usize {
+    match axis {
+        "x" => 0,
+        "y" => 1,
+        _ => 2,
+    }
+}
+
+fn cell_of(at: [Option<i64>; 3]) -> Option<Cell> {
+    let [x, y, z] = at;
+    Some(Cell::new(i32::try_from(x?).ok()?, i32::try_from(y?).ok()?, i32::try_from(z?).ok()?))
+}
+
+/// The coordinate on axis 0 (x), 1 (y) or 2 (z), within the supported range.
+fn coordinate(axis: usize, faults: &mut Faults) -> Integer<'_> {
+    let (min, max) = if axis == 1 { (MIN_Y, MAX_Y) } else { (-MAX_HORIZONTAL, MAX_HORIZONTAL) };
+    Integer { faults, min: i64::from(min), max: i64::from(max) }
+}
+
+struct ActionShape<'f> {
+    faults: &'f mut Faults,
+}
+
+impl<'de> Shape<'de> for ActionShape<'_> {
+    type Out = Action;
+
+    fn wanted(&self) -> &'static str {
+        "\"place\" or \"remove\""
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn scalar(self, value: &Scalar<'_>) -> Option<Action> {
+        match value {
+            Scalar::Text("place") => Some(Action::Place),
+            Scalar::Text("remove") => Some(Action::Remove),
+            other => {
+                self.faults.add(format!("expected \"place\" or \"remove\", found {other}"));
+                None
+            }
+        }
+    }
+}
+
+struct MaterialShape<'r, 'f> {
+    reader: &'r mut Reader<'f>,
+}
+
+impl<'de> Shape<'de> for MaterialShape<'_, '_> {
+    type Out = MaterialId;
+
+    fn wanted(&self) -> &'static str {
+        "a material name"
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.reader.faults
+    }
+
+    fn scalar(self, value: &Scalar<'_>) -> Option<MaterialId> {
+        if let Scalar::Text(name) = value
+            && let Some(id) = self.reader.palette.get(name)
+        {
+            return Some(id);
+        }
+        let max_chars = self.reader.limits.max_material_chars;
+        let name = Text { faults: self.reader.faults, min_chars: 0, max_chars }.scalar(value)?;
+        Some(self.reader.intern(&name))
+    }
+}
+
+struct PaletteShape<'r, 'f> {
+    reader: &'r mut Reader<'f>,
+}
+
+impl<'de> Shape<'de> for PaletteShape<'_, '_> {
+    type Out = Vec<MaterialId>;
+
+    fn wanted(&self) -> &'static str {
+        "an array of material names"
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.reader.faults
+    }
+
+    fn array<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Option<Vec<MaterialId>>, A::Error> {
+        let reader = self.reader;
+        let mut names = Vec::new();
+        array_of!(elements, reader, MaterialShape { reader: &mut *reader }, |i, name| {
+            if names.len() <= reader.limits.max_materials {
+                names.push(name.unwrap_or(0));
+            }
+        });
+        if names.len() > reader.limits.max_materials {
+            reader.faults.add(format!("more than {} materials", reader.limits.max_materials));
+        }
+        Ok(Some(names))
+    }
+}
+
+struct RowsShape<'r, 'f> {
+    reader: &'r mut Reader<'f>,
+}
+
+struct Row {
+    index: usize,
+    cell: Cell,
+    material: Option<i64>,
+}
+
+impl<'de> Shape<'de> for RowsShape<'_, '_> {
+    type Out = Vec<Row>;
+
+    fn wanted(&self) -> &'static str {
+        "an array of rows [x, y, z, i] or [x, y, z]"
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.reader.faults
+    }
+
+    fn array<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Option<Vec<Row>>, A::Error> {
+        let reader = self.reader;
+        let mut rows = Vec::new();
+        array_of!(elements, reader, RowShape { index: i, faults: &mut *reader.faults }, |i, row| {
+            if reader.count_event() {
+                rows.extend(row);
+            }
+        });
+        Ok(Some(rows))
+    }
+}
+
+struct RowShape<'f> {
+    index: usize,
+    faults: &'f mut Faults,
+}
+
+impl<'de> Shape<'de> for RowShape<'_> {
+    type Out = Row;
+
+    fn wanted(&self) -> &'static str {
+        "a row: [x, y, z, i] places palette entry i, [x, y, z] removes"
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn array<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Option<Row>, A::Error> {
+        let faults = self.faults;
+        let mut at = [None; 3];
+        let mut material = None;
+        let mut length = 0usize;
+        loop {
+            faults.enter_index(length);
+            let value = match length {
+                0..=2 => elements.next_element_seed(Read(coordinate(length, faults))),
+                3 => elements.next_element_seed(Read(Integer { faults, min: 0, max: i64::from(u32::MAX) })),
+                _ => elements.next_element::<IgnoredAny>().map(|ignored| ignored.map(|_| None)),
+            };
+            faults.leave();
+            let Some(value) = value? else { break };
+            match length {
+                0..=2 => at[length] = value,
+                3 => material = Some(value),
+                _ => {}
+            }
+            length += 1;
+        }
+        if !(3..=4).contains(&length) {
+            faults.add(format!("expected 3 or 4 numbers, found {length} values"));
+            return Ok(None);
+        }
+        let Some(cell) = cell_of(at) else { return Ok(None) };
+        Ok(match material {
+            None => Some(Row { index: self.index, cell, material: None }),
+            Some(Some(i)) => Some(Row { index: self.index, cell, material: Some(i) }),
+            Some(None) => None,
+        })
+    }
+}
+
+/// Reads the array of turns of a log from a whole JSON document.
+///
+/// # Errors
+/// Where the text is not JSON. Faults of a well-formed text go to `faults`.
+pub fn read_turns(text: &[u8], limits: LogLimits, faults: &mut Faults) -> Result<Option<BlockLog>, serde_json::Error> {
+    let mut deserializer = serde_json::Deserializer::from_slice(text);
+    let log = Read(Turns { faults, limits }).deserialize(&mut deserializer)?;
+    deserializer.end()?;
+    Ok(log)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMITS: LogLimits = LogLimits { max_turns: 2, max_events: 5, max_materials: 2, max_material_chars: 10 };
+
+    fn faults_of(text: &str) -> Vec<String> {
+        let mut faults = Faults::new();
+        read_turns(text.as_bytes(), LIMITS, &mut faults).unwrap();
+        faults.list().iter().map(ToString::to_string).collect()
+    }
+
+    #[test]
+    fn both_forms_have_the_same_canonical_bytes() {
+        let mut faults = Faults::new();
+        let plain = br#"[{"events":[{"action":"place","x":1,"y":2,"z":3,"material":"stone"},{"action":"remove","x":1,"y":2,"z":3}]}]"#;
+        let compact = br#"[{"palette":["dirt","stone"],"rows":[[1,2,3,1],[1,2,3]]}]"#;
+        let plain = read_turns(plain, LIMITS, &mut faults).unwrap().unwrap();
+        let compact = read_turns(compact, LIMITS, &mut faults).unwrap().unwrap();
+        assert!(faults.is_empty());
+        assert_eq!(plain.canonical_json(), compact.canonical_json());
+        assert_eq!(plain.canonical_json(), br#"{"palette":["stone"],"turns":[[[1,2,3,0],[1,2,3]]]}"#);
+    }
+
+    #[test]
+    fn every_fault_is_told_with_its_place() {
+        let faults = faults_of(
+            r#"[{"events":[{"action":"paint","x":1.5,"y":9999,"material":7,"colour":"red"}, 3]},
+                {"palette":["stone"],"rows":[[1,2,3,1],[1,2],[0,0,"a"]], "extra": {}}]"#,
+        );
+        assert_eq!(
+            faults,
+            [
+                "/0/events/0/action: expected \"place\" or \"remove\", found \"paint\"",
+                "/0/events/0/x: 1.5 is not an integer",
+                "/0/events/0/y: 9999 is out of range: -2048 to 2047",
+                "/0/events/0/material: expected a string, found 7",
+                "/0/events/0/colour: unknown field; an event has action, x, y, z and material",
+                "/0/events/0/z: missing",
+                "/0/events/1: expected an event: an object with \"action\", \"x\", \"y\", \"z\" and, to place, \"material\", found 3",
+                "/1/rows/1: expected 3 or 4 numbers, found 2 values",
+                "/1/rows/2/2: expected an integer, found \"a\"",
+                "/1/extra: unknown field; a turn has events, or palette and rows",
+                "/1/rows/0/3: 1 is not an index of the palette, which has 1 entries",
+            ]
+        );
+    }
+
+    #[test]
+    fn an_empty_turn_is_a_turn_and_a_missing_one_is_a_fault() {
+        assert!(faults_of(r#"[{"events":[]}]"#).is_empty());
+        assert_eq!(faults_of("[{}]").len(), 1);
+    }
+
+    #[test]
+    fn one_event_too_many_is_counted_not_kept() {
+        let text = format!(r#"[{{"palette":["stone"],"rows":[{}]}}]"#, vec!["[0,0,0,0]"; 9].join(","));
+        assert_eq!(faults_of(&text), ["9 events; at most 5 are allowed"]);
+    }
+}

@@ -1,0 +1,222 @@
+//! Reading JSON to the end although parts of it are wrong, so that all faults are told at once.
+//!
+//! serde stops at the first value of the wrong type. A [`Shape`] instead takes whatever JSON value comes, records a
+//! fault if it is not the one wanted, skips it, and goes on. Only text that is not JSON stops the reading.
+
+use std::fmt;
+
+use serde::de::{DeserializeSeed, Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
+
+use super::faults::Faults;
+
+/// A JSON value that is neither an object nor an array.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Scalar<'a> {
+    /// `null`
+    Null,
+    /// `true` or `false`
+    Bool(bool),
+    /// An integer that fits 64 bits.
+    Integer(i64),
+    /// Any other number.
+    Number(f64),
+    /// A string.
+    Text(&'a str),
+}
+
+impl fmt::Display for Scalar<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Null => f.write_str("null"),
+            Self::Bool(b) => write!(f, "{b}"),
+            Self::Integer(i) => write!(f, "{i}"),
+            Self::Number(x) => write!(f, "{x}"),
+            Self::Text(s) if s.chars().count() > 40 => {
+                write!(f, "a string of {} characters", s.chars().count())
+            }
+            Self::Text(s) => write!(f, "{s:?}"),
+        }
+    }
+}
+
+/// What a reader wants of one JSON value. Each method takes the value, or records a fault and leaves it.
+pub trait Shape<'de>: Sized {
+    /// What reading gives; `None` where the value was faulty.
+    type Out;
+
+    /// The wanted value in words, for faults: "an integer", "an object with …".
+    fn wanted(&self) -> &'static str;
+
+    /// Where faults go.
+    fn faults(&mut self) -> &mut Faults;
+
+    /// Takes a scalar. By default a fault.
+    fn scalar(mut self, value: &Scalar<'_>) -> Option<Self::Out> {
+        let detail = format!("expected {}, found {value}", self.wanted());
+        self.faults().add(detail);
+        None
+    }
+
+    /// Takes an array. By default a fault; the elements are skipped.
+    ///
+    /// # Errors
+    /// Only where the text is not JSON.
+    fn array<A: SeqAccess<'de>>(mut self, mut elements: A) -> Result<Option<Self::Out>, A::Error> {
+        let detail = format!("expected {}, found an array", self.wanted());
+        self.faults().add(detail);
+        while elements.next_element::<IgnoredAny>()?.is_some() {}
+        Ok(None)
+    }
+
+    /// Takes an object. By default a fault; the members are skipped.
+    ///
+    /// # Errors
+    /// Only where the text is not JSON.
+    fn object<A: MapAccess<'de>>(mut self, mut members: A) -> Result<Option<Self::Out>, A::Error> {
+        let detail = format!("expected {}, found an object", self.wanted());
+        self.faults().add(detail);
+        while members.next_entry::<IgnoredAny, IgnoredAny>()?.is_some() {}
+        Ok(None)
+    }
+}
+
+/// Makes any [`Shape`] readable by serde.
+#[derive(Debug)]
+pub struct Read<S>(pub S);
+
+impl<'de, S: Shape<'de>> DeserializeSeed<'de> for Read<S> {
+    type Value = Option<S::Out>;
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
+        deserializer.deserialize_any(self)
+    }
+}
+
+impl<'de, S: Shape<'de>> Visitor<'de> for Read<S> {
+    type Value = Option<S::Out>;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.0.wanted())
+    }
+
+    fn visit_bool<E>(self, value: bool) -> Result<Self::Value, E> {
+        Ok(self.0.scalar(&Scalar::Bool(value)))
+    }
+
+    fn visit_i64<E>(self, value: i64) -> Result<Self::Value, E> {
+        Ok(self.0.scalar(&Scalar::Integer(value)))
+    }
+
+    fn visit_u64<E>(self, value: u64) -> Result<Self::Value, E> {
+        let scalar = i64::try_from(value).map_or(Scalar::Number(value as f64), Scalar::Integer);
+        Ok(self.0.scalar(&scalar))
+    }
+
+    fn visit_f64<E>(self, value: f64) -> Result<Self::Value, E> {
+        Ok(self.0.scalar(&Scalar::Number(value)))
+    }
+
+    fn visit_str<E>(self, value: &str) -> Result<Self::Value, E> {
+        Ok(self.0.scalar(&Scalar::Text(value)))
+    }
+
+    fn visit_unit<E>(self) -> Result<Self::Value, E> {
+        Ok(self.0.scalar(&Scalar::Null))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, elements: A) -> Result<Self::Value, A::Error> {
+        self.0.array(elements)
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, members: A) -> Result<Self::Value, A::Error> {
+        self.0.object(members)
+    }
+}
+
+/// Reads a whole JSON document with `shape`.
+///
+/// # Errors
+/// Where the text is not JSON, or nests deeper than 128 levels.
+pub fn read_document<'de, S: Shape<'de>>(text: &'de [u8], shape: S) -> Result<Option<S::Out>, serde_json::Error> {
+    let mut deserializer = serde_json::Deserializer::from_slice(text);
+    let value = Read(shape).deserialize(&mut deserializer)?;
+    deserializer.end()?;
+    Ok(value)
+}
+
+/// Wants a string of at most `max_chars` characters without control characters.
+#[derive(Debug)]
+pub struct Text<'f> {
+    /// Where faults go.
+    pub faults: &'f mut Faults,
+    /// Least length in characters.
+    pub min_chars: usize,
+    /// Greatest length in characters.
+    pub max_chars: usize,
+}
+
+impl<'de> Shape<'de> for Text<'_> {
+    type Out = String;
+
+    fn wanted(&self) -> &'static str {
+        "a string"
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn scalar(self, value: &Scalar<'_>) -> Option<String> {
+        let Scalar::Text(text) = value else {
+            self.faults.add(format!("expected a string, found {value}"));
+            return None;
+        };
+        let length = text.chars().count();
+        if length < self.min_chars || length > self.max_chars {
+            let (min, max) = (self.min_chars, self.max_chars);
+            self.faults.add(format!("expected {min} to {max} characters, found {length}"));
+            None
+        } else if text.chars().any(char::is_control) {
+            self.faults.add("control characters are not allowed");
+            None
+        } else {
+            Some((*text).to_owned())
+        }
+    }
+}
+
+/// Wants an integer in a range. A number such as `3.0` is an integer too (as in JSON Schema).
+#[derive(Debug)]
+pub struct Integer<'f> {
+    /// Where faults go.
+    pub faults: &'f mut Faults,
+    /// Least value.
+    pub min: i64,
+    /// Greatest value.
+    pub max: i64,
+}
+
+impl<'de> Shape<'de> for Integer<'_> {
+    type Out = i64;
+
+    fn wanted(&self) -> &'static str {
+        "an integer"
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn scalar(self, value: &Scalar<'_>) -> Option<i64> {
+        let (min, max) = (self.min, self.max);
+        match value {
+            Scalar::Integer(i) if (min..=max).contains(i) => return Some(*i),
+            Scalar::Number(x) if x.fract() == 0.0 && *x >= min as f64 && *x <= max as f64 => return Some(*x as i64),
+            Scalar::Integer(i) => self.faults.add(format!("{i} is out of range: {min} to {max}")),
+            Scalar::Number(x) if x.fract() == 0.0 => self.faults.add(format!("{x} is out of range: {min} to {max}")),
+            Scalar::Number(x) => self.faults.add(format!("{x} is not an integer")),
+            other => self.faults.add(format!("expected an integer, found {other}")),
+        }
+        None
+    }
+}
