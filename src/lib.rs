@@ -2,9 +2,16 @@
 //!
 //! The rooms and what each may import are told in ARCHITECTURE.md; `tests/tidy.rs` enforces it.
 
+pub mod app;
 pub mod checks;
 pub mod cli;
+pub mod client;
+pub mod clock;
 pub mod elasticity;
 pub mod grading;
+pub mod http;
+pub mod store;
 pub mod tasks;
+pub mod telemetry;
 pub mod voxel;
+pub mod worker;

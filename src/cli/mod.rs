@@ -1,8 +1,11 @@
 //! The command line: its commands, and what each does with what it is given.
 
 pub mod conformance;
+pub mod demo;
 pub mod grade;
 pub mod progress;
+pub mod serve;
+pub mod submit;
 pub mod tasks;
 
 use std::path::PathBuf;
@@ -22,6 +25,10 @@ pub struct Cli {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Serve the API, the pages and the workers, from one SQLite file.
+    Serve(serve::ServeArgs),
+    /// Post raw records (JSONL) to a service as one run, and wait for its summary.
+    Submit(submit::SubmitArgs),
     /// Grade raw records (JSONL) and print the summary of the run.
     Grade(grade::GradeArgs),
     /// Run vector files and compare with the values they carry; exit 1 on any mismatch.
@@ -33,6 +40,8 @@ pub enum Command {
     /// Work with task files.
     #[command(subcommand)]
     Tasks(tasks::TasksCommand),
+    /// Print the OpenAPI document.
+    Openapi,
 }
 
 /// Runs a command to its end.
@@ -44,5 +53,11 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Grade(args) => grade::run(&args),
         Command::Conformance { paths } => conformance::run(&paths),
         Command::Tasks(command) => tasks::run(command),
+        Command::Serve(args) => serve::run(&args),
+        Command::Submit(args) => submit::run(&args),
+        Command::Openapi => {
+            print!("{}", crate::http::api::document());
+            Ok(ExitCode::SUCCESS)
+        }
     }
 }

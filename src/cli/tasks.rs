@@ -1,11 +1,14 @@
 //! `plumbline tasks`: task files of others.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context as _, bail};
 use clap::Subcommand;
 
+use crate::clock::now_ms;
+use crate::store::Store;
+use crate::store::suites::SuiteStored;
 use crate::tasks::published::{TaskFile, read_task_files};
 use crate::tasks::{Suite, Task};
 
@@ -31,7 +34,7 @@ pub enum TasksCommand {
 /// # Errors
 /// Where a file cannot be read or has faults, all of them told.
 pub fn run(command: TasksCommand) -> anyhow::Result<ExitCode> {
-    let TasksCommand::Import { files, suite, database: _ } = command;
+    let TasksCommand::Import { files, suite, database } = command;
     let (name, version) = parse_suite_id(&suite)?;
     let suite = Suite { name, version, tasks: read_files(&files)? };
     println!(
@@ -41,7 +44,27 @@ pub fn run(command: TasksCommand) -> anyhow::Result<ExitCode> {
         suite.check_count(),
         suite.instruction_count()
     );
+    if let Some(database) = database {
+        store(&suite, &database)?;
+    }
     Ok(ExitCode::SUCCESS)
+}
+
+fn store(suite: &Suite, database: &Path) -> anyhow::Result<()> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    runtime.block_on(async {
+        let store = Store::open(database).await.with_context(|| database.display().to_string())?;
+        let stored = store.put_suite(suite, now_ms()).await?;
+        store.close().await;
+        match stored {
+            SuiteStored::Added => println!("stored as {}", suite.id()),
+            SuiteStored::Unchanged => println!("{} was stored before, with the same content", suite.id()),
+            SuiteStored::Conflict => {
+                bail!("{} exists with another content; give a new version with --suite", suite.id())
+            }
+        }
+        Ok(())
+    })
 }
 
 fn read_files(files: &[PathBuf]) -> anyhow::Result<Vec<Task>> {

@@ -69,7 +69,10 @@ pub fn advise(structure: &Structure, instruction: &Instruction, report: &TurnRep
         add(AdvisoryCode::RepeatedCell, None, format!("{repeated} entries repeat a cell that is already listed"));
     }
     let standing = standing_names(structure);
-    if standing.iter().any(|name| matches!(name.strip_prefix("minecraft:").unwrap_or(name), "air" | "cave_air" | "void_air")) {
+    if standing
+        .iter()
+        .any(|name| matches!(name.strip_prefix("minecraft:").unwrap_or(name), "air" | "cave_air" | "void_air"))
+    {
         add(AdvisoryCode::AirPlaced, None, "air was placed and counts as a block".to_owned());
     }
     let prefixed = standing.iter().filter(|name| name.starts_with("minecraft:")).count();

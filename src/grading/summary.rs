@@ -186,7 +186,6 @@ pub struct Summary {
     pub passed_runs: PassedRuns,
 }
 
-
 impl Summary {
     /// Summarises problems in the order of their numbers.
     #[must_use]

@@ -25,8 +25,10 @@ struct Files;
 pub fn full() -> Result<Suite, Vec<TaskFileFault>> {
     let files: Vec<(Cow<'_, str>, Cow<'_, [u8]>)> =
         Files::iter().filter_map(|name| Files::get(&name).map(|file| (name, file.data))).collect();
-    let texts: Vec<TaskFile<'_>> =
-        files.iter().map(|(name, data)| TaskFile { name, text: std::str::from_utf8(data).unwrap_or_default() }).collect();
+    let texts: Vec<TaskFile<'_>> = files
+        .iter()
+        .map(|(name, data)| TaskFile { name, text: std::str::from_utf8(data).unwrap_or_default() })
+        .collect();
     Ok(Suite { name: FULL.to_owned(), version: 1, tasks: read_task_files(&texts)? })
 }
 

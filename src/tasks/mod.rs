@@ -1,5 +1,6 @@
 //! Tasks: what agents are asked to build and how it is checked; suites of tasks; draws from them.
 
+pub mod catalogue;
 pub mod embedded;
 pub mod lite;
 pub mod published;

@@ -51,7 +51,8 @@ pub fn read_task_files(files: &[TaskFile<'_>]) -> Result<Vec<Task>, Vec<TaskFile
             }
             Ok(value) => read_items(&value, &family, &mut tasks, &mut faults),
         }
-        problems.extend(faults.into_list().into_iter().map(|fault| TaskFileFault { file: file.name.to_owned(), fault }));
+        problems
+            .extend(faults.into_list().into_iter().map(|fault| TaskFileFault { file: file.name.to_owned(), fault }));
     }
     if problems.is_empty() { Ok(tasks) } else { Err(problems) }
 }
@@ -168,7 +169,12 @@ fn array<'a>(value: &'a Value, wanted: &str, faults: &mut Faults) -> Option<&'a 
     array
 }
 
-fn object<'a>(value: &'a Value, required: &[&str], optional: &[&str], faults: &mut Faults) -> Option<&'a Map<String, Value>> {
+fn object<'a>(
+    value: &'a Value,
+    required: &[&str],
+    optional: &[&str],
+    faults: &mut Faults,
+) -> Option<&'a Map<String, Value>> {
     let Some(members) = value.as_object() else {
         faults.add(format!("expected an object with {}", required.join(", ")));
         return None;

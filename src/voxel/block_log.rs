@@ -1,7 +1,8 @@
 //! The block log: what an agent did, turn by turn.
 
+use serde::de::{Error as _, SeqAccess, Visitor};
 use serde::ser::{SerializeMap, SerializeSeq};
-use serde::{Serialize, Serializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::cell::Cell;
 use super::palette::{MaterialId, Palette};
@@ -21,6 +22,16 @@ pub enum Event {
         /// Where.
         cell: Cell,
     },
+}
+
+/// As a row: `[x, y, z, material]` places, `[x, y, z]` removes.
+impl Serialize for Event {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match *self {
+            Self::Place { cell: c, material } => (c.x, c.y, c.z, material).serialize(serializer),
+            Self::Remove { cell: c } => (c.x, c.y, c.z).serialize(serializer),
+        }
+    }
 }
 
 /// The events that answered one instruction, in order.
@@ -67,6 +78,52 @@ impl BlockLog {
         let renumbered: Vec<MaterialId> = self.palette.names().map(|name| used.get(name).unwrap_or(0)).collect();
         let canonical = Canonical { palette: &used, renumbered: &renumbered, turns: &self.turns };
         serde_json::to_vec(&canonical).unwrap_or_default()
+    }
+
+    /// Reads what [`BlockLog::canonical_json`] wrote.
+    ///
+    /// # Errors
+    /// Where the text is anything else.
+    pub fn from_canonical_json(text: &[u8]) -> Result<Self, serde_json::Error> {
+        let stored: Stored = serde_json::from_slice(text)?;
+        let mut palette = Palette::new();
+        let ids: Vec<MaterialId> = stored.palette.iter().map(|name| palette.intern(name)).collect();
+        let event = |StoredRow(cell, material): StoredRow| match material.map(|i| ids.get(i)) {
+            None => Ok(Event::Remove { cell }),
+            Some(Some(&material)) => Ok(Event::Place { cell, material }),
+            Some(None) => Err(serde_json::Error::custom("a row names no entry of the palette")),
+        };
+        let turns = stored.turns.into_iter().map(|rows| rows.into_iter().map(event).collect());
+        Ok(Self { turns: turns.collect::<Result<_, _>>()?, palette })
+    }
+}
+
+#[derive(Deserialize)]
+struct Stored {
+    palette: Vec<String>,
+    turns: Vec<Vec<StoredRow>>,
+}
+
+/// `[x, y, z]` or `[x, y, z, i]`.
+struct StoredRow(Cell, Option<usize>);
+
+impl<'de> Deserialize<'de> for StoredRow {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Row;
+        impl<'de> Visitor<'de> for Row {
+            type Value = StoredRow;
+
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str("[x, y, z] or [x, y, z, i]")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut row: A) -> Result<StoredRow, A::Error> {
+                let mut next = || row.next_element::<i32>()?.ok_or_else(|| A::Error::custom("a row is too short"));
+                let cell = Cell::new(next()?, next()?, next()?);
+                Ok(StoredRow(cell, row.next_element()?))
+            }
+        }
+        deserializer.deserialize_seq(Row)
     }
 }
 

@@ -83,10 +83,7 @@ impl Cell {
     /// Whether every coordinate lies in the supported range.
     #[must_use]
     pub const fn in_range(self) -> bool {
-        self.x.abs() <= MAX_HORIZONTAL
-            && self.z.abs() <= MAX_HORIZONTAL
-            && self.y >= MIN_Y
-            && self.y <= MAX_Y
+        self.x.abs() <= MAX_HORIZONTAL && self.z.abs() <= MAX_HORIZONTAL && self.y >= MIN_Y && self.y <= MAX_Y
     }
 }
 

@@ -148,7 +148,8 @@ mod tests {
         let mut open: Vec<Cell> = starts.iter().copied().filter(|&s| fits(s)).collect();
         let mut seen: HashSet<Cell> = open.iter().copied().collect();
         while let Some(a) = open.pop() {
-            let corners = [(a.x, a.z), (a.x + size.x - 1, a.z), (a.x, a.z + size.z - 1), (a.x + size.x - 1, a.z + size.z - 1)];
+            let corners =
+                [(a.x, a.z), (a.x + size.x - 1, a.z), (a.x, a.z + size.z - 1), (a.x + size.x - 1, a.z + size.z - 1)];
             if corners.iter().all(|&(x, z)| bounds.is_outside_in_plan(x, z)) {
                 return true;
             }

@@ -70,11 +70,7 @@ fn apply(standing: &mut Vec<(Cell, MaterialId)>, turn: &[Event]) {
 /// What already stands in the right order with the right material is left alone; all else is removed where it
 /// stood and placed in turn. `material` gives the id of a name in the log that takes the events.
 #[must_use]
-pub fn events_between(
-    before: &Structure,
-    after: &Structure,
-    mut material: impl FnMut(&str) -> MaterialId,
-) -> Turn {
+pub fn events_between(before: &Structure, after: &Structure, mut material: impl FnMut(&str) -> MaterialId) -> Turn {
     let mut events = Turn::new();
     for &cell in before.cells() {
         if !after.contains(cell) {

@@ -98,7 +98,14 @@ pub struct AllMaterialEqualTo {
 impl Rule for AllMaterialEqualTo {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let required = json!({ "all": self.expected_material });
-        ratio_finding(subject.structure, (0..subject.structure.len()).collect(), &self.expected_material, self.use_substring_match, 1.0, required)
+        ratio_finding(
+            subject.structure,
+            (0..subject.structure.len()).collect(),
+            &self.expected_material,
+            self.use_substring_match,
+            1.0,
+            required,
+        )
     }
 }
 

@@ -29,7 +29,13 @@ pub struct AtMost {
     pub y: Option<f64>,
 }
 
-fn size_finding(subject: &Subject<'_>, xz: [f64; 2], y: Option<f64>, relation: &str, compare: fn(f64, f64) -> bool) -> Finding {
+fn size_finding(
+    subject: &Subject<'_>,
+    xz: [f64; 2],
+    y: Option<f64>,
+    relation: &str,
+    compare: fn(f64, f64) -> bool,
+) -> Finding {
     let required = json!({ relation: { "xz": xz, "y": y } });
     let Some(bounds) = subject.structure.bounds() else {
         return Finding::nothing_stands(false, required);
@@ -39,9 +45,7 @@ fn size_finding(subject: &Subject<'_>, xz: [f64; 2], y: Option<f64>, relation: &
     let mut wanted = xz.map(|blocks| blocks - 1.0);
     found.sort_by(f64::total_cmp);
     wanted.sort_by(f64::total_cmp);
-    let holds = compare(found[0], wanted[0])
-        && compare(found[1], wanted[1])
-        && y.is_none_or(|y| compare(dy, y - 1.0));
+    let holds = compare(found[0], wanted[0]) && compare(found[1], wanted[1]) && y.is_none_or(|y| compare(dy, y - 1.0));
     let spans = [dx + 1.0, dy + 1.0, dz + 1.0];
     let height = y.map_or_else(|| "any height".to_owned(), |y| format!("height {relation} {y}"));
     let summary = format!(

@@ -113,7 +113,8 @@ pub fn read_line(line: &str) -> anyhow::Result<Case> {
     }
     let line: MergeLine = serde_json::from_value(value).context("neither a check nor a merge")?;
     let turns: Vec<Value> = line.turns.into_iter().map(|events| serde_json::json!({ "events": events })).collect();
-    let limits = LogLimits { max_turns: 1_000, max_events: 10_000_000, max_materials: 10_000, max_material_chars: 1_000 };
+    let limits =
+        LogLimits { max_turns: 1_000, max_events: 10_000_000, max_materials: 10_000, max_material_chars: 1_000 };
     let mut faults = Faults::new();
     match read_turns(&serde_json::to_vec(&turns)?, limits, &mut faults)? {
         Some(log) if faults.is_empty() => Ok(Case::Merge { id: line.id, log, expected: line.expected }),
@@ -161,7 +162,9 @@ impl Case {
     #[must_use]
     pub fn run(&self) -> Verdict {
         match self {
-            Self::Check { check, structure, expected, stress, .. } => run_check(check, structure, *expected, stress.as_ref()),
+            Self::Check { check, structure, expected, stress, .. } => {
+                run_check(check, structure, *expected, stress.as_ref())
+            }
             Self::Merge { log, expected, .. } => run_merge(log, expected),
             Self::Structure { structure, stress, .. } => run_stress(structure, stress),
             Self::Run { problems, expected, .. } => run_records(problems, expected),
@@ -183,7 +186,8 @@ fn run_check(check: &Check, structure: &Structure, expected: f64, stress: Option
     let Ok(finding) = check.evaluate(&Subject::unhurried(structure)) else {
         return Verdict::Mismatch("stopped".to_owned());
     };
-    let tolerance = stress.map_or(0.0, |s| expected * (STRESS_RELATIVE + STRESS_ABSOLUTE_PA / s.max_pa.max(STRESS_ABSOLUTE_PA)));
+    let tolerance =
+        stress.map_or(0.0, |s| expected * (STRESS_RELATIVE + STRESS_ABSOLUTE_PA / s.max_pa.max(STRESS_ABSOLUTE_PA)));
     if (finding.score - expected).abs() <= tolerance {
         Verdict::Match
     } else {
@@ -206,7 +210,10 @@ fn run_stress(structure: &Structure, expected: &ExpectedStress) -> Verdict {
     let tolerance = STRESS_RELATIVE * expected.max_pa + STRESS_ABSOLUTE_PA;
     let off = per_block.filter(|(_, (found, wanted))| (*found - *wanted).abs() > tolerance).map(|(i, _)| i).next();
     off.map_or(Verdict::Match, |i| {
-        Verdict::Mismatch(format!("block {i}: {} Pa, expected {} Pa", outcome.von_mises_pa[i], expected.per_block_pa[i]))
+        Verdict::Mismatch(format!(
+            "block {i}: {} Pa, expected {} Pa",
+            outcome.von_mises_pa[i], expected.per_block_pa[i]
+        ))
     })
 }
 

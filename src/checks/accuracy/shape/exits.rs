@@ -99,7 +99,10 @@ fn exit_finding(subject: &Subject<'_>, size: [i32; 3], start_material: Option<&s
         space.escapes(starts.iter().flat_map(beside))
     };
     let holds = escapes(width, depth) || (width != depth && escapes(depth, width));
-    let summary = format!("a box {width} wide, {depth} deep and {height} high {} out", if holds { "gets" } else { "does not get" });
+    let summary = format!(
+        "a box {width} wide, {depth} deep and {height} high {} out",
+        if holds { "gets" } else { "does not get" }
+    );
     let finding = Finding::binary(holds, holds, required, summary);
     if holds { finding } else { finding.with_witnesses(starts, "start") }
 }

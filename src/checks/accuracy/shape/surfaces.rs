@@ -113,7 +113,11 @@ fn surface_finding(subject: &Subject<'_>, side: Side, strictness: Strictness) ->
     for slice in &slices {
         let Some(at) = first_break(slice, sign, strictness) else {
             let (first, last) = (raise(slice, 0), raise(slice, slice.columns.len() - 1));
-            let summary = format!("the {name} surface bulges {direction} from {:?} to {:?}", <[i32; 3]>::from(first), <[i32; 3]>::from(last));
+            let summary = format!(
+                "the {name} surface bulges {direction} from {:?} to {:?}",
+                <[i32; 3]>::from(first),
+                <[i32; 3]>::from(last)
+            );
             let measured = json!({ "slice": [first, last], "heights": slice.heights.len() });
             return Finding::binary(true, measured, required, summary).vacuous_if(slice.columns.len() < 3);
         };

@@ -1,0 +1,95 @@
+//! Composition: store, workers and HTTP made one service, started and stopped in order.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use anyhow::Context as _;
+use metrics_exporter_prometheus::PrometheusHandle;
+use tokio::net::TcpListener;
+use tokio::sync::Notify;
+use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
+
+use crate::clock::now_ms;
+use crate::http;
+use crate::http::limits::LIMITS;
+use crate::store::Store;
+use crate::store::suites::SuiteStored;
+use crate::tasks::embedded;
+use crate::worker::{WorkerSettings, Workers};
+
+/// What a service is started with.
+#[derive(Debug, Clone)]
+pub struct Config {
+    /// Address to listen on; port 0 takes a free one.
+    pub listen: SocketAddr,
+    /// The database file.
+    pub database: PathBuf,
+    /// Submissions graded at the same time.
+    pub workers: usize,
+    /// How long a job stays with a worker that gives no sign of life.
+    pub lease: Duration,
+}
+
+/// A running service.
+#[derive(Debug)]
+pub struct App {
+    /// Where it listens.
+    pub address: SocketAddr,
+    store: Store,
+    workers: Workers,
+    stop: CancellationToken,
+    serving: JoinHandle<()>,
+}
+
+impl App {
+    /// Opens the database, stores the suites of the binary, starts the workers and listens.
+    ///
+    /// # Errors
+    /// Where the database or the address cannot be had.
+    pub async fn start(config: &Config, metrics: PrometheusHandle) -> anyhow::Result<Self> {
+        let store = Store::open(&config.database)
+            .await
+            .with_context(|| format!("cannot open the database {}", config.database.display()))?;
+        store_suites(&store).await?;
+        let wake = Arc::new(Notify::new());
+        let listener =
+            TcpListener::bind(config.listen).await.with_context(|| format!("cannot listen on {}", config.listen))?;
+        let address = listener.local_addr()?;
+        let settings = WorkerSettings {
+            workers: config.workers,
+            lease: config.lease,
+            deadline: Duration::from_secs(LIMITS.grading_seconds),
+        };
+        let workers = Workers::start(&store, settings, &wake);
+        let stop = CancellationToken::new();
+        let router = http::router(&store, &wake, metrics);
+        let serving = tokio::spawn(http::server::serve(listener, router, stop.clone()));
+        tracing::info!(%address, database = %config.database.display(), workers = config.workers, "listening");
+        Ok(Self { address, store, workers, stop, serving })
+    }
+
+    /// Stops: takes no more requests, lets answers finish, gives unfinished jobs back, closes the database.
+    pub async fn shut_down(self) {
+        self.stop.cancel();
+        if let Err(error) = self.serving.await {
+            tracing::error!(%error, "serving ended badly");
+        }
+        self.workers.shut_down().await;
+        self.store.close().await;
+    }
+}
+
+async fn store_suites(store: &Store) -> anyhow::Result<()> {
+    let full = embedded::full().map_err(|faults| anyhow::anyhow!("the suite of this program is faulty: {faults:?}"))?;
+    for suite in [embedded::lite(&full), full] {
+        if store.put_suite(&suite, now_ms()).await? == SuiteStored::Conflict {
+            let id = suite.id();
+            anyhow::bail!("the database holds another {id} than this program; a changed suite needs a new version");
+        }
+    }
+    store.refresh_catalogue().await?;
+    Ok(())
+}

@@ -1,0 +1,71 @@
+//! `plumbline serve`: the service, from one file.
+
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use clap::Args;
+use tokio::signal::unix::{SignalKind, signal};
+
+use crate::app::{App, Config};
+use crate::telemetry::{self, LogFormat};
+
+/// Arguments of `serve`; each can be given in the environment too.
+#[derive(Debug, Args)]
+pub struct ServeArgs {
+    /// Address to listen on.
+    #[arg(long, env = "PLUMBLINE_LISTEN", default_value_t = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080))]
+    listen: SocketAddr,
+    /// Database file; made where it is missing.
+    #[arg(long, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
+    database: PathBuf,
+    /// Submissions graded at the same time; by default one per processor.
+    #[arg(long, env = "PLUMBLINE_WORKERS")]
+    workers: Option<usize>,
+    /// Seconds after which the job of a worker that gives no sign of life is taken again.
+    #[arg(long, env = "PLUMBLINE_LEASE_SECONDS", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..))]
+    lease_seconds: u64,
+    /// How log lines are written.
+    #[arg(long, env = "PLUMBLINE_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]
+    log_format: LogFormat,
+    /// Post three demo agents of different skill through the API, so that the board has rows.
+    #[arg(long)]
+    demo: bool,
+}
+
+/// Runs the command until the process is asked to stop.
+///
+/// # Errors
+/// Where the service cannot start.
+pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
+    // Requests are logged at debug here: at hundreds a second their lines would hide the rest.
+    telemetry::init_logs(args.log_format, "info,plumbline::http::layers=warn");
+    let metrics = telemetry::init_metrics()?;
+    let processors = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let config = Config {
+        listen: args.listen,
+        database: args.database.clone(),
+        workers: args.workers.unwrap_or(processors),
+        lease: Duration::from_secs(args.lease_seconds),
+    };
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    runtime.block_on(async {
+        // From here on a signal is remembered, also while starting.
+        let mut interrupt = signal(SignalKind::interrupt())?;
+        let mut terminate = signal(SignalKind::terminate())?;
+        let app = App::start(&config, metrics).await?;
+        eprintln!("plumbline is at http://{}/ (API reference: /docs/); Ctrl-C stops it", app.address);
+        let demo = args.demo.then(|| tokio::spawn(super::demo::run(format!("http://{}", app.address))));
+        tokio::select! {
+            _ = interrupt.recv() => {}
+            _ = terminate.recv() => {}
+        }
+        tracing::info!("stopping");
+        if let Some(demo) = demo {
+            demo.abort();
+        }
+        app.shut_down().await;
+        Ok(ExitCode::SUCCESS)
+    })
+}

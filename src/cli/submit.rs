@@ -1,0 +1,65 @@
+//! `plumbline submit`: raw records of the published pipeline, posted to a service as one run.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Context as _;
+use clap::Args;
+use serde_json::json;
+
+use super::{grade, progress};
+use crate::client::{Answer, Service};
+use crate::grading::raw_records::RecordedProblem;
+use crate::voxel::replay::events_between;
+use crate::voxel::{BlockLog, Structure};
+
+/// Arguments of `submit`.
+#[derive(Debug, Args)]
+pub struct SubmitArgs {
+    /// Raw records, one JSON object a line.
+    file: PathBuf,
+    /// Who built, as the board shall show it.
+    #[arg(long)]
+    agent: String,
+    /// Suite: name, or name@version.
+    #[arg(long, default_value = "mineceraft")]
+    suite: String,
+    /// Address of the service.
+    #[arg(long, env = "PLUMBLINE_SERVER", default_value = "http://localhost:8080")]
+    server: String,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Where the file is faulty, or the service cannot be reached or refuses.
+pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
+    let text = std::fs::read_to_string(&args.file).with_context(|| format!("cannot read {}", args.file.display()))?;
+    let problems = grade::read_problems(&text).with_context(|| format!("{} is faulty", args.file.display()))?;
+    let answers: Vec<Answer> = problems.iter().map(answer).collect();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    runtime.block_on(async {
+        let service = Service::at(&args.server)?;
+        let run = service.create_run(&args.agent, &args.suite, json!({ "source": "raw records" })).await?;
+        let bar = progress::bar(answers.len(), "posting");
+        service.post_answers(&run, &answers, |posted| bar.inc(posted as u64)).await?;
+        bar.finish_and_clear();
+        let bar = progress::bar(answers.len(), "grading");
+        let finished = service.finish_run(&run, |graded| bar.set_position(graded)).await?;
+        bar.finish_and_clear();
+        println!("{}", serde_json::to_string_pretty(&finished)?);
+        Ok(ExitCode::SUCCESS)
+    })
+}
+
+/// The events that lead to the recorded structures. Entries of one cell become one: a log cannot list a cell twice.
+fn answer(problem: &RecordedProblem) -> Answer {
+    let mut log = BlockLog::default();
+    let mut before = Structure::from_named([]);
+    for structure in &problem.structures {
+        let turn = events_between(&before, structure, |name| log.palette.intern(name));
+        log.turns.push(turn);
+        before = structure.clone();
+    }
+    Answer { number: problem.task.number, log }
+}

@@ -1,0 +1,118 @@
+//! A client of the service, over HTTP like everybody else's: for `submit` and for the demo agents.
+
+use std::time::Duration;
+
+use anyhow::{Context as _, bail};
+use reqwest::{Client, RequestBuilder};
+use serde_json::{Value, json};
+
+use crate::voxel::BlockLog;
+
+/// Submissions posted in one body.
+const BATCH: usize = 100;
+/// Pause between two looks at a run.
+const LOOK: Duration = Duration::from_millis(200);
+
+/// A service to post to.
+#[derive(Debug, Clone)]
+pub struct Service {
+    http: Client,
+    base: String,
+}
+
+/// The answer to one task.
+#[derive(Debug, Clone)]
+pub struct Answer {
+    /// Number of the task in its suite.
+    pub number: u32,
+    /// What was done.
+    pub log: BlockLog,
+}
+
+impl Service {
+    /// The service at this address, such as `http://localhost:8080`.
+    ///
+    /// # Errors
+    /// Where no client can be made.
+    pub fn at(base: &str) -> anyhow::Result<Self> {
+        let http = Client::builder().timeout(Duration::from_secs(120)).build()?;
+        Ok(Self { http, base: base.trim_end_matches('/').to_owned() })
+    }
+
+    async fn send(&self, request: RequestBuilder) -> anyhow::Result<Value> {
+        let response = request.send().await.with_context(|| format!("cannot reach {}", self.base))?;
+        let status = response.status();
+        let text = response.text().await?;
+        if !status.is_success() {
+            bail!("{status}: {text}");
+        }
+        Ok(serde_json::from_str(&text)?)
+    }
+
+    async fn post(&self, path: &str, kind: &'static str, body: String) -> anyhow::Result<Value> {
+        let request = self.http.post(format!("{}{path}", self.base));
+        self.send(request.header("content-type", kind).body(body)).await
+    }
+
+    /// A document of the service.
+    ///
+    /// # Errors
+    /// Where the service cannot be reached or refuses.
+    pub async fn get(&self, path: &str) -> anyhow::Result<Value> {
+        self.send(self.http.get(format!("{}{path}", self.base))).await
+    }
+
+    /// Begins a run and gives its id.
+    ///
+    /// # Errors
+    /// Where the service cannot be reached or refuses.
+    pub async fn create_run(&self, agent: &str, suite: &str, metadata: Value) -> anyhow::Result<String> {
+        let body = json!({ "agent": agent, "suite": suite, "metadata": metadata });
+        let run = self.post("/v1/runs", "application/json", body.to_string()).await?;
+        Ok(run["id"].as_str().context("the run has no id")?.to_owned())
+    }
+
+    /// Posts answers to a run, in bodies of several lines; `posted` is told how many went out each time.
+    ///
+    /// # Errors
+    /// Where the service cannot be reached or refuses.
+    pub async fn post_answers(
+        &self,
+        run: &str,
+        answers: &[Answer],
+        mut posted: impl FnMut(usize),
+    ) -> anyhow::Result<()> {
+        for batch in answers.chunks(BATCH) {
+            let lines: Vec<String> = batch.iter().map(|answer| line(run, answer)).collect();
+            self.post("/v1/submissions", "application/x-ndjson", lines.join("\n")).await?;
+            posted(batch.len());
+        }
+        Ok(())
+    }
+
+    /// Says that no more will come, waits until the run has finished, and gives it.
+    ///
+    /// # Errors
+    /// Where the service cannot be reached, refuses, or failed on a submission.
+    pub async fn finish_run(&self, run: &str, mut graded: impl FnMut(u64)) -> anyhow::Result<Value> {
+        self.post(&format!("/v1/runs/{run}/finish"), "application/json", String::new()).await?;
+        loop {
+            let state = self.get(&format!("/v1/runs/{run}")).await?;
+            graded(state["graded"].as_u64().unwrap_or_default());
+            if state["state"] == "finished" {
+                return Ok(state);
+            }
+            if state["pending"] == 0 && state["grader_errors"] != 0 {
+                bail!("the service failed on {} submissions of run {run}", state["grader_errors"]);
+            }
+            tokio::time::sleep(LOOK).await;
+        }
+    }
+}
+
+/// An NDJSON line: the compact form, with the log's palette in each turn.
+fn line(run: &str, answer: &Answer) -> String {
+    let palette: Vec<&str> = answer.log.palette.names().collect();
+    let turns: Vec<Value> = answer.log.turns.iter().map(|turn| json!({ "palette": palette, "rows": turn })).collect();
+    json!({ "run": run, "task": answer.number, "turns": turns }).to_string()
+}

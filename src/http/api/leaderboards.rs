@@ -1,0 +1,120 @@
+//! Leaderboards: one row per finished run of a suite.
+
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
+use serde::Serialize;
+use sha2::{Digest as _, Sha256};
+
+use super::super::problem::{ApiError, ApiResult, Problem};
+use super::super::state::AppState;
+use crate::clock::rfc3339;
+use crate::grading::summary::{CheckRate, Graded, PerCriterion, ProblemRate, Summary};
+use crate::store::runs::RunRow;
+use crate::tasks::hex;
+
+/// A row: a finished run.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct BoardRow {
+    /// Place by overall rate; runs with the same rate share one.
+    pub rank: usize,
+    /// The run.
+    pub run: String,
+    /// Who built.
+    pub agent: String,
+    /// Accuracy and physical plausibility and dependency, over all problems.
+    pub overall: ProblemRate,
+    /// Material and shape and size, over the problems that have any of them.
+    pub accuracy: ProblemRate,
+    /// Problems that pass, per criterion and dimension.
+    pub problems: PerCriterion<ProblemRate>,
+    /// Scores of checks, per criterion and dimension.
+    pub checks: PerCriterion<CheckRate>,
+    /// Means of efficiency and structural stability.
+    pub graded: Graded,
+    /// Problems graded.
+    pub coverage: ProblemRate,
+    /// When the run finished.
+    pub finished_at: String,
+}
+
+/// A leaderboard.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct Board {
+    /// `name@version` of the suite.
+    #[schema(example = "mineceraft@1")]
+    pub suite: String,
+    /// Problems of the suite.
+    #[schema(example = 723)]
+    pub tasks: usize,
+    /// Finished runs, the best first.
+    pub rows: Vec<BoardRow>,
+}
+
+impl BoardRow {
+    fn of(run: RunRow) -> Option<Self> {
+        let Summary { check_level, problem_level, graded, .. } = run.summary?;
+        let (pass, of) = (u64::try_from(run.graded).ok()?, u64::try_from(run.tasks).ok()?);
+        Some(Self {
+            rank: 0,
+            run: run.id,
+            agent: run.agent,
+            overall: problem_level.overall,
+            accuracy: problem_level.per.accuracy,
+            problems: problem_level.per,
+            checks: check_level,
+            graded,
+            coverage: ProblemRate { pass, of, rate: (of > 0).then(|| pass as f64 / of as f64) },
+            finished_at: rfc3339(run.finished_at_ms?),
+        })
+    }
+}
+
+/// The board of a suite.
+///
+/// # Errors
+/// 404 where there is no such suite.
+pub async fn board(state: &AppState, suite: &str) -> ApiResult<Board> {
+    let entry = state.suite(suite).await?;
+    let runs = state.store.finished_runs(&entry.suite.id()).await?;
+    let mut rows: Vec<BoardRow> = runs.into_iter().filter_map(BoardRow::of).collect();
+    let rate = |row: &BoardRow| row.overall.rate.unwrap_or(-1.0);
+    // A stable sort: of equal runs the earlier stays first.
+    rows.sort_by(|a, b| rate(b).total_cmp(&rate(a)));
+    let rates: Vec<f64> = rows.iter().map(rate).collect();
+    for (row, own) in rows.iter_mut().zip(&rates) {
+        row.rank = rates.iter().filter(|other| *other > own).count() + 1;
+    }
+    Ok(Board { suite: entry.suite.id(), tasks: entry.suite.tasks.len(), rows })
+}
+
+/// The leaderboard of a suite: finished runs by overall rate.
+#[utoipa::path(
+    get, path = "/v1/leaderboards/{suite}", operation_id = "get_leaderboard", tag = "leaderboards",
+    summary = "Get a leaderboard",
+    params(("suite" = String, Path, description = "Name, or name@version", example = "mineceraft")),
+    responses(
+        (status = 200, description = "The board", body = Board, headers(("ETag" = String, description = "Of these very rows")),
+         example = json!({ "suite": "mineceraft@1", "tasks": 723, "rows": [] })),
+        (status = 304, description = "The rows are those of If-None-Match"),
+        (status = 404, description = "There is no such suite", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_leaderboard(
+    State(state): State<AppState>,
+    Path(suite): Path<String>,
+    asked: HeaderMap,
+) -> ApiResult<Response> {
+    let board = board(&state, &suite).await?;
+    let body = serde_json::to_vec(&board).map_err(|error| ApiError::internal(&error))?;
+    let tag = format!("\"{}\"", &hex(&Sha256::digest(&body))[..32]);
+    let mut headers = HeaderMap::new();
+    headers.insert(header::ETAG, HeaderValue::from_str(&tag).map_err(|error| ApiError::internal(&error))?);
+    headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/json"));
+    let known = asked.get(header::IF_NONE_MATCH).and_then(|tags| tags.to_str().ok()).unwrap_or_default();
+    if known.split(',').any(|known| known.trim().trim_start_matches("W/") == tag || known.trim() == "*") {
+        return Ok((StatusCode::NOT_MODIFIED, headers).into_response());
+    }
+    Ok((headers, body).into_response())
+}

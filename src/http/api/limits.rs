@@ -1,0 +1,15 @@
+//! `/v1/limits`.
+
+use axum::Json;
+
+use super::super::limits::{LIMITS, Limits};
+
+/// Every limit that the service enforces.
+#[utoipa::path(
+    get, path = "/v1/limits", operation_id = "get_limits", tag = "service", summary = "Limits",
+    responses((status = 200, description = "The limits in force", body = Limits,
+               example = json!({ "body_bytes": 33_554_432, "events": 400_000, "blocks": 100_000 })))
+)]
+pub async fn get_limits() -> Json<Limits> {
+    Json(LIMITS)
+}

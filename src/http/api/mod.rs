@@ -1,0 +1,75 @@
+//! The API: one file per resource. Routes and the OpenAPI document come from one list.
+
+pub mod documents;
+pub mod health;
+pub mod leaderboards;
+pub mod limits;
+pub mod runs;
+pub mod submission_body;
+pub mod submissions;
+pub mod suites;
+pub mod tasks;
+
+use axum::Router;
+use utoipa::OpenApi;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+use utoipa_swagger_ui::{Config, SwaggerUi};
+
+use super::state::AppState;
+
+/// Head of the OpenAPI document.
+#[derive(OpenApi)]
+#[openapi(
+    info(
+        title = "plumbline",
+        description = "Grades what AI agents build as construction engineers in Minecraft (the MineCEraft benchmark).\n\n\
+                       Post a run, post a block log for each of its tasks, read the reports and the leaderboard. Every \
+                       error is an RFC 9457 problem. Every limit is at `/v1/limits`.",
+        license(name = "MIT OR Apache-2.0"),
+    ),
+    tags(
+        (name = "runs", description = "One agent's attempt at a suite."),
+        (name = "submissions", description = "What an agent did for one task, and its report."),
+        (name = "tasks", description = "Suites and their tasks."),
+        (name = "leaderboards", description = "Finished runs, compared."),
+        (name = "service", description = "Limits, health, metrics, and this document."),
+    )
+)]
+struct Head;
+
+/// All routes of the API, with their part of the document.
+pub fn routes() -> OpenApiRouter<AppState> {
+    OpenApiRouter::with_openapi(Head::openapi())
+        .routes(routes!(runs::create_run))
+        .routes(routes!(runs::get_run))
+        .routes(routes!(runs::finish_run))
+        .routes(routes!(runs::list_run_submissions))
+        .routes(routes!(submissions::create_submission))
+        .routes(routes!(submissions::get_submission))
+        .routes(routes!(submissions::get_report))
+        .routes(routes!(submissions::get_log))
+        .routes(routes!(tasks::list_tasks))
+        .routes(routes!(tasks::get_task))
+        .routes(routes!(suites::list_suites))
+        .routes(routes!(suites::get_suite))
+        .routes(routes!(leaderboards::get_leaderboard))
+        .routes(routes!(limits::get_limits))
+        .routes(routes!(health::get_health))
+        .routes(routes!(health::get_readiness))
+        .routes(routes!(documents::get_metrics))
+        .routes(routes!(documents::get_openapi))
+}
+
+/// The OpenAPI document, as committed in `openapi/`.
+#[must_use]
+pub fn document() -> String {
+    let mut text = routes().into_openapi().to_pretty_json().unwrap_or_default();
+    text.push('\n');
+    text
+}
+
+/// The interactive reference at `/docs`; its files are in the binary.
+pub fn reference() -> Router {
+    SwaggerUi::new("/docs").config(Config::new(["/openapi.json"]).try_it_out_enabled(true)).into()
+}

@@ -1,0 +1,187 @@
+//! Reading submissions from a body, JSON or NDJSON, with all faults at once.
+
+use serde::de::{IgnoredAny, MapAccess};
+
+use super::super::body::Format;
+use super::super::limits::LIMITS;
+use super::super::problem::{ApiError, ApiResult};
+use crate::checks::Criterion;
+use crate::tasks::Task;
+use crate::voxel::log_reader::Turns;
+use crate::voxel::replay::Replay;
+use crate::voxel::tolerant::{Read, Scalar, Shape, Text, read_document};
+use crate::voxel::{BlockLog, Event, Faults};
+
+/// How a submission names its task.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum TaskRef {
+    /// By id.
+    Id(String),
+    /// By its number in the suite.
+    Number(u32),
+}
+
+/// A submission as posted.
+#[derive(Debug)]
+pub struct PostedSubmission {
+    /// Line of an NDJSON body.
+    pub line: Option<u64>,
+    /// Run that it belongs to.
+    pub run: Option<String>,
+    /// Suite of the task, where it belongs to no run.
+    pub suite: Option<String>,
+    /// The task.
+    pub task: TaskRef,
+    /// What was done.
+    pub log: BlockLog,
+}
+
+/// Reads the submissions of a body. Faults of well-formed JSON go to `faults`; more may be added to it by looking
+/// names up.
+///
+/// # Errors
+/// 400 where the body, or a line of it, is not JSON.
+pub fn read_submissions(text: &[u8], format: Format, faults: &mut Faults) -> ApiResult<Vec<PostedSubmission>> {
+    match format {
+        Format::Json => {
+            let posted = read_document(text, SubmissionShape { faults, line: None });
+            let posted = posted.map_err(|error| ApiError::malformed(error.to_string()))?;
+            Ok(posted.into_iter().collect())
+        }
+        Format::NdJson => read_lines(text, faults),
+    }
+}
+
+fn read_lines(text: &[u8], faults: &mut Faults) -> ApiResult<Vec<PostedSubmission>> {
+    let lines = (1u64..).zip(text.split(|byte| *byte == b'\n'));
+    let filled = lines.filter(|(_, line)| !line.iter().all(u8::is_ascii_whitespace));
+    let mut malformed = Faults::new();
+    let mut posted = Vec::new();
+    for (count, (line, text)) in filled.enumerate() {
+        faults.enter_line(line);
+        if count >= LIMITS.ndjson_lines {
+            faults.add(format!("more than {} submissions in one body", LIMITS.ndjson_lines));
+            break;
+        }
+        match read_document(text, SubmissionShape { faults, line: Some(line) }) {
+            Ok(submission) => posted.extend(submission),
+            Err(error) => {
+                malformed.enter_line(line);
+                malformed.add(error.to_string());
+            }
+        }
+    }
+    if !malformed.is_empty() {
+        let detail = format!("{} lines are not JSON", malformed.total());
+        return Err(ApiError::malformed(detail).with_faults(malformed));
+    }
+    if posted.is_empty() && faults.is_empty() {
+        return Err(ApiError::malformed("the body has no lines"));
+    }
+    Ok(posted)
+}
+
+struct SubmissionShape<'f> {
+    faults: &'f mut Faults,
+    line: Option<u64>,
+}
+
+impl<'de> Shape<'de> for SubmissionShape<'_> {
+    type Out = PostedSubmission;
+
+    fn wanted(&self) -> &'static str {
+        "an object with \"task\", \"turns\" and \"run\" or \"suite\""
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<PostedSubmission>, A::Error> {
+        let faults = self.faults;
+        let (mut run, mut suite, mut task, mut log) = (None, None, None, None);
+        while let Some(key) = members.next_key::<String>()? {
+            faults.enter_key(&key);
+            match key.as_str() {
+                "run" if run.is_none() => {
+                    run = Some(members.next_value_seed(Read(Text { faults, min_chars: 1, max_chars: 100 }))?);
+                }
+                "suite" if suite.is_none() => {
+                    suite = Some(members.next_value_seed(Read(Text { faults, min_chars: 1, max_chars: 100 }))?);
+                }
+                "task" if task.is_none() => task = Some(members.next_value_seed(Read(TaskShape { faults }))?),
+                "turns" if log.is_none() => {
+                    log = Some(members.next_value_seed(Read(Turns { faults, limits: LIMITS.log() }))?);
+                }
+                "run" | "suite" | "task" | "turns" => {
+                    faults.add("given twice");
+                    members.next_value::<IgnoredAny>()?;
+                }
+                _ => {
+                    faults.add("unknown field; a submission has run, suite, task and turns");
+                    members.next_value::<IgnoredAny>()?;
+                }
+            }
+            faults.leave();
+        }
+        for (key, is_missing) in [("task", task.is_none()), ("turns", log.is_none())] {
+            if is_missing {
+                faults.add_at(key, "missing");
+            }
+        }
+        let (Some(Some(task)), Some(Some(log))) = (task, log) else { return Ok(None) };
+        Ok(Some(PostedSubmission { line: self.line, run: run.flatten(), suite: suite.flatten(), task, log }))
+    }
+}
+
+struct TaskShape<'f> {
+    faults: &'f mut Faults,
+}
+
+impl<'de> Shape<'de> for TaskShape<'_> {
+    type Out = TaskRef;
+
+    fn wanted(&self) -> &'static str {
+        "a task: its id or its number"
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn scalar(self, value: &Scalar<'_>) -> Option<TaskRef> {
+        match value {
+            Scalar::Integer(number) if u32::try_from(*number).is_ok() => {
+                Some(TaskRef::Number(u32::try_from(*number).unwrap_or_default()))
+            }
+            text @ Scalar::Text(_) => {
+                Text { faults: self.faults, min_chars: 1, max_chars: 200 }.scalar(text).map(TaskRef::Id)
+            }
+            other => {
+                self.faults.add(format!("expected a task's id or number, found {other}"));
+                None
+            }
+        }
+    }
+}
+
+/// Records the faults of a log that only show beside its task: turns, and blocks that stand.
+pub fn check_against_task(log: &BlockLog, task: &Task, faults: &mut Faults) {
+    if log.turns.len() != task.turns.len() {
+        let (found, wanted) = (log.turns.len(), task.turns.len());
+        let detail =
+            format!("{found} turns; the task has {wanted} (a turn in which nothing was done is {{\"events\": []}})");
+        faults.add_at("turns", detail);
+        return;
+    }
+    let has_stress = task.criteria().contains(&Criterion::StructuralStability);
+    let most = if has_stress { LIMITS.blocks_with_stress } else { LIMITS.blocks };
+    let placed = log.turns.iter().flatten().filter(|event| matches!(event, Event::Place { .. })).count();
+    // Replaying costs; a log with few placements cannot exceed the limit.
+    if placed > most
+        && let Some(blocks) = Replay::new(log).map(|structure| structure.len()).find(|blocks| *blocks > most)
+    {
+        let kind = if has_stress { " of a task with a stress simulation" } else { "" };
+        faults.add_at("turns", format!("{blocks} blocks stand after a turn{kind}; at most {most} are allowed"));
+    }
+}

@@ -1,0 +1,428 @@
+//! Submissions and their reports.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use axum::Json;
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use sha2::{Digest as _, Sha256};
+use uuid::Uuid;
+
+use super::super::body::{Format, JsonBody};
+use super::super::problem::{ApiError, ApiResult, Problem};
+use super::super::state::AppState;
+use super::submission_body::{PostedSubmission, TaskRef, check_against_task, read_submissions};
+use crate::clock::{now_ms, rfc3339};
+use crate::grading::Report;
+use crate::store::submissions::{Accepted, NewSubmission, SubmissionRow, SubmissionState};
+use crate::tasks::catalogue::Entry;
+use crate::tasks::embedded::FULL;
+use crate::tasks::hex;
+use crate::voxel::Faults;
+
+/// What an agent did for one task.
+#[derive(Debug, Deserialize, utoipa::ToSchema)]
+#[schema(example = json!({
+    "run": "0198c0de-0000-7000-8000-000000000000", "task": "1-se-2-walls/01-w1",
+    "turns": [{ "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }] }]
+}))]
+#[expect(dead_code, reason = "describes the body that SubmissionShape reads")]
+pub struct NewSubmissionBody {
+    /// Run that it belongs to. Without one it is graded all the same, and is on no board.
+    run: Option<String>,
+    /// Suite of the task, where it belongs to no run: name, or name@version.
+    suite: Option<String>,
+    /// The task: its id, or its number in the suite (the `run_idx` of published records).
+    #[schema(value_type = Value)]
+    task: Value,
+    /// What was done in each turn; as many as the task has.
+    turns: Vec<NewTurn>,
+}
+
+/// A turn: either plain events, or a palette and rows.
+#[derive(Debug, Deserialize, utoipa::ToSchema)]
+#[expect(dead_code, reason = "describes the body that the log reader reads")]
+pub struct NewTurn {
+    /// Events in order.
+    events: Option<Vec<NewEvent>>,
+    /// Compact form: material names.
+    palette: Option<Vec<String>>,
+    /// Compact form: `[x, y, z, i]` places palette entry i, `[x, y, z]` removes.
+    rows: Option<Vec<Vec<i32>>>,
+}
+
+/// One action.
+#[derive(Debug, Deserialize, utoipa::ToSchema)]
+#[expect(dead_code, reason = "describes the body that the log reader reads")]
+pub struct NewEvent {
+    /// `place` or `remove`.
+    #[schema(example = "place")]
+    action: String,
+    /// East.
+    #[schema(minimum = -30_000_000, maximum = 30_000_000)]
+    x: i32,
+    /// Up; the ground surface is y <= 0.
+    #[schema(minimum = -2048, maximum = 2047)]
+    y: i32,
+    /// South.
+    #[schema(minimum = -30_000_000, maximum = 30_000_000)]
+    z: i32,
+    /// Material; needed to place.
+    #[schema(max_length = 128, example = "stone")]
+    material: Option<String>,
+}
+
+/// A submission.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct SubmissionBody {
+    /// Its id.
+    pub id: String,
+    /// Run that it belongs to.
+    pub run: Option<String>,
+    /// `name@version` of the task's suite.
+    pub suite: String,
+    /// The task's id.
+    pub task: String,
+    /// The task's number in the suite.
+    pub number: u32,
+    /// `queued`, `grading`, `graded`, `rejected`, `grader_error` (a failure of ours; post it again) or `cancelled`.
+    #[schema(example = "graded")]
+    pub state: &'static str,
+    /// Why it ended without a report.
+    pub error: Option<String>,
+    /// Whether the problem passes, once graded.
+    pub overall: Option<bool>,
+    /// Whether its accuracy passes, once graded and where it applies.
+    pub accuracy: Option<bool>,
+    /// SHA-256 of the log's canonical JSON, in hex.
+    pub log_hash: String,
+    /// Turns of the log.
+    pub turns: i64,
+    /// Events of the log.
+    pub events: i64,
+    /// When it was accepted.
+    pub created_at: String,
+    /// When it ended.
+    pub ended_at: Option<String>,
+}
+
+impl SubmissionBody {
+    /// The body of a stored submission, whose task is in this suite.
+    #[must_use]
+    pub fn of(row: SubmissionRow, entry: &Entry) -> Self {
+        let number = u32::try_from(row.task_number).unwrap_or_default();
+        Self {
+            task: entry.task_numbered(number).map(|(task, _)| task.id.clone()).unwrap_or_default(),
+            number,
+            id: row.id,
+            run: row.run_id,
+            suite: row.suite_id,
+            state: row.state.name(),
+            error: row.error,
+            overall: row.overall,
+            accuracy: row.accuracy,
+            log_hash: row.log_hash,
+            turns: row.turns,
+            events: row.events,
+            created_at: rfc3339(row.created_at_ms),
+            ended_at: row.ended_at_ms.map(rfc3339),
+        }
+    }
+}
+
+/// An accepted submission.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct AcceptedBody {
+    /// Its id.
+    pub id: String,
+    /// True where the run held this very log for the task already; nothing was stored again.
+    pub repeated: bool,
+}
+
+/// Accepted submissions of an NDJSON body.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct AcceptedList {
+    /// In the order of the lines.
+    pub submissions: Vec<AcceptedBody>,
+}
+
+/// Post what an agent did for a task: events per turn. The answer comes when it is durable; grading follows.
+///
+/// With `Content-Type: application/x-ndjson`, one submission a line: all are accepted in one transaction, or none.
+/// Within a run a task is answered once; posting the same log again gives the same submission.
+#[utoipa::path(
+    post, path = "/v1/submissions", operation_id = "create_submission", tag = "submissions", summary = "Post a submission",
+    request_body(content((NewSubmissionBody = "application/json"), (String = "application/x-ndjson"))),
+    responses(
+        (status = 202, description = "Accepted; for NDJSON a list in the order of the lines", body = AcceptedBody,
+         headers(("Location" = String, description = "The submission")),
+         example = json!({ "id": "0198c0de-0000-7000-8000-000000000001", "repeated": false })),
+        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The task was answered otherwise, or the run takes no more", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "Neither JSON nor NDJSON", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "Faults, all of them", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn create_submission(State(state): State<AppState>, body: JsonBody) -> ApiResult<Response> {
+    let format = body.format;
+    let read = tokio::task::spawn_blocking(move || {
+        let mut faults = Faults::new();
+        read_submissions(&body.bytes, body.format, &mut faults).map(|posted| (posted, faults))
+    });
+    let (posted, mut faults) = read.await.map_err(|error| ApiError::internal(&error))??;
+    let lines: Vec<Option<u64>> = posted.iter().map(|p| p.line).collect();
+    let places = resolve_all(&state, &posted, &mut faults).await?;
+    if !faults.is_empty() {
+        return Err(ApiError::faulty(faults));
+    }
+    let prepare = tokio::task::spawn_blocking(move || prepare(posted, &places));
+    let (submissions, faults) = prepare.await.map_err(|error| ApiError::internal(&error))?;
+    if !faults.is_empty() {
+        return Err(ApiError::faulty(faults));
+    }
+    let answers = state.store.accept(&submissions, now_ms()).await?;
+    let accepted = accepted_bodies(submissions, answers, &lines)?;
+    state.wake.notify_waiters();
+    if format == Format::NdJson {
+        return Ok((StatusCode::ACCEPTED, Json(AcceptedList { submissions: accepted })).into_response());
+    }
+    let Some(one) = accepted.into_iter().next() else {
+        return Err(ApiError::malformed("the body holds no submission"));
+    };
+    let mut headers = HeaderMap::new();
+    headers.insert(header::LOCATION, location(&one.id));
+    Ok((StatusCode::ACCEPTED, headers, Json(one)).into_response())
+}
+
+fn location(id: &str) -> HeaderValue {
+    HeaderValue::from_str(&format!("/v1/submissions/{id}")).unwrap_or(HeaderValue::from_static("/v1/submissions"))
+}
+
+/// Suite of a posted submission, and the number of its task in it.
+type Place = (Arc<Entry>, u32);
+
+/// Looks up run, suite and task of each submission. Faults leave `None`.
+async fn resolve_all(
+    state: &AppState,
+    posted: &[PostedSubmission],
+    faults: &mut Faults,
+) -> ApiResult<Vec<Option<Place>>> {
+    let mut suite_of_run: HashMap<&str, Option<String>> = HashMap::new();
+    let mut places = Vec::with_capacity(posted.len());
+    for submission in posted {
+        if let Some(line) = submission.line {
+            faults.enter_line(line);
+        }
+        let suite = match &submission.run {
+            Some(run) => {
+                if !suite_of_run.contains_key(run.as_str()) {
+                    let found = state.store.run(run).await?.map(|row| row.suite_id);
+                    suite_of_run.insert(run, found);
+                }
+                let suite = suite_of_run.get(run.as_str()).cloned().flatten();
+                if suite.is_none() {
+                    faults.add_at("run", format!("there is no run {run:?}"));
+                }
+                if submission.suite.is_some() {
+                    faults.add_at("suite", "a submission to a run takes the run's suite; leave it out");
+                }
+                suite
+            }
+            None => Some(submission.suite.clone().unwrap_or_else(|| FULL.to_owned())),
+        };
+        let Some(suite) = suite else {
+            places.push(None);
+            continue;
+        };
+        let Ok(entry) = state.suite(&suite).await else {
+            faults.add_at("suite", format!("there is no suite {suite:?}; /v1/suites lists them"));
+            places.push(None);
+            continue;
+        };
+        let number = match &submission.task {
+            TaskRef::Id(id) => entry.task(id).map(|(task, _)| task.number),
+            TaskRef::Number(number) => entry.task_numbered(*number).map(|(task, _)| task.number),
+        };
+        if number.is_none() {
+            let named = match &submission.task {
+                TaskRef::Id(id) => format!("{id:?}"),
+                TaskRef::Number(number) => format!("number {number}"),
+            };
+            faults.add_at("task", format!("{} has no task {named}; /v1/tasks lists them", entry.suite.id()));
+        }
+        places.push(number.map(|number| (entry, number)));
+    }
+    Ok(places)
+}
+
+/// Checks each log against its task and writes it canonically.
+fn prepare(posted: Vec<PostedSubmission>, places: &[Option<Place>]) -> (Vec<NewSubmission>, Faults) {
+    let mut faults = Faults::new();
+    let mut submissions = Vec::with_capacity(posted.len());
+    for (submission, place) in posted.into_iter().zip(places) {
+        let Some((entry, number)) = place else { continue };
+        let Some((task, hash)) = entry.task_numbered(*number) else { continue };
+        if let Some(line) = submission.line {
+            faults.enter_line(line);
+        }
+        check_against_task(&submission.log, task, &mut faults);
+        let log_json = submission.log.canonical_json();
+        submissions.push(NewSubmission {
+            id: Uuid::now_v7().to_string(),
+            run_id: submission.run,
+            suite_id: entry.suite.id(),
+            task_hash: hash.to_owned(),
+            task_number: *number,
+            log_hash: hex(&Sha256::digest(&log_json)),
+            turns: submission.log.turns.len(),
+            events: submission.log.event_count(),
+            log_json,
+        });
+    }
+    (submissions, faults)
+}
+
+/// The ids under which submissions were accepted; 409 where any was not, and then none was.
+fn accepted_bodies(
+    submissions: Vec<NewSubmission>,
+    answers: Vec<Accepted>,
+    lines: &[Option<u64>],
+) -> ApiResult<Vec<AcceptedBody>> {
+    let mut conflicts = Faults::new();
+    let mut closed = false;
+    let mut accepted = Vec::with_capacity(submissions.len());
+    for ((submission, answer), line) in submissions.into_iter().zip(answers).zip(lines) {
+        if let Some(line) = line {
+            conflicts.enter_line(*line);
+        }
+        match answer {
+            Accepted::New => accepted.push(AcceptedBody { id: submission.id, repeated: false }),
+            Accepted::Same(id) => accepted.push(AcceptedBody { id, repeated: true }),
+            Accepted::Other(id) => {
+                conflicts.add_at("task", format!("the run answered this task with another log, as submission {id}"));
+            }
+            Accepted::RunClosed => {
+                closed = true;
+                conflicts.add_at("run", "the run takes no more submissions");
+            }
+        }
+    }
+    if conflicts.is_empty() {
+        return Ok(accepted);
+    }
+    let kind = if closed { "run-closed" } else { "already-submitted" };
+    let detail = conflicts.list().first().map(|fault| fault.detail.clone()).unwrap_or_default();
+    Err(ApiError::conflict(kind, detail).with_faults(conflicts))
+}
+
+async fn stored(state: &AppState, id: &str) -> ApiResult<SubmissionRow> {
+    let row = state.store.submission(id).await?;
+    row.ok_or_else(|| ApiError::not_found(format!("there is no submission {id:?}")))
+}
+
+/// A submission's state and, once graded, its verdict.
+#[utoipa::path(
+    get, path = "/v1/submissions/{id}", operation_id = "get_submission", tag = "submissions", summary = "Get a submission",
+    params(("id" = String, Path, description = "The submission's id")),
+    responses(
+        (status = 200, description = "The submission", body = SubmissionBody,
+         example = json!({ "id": "0198c0de-0000-7000-8000-000000000001", "state": "graded", "overall": true })),
+        (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_submission(State(state): State<AppState>, Path(id): Path<String>) -> ApiResult<Json<SubmissionBody>> {
+    let row = stored(&state, &id).await?;
+    let entry = state.suite(&row.suite_id).await?;
+    Ok(Json(SubmissionBody::of(row, &entry)))
+}
+
+/// A report with where it came from.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct ReportBody {
+    /// The submission.
+    pub submission: String,
+    /// Scores and evidence.
+    #[serde(flatten)]
+    pub report: Report,
+    /// Where the report came from.
+    pub provenance: Provenance,
+}
+
+/// Where a report came from.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct Provenance {
+    /// SHA-256 of the log's canonical JSON, in hex.
+    pub log_hash: String,
+    /// `name@version` of the task's suite.
+    pub suite: String,
+    /// Program and version that graded.
+    #[schema(example = "plumbline 0.1.0")]
+    pub grader: String,
+    /// Attempt that made the report.
+    pub attempt: i64,
+    /// When.
+    pub graded_at: String,
+    /// How long grading took, in microseconds.
+    pub grading_us: i64,
+}
+
+/// The report: per turn, check and criterion what was measured and what was required, with the cells that show it.
+#[utoipa::path(
+    get, path = "/v1/submissions/{id}/report", operation_id = "get_report", tag = "submissions", summary = "Get a report",
+    params(("id" = String, Path, description = "The submission's id")),
+    responses(
+        (status = 200, description = "The report", body = ReportBody,
+         example = json!({ "submission": "0198c0de-0000-7000-8000-000000000001", "overall": true, "accuracy": true,
+                           "criteria": [], "turns": [], "advisories": [] })),
+        (status = 404, description = "There is no such submission", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "It is not graded, not yet or not at all", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_report(State(state): State<AppState>, Path(id): Path<String>) -> ApiResult<Json<ReportBody>> {
+    let row = stored(&state, &id).await?;
+    let Some(stored) = state.store.report(&id).await? else {
+        let error = ApiError::conflict("not-graded", format!("the submission is {}", row.state.name()));
+        let is_coming = matches!(row.state, SubmissionState::Queued | SubmissionState::Grading);
+        return Err(if is_coming { error.retry_after(1) } else { error });
+    };
+    Ok(Json(ReportBody {
+        submission: row.id,
+        report: stored.report,
+        provenance: Provenance {
+            log_hash: row.log_hash,
+            suite: row.suite_id,
+            grader: stored.grader,
+            attempt: stored.attempt,
+            graded_at: rfc3339(stored.graded_at_ms),
+            grading_us: stored.grading_us,
+        },
+    }))
+}
+
+/// The log as stored: canonical JSON, whose SHA-256 is the log hash.
+#[utoipa::path(
+    get, path = "/v1/submissions/{id}/log", operation_id = "get_log", tag = "submissions", summary = "Get a log",
+    params(("id" = String, Path, description = "The submission's id")),
+    responses(
+        (status = 200, description = "One palette; per turn rows [x, y, z, i] or [x, y, z]", body = Value,
+         example = json!({ "palette": ["stone"], "turns": [[[0, 0, 0, 0]]] })),
+        (status = 404, description = "There is no such submission", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_log(State(state): State<AppState>, Path(id): Path<String>) -> ApiResult<Response> {
+    let log = state.store.log_json(&id).await?;
+    let log = log.ok_or_else(|| ApiError::not_found(format!("there is no submission {id:?}")))?;
+    Ok(([(header::CONTENT_TYPE, "application/json")], log).into_response())
+}

@@ -1,0 +1,217 @@
+//! Tasks.
+
+use axum::Json;
+use axum::extract::{Path, Query, State};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::super::limits::LIMITS;
+use super::super::problem::{ApiError, ApiResult, Problem};
+use super::super::state::AppState;
+use crate::checks::Criterion;
+use crate::tasks::embedded::FULL;
+use crate::tasks::{Suite, Task};
+
+/// A task in a list.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct TaskSummary {
+    /// `family/instance`.
+    #[schema(example = "1-se-2-walls/01-w1")]
+    pub id: String,
+    /// Number in the suite: the `run_idx` of published records.
+    #[schema(example = 113)]
+    pub number: u32,
+    /// Family.
+    #[schema(example = "1-se-2-walls")]
+    pub family: String,
+    /// Number of turns.
+    #[schema(example = 1)]
+    pub turns: usize,
+    /// Criteria that apply.
+    pub criteria: Vec<Criterion>,
+    /// The first instruction.
+    pub prompt: String,
+}
+
+/// A page of tasks.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct TaskPage {
+    /// `name@version` of the suite.
+    #[schema(example = "mineceraft@1")]
+    pub suite: String,
+    /// Tasks that the filters let through, on all pages.
+    pub total: usize,
+    /// The tasks of this page, by number.
+    pub tasks: Vec<TaskSummary>,
+    /// `after` of the next page; null on the last.
+    pub next_after: Option<u32>,
+}
+
+/// One turn of a task.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct TurnBody {
+    /// The instruction.
+    pub prompt: String,
+    /// The checks: published name and arguments.
+    #[schema(value_type = Vec<Object>, example = json!([{ "fn": "shape.has_rooms", "args": { "room_cnt": 2 } }]))]
+    pub checks: Value,
+}
+
+/// A task.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct TaskBody {
+    /// `family/instance`.
+    #[schema(example = "1-se-2-walls/01-w1")]
+    pub id: String,
+    /// Number in the suite: the `run_idx` of published records.
+    #[schema(example = 113)]
+    pub number: u32,
+    /// Family.
+    #[schema(example = "1-se-2-walls")]
+    pub family: String,
+    /// `name@version` of the suite.
+    #[schema(example = "mineceraft@1")]
+    pub suite: String,
+    /// SHA-256 of its content, in hex.
+    pub hash: String,
+    /// Criteria that apply.
+    pub criteria: Vec<Criterion>,
+    /// The turns, in order.
+    pub turns: Vec<TurnBody>,
+}
+
+/// Which tasks.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct TaskQuery {
+    /// Suite: name, or name@version.
+    #[param(example = "mineceraft")]
+    suite: Option<String>,
+    /// Only this family.
+    family: Option<String>,
+    /// Only tasks to which this criterion applies.
+    criterion: Option<Criterion>,
+    /// Only tasks whose id or instructions contain this, in any case.
+    text: Option<String>,
+    /// Only tasks with a greater number: the page after.
+    after: Option<u32>,
+    /// Tasks on a page.
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<u32>,
+}
+
+/// Which suite.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct SuiteQuery {
+    /// Suite: name, or name@version.
+    #[param(example = "mineceraft")]
+    suite: Option<String>,
+}
+
+/// The number of items that a page shall have, within the limit.
+///
+/// # Errors
+/// 400 where it is out of range.
+pub fn page_items(limit: Option<u32>, default: u32) -> ApiResult<usize> {
+    let items = limit.unwrap_or(default);
+    if (1..=LIMITS.page_items).contains(&items) {
+        return Ok(items as usize);
+    }
+    let detail = format!("limit is {items}; expected 1 to {}", LIMITS.page_items);
+    Err(ApiError::new(axum::http::StatusCode::BAD_REQUEST, "bad-request", "Bad request", detail))
+}
+
+fn lets_through(query: &TaskQuery, task: &Task) -> bool {
+    let contains = |text: &String| {
+        let text = text.to_lowercase();
+        task.id.to_lowercase().contains(&text) || task.turns.iter().any(|t| t.prompt.to_lowercase().contains(&text))
+    };
+    query.family.as_ref().is_none_or(|family| family == task.family())
+        && query.criterion.is_none_or(|criterion| task.criteria().contains(&criterion))
+        && query.text.as_ref().is_none_or(contains)
+}
+
+/// The tasks of a suite, by number, filtered and in pages.
+#[utoipa::path(
+    get, path = "/v1/tasks", operation_id = "list_tasks", tag = "tasks", summary = "List tasks",
+    params(TaskQuery),
+    responses(
+        (status = 200, description = "A page of tasks", body = TaskPage,
+         example = json!({ "suite": "mineceraft@1", "total": 723, "tasks": [], "next_after": 100 })),
+        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "There is no such suite", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn list_tasks(State(state): State<AppState>, Query(query): Query<TaskQuery>) -> ApiResult<Json<TaskPage>> {
+    let items = page_items(query.limit, 100)?;
+    let entry = state.suite(query.suite.as_deref().unwrap_or(FULL)).await?;
+    let suite = &entry.suite;
+    let found: Vec<&Task> = suite.tasks.iter().filter(|task| lets_through(&query, task)).collect();
+    let after = query.after.unwrap_or(0);
+    let mut rest = found.iter().filter(|task| task.number > after);
+    let tasks: Vec<TaskSummary> = rest.by_ref().take(items).map(|task| summary(task)).collect();
+    let next_after = rest.next().and_then(|_| tasks.last().map(|task| task.number));
+    Ok(Json(TaskPage { suite: suite.id(), total: found.len(), tasks, next_after }))
+}
+
+fn summary(task: &Task) -> TaskSummary {
+    TaskSummary {
+        id: task.id.clone(),
+        number: task.number,
+        family: task.family().to_owned(),
+        turns: task.turns.len(),
+        criteria: task.criteria(),
+        prompt: task.turns.first().map(|turn| turn.prompt.clone()).unwrap_or_default(),
+    }
+}
+
+/// One task with its instructions and checks.
+#[utoipa::path(
+    get, path = "/v1/tasks/{family}/{instance}", operation_id = "get_task", tag = "tasks", summary = "Get a task",
+    params(
+        ("family" = String, Path, description = "The id before the slash", example = "1-se-2-walls"),
+        ("instance" = String, Path, description = "The id after the slash", example = "01-w1"),
+        SuiteQuery,
+    ),
+    responses(
+        (status = 200, description = "The task", body = TaskBody,
+         example = json!({ "id": "1-se-2-walls/01-w1", "number": 113, "suite": "mineceraft@1", "turns": [] })),
+        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "There is no such task", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_task(
+    State(state): State<AppState>,
+    Path((family, instance)): Path<(String, String)>,
+    Query(query): Query<SuiteQuery>,
+) -> ApiResult<Json<TaskBody>> {
+    let entry = state.suite(query.suite.as_deref().unwrap_or(FULL)).await?;
+    let id = format!("{family}/{instance}");
+    let missing = || ApiError::not_found(format!("{} has no task {id:?}", entry.suite.id()));
+    let (task, hash) = entry.task(&id).ok_or_else(missing)?;
+    Ok(Json(body(&entry.suite, task, hash)))
+}
+
+fn body(suite: &Suite, task: &Task, hash: &str) -> TaskBody {
+    TaskBody {
+        id: task.id.clone(),
+        number: task.number,
+        family: task.family().to_owned(),
+        suite: suite.id(),
+        hash: hash.to_owned(),
+        criteria: task.criteria(),
+        turns: task
+            .turns
+            .iter()
+            .map(|turn| TurnBody {
+                prompt: turn.prompt.clone(),
+                checks: serde_json::to_value(&turn.checks).unwrap_or_default(),
+            })
+            .collect(),
+    }
+}

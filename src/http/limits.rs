@@ -1,0 +1,95 @@
+//! Every limit of the service, in one place: enforced where named, and served at `/v1/limits`.
+
+use serde::Serialize;
+
+use crate::store::jobs::MAX_ATTEMPTS;
+use crate::voxel::log_reader::LogLimits;
+use crate::voxel::{Faults, cell};
+
+/// The limits. Sizes are of the decompressed body.
+#[derive(Debug, Clone, Copy, Serialize, utoipa::ToSchema)]
+pub struct Limits {
+    /// Bytes of a request body, after decompression.
+    pub body_bytes: usize,
+    /// Bytes of all bodies being read at the same time; a request beyond it is asked to come back (503).
+    pub bodies_in_memory_bytes: usize,
+    /// Levels of nested arrays and objects in JSON.
+    pub json_depth: u32,
+    /// Submissions in one NDJSON body.
+    pub ndjson_lines: usize,
+    /// Turns of a log.
+    pub turns: usize,
+    /// Events of a log, over all turns.
+    pub events: usize,
+    /// Blocks that stand after any turn.
+    pub blocks: usize,
+    /// The same for tasks with a stress simulation.
+    pub blocks_with_stress: usize,
+    /// Distinct materials of a log.
+    pub materials: usize,
+    /// Characters of a material name.
+    pub material_chars: usize,
+    /// Greatest absolute x and z.
+    pub horizontal: i32,
+    /// Least y.
+    pub min_y: i32,
+    /// Greatest y.
+    pub max_y: i32,
+    /// Characters of an agent's name.
+    pub agent_chars: usize,
+    /// Bytes of a run's metadata as JSON.
+    pub metadata_bytes: usize,
+    /// Items of a page.
+    pub page_items: u32,
+    /// Faults listed in one problem; all are counted.
+    pub faults_listed: usize,
+    /// Seconds for the headers of a request to arrive.
+    pub header_seconds: u64,
+    /// Seconds from the headers of a request to the beginning of its answer.
+    pub request_seconds: u64,
+    /// Connections open at the same time; more wait.
+    pub connections: usize,
+    /// Seconds that one grading may take.
+    pub grading_seconds: u64,
+    /// Times that grading is begun before a submission ends as `grader_error`.
+    pub grading_attempts: i64,
+}
+
+/// The limits in force.
+pub const LIMITS: Limits = Limits {
+    body_bytes: 32 << 20,
+    bodies_in_memory_bytes: 512 << 20,
+    json_depth: 127,
+    ndjson_lines: 1_000,
+    turns: 64,
+    events: 400_000,
+    blocks: 100_000,
+    blocks_with_stress: 20_000,
+    materials: 4_096,
+    material_chars: 128,
+    horizontal: cell::MAX_HORIZONTAL,
+    min_y: cell::MIN_Y,
+    max_y: cell::MAX_Y,
+    agent_chars: 100,
+    metadata_bytes: 16 << 10,
+    page_items: 1_000,
+    faults_listed: Faults::KEPT,
+    header_seconds: 10,
+    request_seconds: 60,
+    connections: 12_000,
+    grading_seconds: 3_600,
+    grading_attempts: MAX_ATTEMPTS,
+};
+
+impl Limits {
+    /// The part that reading a log needs.
+    #[must_use]
+    pub const fn log(&self) -> LogLimits {
+        LogLimits {
+            max_turns: self.turns,
+            max_events: self.events,
+            max_materials: self.materials,
+            max_material_chars: self.material_chars,
+        }
+    }
+}

@@ -1,0 +1,34 @@
+//! HTTP: routes, bodies, problems and pages. Meets the workers only through the store.
+
+pub mod api;
+pub mod body;
+pub mod layers;
+pub mod limits;
+pub mod pages;
+pub mod problem;
+pub mod server;
+pub mod state;
+
+use std::sync::Arc;
+
+use axum::Router;
+use metrics_exporter_prometheus::PrometheusHandle;
+use tokio::sync::Notify;
+
+use crate::store::Store;
+use state::AppState;
+
+/// The whole service as a router.
+#[must_use]
+pub fn router(store: &Store, wake: &Arc<Notify>, metrics: PrometheusHandle) -> Router {
+    let (routes, openapi) = api::routes().split_for_parts();
+    let state = AppState {
+        store: store.clone(),
+        wake: Arc::clone(wake),
+        bodies: Arc::new(body::budget()),
+        metrics,
+        openapi: openapi.to_json().unwrap_or_default().into(),
+    };
+    let router = routes.merge(pages::routes()).with_state(state).merge(api::reference());
+    layers::around(router)
+}

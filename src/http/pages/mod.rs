@@ -1,0 +1,44 @@
+//! Web pages, rendered here; they need no network and no script.
+
+use askama::Template;
+use axum::Router;
+use axum::extract::State;
+use axum::http::{HeaderName, HeaderValue, header};
+use axum::response::{IntoResponse as _, Response};
+use axum::routing::get;
+
+use super::api::leaderboards::{Board, board};
+use super::problem::{ApiError, ApiResult};
+use super::state::AppState;
+
+/// Routes of the pages.
+pub fn routes() -> Router<AppState> {
+    Router::new().route("/", get(home))
+}
+
+#[derive(Template)]
+#[template(path = "home.html")]
+struct Home {
+    boards: Vec<Board>,
+}
+
+/// A share as a percentage; `n/a` where there is none.
+fn percent(rate: Option<f64>) -> String {
+    rate.map_or_else(|| "n/a".to_owned(), |rate| format!("{:.1} %", rate * 100.0))
+}
+
+/// What the service is, its boards, and how to submit.
+async fn home(State(state): State<AppState>) -> ApiResult<Response> {
+    let mut boards = Vec::new();
+    for entry in state.store.catalogue().suites() {
+        boards.push(board(&state, &entry.suite.id()).await?);
+    }
+    let page = Home { boards }.render().map_err(|error| ApiError::internal(&error))?;
+    const POLICY: HeaderName = header::CONTENT_SECURITY_POLICY;
+    let policy = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'";
+    let headers = [
+        (header::CONTENT_TYPE, HeaderValue::from_static("text/html; charset=utf-8")),
+        (POLICY, HeaderValue::from_static(policy)),
+    ];
+    Ok((headers, page).into_response())
+}

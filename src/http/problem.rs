@@ -1,0 +1,151 @@
+//! Problems: every error answer, as RFC 9457 `application/problem+json`.
+//!
+//! Errors are converted here and only here. What went wrong inside is logged once with its cause; the client is told
+//! that it was ours and may try again, never more.
+
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::{Deserialize, Serialize};
+
+use crate::store::StoreError;
+use crate::voxel::{Fault, Faults};
+
+/// Media type of problems.
+pub const PROBLEM_JSON: &str = "application/problem+json";
+
+/// One fault of a request body.
+#[derive(Debug, Clone, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct FaultBody {
+    /// Line of an NDJSON body, from 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub line: Option<u64>,
+    /// JSON pointer (RFC 6901) to the value.
+    #[schema(example = "/turns/0/events/3/x")]
+    pub pointer: String,
+    /// What is wrong with it.
+    #[schema(example = "1.5 is not an integer")]
+    pub detail: String,
+}
+
+/// An error answer (RFC 9457).
+#[derive(Debug, Clone, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct Problem {
+    /// Kind of problem; stable, for programs.
+    #[serde(rename = "type")]
+    #[schema(example = "urn:plumbline:problem:invalid-body")]
+    pub kind: String,
+    /// The kind in words.
+    #[schema(example = "The body has faults")]
+    pub title: String,
+    /// The HTTP status.
+    #[schema(minimum = 400, maximum = 599, example = 422)]
+    pub status: u16,
+    /// This occurrence in words.
+    #[schema(example = "2 faults")]
+    pub detail: String,
+    /// All faults of the body, up to the number in `/v1/limits`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub faults: Vec<FaultBody>,
+}
+
+/// A handler's error.
+#[derive(Debug)]
+pub struct ApiError {
+    problem: Box<Problem>,
+    retry_after_s: Option<u32>,
+}
+
+/// Result of a handler.
+pub type ApiResult<T> = Result<T, ApiError>;
+
+impl ApiError {
+    /// A problem of this kind.
+    pub fn new(status: StatusCode, kind: &str, title: &str, detail: impl Into<String>) -> Self {
+        Self {
+            problem: Box::new(Problem {
+                kind: format!("urn:plumbline:problem:{kind}"),
+                title: title.to_owned(),
+                status: status.as_u16(),
+                detail: detail.into(),
+                faults: Vec::new(),
+            }),
+            retry_after_s: None,
+        }
+    }
+
+    /// 404: there is nothing of this name.
+    pub fn not_found(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::NOT_FOUND, "not-found", "Not found", detail)
+    }
+
+    /// 409: it is in another state.
+    pub fn conflict(kind: &str, detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::CONFLICT, kind, "Conflict", detail)
+    }
+
+    /// 400: the body is not JSON.
+    pub fn malformed(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::BAD_REQUEST, "malformed-body", "The body is not JSON", detail)
+    }
+
+    /// 422: the body is JSON, and parts of it are wrong.
+    #[must_use]
+    pub fn faulty(faults: Faults) -> Self {
+        let total = faults.total();
+        let mut error = Self::new(
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "invalid-body",
+            "The body has faults",
+            format!("{total} faults"),
+        );
+        error.problem.faults = faults.into_list().into_iter().map(FaultBody::from).collect();
+        error
+    }
+
+    /// 400 with faults: lines of an NDJSON body are not JSON.
+    #[must_use]
+    pub fn with_faults(mut self, faults: Faults) -> Self {
+        self.problem.faults = faults.into_list().into_iter().map(FaultBody::from).collect();
+        self
+    }
+
+    /// With a `Retry-After` header.
+    #[must_use]
+    pub const fn retry_after(mut self, seconds: u32) -> Self {
+        self.retry_after_s = Some(seconds);
+        self
+    }
+
+    /// 500: a failure of ours, logged here with its cause.
+    pub fn internal(cause: &dyn std::fmt::Display) -> Self {
+        tracing::error!(%cause, "request failed");
+        let detail = "The service failed. The request may be sent again.";
+        Self::new(StatusCode::INTERNAL_SERVER_ERROR, "internal", "Internal error", detail).retry_after(1)
+    }
+}
+
+impl From<Fault> for FaultBody {
+    fn from(fault: Fault) -> Self {
+        Self { line: fault.line, pointer: fault.pointer, detail: fault.detail }
+    }
+}
+
+impl From<StoreError> for ApiError {
+    fn from(error: StoreError) -> Self {
+        Self::internal(&error)
+    }
+}
+
+impl IntoResponse for ApiError {
+    fn into_response(self) -> Response {
+        let status = StatusCode::from_u16(self.problem.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+        let body = serde_json::to_vec(&self.problem).unwrap_or_default();
+        let mut response = (status, body).into_response();
+        let headers = response.headers_mut();
+        headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON));
+        if let Some(seconds) = self.retry_after_s {
+            headers.insert(header::RETRY_AFTER, HeaderValue::from(seconds));
+        }
+        response
+    }
+}

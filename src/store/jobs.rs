@@ -1,0 +1,188 @@
+//! Jobs: submissions that wait for a grade, and the leases under which workers hold them.
+//!
+//! The attempt number fences: what a worker brings back counts only while its attempt is the job's. A lease that runs
+//! out is taken again; after [`MAX_ATTEMPTS`] the submission ends as `grader_error`, visibly.
+
+use sqlx::Row as _;
+
+use super::runs::{count, end_if_complete};
+use super::submissions::SubmissionState;
+use super::{Store, StoreError, StoreResult, Tx, decompress};
+use crate::voxel::BlockLog;
+
+/// Attempts before a submission ends as `grader_error`.
+pub const MAX_ATTEMPTS: i64 = 3;
+
+/// A job that a worker holds.
+#[derive(Debug, Clone)]
+pub struct Claim {
+    /// The submission to grade.
+    pub submission_id: String,
+    /// The fencing token.
+    pub attempt: i64,
+    /// The run it belongs to.
+    pub run_id: Option<String>,
+    /// `name@version` of the task's suite.
+    pub suite_id: String,
+    /// Number of the task in it.
+    pub task_number: u32,
+    log: Vec<u8>,
+}
+
+impl Claim {
+    /// The log.
+    ///
+    /// # Errors
+    /// Where the stored bytes do not read back.
+    pub fn read_log(&self) -> StoreResult<BlockLog> {
+        let json = decompress("submissions", &self.log)?;
+        BlockLog::from_canonical_json(&json).map_err(|error| StoreError::corrupt("submissions", error))
+    }
+}
+
+/// What came of looking for work.
+#[derive(Debug)]
+pub enum Claimed {
+    /// A job to do.
+    Job(Box<Claim>),
+    /// A job whose attempts were used up; its submission ended as `grader_error`. There may be more work.
+    GivenUp,
+    /// Nothing to do now.
+    Nothing,
+}
+
+impl Store {
+    /// Takes the oldest job that is free or whose lease has run out, under a lease until `lease_until_ms`.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn claim(&self, now_ms: i64, lease_until_ms: i64) -> StoreResult<Claimed> {
+        let mut tx = self.begin().await?;
+        let row = sqlx::query(
+            "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $2
+             WHERE submission_id = (SELECT submission_id FROM jobs WHERE lease_until_ms <= $1
+                                    ORDER BY queued_at_ms, submission_id LIMIT 1)
+             RETURNING submission_id, attempt",
+        )
+        .bind(now_ms)
+        .bind(lease_until_ms)
+        .fetch_optional(&mut *tx)
+        .await?;
+        let Some(row) = row else { return Ok(Claimed::Nothing) };
+        let (submission_id, attempt): (String, i64) = (row.try_get(0)?, row.try_get(1)?);
+        let row = sqlx::query("SELECT run_id, suite_id, task_number, log FROM submissions WHERE id = $1")
+            .bind(&submission_id)
+            .fetch_one(&mut *tx)
+            .await?;
+        let (run_id, suite_id): (Option<String>, String) = (row.try_get(0)?, row.try_get(1)?);
+        if attempt > MAX_ATTEMPTS {
+            let why = format!("grading was begun {MAX_ATTEMPTS} times and never ended");
+            let end =
+                End { submission_id: &submission_id, run_id: run_id.as_deref(), state: SubmissionState::GraderError };
+            end.record(&mut tx, Some(&why), &suite_id, now_ms).await?;
+            tx.commit().await?;
+            return Ok(Claimed::GivenUp);
+        }
+        sqlx::query("UPDATE submissions SET state = 'grading' WHERE id = $1")
+            .bind(&submission_id)
+            .execute(&mut *tx)
+            .await?;
+        let log: Vec<u8> = row.try_get(3)?;
+        let task_number = u32::try_from(row.try_get::<i64, _>(2)?).unwrap_or_default();
+        tx.commit().await?;
+        Ok(Claimed::Job(Box::new(Claim { submission_id, attempt, run_id, suite_id, task_number, log })))
+    }
+
+    /// Extends a lease. False where the job is no longer this attempt's.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn renew(&self, claim: &Claim, lease_until_ms: i64) -> StoreResult<bool> {
+        let mut tx = self.begin().await?;
+        let held = sqlx::query("UPDATE jobs SET lease_until_ms = $3 WHERE submission_id = $1 AND attempt = $2")
+            .bind(&claim.submission_id)
+            .bind(claim.attempt)
+            .bind(lease_until_ms)
+            .execute(&mut *tx)
+            .await?
+            .rows_affected();
+        tx.commit().await?;
+        Ok(held > 0)
+    }
+
+    /// Gives a job back unfinished: at a shutdown the attempt does not count, after a failure it does.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn give_back(&self, claim: &Claim, attempt_counts: bool) -> StoreResult<()> {
+        let mut tx = self.begin().await?;
+        let held = sqlx::query(
+            "UPDATE jobs SET lease_until_ms = 0, attempt = attempt - $3 WHERE submission_id = $1 AND attempt = $2",
+        )
+        .bind(&claim.submission_id)
+        .bind(claim.attempt)
+        .bind(i64::from(!attempt_counts))
+        .execute(&mut *tx)
+        .await?
+        .rows_affected();
+        if held > 0 {
+            sqlx::query("UPDATE submissions SET state = 'queued' WHERE id = $1")
+                .bind(&claim.submission_id)
+                .execute(&mut *tx)
+                .await?;
+        }
+        tx.commit().await?;
+        Ok(())
+    }
+
+    /// Ends a submission without a report, if this attempt still holds it.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn fail(&self, claim: &Claim, state: SubmissionState, why: &str, now_ms: i64) -> StoreResult<()> {
+        let mut tx = self.begin().await?;
+        if holds(&mut tx, claim).await? {
+            let end = End { submission_id: &claim.submission_id, run_id: claim.run_id.as_deref(), state };
+            end.record(&mut tx, Some(why), &claim.suite_id, now_ms).await?;
+        }
+        tx.commit().await?;
+        Ok(())
+    }
+}
+
+/// Whether the job is still this attempt's.
+pub(super) async fn holds(tx: &mut Tx, claim: &Claim) -> StoreResult<bool> {
+    let attempt: Option<i64> = sqlx::query_scalar("SELECT attempt FROM jobs WHERE submission_id = $1")
+        .bind(&claim.submission_id)
+        .fetch_optional(&mut **tx)
+        .await?;
+    Ok(attempt == Some(claim.attempt))
+}
+
+/// The end of a submission.
+pub(super) struct End<'a> {
+    pub submission_id: &'a str,
+    pub run_id: Option<&'a str>,
+    pub state: SubmissionState,
+}
+
+impl End<'_> {
+    /// Sets the state, drops the job, moves the run's counters, and ends the run where this was the last.
+    pub async fn record(&self, tx: &mut Tx, why: Option<&str>, suite_id: &str, now_ms: i64) -> StoreResult<()> {
+        sqlx::query("UPDATE submissions SET state = $2, error = $3, ended_at_ms = $4 WHERE id = $1")
+            .bind(self.submission_id)
+            .bind(self.state.name())
+            .bind(why)
+            .bind(now_ms)
+            .execute(&mut **tx)
+            .await?;
+        sqlx::query("DELETE FROM jobs WHERE submission_id = $1").bind(self.submission_id).execute(&mut **tx).await?;
+        if let Some(run_id) = self.run_id {
+            let graded = i64::from(self.state == SubmissionState::Graded);
+            let errors = i64::from(self.state == SubmissionState::GraderError);
+            count(tx, run_id, -1, graded, errors).await?;
+            end_if_complete(tx, run_id, suite_id, now_ms).await?;
+        }
+        Ok(())
+    }
+}

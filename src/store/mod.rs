@@ -1,0 +1,134 @@
+//! The store: everything that is kept, in one SQLite file. All SQL is in this room, one file per table.
+//!
+//! One connection writes, in one transaction per change of state; a few read. A write is durable before its function
+//! returns (WAL, synchronous=FULL).
+
+pub mod boards;
+pub mod jobs;
+pub mod reports;
+pub mod runs;
+pub mod submissions;
+pub mod suites;
+
+use std::path::Path;
+use std::sync::{Arc, RwLock};
+use std::time::Duration;
+
+use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::{Sqlite, SqlitePool, Transaction};
+
+use crate::tasks::catalogue::Catalogue;
+
+static MIGRATOR: sqlx::migrate::Migrator = sqlx::migrate!();
+
+/// A write transaction.
+pub type Tx = Transaction<'static, Sqlite>;
+
+/// Connections that read at the same time.
+const READERS: u32 = 4;
+/// How long a statement waits for another process that writes.
+const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// What can go wrong in the store.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// The database refused, failed, or holds something that it should not.
+    #[error("database: {0}")]
+    Database(#[from] sqlx::Error),
+    /// The file's schema could not be brought up to date.
+    #[error("migration: {0}")]
+    Migration(#[from] sqlx::migrate::MigrateError),
+    /// A stored row does not read back as what was written.
+    #[error("row of {table}: {detail}")]
+    Corrupt {
+        /// Table of the row.
+        table: &'static str,
+        /// What is wrong with it.
+        detail: String,
+    },
+}
+
+impl StoreError {
+    /// A stored row that does not read back.
+    pub fn corrupt(table: &'static str, detail: impl std::fmt::Display) -> Self {
+        Self::Corrupt { table, detail: detail.to_string() }
+    }
+}
+
+/// Result of a store function.
+pub type StoreResult<T> = Result<T, StoreError>;
+
+/// Handle to the database; clones share its connections.
+#[derive(Debug, Clone)]
+pub struct Store {
+    writer: SqlitePool,
+    readers: SqlitePool,
+    catalogue: Arc<RwLock<Arc<Catalogue>>>,
+}
+
+impl Store {
+    /// Opens the file, creates it where it is missing, and brings its schema up to date.
+    ///
+    /// # Errors
+    /// Where the file cannot be opened or migrated.
+    pub async fn open(file: &Path) -> StoreResult<Self> {
+        let options = SqliteConnectOptions::new()
+            .filename(file)
+            .create_if_missing(true)
+            .journal_mode(SqliteJournalMode::Wal)
+            .synchronous(SqliteSynchronous::Full)
+            .foreign_keys(true)
+            .busy_timeout(BUSY_TIMEOUT);
+        let writer = SqlitePoolOptions::new()
+            .max_connections(1)
+            .test_before_acquire(false)
+            .idle_timeout(None)
+            .max_lifetime(None)
+            .connect_with(options.clone())
+            .await?;
+        MIGRATOR.run(&writer).await?;
+        let readers = SqlitePoolOptions::new()
+            .max_connections(READERS)
+            .test_before_acquire(false)
+            .idle_timeout(None)
+            .max_lifetime(None)
+            .connect_with(options.read_only(true))
+            .await?;
+        let store = Self { writer, readers, catalogue: Arc::default() };
+        store.refresh_catalogue().await?;
+        Ok(store)
+    }
+
+    /// Begins a write transaction; waits for the one before it.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn begin(&self) -> StoreResult<Tx> {
+        Ok(self.writer.begin_with("BEGIN IMMEDIATE").await?)
+    }
+
+    /// Whether the database answers.
+    ///
+    /// # Errors
+    /// Where it does not.
+    pub async fn ping(&self) -> StoreResult<()> {
+        sqlx::query("SELECT 1").execute(&self.readers).await?;
+        Ok(())
+    }
+
+    /// Closes all connections, so that the file is whole without its WAL.
+    pub async fn close(&self) {
+        self.readers.close().await;
+        self.writer.close().await;
+    }
+}
+
+/// Compresses a body for storage.
+fn compress(bytes: &[u8]) -> StoreResult<Vec<u8>> {
+    zstd::bulk::compress(bytes, 3).map_err(|error| StoreError::corrupt("compression", error))
+}
+
+/// Reads a compressed body back.
+fn decompress(table: &'static str, bytes: &[u8]) -> StoreResult<Vec<u8>> {
+    zstd::stream::decode_all(bytes).map_err(|error| StoreError::corrupt(table, error))
+}

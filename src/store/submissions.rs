@@ -1,0 +1,274 @@
+//! Submissions: what an agent did for one task.
+
+use sqlx::Row as _;
+use sqlx::sqlite::SqliteRow;
+
+use super::runs::{RunState, count, run_in};
+use super::{Store, StoreError, StoreResult, Tx, compress, decompress};
+
+/// State of a submission.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SubmissionState {
+    /// Waits for a worker.
+    Queued,
+    /// A worker grades it.
+    Grading,
+    /// Ended with a report.
+    Graded,
+    /// Ended because it cannot be graded as it is.
+    Rejected,
+    /// Ended by a failure of ours.
+    GraderError,
+    /// Ended by its owner.
+    Cancelled,
+}
+
+impl SubmissionState {
+    const ALL: [Self; 6] =
+        [Self::Queued, Self::Grading, Self::Graded, Self::Rejected, Self::GraderError, Self::Cancelled];
+
+    /// Its name in the API and the database.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Queued => "queued",
+            Self::Grading => "grading",
+            Self::Graded => "graded",
+            Self::Rejected => "rejected",
+            Self::GraderError => "grader_error",
+            Self::Cancelled => "cancelled",
+        }
+    }
+
+    fn read(name: &str) -> StoreResult<Self> {
+        let state = Self::ALL.into_iter().find(|state| state.name() == name);
+        state.ok_or_else(|| StoreError::corrupt("submissions", format!("state {name:?}")))
+    }
+}
+
+/// A submission to store.
+#[derive(Debug, Clone)]
+pub struct NewSubmission {
+    /// Its id, should it be new.
+    pub id: String,
+    /// The run it belongs to.
+    pub run_id: Option<String>,
+    /// `name@version` of the task's suite.
+    pub suite_id: String,
+    /// The task's hash.
+    pub task_hash: String,
+    /// The task's number in the suite.
+    pub task_number: u32,
+    /// SHA-256 of `log_json`, in hex.
+    pub log_hash: String,
+    /// The log as canonical JSON.
+    pub log_json: Vec<u8>,
+    /// Turns of the log.
+    pub turns: usize,
+    /// Events of the log.
+    pub events: usize,
+}
+
+/// What came of storing a submission.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Accepted {
+    /// It is new and queued.
+    New,
+    /// The run holds the same log for this task already, under this id.
+    Same(String),
+    /// The run holds another log for this task, under this id.
+    Other(String),
+    /// The run takes no more submissions.
+    RunClosed,
+}
+
+/// A stored submission, without its log.
+#[derive(Debug, Clone)]
+pub struct SubmissionRow {
+    /// Its id.
+    pub id: String,
+    /// The run it belongs to.
+    pub run_id: Option<String>,
+    /// `name@version` of the task's suite.
+    pub suite_id: String,
+    /// The task's hash.
+    pub task_hash: String,
+    /// The task's number in the suite.
+    pub task_number: i64,
+    /// SHA-256 of the log's canonical JSON, in hex.
+    pub log_hash: String,
+    /// Size of that JSON, in bytes.
+    pub log_bytes: i64,
+    /// Turns of the log.
+    pub turns: i64,
+    /// Events of the log.
+    pub events: i64,
+    /// Its state.
+    pub state: SubmissionState,
+    /// Why it ended without a report.
+    pub error: Option<String>,
+    /// When it was acknowledged.
+    pub created_at_ms: i64,
+    /// When it ended.
+    pub ended_at_ms: Option<i64>,
+    /// Verdict of the latest report.
+    pub overall: Option<bool>,
+    /// Accuracy of the latest report, where it applies.
+    pub accuracy: Option<bool>,
+}
+
+macro_rules! select_submission {
+    ($rest:literal) => {
+        concat!(
+            "SELECT s.id, s.run_id, s.suite_id, s.task_hash, s.task_number, s.log_hash, s.log_bytes, s.turns, s.events,
+                    s.state, s.error, s.created_at_ms, s.ended_at_ms, r.overall, r.accuracy
+             FROM submissions s LEFT JOIN reports r ON r.submission_id = s.id
+              AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = s.id) ",
+            $rest
+        )
+    };
+}
+
+fn read_submission(row: &SqliteRow) -> StoreResult<SubmissionRow> {
+    Ok(SubmissionRow {
+        id: row.try_get(0)?,
+        run_id: row.try_get(1)?,
+        suite_id: row.try_get(2)?,
+        task_hash: row.try_get(3)?,
+        task_number: row.try_get(4)?,
+        log_hash: row.try_get(5)?,
+        log_bytes: row.try_get(6)?,
+        turns: row.try_get(7)?,
+        events: row.try_get(8)?,
+        state: SubmissionState::read(row.try_get(9)?)?,
+        error: row.try_get(10)?,
+        created_at_ms: row.try_get(11)?,
+        ended_at_ms: row.try_get(12)?,
+        overall: row.try_get(13)?,
+        accuracy: row.try_get(14)?,
+    })
+}
+
+impl Store {
+    /// Stores submissions and their jobs in one transaction: all of them, or none where one is refused.
+    ///
+    /// The answers are in the order given. Where all are [`Accepted::New`] or [`Accepted::Same`], they are durable.
+    ///
+    /// # Errors
+    /// Where the database fails; nothing is stored then.
+    pub async fn accept(&self, submissions: &[NewSubmission], now_ms: i64) -> StoreResult<Vec<Accepted>> {
+        let mut logs = Vec::with_capacity(submissions.len());
+        for submission in submissions {
+            logs.push(compress(&submission.log_json)?);
+        }
+        let mut tx = self.begin().await?;
+        let mut answers = Vec::with_capacity(submissions.len());
+        for (submission, log) in submissions.iter().zip(logs) {
+            answers.push(accept_one(&mut tx, submission, log, now_ms).await?);
+        }
+        if answers.iter().all(|answer| matches!(answer, Accepted::New | Accepted::Same(_))) {
+            tx.commit().await?;
+        }
+        Ok(answers)
+    }
+
+    /// The submission with this id.
+    ///
+    /// # Errors
+    /// Where the database fails or the row does not read back.
+    pub async fn submission(&self, id: &str) -> StoreResult<Option<SubmissionRow>> {
+        let row = sqlx::query(select_submission!("WHERE s.id = $1")).bind(id).fetch_optional(&self.readers).await?;
+        row.as_ref().map(read_submission).transpose()
+    }
+
+    /// Live submissions of a run by task number, beginning after `after`, at most `limit`.
+    ///
+    /// # Errors
+    /// Where the database fails or a row does not read back.
+    pub async fn submissions_of_run(&self, run_id: &str, after: i64, limit: i64) -> StoreResult<Vec<SubmissionRow>> {
+        let rows = sqlx::query(select_submission!(
+            "WHERE s.run_id = $1 AND s.superseded = 0 AND s.task_number > $2 ORDER BY s.task_number LIMIT $3"
+        ))
+        .bind(run_id)
+        .bind(after)
+        .bind(limit)
+        .fetch_all(&self.readers)
+        .await?;
+        rows.iter().map(read_submission).collect()
+    }
+
+    /// The log of a submission as canonical JSON.
+    ///
+    /// # Errors
+    /// Where the database fails or the log does not read back.
+    pub async fn log_json(&self, id: &str) -> StoreResult<Option<Vec<u8>>> {
+        let log: Option<Vec<u8>> = sqlx::query_scalar("SELECT log FROM submissions WHERE id = $1")
+            .bind(id)
+            .fetch_optional(&self.readers)
+            .await?;
+        log.map(|log| decompress("submissions", &log)).transpose()
+    }
+
+    /// Number of submissions per state, and the age in milliseconds of the oldest that has not ended.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn backlog(&self, now_ms: i64) -> StoreResult<(i64, i64)> {
+        let (open, oldest): (i64, Option<i64>) =
+            sqlx::query_as("SELECT COUNT(*), MIN(created_at_ms) FROM submissions WHERE ended_at_ms IS NULL")
+                .fetch_one(&self.readers)
+                .await?;
+        Ok((open, oldest.map_or(0, |oldest| (now_ms - oldest).max(0))))
+    }
+}
+
+async fn accept_one(tx: &mut Tx, new: &NewSubmission, log: Vec<u8>, now_ms: i64) -> StoreResult<Accepted> {
+    if let Some(run_id) = &new.run_id {
+        let earlier: Option<(String, String, String)> = sqlx::query_as(
+            "SELECT id, log_hash, state FROM submissions WHERE run_id = $1 AND task_number = $2 AND superseded = 0",
+        )
+        .bind(run_id)
+        .bind(i64::from(new.task_number))
+        .fetch_optional(&mut **tx)
+        .await?;
+        match earlier {
+            Some((id, _, state)) if state == SubmissionState::GraderError.name() => {
+                sqlx::query("UPDATE submissions SET superseded = 1 WHERE id = $1").bind(&id).execute(&mut **tx).await?;
+                count(tx, run_id, 0, 0, -1).await?;
+            }
+            Some((id, log_hash, _)) if log_hash == new.log_hash => return Ok(Accepted::Same(id)),
+            Some((id, _, _)) => return Ok(Accepted::Other(id)),
+            None => {
+                let state = run_in(tx, run_id).await?.map(|run| run.state);
+                if state != Some(RunState::Open) {
+                    return Ok(Accepted::RunClosed);
+                }
+            }
+        }
+        count(tx, run_id, 1, 0, 0).await?;
+    }
+    sqlx::query(
+        "INSERT INTO submissions (id, run_id, suite_id, task_hash, task_number, log_hash, log, log_bytes, turns, events,
+                                  state, created_at_ms)
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 'queued', $11)",
+    )
+    .bind(&new.id)
+    .bind(&new.run_id)
+    .bind(&new.suite_id)
+    .bind(&new.task_hash)
+    .bind(i64::from(new.task_number))
+    .bind(&new.log_hash)
+    .bind(log)
+    .bind(new.log_json.len() as i64)
+    .bind(new.turns as i64)
+    .bind(new.events as i64)
+    .bind(now_ms)
+    .execute(&mut **tx)
+    .await?;
+    sqlx::query("INSERT INTO jobs (submission_id, queued_at_ms) VALUES ($1, $2)")
+        .bind(&new.id)
+        .bind(now_ms)
+        .execute(&mut **tx)
+        .await?;
+    Ok(Accepted::New)
+}

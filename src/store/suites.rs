@@ -1,0 +1,128 @@
+//! Suites and their tasks. A suite never changes once stored; a change is a new version.
+
+use sha2::{Digest as _, Sha256};
+use sqlx::Row as _;
+
+use std::sync::Arc;
+
+use super::{Store, StoreError, StoreResult, Tx};
+use crate::tasks::catalogue::Catalogue;
+use crate::tasks::{Suite, Task, hex};
+
+/// What came of storing a suite.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SuiteStored {
+    /// It is new.
+    Added,
+    /// It was there already, with the same content.
+    Unchanged,
+    /// This name and version are there with another content; nothing was stored.
+    Conflict,
+}
+
+impl Store {
+    /// Stores a suite with its tasks.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn put_suite(&self, suite: &Suite, now_ms: i64) -> StoreResult<SuiteStored> {
+        let hashes: Vec<String> = suite.tasks.iter().map(Task::content_hash).collect();
+        let content_hash = hex(&Sha256::digest(hashes.concat()));
+        let mut tx = self.begin().await?;
+        let stored: Option<String> = sqlx::query_scalar("SELECT content_hash FROM suites WHERE id = $1")
+            .bind(suite.id())
+            .fetch_optional(&mut *tx)
+            .await?;
+        if let Some(stored) = stored {
+            return Ok(if stored == content_hash { SuiteStored::Unchanged } else { SuiteStored::Conflict });
+        }
+        sqlx::query(
+            "INSERT INTO suites (id, name, version, task_count, content_hash, created_at_ms)
+             VALUES ($1, $2, $3, $4, $5, $6)",
+        )
+        .bind(suite.id())
+        .bind(&suite.name)
+        .bind(i64::from(suite.version))
+        .bind(suite.tasks.len() as i64)
+        .bind(&content_hash)
+        .bind(now_ms)
+        .execute(&mut *tx)
+        .await?;
+        for (task, hash) in suite.tasks.iter().zip(&hashes) {
+            let body = serde_json::to_string(task).map_err(|error| StoreError::corrupt("tasks", error))?;
+            sqlx::query(
+                "INSERT INTO tasks (hash, id, family, body) VALUES ($1, $2, $3, $4) ON CONFLICT (hash) DO NOTHING",
+            )
+            .bind(hash)
+            .bind(&task.id)
+            .bind(task.family())
+            .bind(body)
+            .execute(&mut *tx)
+            .await?;
+            sqlx::query("INSERT INTO suite_tasks (suite_id, number, task_hash) VALUES ($1, $2, $3)")
+                .bind(suite.id())
+                .bind(i64::from(task.number))
+                .bind(hash)
+                .execute(&mut *tx)
+                .await?;
+        }
+        tx.commit().await?;
+        Ok(SuiteStored::Added)
+    }
+
+    /// The stored suites as last read.
+    #[must_use]
+    pub fn catalogue(&self) -> Arc<Catalogue> {
+        let held = self.catalogue.read().unwrap_or_else(std::sync::PoisonError::into_inner);
+        Arc::clone(&held)
+    }
+
+    /// Reads the suites again: another process may have added some.
+    ///
+    /// # Errors
+    /// Where the database fails or a task does not read back.
+    pub async fn refresh_catalogue(&self) -> StoreResult<Arc<Catalogue>> {
+        let catalogue = Arc::new(Catalogue::new(self.suites().await?));
+        let mut held = self.catalogue.write().unwrap_or_else(std::sync::PoisonError::into_inner);
+        *held = Arc::clone(&catalogue);
+        Ok(catalogue)
+    }
+
+    /// All suites with their tasks, by name and version.
+    ///
+    /// # Errors
+    /// Where the database fails or a task does not read back.
+    pub async fn suites(&self) -> StoreResult<Vec<Suite>> {
+        let rows = sqlx::query(
+            "SELECT s.name, s.version, t.body
+             FROM suites s JOIN suite_tasks st ON st.suite_id = s.id JOIN tasks t ON t.hash = st.task_hash
+             ORDER BY s.name, s.version, st.number",
+        )
+        .fetch_all(&self.readers)
+        .await?;
+        let mut suites: Vec<Suite> = Vec::new();
+        for row in rows {
+            let name: String = row.try_get(0)?;
+            let version = u32::try_from(row.try_get::<i64, _>(1)?).map_err(|e| StoreError::corrupt("suites", e))?;
+            let body: &str = row.try_get(2)?;
+            let task: Task = serde_json::from_str(body).map_err(|error| StoreError::corrupt("tasks", error))?;
+            match suites.last_mut() {
+                Some(suite) if suite.name == name && suite.version == version => suite.tasks.push(task),
+                _ => suites.push(Suite { name, version, tasks: vec![task] }),
+            }
+        }
+        Ok(suites)
+    }
+}
+
+/// The tasks of a suite as the transaction sees them.
+pub(super) async fn tasks_of(tx: &mut Tx, suite_id: &str) -> StoreResult<Vec<Task>> {
+    let bodies: Vec<String> = sqlx::query_scalar(
+        "SELECT t.body FROM suite_tasks st JOIN tasks t ON t.hash = st.task_hash WHERE st.suite_id = $1
+         ORDER BY st.number",
+    )
+    .bind(suite_id)
+    .fetch_all(&mut **tx)
+    .await?;
+    bodies.iter().map(|body| serde_json::from_str(body).map_err(|error| StoreError::corrupt("tasks", error))).collect()
+}

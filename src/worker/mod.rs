@@ -1,0 +1,208 @@
+//! Workers: take jobs under a lease, grade them on threads of their own, and bring the reports back.
+//!
+//! No transaction is open while grading. A worker that is asked to stop gives its job back unfinished, without
+//! counting the attempt; one that dies leaves a lease that runs out.
+
+use std::panic::AssertUnwindSafe;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use tokio::sync::Notify;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+use crate::clock::now_ms;
+use crate::grading::{Report, grade_log};
+use crate::store::jobs::{Claim, Claimed, MAX_ATTEMPTS};
+use crate::store::submissions::SubmissionState;
+use crate::store::{Store, StoreResult};
+
+/// How workers work.
+#[derive(Debug, Clone, Copy)]
+pub struct WorkerSettings {
+    /// Jobs graded at the same time.
+    pub workers: usize,
+    /// How long a lease lasts unless it is renewed; renewed three times as often.
+    pub lease: Duration,
+    /// How long one grading may take.
+    pub deadline: Duration,
+}
+
+/// How often an idle worker looks for leases that ran out.
+const IDLE_LOOK: Duration = Duration::from_millis(500);
+/// Pause after the database failed.
+const ERROR_PAUSE: Duration = Duration::from_secs(1);
+
+/// The workers of one process.
+#[derive(Debug)]
+pub struct Workers {
+    stop: CancellationToken,
+    running: TaskTracker,
+}
+
+impl Workers {
+    /// Starts the workers. `wake` tells them that there may be work.
+    #[must_use]
+    pub fn start(store: &Store, settings: WorkerSettings, wake: &Arc<Notify>) -> Self {
+        let stop = CancellationToken::new();
+        let running = TaskTracker::new();
+        for _ in 0..settings.workers {
+            let worker = Worker { store: store.clone(), settings, wake: Arc::clone(wake), stop: stop.clone() };
+            running.spawn(worker.run());
+        }
+        running.close();
+        Self { stop, running }
+    }
+
+    /// Asks the workers to stop, and waits until they have given their jobs back.
+    pub async fn shut_down(&self) {
+        self.stop.cancel();
+        self.running.wait().await;
+    }
+}
+
+struct Worker {
+    store: Store,
+    settings: WorkerSettings,
+    wake: Arc<Notify>,
+    stop: CancellationToken,
+}
+
+/// How a grading ended.
+enum Ending {
+    Graded(Box<Report>, Duration),
+    Stopped,
+    Unreadable(String),
+    Panicked,
+}
+
+impl Worker {
+    async fn run(self) {
+        while !self.stop.is_cancelled() {
+            // Listening begins before looking, so that work added in between wakes this worker.
+            let woken = self.wake.notified();
+            tokio::pin!(woken);
+            woken.as_mut().enable();
+            let lease_until_ms = now_ms() + duration_ms(self.settings.lease);
+            match self.store.claim(now_ms(), lease_until_ms).await {
+                Ok(Claimed::Job(claim)) => {
+                    if let Err(error) = self.work(&claim).await {
+                        // The lease runs out and the job is taken again.
+                        tracing::error!(%error, submission = claim.submission_id, "could not record the end of a job");
+                        self.pause(ERROR_PAUSE).await;
+                    }
+                }
+                Ok(Claimed::GivenUp) => metrics::counter!("plumbline_grader_errors_total").increment(1),
+                Ok(Claimed::Nothing) => {
+                    tokio::select! {
+                        () = woken => {}
+                        () = tokio::time::sleep(IDLE_LOOK) => {}
+                        () = self.stop.cancelled() => {}
+                    }
+                }
+                Err(error) => {
+                    tracing::error!(%error, "could not look for jobs");
+                    self.pause(ERROR_PAUSE).await;
+                }
+            }
+        }
+    }
+
+    async fn pause(&self, duration: Duration) {
+        tokio::select! {
+            () = tokio::time::sleep(duration) => {}
+            () = self.stop.cancelled() => {}
+        }
+    }
+
+    async fn work(&self, claim: &Claim) -> StoreResult<()> {
+        let interrupted = Arc::new(AtomicBool::new(false));
+        let (ending, lost) = {
+            let grading = self.grade(claim, Arc::clone(&interrupted));
+            tokio::pin!(grading);
+            let mut heartbeat = tokio::time::interval(self.settings.lease / 3);
+            heartbeat.tick().await;
+            let mut lost = false;
+            loop {
+                tokio::select! {
+                    ending = &mut grading => break (ending, lost),
+                    _ = heartbeat.tick() => {
+                        let until = now_ms() + duration_ms(self.settings.lease);
+                        // A failed renewal is not a lost lease: recording tells in the end.
+                        if let Ok(false) = self.store.renew(claim, until).await {
+                            lost = true;
+                            interrupted.store(true, Ordering::Relaxed);
+                        }
+                    }
+                }
+            }
+        };
+        match ending {
+            Ending::Graded(report, took) => {
+                metrics::histogram!("plumbline_grading_seconds").record(took.as_secs_f64());
+                let took_us = i64::try_from(took.as_micros()).unwrap_or(i64::MAX);
+                if self.store.record(claim, &report, took_us, now_ms()).await? {
+                    metrics::counter!("plumbline_graded_total").increment(1);
+                }
+                Ok(())
+            }
+            Ending::Stopped if lost => Ok(()),
+            Ending::Stopped if self.stop.is_cancelled() => self.store.give_back(claim, false).await,
+            Ending::Stopped => {
+                let limit = self.settings.deadline.as_secs();
+                self.fail(claim, &format!("grading took longer than the limit of {limit} s")).await
+            }
+            Ending::Unreadable(cause) => {
+                tracing::error!(submission = claim.submission_id, cause, "a stored submission cannot be graded");
+                self.fail(claim, "the stored submission could not be read").await
+            }
+            Ending::Panicked if claim.attempt < MAX_ATTEMPTS => self.store.give_back(claim, true).await,
+            Ending::Panicked => self.fail(claim, "the grader failed on this submission").await,
+        }
+    }
+
+    async fn fail(&self, claim: &Claim, why: &str) -> StoreResult<()> {
+        metrics::counter!("plumbline_grader_errors_total").increment(1);
+        self.store.fail(claim, SubmissionState::GraderError, why, now_ms()).await
+    }
+
+    /// Grades on a thread where it may take long, until it ends or is asked to stop.
+    async fn grade(&self, claim: &Claim, interrupted: Arc<AtomicBool>) -> Ending {
+        let log = match claim.read_log() {
+            Ok(log) => log,
+            Err(error) => return Ending::Unreadable(error.to_string()),
+        };
+        let catalogue = self.store.catalogue();
+        let entry = match catalogue.suite(&claim.suite_id).cloned() {
+            Some(entry) => Some(entry),
+            // Another process may have added the suite.
+            None => self.store.refresh_catalogue().await.ok().and_then(|c| c.suite(&claim.suite_id).cloned()),
+        };
+        let Some(entry) = entry else { return Ending::Unreadable(format!("no suite {:?}", claim.suite_id)) };
+        let number = claim.task_number;
+        let stop = self.stop.clone();
+        let begun = Instant::now();
+        let deadline = begun + self.settings.deadline;
+        let span = tracing::Span::current();
+        let work = tokio::task::spawn_blocking(move || {
+            let _in_span = span.enter();
+            let asked = || interrupted.load(Ordering::Relaxed) || stop.is_cancelled() || Instant::now() >= deadline;
+            let grading = || entry.task_numbered(number).map(|(task, _)| grade_log(task, &log, &asked));
+            std::panic::catch_unwind(AssertUnwindSafe(grading))
+        });
+        match work.await {
+            Ok(Ok(Some(Ok(report)))) => Ending::Graded(Box::new(report), begun.elapsed()),
+            Ok(Ok(Some(Err(_stopped)))) => Ending::Stopped,
+            Ok(Ok(None)) => Ending::Unreadable(format!("no task {number} in {:?}", claim.suite_id)),
+            Ok(Err(_)) | Err(_) => {
+                tracing::error!(submission = claim.submission_id, attempt = claim.attempt, "grading panicked");
+                Ending::Panicked
+            }
+        }
+    }
+}
+
+fn duration_ms(duration: Duration) -> i64 {
+    i64::try_from(duration.as_millis()).unwrap_or(i64::MAX)
+}
