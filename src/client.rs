@@ -35,7 +35,7 @@ impl Service {
     /// # Errors
     /// Where no client can be made.
     pub fn at(base: &str) -> anyhow::Result<Self> {
-        let http = Client::builder().timeout(Duration::from_secs(120)).build()?;
+        let http = Client::builder().timeout(Duration::from_mins(2)).build()?;
         Ok(Self { http, base: base.trim_end_matches('/').to_owned() })
     }
 

@@ -3,6 +3,7 @@
 //! The rooms and what each may import are told in ARCHITECTURE.md; `tests/tidy.rs` enforces it.
 
 pub mod app;
+pub mod builders;
 pub mod checks;
 pub mod cli;
 pub mod client;

@@ -1,6 +1,101 @@
-//! The demo agents.
+//! Three demo agents of different skill, who post to the service over HTTP as everybody does.
 
-/// Posts the demo agents to the service at `base`.
+use anyhow::Context as _;
+use serde_json::json;
+
+use crate::builders::build;
+use crate::client::{Answer, Service};
+use crate::tasks::{Suite, Task, embedded};
+use crate::voxel::{BlockLog, Event};
+
+/// Name on the board, and what the agent makes of a good build.
+const AGENTS: [(&str, fn(&Task, BlockLog) -> BlockLog); 3] =
+    [("demo: careful", careful), ("demo: hurried", hurried), ("demo: confused", confused)];
+
+/// Posts the demo agents to the service at `base`; agents that are on the board already are left out.
 pub async fn run(base: String) {
-    let _ = base;
+    match post_all(&base).await {
+        Ok(()) => eprintln!("the demo agents are on the board: {base}/"),
+        Err(error) => tracing::error!(error = format!("{error:#}"), "the demo agents could not be posted"),
+    }
+}
+
+async fn post_all(base: &str) -> anyhow::Result<()> {
+    let service = Service::at(base)?;
+    let full = embedded::full().map_err(|faults| anyhow::anyhow!("{faults:?}"))?;
+    for suite in [embedded::lite(&full), full] {
+        let board = service.get(&format!("/v1/leaderboards/{}", suite.id())).await?;
+        let rows = board["rows"].as_array().context("the board has no rows")?;
+        for (agent, make) in AGENTS {
+            if !rows.iter().any(|row| row["agent"] == agent) {
+                post(&service, &suite, agent, make).await.with_context(|| format!("{agent} in {}", suite.id()))?;
+            }
+        }
+    }
+    Ok(())
+}
+
+async fn post(
+    service: &Service,
+    suite: &Suite,
+    agent: &str,
+    make: fn(&Task, BlockLog) -> BlockLog,
+) -> anyhow::Result<()> {
+    let answer = |task: &Task| build(task).map(|log| Answer { number: task.number, log: make(task, log) });
+    let answers: Vec<Answer> = suite.tasks.iter().filter_map(answer).collect();
+    let run = service.create_run(agent, &suite.id(), json!({ "source": "plumbline serve --demo" })).await?;
+    service.post_answers(&run, &answers, |_| {}).await?;
+    service.finish_run(&run, |_| {}).await?;
+    Ok(())
+}
+
+/// Builds as the reference builders do.
+fn careful(_task: &Task, log: BlockLog) -> BlockLog {
+    log
+}
+
+/// Places the blocks of each material in naive loops, and leaves some out on every third task.
+fn hurried(task: &Task, mut log: BlockLog) -> BlockLog {
+    for turn in &mut log.turns {
+        for part in turn.chunk_by_mut(|a, b| material(a) == material(b)) {
+            part.sort_by_key(|event| match *event {
+                Event::Place { cell, .. } | Event::Remove { cell } => (cell.y, cell.x, cell.z),
+            });
+        }
+        if task.number.is_multiple_of(3) {
+            let mut i = 0;
+            turn.retain(|_| {
+                i += 1;
+                i % 7 != 0
+            });
+        }
+    }
+    log
+}
+
+fn material(event: &Event) -> Option<u32> {
+    match event {
+        Event::Place { material, .. } => Some(*material),
+        Event::Remove { .. } => None,
+    }
+}
+
+/// Builds a block too high on every second task, backwards on every third, and stops halfway on every fifth.
+fn confused(task: &Task, mut log: BlockLog) -> BlockLog {
+    for turn in &mut log.turns {
+        if task.number.is_multiple_of(2) {
+            for event in turn.iter_mut() {
+                if let Event::Place { cell, .. } = event {
+                    *cell = cell.offset(0, 1, 0);
+                }
+            }
+        }
+        if task.number.is_multiple_of(3) {
+            turn.reverse();
+        }
+        if task.number.is_multiple_of(5) {
+            turn.truncate(turn.len() / 2);
+        }
+    }
+    log
 }

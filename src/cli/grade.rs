@@ -22,7 +22,7 @@ use crate::voxel::Fault;
 pub struct GradeArgs {
     /// Raw records, one JSON object a line.
     pub file: PathBuf,
-    /// Print one JSON object with check_level, problem_level, graded and passed_runs.
+    /// Print one JSON object with `check_level`, `problem_level`, graded and `passed_runs`.
     #[arg(long)]
     pub json: bool,
     /// Grade only the problems of the Lite draw with this seed (the published one is 42).

@@ -57,11 +57,12 @@ pub fn read_task_files(files: &[TaskFile<'_>]) -> Result<Vec<Task>, Vec<TaskFile
     if problems.is_empty() { Ok(tasks) } else { Err(problems) }
 }
 
-/// The family of a file: its name without extension, with all but letters, digits, dots, dashes and underscores
-/// made dashes, so that ids need no escaping.
+/// The family of a file: its name without extension, with each run of characters other than letters, digits, dots and
+/// underscores made one dash, so that ids need no escaping.
 fn family_name(file_name: &str) -> String {
     let stem = file_name.strip_suffix(".json").unwrap_or(file_name);
-    stem.chars().map(|c| if c.is_ascii_alphanumeric() || "._-".contains(c) { c } else { '-' }).collect()
+    let words = stem.split(|c: char| !c.is_ascii_alphanumeric() && c != '.' && c != '_');
+    words.filter(|word| !word.is_empty()).collect::<Vec<_>>().join("-")
 }
 
 fn read_items(value: &Value, family: &str, tasks: &mut Vec<Task>, faults: &mut Faults) {
@@ -104,13 +105,12 @@ fn read_prompts(wording: &Value, turns: usize, faults: &mut Faults) -> Vec<Strin
     }
     let mut texts = Vec::new();
     for (t, prompt) in prompts.iter().enumerate() {
-        match prompt.as_str() {
-            Some(text) => texts.push(text.to_owned()),
-            None => {
-                faults.enter_index(t);
-                faults.add("expected a string");
-                faults.leave();
-            }
+        if let Some(text) = prompt.as_str() {
+            texts.push(text.to_owned())
+        } else {
+            faults.enter_index(t);
+            faults.add("expected a string");
+            faults.leave();
         }
     }
     texts
@@ -219,6 +219,6 @@ mod tests {
         let files = [TaskFile { name: "arch.json", text: one }, TaskFile { name: "arch-stress(2).json", text: two }];
         let tasks = read_task_files(&files).unwrap();
         let ids: Vec<_> = tasks.iter().map(|task| (task.number, task.id.as_str())).collect();
-        assert_eq!(ids, [(1, "arch-stress-2-/01-w1"), (2, "arch-stress-2-/01-w2"), (3, "arch/01-w1")]);
+        assert_eq!(ids, [(1, "arch-stress-2/01-w1"), (2, "arch-stress-2/01-w2"), (3, "arch/01-w1")]);
     }
 }

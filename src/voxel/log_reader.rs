@@ -321,7 +321,7 @@ struct ActionShape<'f> {
     faults: &'f mut Faults,
 }
 
-impl<'de> Shape<'de> for ActionShape<'_> {
+impl Shape<'_> for ActionShape<'_> {
     type Out = Action;
 
     fn wanted(&self) -> &'static str {
@@ -348,7 +348,7 @@ struct MaterialShape<'r, 'f> {
     reader: &'r mut Reader<'f>,
 }
 
-impl<'de> Shape<'de> for MaterialShape<'_, '_> {
+impl Shape<'_> for MaterialShape<'_, '_> {
     type Out = MaterialId;
 
     fn wanted(&self) -> &'static str {
@@ -551,7 +551,7 @@ mod tests {
 
     #[test]
     fn one_event_too_many_is_counted_not_kept() {
-        let text = format!(r#"[{{"palette":["stone"],"rows":[{}]}}]"#, vec!["[0,0,0,0]"; 9].join(","));
+        let text = format!(r#"[{{"palette":["stone"],"rows":[{}]}}]"#, ["[0,0,0,0]"; 9].join(","));
         assert_eq!(faults_of(&text), ["9 events; at most 5 are allowed"]);
     }
 }

@@ -155,7 +155,7 @@ pub struct Text<'f> {
     pub max_chars: usize,
 }
 
-impl<'de> Shape<'de> for Text<'_> {
+impl Shape<'_> for Text<'_> {
     type Out = String;
 
     fn wanted(&self) -> &'static str {
@@ -196,7 +196,7 @@ pub struct Integer<'f> {
     pub max: i64,
 }
 
-impl<'de> Shape<'de> for Integer<'_> {
+impl Shape<'_> for Integer<'_> {
     type Out = i64;
 
     fn wanted(&self) -> &'static str {

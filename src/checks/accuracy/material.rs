@@ -194,8 +194,8 @@ macro_rules! region_rule {
     };
 }
 
-const X: fn(Cell) -> i64 = |c| c.x as i64;
-const Z: fn(Cell) -> i64 = |c| c.z as i64;
+const X: fn(Cell) -> i64 = |c| i64::from(c.x);
+const Z: fn(Cell) -> i64 = |c| i64::from(c.z);
 
 region_rule!(
     /// Corners of one level: the entries with the greatest x+z, x-z, -x+z or -x-z.

@@ -138,7 +138,7 @@ struct TaskShape<'f> {
     faults: &'f mut Faults,
 }
 
-impl<'de> Shape<'de> for TaskShape<'_> {
+impl Shape<'_> for TaskShape<'_> {
     type Out = TaskRef;
 
     fn wanted(&self) -> &'static str {
