@@ -82,8 +82,7 @@ async fn as_problem(request: Request, next: Next) -> Response {
     let problem = match status {
         StatusCode::NOT_FOUND => ApiError::not_found(format!("there is nothing at {asked}")),
         StatusCode::METHOD_NOT_ALLOWED => {
-            let allowed = parts.headers.get(header::ALLOW).and_then(|allow| allow.to_str().ok()).unwrap_or_default();
-            let detail = format!("{asked} is not possible; allowed: {allowed}");
+            let detail = format!("{asked} is not possible; the Allow header names what is");
             ApiError::new(status, "method-not-allowed", "Method not allowed", detail)
         }
         StatusCode::REQUEST_TIMEOUT => {

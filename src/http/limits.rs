@@ -13,7 +13,7 @@ pub struct Limits {
     pub body_bytes: usize,
     /// Bytes of all bodies being read at the same time; a request beyond it is asked to come back (503).
     pub bodies_in_memory_bytes: usize,
-    /// Levels of nested arrays and objects in JSON.
+    /// Levels of nested arrays and objects in a run's metadata; elsewhere nothing nests deeper than the formats say.
     pub json_depth: u32,
     /// Submissions in one NDJSON body.
     pub ndjson_lines: usize,

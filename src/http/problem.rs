@@ -91,13 +91,11 @@ impl ApiError {
     /// 422: the body is JSON, and parts of it are wrong.
     #[must_use]
     pub fn faulty(faults: Faults) -> Self {
-        let total = faults.total();
-        let mut error = Self::new(
-            StatusCode::UNPROCESSABLE_ENTITY,
-            "invalid-body",
-            "The body has faults",
-            format!("{total} faults"),
-        );
+        let detail = match faults.total() {
+            1 => "1 fault".to_owned(),
+            total => format!("{total} faults"),
+        };
+        let mut error = Self::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid-body", "The body has faults", detail);
         error.problem.faults = faults.into_list().into_iter().map(FaultBody::from).collect();
         error
     }

@@ -4,6 +4,7 @@ pub mod documents;
 pub mod health;
 pub mod leaderboards;
 pub mod limits;
+pub mod reports;
 pub mod runs;
 pub mod submission_body;
 pub mod submissions;
@@ -47,8 +48,8 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(runs::list_run_submissions))
         .routes(routes!(submissions::create_submission))
         .routes(routes!(submissions::get_submission))
-        .routes(routes!(submissions::get_report))
-        .routes(routes!(submissions::get_log))
+        .routes(routes!(reports::get_report))
+        .routes(routes!(reports::get_log))
         .routes(routes!(tasks::list_tasks))
         .routes(routes!(tasks::get_task))
         .routes(routes!(suites::list_suites))

@@ -17,8 +17,7 @@ use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use super::submission_body::{PostedSubmission, TaskRef, check_against_task, read_submissions};
 use crate::clock::{now_ms, rfc3339};
-use crate::grading::Report;
-use crate::store::submissions::{Accepted, NewSubmission, SubmissionRow, SubmissionState};
+use crate::store::submissions::{Accepted, NewSubmission, SubmissionRow};
 use crate::tasks::catalogue::Entry;
 use crate::tasks::embedded::FULL;
 use crate::tasks::hex;
@@ -323,7 +322,11 @@ fn accepted_bodies(
     Err(ApiError::conflict(kind, detail).with_faults(conflicts))
 }
 
-async fn stored(state: &AppState, id: &str) -> ApiResult<SubmissionRow> {
+/// The submission with this id.
+///
+/// # Errors
+/// 404 where there is none.
+pub async fn stored(state: &AppState, id: &str) -> ApiResult<SubmissionRow> {
     let row = state.store.submission(id).await?;
     row.ok_or_else(|| ApiError::not_found(format!("there is no submission {id:?}")))
 }
@@ -343,86 +346,4 @@ pub async fn get_submission(State(state): State<AppState>, Path(id): Path<String
     let row = stored(&state, &id).await?;
     let entry = state.suite(&row.suite_id).await?;
     Ok(Json(SubmissionBody::of(row, &entry)))
-}
-
-/// A report with where it came from.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub struct ReportBody {
-    /// The submission.
-    pub submission: String,
-    /// Scores and evidence.
-    #[serde(flatten)]
-    pub report: Report,
-    /// Where the report came from.
-    pub provenance: Provenance,
-}
-
-/// Where a report came from.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub struct Provenance {
-    /// SHA-256 of the log's canonical JSON, in hex.
-    pub log_hash: String,
-    /// `name@version` of the task's suite.
-    pub suite: String,
-    /// Program and version that graded.
-    #[schema(example = "plumbline 0.1.0")]
-    pub grader: String,
-    /// Attempt that made the report.
-    pub attempt: i64,
-    /// When.
-    pub graded_at: String,
-    /// How long grading took, in microseconds.
-    pub grading_us: i64,
-}
-
-/// The report: per turn, check and criterion what was measured and what was required, with the cells that show it.
-#[utoipa::path(
-    get, path = "/v1/submissions/{id}/report", operation_id = "get_report", tag = "submissions", summary = "Get a report",
-    params(("id" = String, Path, description = "The submission's id")),
-    responses(
-        (status = 200, description = "The report", body = ReportBody,
-         example = json!({ "submission": "0198c0de-0000-7000-8000-000000000001", "overall": true, "accuracy": true,
-                           "criteria": [], "turns": [], "advisories": [] })),
-        (status = 404, description = "There is no such submission", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "It is not graded, not yet or not at all", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
-    )
-)]
-pub async fn get_report(State(state): State<AppState>, Path(id): Path<String>) -> ApiResult<Json<ReportBody>> {
-    let row = stored(&state, &id).await?;
-    let Some(stored) = state.store.report(&id).await? else {
-        let error = ApiError::conflict("not-graded", format!("the submission is {}", row.state.name()));
-        let is_coming = matches!(row.state, SubmissionState::Queued | SubmissionState::Grading);
-        return Err(if is_coming { error.retry_after(1) } else { error });
-    };
-    Ok(Json(ReportBody {
-        submission: row.id,
-        report: stored.report,
-        provenance: Provenance {
-            log_hash: row.log_hash,
-            suite: row.suite_id,
-            grader: stored.grader,
-            attempt: stored.attempt,
-            graded_at: rfc3339(stored.graded_at_ms),
-            grading_us: stored.grading_us,
-        },
-    }))
-}
-
-/// The log as stored: canonical JSON, whose SHA-256 is the log hash.
-#[utoipa::path(
-    get, path = "/v1/submissions/{id}/log", operation_id = "get_log", tag = "submissions", summary = "Get a log",
-    params(("id" = String, Path, description = "The submission's id")),
-    responses(
-        (status = 200, description = "One palette; per turn rows [x, y, z, i] or [x, y, z]", body = Value,
-         example = json!({ "palette": ["stone"], "turns": [[[0, 0, 0, 0]]] })),
-        (status = 404, description = "There is no such submission", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
-    )
-)]
-pub async fn get_log(State(state): State<AppState>, Path(id): Path<String>) -> ApiResult<Response> {
-    let log = state.store.log_json(&id).await?;
-    let log = log.ok_or_else(|| ApiError::not_found(format!("there is no submission {id:?}")))?;
-    Ok(([(header::CONTENT_TYPE, "application/json")], log).into_response())
 }

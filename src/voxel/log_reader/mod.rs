@@ -7,10 +7,40 @@
 use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess};
 
 use super::block_log::{BlockLog, Event, Turn};
-use super::cell::{Cell, MAX_HORIZONTAL, MAX_Y, MIN_Y};
 use super::faults::Faults;
 use super::palette::{MaterialId, Palette};
-use super::tolerant::{Integer, Read, Scalar, Shape, Text};
+use super::tolerant::{Read, Shape};
+
+/// Reads the value of the member just named, with faults placed at it.
+macro_rules! member {
+    ($members:expr, $reader:expr, $key:expr, $shape:expr) => {{
+        $reader.faults.enter_key($key);
+        let value = $members.next_value_seed(Read($shape));
+        $reader.faults.leave();
+        value?
+    }};
+}
+
+/// An array whose elements are read one by one with the same shape.
+macro_rules! array_of {
+    ($elements:ident, $reader:ident, $shape:expr, |$i:ident, $item:ident| $keep:block) => {{
+        let mut $i = 0usize;
+        loop {
+            $reader.faults.enter_index($i);
+            let item = $elements.next_element_seed(Read($shape));
+            $reader.faults.leave();
+            let Some($item) = item? else { break };
+            $keep
+            $i += 1;
+        }
+    }};
+}
+
+mod events;
+mod rows;
+
+use events::EventsShape;
+use rows::{PaletteShape, Row, RowsShape};
 
 /// What a log may hold at most. Served at `/v1/limits`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -96,16 +126,6 @@ impl Reader<'_> {
     }
 }
 
-/// Reads the value of the member just named, with faults placed at it.
-macro_rules! member {
-    ($members:expr, $reader:expr, $key:expr, $shape:expr) => {{
-        $reader.faults.enter_key($key);
-        let value = $members.next_value_seed(Read($shape));
-        $reader.faults.leave();
-        value?
-    }};
-}
-
 struct TurnShape<'r, 'f> {
     reader: &'r mut Reader<'f>,
 }
@@ -186,302 +206,6 @@ fn resolve_rows(reader: &mut Reader<'_>, rows: Vec<Row>, names: &[MaterialId]) -
     }
     reader.faults.leave();
     turn
-}
-
-/// An array whose elements are read one by one with the same shape.
-macro_rules! array_of {
-    ($elements:ident, $reader:ident, $shape:expr, |$i:ident, $item:ident| $keep:block) => {{
-        let mut $i = 0usize;
-        loop {
-            $reader.faults.enter_index($i);
-            let item = $elements.next_element_seed(Read($shape));
-            $reader.faults.leave();
-            let Some($item) = item? else { break };
-            $keep
-            $i += 1;
-        }
-    }};
-}
-
-struct EventsShape<'r, 'f> {
-    reader: &'r mut Reader<'f>,
-}
-
-impl<'de> Shape<'de> for EventsShape<'_, '_> {
-    type Out = Turn;
-
-    fn wanted(&self) -> &'static str {
-        "an array of events"
-    }
-
-    fn faults(&mut self) -> &mut Faults {
-        self.reader.faults
-    }
-
-    fn array<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Option<Turn>, A::Error> {
-        let reader = self.reader;
-        let mut turn = Turn::new();
-        array_of!(elements, reader, EventShape { reader: &mut *reader }, |i, event| {
-            if reader.count_event() {
-                turn.extend(event);
-            }
-        });
-        Ok(Some(turn))
-    }
-}
-
-struct EventShape<'r, 'f> {
-    reader: &'r mut Reader<'f>,
-}
-
-#[derive(Clone, Copy, PartialEq)]
-enum Action {
-    Place,
-    Remove,
-}
-
-impl<'de> Shape<'de> for EventShape<'_, '_> {
-    type Out = Event;
-
-    fn wanted(&self) -> &'static str {
-        "an event: an object with \"action\", \"x\", \"y\", \"z\" and, to place, \"material\""
-    }
-
-    fn faults(&mut self) -> &mut Faults {
-        self.reader.faults
-    }
-
-    fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<Event>, A::Error> {
-        let reader = self.reader;
-        let mut action = None;
-        let mut at: [Option<Option<i64>>; 3] = [None; 3];
-        let mut material = None;
-        while let Some(key) = members.next_key::<std::borrow::Cow<'de, str>>()? {
-            match &*key {
-                "action" if action.is_none() => {
-                    action = Some(member!(members, reader, "action", ActionShape { faults: &mut *reader.faults }));
-                }
-                "material" if material.is_none() => {
-                    material = Some(member!(members, reader, "material", MaterialShape { reader: &mut *reader }));
-                }
-                axis @ ("x" | "y" | "z") if at[axis_index(axis)].is_none() => {
-                    let i = axis_index(axis);
-                    at[i] = Some(member!(members, reader, axis, coordinate(i, reader.faults)));
-                }
-                "action" | "material" | "x" | "y" | "z" => {
-                    reader.faults.add_at(&key, "given twice");
-                    members.next_value::<IgnoredAny>()?;
-                }
-                unknown => {
-                    reader.faults.add_at(unknown, "unknown field; an event has action, x, y, z and material");
-                    members.next_value::<IgnoredAny>()?;
-                }
-            }
-        }
-        for (axis, value) in ["x", "y", "z"].iter().zip(&at) {
-            if value.is_none() {
-                reader.faults.add_at(axis, "missing");
-            }
-        }
-        if action.is_none() {
-            reader.faults.add_at("action", "missing: \"place\" or \"remove\"");
-        }
-        if action == Some(Some(Action::Place)) && material.is_none() {
-            reader.faults.add_at("material", "missing: to place a block, its material must be named");
-        }
-        let cell = cell_of(at.map(Option::flatten));
-        Ok(match (action.flatten(), cell, material.flatten()) {
-            (Some(Action::Place), Some(cell), Some(material)) => Some(Event::Place { cell, material }),
-            (Some(Action::Remove), Some(cell), _) => Some(Event::Remove { cell }),
-            _ => None,
-        })
-    }
-}
-
-fn axis_index(axis: &str) -> usize {
-    match axis {
-        "x" => 0,
-        "y" => 1,
-        _ => 2,
-    }
-}
-
-fn cell_of(at: [Option<i64>; 3]) -> Option<Cell> {
-    let [x, y, z] = at;
-    Some(Cell::new(i32::try_from(x?).ok()?, i32::try_from(y?).ok()?, i32::try_from(z?).ok()?))
-}
-
-/// The coordinate on axis 0 (x), 1 (y) or 2 (z), within the supported range.
-fn coordinate(axis: usize, faults: &mut Faults) -> Integer<'_> {
-    let (min, max) = if axis == 1 { (MIN_Y, MAX_Y) } else { (-MAX_HORIZONTAL, MAX_HORIZONTAL) };
-    Integer { faults, min: i64::from(min), max: i64::from(max) }
-}
-
-struct ActionShape<'f> {
-    faults: &'f mut Faults,
-}
-
-impl Shape<'_> for ActionShape<'_> {
-    type Out = Action;
-
-    fn wanted(&self) -> &'static str {
-        "\"place\" or \"remove\""
-    }
-
-    fn faults(&mut self) -> &mut Faults {
-        self.faults
-    }
-
-    fn scalar(self, value: &Scalar<'_>) -> Option<Action> {
-        match value {
-            Scalar::Text("place") => Some(Action::Place),
-            Scalar::Text("remove") => Some(Action::Remove),
-            other => {
-                self.faults.add(format!("expected \"place\" or \"remove\", found {other}"));
-                None
-            }
-        }
-    }
-}
-
-struct MaterialShape<'r, 'f> {
-    reader: &'r mut Reader<'f>,
-}
-
-impl Shape<'_> for MaterialShape<'_, '_> {
-    type Out = MaterialId;
-
-    fn wanted(&self) -> &'static str {
-        "a material name"
-    }
-
-    fn faults(&mut self) -> &mut Faults {
-        self.reader.faults
-    }
-
-    fn scalar(self, value: &Scalar<'_>) -> Option<MaterialId> {
-        if let Scalar::Text(name) = value
-            && let Some(id) = self.reader.palette.get(name)
-        {
-            return Some(id);
-        }
-        let max_chars = self.reader.limits.max_material_chars;
-        let name = Text { faults: self.reader.faults, min_chars: 0, max_chars }.scalar(value)?;
-        Some(self.reader.intern(&name))
-    }
-}
-
-struct PaletteShape<'r, 'f> {
-    reader: &'r mut Reader<'f>,
-}
-
-impl<'de> Shape<'de> for PaletteShape<'_, '_> {
-    type Out = Vec<MaterialId>;
-
-    fn wanted(&self) -> &'static str {
-        "an array of material names"
-    }
-
-    fn faults(&mut self) -> &mut Faults {
-        self.reader.faults
-    }
-
-    fn array<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Option<Vec<MaterialId>>, A::Error> {
-        let reader = self.reader;
-        let mut names = Vec::new();
-        array_of!(elements, reader, MaterialShape { reader: &mut *reader }, |i, name| {
-            if names.len() <= reader.limits.max_materials {
-                names.push(name.unwrap_or(0));
-            }
-        });
-        if names.len() > reader.limits.max_materials {
-            reader.faults.add(format!("more than {} materials", reader.limits.max_materials));
-        }
-        Ok(Some(names))
-    }
-}
-
-struct RowsShape<'r, 'f> {
-    reader: &'r mut Reader<'f>,
-}
-
-struct Row {
-    index: usize,
-    cell: Cell,
-    material: Option<i64>,
-}
-
-impl<'de> Shape<'de> for RowsShape<'_, '_> {
-    type Out = Vec<Row>;
-
-    fn wanted(&self) -> &'static str {
-        "an array of rows [x, y, z, i] or [x, y, z]"
-    }
-
-    fn faults(&mut self) -> &mut Faults {
-        self.reader.faults
-    }
-
-    fn array<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Option<Vec<Row>>, A::Error> {
-        let reader = self.reader;
-        let mut rows = Vec::new();
-        array_of!(elements, reader, RowShape { index: i, faults: &mut *reader.faults }, |i, row| {
-            if reader.count_event() {
-                rows.extend(row);
-            }
-        });
-        Ok(Some(rows))
-    }
-}
-
-struct RowShape<'f> {
-    index: usize,
-    faults: &'f mut Faults,
-}
-
-impl<'de> Shape<'de> for RowShape<'_> {
-    type Out = Row;
-
-    fn wanted(&self) -> &'static str {
-        "a row: [x, y, z, i] places palette entry i, [x, y, z] removes"
-    }
-
-    fn faults(&mut self) -> &mut Faults {
-        self.faults
-    }
-
-    fn array<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Option<Row>, A::Error> {
-        let faults = self.faults;
-        let mut at = [None; 3];
-        let mut material = None;
-        let mut length = 0usize;
-        loop {
-            faults.enter_index(length);
-            let value = match length {
-                0..=2 => elements.next_element_seed(Read(coordinate(length, faults))),
-                3 => elements.next_element_seed(Read(Integer { faults, min: 0, max: i64::from(u32::MAX) })),
-                _ => elements.next_element::<IgnoredAny>().map(|ignored| ignored.map(|_| None)),
-            };
-            faults.leave();
-            let Some(value) = value? else { break };
-            match length {
-                0..=2 => at[length] = value,
-                3 => material = Some(value),
-                _ => {}
-            }
-            length += 1;
-        }
-        if !(3..=4).contains(&length) {
-            faults.add(format!("expected 3 or 4 numbers, found {length} values"));
-            return Ok(None);
-        }
-        let Some(cell) = cell_of(at) else { return Ok(None) };
-        Ok(match material {
-            None => Some(Row { index: self.index, cell, material: None }),
-            Some(Some(i)) => Some(Row { index: self.index, cell, material: Some(i) }),
-            Some(None) => None,
-        })
-    }
 }
 
 /// Reads the array of turns of a log from a whole JSON document.

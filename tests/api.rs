@@ -1,0 +1,187 @@
+//! The API over a real socket: runs, submissions, reports, boards.
+
+mod support;
+
+use std::collections::BTreeMap;
+
+use reqwest::StatusCode;
+use serde_json::{Value, json};
+use support::{Service, repository};
+
+fn service() -> (tempfile::TempDir, Service) {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &[]);
+    (folder, service)
+}
+
+/// The recorded run: per problem its number and, per turn, the cumulative blocks.
+fn recorded() -> BTreeMap<u64, Vec<Value>> {
+    let text = std::fs::read_to_string(repository("tests/conformance/run.jsonl")).unwrap();
+    let mut problems: BTreeMap<u64, Vec<Value>> = BTreeMap::new();
+    for line in text.lines() {
+        let record: Value = serde_json::from_str(line).unwrap();
+        problems.entry(record["run_idx"].as_u64().unwrap()).or_default().push(record["coords"].clone());
+    }
+    problems
+}
+
+/// Events of a turn: cells that are gone are removed, those that are new are placed.
+fn events(before: &Value, after: &Value) -> Vec<Value> {
+    let cell = |b: &Value| (b["x"].as_i64(), b["y"].as_i64(), b["z"].as_i64());
+    let stood: Vec<_> = before.as_array().into_iter().flatten().collect();
+    let stands: Vec<_> = after.as_array().unwrap().iter().collect();
+    let event = |action: &str, b: &Value| {
+        let mut event = b.clone();
+        event["action"] = json!(action);
+        event
+    };
+    let gone = stood.iter().filter(|b| !stands.iter().any(|s| cell(s) == cell(b)));
+    let new = stands.iter().filter(|b| !stood.contains(b));
+    gone.map(|b| event("remove", b)).chain(new.map(|b| event("place", b))).collect()
+}
+
+fn assert_close(path: &str, found: &Value, expected: &Value) {
+    match expected {
+        Value::Object(members) => {
+            members.iter().for_each(|(key, value)| assert_close(&format!("{path}/{key}"), &found[key], value));
+        }
+        Value::Null => assert!(found.is_null(), "{path}: {found}"),
+        _ => {
+            let (a, b) = (found.as_f64().unwrap(), expected.as_f64().unwrap());
+            assert!((a - b).abs() <= 1e-6 * b.abs().max(1.0), "{path}: {a}, expected {b}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn the_recorded_run_gives_the_published_board_row() {
+    let (_folder, service) = service();
+    let run = service.begin_run("synthetic-a", "mineceraft").await;
+    let problems = recorded();
+    let lines: Vec<String> = problems
+        .iter()
+        .map(|(number, coords)| {
+            let before = std::iter::once(&Value::Null).chain(coords);
+            let turns: Vec<Value> =
+                before.zip(coords).map(|(before, after)| json!({ "events": events(before, after) })).collect();
+            json!({ "run": run, "task": number, "turns": turns }).to_string()
+        })
+        .collect();
+    for batch in lines.chunks(200) {
+        let answer = service.post("/v1/submissions", "application/x-ndjson", batch.join("\n")).await;
+        assert_eq!(answer.status, StatusCode::ACCEPTED, "{}", answer.text);
+        assert_eq!(answer.json()["submissions"].as_array().unwrap().len(), batch.len());
+    }
+    service.wait_for(&format!("/v1/runs/{run}"), |run| run["state"] == "finished").await;
+    let board = service.get("/v1/leaderboards/mineceraft").await.json();
+    let row = &board["rows"][0];
+    let expected: Value =
+        serde_json::from_slice(&std::fs::read(repository("tests/conformance/run_expected.json")).unwrap()).unwrap();
+    assert_eq!((&row["agent"], &row["run"], &row["rank"]), (&json!("synthetic-a"), &json!(run), &json!(1)));
+    assert_close("overall", &row["overall"], &expected["problem_level"]["overall"]);
+    assert_close("accuracy", &row["accuracy"], &expected["problem_level"]["accuracy"]);
+    assert_close("checks", &row["checks"], &expected["check_level"]);
+    assert_close("graded", &row["graded"], &expected["graded"]);
+    let mut problems = expected["problem_level"].clone();
+    problems.as_object_mut().unwrap().remove("overall");
+    assert_close("problems", &row["problems"], &problems);
+    assert_eq!(row["coverage"], json!({ "pass": 723, "of": 723, "rate": 1.0 }));
+}
+
+/// A wall of 5 x 5 as task 113 wants it, in the compact form; `flaw` changes its rows.
+fn wall(run: Option<&str>, flaw: impl Fn(&mut Vec<Value>)) -> Value {
+    let mut rows = Vec::new();
+    for y in 0..5 {
+        for i in 0..5 {
+            rows.push(json!([0, y, if y % 2 == 0 { i } else { 4 - i }, 0]));
+        }
+    }
+    flaw(&mut rows);
+    let mut body = json!({ "task": 113, "turns": [{ "palette": ["stone"], "rows": rows }] });
+    if let Some(run) = run {
+        body["run"] = json!(run);
+    }
+    body
+}
+
+#[tokio::test]
+async fn a_report_tells_what_was_measured_and_where() {
+    let (_folder, service) = service();
+    let answer = service.post_json("/v1/submissions", &wall(None, |rows| rows[24] = json!([0, 9, 0, 0]))).await;
+    assert_eq!(answer.status, StatusCode::ACCEPTED, "{}", answer.text);
+    let path = answer.headers["location"].to_str().unwrap().to_owned();
+    let ended = service.wait_for(&path, |s| !s["ended_at"].is_null()).await;
+    assert_eq!((&ended["state"], &ended["overall"]), (&json!("graded"), &json!(false)));
+    assert_eq!(ended["task"], "1-se-2-walls/01-w1");
+    let report = service.get(&format!("{path}/report")).await.json();
+    let checks = report["turns"][0]["checks"].as_array().unwrap();
+    let floating = checks.iter().find(|c| c["criterion"] == "physical_plausibility").unwrap();
+    assert_eq!((&floating["score"], &floating["measured"]), (&json!(0.0), &json!(1)));
+    assert_eq!(floating["witnesses"], json!([{ "cell": [0, 9, 0], "why": "floats" }]));
+    assert_eq!(report["provenance"]["log_hash"], ended["log_hash"]);
+    let log = service.get(&format!("{path}/log")).await;
+    assert_eq!(log.json()["palette"], json!(["stone"]));
+}
+
+#[tokio::test]
+async fn a_run_takes_one_answer_a_task_and_finishes_when_told() {
+    let (_folder, service) = service();
+    let run = service.begin_run("tester", "mineceraft@1").await;
+    let first = service.post_json("/v1/submissions", &wall(Some(&run), |_| {})).await.json();
+    let again = service.post_json("/v1/submissions", &wall(Some(&run), |_| {})).await;
+    assert_eq!(again.status, StatusCode::ACCEPTED);
+    assert_eq!(again.json(), json!({ "id": first["id"], "repeated": true }));
+    let other = service.post_json("/v1/submissions", &wall(Some(&run), |rows| drop(rows.pop()))).await;
+    assert_eq!(other.faults(409), ["null /task"]);
+
+    let path = format!("/v1/runs/{run}");
+    service.post_json(&format!("{path}/finish"), &json!({})).await;
+    let finished = service.wait_for(&path, |run| run["state"] == "finished").await;
+    assert_eq!((&finished["graded"], &finished["tasks"]), (&json!(1), &json!(723)));
+    let summary = &finished["summary"];
+    assert_eq!(summary["problem_level"]["overall"]["pass"], 1);
+    assert_eq!(summary["problem_level"]["overall"]["of"], 723, "tasks without an answer count as failed");
+    assert_eq!(summary["problem_level"]["efficiency"]["of"], 112);
+    assert_eq!(summary["graded"]["efficiency"], json!({ "n": 1, "mean": 1.0 }), "means are over what was graded");
+    let late = json!({ "run": run, "task": 1, "turns": [{ "events": [] }] });
+    assert_eq!(service.post_json("/v1/submissions", &late).await.faults(409), ["null /run"]);
+    let page = service.get(&format!("{path}/submissions")).await.json();
+    assert_eq!(page["submissions"][0]["id"], first["id"]);
+}
+
+#[tokio::test]
+async fn ndjson_is_accepted_whole_or_not_at_all() {
+    let (_folder, service) = service();
+    let run = service.begin_run("tester", "mineceraft").await;
+    let good = wall(Some(&run), |_| {}).to_string();
+    let body = format!("{good}\n\n{{\"run\":\"{run}\",\"task\":1,\"turns\":[{{\"events\":[{{}}]}}]}}");
+    let faults = service.post("/v1/submissions", "application/x-ndjson", body).await.faults(422);
+    assert!(faults.iter().all(|fault| fault.starts_with("3 /turns/0/events/0/")), "{faults:?}");
+    let run = service.get(&format!("/v1/runs/{run}")).await.json();
+    assert_eq!((&run["pending"], &run["graded"]), (&json!(0), &json!(0)));
+}
+
+#[tokio::test]
+async fn documents_of_the_service_are_there() {
+    let (_folder, service) = service();
+    assert_eq!(service.get("/healthz").await.json()["status"], "ok");
+    assert_eq!(service.get("/readyz").await.json()["status"], "ok");
+    let limits = service.get("/v1/limits").await.json();
+    assert_eq!(limits["body_bytes"], 32 << 20);
+    assert_eq!(service.get("/openapi.json").await.json()["openapi"], "3.1.0");
+    assert!(service.get("/metrics").await.text.contains("plumbline_submissions_not_ended 0"));
+    let docs = service.get("/docs/").await;
+    assert!(docs.text.contains("swagger-ui"));
+    let suites = service.get("/v1/suites").await.json();
+    let ids: Vec<&Value> = suites["suites"].as_array().unwrap().iter().map(|suite| &suite["id"]).collect();
+    assert_eq!(ids, ["mineceraft@1", "mineceraft-lite@1"]);
+    let walls = service.get("/v1/tasks?family=1-se-2-walls&limit=5").await.json();
+    assert_eq!((&walls["total"], &walls["next_after"]), (&json!(48), &json!(117)));
+    let task = service.get("/v1/tasks/1-se-2-walls/01-w1").await.json();
+    assert_eq!(task["turns"][0]["checks"][0]["fn"], "material.is_block_cnt_equal_to");
+    let board = service.get("/v1/leaderboards/mineceraft-lite").await;
+    let known = service.http.get(format!("{}/v1/leaderboards/mineceraft-lite", service.url));
+    let known = known.header("if-none-match", &board.headers["etag"]);
+    assert_eq!(service.send(known).await.status, StatusCode::NOT_MODIFIED);
+    assert!(service.terminate(), "a SIGTERM ends the service well");
+}

@@ -1,0 +1,140 @@
+//! The real program for tests: started as a process on a free port with a database file of its own.
+
+#![allow(dead_code, reason = "each test crate uses a part of this")]
+
+use std::io::{BufRead as _, BufReader};
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+
+use reqwest::{Client, RequestBuilder, StatusCode};
+use serde_json::Value;
+
+/// The program.
+pub const PROGRAM: &str = env!("CARGO_BIN_EXE_plumbline");
+
+/// A file of the repository.
+pub fn repository(path: &str) -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(path)
+}
+
+/// A running service. Dropping it kills it.
+pub struct Service {
+    process: Child,
+    pub url: String,
+    pub http: Client,
+}
+
+/// An answer, read to its end.
+#[derive(Debug)]
+pub struct Answer {
+    pub status: StatusCode,
+    pub kind: String,
+    pub headers: reqwest::header::HeaderMap,
+    pub text: String,
+}
+
+impl Answer {
+    pub fn json(&self) -> Value {
+        serde_json::from_str(&self.text).unwrap_or_else(|_| panic!("not JSON: {}", self.text))
+    }
+
+    /// Asserts that this is a problem of a status, and gives its faults as `line pointer`.
+    pub fn faults(&self, status: u16) -> Vec<String> {
+        assert_eq!(self.status.as_u16(), status, "{}", self.text);
+        assert_eq!(self.kind, "application/problem+json", "{}", self.text);
+        let problem = self.json();
+        for member in ["type", "title", "detail"] {
+            assert!(problem[member].is_string(), "{}", self.text);
+        }
+        assert_eq!(problem["status"], status);
+        let fault = |fault: &Value| format!("{} {}", fault["line"], fault["pointer"].as_str().unwrap());
+        problem["faults"].as_array().map(|faults| faults.iter().map(fault).collect()).unwrap_or_default()
+    }
+}
+
+impl Service {
+    /// Starts the program on a database file.
+    pub fn start(database: &std::path::Path, arguments: &[&str]) -> Self {
+        let mut process = Command::new(PROGRAM)
+            .args(["serve", "--listen", "127.0.0.1:0", "--database"])
+            .arg(database)
+            .args(arguments)
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(process.stderr.take().unwrap()).lines();
+        let mut seen = Vec::new();
+        let url = loop {
+            let line = lines.next().unwrap_or_else(|| panic!("the service did not start: {seen:#?}")).unwrap();
+            if let Some(rest) = line.strip_prefix("plumbline is at ") {
+                break rest.split('/').take(3).collect::<Vec<_>>().join("/");
+            }
+            seen.push(line);
+        };
+        // Whatever it says later must be read, or it would block.
+        std::thread::spawn(move || lines.for_each(drop));
+        Self { process, url, http: Client::new() }
+    }
+
+    pub async fn send(&self, request: RequestBuilder) -> Answer {
+        let response = request.send().await.unwrap();
+        let (status, headers) = (response.status(), response.headers().clone());
+        let kind = headers.get("content-type").map(|kind| kind.to_str().unwrap().to_owned()).unwrap_or_default();
+        Answer { status, kind, headers, text: response.text().await.unwrap() }
+    }
+
+    pub async fn get(&self, path: &str) -> Answer {
+        self.send(self.http.get(format!("{}{path}", self.url))).await
+    }
+
+    pub async fn post(&self, path: &str, kind: &str, body: impl Into<reqwest::Body>) -> Answer {
+        self.send(self.http.post(format!("{}{path}", self.url)).header("content-type", kind).body(body)).await
+    }
+
+    pub async fn post_json(&self, path: &str, body: &Value) -> Answer {
+        self.post(path, "application/json", body.to_string()).await
+    }
+
+    /// Begins a run and gives its id.
+    pub async fn begin_run(&self, agent: &str, suite: &str) -> String {
+        let run = self.post_json("/v1/runs", &serde_json::json!({ "agent": agent, "suite": suite })).await;
+        assert_eq!(run.status, StatusCode::CREATED, "{}", run.text);
+        run.json()["id"].as_str().unwrap().to_owned()
+    }
+
+    /// Looks at a document until it is as wanted; fails after a minute.
+    pub async fn wait_for(&self, path: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+        for _ in 0..600 {
+            let found = self.get(path).await.json();
+            if wanted(&found) {
+                return found;
+            }
+            tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+        }
+        panic!("{path} did not become as wanted: {}", self.get(path).await.text);
+    }
+
+    /// SIGKILL, at once.
+    pub fn kill(mut self) {
+        self.process.kill().unwrap();
+        self.process.wait().unwrap();
+    }
+
+    /// SIGTERM, and whether it ended well.
+    pub fn terminate(mut self) -> bool {
+        let id = self.process.id().to_string();
+        assert!(Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
+        self.process.wait().unwrap().success()
+    }
+
+    pub fn process_id(&self) -> u32 {
+        self.process.id()
+    }
+}
+
+impl Drop for Service {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
