@@ -1,5 +1,7 @@
 //! Bad input: always a clear problem that names the place, and a server unharmed.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests fail by panicking")]
+
 mod support;
 
 use serde_json::json;

@@ -1,5 +1,7 @@
 //! SIGKILL loses no acknowledged submission and leaves nothing stuck.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests fail by panicking")]
+
 mod support;
 
 use serde_json::{Value, json};

@@ -1,5 +1,7 @@
 //! Pages in a real browser (Debian's chromium), without a network.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests fail by panicking")]
+
 mod support;
 
 use std::process::Command;

@@ -8,8 +8,11 @@ use crate::client::{Answer, Service};
 use crate::tasks::{Suite, Task, embedded};
 use crate::voxel::{BlockLog, Event};
 
-/// Name on the board, and what the agent makes of a good build.
-const AGENTS: [(&str, fn(&Task, BlockLog) -> BlockLog); 3] =
+/// What an agent makes of a good build.
+type Skill = fn(&Task, BlockLog) -> BlockLog;
+
+/// Name on the board, and skill.
+const AGENTS: [(&str, Skill); 3] =
     [("demo: careful", careful), ("demo: hurried", hurried), ("demo: confused", confused)];
 
 /// Posts the demo agents to the service at `base`; agents that are on the board already are left out.
@@ -35,12 +38,7 @@ async fn post_all(base: &str) -> anyhow::Result<()> {
     Ok(())
 }
 
-async fn post(
-    service: &Service,
-    suite: &Suite,
-    agent: &str,
-    make: fn(&Task, BlockLog) -> BlockLog,
-) -> anyhow::Result<()> {
+async fn post(service: &Service, suite: &Suite, agent: &str, make: Skill) -> anyhow::Result<()> {
     let answer = |task: &Task| build(task).map(|log| Answer { number: task.number, log: make(task, log) });
     let answers: Vec<Answer> = suite.tasks.iter().filter_map(answer).collect();
     let run = service.create_run(agent, &suite.id(), json!({ "source": "plumbline serve --demo" })).await?;

@@ -1,10 +1,12 @@
 //! Reading request bodies: bounded one by one and all together.
 
+use std::time::Duration;
+
 use axum::body::Body;
 use axum::extract::{FromRequest, Request};
 use axum::http::{HeaderMap, StatusCode, header};
-use bytes::Bytes;
-use http_body_util::{BodyExt as _, LengthLimitError, Limited};
+use bytes::{Bytes, BytesMut};
+use http_body_util::BodyExt as _;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use super::limits::LIMITS;
@@ -47,6 +49,10 @@ impl FromRequest<AppState> for JsonBody {
         // A compressed body has lost its length by now; it may unfold to the limit.
         let declared = content_length(request.headers());
         if declared.is_some_and(|length| length > LIMITS.body_bytes) {
+            // A client that waits for leave to send has none to lose.
+            if !request.headers().contains_key(header::EXPECT) {
+                drain(request.into_body());
+            }
             return Err(too_large());
         }
         let permits = declared.unwrap_or(LIMITS.body_bytes).div_ceil(PERMIT_BYTES).max(1);
@@ -55,7 +61,7 @@ impl FromRequest<AppState> for JsonBody {
             let detail = "Too many large bodies are being read. The request may be sent again.";
             ApiError::new(StatusCode::SERVICE_UNAVAILABLE, "busy", "Busy", detail).retry_after(1)
         })?;
-        let bytes = read(request.into_body()).await?;
+        let bytes = read(request.into_body(), declared.unwrap_or(0)).await?;
         Ok(Self { bytes, format, _share: share })
     }
 }
@@ -65,17 +71,36 @@ fn too_large() -> ApiError {
     ApiError::new(StatusCode::PAYLOAD_TOO_LARGE, "body-too-large", "The body is too large", detail)
 }
 
-async fn read(body: Body) -> ApiResult<Bytes> {
-    match Limited::new(body, LIMITS.body_bytes).collect().await {
-        Ok(collected) => Ok(collected.to_bytes()),
-        Err(error) if error.is::<LengthLimitError>() => Err(too_large()),
-        Err(error) => Err(ApiError::new(
-            StatusCode::BAD_REQUEST,
-            "unreadable-body",
-            "The body could not be read",
-            format!("reading the body failed: {error}"),
-        )),
+async fn read(mut body: Body, expected: usize) -> ApiResult<Bytes> {
+    let mut bytes = BytesMut::with_capacity(expected.min(LIMITS.body_bytes));
+    while let Some(frame) = body.frame().await {
+        let frame = frame.map_err(|error| {
+            let detail = format!("reading the body failed: {error}");
+            ApiError::new(StatusCode::BAD_REQUEST, "unreadable-body", "The body could not be read", detail)
+        })?;
+        let Ok(data) = frame.into_data() else { continue };
+        if bytes.len() + data.len() > LIMITS.body_bytes {
+            drain(body);
+            return Err(too_large());
+        }
+        bytes.extend_from_slice(&data);
     }
+    Ok(bytes.freeze())
+}
+
+/// Reads on and throws away what a client still sends of a refused body, beside the answer: most clients read an
+/// answer only when they have sent all, and would see a broken connection instead of the reason.
+fn drain(mut body: Body) {
+    const MAX_SECONDS: u64 = 30;
+    const MAX_AT_ONCE: usize = 64;
+    static DRAINS: Semaphore = Semaphore::const_new(MAX_AT_ONCE);
+    let Ok(slot) = DRAINS.try_acquire() else { return };
+    tokio::spawn(async move {
+        let rest = async { while let Some(Ok(_)) = body.frame().await {} };
+        // Either all was sent or the time is over: the connection is closed now.
+        let _ = tokio::time::timeout(Duration::from_secs(MAX_SECONDS), rest).await;
+        drop(slot);
+    });
 }
 
 fn content_length(headers: &HeaderMap) -> Option<usize> {

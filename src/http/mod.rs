@@ -19,7 +19,6 @@ use crate::store::Store;
 use state::AppState;
 
 /// The whole service as a router.
-#[must_use]
 pub fn router(store: &Store, wake: &Arc<Notify>, metrics: PrometheusHandle) -> Router {
     let (routes, openapi) = api::routes().split_for_parts();
     let state = AppState {

@@ -106,7 +106,7 @@ fn read_prompts(wording: &Value, turns: usize, faults: &mut Faults) -> Vec<Strin
     let mut texts = Vec::new();
     for (t, prompt) in prompts.iter().enumerate() {
         if let Some(text) = prompt.as_str() {
-            texts.push(text.to_owned())
+            texts.push(text.to_owned());
         } else {
             faults.enter_index(t);
             faults.add("expected a string");

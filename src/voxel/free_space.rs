@@ -44,6 +44,7 @@ impl FreeSpace {
                 }
             }
         }
+        #[expect(clippy::iter_over_hash_type, reason = "each line is put in order by itself")]
         for blocked in lines.values_mut() {
             blocked.sort_unstable();
             blocked.dedup_by(|next, last| {

@@ -3,7 +3,7 @@
 use askama::Template;
 use axum::Router;
 use axum::extract::State;
-use axum::http::{HeaderName, HeaderValue, header};
+use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse as _, Response};
 use axum::routing::get;
 
@@ -34,11 +34,10 @@ async fn home(State(state): State<AppState>) -> ApiResult<Response> {
         boards.push(board(&state, &entry.suite.id()).await?);
     }
     let page = Home { boards }.render().map_err(|error| ApiError::internal(&error))?;
-    const POLICY: HeaderName = header::CONTENT_SECURITY_POLICY;
     let policy = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'";
     let headers = [
         (header::CONTENT_TYPE, HeaderValue::from_static("text/html; charset=utf-8")),
-        (POLICY, HeaderValue::from_static(policy)),
+        (header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(policy)),
     ];
     Ok((headers, page).into_response())
 }

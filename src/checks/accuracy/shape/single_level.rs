@@ -28,6 +28,8 @@ const fn sides((x, z): PlaneCell) -> [PlaneCell; 4] {
 struct Floor {
     y: i32,
     cells: HashSet<PlaneCell, foldhash::fast::RandomState>,
+    /// The same cells, in building order.
+    listed: Vec<Cell>,
     /// Bounds of the floor's cells in plan.
     bounds: Bounds,
     /// All blocks but doors.
@@ -60,9 +62,8 @@ impl Floor {
         let is_exit = |at: PlaneCell| sides(at).into_iter().any(|n| self.is_outside(n) && self.can_step_to(n));
         let mut reached: HashSet<PlaneCell, _> = HashSet::default();
         let mut open: Vec<PlaneCell> = Vec::new();
-        for &at in &self.cells {
-            if is_exit(at) {
-                reached.insert(at);
+        for at in self.listed.iter().map(|cell| (cell.x, cell.z)) {
+            if is_exit(at) && reached.insert(at) {
                 open.push(at);
             }
         }
@@ -110,6 +111,7 @@ impl Rule for SingleLevel {
         let floor = Floor {
             y,
             cells: floor_cells.iter().map(|c| (c.x, c.z)).collect(),
+            listed: floor_cells,
             bounds: floor_bounds,
             solid: structure.cells_of(|name| !is_door(name)).into_iter().collect(),
         };

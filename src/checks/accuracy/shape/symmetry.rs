@@ -16,12 +16,15 @@ pub struct HasAxisSymmetry {}
 #[serde(deny_unknown_fields)]
 pub struct HasNoAxisSymmetry {}
 
+/// The mirror image of a cell.
+type Mirror = Box<dyn Fn(Cell) -> Cell>;
+
 /// Axes along which the build is symmetric, and a cell whose image is missing for each other axis. An axis along which
 /// the build is one block thick is skipped.
 fn symmetries(structure: &Structure) -> (Vec<&'static str>, Vec<Cell>) {
     let Some(bounds) = structure.bounds() else { return (Vec::new(), Vec::new()) };
     let (low, high) = (bounds.min, bounds.max);
-    let axes: [(&str, i64, Box<dyn Fn(Cell) -> Cell>); 3] = [
+    let axes: [(&str, i64, Mirror); 3] = [
         ("x", bounds.extent()[0], Box::new(move |c| Cell::new(low.x + high.x - c.x, c.y, c.z))),
         ("y", bounds.extent()[1], Box::new(move |c| Cell::new(c.x, low.y + high.y - c.y, c.z))),
         ("z", bounds.extent()[2], Box::new(move |c| Cell::new(c.x, c.y, low.z + high.z - c.z))),
