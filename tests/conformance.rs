@@ -67,13 +67,17 @@ fn grade_gives_the_published_summary_and_its_lite_draws() {
     let parts = ["check_level", "problem_level", "graded", "passed_runs"];
     let output = run(&["grade", "--json", "run.jsonl"]);
     let found: Value = serde_json::from_slice(&output.stdout).unwrap();
-    parts.iter().for_each(|part| assert_same(part, &found[part], &expected[part]));
+    for part in parts {
+        assert_same(part, &found[part], &expected[part]);
+    }
     for seed in ["42", "0", "7"] {
         let output = run(&["grade", "--json", "--lite", seed, "run.jsonl"]);
         let found: Value = serde_json::from_slice(&output.stdout).unwrap();
         let expected = &expected["lite"][seed];
         assert_eq!(found["run_idx"], expected["run_idx"]);
-        parts.iter().for_each(|part| assert_same(part, &found[part], &expected[part]));
+        for part in parts {
+            assert_same(part, &found[part], &expected[part]);
+        }
     }
 }
 

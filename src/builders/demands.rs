@@ -57,30 +57,30 @@ impl Demands {
     fn add(&mut self, check: &Check) {
         match check {
             Check::SizeEqual(c) => {
-                self.plan = Some(c.xz.map(|blocks| blocks as i32));
-                self.height = c.y.map(|blocks| blocks as i32);
+                self.plan = Some(c.xz.map(|blocks| blocks.0 as i32));
+                self.height = c.y.map(|blocks| blocks.0 as i32);
             }
             Check::BlockCountEqualTo(c) => match c.expected_material.as_deref() {
-                None => self.block_count = Some(c.expected_count as i32),
-                Some("bed") => self.beds = c.expected_count as i32,
-                Some("oak_stairs") => self.seats = c.expected_count as i32,
+                None => self.block_count = Some(c.expected_count.0 as i32),
+                Some("bed") => self.beds = c.expected_count.0 as i32,
+                Some("oak_stairs") => self.seats = c.expected_count.0 as i32,
                 Some(_) => {}
             },
             Check::BlockCountAtLeast(c) if c.expected_material.is_none() => {
-                self.least_blocks = Some(c.min_count as i32);
+                self.least_blocks = Some(c.min_count.0 as i32);
             }
-            Check::MinYEqual(c) => self.lowest_y = Some(c.expected_y as i32),
-            Check::MaxYAtLeast(c) => self.highest_y = Some(c.min_y.ceil() as i32),
-            Check::ReachableByStairs(c) => self.stairs_to_y = Some(c.min_floor_y.ceil() as i32),
-            Check::ClusterCountAtY(c) => self.clusters.push((c.y, c.expected_count as i32)),
-            Check::ClustersAtYHaveMinSpan(c) => self.span = Some(c.min_span.ceil() as i32),
-            Check::ClusterAtYHasMinDiameter(c) => self.diameter = Some(c.min_diameter.ceil() as i32),
-            Check::HasRooms(c) => self.rooms = c.room_cnt as i32,
-            Check::AllDimensionsAtLeast(c) => self.extent = Some(c.min_size as i32),
+            Check::MinYEqual(c) => self.lowest_y = Some(c.expected_y.0 as i32),
+            Check::MaxYAtLeast(c) => self.highest_y = Some(c.min_y.0.ceil() as i32),
+            Check::ReachableByStairs(c) => self.stairs_to_y = Some(c.min_floor_y.0.ceil() as i32),
+            Check::ClusterCountAtY(c) => self.clusters.push((c.y, c.expected_count.0 as i32)),
+            Check::ClustersAtYHaveMinSpan(c) => self.span = Some(c.min_span.0.ceil() as i32),
+            Check::ClusterAtYHasMinDiameter(c) => self.diameter = Some(c.min_diameter.0.ceil() as i32),
+            Check::HasRooms(c) => self.rooms = c.room_cnt.0 as i32,
+            Check::AllDimensionsAtLeast(c) => self.extent = Some(c.min_size.0 as i32),
             Check::HighestBlockMaterialEqualTo(c) => self.top_colour = Some(c.expected_material.clone()),
             Check::MaterialSequenceOrder(c) => self.sequence.clone_from(&c.material_sequence),
             Check::HasNoAxisSymmetry(_) => self.asymmetric = true,
-            Check::StressScore(c) => self.reference_pa = Some(c.reference_pa),
+            Check::StressScore(c) => self.reference_pa = Some(c.reference_pa.0),
             _ => {}
         }
     }

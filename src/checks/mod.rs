@@ -5,12 +5,14 @@
 //! are refused when a task is read.
 
 pub mod accuracy;
+pub mod amount;
 pub mod evidence;
 pub mod planning;
 pub mod safety;
 
 use serde::{Deserialize, Serialize};
 
+pub use amount::Amount;
 pub use evidence::{Finding, Witness};
 
 use crate::elasticity::Stopped;

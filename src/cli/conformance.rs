@@ -34,7 +34,8 @@ pub fn run(paths: &[PathBuf]) -> anyhow::Result<ExitCode> {
     for file in files_under(paths)? {
         let before = cases.len();
         read_file(&file, &mut cases).with_context(|| file.display().to_string())?;
-        if cases.len() == before {
+        // The summary of a run is read with the run.
+        if cases.len() == before && !file.to_string_lossy().ends_with("_expected.json") {
             passed_over.push(file);
         }
     }

@@ -1,5 +1,7 @@
 //! Benchmarks of grading: `cargo bench`. Figures and how they were obtained are in README.md beside this file.
 
+#![allow(clippy::panic, reason = "a benchmark without its input cannot go on")]
+
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use plumbline::builders::build;

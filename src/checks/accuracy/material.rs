@@ -5,7 +5,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use crate::checks::{Finding, Rule, Subject};
+use crate::checks::{Amount, Finding, Rule, Subject};
 use crate::voxel::{Cell, Structure};
 
 /// Which material names are wanted.
@@ -41,7 +41,7 @@ macro_rules! count_rule {
         #[serde(deny_unknown_fields)]
         pub struct $rule {
             /// The number compared with, in entries.
-            pub $bound: f64,
+            pub $bound: Amount,
             /// Only entries of this material count; null counts all.
             #[serde(default)]
             pub expected_material: Option<String>,
@@ -57,7 +57,7 @@ macro_rules! count_rule {
                 let compare: fn(f64, f64) -> bool = $compare;
                 let what = described(wanted, self.use_substring_match);
                 Finding::binary(
-                    compare(found as f64, self.$bound),
+                    compare(found as f64, self.$bound.0),
                     found,
                     json!({ $relation: self.$bound }),
                     format!("{found} {what}; required {} {}", $relation, self.$bound),
@@ -103,7 +103,7 @@ impl Rule for AllMaterialEqualTo {
             (0..subject.structure.len()).collect(),
             &self.expected_material,
             self.use_substring_match,
-            1.0,
+            Amount(1.0),
             required,
         )
     }
@@ -115,7 +115,7 @@ fn ratio_finding(
     region: Vec<usize>,
     wanted: &str,
     use_substring_match: bool,
-    threshold: f64,
+    threshold: Amount,
     required: serde_json::Value,
 ) -> Finding {
     if structure.is_empty() {
@@ -129,7 +129,7 @@ fn ratio_finding(
     let matching = region.iter().filter(|i| is_match(i)).count();
     let ratio = matching as f64 / region.len() as f64;
     let summary = format!("{matching} of {} blocks are {wanted:?}", region.len());
-    let mut finding = Finding::binary(ratio >= threshold, ratio, required, summary);
+    let mut finding = Finding::binary(ratio >= threshold.0, ratio, required, summary);
     for i in region.into_iter().filter(|i| !is_match(i)) {
         finding.add_witness(structure.cells()[i], structure.material(i));
     }
@@ -140,8 +140,8 @@ const fn default_height_y() -> i32 {
     2
 }
 
-const fn default_ratio_threshold() -> f64 {
-    0.5
+const fn default_ratio_threshold() -> Amount {
+    Amount(0.5)
 }
 
 /// Indices of the entries at `y`.
@@ -170,7 +170,7 @@ macro_rules! region_rule {
             pub height_y: i32,
             /// Least share of matching entries.
             #[serde(default = "default_ratio_threshold")]
-            pub ratio_threshold: f64,
+            pub ratio_threshold: Amount,
             /// Whether a name that contains the wanted one matches.
             #[serde(default)]
             pub use_substring_match: bool,
@@ -226,7 +226,7 @@ pub struct HighestBlockMaterialEqualTo {
     pub expected_material: String,
     /// Least share of matching entries.
     #[serde(default = "default_ratio_threshold")]
-    pub ratio_threshold: f64,
+    pub ratio_threshold: Amount,
     /// Whether a name that contains the wanted one matches.
     #[serde(default)]
     pub use_substring_match: bool,

@@ -4,7 +4,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::checks::{Finding, Rule, Subject};
+use crate::checks::{Amount, Finding, Rule, Subject};
 use crate::voxel::{Bounds, Cell};
 
 /// Plan size in blocks, in either order of x and z, and height in blocks.
@@ -12,10 +12,10 @@ use crate::voxel::{Bounds, Cell};
 #[serde(deny_unknown_fields)]
 pub struct Equal {
     /// Blocks spanned along x and z, in any order.
-    pub xz: [f64; 2],
+    pub xz: [Amount; 2],
     /// Blocks spanned along y; null leaves the height free.
     #[serde(default)]
-    pub y: Option<f64>,
+    pub y: Option<Amount>,
 }
 
 /// At most this plan size in blocks, in either order of x and z, and at most this height.
@@ -23,16 +23,16 @@ pub struct Equal {
 #[serde(deny_unknown_fields)]
 pub struct AtMost {
     /// Blocks spanned along x and z, in any order.
-    pub xz: [f64; 2],
+    pub xz: [Amount; 2],
     /// Blocks spanned along y; null leaves the height free.
     #[serde(default)]
-    pub y: Option<f64>,
+    pub y: Option<Amount>,
 }
 
 fn size_finding(
     subject: &Subject<'_>,
-    xz: [f64; 2],
-    y: Option<f64>,
+    xz: [Amount; 2],
+    y: Option<Amount>,
     relation: &str,
     compare: fn(f64, f64) -> bool,
 ) -> Finding {
@@ -42,10 +42,11 @@ fn size_finding(
     };
     let [dx, dy, dz] = bounds.extent().map(|d| d as f64);
     let mut found = [dx, dz];
-    let mut wanted = xz.map(|blocks| blocks - 1.0);
+    let mut wanted = xz.map(|blocks| blocks.0 - 1.0);
     found.sort_by(f64::total_cmp);
     wanted.sort_by(f64::total_cmp);
-    let holds = compare(found[0], wanted[0]) && compare(found[1], wanted[1]) && y.is_none_or(|y| compare(dy, y - 1.0));
+    let holds =
+        compare(found[0], wanted[0]) && compare(found[1], wanted[1]) && y.is_none_or(|y| compare(dy, y.0 - 1.0));
     let spans = [dx + 1.0, dy + 1.0, dz + 1.0];
     let height = y.map_or_else(|| "any height".to_owned(), |y| format!("height {relation} {y}"));
     let summary = format!(
@@ -73,7 +74,7 @@ impl Rule for AtMost {
 #[serde(deny_unknown_fields)]
 pub struct MinYEqual {
     /// The level.
-    pub expected_y: f64,
+    pub expected_y: Amount,
 }
 
 /// The least y is at or below a level.
@@ -81,7 +82,7 @@ pub struct MinYEqual {
 #[serde(deny_unknown_fields)]
 pub struct MinYAtMost {
     /// The level.
-    pub max_y: f64,
+    pub max_y: Amount,
 }
 
 /// The greatest y is at or above a level.
@@ -89,7 +90,7 @@ pub struct MinYAtMost {
 #[serde(deny_unknown_fields)]
 pub struct MaxYAtLeast {
     /// The level.
-    pub min_y: f64,
+    pub min_y: Amount,
 }
 
 fn height_finding(
@@ -97,7 +98,7 @@ fn height_finding(
     pick: fn(&Bounds) -> i32,
     what: &str,
     relation: &str,
-    bound: f64,
+    bound: Amount,
     compare: fn(f64, f64) -> bool,
 ) -> Finding {
     let required = json!({ relation: bound });
@@ -105,7 +106,7 @@ fn height_finding(
         return Finding::nothing_stands(false, required);
     };
     let y = pick(&bounds);
-    let holds = compare(f64::from(y), bound);
+    let holds = compare(f64::from(y), bound.0);
     let finding = Finding::binary(holds, y, required, format!("{what} y is {y}; required {relation} {bound}"));
     if holds {
         return finding;
@@ -137,7 +138,7 @@ impl Rule for MaxYAtLeast {
 #[serde(deny_unknown_fields)]
 pub struct AllDimensionsAtLeast {
     /// The size, in blocks.
-    pub min_size: f64,
+    pub min_size: Amount,
 }
 
 impl Rule for AllDimensionsAtLeast {
@@ -147,7 +148,7 @@ impl Rule for AllDimensionsAtLeast {
             return Finding::nothing_stands(false, required);
         };
         let [x, y, z] = bounds.extent().map(|d| d + 1);
-        let holds = [x, y, z].iter().all(|&blocks| (blocks - 1) as f64 >= self.min_size - 1.0);
+        let holds = [x, y, z].iter().all(|&blocks| (blocks - 1) as f64 >= self.min_size.0 - 1.0);
         let measured: Value = json!({ "x": x, "y": y, "z": z });
         let summary = format!("spans {x} x {y} x {z}; required at least {} on each axis", self.min_size);
         let finding = Finding::binary(holds, measured, required, summary);

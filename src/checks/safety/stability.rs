@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::checks::{Finding, Subject};
+use crate::checks::{Amount, Finding, Subject};
 use crate::elasticity::{Stopped, sph};
 
 /// Reference over greatest stress, at most 1.
@@ -12,7 +12,7 @@ use crate::elasticity::{Stopped, sph};
 pub struct StressScore {
     /// Greatest von Mises stress of an ideal build, in Pa.
     #[serde(rename = "von_mises_stress")]
-    pub reference_pa: f64,
+    pub reference_pa: Amount,
 }
 
 impl StressScore {
@@ -28,7 +28,7 @@ impl StressScore {
         let outcome = sph::simulate(subject.structure.cells(), subject.stop)?;
         let stress_pa = outcome.max_von_mises_pa;
         let is_usable = stress_pa.is_finite() && stress_pa > 0.0;
-        let score = if is_usable { self.reference_pa / stress_pa } else { 0.0 };
+        let score = if is_usable { self.reference_pa.0 / stress_pa } else { 0.0 };
         let summary = format!("greatest von Mises stress {stress_pa:.2} Pa; reference {} Pa", self.reference_pa);
         let measured = if stress_pa.is_finite() { json!(stress_pa) } else { Value::Null };
         let mut finding = Finding::graded(score, measured, required, summary);

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use crate::checks::{Finding, Rule, Subject};
+use crate::checks::{Amount, Finding, Rule, Subject};
 use crate::voxel::Cell;
 use crate::voxel::distance::{closest_pair_between, farthest_pair, root};
 use crate::voxel::planar::{Clusters, PlaneCell, Touch, level};
@@ -15,7 +15,7 @@ pub struct ClusterCountAtY {
     /// The level.
     pub y: i32,
     /// How many clusters.
-    pub expected_count: f64,
+    pub expected_count: Amount,
     /// Whether cells that share only a corner touch.
     #[serde(default)]
     pub use_8_neighbors: bool,
@@ -28,7 +28,7 @@ pub struct ClustersAtYHaveMinSpan {
     /// The level.
     pub y: i32,
     /// Least distance, in cells.
-    pub min_span: f64,
+    pub min_span: Amount,
     /// Whether cells that share only a corner touch.
     #[serde(default)]
     pub use_8_neighbors: bool,
@@ -41,7 +41,7 @@ pub struct ClusterAtYHasMinRadius {
     /// The level.
     pub y: i32,
     /// Least greatest distance from the mean, in cells.
-    pub min_radius: f64,
+    pub min_radius: Amount,
     /// Whether cells that share only a corner touch.
     #[serde(default)]
     pub use_8_neighbors: bool,
@@ -54,7 +54,7 @@ pub struct ClusterAtYHasMinDiameter {
     /// The level.
     pub y: i32,
     /// Least greatest distance of two cells, in cells.
-    pub min_diameter: f64,
+    pub min_diameter: Amount,
     /// Whether cells that share only a corner touch.
     #[serde(default)]
     pub use_8_neighbors: bool,
@@ -73,7 +73,7 @@ fn raised(cells: impl IntoIterator<Item = PlaneCell>, y: i32) -> impl Iterator<I
 impl Rule for ClusterCountAtY {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let (cells, clusters) = clusters_at(subject, self.y, self.use_8_neighbors);
-        let holds = clusters.count as f64 == self.expected_count;
+        let holds = clusters.count as f64 == self.expected_count.0;
         let summary = format!("{} clusters at y={}; required {}", clusters.count, self.y, self.expected_count);
         let finding = Finding::binary(holds, clusters.count, json!({ "==": self.expected_count }), summary);
         if holds {
@@ -92,7 +92,7 @@ impl Rule for ClustersAtYHaveMinSpan {
             return Finding::binary(true, json!(null), required, summary).vacuous_if(true);
         };
         let span = closest.length();
-        let holds = span >= self.min_span;
+        let holds = span >= self.min_span.0;
         let summary = format!("nearest clusters at y={} are {span} apart; required {}", self.y, self.min_span);
         let finding = Finding::binary(holds, span, required, summary);
         if holds { finding } else { finding.with_witnesses(raised([closest.a, closest.b], self.y), "too near") }
@@ -125,7 +125,7 @@ impl Rule for ClusterAtYHasMinRadius {
                 (radius, farthest) = (distance, (x, z));
             }
         }
-        let holds = radius >= self.min_radius;
+        let holds = radius >= self.min_radius.0;
         let summary = format!("radius {radius} at y={}; required {}", self.y, self.min_radius);
         let finding = Finding::binary(holds, radius, required, summary);
         if holds { finding } else { finding.with_witnesses(raised([farthest], self.y), "farthest from the mean") }
@@ -141,7 +141,7 @@ impl Rule for ClusterAtYHasMinDiameter {
             return not_one_cluster(self.y, &cells, &clusters, required);
         };
         let diameter = farthest.length();
-        let holds = diameter >= self.min_diameter;
+        let holds = diameter >= self.min_diameter.0;
         let summary = format!("diameter {diameter} at y={}; required {}", self.y, self.min_diameter);
         let finding = Finding::binary(holds, diameter, required, summary);
         if holds { finding } else { finding.with_witnesses(raised([farthest.a, farthest.b], self.y), "farthest apart") }

@@ -5,7 +5,7 @@ use serde_json::json;
 
 use super::is_door;
 use crate::checks::evidence::MAX_WITNESSES;
-use crate::checks::{Finding, Rule, Subject};
+use crate::checks::{Amount, Finding, Rule, Subject};
 use crate::voxel::Cell;
 use crate::voxel::planar::sorted_distinct;
 use crate::voxel::rooms::FloorPlan;
@@ -15,7 +15,7 @@ use crate::voxel::rooms::FloorPlan;
 #[serde(deny_unknown_fields)]
 pub struct HasRooms {
     /// Least number of rooms; none or fewer always holds.
-    pub room_cnt: f64,
+    pub room_cnt: Amount,
     /// The level.
     #[serde(default = "default_y")]
     pub y: i32,
@@ -28,7 +28,7 @@ const fn default_y() -> i32 {
 impl Rule for HasRooms {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let required = json!({ ">=": self.room_cnt });
-        if self.room_cnt <= 0.0 {
+        if self.room_cnt.0 <= 0.0 {
             return Finding::binary(true, json!(null), required, "no room is required").vacuous_if(true);
         }
         let structure = subject.structure;
@@ -37,7 +37,7 @@ impl Rule for HasRooms {
         let walls = structure.entries().filter(|(cell, id)| is_wall(cell.y, *id)).map(|(cell, _)| (cell.x, cell.z));
         let plan = FloorPlan::of(sorted_distinct(walls.collect()));
         let found = plan.rooms().len();
-        let holds = found as f64 >= self.room_cnt;
+        let holds = found as f64 >= self.room_cnt.0;
         let summary = format!("{found} rooms at y={}; required {}", self.y, self.room_cnt);
         let raised = |(x, z): (i32, i32)| Cell::new(x, self.y, z);
         let finding = Finding::binary(holds, found, required, summary)

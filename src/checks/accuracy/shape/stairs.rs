@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use crate::checks::{Finding, Rule, Subject};
+use crate::checks::{Amount, Finding, Rule, Subject};
 use crate::voxel::{Cell, CellSet};
 
 /// From some block at y = 0, steps on the level or one up lead to a height, with two free cells above each block.
@@ -11,7 +11,7 @@ use crate::voxel::{Cell, CellSet};
 #[serde(deny_unknown_fields)]
 pub struct ReachableByStairs {
     /// The height to reach.
-    pub min_floor_y: f64,
+    pub min_floor_y: Amount,
 }
 
 impl Rule for ReachableByStairs {
@@ -47,7 +47,7 @@ impl Rule for ReachableByStairs {
             let summary = "no block at y=0 has two free cells above it to start from";
             return Finding::binary(false, json!(null), required, summary);
         };
-        let holds = f64::from(highest.y) >= self.min_floor_y;
+        let holds = f64::from(highest.y) >= self.min_floor_y.0;
         let summary = format!("stairs lead up to y={}; required {}", highest.y, self.min_floor_y);
         Finding::binary(holds, highest.y, required, summary).with_witnesses([highest], "highest block reached")
     }
