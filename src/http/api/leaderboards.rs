@@ -81,9 +81,12 @@ pub async fn board(state: &AppState, suite: &str) -> ApiResult<Board> {
     let rate = |row: &BoardRow| row.overall.rate.unwrap_or(-1.0);
     // A stable sort: of equal runs the earlier stays first.
     rows.sort_by(|a, b| rate(b).total_cmp(&rate(a)));
-    let rates: Vec<f64> = rows.iter().map(rate).collect();
-    for (row, own) in rows.iter_mut().zip(&rates) {
-        row.rank = rates.iter().filter(|other| *other > own).count() + 1;
+    let (mut rank, mut before) = (0, None);
+    for (place, row) in (1..).zip(&mut rows) {
+        if before != Some(rate(row)) {
+            (rank, before) = (place, Some(rate(row)));
+        }
+        row.rank = rank;
     }
     Ok(Board { suite: entry.suite.id(), tasks: entry.suite.tasks.len(), rows })
 }
