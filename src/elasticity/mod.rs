@@ -2,7 +2,9 @@
 //!
 //! Method, units, sources and verification are told in this room's README.md.
 
+mod constitutive;
 pub mod neighbours;
+mod pairs;
 pub mod small_matrix;
 pub mod sph;
 

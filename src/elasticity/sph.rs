@@ -1,24 +1,17 @@
 //! The published method: a total-Lagrangian SPH simulation of the structure settling under its own weight (SPEC 4).
 
+#![expect(clippy::inline_always, reason = "so that the loops are compiled for the processor that the caller chose")]
+
+use multiversion::multiversion;
 use nalgebra::{Matrix3, Vector3};
 
 use super::Stopped;
-use super::neighbours::{Neighbours, REACH, kernel, kernel_gradient};
+use super::constitutive::Materials;
+use super::neighbours::{Neighbours, kernel_gradient};
+use super::pairs::{Columns, Field, Pairs, Vec4};
 use super::small_matrix::{Flatness, flatness, inverse_or_pseudo_inverse};
 use crate::voxel::{Bounds, Cell};
 
-/// Young's modulus, Pa.
-const YOUNG_PA: f64 = 1e9;
-/// Poisson's ratio.
-const POISSON: f64 = 0.4;
-/// First Lame parameter in the published (not the usual three-dimensional) form, Pa.
-const LAMBDA_PA: f64 = YOUNG_PA * POISSON / ((1.0 + POISSON) * (1.0 - POISSON));
-/// Second Lame parameter, Pa.
-const MU_PA: f64 = YOUNG_PA / (2.0 * (1.0 + POISSON));
-/// Viscosity, Pa s.
-const VISCOSITY: f64 = 1e7;
-/// Strength of the hourglass control, Pa.
-const HOURGLASS_PA: f64 = 1e8;
 /// Weight of a block, N.
 const WEIGHT_N: f64 = 900.0;
 /// Mass that a force accelerates, kg.
@@ -92,157 +85,101 @@ impl Outcome {
 /// Where `stop` says true, which is asked every 16 steps.
 pub fn simulate(cells: &[Cell], stop: &(dyn Fn() -> bool + Sync)) -> Result<Outcome, Stopped> {
     let mut simulation = Simulation::new(cells);
-    for step in 0..STEPS {
-        if step % STEPS_PER_LOOK == 0 && stop() {
+    for step in (0..STEPS).step_by(STEPS_PER_LOOK as usize) {
+        if stop() {
             return Err(Stopped);
         }
-        simulation.step(step);
+        simulation.advance(step, STEPS_PER_LOOK.min(STEPS - step));
     }
     Ok(simulation.outcome(cells))
 }
 
-/// A directed neighbour as the step loop needs it.
+/// A directed neighbour, as the deformation gradient needs it.
 #[derive(Debug, Clone, Copy)]
-struct Edge {
-    to: usize,
-    /// `R = X_j - X_i`.
-    reference: Vector3<f64>,
-    /// `grad W(R)`.
-    gradient: Vector3<f64>,
-    /// `0.5 * 1e8 * W / R^3`.
-    hourglass: f64,
+struct Neighbour {
+    to: u32,
+    /// `A_i^-T grad W`, so that `F_i` is the sum of `(x_j - x_i) (x)` this.
+    weight: [f64; 3],
 }
 
+#[derive(Debug)]
 struct Simulation {
-    neighbours: Neighbours,
-    edges: Vec<Edge>,
-    moment_inverse: Vec<Matrix3<f64>>,
+    /// Where each particle's neighbours begin; one longer than the particles.
+    start: Vec<usize>,
+    neighbours: Vec<Neighbour>,
+    pairs: Pairs,
+    materials: Materials,
     singular_moment: Vec<u32>,
     /// Whether some neighbourhood is flat in a plane or line that is not one of the axes'.
     is_sloped: bool,
     is_support: Vec<bool>,
-    rest: Vec<Vector3<f64>>,
-    position: Vec<Vector3<f64>>,
-    velocity: Vec<Vector3<f64>>,
-    acceleration: Vec<Vector3<f64>>,
-    force: Vec<Vector3<f64>>,
-    deformation: Vec<Matrix3<f64>>,
-    /// First Piola-Kirchhoff stress P.
-    stress: Vec<Matrix3<f64>>,
+    position: Vec<Vec4>,
+    velocity: Vec<Vec4>,
+    acceleration: Vec<Vec4>,
+    force: Vec<Vec4>,
+    deformation: Vec<Columns>,
     /// `P A^-1`.
-    corrected_stress: Vec<Matrix3<f64>>,
+    corrected_stress: Vec<Columns>,
 }
 
 impl Simulation {
     fn new(cells: &[Cell]) -> Self {
         let n = cells.len();
-        let neighbours = Neighbours::among(cells);
+        let among = Neighbours::among(cells);
         // Coordinates from the least corner: large ones would cost digits, and translation must not matter.
         let origin = Bounds::of(cells.iter().copied()).map_or(Cell::new(0, 0, 0), |b| b.min);
-        let rest: Vec<Vector3<f64>> = cells
-            .iter()
-            .map(|c| Vector3::new(f64::from(c.x - origin.x), f64::from(c.y - origin.y), f64::from(c.z - origin.z)))
-            .collect();
-        let mut edges = Vec::with_capacity(neighbours.of.len());
+        let place = |c: &Cell| [c.x - origin.x, c.y - origin.y, c.z - origin.z].map(f64::from);
+        let rest: Vec<Vector3<f64>> = cells.iter().map(|c| Vector3::from(place(c))).collect();
+        let mut neighbours = Vec::with_capacity(among.of.len());
         let mut moment_inverse = Vec::with_capacity(n);
         let mut singular_moment = Vec::new();
         let mut is_sloped = false;
         for i in 0..n {
-            let mut moment = Matrix3::zeros();
-            for &j in &neighbours.of[neighbours.range(i)] {
-                let reference = rest[j as usize] - rest[i];
-                let gradient = kernel_gradient(&reference);
-                let distance = reference.norm();
-                debug_assert!(distance < REACH);
-                let hourglass = 0.5 * HOURGLASS_PA * kernel(distance) / distance.powi(3);
-                edges.push(Edge { to: j as usize, reference, gradient, hourglass });
-                moment += reference * gradient.transpose();
+            let gradients = || {
+                among.of[among.range(i)].iter().map(|&j| {
+                    let reference = rest[j as usize] - rest[i];
+                    (j, reference, kernel_gradient(&reference))
+                })
+            };
+            let moment: Matrix3<f64> =
+                gradients().map(|(_, reference, gradient)| reference * gradient.transpose()).sum();
+            let inverse = inverse_or_pseudo_inverse(&moment);
+            for (to, _, gradient) in gradients() {
+                neighbours.push(Neighbour { to, weight: (inverse.transpose() * gradient).into() });
             }
-            let (inverse, _) = inverse_or_pseudo_inverse(&moment);
             moment_inverse.push(inverse);
-            match flatness(&moment) {
-                Flatness::Full => {}
-                Flatness::AlongAxes => singular_moment.extend(u32::try_from(i)),
-                Flatness::Sloped => {
-                    singular_moment.extend(u32::try_from(i));
-                    is_sloped = true;
-                }
+            let flatness = flatness(&moment);
+            is_sloped |= flatness == Flatness::Sloped;
+            if flatness != Flatness::Full {
+                singular_moment.extend(u32::try_from(i));
             }
         }
         Self {
+            start: among.start,
             neighbours,
-            edges,
-            moment_inverse,
+            pairs: Pairs::among(cells),
+            materials: Materials::new(&moment_inverse),
             singular_moment,
             is_sloped,
             is_support: cells.iter().map(|c| c.y == origin.y).collect(),
-            position: rest.clone(),
-            rest,
-            velocity: vec![Vector3::zeros(); n],
-            acceleration: vec![Vector3::zeros(); n],
-            force: vec![Vector3::zeros(); n],
-            deformation: vec![Matrix3::identity(); n],
-            stress: vec![Matrix3::zeros(); n],
-            corrected_stress: vec![Matrix3::zeros(); n],
+            position: rest.iter().map(|x| [x[0], x[1], x[2], 0.0]).collect(),
+            velocity: vec![[0.0; 4]; n],
+            acceleration: vec![[0.0; 4]; n],
+            force: vec![[0.0; 4]; n],
+            deformation: vec![[[0.0; 4]; 3]; n],
+            corrected_stress: vec![[[0.0; 4]; 3]; n],
         }
     }
 
-    /// One step of the published integrator. Its forces are those of the positions before the step, so they lag one
-    /// step behind a velocity Verlet scheme; scores depend on it.
-    fn step(&mut self, step: u32) {
-        self.update_stress();
-        let load = Vector3::new(0.0, -WEIGHT_N * (f64::from(step) / RAMP_STEPS).min(1.0), 0.0);
-        for i in 0..self.rest.len() {
-            self.force[i] = self.internal_force(i) + load;
-        }
-        for i in 0..self.rest.len() {
-            if self.is_support[i] {
-                continue;
-            }
-            self.velocity[i] += self.acceleration[i] * (STEP_S / 2.0);
-            self.position[i] += self.velocity[i] * STEP_S;
-            self.acceleration[i] = self.force[i] / MASS_KG;
-            self.velocity[i] += self.acceleration[i] * (STEP_S / 2.0);
-        }
-    }
-
-    /// Deformation gradient and first Piola-Kirchhoff stress of every particle at its present position.
-    fn update_stress(&mut self) {
-        for i in 0..self.rest.len() {
-            let mut sum = Matrix3::zeros();
-            for edge in &self.edges[self.neighbours.range(i)] {
-                sum += (self.position[edge.to] - self.position[i]) * edge.gradient.transpose();
-            }
-            let f = sum * self.moment_inverse[i];
-            let rate = (f - self.deformation[i]) / STEP_S;
-            self.deformation[i] = f;
-            self.stress[i] = piola_stress(&f, &rate);
-            self.corrected_stress[i] = self.stress[i] * self.moment_inverse[i];
-        }
-    }
-
-    fn internal_force(&self, i: usize) -> Vector3<f64> {
-        let mut force = Vector3::zeros();
-        let (f, own) = (self.deformation[i], self.corrected_stress[i]);
-        for edge in &self.edges[self.neighbours.range(i)] {
-            let j = edge.to;
-            force += (own + self.corrected_stress[j]) * edge.gradient;
-            let r = self.position[j] - self.position[i];
-            let length = r.norm();
-            let surplus_i = (f * edge.reference - r).dot(&r) / length;
-            let surplus_j = (r - self.deformation[j] * edge.reference).dot(&-r) / length;
-            force += r * (-edge.hourglass * (surplus_i + surplus_j) / length);
-        }
-        force
+    fn advance(&mut self, from: u32, steps: u32) {
+        advance(self, from, steps);
     }
 
     fn outcome(self, cells: &[Cell]) -> Outcome {
         let (mut degenerate, mut non_finite) = (0, 0);
-        let von_mises_pa: Vec<f64> = self
-            .deformation
-            .iter()
-            .zip(&self.stress)
-            .map(|(f, p)| {
+        let von_mises_pa: Vec<f64> = (0..cells.len())
+            .map(|i| {
+                let f = Matrix3::from_fn(|row, column| self.deformation[i][column][row]);
                 let jacobian = f.determinant();
                 if !jacobian.is_finite() {
                     non_finite += 1;
@@ -251,7 +188,7 @@ impl Simulation {
                     degenerate += 1;
                     0.0
                 } else {
-                    von_mises(&(p * f.transpose() / jacobian))
+                    von_mises(&(self.materials.stress(i) * f.transpose() / jacobian))
                 }
             })
             .collect();
@@ -273,15 +210,60 @@ impl Simulation {
     }
 }
 
-/// `P = F S + 2 J eta d' F^-T` for a deformation gradient and its rate.
-fn piola_stress(f: &Matrix3<f64>, rate: &Matrix3<f64>) -> Matrix3<f64> {
-    let strain = (f.transpose() * f - Matrix3::identity()) * 0.5;
-    let elastic = Matrix3::identity() * (LAMBDA_PA * strain.trace()) + strain * (2.0 * MU_PA);
-    let (f_inverse, _) = inverse_or_pseudo_inverse(f);
-    let gradient = rate * f_inverse;
-    let symmetric = (gradient + gradient.transpose()) * 0.5;
-    let deviator = symmetric - Matrix3::identity() * (symmetric.trace() / 3.0);
-    f * elastic + deviator * f_inverse.transpose() * (2.0 * f.determinant() * VISCOSITY)
+/// Steps of the published integrator. Its forces are those of the positions before a step, so they lag one step behind a
+/// velocity Verlet scheme; scores depend on it.
+///
+/// Compiled for several processors; the running one's version is chosen when called. None contracts products and sums,
+/// so all give the same bits.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2"))]
+fn advance(simulation: &mut Simulation, from: u32, steps: u32) {
+    for step in from..from + steps {
+        simulation.update_deformation();
+        simulation.materials.update(&simulation.deformation, &mut simulation.corrected_stress, STEP_S);
+        simulation.force.fill([0.0, -WEIGHT_N * (f64::from(step) / RAMP_STEPS).min(1.0), 0.0, 0.0]);
+        let field = Field {
+            position: &simulation.position,
+            deformation: &simulation.deformation,
+            corrected_stress: &simulation.corrected_stress,
+        };
+        simulation.pairs.add_forces(field, &mut simulation.force);
+        simulation.integrate();
+    }
+}
+
+impl Simulation {
+    #[inline(always)]
+    fn update_deformation(&mut self) {
+        for (i, f) in self.deformation.iter_mut().enumerate() {
+            let own = self.position[i];
+            let mut columns: Columns = [[0.0; 4]; 3];
+            for neighbour in &self.neighbours[self.start[i]..self.start[i + 1]] {
+                let other = &self.position[neighbour.to as usize];
+                let away: Vec4 = std::array::from_fn(|k| other[k] - own[k]);
+                for (column, weight) in columns.iter_mut().zip(neighbour.weight) {
+                    for k in 0..4 {
+                        column[k] += away[k] * weight;
+                    }
+                }
+            }
+            *f = columns;
+        }
+    }
+
+    #[inline(always)]
+    fn integrate(&mut self) {
+        for i in 0..self.position.len() {
+            if self.is_support[i] {
+                continue;
+            }
+            for k in 0..4 {
+                let half_way = self.velocity[i][k] + self.acceleration[i][k] * (STEP_S / 2.0);
+                self.position[i][k] += half_way * STEP_S;
+                self.acceleration[i][k] = self.force[i][k] / MASS_KG;
+                self.velocity[i][k] = half_way + self.acceleration[i][k] * (STEP_S / 2.0);
+            }
+        }
+    }
 }
 
 /// Von Mises stress of a Cauchy stress tensor.
