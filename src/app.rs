@@ -65,6 +65,7 @@ impl App {
         };
         let workers = Workers::start(&store, settings, &wake);
         let stop = CancellationToken::new();
+        tokio::spawn(keep_up(metrics.clone(), stop.clone()));
         let router = http::router(&store, &wake, metrics);
         let serving = tokio::spawn(http::server::serve(listener, router, stop.clone()));
         tracing::info!(%address, database = %config.database.display(), workers = config.workers, "listening");
@@ -79,6 +80,14 @@ impl App {
         }
         self.workers.shut_down().await;
         self.store.close().await;
+    }
+}
+
+/// Folds the samples of histograms together now and then: they would pile up where nobody reads the metrics.
+async fn keep_up(metrics: PrometheusHandle, stop: CancellationToken) {
+    const EVERY: Duration = Duration::from_secs(5);
+    while stop.run_until_cancelled(tokio::time::sleep(EVERY)).await.is_some() {
+        metrics.run_upkeep();
     }
 }
 

@@ -8,8 +8,10 @@ use serde_json::{Value, json};
 
 use crate::voxel::BlockLog;
 
-/// Submissions posted in one body.
-const BATCH: usize = 100;
+/// Submissions posted in one body, at most.
+const BATCH_LINES: usize = 100;
+/// A body is sent when it has grown to this.
+const BATCH_BYTES: usize = 8 << 20;
 /// Pause between two looks at a run.
 const LOOK: Duration = Duration::from_millis(200);
 
@@ -82,10 +84,16 @@ impl Service {
         answers: &[Answer],
         mut posted: impl FnMut(usize),
     ) -> anyhow::Result<()> {
-        for batch in answers.chunks(BATCH) {
-            let lines: Vec<String> = batch.iter().map(|answer| line(run, answer)).collect();
-            self.post("/v1/submissions", "application/x-ndjson", lines.join("\n")).await?;
-            posted(batch.len());
+        let mut body = String::new();
+        let mut lines = 0;
+        for (i, answer) in (1..).zip(answers) {
+            body.push_str(&line(run, answer));
+            body.push('\n');
+            lines += 1;
+            if lines == BATCH_LINES || body.len() >= BATCH_BYTES || i == answers.len() {
+                self.post("/v1/submissions", "application/x-ndjson", std::mem::take(&mut body)).await?;
+                posted(std::mem::take(&mut lines));
+            }
         }
         Ok(())
     }

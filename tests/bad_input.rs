@@ -60,10 +60,13 @@ async fn a_missing_or_ill_fitting_log_is_refused_and_an_empty_turn_is_not() {
 async fn what_is_not_json_is_told_with_its_line() {
     let (_folder, service) = service();
     let json = "application/json";
-    assert!(service.post("/v1/submissions", json, "{\"task\": 1,").await.faults(400).is_empty());
-    assert!(service.post("/v1/submissions", json, "").await.faults(400).is_empty());
+    assert_eq!(service.post("/v1/submissions", json, "{\"task\": 1,").await.faults(400), ["null "]);
+    assert_eq!(service.post("/v1/submissions", json, "").await.faults(400), ["null "]);
+    let huge = "{\"colour\":1,\"turns\":[{\"events\":[{\"x\":1e400}]}],\"task\":1}";
+    let faults = service.post("/v1/submissions", json, huge).await.faults(400);
+    assert_eq!(faults, ["null /colour", "null /turns/0/events/0/x"]);
     let lines = service.post("/v1/submissions", "application/x-ndjson", "{\"task\":1\n{}\nnone").await;
-    assert_eq!(lines.faults(400), ["1 ", "3 "]);
+    assert_eq!(lines.faults(400), ["1 ", "2 /task", "2 /turns", "3 "]);
     assert!(service.post("/v1/submissions", "text/plain", "{}").await.faults(415).is_empty());
 }
 
@@ -83,7 +86,8 @@ async fn sizes_are_bounded_before_they_hurt() {
         "[".repeat(200),
         "]".repeat(200)
     );
-    assert!(service.post("/v1/runs", json, deep).await.faults(400).is_empty());
+    let faults = service.post("/v1/runs", json, deep).await.faults(400);
+    assert_eq!(faults, ["null /metadata"]);
     let blocks: Vec<_> = (0..100_001).map(|i| json!([i, 0, 0, 0])).collect();
     let body = json!({ "task": 1, "turns": [{ "palette": ["stone"], "rows": blocks }] });
     assert_eq!(service.post_json("/v1/submissions", &body).await.faults(422), ["null /turns"]);
@@ -138,11 +142,17 @@ async fn unknown_places_and_methods_are_problems_too() {
 }
 
 #[test]
-fn slow_headers_are_hung_up_on() {
+fn slow_and_silent_clients_are_hung_up_on() {
     let (_folder, service) = service();
-    let mut socket = std::net::TcpStream::connect(service.url.strip_prefix("http://").unwrap()).unwrap();
-    std::io::Write::write_all(&mut socket, b"GET /healthz HTTP/1.1\r\nhost:").unwrap();
-    socket.set_read_timeout(Some(std::time::Duration::from_secs(20))).unwrap();
-    let mut rest = Vec::new();
-    std::io::Read::read_to_end(&mut socket, &mut rest).expect("the server closes the connection by itself");
+    let address = service.url.strip_prefix("http://").unwrap();
+    let connect = |begin: &'static [u8]| {
+        let mut socket = std::net::TcpStream::connect(address).unwrap();
+        std::io::Write::write_all(&mut socket, begin).unwrap();
+        socket.set_read_timeout(Some(std::time::Duration::from_secs(20))).unwrap();
+        socket
+    };
+    for mut socket in [connect(b"GET /healthz HTTP/1.1\r\nhost:"), connect(b""), connect(b"PRI")] {
+        let mut rest = Vec::new();
+        std::io::Read::read_to_end(&mut socket, &mut rest).expect("the server closes the connection by itself");
+    }
 }

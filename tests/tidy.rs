@@ -18,9 +18,9 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("elasticity", &["voxel"]),
     ("checks", &["voxel", "elasticity"]),
     ("tasks", &["voxel", "checks"]),
-    ("builders", &["voxel", "checks", "tasks", "grading"]),
+    ("builders", &["voxel", "checks", "tasks"]),
     ("grading", &["voxel", "elasticity", "checks", "tasks"]),
-    ("store", &["voxel", "checks", "tasks", "grading"]),
+    ("store", &["clock", "voxel", "checks", "tasks", "grading"]),
     ("worker", &["clock", "grading", "store"]),
     ("http", &["clock", "voxel", "checks", "tasks", "grading", "store"]),
 ];

@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::Args;
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use tokio::signal::unix::{SignalKind, signal};
 
 use crate::app::{App, Config};
@@ -21,10 +22,10 @@ pub struct ServeArgs {
     #[arg(long, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
     database: PathBuf,
     /// Submissions graded at the same time; by default one per processor.
-    #[arg(long, env = "PLUMBLINE_WORKERS")]
-    workers: Option<usize>,
+    #[arg(long, env = "PLUMBLINE_WORKERS", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    workers: Option<u16>,
     /// Seconds after which the job of a worker that gives no sign of life is taken again.
-    #[arg(long, env = "PLUMBLINE_LEASE_SECONDS", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, env = "PLUMBLINE_LEASE_SECONDS", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     lease_seconds: u64,
     /// How log lines are written.
     #[arg(long, env = "PLUMBLINE_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]
@@ -34,19 +35,30 @@ pub struct ServeArgs {
     demo: bool,
 }
 
+/// Lets the process open as many files as the system allows it: a connection is one, and the usual first limit of 1,024
+/// is less than the connections that the service takes.
+fn raise_open_files() {
+    let limit = getrlimit(Resource::Nofile);
+    let raised = Rlimit { current: limit.maximum, maximum: limit.maximum };
+    if let Err(error) = setrlimit(Resource::Nofile, raised) {
+        tracing::warn!(%error, "could not raise the number of open files");
+    }
+}
+
 /// Runs the command until the process is asked to stop.
 ///
 /// # Errors
 /// Where the service cannot start.
 pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
-    // Requests are logged at debug here: at hundreds a second their lines would hide the rest.
-    telemetry::init_logs(args.log_format, "info,plumbline::http::layers=warn");
+    // Requests are logged at debug: at thousands a second their lines would hide the rest.
+    telemetry::init_logs(args.log_format, "info");
     let metrics = telemetry::init_metrics()?;
+    raise_open_files();
     let processors = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     let config = Config {
         listen: args.listen,
         database: args.database.clone(),
-        workers: args.workers.unwrap_or(processors),
+        workers: args.workers.map_or(processors, usize::from),
         lease: Duration::from_secs(args.lease_seconds),
     };
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;

@@ -117,6 +117,9 @@ pub fn grade_structures(
         let subject = Subject { structure: &standing, stop };
         let mut checks = Vec::with_capacity(instruction.checks.len());
         for check in &instruction.checks {
+            if stop() {
+                return Err(Stopped);
+            }
             checks.push(check_report(check, check.evaluate(&subject)?));
         }
         let report = TurnReport { turn, blocks: standing.len() as u64, checks };

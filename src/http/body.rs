@@ -1,5 +1,6 @@
 //! Reading request bodies: bounded one by one and all together.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Body;
@@ -38,31 +39,33 @@ pub struct JsonBody {
     pub bytes: Bytes,
     /// How they are written.
     pub format: Format,
-    _share: OwnedSemaphorePermit,
+    /// To be kept for as long as what was made of the bytes is in memory.
+    pub share: Option<OwnedSemaphorePermit>,
 }
 
 impl FromRequest<AppState> for JsonBody {
     type Rejection = ApiError;
 
     async fn from_request(request: Request, state: &AppState) -> ApiResult<Self> {
-        let format = format(request.headers())?;
-        // A compressed body has lost its length by now; it may unfold to the limit.
-        let declared = content_length(request.headers());
-        if declared.is_some_and(|length| length > LIMITS.body_bytes) {
-            // A client that waits for leave to send has none to lose.
-            if !request.headers().contains_key(header::EXPECT) {
-                drain(request.into_body());
+        let (parts, body) = request.into_parts();
+        // A client that waits for leave to send has nothing on the way.
+        let is_sending = !parts.headers.contains_key(header::EXPECT);
+        let refuse = |body: Body, error: ApiError| {
+            if is_sending {
+                drain(body);
             }
-            return Err(too_large());
+            Err(error)
+        };
+        let format = match format(&parts.headers) {
+            Ok(format) => format,
+            Err(error) => return refuse(body, error),
+        };
+        // A compressed body has lost its length by now.
+        if content_length(&parts.headers).is_some_and(|length| length > LIMITS.body_bytes) {
+            return refuse(body, too_large());
         }
-        let permits = declared.unwrap_or(LIMITS.body_bytes).div_ceil(PERMIT_BYTES).max(1);
-        let permits = u32::try_from(permits).unwrap_or(u32::MAX);
-        let share = state.bodies.clone().try_acquire_many_owned(permits).map_err(|_| {
-            let detail = "Too many large bodies are being read. The request may be sent again.";
-            ApiError::new(StatusCode::SERVICE_UNAVAILABLE, "busy", "Busy", detail).retry_after(1)
-        })?;
-        let bytes = read(request.into_body(), declared.unwrap_or(0)).await?;
-        Ok(Self { bytes, format, _share: share })
+        let (bytes, share) = read(body, &state.bodies).await?;
+        Ok(Self { bytes, format, share })
     }
 }
 
@@ -71,8 +74,10 @@ fn too_large() -> ApiError {
     ApiError::new(StatusCode::PAYLOAD_TOO_LARGE, "body-too-large", "The body is too large", detail)
 }
 
-async fn read(mut body: Body, expected: usize) -> ApiResult<Bytes> {
-    let mut bytes = BytesMut::with_capacity(expected.min(LIMITS.body_bytes));
+/// Reads a body to its end, taking from the budget as bytes arrive.
+async fn read(mut body: Body, budget: &Arc<Semaphore>) -> ApiResult<(Bytes, Option<OwnedSemaphorePermit>)> {
+    let mut bytes = BytesMut::new();
+    let mut share: Option<OwnedSemaphorePermit> = None;
     while let Some(frame) = body.frame().await {
         let frame = frame.map_err(|error| {
             let detail = format!("reading the body failed: {error}");
@@ -84,20 +89,50 @@ async fn read(mut body: Body, expected: usize) -> ApiResult<Bytes> {
             return Err(too_large());
         }
         bytes.extend_from_slice(&data);
+        let held = share.as_ref().map_or(0, OwnedSemaphorePermit::num_permits);
+        let wanted = (bytes.len() / PERMIT_BYTES).saturating_sub(held);
+        if wanted > 0 {
+            let more = u32::try_from(wanted).ok().and_then(|n| Arc::clone(budget).try_acquire_many_owned(n).ok());
+            let Some(more) = more else {
+                drain(body);
+                return Err(busy());
+            };
+            match &mut share {
+                Some(share) => share.merge(more),
+                none => *none = Some(more),
+            }
+        }
+        // A compressed body unfolds without ever waiting: others must have their turn.
+        tokio::task::consume_budget().await;
     }
-    Ok(bytes.freeze())
+    Ok((bytes.freeze(), share))
+}
+
+fn busy() -> ApiError {
+    let detail = "Too many large bodies are being read. The request may be sent again.";
+    ApiError::new(StatusCode::SERVICE_UNAVAILABLE, "busy", "Busy", detail).retry_after(1)
 }
 
 /// Reads on and throws away what a client still sends of a refused body, beside the answer: most clients read an
 /// answer only when they have sent all, and would see a broken connection instead of the reason.
 fn drain(mut body: Body) {
     const MAX_SECONDS: u64 = 30;
+    const MAX_BYTES: usize = 2 << 30;
     const MAX_AT_ONCE: usize = 64;
     static DRAINS: Semaphore = Semaphore::const_new(MAX_AT_ONCE);
     let Ok(slot) = DRAINS.try_acquire() else { return };
     tokio::spawn(async move {
-        let rest = async { while let Some(Ok(_)) = body.frame().await {} };
-        // Either all was sent or the time is over: the connection is closed now.
+        let rest = async {
+            let mut left = MAX_BYTES;
+            while let Some(Ok(frame)) = body.frame().await {
+                left = left.saturating_sub(frame.data_ref().map_or(0, Bytes::len));
+                if left == 0 {
+                    break;
+                }
+                tokio::task::consume_budget().await;
+            }
+        };
+        // Either all was sent or there has been enough: the connection is closed now.
         let _ = tokio::time::timeout(Duration::from_secs(MAX_SECONDS), rest).await;
         drop(slot);
     });

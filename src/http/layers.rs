@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use axum::Router;
 use axum::body::{Body, to_bytes};
 use axum::extract::{MatchedPath, Request};
-use axum::http::{HeaderName, HeaderValue, StatusCode, header};
+use axum::http::{HeaderName, HeaderValue, Method, StatusCode, header};
 use axum::middleware::{Next, from_fn};
 use axum::response::{IntoResponse as _, Response};
 use tower::ServiceBuilder;
@@ -61,11 +61,18 @@ async fn observe(request: Request, next: Next) -> Response {
     let begun = Instant::now();
     let response = next.run(request).await;
     let (status, took) = (response.status().as_u16(), begun.elapsed());
-    let labels = [("method", method.to_string()), ("route", route.clone()), ("status", status.to_string())];
+    let labels =
+        [("method", known_method(&method).to_owned()), ("route", route.clone()), ("status", status.to_string())];
     metrics::counter!("plumbline_http_requests_total", &labels).increment(1);
     metrics::histogram!("plumbline_http_request_seconds", "route" => route.clone()).record(took.as_secs_f64());
-    tracing::info!(%method, route, status, took_us = took.as_micros() as u64, request_id = id, "request");
+    tracing::debug!(%method, route, status, took_us = took.as_micros() as u64, request_id = id, "request");
     response
+}
+
+/// The method, or `other`: a client may invent any number of them, and each would be a series of its own.
+fn known_method(method: &Method) -> &str {
+    let known = [Method::GET, Method::HEAD, Method::POST, Method::PUT, Method::PATCH, Method::DELETE, Method::OPTIONS];
+    if known.contains(method) { method.as_str() } else { "other" }
 }
 
 /// Makes problems of errors that come from libraries as plain text or without a body.

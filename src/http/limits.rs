@@ -59,7 +59,7 @@ pub struct Limits {
 pub const LIMITS: Limits = Limits {
     body_bytes: 32 << 20,
     bodies_in_memory_bytes: 512 << 20,
-    json_depth: 127,
+    json_depth: 126,
     ndjson_lines: 1_000,
     turns: 64,
     events: 400_000,

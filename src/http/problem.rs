@@ -83,9 +83,11 @@ impl ApiError {
         Self::new(StatusCode::CONFLICT, kind, "Conflict", detail)
     }
 
-    /// 400: the body is not JSON.
-    pub fn malformed(detail: impl Into<String>) -> Self {
-        Self::new(StatusCode::BAD_REQUEST, "malformed-body", "The body is not JSON", detail)
+    /// 400: the body, or a line of it, cannot be read as JSON. The faults tell where, and all else that is wrong.
+    pub fn malformed(faults: Faults) -> Self {
+        let detail = faults.list().iter().map(ToString::to_string).next().unwrap_or_default();
+        let title = "The body cannot be read as JSON";
+        Self::new(StatusCode::BAD_REQUEST, "malformed-body", title, detail).with_faults(faults)
     }
 
     /// 422: the body is JSON, and parts of it are wrong.
@@ -100,7 +102,7 @@ impl ApiError {
         error
     }
 
-    /// 400 with faults: lines of an NDJSON body are not JSON.
+    /// With the faults that it comes from.
     #[must_use]
     pub fn with_faults(mut self, faults: Faults) -> Self {
         self.problem.faults = faults.into_list().into_iter().map(FaultBody::from).collect();
@@ -130,6 +132,11 @@ impl From<Fault> for FaultBody {
 
 impl From<StoreError> for ApiError {
     fn from(error: StoreError) -> Self {
+        if error.is_busy() {
+            tracing::warn!(%error, "the database is busy");
+            let detail = "The database is busy. The request may be sent again.";
+            return Self::new(StatusCode::SERVICE_UNAVAILABLE, "busy", "Busy", detail).retry_after(1);
+        }
         Self::internal(&error)
     }
 }

@@ -26,15 +26,25 @@ pub struct AppState {
 }
 
 impl AppState {
-    /// The suite of this name, or name and version; one that another process added is found too.
+    /// The suite of this name, or name and version, if there is one; one that another process added is found too.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn find_suite(&self, name: &str) -> ApiResult<Option<Arc<Entry>>> {
+        // A version never changes, so one that is held is right. A bare name means the latest, which may be new.
+        if name.contains('@')
+            && let Some(entry) = self.store.catalogue().suite(name)
+        {
+            return Ok(Some(Arc::clone(entry)));
+        }
+        Ok(self.store.current_catalogue().await?.suite(name).cloned())
+    }
+
+    /// The suite of this name, or name and version.
     ///
     /// # Errors
     /// 404 where there is none.
     pub async fn suite(&self, name: &str) -> ApiResult<Arc<Entry>> {
-        if let Some(entry) = self.store.catalogue().suite(name) {
-            return Ok(Arc::clone(entry));
-        }
-        let catalogue = self.store.refresh_catalogue().await?;
-        catalogue.suite(name).cloned().ok_or_else(|| ApiError::not_found(format!("there is no suite {name:?}")))
+        self.find_suite(name).await?.ok_or_else(|| ApiError::not_found(format!("there is no suite {name:?}")))
     }
 }

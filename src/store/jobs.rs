@@ -8,6 +8,7 @@ use sqlx::Row as _;
 use super::runs::{count, end_if_complete};
 use super::submissions::SubmissionState;
 use super::{Store, StoreError, StoreResult, Tx, decompress};
+use crate::clock::now_ms;
 use crate::voxel::BlockLog;
 
 /// Attempts before a submission ends as `grader_error`.
@@ -52,12 +53,14 @@ pub enum Claimed {
 }
 
 impl Store {
-    /// Takes the oldest job that is free or whose lease has run out, under a lease until `lease_until_ms`.
+    /// Takes the oldest job that is free or whose lease has run out, under a lease of `lease_ms` from the moment that
+    /// this transaction has the database to itself.
     ///
     /// # Errors
     /// Where the database fails.
-    pub async fn claim(&self, now_ms: i64, lease_until_ms: i64) -> StoreResult<Claimed> {
+    pub async fn claim(&self, lease_ms: i64) -> StoreResult<Claimed> {
         let mut tx = self.begin().await?;
+        let now_ms = now_ms();
         let row = sqlx::query(
             "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $2
              WHERE submission_id = (SELECT submission_id FROM jobs WHERE lease_until_ms <= $1
@@ -65,7 +68,7 @@ impl Store {
              RETURNING submission_id, attempt",
         )
         .bind(now_ms)
-        .bind(lease_until_ms)
+        .bind(now_ms + lease_ms)
         .fetch_optional(&mut *tx)
         .await?;
         let Some(row) = row else { return Ok(Claimed::Nothing) };
@@ -93,16 +96,16 @@ impl Store {
         Ok(Claimed::Job(Box::new(Claim { submission_id, attempt, run_id, suite_id, task_number, log })))
     }
 
-    /// Extends a lease. False where the job is no longer this attempt's.
+    /// Extends a lease to `lease_ms` from now. False where the job is no longer this attempt's.
     ///
     /// # Errors
     /// Where the database fails.
-    pub async fn renew(&self, claim: &Claim, lease_until_ms: i64) -> StoreResult<bool> {
+    pub async fn renew(&self, claim: &Claim, lease_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
         let held = sqlx::query("UPDATE jobs SET lease_until_ms = $3 WHERE submission_id = $1 AND attempt = $2")
             .bind(&claim.submission_id)
             .bind(claim.attempt)
-            .bind(lease_until_ms)
+            .bind(now_ms() + lease_ms)
             .execute(&mut *tx)
             .await?
             .rows_affected();

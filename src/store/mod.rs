@@ -49,6 +49,16 @@ pub enum StoreError {
 }
 
 impl StoreError {
+    /// Whether the database was only busy: the same may succeed in a moment.
+    #[must_use]
+    pub fn is_busy(&self) -> bool {
+        match self {
+            Self::Database(sqlx::Error::PoolTimedOut) => true,
+            Self::Database(sqlx::Error::Database(error)) => error.message().contains("database is locked"),
+            _ => false,
+        }
+    }
+
     /// A stored row that does not read back.
     pub fn corrupt(table: &'static str, detail: impl std::fmt::Display) -> Self {
         Self::Corrupt { table, detail: detail.to_string() }

@@ -46,6 +46,23 @@ impl SubmissionState {
     }
 }
 
+/// A log as it is stored: canonical JSON, compressed.
+#[derive(Debug, Clone)]
+pub struct PackedLog {
+    zstd: Vec<u8>,
+    json_bytes: usize,
+}
+
+impl PackedLog {
+    /// Compresses a log's canonical JSON. Takes long for a large one: not for a thread that serves others.
+    ///
+    /// # Errors
+    /// Where compression fails.
+    pub fn of(json: &[u8]) -> StoreResult<Self> {
+        Ok(Self { zstd: compress(json)?, json_bytes: json.len() })
+    }
+}
+
 /// A submission to store.
 #[derive(Debug, Clone)]
 pub struct NewSubmission {
@@ -59,10 +76,10 @@ pub struct NewSubmission {
     pub task_hash: String,
     /// The task's number in the suite.
     pub task_number: u32,
-    /// SHA-256 of `log_json`, in hex.
+    /// SHA-256 of the log's canonical JSON, in hex.
     pub log_hash: String,
-    /// The log as canonical JSON.
-    pub log_json: Vec<u8>,
+    /// The log.
+    pub log: PackedLog,
     /// Turns of the log.
     pub turns: usize,
     /// Events of the log.
@@ -157,14 +174,10 @@ impl Store {
     /// # Errors
     /// Where the database fails; nothing is stored then.
     pub async fn accept(&self, submissions: &[NewSubmission], now_ms: i64) -> StoreResult<Vec<Accepted>> {
-        let mut logs = Vec::with_capacity(submissions.len());
-        for submission in submissions {
-            logs.push(compress(&submission.log_json)?);
-        }
         let mut tx = self.begin().await?;
         let mut answers = Vec::with_capacity(submissions.len());
-        for (submission, log) in submissions.iter().zip(logs) {
-            answers.push(accept_one(&mut tx, submission, log, now_ms).await?);
+        for submission in submissions {
+            answers.push(accept_one(&mut tx, submission, now_ms).await?);
         }
         if answers.iter().all(|answer| matches!(answer, Accepted::New | Accepted::Same(_))) {
             tx.commit().await?;
@@ -206,7 +219,9 @@ impl Store {
             .bind(id)
             .fetch_optional(&self.readers)
             .await?;
-        log.map(|log| decompress("submissions", &log)).transpose()
+        let Some(log) = log else { return Ok(None) };
+        let unpacked = tokio::task::spawn_blocking(move || decompress("submissions", &log));
+        unpacked.await.map_err(|error| StoreError::corrupt("submissions", error))?.map(Some)
     }
 
     /// Number of submissions per state, and the age in milliseconds of the oldest that has not ended.
@@ -222,7 +237,7 @@ impl Store {
     }
 }
 
-async fn accept_one(tx: &mut Tx, new: &NewSubmission, log: Vec<u8>, now_ms: i64) -> StoreResult<Accepted> {
+async fn accept_one(tx: &mut Tx, new: &NewSubmission, now_ms: i64) -> StoreResult<Accepted> {
     if let Some(run_id) = &new.run_id {
         let earlier: Option<(String, String, String)> = sqlx::query_as(
             "SELECT id, log_hash, state FROM submissions WHERE run_id = $1 AND task_number = $2 AND superseded = 0",
@@ -258,8 +273,8 @@ async fn accept_one(tx: &mut Tx, new: &NewSubmission, log: Vec<u8>, now_ms: i64)
     .bind(&new.task_hash)
     .bind(i64::from(new.task_number))
     .bind(&new.log_hash)
-    .bind(log)
-    .bind(new.log_json.len() as i64)
+    .bind(new.log.zstd.as_slice())
+    .bind(new.log.json_bytes as i64)
     .bind(new.turns as i64)
     .bind(new.events as i64)
     .bind(now_ms)

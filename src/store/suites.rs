@@ -77,7 +77,18 @@ impl Store {
         Arc::clone(&held)
     }
 
-    /// Reads the suites again: another process may have added some.
+    /// The stored suites as they are now: read again only where another process has added some.
+    ///
+    /// # Errors
+    /// Where the database fails or a task does not read back.
+    pub async fn current_catalogue(&self) -> StoreResult<Arc<Catalogue>> {
+        let held = self.catalogue();
+        // Suites are never changed or dropped, so their number tells.
+        let stored: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM suites").fetch_one(&self.readers).await?;
+        if held.suites().len() as i64 == stored { Ok(held) } else { self.refresh_catalogue().await }
+    }
+
+    /// Reads the suites again.
     ///
     /// # Errors
     /// Where the database fails or a task does not read back.

@@ -81,8 +81,14 @@ fn read_item(item: &Value, family: &str, item_number: usize, tasks: &mut Vec<Tas
     let Some(item) = object(item, &["prompts", "checks"], &["_comment"], faults) else { return };
     faults.enter_key("checks");
     let checks = read_turns(&item["checks"], faults);
+    if item["checks"].as_array().is_some_and(Vec::is_empty) {
+        faults.add("no turns");
+    }
     faults.leave();
     faults.enter_key("prompts");
+    if item["prompts"].as_array().is_some_and(Vec::is_empty) {
+        faults.add("no wordings");
+    }
     for (w, wording) in array(&item["prompts"], "a list of wordings", faults).into_iter().flatten().enumerate() {
         faults.enter_index(w);
         let prompts = read_prompts(wording, checks.len(), faults);

@@ -48,6 +48,9 @@ impl Faults {
     /// Faults listed at most; the rest are counted.
     pub const KEPT: usize = 100;
 
+    /// Characters of a key shown in a pointer; a longer one ends in an ellipsis.
+    const KEY_CHARS: usize = 100;
+
     /// No faults, at the root of a document.
     #[must_use]
     pub fn new() -> Self {
@@ -62,7 +65,11 @@ impl Faults {
 
     /// Steps into the member `key`.
     pub fn enter_key(&mut self, key: &str) {
-        self.path.push(Step::Key(key.to_owned()));
+        let shown = match key.char_indices().nth(Self::KEY_CHARS) {
+            Some((end, _)) => format!("{}…", &key[..end]),
+            None => key.to_owned(),
+        };
+        self.path.push(Step::Key(shown));
     }
 
     /// Steps into the element `index`.

@@ -3,7 +3,6 @@
 //! No transaction is open while grading. A worker that is asked to stop gives its job back unfinished, without
 //! counting the attempt; one that dies leaves a lease that runs out.
 
-use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -49,7 +48,7 @@ impl Workers {
         let running = TaskTracker::new();
         for _ in 0..settings.workers {
             let worker = Worker { store: store.clone(), settings, wake: Arc::clone(wake), stop: stop.clone() };
-            running.spawn(worker.run());
+            running.spawn(worker.keep_running());
         }
         running.close();
         Self { stop, running }
@@ -62,6 +61,7 @@ impl Workers {
     }
 }
 
+#[derive(Clone)]
 struct Worker {
     store: Store,
     settings: WorkerSettings,
@@ -78,14 +78,21 @@ enum Ending {
 }
 
 impl Worker {
+    /// Runs until asked to stop; should a fault of ours break the loop, begins it again.
+    async fn keep_running(self) {
+        while let Err(error) = tokio::spawn(self.clone().run()).await {
+            tracing::error!(%error, "a worker broke and begins again");
+            self.pause(ERROR_PAUSE).await;
+        }
+    }
+
     async fn run(self) {
         while !self.stop.is_cancelled() {
             // Listening begins before looking, so that work added in between wakes this worker.
             let woken = self.wake.notified();
             tokio::pin!(woken);
             woken.as_mut().enable();
-            let lease_until_ms = now_ms() + duration_ms(self.settings.lease);
-            match self.store.claim(now_ms(), lease_until_ms).await {
+            match self.store.claim(duration_ms(self.settings.lease)).await {
                 Ok(Claimed::Job(claim)) => {
                     if let Err(error) = self.work(&claim).await {
                         // The lease runs out and the job is taken again.
@@ -116,28 +123,30 @@ impl Worker {
         }
     }
 
+    /// Grades a job and records how it ended, with the lease renewed until both are done.
     async fn work(&self, claim: &Claim) -> StoreResult<()> {
-        let interrupted = Arc::new(AtomicBool::new(false));
-        let (ending, lost) = {
-            let grading = self.grade(claim, Arc::clone(&interrupted));
-            tokio::pin!(grading);
-            let mut heartbeat = tokio::time::interval(self.settings.lease / 3);
-            heartbeat.tick().await;
-            let mut lost = false;
-            loop {
-                tokio::select! {
-                    ending = &mut grading => break (ending, lost),
-                    _ = heartbeat.tick() => {
-                        let until = now_ms() + duration_ms(self.settings.lease);
-                        // A failed renewal is not a lost lease: recording tells in the end.
-                        if let Ok(false) = self.store.renew(claim, until).await {
-                            lost = true;
-                            interrupted.store(true, Ordering::Relaxed);
-                        }
+        let is_lost = Arc::new(AtomicBool::new(false));
+        let working = async {
+            let ending = self.grade(claim, Arc::clone(&is_lost)).await?;
+            self.conclude(claim, ending, is_lost.load(Ordering::Relaxed)).await
+        };
+        tokio::pin!(working);
+        let mut heartbeat = tokio::time::interval(self.settings.lease / 3);
+        heartbeat.tick().await;
+        loop {
+            tokio::select! {
+                done = &mut working => return done,
+                _ = heartbeat.tick() => {
+                    // A failed renewal is not a lost lease: recording tells in the end.
+                    if let Ok(false) = self.store.renew(claim, duration_ms(self.settings.lease)).await {
+                        is_lost.store(true, Ordering::Relaxed);
                     }
                 }
             }
-        };
+        }
+    }
+
+    async fn conclude(&self, claim: &Claim, ending: Ending, is_lost: bool) -> StoreResult<()> {
         match ending {
             Ending::Graded(report, took) => {
                 metrics::histogram!("plumbline_grading_seconds").record(took.as_secs_f64());
@@ -147,7 +156,7 @@ impl Worker {
                 }
                 Ok(())
             }
-            Ending::Stopped if lost => Ok(()),
+            Ending::Stopped if is_lost => Ok(()),
             Ending::Stopped if self.stop.is_cancelled() => self.store.give_back(claim, false).await,
             Ending::Stopped => {
                 let limit = self.settings.deadline.as_secs();
@@ -168,38 +177,38 @@ impl Worker {
     }
 
     /// Grades on a thread where it may take long, until it ends or is asked to stop.
-    async fn grade(&self, claim: &Claim, interrupted: Arc<AtomicBool>) -> Ending {
-        let log = match claim.read_log() {
-            Ok(log) => log,
-            Err(error) => return Ending::Unreadable(error.to_string()),
-        };
-        let catalogue = self.store.catalogue();
-        let entry = match catalogue.suite(&claim.suite_id).cloned() {
-            Some(entry) => Some(entry),
+    ///
+    /// # Errors
+    /// Where the database fails; the job is taken again when its lease has run out.
+    async fn grade(&self, claim: &Claim, is_lost: Arc<AtomicBool>) -> StoreResult<Ending> {
+        let mut entry = self.store.catalogue().suite(&claim.suite_id).cloned();
+        if entry.is_none() {
             // Another process may have added the suite.
-            None => self.store.refresh_catalogue().await.ok().and_then(|c| c.suite(&claim.suite_id).cloned()),
-        };
-        let Some(entry) = entry else { return Ending::Unreadable(format!("no suite {:?}", claim.suite_id)) };
-        let number = claim.task_number;
+            entry = self.store.current_catalogue().await?.suite(&claim.suite_id).cloned();
+        }
+        let Some(entry) = entry else { return Ok(Ending::Unreadable(format!("no suite {:?}", claim.suite_id))) };
+        let job = claim.clone();
         let stop = self.stop.clone();
         let begun = Instant::now();
         let deadline = begun + self.settings.deadline;
-        let span = tracing::Span::current();
         let work = tokio::task::spawn_blocking(move || {
-            let _in_span = span.enter();
-            let asked = || interrupted.load(Ordering::Relaxed) || stop.is_cancelled() || Instant::now() >= deadline;
-            let grading = || entry.task_numbered(number).map(|(task, _)| grade_log(task, &log, &asked));
-            std::panic::catch_unwind(AssertUnwindSafe(grading))
-        });
-        match work.await {
-            Ok(Ok(Some(Ok(report)))) => Ending::Graded(Box::new(report), begun.elapsed()),
-            Ok(Ok(Some(Err(_stopped)))) => Ending::Stopped,
-            Ok(Ok(None)) => Ending::Unreadable(format!("no task {number} in {:?}", claim.suite_id)),
-            Ok(Err(_)) | Err(_) => {
-                tracing::error!(submission = claim.submission_id, attempt = claim.attempt, "grading panicked");
-                Ending::Panicked
+            let asked = || is_lost.load(Ordering::Relaxed) || stop.is_cancelled() || Instant::now() >= deadline;
+            let log = match job.read_log() {
+                Ok(log) => log,
+                Err(error) => return Ending::Unreadable(error.to_string()),
+            };
+            let Some((task, _)) = entry.task_numbered(job.task_number) else {
+                return Ending::Unreadable(format!("no task {} in {:?}", job.task_number, job.suite_id));
+            };
+            match grade_log(task, &log, &asked) {
+                Ok(report) => Ending::Graded(Box::new(report), begun.elapsed()),
+                Err(_stopped) => Ending::Stopped,
             }
-        }
+        });
+        Ok(work.await.unwrap_or_else(|error| {
+            tracing::error!(%error, submission = claim.submission_id, attempt = claim.attempt, "grading panicked");
+            Ending::Panicked
+        }))
     }
 }
 

@@ -159,10 +159,12 @@ impl<'de> Shape<'de> for NewRunShape<'_> {
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000000", "agent": "my-agent 1.2", "suite": "mineceraft@1",
                            "state": "open", "tasks": 723, "pending": 0, "graded": 0, "grader_errors": 0 })),
         (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
         (status = 415, description = "Neither JSON nor NDJSON", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "Faults, all of them", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn create_run(
@@ -170,16 +172,27 @@ pub async fn create_run(
     body: JsonBody,
 ) -> ApiResult<(StatusCode, [(HeaderName, String); 1], Json<RunBody>)> {
     if body.format == Format::NdJson {
-        return Err(ApiError::malformed("a run is one JSON document, not NDJSON"));
+        let detail = "a run is one JSON document, not NDJSON";
+        return Err(ApiError::new(
+            StatusCode::UNSUPPORTED_MEDIA_TYPE,
+            "unsupported-media-type",
+            "Unsupported media type",
+            detail,
+        ));
     }
     let mut faults = Faults::new();
-    let parsed = read_document(&body.bytes, NewRunShape { faults: &mut faults })
-        .map_err(|error| ApiError::malformed(error.to_string()))?;
+    let parsed = match read_document(&body.bytes, NewRunShape { faults: &mut faults }) {
+        Ok(parsed) => parsed,
+        Err(error) => {
+            faults.add(error.to_string());
+            return Err(ApiError::malformed(faults));
+        }
+    };
     let mut suite_id = None;
     if let Some(name) = parsed.as_ref().and_then(|run| run.suite.as_deref()) {
-        match state.suite(name).await {
-            Ok(entry) => suite_id = Some(entry.suite.id()),
-            Err(_) => faults.add_at("suite", format!("there is no suite {name:?}; /v1/suites lists them")),
+        match state.find_suite(name).await? {
+            Some(entry) => suite_id = Some(entry.suite.id()),
+            None => faults.add_at("suite", format!("there is no suite {name:?}; /v1/suites lists them")),
         }
     }
     let agent = parsed.as_ref().and_then(|run| run.agent.clone());

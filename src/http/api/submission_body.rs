@@ -4,7 +4,6 @@ use serde::de::{IgnoredAny, MapAccess};
 
 use super::super::body::Format;
 use super::super::limits::LIMITS;
-use super::super::problem::{ApiError, ApiResult};
 use crate::checks::Criterion;
 use crate::tasks::Task;
 use crate::voxel::log_reader::Turns;
@@ -36,49 +35,54 @@ pub struct PostedSubmission {
     pub log: BlockLog,
 }
 
-/// Reads the submissions of a body. Faults of well-formed JSON go to `faults`; more may be added to it by looking
-/// names up.
-///
-/// # Errors
-/// 400 where the body, or a line of it, is not JSON.
-pub fn read_submissions(text: &[u8], format: Format, faults: &mut Faults) -> ApiResult<Vec<PostedSubmission>> {
-    match format {
-        Format::Json => {
-            let posted = read_document(text, SubmissionShape { faults, line: None });
-            let posted = posted.map_err(|error| ApiError::malformed(error.to_string()))?;
-            Ok(posted.into_iter().collect())
-        }
-        Format::NdJson => read_lines(text, faults),
-    }
+/// What was read of a body.
+#[derive(Debug)]
+pub struct Posted {
+    /// The submissions that could be read, faulty ones left out.
+    pub submissions: Vec<PostedSubmission>,
+    /// Whether the body, or a line of it, is not JSON.
+    pub is_malformed: bool,
 }
 
-fn read_lines(text: &[u8], faults: &mut Faults) -> ApiResult<Vec<PostedSubmission>> {
-    let lines = (1u64..).zip(text.split(|byte| *byte == b'\n'));
-    let filled = lines.filter(|(_, line)| !line.iter().all(u8::is_ascii_whitespace));
-    let mut malformed = Faults::new();
-    let mut posted = Vec::new();
-    for (count, (line, text)) in filled.enumerate() {
-        faults.enter_line(line);
-        if count >= LIMITS.ndjson_lines {
-            faults.add(format!("more than {} submissions in one body", LIMITS.ndjson_lines));
-            break;
-        }
-        match read_document(text, SubmissionShape { faults, line: Some(line) }) {
-            Ok(submission) => posted.extend(submission),
+/// Reads the submissions of a body to its end. All that is wrong goes to `faults`; more may be added to it by looking
+/// names up.
+#[must_use]
+pub fn read_submissions(text: &[u8], format: Format, faults: &mut Faults) -> Posted {
+    let mut posted = Posted { submissions: Vec::new(), is_malformed: false };
+    match format {
+        Format::Json => posted.read(text, None, faults),
+        Format::NdJson => posted.read_lines(text, faults),
+    }
+    posted
+}
+
+impl Posted {
+    fn read(&mut self, text: &[u8], line: Option<u64>, faults: &mut Faults) {
+        match read_document(text, SubmissionShape { faults, line }) {
+            Ok(submission) => self.submissions.extend(submission),
             Err(error) => {
-                malformed.enter_line(line);
-                malformed.add(error.to_string());
+                self.is_malformed = true;
+                faults.add(error.to_string());
             }
         }
     }
-    if !malformed.is_empty() {
-        let detail = format!("{} lines are not JSON", malformed.total());
-        return Err(ApiError::malformed(detail).with_faults(malformed));
+
+    fn read_lines(&mut self, text: &[u8], faults: &mut Faults) {
+        let lines = (1u64..).zip(text.split(|byte| *byte == b'\n'));
+        let mut filled = lines.filter(|(_, line)| !line.iter().all(u8::is_ascii_whitespace)).peekable();
+        if filled.peek().is_none() {
+            self.is_malformed = true;
+            faults.add("the body has no lines");
+        }
+        for (count, (line, text)) in filled.enumerate() {
+            faults.enter_line(line);
+            if count >= LIMITS.ndjson_lines {
+                faults.add(format!("more than {} submissions in one body", LIMITS.ndjson_lines));
+                break;
+            }
+            self.read(text, Some(line), faults);
+        }
     }
-    if posted.is_empty() && faults.is_empty() {
-        return Err(ApiError::malformed("the body has no lines"));
-    }
-    Ok(posted)
 }
 
 struct SubmissionShape<'f> {

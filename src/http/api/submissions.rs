@@ -15,9 +15,10 @@ use uuid::Uuid;
 use super::super::body::{Format, JsonBody};
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
-use super::submission_body::{PostedSubmission, TaskRef, check_against_task, read_submissions};
+use super::submission_body::{Posted, PostedSubmission, TaskRef, check_against_task, read_submissions};
 use crate::clock::{now_ms, rfc3339};
-use crate::store::submissions::{Accepted, NewSubmission, SubmissionRow};
+use crate::store::StoreError;
+use crate::store::submissions::{Accepted, NewSubmission, PackedLog, SubmissionRow};
 use crate::tasks::catalogue::Entry;
 use crate::tasks::embedded::FULL;
 use crate::tasks::hex;
@@ -161,6 +162,7 @@ pub struct AcceptedList {
          headers(("Location" = String, description = "The submission")),
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000001", "repeated": false })),
         (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The task was answered otherwise, or the run takes no more", body = Problem,
          content_type = "application/problem+json"),
         (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
@@ -171,22 +173,28 @@ pub struct AcceptedList {
     )
 )]
 pub async fn create_submission(State(state): State<AppState>, body: JsonBody) -> ApiResult<Response> {
-    let format = body.format;
+    // The share of memory is held until the answer: what the bytes became is in memory as long.
+    let JsonBody { bytes, format, share: _share } = body;
     let read = tokio::task::spawn_blocking(move || {
         let mut faults = Faults::new();
-        read_submissions(&body.bytes, body.format, &mut faults).map(|posted| (posted, faults))
+        let posted = read_submissions(&bytes, format, &mut faults);
+        (posted, faults)
     });
-    let (posted, mut faults) = read.await.map_err(|error| ApiError::internal(&error))??;
-    let lines: Vec<Option<u64>> = posted.iter().map(|p| p.line).collect();
-    let places = resolve_all(&state, &posted, &mut faults).await?;
+    let (Posted { submissions, is_malformed }, mut faults) = read.await.map_err(|error| ApiError::internal(&error))?;
+    let lines: Vec<Option<u64>> = submissions.iter().map(|submission| submission.line).collect();
+    let places = resolve_all(&state, &submissions, &mut faults).await?;
+    let prepare = tokio::task::spawn_blocking(move || {
+        let prepared = prepare(submissions, &places, &mut faults);
+        (prepared, faults)
+    });
+    let (prepared, faults) = prepare.await.map_err(|error| ApiError::internal(&error))?;
+    if is_malformed {
+        return Err(ApiError::malformed(faults));
+    }
     if !faults.is_empty() {
         return Err(ApiError::faulty(faults));
     }
-    let prepare = tokio::task::spawn_blocking(move || prepare(posted, &places));
-    let (submissions, faults) = prepare.await.map_err(|error| ApiError::internal(&error))?;
-    if !faults.is_empty() {
-        return Err(ApiError::faulty(faults));
-    }
+    let submissions = prepared?;
     let answers = state.store.accept(&submissions, now_ms()).await?;
     let accepted = accepted_bodies(submissions, answers, &lines)?;
     state.wake.notify_waiters();
@@ -194,7 +202,7 @@ pub async fn create_submission(State(state): State<AppState>, body: JsonBody) ->
         return Ok((StatusCode::ACCEPTED, Json(AcceptedList { submissions: accepted })).into_response());
     }
     let Some(one) = accepted.into_iter().next() else {
-        return Err(ApiError::malformed("the body holds no submission"));
+        return Err(ApiError::internal(&"a body without faults held no submission"));
     };
     let mut headers = HeaderMap::new();
     headers.insert(header::LOCATION, location(&one.id));
@@ -215,6 +223,7 @@ async fn resolve_all(
     faults: &mut Faults,
 ) -> ApiResult<Vec<Option<Place>>> {
     let mut suite_of_run: HashMap<&str, Option<String>> = HashMap::new();
+    let mut suites: HashMap<String, Option<Arc<Entry>>> = HashMap::new();
     let mut places = Vec::with_capacity(posted.len());
     for submission in posted {
         if let Some(line) = submission.line {
@@ -241,7 +250,7 @@ async fn resolve_all(
             places.push(None);
             continue;
         };
-        let Ok(entry) = state.suite(&suite).await else {
+        let Some(entry) = find_once(state, &suite, &mut suites).await? else {
             faults.add_at("suite", format!("there is no suite {suite:?}; /v1/suites lists them"));
             places.push(None);
             continue;
@@ -262,31 +271,54 @@ async fn resolve_all(
     Ok(places)
 }
 
-/// Checks each log against its task and writes it canonically.
-fn prepare(posted: Vec<PostedSubmission>, places: &[Option<Place>]) -> (Vec<NewSubmission>, Faults) {
-    let mut faults = Faults::new();
-    let mut submissions = Vec::with_capacity(posted.len());
+/// A suite, looked up once a body.
+async fn find_once(
+    state: &AppState,
+    name: &str,
+    found: &mut HashMap<String, Option<Arc<Entry>>>,
+) -> ApiResult<Option<Arc<Entry>>> {
+    if let Some(entry) = found.get(name) {
+        return Ok(entry.clone());
+    }
+    let entry = state.find_suite(name).await?;
+    found.insert(name.to_owned(), entry.clone());
+    Ok(entry)
+}
+
+/// Checks each log against its task, and packs the logs for storage where nothing is wrong with any.
+fn prepare(
+    posted: Vec<PostedSubmission>,
+    places: &[Option<Place>],
+    faults: &mut Faults,
+) -> Result<Vec<NewSubmission>, StoreError> {
+    let mut placed = Vec::with_capacity(posted.len());
     for (submission, place) in posted.into_iter().zip(places) {
         let Some((entry, number)) = place else { continue };
         let Some((task, hash)) = entry.task_numbered(*number) else { continue };
         if let Some(line) = submission.line {
             faults.enter_line(line);
         }
-        check_against_task(&submission.log, task, &mut faults);
-        let log_json = submission.log.canonical_json();
-        submissions.push(NewSubmission {
+        check_against_task(&submission.log, task, faults);
+        placed.push((submission, entry.suite.id(), hash, *number));
+    }
+    if !faults.is_empty() {
+        return Ok(Vec::new());
+    }
+    let pack = |(submission, suite_id, hash, number): (PostedSubmission, String, &str, u32)| {
+        let json = submission.log.canonical_json();
+        Ok(NewSubmission {
             id: Uuid::now_v7().to_string(),
             run_id: submission.run,
-            suite_id: entry.suite.id(),
+            suite_id,
             task_hash: hash.to_owned(),
-            task_number: *number,
-            log_hash: hex(&Sha256::digest(&log_json)),
+            task_number: number,
+            log_hash: hex(&Sha256::digest(&json)),
             turns: submission.log.turns.len(),
             events: submission.log.event_count(),
-            log_json,
-        });
-    }
-    (submissions, faults)
+            log: PackedLog::of(&json)?,
+        })
+    };
+    placed.into_iter().map(pack).collect()
 }
 
 /// The ids under which submissions were accepted; 409 where any was not, and then none was.

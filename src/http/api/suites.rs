@@ -95,7 +95,7 @@ impl SuiteBody {
     )
 )]
 pub async fn list_suites(State(state): State<AppState>) -> ApiResult<Json<SuiteList>> {
-    let catalogue = state.store.refresh_catalogue().await?;
+    let catalogue = state.store.current_catalogue().await?;
     Ok(Json(SuiteList { suites: catalogue.suites().iter().map(|entry| SuiteBody::of(&entry.suite)).collect() }))
 }
 

@@ -11,13 +11,14 @@ use super::faults::Faults;
 use super::palette::{MaterialId, Palette};
 use super::tolerant::{Read, Shape};
 
-/// Reads the value of the member just named, with faults placed at it.
+/// Reads the value of the member just named, with faults placed at it. Text that is not JSON leaves the place entered, so
+/// that it can be told.
 macro_rules! member {
     ($members:expr, $reader:expr, $key:expr, $shape:expr) => {{
         $reader.faults.enter_key($key);
-        let value = $members.next_value_seed(Read($shape));
+        let value = $members.next_value_seed(Read($shape))?;
         $reader.faults.leave();
-        value?
+        value
     }};
 }
 
@@ -27,9 +28,9 @@ macro_rules! array_of {
         let mut $i = 0usize;
         loop {
             $reader.faults.enter_index($i);
-            let item = $elements.next_element_seed(Read($shape));
+            let item = $elements.next_element_seed(Read($shape))?;
             $reader.faults.leave();
-            let Some($item) = item? else { break };
+            let Some($item) = item else { break };
             $keep
             $i += 1;
         }
@@ -80,9 +81,9 @@ impl<'de> Shape<'de> for Turns<'_> {
         let mut turns = Vec::new();
         loop {
             reader.faults.enter_index(turns.len());
-            let turn = elements.next_element_seed(Read(TurnShape { reader: &mut reader }));
+            let turn = elements.next_element_seed(Read(TurnShape { reader: &mut reader }))?;
             reader.faults.leave();
-            let Some(turn) = turn? else { break };
+            let Some(turn) = turn else { break };
             turns.push(turn.unwrap_or_default());
             if turns.len() > reader.limits.max_turns {
                 reader.faults.add(format!("more than {} turns", reader.limits.max_turns));

@@ -96,12 +96,12 @@ impl<'de> Shape<'de> for RowShape<'_> {
         loop {
             faults.enter_index(length);
             let value = match length {
-                0..=2 => elements.next_element_seed(Read(coordinate(length, faults))),
-                3 => elements.next_element_seed(Read(Integer { faults, min: 0, max: i64::from(u32::MAX) })),
-                _ => elements.next_element::<IgnoredAny>().map(|ignored| ignored.map(|_| None)),
+                0..=2 => elements.next_element_seed(Read(coordinate(length, faults)))?,
+                3 => elements.next_element_seed(Read(Integer { faults, min: 0, max: i64::from(u32::MAX) }))?,
+                _ => elements.next_element::<IgnoredAny>()?.map(|_| None),
             };
             faults.leave();
-            let Some(value) = value? else { break };
+            let Some(value) = value else { break };
             match length {
                 0..=2 => at[length] = value,
                 3 => material = Some(value),

@@ -38,13 +38,13 @@ pub struct HasWideExit {
     pub start_material: Option<String>,
 }
 
-/// A side of the moving box: 1 to 64 cells.
+/// A side of the moving box: 1 to 16 cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "i64", into = "i64")]
 pub struct BoxSide(i32);
 
 impl BoxSide {
-    const MAX: i32 = 64;
+    const MAX: i32 = 16;
 }
 
 impl TryFrom<i64> for BoxSide {

@@ -33,7 +33,7 @@ impl Rule for HasRooms {
         }
         let structure = subject.structure;
         let door = structure.palette().mask(is_door);
-        let is_wall = |y: i32, id: u32| y == self.y || (y == self.y - 1 && door[id as usize]);
+        let is_wall = |y: i32, id: u32| y == self.y || (y == self.y.saturating_sub(1) && door[id as usize]);
         let walls = structure.entries().filter(|(cell, id)| is_wall(cell.y, *id)).map(|(cell, _)| (cell.x, cell.z));
         let plan = FloorPlan::of(sorted_distinct(walls.collect()));
         let found = plan.rooms().len();
