@@ -21,6 +21,9 @@ pub struct SubmitArgs {
     /// Who built, as the board shall show it.
     #[arg(long)]
     agent: String,
+    /// Go on with this run, where an earlier attempt broke off: what it has already is not stored again.
+    #[arg(long, value_name = "ID")]
+    run: Option<String>,
     /// Suite: name, or name@version.
     #[arg(long, default_value = "mineceraft")]
     suite: String,
@@ -40,7 +43,11 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
         let service = Service::at(&args.server)?;
-        let run = service.create_run(&args.agent, &args.suite, json!({ "source": "raw records" })).await?;
+        let run = match &args.run {
+            Some(run) => run.clone(),
+            None => service.create_run(&args.agent, &args.suite, json!({ "source": "raw records" })).await?,
+        };
+        eprintln!("run {run}");
         let bar = progress::bar(answers.len(), "posting");
         service.post_answers(&run, &answers, |posted| bar.inc(posted as u64)).await?;
         bar.finish_and_clear();
