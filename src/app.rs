@@ -23,8 +23,8 @@ use crate::worker::{WorkerSettings, Workers};
 /// What a service is started with.
 #[derive(Debug, Clone)]
 pub struct Config {
-    /// Address to listen on; port 0 takes a free one.
-    pub listen: SocketAddr,
+    /// Host and port to listen on; port 0 takes a free one.
+    pub listen: String,
     /// The database file.
     pub database: PathBuf,
     /// Submissions graded at the same time.
@@ -50,14 +50,24 @@ impl App {
     /// # Errors
     /// Where the database or the address cannot be had.
     pub async fn start(config: &Config, metrics: PrometheusHandle) -> anyhow::Result<Self> {
+        // The address first: where it is taken, no database is made.
+        let listener = TcpListener::bind(&config.listen)
+            .await
+            .with_context(|| format!("cannot listen on {:?} (expected host:port)", config.listen))?;
+        let address = listener.local_addr()?;
+        let folder = config.database.parent().filter(|folder| !folder.as_os_str().is_empty());
+        if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+            anyhow::bail!(
+                "cannot make the database {}: there is no folder {}",
+                config.database.display(),
+                folder.display()
+            );
+        }
         let store = Store::open(&config.database)
             .await
             .with_context(|| format!("cannot open the database {}", config.database.display()))?;
         store_suites(&store).await?;
         let wake = Arc::new(Notify::new());
-        let listener =
-            TcpListener::bind(config.listen).await.with_context(|| format!("cannot listen on {}", config.listen))?;
-        let address = listener.local_addr()?;
         let settings = WorkerSettings {
             workers: config.workers,
             lease: config.lease,

@@ -1,5 +1,6 @@
 //! A client of the service, over HTTP like everybody else's: for `submit` and for the demo agents.
 
+use std::collections::HashSet;
 use std::time::Duration;
 
 use anyhow::{Context as _, bail};
@@ -37,7 +38,11 @@ impl Service {
     /// # Errors
     /// Where no client can be made.
     pub fn at(base: &str) -> anyhow::Result<Self> {
-        let http = Client::builder().timeout(Duration::from_mins(2)).build()?;
+        let base = if base.contains("://") { base.to_owned() } else { format!("http://{base}") };
+        let builder = Client::builder().timeout(Duration::from_mins(2));
+        // A proxy of the environment cannot reach this very machine.
+        let is_local = ["//localhost", "//127.", "//[::1]"].iter().any(|host| base.contains(host));
+        let http = if is_local { builder.no_proxy() } else { builder }.build()?;
         Ok(Self { http, base: base.trim_end_matches('/').to_owned() })
     }
 
@@ -62,6 +67,22 @@ impl Service {
     /// Where the service cannot be reached or refuses.
     pub async fn get(&self, path: &str) -> anyhow::Result<Value> {
         self.send(self.http.get(format!("{}{path}", self.base))).await
+    }
+
+    /// Numbers of the tasks of a suite.
+    ///
+    /// # Errors
+    /// Where the service cannot be reached or refuses.
+    pub async fn task_numbers(&self, suite: &str) -> anyhow::Result<HashSet<u32>> {
+        let mut numbers = HashSet::new();
+        let mut after = Value::from(0);
+        while !after.is_null() {
+            let page = self.get(&format!("/v1/tasks?suite={suite}&limit=1000&after={after}")).await?;
+            let tasks = page["tasks"].as_array().into_iter().flatten();
+            numbers.extend(tasks.filter_map(|task| task["number"].as_u64()).filter_map(|n| u32::try_from(n).ok()));
+            after = page["next_after"].clone();
+        }
+        Ok(numbers)
     }
 
     /// Begins a run and gives its id.

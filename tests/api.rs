@@ -159,6 +159,10 @@ async fn ndjson_is_accepted_whole_or_not_at_all() {
     let body = format!("{good}\n\n{{\"run\":\"{run}\",\"task\":1,\"turns\":[{{\"events\":[{{}}]}}]}}");
     let faults = service.post("/v1/submissions", "application/x-ndjson", body).await.faults(422);
     assert!(faults.iter().all(|fault| fault.starts_with("3 /turns/0/events/0/")), "{faults:?}");
+    let other = wall(Some(&run), |rows| drop(rows.pop())).to_string();
+    let twice = service.post("/v1/submissions", "application/x-ndjson", format!("{good}\n{other}")).await;
+    assert_eq!(twice.faults(409), ["2 /task"]);
+    assert!(twice.text.contains("another line of this body"), "{}", twice.text);
     let run = service.get(&format!("/v1/runs/{run}")).await.json();
     assert_eq!((&run["pending"], &run["graded"]), (&json!(0), &json!(0)));
 }
@@ -186,4 +190,25 @@ async fn documents_of_the_service_are_there() {
     let known = known.header("if-none-match", &board.headers["etag"]);
     assert_eq!(service.send(known).await.status, StatusCode::NOT_MODIFIED);
     assert!(service.terminate(), "a SIGTERM ends the service well");
+}
+
+#[tokio::test]
+async fn a_database_of_another_program_is_left_alone() {
+    use sqlx::{ConnectOptions as _, Connection as _};
+    let folder = tempfile::tempdir().unwrap();
+    let foreign = folder.path().join("other.db");
+    let options = sqlx::sqlite::SqliteConnectOptions::new().filename(&foreign).create_if_missing(true);
+    let mut connection = options.connect().await.unwrap();
+    sqlx::query("CREATE TABLE t (x)").execute(&mut connection).await.unwrap();
+    connection.close().await.unwrap();
+    let serve = |database: &std::path::Path| {
+        let mut command = std::process::Command::new(support::PROGRAM);
+        let output = command.args(["serve", "--listen", "127.0.0.1:0", "--database"]).arg(database).output().unwrap();
+        assert!(!output.status.success());
+        String::from_utf8(output.stderr).unwrap()
+    };
+    let told = serve(&foreign);
+    assert!(told.contains("the file holds tables of another program"), "{told}");
+    let told = serve(&folder.path().join("none/p.db"));
+    assert!(told.contains("there is no folder"), "{told}");
 }

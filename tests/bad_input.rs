@@ -39,6 +39,11 @@ async fn every_fault_of_a_body_is_told_at_once() {
         "null /turns/1/rows/1",
     ];
     assert_eq!(faults, expected);
+    let nulls = json!({ "run": null, "suite": null, "task": 1.0, "turns": [
+        { "events": [{ "action": "remove", "x": 0, "y": 0, "z": 0, "material": null }], "palette": null, "rows": null }
+    ] });
+    let accepted = service.post_json("/v1/submissions", &nulls).await;
+    assert_eq!(accepted.status, 202, "null is as good as absent: {}", accepted.text);
     let run = json!({ "agent": "", "suite": "none", "metadata": [], "extra": 0 });
     let faults = service.post_json("/v1/runs", &run).await.faults(422);
     assert_eq!(faults, ["null /agent", "null /extra", "null /metadata", "null /suite"]);

@@ -44,6 +44,14 @@ async fn submit_posts_records_as_a_run_and_goes_on_with_one() {
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         serde_json::from_slice::<Value>(&output.stdout).unwrap()
     };
+    let lite = Command::new(PROGRAM)
+        .arg("submit")
+        .arg(&file)
+        .args(["--agent", "lab", "--suite", "mineceraft-lite", "--server", &service.url])
+        .output()
+        .unwrap();
+    let told = String::from_utf8_lossy(&lite.stderr);
+    assert!(told.contains("19 of 20 problems are not in mineceraft-lite; --only-suite leaves them out"), "{told}");
     let run = submit(&[]);
     assert_eq!((&run["state"], &run["graded"]), (&json!("finished"), &json!(20)));
     let again = submit(&["--run", run["id"].as_str().unwrap()]);

@@ -1,6 +1,5 @@
 //! `plumbline serve`: the service, from one file.
 
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -15,9 +14,9 @@ use crate::telemetry::{self, LogFormat};
 /// Arguments of `serve`; each can be given in the environment too.
 #[derive(Debug, Args)]
 pub struct ServeArgs {
-    /// Address to listen on.
-    #[arg(long, env = "PLUMBLINE_LISTEN", default_value_t = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080))]
-    listen: SocketAddr,
+    /// Where to listen.
+    #[arg(long, env = "PLUMBLINE_LISTEN", value_name = "HOST:PORT", default_value = "127.0.0.1:8080")]
+    listen: String,
     /// Database file; made where it is missing.
     #[arg(long, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
     database: PathBuf,
@@ -56,7 +55,7 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
     raise_open_files();
     let processors = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     let config = Config {
-        listen: args.listen,
+        listen: args.listen.clone(),
         database: args.database.clone(),
         workers: args.workers.map_or(processors, usize::from),
         lease: Duration::from_secs(args.lease_seconds),

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::json;
 
@@ -24,7 +24,13 @@ pub struct SubmitArgs {
     /// Go on with this run, where an earlier attempt broke off: what it has already is not stored again.
     #[arg(long, value_name = "ID")]
     run: Option<String>,
-    /// Suite: name, or name@version.
+    /// Leave out problems that the suite does not have, such as those outside a Lite draw.
+    #[arg(long)]
+    only_suite: bool,
+    /// Leave the run open for more; without this it is finished, and tasks without a record count as failed.
+    #[arg(long)]
+    keep_open: bool,
+    /// Suite: name, or name@version. Its own checks count, not those in the records.
     #[arg(long, default_value = "mineceraft")]
     suite: String,
     /// Address of the service.
@@ -39,10 +45,24 @@ pub struct SubmitArgs {
 pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
     let text = std::fs::read_to_string(&args.file).with_context(|| format!("cannot read {}", args.file.display()))?;
     let problems = grade::read_problems(&text).with_context(|| format!("{} is faulty", args.file.display()))?;
-    let answers: Vec<Answer> = problems.iter().map(answer).collect();
+    let mut answers: Vec<Answer> = problems.iter().map(answer).collect();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
         let service = Service::at(&args.server)?;
+        let tasks = service.task_numbers(&args.suite).await?;
+        let given = answers.len();
+        answers.retain(|answer| tasks.contains(&answer.number));
+        if answers.len() < given && !args.only_suite {
+            let others = given - answers.len();
+            bail!("{others} of {given} problems are not in {}; --only-suite leaves them out", args.suite);
+        }
+        if answers.is_empty() {
+            bail!("{} holds no problem of {}", args.file.display(), args.suite);
+        }
+        if answers.len() < tasks.len() && !args.keep_open {
+            let missing = tasks.len() - answers.len();
+            eprintln!("{missing} of {} tasks have no record and will count as failed", tasks.len());
+        }
         let run = match &args.run {
             Some(run) => run.clone(),
             None => service.create_run(&args.agent, &args.suite, json!({ "source": "raw records" })).await?,
@@ -52,6 +72,10 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
         service.post_answers(&run, &answers, |posted| bar.inc(posted as u64)).await?;
         bar.finish_and_clear();
         let bar = progress::bar(answers.len(), "grading");
+        if args.keep_open {
+            println!("{}", serde_json::to_string_pretty(&service.get(&format!("/v1/runs/{run}")).await?)?);
+            return Ok(ExitCode::SUCCESS);
+        }
         let finished = service.finish_run(&run, |graded| bar.set_position(graded)).await?;
         bar.finish_and_clear();
         println!("{}", serde_json::to_string_pretty(&finished)?);

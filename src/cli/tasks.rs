@@ -24,7 +24,7 @@ pub enum TasksCommand {
         #[arg(long, default_value = "imported@1")]
         suite: String,
         /// Database that takes the suite; without it the files are only checked.
-        #[arg(long, value_name = "FILE")]
+        #[arg(long, env = "PLUMBLINE_DATABASE", value_name = "FILE")]
         database: Option<PathBuf>,
     },
 }
@@ -44,8 +44,9 @@ pub fn run(command: TasksCommand) -> anyhow::Result<ExitCode> {
         suite.check_count(),
         suite.instruction_count()
     );
-    if let Some(database) = database {
-        store(&suite, &database)?;
+    match database {
+        Some(database) => store(&suite, &database)?,
+        None => println!("checked, not stored; --database FILE stores them as {}", suite.id()),
     }
     Ok(ExitCode::SUCCESS)
 }

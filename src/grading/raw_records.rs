@@ -96,7 +96,9 @@ pub fn read_records(text: &str) -> Result<Vec<RawRecord>, Vec<Fault>> {
             Err(error) => {
                 let path = error.path().to_string();
                 let place = if path == "." { String::new() } else { format!("{path}: ") };
-                faults.add(format!("{place}{}", error.into_inner()));
+                let text = error.into_inner().to_string();
+                // The parser counts lines within the one that it was given.
+                faults.add(format!("{place}{}", text.replace(" at line 1 column ", " at column ")));
             }
             Ok(line) => records.extend(record(line, number, &mut faults)),
         }

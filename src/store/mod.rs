@@ -38,6 +38,9 @@ pub enum StoreError {
     /// The file's schema could not be brought up to date.
     #[error("migration: {0}")]
     Migration(#[from] sqlx::migrate::MigrateError),
+    /// The file is a database of another program.
+    #[error("the file holds tables of another program")]
+    Foreign,
     /// A stored row does not read back as what was written.
     #[error("row of {table}: {detail}")]
     Corrupt {
@@ -96,6 +99,9 @@ impl Store {
             .max_lifetime(None)
             .connect_with(options.clone())
             .await?;
+        if holds_something_else(&writer).await? {
+            return Err(StoreError::Foreign);
+        }
         MIGRATOR.run(&writer).await?;
         let readers = SqlitePoolOptions::new()
             .max_connections(READERS)
@@ -131,6 +137,16 @@ impl Store {
         self.readers.close().await;
         self.writer.close().await;
     }
+}
+
+/// Whether the database has tables, and none of them is ours.
+async fn holds_something_else(pool: &SqlitePool) -> StoreResult<bool> {
+    let (tables, ours): (i64, i64) = sqlx::query_as(
+        "SELECT COUNT(*), COALESCE(SUM(name = '_sqlx_migrations'), 0) FROM sqlite_master WHERE type = 'table'",
+    )
+    .fetch_one(pool)
+    .await?;
+    Ok(tables > 0 && ours == 0)
 }
 
 /// Compresses a body for storage.

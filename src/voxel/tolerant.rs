@@ -144,6 +144,35 @@ pub fn read_document<'de, S: Shape<'de>>(text: &'de [u8], shape: S) -> Result<Op
     Ok(value)
 }
 
+/// Wants what another shape wants, or `null`, which is the same as leaving the member out.
+#[derive(Debug)]
+pub struct OrNull<S>(pub S);
+
+impl<'de, S: Shape<'de>> Shape<'de> for OrNull<S> {
+    /// `None` for `null`; `Some(None)` where the value was faulty.
+    type Out = Option<Option<S::Out>>;
+
+    fn wanted(&self) -> &'static str {
+        self.0.wanted()
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.0.faults()
+    }
+
+    fn scalar(self, value: &Scalar<'_>) -> Option<Self::Out> {
+        Some(if *value == Scalar::Null { None } else { Some(self.0.scalar(value)) })
+    }
+
+    fn array<A: SeqAccess<'de>>(self, elements: A) -> Result<Option<Self::Out>, A::Error> {
+        Ok(Some(Some(self.0.array(elements)?)))
+    }
+
+    fn object<A: MapAccess<'de>>(self, members: A) -> Result<Option<Self::Out>, A::Error> {
+        Ok(Some(Some(self.0.object(members)?)))
+    }
+}
+
 /// Wants a string of at most `max_chars` characters without control characters.
 #[derive(Debug)]
 pub struct Text<'f> {

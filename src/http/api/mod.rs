@@ -9,6 +9,7 @@ pub mod limits;
 pub mod reports;
 pub mod runs;
 pub mod submission_body;
+pub mod submission_schema;
 pub mod submissions;
 pub mod suites;
 pub mod tasks;

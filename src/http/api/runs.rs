@@ -12,7 +12,7 @@ use super::super::body::{Format, JsonBody};
 use super::super::limits::LIMITS;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
-use super::submissions::SubmissionBody;
+use super::submission_schema::SubmissionBody;
 use super::tasks::page_items;
 use crate::clock::{now_ms, rfc3339};
 use crate::grading::Summary;
@@ -115,7 +115,11 @@ impl<'de> Shape<'de> for NewRunShape<'_> {
             match key.as_str() {
                 "agent" if agent.is_none() => {
                     let text = Text { faults, min_chars: 1, max_chars: LIMITS.agent_chars };
-                    agent = Some(members.next_value_seed(Read(text))?);
+                    let name = members.next_value_seed(Read(text))?;
+                    if name.as_ref().is_some_and(|name| name.trim().is_empty() && !name.is_empty()) {
+                        faults.add("a name of nothing but spaces");
+                    }
+                    agent = Some(name);
                 }
                 "suite" if suite.is_none() => {
                     suite = Some(members.next_value_seed(Read(Text { faults, min_chars: 1, max_chars: 100 }))?);

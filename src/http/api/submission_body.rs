@@ -8,7 +8,7 @@ use crate::checks::Criterion;
 use crate::tasks::Task;
 use crate::voxel::log_reader::Turns;
 use crate::voxel::replay::Replay;
-use crate::voxel::tolerant::{Read, Scalar, Shape, Text, read_document};
+use crate::voxel::tolerant::{OrNull, Read, Scalar, Shape, Text, read_document};
 use crate::voxel::{BlockLog, Event, Faults};
 
 /// How a submission names its task.
@@ -56,13 +56,23 @@ pub fn read_submissions(text: &[u8], format: Format, faults: &mut Faults) -> Pos
     posted
 }
 
+/// The error without its own line number, which is always 1 within a line.
+fn on_its_line(error: &serde_json::Error) -> String {
+    let text = error.to_string();
+    let what = text.rfind(" at line ").map_or(text.as_str(), |end| &text[..end]);
+    format!("{what} at column {}", error.column())
+}
+
 impl Posted {
     fn read(&mut self, text: &[u8], line: Option<u64>, faults: &mut Faults) {
         match read_document(text, SubmissionShape { faults, line }) {
             Ok(submission) => self.submissions.extend(submission),
             Err(error) => {
                 self.is_malformed = true;
-                faults.add(error.to_string());
+                faults.add(match line {
+                    None => error.to_string(),
+                    Some(_) => on_its_line(&error),
+                });
             }
         }
     }
@@ -94,7 +104,7 @@ impl<'de> Shape<'de> for SubmissionShape<'_> {
     type Out = PostedSubmission;
 
     fn wanted(&self) -> &'static str {
-        "an object with \"task\", \"turns\" and \"run\" or \"suite\""
+        "an object with \"task\", \"turns\" and, for a board, \"run\""
     }
 
     fn faults(&mut self) -> &mut Faults {
@@ -108,10 +118,12 @@ impl<'de> Shape<'de> for SubmissionShape<'_> {
             faults.enter_key(&key);
             match key.as_str() {
                 "run" if run.is_none() => {
-                    run = Some(members.next_value_seed(Read(Text { faults, min_chars: 1, max_chars: 100 }))?);
+                    run =
+                        members.next_value_seed(Read(OrNull(Text { faults, min_chars: 1, max_chars: 100 })))?.flatten();
                 }
                 "suite" if suite.is_none() => {
-                    suite = Some(members.next_value_seed(Read(Text { faults, min_chars: 1, max_chars: 100 }))?);
+                    suite =
+                        members.next_value_seed(Read(OrNull(Text { faults, min_chars: 1, max_chars: 100 })))?.flatten();
                 }
                 "task" if task.is_none() => task = Some(members.next_value_seed(Read(TaskShape { faults }))?),
                 "turns" if log.is_none() => {
@@ -157,6 +169,9 @@ impl Shape<'_> for TaskShape<'_> {
         match value {
             Scalar::Integer(number) if u32::try_from(*number).is_ok() => {
                 Some(TaskRef::Number(u32::try_from(*number).unwrap_or_default()))
+            }
+            Scalar::Number(number) if number.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(number) => {
+                Some(TaskRef::Number(*number as u32))
             }
             text @ Scalar::Text(_) => {
                 Text { faults: self.faults, min_chars: 1, max_chars: 200 }.scalar(text).map(TaskRef::Id)

@@ -1,14 +1,12 @@
 //! Submissions and their reports.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use axum::Json;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 use uuid::Uuid;
 
@@ -16,139 +14,14 @@ use super::super::body::{Format, JsonBody};
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use super::submission_body::{Posted, PostedSubmission, TaskRef, check_against_task, read_submissions};
-use crate::clock::{now_ms, rfc3339};
+use super::submission_schema::{AcceptedAnswer, AcceptedBody, AcceptedList, NewSubmissionBody, SubmissionBody};
+use crate::clock::now_ms;
 use crate::store::StoreError;
 use crate::store::submissions::{Accepted, NewSubmission, PackedLog, SubmissionRow};
 use crate::tasks::catalogue::Entry;
 use crate::tasks::embedded::FULL;
 use crate::tasks::hex;
 use crate::voxel::Faults;
-
-/// What an agent did for one task.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[schema(example = json!({
-    "run": "0198c0de-0000-7000-8000-000000000000", "task": "1-se-2-walls/01-w1",
-    "turns": [{ "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }] }]
-}))]
-#[expect(dead_code, reason = "describes the body that SubmissionShape reads")]
-pub struct NewSubmissionBody {
-    /// Run that it belongs to. Without one it is graded all the same, and is on no board.
-    run: Option<String>,
-    /// Suite of the task, where it belongs to no run: name, or name@version.
-    suite: Option<String>,
-    /// The task: its id, or its number in the suite (the `run_idx` of published records).
-    #[schema(value_type = Value)]
-    task: Value,
-    /// What was done in each turn; as many as the task has.
-    turns: Vec<NewTurn>,
-}
-
-/// A turn: either plain events, or a palette and rows.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[expect(dead_code, reason = "describes the body that the log reader reads")]
-pub struct NewTurn {
-    /// Events in order.
-    events: Option<Vec<NewEvent>>,
-    /// Compact form: material names.
-    palette: Option<Vec<String>>,
-    /// Compact form: `[x, y, z, i]` places palette entry i, `[x, y, z]` removes.
-    rows: Option<Vec<Vec<i32>>>,
-}
-
-/// One action.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[expect(dead_code, reason = "describes the body that the log reader reads")]
-pub struct NewEvent {
-    /// `place` or `remove`.
-    #[schema(example = "place")]
-    action: String,
-    /// East.
-    #[schema(minimum = -30_000_000, maximum = 30_000_000)]
-    x: i32,
-    /// Up; the ground surface is y <= 0.
-    #[schema(minimum = -2048, maximum = 2047)]
-    y: i32,
-    /// South.
-    #[schema(minimum = -30_000_000, maximum = 30_000_000)]
-    z: i32,
-    /// Material; needed to place.
-    #[schema(max_length = 128, example = "stone")]
-    material: Option<String>,
-}
-
-/// A submission.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub struct SubmissionBody {
-    /// Its id.
-    pub id: String,
-    /// Run that it belongs to.
-    pub run: Option<String>,
-    /// `name@version` of the task's suite.
-    pub suite: String,
-    /// The task's id.
-    pub task: String,
-    /// The task's number in the suite.
-    pub number: u32,
-    /// `queued`, `grading`, `graded`, `rejected`, `grader_error` (a failure of ours; post it again) or `cancelled`.
-    #[schema(example = "graded")]
-    pub state: &'static str,
-    /// Why it ended without a report.
-    pub error: Option<String>,
-    /// Whether the problem passes, once graded.
-    pub overall: Option<bool>,
-    /// Whether its accuracy passes, once graded and where it applies.
-    pub accuracy: Option<bool>,
-    /// SHA-256 of the log's canonical JSON, in hex.
-    pub log_hash: String,
-    /// Turns of the log.
-    pub turns: i64,
-    /// Events of the log.
-    pub events: i64,
-    /// When it was accepted.
-    pub created_at: String,
-    /// When it ended.
-    pub ended_at: Option<String>,
-}
-
-impl SubmissionBody {
-    /// The body of a stored submission, whose task is in this suite.
-    #[must_use]
-    pub fn of(row: SubmissionRow, entry: &Entry) -> Self {
-        let number = u32::try_from(row.task_number).unwrap_or_default();
-        Self {
-            task: entry.task_numbered(number).map(|(task, _)| task.id.clone()).unwrap_or_default(),
-            number,
-            id: row.id,
-            run: row.run_id,
-            suite: row.suite_id,
-            state: row.state.name(),
-            error: row.error,
-            overall: row.overall,
-            accuracy: row.accuracy,
-            log_hash: row.log_hash,
-            turns: row.turns,
-            events: row.events,
-            created_at: rfc3339(row.created_at_ms),
-            ended_at: row.ended_at_ms.map(rfc3339),
-        }
-    }
-}
-
-/// An accepted submission.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub struct AcceptedBody {
-    /// Its id.
-    pub id: String,
-    /// True where the run held this very log for the task already; nothing was stored again.
-    pub repeated: bool,
-}
-
-/// Accepted submissions of an NDJSON body.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub struct AcceptedList {
-    /// In the order of the lines.
-    pub submissions: Vec<AcceptedBody>,
-}
 
 /// Post what an agent did for a task: events per turn. The answer comes when it is durable; grading follows.
 ///
@@ -158,8 +31,8 @@ pub struct AcceptedList {
     post, path = "/v1/submissions", operation_id = "create_submission", tag = "submissions", summary = "Post a submission",
     request_body(content((NewSubmissionBody = "application/json"), (String = "application/x-ndjson"))),
     responses(
-        (status = 202, description = "Accepted; for NDJSON a list in the order of the lines", body = AcceptedBody,
-         headers(("Location" = String, description = "The submission")),
+        (status = 202, description = "Accepted; for NDJSON a list in the order of the lines", body = AcceptedAnswer,
+         headers(("Location" = String, description = "The submission; only for a JSON body")),
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000001", "repeated": false })),
         (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
         (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
@@ -330,6 +203,8 @@ fn accepted_bodies(
     let mut conflicts = Faults::new();
     let mut closed = false;
     let mut accepted = Vec::with_capacity(submissions.len());
+    // Ids that would have been given in this very body; where it is refused they stand for nothing.
+    let own: HashSet<String> = submissions.iter().map(|submission| submission.id.clone()).collect();
     for ((submission, answer), line) in submissions.into_iter().zip(answers).zip(lines) {
         if let Some(line) = line {
             conflicts.enter_line(*line);
@@ -337,6 +212,9 @@ fn accepted_bodies(
         match answer {
             Accepted::New => accepted.push(AcceptedBody { id: submission.id, repeated: false }),
             Accepted::Same(id) => accepted.push(AcceptedBody { id, repeated: true }),
+            Accepted::Other(id) if own.contains(&id) => {
+                conflicts.add_at("task", "another line of this body has another log for the same task");
+            }
             Accepted::Other(id) => {
                 conflicts.add_at("task", format!("the run answered this task with another log, as submission {id}"));
             }

@@ -3,7 +3,7 @@
 use askama::Template;
 use axum::Router;
 use axum::extract::State;
-use axum::http::{HeaderValue, header};
+use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::{IntoResponse as _, Response};
 use axum::routing::get;
 
@@ -20,6 +20,8 @@ pub fn routes() -> Router<AppState> {
 #[template(path = "home.html")]
 struct Home {
     boards: Vec<Board>,
+    /// Where the service is, as the browser named it.
+    host: String,
 }
 
 /// A share as a percentage; `n/a` where there is none.
@@ -28,12 +30,14 @@ fn percent(rate: Option<f64>) -> String {
 }
 
 /// What the service is, its boards, and how to submit.
-async fn home(State(state): State<AppState>) -> ApiResult<Response> {
+async fn home(State(state): State<AppState>, headers: HeaderMap) -> ApiResult<Response> {
+    let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
+    let host = named.unwrap_or("localhost:8080").to_owned();
     let mut boards = Vec::new();
     for entry in state.store.catalogue().suites() {
         boards.push(board(&state, &entry.suite.id()).await?);
     }
-    let page = Home { boards }.render().map_err(|error| ApiError::internal(&error))?;
+    let page = Home { boards, host }.render().map_err(|error| ApiError::internal(&error))?;
     let policy = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'";
     let headers = [
         (header::CONTENT_TYPE, HeaderValue::from_static("text/html; charset=utf-8")),

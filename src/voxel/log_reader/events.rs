@@ -7,7 +7,7 @@ use crate::voxel::block_log::{Event, Turn};
 use crate::voxel::cell::{Cell, MAX_HORIZONTAL, MAX_Y, MIN_Y};
 use crate::voxel::faults::Faults;
 use crate::voxel::palette::MaterialId;
-use crate::voxel::tolerant::{Integer, Read, Scalar, Shape, Text};
+use crate::voxel::tolerant::{Integer, OrNull, Read, Scalar, Shape, Text};
 
 pub(super) struct EventsShape<'r, 'f> {
     pub(super) reader: &'r mut Reader<'f>,
@@ -65,14 +65,14 @@ impl<'de> Shape<'de> for EventShape<'_, '_> {
         while let Some(key) = members.next_key::<std::borrow::Cow<'de, str>>()? {
             match &*key {
                 "action" if action.is_none() => {
-                    action = Some(member!(members, reader, "action", ActionShape { faults: &mut *reader.faults }));
+                    action = member!(members, reader, "action", ActionShape { faults: &mut *reader.faults });
                 }
                 "material" if material.is_none() => {
-                    material = Some(member!(members, reader, "material", MaterialShape { reader: &mut *reader }));
+                    material = member!(members, reader, "material", MaterialShape { reader: &mut *reader });
                 }
                 axis @ ("x" | "y" | "z") if at[axis_index(axis)].is_none() => {
                     let i = axis_index(axis);
-                    at[i] = Some(member!(members, reader, axis, coordinate(i, reader.faults)));
+                    at[i] = member!(members, reader, axis, coordinate(i, reader.faults));
                 }
                 "action" | "material" | "x" | "y" | "z" => {
                     reader.faults.add_at(&key, "given twice");

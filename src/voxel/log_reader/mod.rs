@@ -9,16 +9,17 @@ use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess};
 use super::block_log::{BlockLog, Event, Turn};
 use super::faults::Faults;
 use super::palette::{MaterialId, Palette};
-use super::tolerant::{Read, Shape};
+use super::tolerant::{OrNull, Read, Shape};
 
 /// Reads the value of the member just named, with faults placed at it. Text that is not JSON leaves the place entered, so
 /// that it can be told.
 macro_rules! member {
     ($members:expr, $reader:expr, $key:expr, $shape:expr) => {{
         $reader.faults.enter_key($key);
-        let value = $members.next_value_seed(Read($shape))?;
+        let value = $members.next_value_seed(Read(OrNull($shape)))?;
         $reader.faults.leave();
-        value
+        // `null` is as good as absent.
+        value.flatten()
     }};
 }
 
@@ -148,13 +149,13 @@ impl<'de> Shape<'de> for TurnShape<'_, '_> {
         while let Some(key) = members.next_key::<String>()? {
             match key.as_str() {
                 "events" if events.is_none() => {
-                    events = Some(member!(members, reader, "events", EventsShape { reader: &mut *reader }));
+                    events = member!(members, reader, "events", EventsShape { reader: &mut *reader });
                 }
                 "palette" if palette.is_none() => {
-                    palette = Some(member!(members, reader, "palette", PaletteShape { reader: &mut *reader }));
+                    palette = member!(members, reader, "palette", PaletteShape { reader: &mut *reader });
                 }
                 "rows" if rows.is_none() => {
-                    rows = Some(member!(members, reader, "rows", RowsShape { reader: &mut *reader }));
+                    rows = member!(members, reader, "rows", RowsShape { reader: &mut *reader });
                 }
                 known @ ("events" | "palette" | "rows") => {
                     reader.faults.add_at(known, "given twice");
