@@ -1,10 +1,8 @@
 //! Neighbours within the kernel's reach, and the smoothing kernel.
 
-use std::collections::HashMap;
-
 use nalgebra::Vector3;
 
-use crate::voxel::Cell;
+use crate::voxel::{Cell, CellMap};
 
 /// Reach of the smoothing kernel in cells: neighbours are nearer than this (6 faces, 12 edges, 8 corners).
 pub const REACH: f64 = 2.0;
@@ -36,10 +34,7 @@ impl Neighbours {
     /// left out.
     #[must_use]
     pub fn among(cells: &[Cell]) -> Self {
-        let mut at: HashMap<Cell, Vec<u32>, foldhash::fast::RandomState> = HashMap::default();
-        for (i, &cell) in (0u32..).zip(cells) {
-            at.entry(cell).or_default().push(i);
-        }
+        let at = particles_by_cell(cells);
         let mut start = Vec::with_capacity(cells.len() + 1);
         let mut of = Vec::new();
         start.push(0);
@@ -61,6 +56,16 @@ impl Neighbours {
     pub fn range(&self, i: usize) -> std::ops::Range<usize> {
         self.start[i]..self.start[i + 1]
     }
+}
+
+/// The particles in each cell, by their indices.
+#[must_use]
+pub fn particles_by_cell(cells: &[Cell]) -> CellMap<Vec<u32>> {
+    let mut at: CellMap<Vec<u32>> = CellMap::default();
+    for (i, &cell) in (0u32..).zip(cells) {
+        at.entry(cell).or_default().push(i);
+    }
+    at
 }
 
 /// The 26 offsets nearer than [`REACH`].

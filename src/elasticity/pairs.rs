@@ -6,11 +6,9 @@
 
 #![expect(clippy::inline_always, reason = "so that the loops are compiled for the processor that the caller chose")]
 
-use std::collections::HashMap;
-
 use nalgebra::Vector3;
 
-use super::neighbours::{kernel, kernel_gradient};
+use super::neighbours::{kernel, kernel_gradient, particles_by_cell};
 use crate::voxel::Cell;
 
 /// Three coordinates and a zero: a quarter of the loads, and a width that processors have.
@@ -70,10 +68,7 @@ impl Pairs {
     /// The pairs among particles in `cells`; particles in the same cell are none.
     #[must_use]
     pub fn among(cells: &[Cell]) -> Self {
-        let mut at: HashMap<Cell, Vec<u32>, foldhash::fast::RandomState> = HashMap::default();
-        for (i, &cell) in (0u32..).zip(cells) {
-            at.entry(cell).or_default().push(i);
-        }
+        let at = particles_by_cell(cells);
         let groups = DIRECTIONS.map(|[x, y, z]| {
             let reference = Vector3::new(f64::from(x), f64::from(y), f64::from(z));
             let distance = reference.norm();

@@ -8,6 +8,7 @@ use serde_json::Value;
 use crate::checks::Check;
 use crate::tasks::published::read_checks;
 use crate::tasks::{Instruction, Task};
+use crate::voxel::tolerant::on_its_line;
 use crate::voxel::{Cell, Fault, Faults, Structure};
 
 /// One turn of one problem, as recorded.
@@ -96,9 +97,7 @@ pub fn read_records(text: &str) -> Result<Vec<RawRecord>, Vec<Fault>> {
             Err(error) => {
                 let path = error.path().to_string();
                 let place = if path == "." { String::new() } else { format!("{path}: ") };
-                let text = error.into_inner().to_string();
-                // The parser counts lines within the one that it was given.
-                faults.add(format!("{place}{}", text.replace(" at line 1 column ", " at column ")));
+                faults.add(format!("{place}{}", on_its_line(&error.into_inner())));
             }
             Ok(line) => records.extend(record(line, number, &mut faults)),
         }

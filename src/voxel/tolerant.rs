@@ -144,6 +144,15 @@ pub fn read_document<'de, S: Shape<'de>>(text: &'de [u8], shape: S) -> Result<Op
     Ok(value)
 }
 
+/// What is wrong with one line of an NDJSON text, with its column: within a line the parser's own line number is always
+/// 1, and the line in the text is told elsewhere.
+#[must_use]
+pub fn on_its_line(error: &serde_json::Error) -> String {
+    let text = error.to_string();
+    let what = text.rfind(" at line ").map_or(text.as_str(), |end| &text[..end]);
+    format!("{what} at column {}", error.column())
+}
+
 /// Wants what another shape wants, or `null`, which is the same as leaving the member out.
 #[derive(Debug)]
 pub struct OrNull<S>(pub S);

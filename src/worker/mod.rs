@@ -130,19 +130,22 @@ impl Worker {
             let ending = self.grade(claim, Arc::clone(&is_lost)).await?;
             self.conclude(claim, ending, is_lost.load(Ordering::Relaxed)).await
         };
-        tokio::pin!(working);
-        let mut heartbeat = tokio::time::interval(self.settings.lease / 3);
-        heartbeat.tick().await;
-        loop {
-            tokio::select! {
-                done = &mut working => return done,
-                _ = heartbeat.tick() => {
-                    // A failed renewal is not a lost lease: recording tells in the end.
-                    if let Ok(false) = self.store.renew(claim, duration_ms(self.settings.lease)).await {
-                        is_lost.store(true, Ordering::Relaxed);
-                    }
+        // Beside the work and not between its steps: there is one connection that writes, and renewing must not wait for
+        // it while the work that holds it waits for the renewal.
+        let beating = async {
+            let mut heartbeat = tokio::time::interval(self.settings.lease / 3);
+            heartbeat.tick().await;
+            loop {
+                heartbeat.tick().await;
+                // A failed renewal is not a lost lease: recording tells in the end.
+                if let Ok(false) = self.store.renew(claim, duration_ms(self.settings.lease)).await {
+                    is_lost.store(true, Ordering::Relaxed);
                 }
             }
+        };
+        tokio::select! {
+            done = working => done,
+            () = beating => Ok(()),
         }
     }
 

@@ -8,7 +8,7 @@ use crate::checks::Criterion;
 use crate::tasks::Task;
 use crate::voxel::log_reader::Turns;
 use crate::voxel::replay::Replay;
-use crate::voxel::tolerant::{OrNull, Read, Scalar, Shape, Text, read_document};
+use crate::voxel::tolerant::{OrNull, Read, Scalar, Shape, Text, on_its_line, read_document};
 use crate::voxel::{BlockLog, Event, Faults};
 
 /// How a submission names its task.
@@ -54,13 +54,6 @@ pub fn read_submissions(text: &[u8], format: Format, faults: &mut Faults) -> Pos
         Format::NdJson => posted.read_lines(text, faults),
     }
     posted
-}
-
-/// The error without its own line number, which is always 1 within a line.
-fn on_its_line(error: &serde_json::Error) -> String {
-    let text = error.to_string();
-    let what = text.rfind(" at line ").map_or(text.as_str(), |end| &text[..end]);
-    format!("{what} at column {}", error.column())
 }
 
 impl Posted {
