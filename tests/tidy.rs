@@ -21,7 +21,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("builders", &["voxel", "checks", "tasks"]),
     ("grading", &["voxel", "elasticity", "checks", "tasks"]),
     ("store", &["clock", "voxel", "checks", "tasks", "grading"]),
-    ("worker", &["clock", "grading", "store"]),
+    ("worker", &["clock", "elasticity", "grading", "store"]),
     ("http", &["clock", "voxel", "checks", "tasks", "grading", "store"]),
 ];
 /// Rooms that know no runtime, log, clock, thread, file or network, and the words that would show one.

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 pub use amount::Amount;
 pub use evidence::{Finding, Witness};
 
-use crate::elasticity::Stopped;
+use crate::elasticity::{Control, Stopped};
 use crate::voxel::Structure;
 use accuracy::{material, shape, size};
 use planning::{dependency, efficiency};
@@ -29,15 +29,15 @@ pub const CHECKS_VERSION: u32 = 1;
 pub struct Subject<'a> {
     /// The ordered blocks after the check's turn.
     pub structure: &'a Structure,
-    /// Asked now and then by long computations; true ends them.
-    pub stop: &'a (dyn Fn() -> bool + Sync),
+    /// How long computations are watched, ended and shared out.
+    pub control: &'a Control<'a>,
 }
 
 impl<'a> Subject<'a> {
     /// A subject whose computations run to their end.
     #[must_use]
     pub fn unhurried(structure: &'a Structure) -> Self {
-        Self { structure, stop: &|| false }
+        Self { structure, control: const { &Control::unhurried() } }
     }
 }
 
@@ -167,7 +167,7 @@ macro_rules! catalogue {
             /// Scores the subject.
             ///
             /// # Errors
-            /// Only where the subject's `stop` asked a long computation to end.
+            /// Only where the subject's control asked a long computation to end.
             pub fn evaluate(&self, subject: &Subject<'_>) -> Result<Finding, Stopped> {
                 match self { $( $( Self::$variant(rule) => Evaluate::run(rule, subject), )* )* }
             }

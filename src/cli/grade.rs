@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use super::progress;
 use crate::checks::Criterion;
+use crate::elasticity::Control;
 use crate::grading::raw_records::{RecordedProblem, problems, read_records};
 use crate::grading::summary::ProblemRate;
 use crate::grading::{ProblemScores, Summary, grade_structures};
@@ -90,7 +91,7 @@ pub fn grade_all(problems: &[RecordedProblem]) -> Vec<ProblemScores> {
     let scores = problems
         .par_iter()
         .filter_map(|problem| {
-            let report = grade_structures(&problem.task, problem.structures.iter().cloned(), &|| false);
+            let report = grade_structures(&problem.task, problem.structures.iter().cloned(), &Control::unhurried());
             bar.inc(1);
             // Nothing asks it to stop.
             report.ok().map(|report| report.scores())

@@ -28,6 +28,10 @@ const ROUNDING_CUTOFF: f64 = 1e-9;
 /// How flat the neighbourhood with this moment matrix is.
 #[must_use]
 pub fn flatness(moment: &Matrix3<f64>) -> Flatness {
+    // The least singular value is at least |det| over the square of the norm.
+    if moment.determinant().abs() > ROUNDING_CUTOFF * moment.norm().powi(3) {
+        return Flatness::Full;
+    }
     let singular = moment.singular_values();
     let missing = singular.iter().filter(|value| **value <= ROUNDING_CUTOFF * singular.max()).count();
     let zero_columns = (0..3).filter(|&k| moment.column(k).iter().all(|entry| *entry == 0.0)).count();

@@ -6,7 +6,7 @@ use serde_json::Value;
 use super::advisories::{Advisory, advise};
 use super::summary::ProblemScores;
 use crate::checks::{CHECKS_VERSION, Check, Criterion, Dimension, Finding, Subject};
-use crate::elasticity::Stopped;
+use crate::elasticity::{Control, Stopped};
 use crate::tasks::Task;
 use crate::voxel::replay::Replay;
 use crate::voxel::{BlockLog, Structure};
@@ -94,19 +94,19 @@ impl Report {
 /// A turn that the log lacks repeats the structure before it, as a turn without events does (SPEC 2).
 ///
 /// # Errors
-/// Only where `stop` asked a long computation to end.
-pub fn grade_log(task: &Task, log: &BlockLog, stop: &(dyn Fn() -> bool + Sync)) -> Result<Report, Stopped> {
-    grade_structures(task, Replay::new(log), stop)
+/// Only where `control` asked a long computation to end.
+pub fn grade_log(task: &Task, log: &BlockLog, control: &Control<'_>) -> Result<Report, Stopped> {
+    grade_structures(task, Replay::new(log), control)
 }
 
 /// Grades structures, one per turn, against a task.
 ///
 /// # Errors
-/// Only where `stop` asked a long computation to end.
+/// Only where `control` asked a long computation to end.
 pub fn grade_structures(
     task: &Task,
     structures: impl IntoIterator<Item = Structure>,
-    stop: &(dyn Fn() -> bool + Sync),
+    control: &Control<'_>,
 ) -> Result<Report, Stopped> {
     let mut structures = structures.into_iter();
     let mut standing = Structure::from_named([]);
@@ -114,10 +114,10 @@ pub fn grade_structures(
     let mut advisories = Vec::new();
     for (turn, instruction) in (1u32..).zip(&task.turns) {
         standing = structures.next().unwrap_or(standing);
-        let subject = Subject { structure: &standing, stop };
+        let subject = Subject { structure: &standing, control };
         let mut checks = Vec::with_capacity(instruction.checks.len());
         for check in &instruction.checks {
-            if stop() {
+            if (control.stop)() {
                 return Err(Stopped);
             }
             checks.push(check_report(check, check.evaluate(&subject)?));

@@ -12,6 +12,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::clock::now_ms;
+use crate::elasticity::Control;
 use crate::grading::{Report, grade_log};
 use crate::store::jobs::{Claim, Claimed, MAX_ATTEMPTS};
 use crate::store::submissions::SubmissionState;
@@ -196,6 +197,7 @@ impl Worker {
         let deadline = begun + self.settings.deadline;
         let work = tokio::task::spawn_blocking(move || {
             let asked = || is_lost.load(Ordering::Relaxed) || stop.is_cancelled() || Instant::now() >= deadline;
+            let control = Control { join: Some(&both_at_once), ..Control::until(&asked) };
             let log = match job.read_log() {
                 Ok(log) => log,
                 Err(error) => return Ending::Unreadable(error.to_string()),
@@ -203,7 +205,7 @@ impl Worker {
             let Some((task, _)) = entry.task_numbered(job.task_number) else {
                 return Ending::Unreadable(format!("no task {} in {:?}", job.task_number, job.suite_id));
             };
-            match grade_log(task, &log, &asked) {
+            match grade_log(task, &log, &control) {
                 Ok(report) => Ending::Graded(Box::new(report), begun.elapsed()),
                 Err(_stopped) => Ending::Stopped,
             }
@@ -213,6 +215,11 @@ impl Worker {
             Ending::Panicked
         }))
     }
+}
+
+/// Two jobs on the cores that are idle; large structures are shared out with it.
+fn both_at_once(a: &mut (dyn FnMut() + Send), b: &mut (dyn FnMut() + Send)) {
+    rayon::join(a, b);
 }
 
 fn duration_ms(duration: Duration) -> i64 {

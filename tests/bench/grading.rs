@@ -6,7 +6,7 @@ use divan::Bencher;
 use divan::counter::ItemsCount;
 use plumbline::builders::build;
 use plumbline::checks::{Check, Subject};
-use plumbline::elasticity::sph;
+use plumbline::elasticity::{Control, sph};
 use plumbline::grading::grade_log;
 use plumbline::tasks::{Task, embedded};
 use plumbline::voxel::replay::Replay;
@@ -26,7 +26,7 @@ fn task(id: &str) -> Task {
 fn grade(bencher: Bencher<'_, '_>, id: &str) {
     let task = task(id);
     let log = build(&task).unwrap_or_default();
-    bencher.counter(ItemsCount::new(1usize)).bench(|| grade_log(&task, &log, &|| false));
+    bencher.counter(ItemsCount::new(1usize)).bench(|| grade_log(&task, &log, &Control::unhurried()));
 }
 
 /// The published stress simulation: the roof of 140 blocks, and cubes.
@@ -36,14 +36,14 @@ fn stress_roof_140(bencher: Bencher<'_, '_>) {
     let log = build(&task).unwrap_or_default();
     let structure = Replay::new(&log).last();
     let cells = structure.as_ref().map(Structure::cells).unwrap_or_default();
-    bencher.bench(|| sph::simulate(cells, &|| false));
+    bencher.bench(|| sph::simulate(cells, &Control::unhurried()));
 }
 
 #[divan::bench(args = [6, 10], sample_count = 3, sample_size = 1)]
 fn stress_cube(bencher: Bencher<'_, '_>, side: i32) {
     let cells: Vec<Cell> =
         (0..side * side * side).map(|i| Cell::new(i % side, i / side % side, i / side / side)).collect();
-    bencher.bench(|| sph::simulate(&cells, &|| false));
+    bencher.bench(|| sph::simulate(&cells, &Control::unhurried()));
 }
 
 /// A check at the limit of 100,000 blocks on one level, and the diameter of a disc of 9,000 cells.

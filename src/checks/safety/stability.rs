@@ -19,13 +19,13 @@ impl StressScore {
     /// Scores the structure.
     ///
     /// # Errors
-    /// Where the subject's `stop` asks for it before the simulation has ended.
+    /// Where the subject's control asks for it before the simulation has ended.
     pub fn evaluate(&self, subject: &Subject<'_>) -> Result<Finding, Stopped> {
         let required = json!({ "<=": self.reference_pa });
         if subject.structure.is_empty() {
             return Ok(Finding::nothing_stands(false, required));
         }
-        let outcome = sph::simulate(subject.structure.cells(), subject.stop)?;
+        let outcome = sph::simulate(subject.structure.cells(), subject.control)?;
         let stress_pa = outcome.max_von_mises_pa;
         let is_usable = stress_pa.is_finite() && stress_pa > 0.0;
         let score = if is_usable { self.reference_pa.0 / stress_pa } else { 0.0 };
@@ -35,7 +35,7 @@ impl StressScore {
         if let Some(most) = outcome.most_stressed {
             finding.add_witness(subject.structure.cells()[most], "greatest stress");
         }
-        finding.cautions = outcome.cautions();
+        finding.cautions = outcome.diagnostics.cautions();
         Ok(finding)
     }
 }

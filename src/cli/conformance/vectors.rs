@@ -5,7 +5,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use crate::checks::{Check, Subject};
-use crate::elasticity::sph;
+use crate::elasticity::{Control, sph};
 use crate::grading::raw_records::RecordedProblem;
 use crate::grading::{Summary, grade_structures};
 use crate::tasks::published::{TaskFile, read_check, read_task_files};
@@ -199,7 +199,7 @@ fn run_stress(structure: &Structure, expected: &ExpectedStress) -> Verdict {
     if expected.order_sensitive {
         return Verdict::NotAsserted;
     }
-    let Ok(outcome) = sph::simulate(structure.cells(), &|| false) else {
+    let Ok(outcome) = sph::simulate(structure.cells(), &Control::unhurried()) else {
         return Verdict::Mismatch("stopped".to_owned());
     };
     let found = if outcome.max_von_mises_pa.is_finite() { outcome.max_von_mises_pa } else { 0.0 };
@@ -231,7 +231,7 @@ fn run_merge(log: &BlockLog, expected: &[Vec<Block>]) -> Verdict {
 fn run_records(problems: &[RecordedProblem], expected: &Value) -> Verdict {
     let mut scores = Vec::with_capacity(problems.len());
     for problem in problems {
-        match grade_structures(&problem.task, problem.structures.iter().cloned(), &|| false) {
+        match grade_structures(&problem.task, problem.structures.iter().cloned(), &Control::unhurried()) {
             Ok(report) => scores.push(report.scores()),
             Err(stopped) => return Verdict::Mismatch(stopped.to_string()),
         }

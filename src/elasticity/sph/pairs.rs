@@ -1,0 +1,215 @@
+//! Forces between pairs of neighbours.
+//!
+//! With `R` the reference vector of a pair and `r` its present one, the force on the first is
+//! `(P_i A_i^-1 + P_j A_j^-1) grad W - r k (((F_i + F_j) R . r) / |r|^2 - 2)` with `k = 0.5 * 1e8 W / R^3`: SPEC 4's
+//! formula with both hourglass terms put together, which needs no square root. The second gets the opposite, so each
+//! pair's force is computed once, with the particles from which the other lies ahead.
+
+#![expect(clippy::inline_always, reason = "so that the loops are compiled for the processor that the caller chose")]
+
+use pulp::Simd;
+
+use super::stencil::{Matrices, Place, Vectors, Weights};
+use crate::elasticity::lanes::Lanes;
+use crate::elasticity::neighbours::DIRECTIONS;
+
+/// What the forces depend on.
+#[derive(Debug, Clone, Copy)]
+pub struct State<'a> {
+    /// Displacements.
+    pub displacement: [&'a [f64]; 3],
+    /// Deformation gradients, row by row.
+    pub deformation: [&'a [f64]; 9],
+    /// `P A^-1`, row by row.
+    pub corrected_stress: [&'a [f64]; 9],
+    /// 1 where a particle is, otherwise 0.
+    pub presence: &'a [f64],
+}
+
+/// Calls `$visit::<S, D>(arguments)` for each direction D.
+macro_rules! each_direction {
+    ($visit:ident($($argument:expr),*)) => {
+        $visit::<S, 0>($($argument),*);
+        $visit::<S, 1>($($argument),*);
+        $visit::<S, 2>($($argument),*);
+        $visit::<S, 3>($($argument),*);
+        $visit::<S, 4>($($argument),*);
+        $visit::<S, 5>($($argument),*);
+        $visit::<S, 6>($($argument),*);
+        $visit::<S, 7>($($argument),*);
+        $visit::<S, 8>($($argument),*);
+        $visit::<S, 9>($($argument),*);
+        $visit::<S, 10>($($argument),*);
+        $visit::<S, 11>($($argument),*);
+        $visit::<S, 12>($($argument),*);
+    };
+}
+
+/// The particles at a place.
+#[derive(Debug, Clone, Copy)]
+struct Own<S: Simd> {
+    displacement: Vectors<S>,
+    deformation: Matrices<S>,
+    corrected_stress: Matrices<S>,
+    presence: Lanes<S>,
+}
+
+/// Computes the forces on these particles from those ahead; `to` has three components for each direction, and these
+/// particles at `at`.
+#[inline(always)]
+pub fn pull<S: Simd>(place: &Place<'_, S>, state: &State<'_>, weights: &Weights, at: usize, to: &mut [&mut [f64]; 39]) {
+    let own = Own {
+        displacement: place.load(state.displacement, place.own),
+        deformation: rows(place.load(state.deformation, place.own)),
+        corrected_stress: rows(place.load(state.corrected_stress, place.own)),
+        presence: Lanes::load(place.simd, state.presence, place.own),
+    };
+    each_direction!(pull_along(place, state, weights, &own, at, to));
+}
+
+#[inline(always)]
+fn pull_along<S: Simd, const D: usize>(
+    place: &Place<'_, S>,
+    state: &State<'_>,
+    weights: &Weights,
+    own: &Own<S>,
+    at: usize,
+    to: &mut [&mut [f64]; 39],
+) {
+    if place.block.ahead[D] == 0 {
+        return;
+    }
+    let ahead = place.block.ahead[D] as usize + place.offset;
+    let kind = const {
+        if D < 3 {
+            0
+        } else if D < 9 {
+            1
+        } else {
+            2
+        }
+    };
+    let is_pair = own.presence * Lanes::load(place.simd, state.presence, ahead);
+    let gradient = is_pair * place.splat(weights.gradient[kind]);
+    let hourglass = is_pair * place.splat(weights.hourglass[kind]);
+    let r = present_vector::<S, D>(place, place.load(state.displacement, ahead), own.displacement);
+    let stretched = along::<S, D>(place, &own.deformation, state.deformation, ahead);
+    let stress = along::<S, D>(place, &own.corrected_stress, state.corrected_stress, ahead);
+    let ratio = dot(stretched, r) * dot(r, r).reciprocal();
+    let spring = hourglass * (ratio - place.splat(2.0));
+    for k in 0..3 {
+        let force = r[k].subtract_product_from(spring, stress[k] * gradient);
+        force.store(to[3 * D + k], at);
+    }
+}
+
+/// The sum of the forces on these particles from those ahead and behind; where particles share places (`SHARED`), as many
+/// times as there are particles.
+#[inline(always)]
+pub fn sum<S: Simd, const SHARED: bool>(
+    place: &Place<'_, S>,
+    forces: [&[f64]; 39],
+    multiplicity: &[f64],
+) -> Vectors<S> {
+    let mut sum = [place.splat(0.0); 3];
+    if SHARED {
+        each_direction!(add_shared_forces(place, forces, multiplicity, &mut sum));
+    } else {
+        each_direction!(add_forces(place, forces, &mut sum));
+    }
+    sum
+}
+
+#[inline(always)]
+fn add_forces<S: Simd, const D: usize>(place: &Place<'_, S>, forces: [&[f64]; 39], sum: &mut Vectors<S>) {
+    let Some((_, behind)) = place.beside::<D>() else { return };
+    for k in 0..3 {
+        let pulled = Lanes::load(place.simd, forces[3 * D + k], place.own);
+        sum[k] = sum[k] + (pulled - Lanes::load(place.simd, forces[3 * D + k], behind));
+    }
+}
+
+#[inline(always)]
+fn add_shared_forces<S: Simd, const D: usize>(
+    place: &Place<'_, S>,
+    forces: [&[f64]; 39],
+    multiplicity: &[f64],
+    sum: &mut Vectors<S>,
+) {
+    let Some((ahead, behind)) = place.beside::<D>() else { return };
+    for k in 0..3 {
+        let pulled = Lanes::load(place.simd, forces[3 * D + k], place.own);
+        let pulling = Lanes::load(place.simd, forces[3 * D + k], behind);
+        let pulled = pulled * Lanes::load(place.simd, multiplicity, ahead);
+        sum[k] = sum[k] + (pulled - pulling * Lanes::load(place.simd, multiplicity, behind));
+    }
+}
+
+/// The matrices with these entries, row by row.
+#[inline(always)]
+fn rows<S: Simd>(m: [Lanes<S>; 9]) -> Matrices<S> {
+    [[m[0], m[1], m[2]], [m[3], m[4], m[5]], [m[6], m[7], m[8]]]
+}
+
+/// `(A + B) R` for the direction's `R`, of the particles' matrices A and those ahead B.
+#[inline(always)]
+fn along<S: Simd, const D: usize>(
+    place: &Place<'_, S>,
+    own: &Matrices<S>,
+    matrix: [&[f64]; 9],
+    ahead: usize,
+) -> Vectors<S> {
+    let mut sum = own[0];
+    for i in 0..3 {
+        let mut ahead_row = own[i];
+        for k in 0..3 {
+            if const { DIRECTIONS[D] }[k] != 0 {
+                ahead_row[k] = Lanes::load(place.simd, matrix[3 * i + k], ahead);
+            }
+        }
+        sum[i] = signed_sum::<S, D>(own[i]) + signed_sum::<S, D>(ahead_row);
+    }
+    sum
+}
+
+/// `row . R` for the direction's `R`, whose last component that is not 0 is 1.
+#[inline(always)]
+fn signed_sum<S: Simd, const D: usize>(row: Vectors<S>) -> Lanes<S> {
+    let [x, y, z] = const { DIRECTIONS[D] };
+    let last = if z != 0 {
+        row[2]
+    } else if y != 0 {
+        row[1]
+    } else {
+        row[0]
+    };
+    let second = match y {
+        1 if z != 0 => last + row[1],
+        -1 if z != 0 => last - row[1],
+        _ => last,
+    };
+    match x {
+        1 if y != 0 || z != 0 => second + row[0],
+        -1 if y != 0 || z != 0 => second - row[0],
+        _ => second,
+    }
+}
+
+/// `R + u_j - u_i` for the direction's `R`.
+#[inline(always)]
+fn present_vector<S: Simd, const D: usize>(place: &Place<'_, S>, to: Vectors<S>, from: Vectors<S>) -> Vectors<S> {
+    let direction = const { DIRECTIONS[D] };
+    let mut vector = to;
+    for k in 0..3 {
+        vector[k] = to[k] - from[k];
+        if direction[k] != 0 {
+            vector[k] = vector[k] + place.splat(f64::from(direction[k]));
+        }
+    }
+    vector
+}
+
+#[inline(always)]
+fn dot<S: Simd>(a: Vectors<S>, b: Vectors<S>) -> Lanes<S> {
+    a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
+}

@@ -1,0 +1,158 @@
+//! Sums over the neighbours of eight particles at a time, direction by direction.
+//!
+//! The gradient of the kernel is `g R` with one number `g` for faces, one for edges and one for corners, and `R` of zeros
+//! and ones. So a sum over neighbours of `value (x) grad W` takes additions, and one multiplication for each of the three
+//! kinds.
+
+#![expect(clippy::inline_always, reason = "so that the loops are compiled for the processor that the caller chose")]
+
+use nalgebra::Vector3;
+use pulp::Simd;
+
+use crate::elasticity::lanes::Lanes;
+use crate::elasticity::lattice::Block;
+use crate::elasticity::neighbours::{DIRECTIONS, kernel, kernel_gradient};
+
+/// A 3 x 3 matrix for each lane, row by row.
+pub type Matrices<S> = [[Lanes<S>; 3]; 3];
+/// A vector for each lane.
+pub type Vectors<S> = [Lanes<S>; 3];
+
+/// Strength of the hourglass control, Pa.
+const HOURGLASS_PA: f64 = 1e8;
+
+/// First direction of each kind: faces, edges, corners.
+const KINDS: [usize; 3] = [0, 3, 9];
+
+/// What the kernel says of a direction.
+#[derive(Debug, Clone, Copy)]
+pub struct Weights {
+    /// `grad W = gradient * R`, for faces, edges and corners.
+    pub gradient: [f64; 3],
+    /// `0.5 * 1e8 W / R^3`, for faces, edges and corners.
+    pub hourglass: [f64; 3],
+}
+
+impl Weights {
+    /// Those of the kernel.
+    #[must_use]
+    pub fn new() -> Self {
+        let reference = |kind: usize| Vector3::from(DIRECTIONS[KINDS[kind]].map(f64::from));
+        Self {
+            gradient: std::array::from_fn(|kind| kernel_gradient(&reference(kind)).x),
+            hourglass: std::array::from_fn(|kind| {
+                let distance = reference(kind).norm();
+                0.5 * HOURGLASS_PA * kernel(distance) / distance.powi(3)
+            }),
+        }
+    }
+}
+
+/// Sums over all directions, with one multiplication for each kind: `$visit::<S, D>(arguments, &mut sum)` adds what
+/// direction D has, `$fold(sum, weight, total)` is `sum * weight + total`.
+macro_rules! sum_by_kind {
+    ($weights:expr, $zero:expr, $fold:ident, $visit:ident($($argument:expr),*)) => {{
+        let mut sum = $zero;
+        $visit::<S, 0>($($argument,)* &mut sum);
+        $visit::<S, 1>($($argument,)* &mut sum);
+        $visit::<S, 2>($($argument,)* &mut sum);
+        let total = $fold(sum, $weights[0], $zero);
+        let mut sum = $zero;
+        $visit::<S, 3>($($argument,)* &mut sum);
+        $visit::<S, 4>($($argument,)* &mut sum);
+        $visit::<S, 5>($($argument,)* &mut sum);
+        $visit::<S, 6>($($argument,)* &mut sum);
+        $visit::<S, 7>($($argument,)* &mut sum);
+        $visit::<S, 8>($($argument,)* &mut sum);
+        let total = $fold(sum, $weights[1], total);
+        let mut sum = $zero;
+        $visit::<S, 9>($($argument,)* &mut sum);
+        $visit::<S, 10>($($argument,)* &mut sum);
+        $visit::<S, 11>($($argument,)* &mut sum);
+        $visit::<S, 12>($($argument,)* &mut sum);
+        $fold(sum, $weights[2], total)
+    }};
+}
+
+/// Eight particles, or as many of them as the processor's vectors hold.
+#[derive(Debug, Clone, Copy)]
+pub struct Place<'a, S> {
+    /// The processor's vectors.
+    pub simd: S,
+    /// The block that the particles are in.
+    pub block: &'a Block,
+    /// Where in the block the first of them is.
+    pub offset: usize,
+    /// Where their fields begin.
+    pub own: usize,
+}
+
+impl<'a, S: Simd> Place<'a, S> {
+    /// Particles of a block.
+    #[inline(always)]
+    pub fn new(simd: S, block: &'a Block, offset: usize) -> Self {
+        Self { simd, block, offset, own: block.slot + offset }
+    }
+
+    /// The places of the first neighbours ahead and behind in direction `D`; none where no particle has one.
+    #[inline(always)]
+    pub fn beside<const D: usize>(&self) -> Option<(usize, usize)> {
+        let (ahead, behind) = (self.block.ahead[D] as usize, self.block.behind[D] as usize);
+        if ahead + behind > 0 { Some((ahead + self.offset, behind + self.offset)) } else { None }
+    }
+
+    /// The numbers of `N` arrays at a place.
+    #[inline(always)]
+    pub fn load<const N: usize>(&self, fields: [&[f64]; N], at: usize) -> [Lanes<S>; N] {
+        let mut loaded = [self.splat(0.0); N];
+        for k in 0..N {
+            loaded[k] = Lanes::load(self.simd, fields[k], at);
+        }
+        loaded
+    }
+
+    /// A number in all lanes.
+    #[inline(always)]
+    pub fn splat(&self, number: f64) -> Lanes<S> {
+        Lanes::splat(self.simd, number)
+    }
+
+    /// `sum_j value_j (x) grad W` over neighbours ahead and behind, `grad W` pointing at the neighbour.
+    #[inline(always)]
+    pub fn outer_sum(&self, value: [&[f64]; 3], weights: &Weights) -> Matrices<S> {
+        let zero = [[self.splat(0.0); 3]; 3];
+        let [faces, edges, corners] = weights.gradient;
+        let weights = [self.splat(faces), self.splat(edges), self.splat(corners)];
+        sum_by_kind!(weights, zero, fold_matrices, add_outer(self, value))
+    }
+}
+
+#[inline(always)]
+fn fold_vectors<S: Simd>(sum: Vectors<S>, weight: Lanes<S>, total: Vectors<S>) -> Vectors<S> {
+    [sum[0].mul_add(weight, total[0]), sum[1].mul_add(weight, total[1]), sum[2].mul_add(weight, total[2])]
+}
+
+#[inline(always)]
+fn fold_matrices<S: Simd>(sum: Matrices<S>, weight: Lanes<S>, total: Matrices<S>) -> Matrices<S> {
+    [
+        fold_vectors(sum[0], weight, total[0]),
+        fold_vectors(sum[1], weight, total[1]),
+        fold_vectors(sum[2], weight, total[2]),
+    ]
+}
+
+#[inline(always)]
+fn add_outer<S: Simd, const D: usize>(place: &Place<'_, S>, value: [&[f64]; 3], sum: &mut Matrices<S>) {
+    let Some((ahead, behind)) = place.beside::<D>() else { return };
+    let direction = const { DIRECTIONS[D] };
+    for i in 0..3 {
+        let difference = Lanes::load(place.simd, value[i], ahead) - Lanes::load(place.simd, value[i], behind);
+        for k in 0..3 {
+            match direction[k] {
+                1 => sum[i][k] = sum[i][k] + difference,
+                -1 => sum[i][k] = sum[i][k] - difference,
+                _ => {}
+            }
+        }
+    }
+}
