@@ -2,10 +2,13 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests fail by panicking")]
 
+mod support;
+
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use plumbline::elasticity::{Control, Stopped, sph};
+use plumbline::elasticity::{Control, Stopped, fem, sph};
 use plumbline::voxel::Cell;
+use support::repository;
 
 fn cuboid(x: i32, y: i32, z: i32) -> Vec<Cell> {
     (0..x * y * z).map(|i| Cell::new(i % x, i / x % y, i / x / y)).collect()
@@ -112,4 +115,72 @@ fn diagnostics_name_what_is_loose_and_what_moves() {
     assert!(outcome.diagnostics.max_displacement_m > 0.0009);
     assert!(outcome.displacement_m[27..].iter().all(|d| d[1] < -0.0009));
     assert!(outcome.diagnostics.cautions().iter().any(|c| c.contains("8 blocks are not connected")));
+}
+
+/// The paper's structures, by their names in the published evaluator's vectors.
+fn named_structures() -> Vec<(String, Vec<Cell>)> {
+    let text = std::fs::read_to_string(repository("tests/conformance/reference_structures.json")).unwrap();
+    let items: Vec<serde_json::Value> = serde_json::from_str(&text).unwrap();
+    let cell = |block: &serde_json::Value| {
+        let at = |k: usize| i32::try_from(block[k].as_i64().unwrap()).unwrap();
+        Cell::new(at(0), at(1), at(2))
+    };
+    let read = |item: &serde_json::Value| {
+        (item["name"].as_str().unwrap().to_owned(), item["blocks"].as_array().unwrap().iter().map(cell).collect())
+    };
+    items.iter().map(read).collect()
+}
+
+/// The paper's two comparisons (section 4.2): an arch is less stressed than a flat bridge, balanced columns carry a roof
+/// better than biased ones.
+#[test]
+fn the_papers_comparisons_hold_by_both_methods() {
+    let structures = named_structures();
+    let stress = |name: &str| {
+        let (_, cells) = structures.iter().find(|(found, _)| found == name).unwrap();
+        let equilibrium = fem::solve_equilibrium(cells, &Control::unhurried()).unwrap();
+        (simulate(cells).max_von_mises_pa, equilibrium.max_von_mises_pa.unwrap())
+    };
+    for (better, worse) in
+        [("arch_w2_2x2_supports_h4", "flat_bridge_w2"), ("roof_1layer_5cols", "roof_1layer_5cols_biased")]
+    {
+        let ((sph_better, fem_better), (sph_worse, fem_worse)) = (stress(better), stress(worse));
+        println!("{better}: sph {sph_better:.2}, fem {fem_better:.2}; {worse}: sph {sph_worse:.2}, fem {fem_worse:.2}");
+        assert!(sph_better < sph_worse, "sph: {better} {sph_better} Pa, {worse} {sph_worse} Pa");
+        assert!(fem_better < fem_worse, "fem: {better} {fem_better} Pa, {worse} {fem_worse} Pa");
+    }
+}
+
+/// What has no equilibrium, what touches only in edges, and what is listed twice end with a clear result.
+#[test]
+fn equilibrium_leaves_out_what_is_not_supported() {
+    let mut cells = cuboid(2, 2, 2);
+    cells.push(Cell::new(1, 1, 1));
+    cells.push(Cell::new(2, 2, 1));
+    cells.push(Cell::new(9, 5, 9));
+    let outcome = fem::solve_equilibrium(&cells, &Control::unhurried()).unwrap();
+    assert_eq!(outcome.unsupported, [9, 10]);
+    assert_eq!(outcome.von_mises_pa[8], outcome.von_mises_pa[7], "the cell listed twice is one block");
+    assert_eq!(outcome.von_mises_pa[9], None);
+    assert!(outcome.max_von_mises_pa.is_some() && outcome.relative_residual <= 1e-8);
+    let floating = fem::solve_equilibrium(&[], &Control::unhurried()).unwrap();
+    assert_eq!(floating.max_von_mises_pa, None);
+}
+
+#[test]
+fn equilibrium_of_the_extreme_ends_in_bounded_time() {
+    let tower: Vec<Cell> = (0..1_000).map(|y| Cell::new(0, y, 0)).collect();
+    let outcome = fem::solve_equilibrium(&tower, &Control::unhurried()).unwrap();
+    // A thousand blocks press on the base, whose held corners add to it.
+    assert!((900_000.0..1_100_000.0).contains(&outcome.max_von_mises_pa.unwrap()));
+    let scattered: Vec<Cell> =
+        (0..1_000_000).map(|i| Cell::new(i % 100 * 2, i / 10_000 * 2, i / 100 % 100 * 2)).collect();
+    let looks = AtomicU32::new(0);
+    let stop = || looks.fetch_add(1, Ordering::Relaxed) > 1_000;
+    let outcome = fem::solve_equilibrium(&scattered, &Control::until(&stop)).unwrap();
+    assert_eq!(outcome.unsupported.len(), 990_000);
+    let cube = cuboid(20, 20, 20);
+    let stop = || looks.fetch_add(1, Ordering::Relaxed) > 1_000;
+    looks.store(999, Ordering::Relaxed);
+    assert_eq!(fem::solve_equilibrium(&cube, &Control::until(&stop)).unwrap_err(), Stopped);
 }

@@ -1,12 +1,13 @@
 //! Benchmarks of grading: `cargo bench`. Figures and how they were obtained are in README.md beside this file.
 
 #![allow(clippy::panic, reason = "a benchmark without its input cannot go on")]
+#![allow(clippy::inline_always, reason = "so that the peak is compiled for the processor it runs on")]
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use plumbline::builders::build;
 use plumbline::checks::{Check, Subject};
-use plumbline::elasticity::{Control, sph};
+use plumbline::elasticity::{Control, fem, sph};
 use plumbline::grading::grade_log;
 use plumbline::tasks::{Task, embedded};
 use plumbline::voxel::replay::Replay;
@@ -29,21 +30,74 @@ fn grade(bencher: Bencher<'_, '_>, id: &str) {
     bencher.counter(ItemsCount::new(1usize)).bench(|| grade_log(&task, &log, &Control::unhurried()));
 }
 
-/// The published stress simulation: the roof of 140 blocks, and cubes.
-#[divan::bench(sample_count = 10, sample_size = 1)]
-fn stress_roof_140(bencher: Bencher<'_, '_>) {
-    let task = task("1-se-3.2-roofs_cols-one_layer-stress/01-w1");
-    let log = build(&task).unwrap_or_default();
-    let structure = Replay::new(&log).last();
-    let cells = structure.as_ref().map(Structure::cells).unwrap_or_default();
-    bencher.bench(|| sph::simulate(cells, &Control::unhurried()));
+fn roof() -> Vec<Cell> {
+    let log = build(&task("1-se-3.2-roofs_cols-one_layer-stress/01-w1")).unwrap_or_default();
+    Replay::new(&log).last().as_ref().map(Structure::cells).unwrap_or_default().to_vec()
 }
 
-#[divan::bench(args = [6, 10], sample_count = 3, sample_size = 1)]
-fn stress_cube(bencher: Bencher<'_, '_>, side: i32) {
-    let cells: Vec<Cell> =
-        (0..side * side * side).map(|i| Cell::new(i % side, i / side % side, i / side / side)).collect();
+fn cube(side: i32) -> Vec<Cell> {
+    (0..side * side * side).map(|i| Cell::new(i % side, i / side % side, i / side / side)).collect()
+}
+
+/// The published stress simulation on one core: the roof of 140 blocks, and cubes.
+#[divan::bench(sample_count = 20, sample_size = 1)]
+fn sph_roof_140(bencher: Bencher<'_, '_>) {
+    let cells = roof();
     bencher.bench(|| sph::simulate(&cells, &Control::unhurried()));
+}
+
+#[divan::bench(args = [6, 10, 22, 37], sample_count = 3, sample_size = 1)]
+fn sph_cube(bencher: Bencher<'_, '_>, side: i32) {
+    let cells = cube(side);
+    bencher.counter(ItemsCount::new(cells.len())).bench(|| sph::simulate(&cells, &Control::unhurried()));
+}
+
+/// The same on all cores.
+#[divan::bench(args = [22], sample_count = 3, sample_size = 1)]
+fn sph_cube_all_cores(bencher: Bencher<'_, '_>, side: i32) {
+    let cells = cube(side);
+    let join = |a: &mut (dyn FnMut() + Send), b: &mut (dyn FnMut() + Send)| {
+        rayon::join(a, b);
+    };
+    let control = Control { join: Some(&join), ..Control::unhurried() };
+    bencher.counter(ItemsCount::new(cells.len())).bench(|| sph::simulate(&cells, &control));
+}
+
+/// Equilibrium by finite elements on one core: the roof, and cubes of about 1,000, 10,000 and 50,000 blocks.
+#[divan::bench(sample_count = 20, sample_size = 1)]
+fn fem_roof_140(bencher: Bencher<'_, '_>) {
+    let cells = roof();
+    bencher.bench(|| fem::solve_equilibrium(&cells, &Control::unhurried()));
+}
+
+#[divan::bench(args = [10, 22, 37], sample_count = 3, sample_size = 1)]
+fn fem_cube(bencher: Bencher<'_, '_>, side: i32) {
+    let cells = cube(side);
+    bencher.counter(ItemsCount::new(cells.len())).bench(|| fem::solve_equilibrium(&cells, &Control::unhurried()));
+}
+
+/// What one core can do: independent multiply-adds in registers, in vectors as wide as it has.
+#[divan::bench]
+fn multiply_add_peak(bencher: Bencher<'_, '_>) {
+    const ROUNDS: usize = 10_000;
+    const CHAINS: usize = 16;
+    struct Peak;
+    impl pulp::WithSimd for Peak {
+        type Output = f64;
+        #[inline(always)]
+        fn with_simd<S: pulp::Simd>(self, simd: S) -> f64 {
+            let (factor, term) = (simd.splat_f64s(0.999_999), simd.splat_f64s(1e-9));
+            let mut sums = [simd.splat_f64s(1.0); CHAINS];
+            for _ in 0..ROUNDS * 8 / S::F64_LANES {
+                for sum in &mut sums {
+                    *sum = simd.mul_add_e_f64s(*sum, factor, term);
+                }
+            }
+            sums.into_iter().map(|sum| simd.reduce_sum_f64s(sum)).sum()
+        }
+    }
+    let arch = pulp::Arch::new();
+    bencher.counter(ItemsCount::new(ROUNDS * CHAINS * 8)).bench(|| arch.dispatch(Peak));
 }
 
 /// A check at the limit of 100,000 blocks on one level, and the diameter of a disc of 9,000 cells.

@@ -6,11 +6,8 @@ use nalgebra::Matrix3;
 use pulp::Simd;
 
 use super::stencil::{Matrices, Place};
+use crate::elasticity::{POISSON, YOUNG_PA};
 
-/// Young's modulus, Pa.
-pub const YOUNG_PA: f64 = 1e9;
-/// Poisson's ratio.
-pub const POISSON: f64 = 0.4;
 /// First Lame parameter in the published (not the usual three-dimensional) form, Pa.
 const LAMBDA_PA: f64 = YOUNG_PA * POISSON / ((1.0 + POISSON) * (1.0 - POISSON));
 /// Second Lame parameter, Pa.

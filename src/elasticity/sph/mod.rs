@@ -18,11 +18,9 @@ use self::outcome::{Fate, fate, greatest_length};
 use self::pairs::State;
 use self::particles::Particles;
 use self::passes::{Deform, Move, Pull, carry_out};
-use super::{Control, Stopped};
+use super::{Control, Stopped, WEIGHT_N};
 use crate::voxel::Cell;
 
-/// Weight of a block, N.
-pub const WEIGHT_N: f64 = 900.0;
 /// Mass that a force accelerates, kg.
 const MASS_KG: f64 = 15_000.0;
 /// Time step, s.

@@ -1,0 +1,252 @@
+//! The coarse part of the preconditioner: groups of neighbouring nodes that move as rigid bodies.
+//!
+//! Single nodes pass a load on slowly, and bending of long thin parts hardly at all; what neighbouring nodes do together is
+//! nearly a rigid motion. So the equations are also solved, directly, in the space of rigid motions of groups.
+
+use nalgebra::{Matrix3, SMatrix, Vector3};
+
+use super::element::UNKNOWNS;
+use super::system::System;
+
+/// Groups at most; more make the direct solution dearer than what it saves.
+const MAX_GROUPS: usize = 256;
+/// Least edge of a group, in blocks.
+const LEAST_EDGE: i32 = 4;
+/// Rigid motions of a group: three shifts, three turns.
+const MOTIONS: usize = 6;
+/// A pivot below this part of its diagonal belongs to a motion that others contain.
+const DEPENDENT: f64 = 1e-9;
+
+/// Rigid motions of groups of nodes, and the equations among them, solved.
+#[derive(Debug)]
+pub struct Coarse {
+    /// The group of each node; none for a held one.
+    group: Vec<Option<u32>>,
+    /// Each node's place from the middle of its group, in edges of the group.
+    arm: Vec<Vector3<f64>>,
+    factor: Envelope,
+}
+
+impl Coarse {
+    /// Groups the free nodes of a system by boxes and by what hangs together in them.
+    #[must_use]
+    pub fn new(system: &System<'_>) -> Self {
+        let mut edge = LEAST_EDGE;
+        let mut grouped = group_nodes(system, edge);
+        while grouped.1 > MAX_GROUPS {
+            edge += (edge / 4).max(1);
+            grouped = group_nodes(system, edge);
+        }
+        let (group, groups) = grouped;
+        let mut middle = vec![(Vector3::zeros(), 0.0); groups];
+        let place = |node: usize| Vector3::from(system.mesh.position[node].map(f64::from));
+        for (node, group) in group.iter().enumerate() {
+            if let Some(group) = *group {
+                let (sum, count) = &mut middle[group as usize];
+                *sum += place(node);
+                *count += 1.0;
+            }
+        }
+        let arm = group.iter().enumerate().map(|(node, group)| {
+            let (sum, count) = group.map_or((Vector3::zeros(), 1.0), |group| middle[group as usize]);
+            (place(node) - sum / count) / f64::from(edge)
+        });
+        let arm: Vec<Vector3<f64>> = arm.collect();
+        let factor = Envelope::of_groups(system, &group, &arm, groups);
+        Self { group, arm, factor }
+    }
+
+    /// Adds the part of the solution for `force` that groups' rigid motions hold.
+    pub fn add_solution(&self, force: &[f64], to: &mut [f64]) {
+        let mut pushed = vec![0.0; self.factor.len()];
+        for ((group, arm), force) in self.group.iter().zip(&self.arm).zip(force.chunks_exact(3)) {
+            let Some(group) = *group else { continue };
+            let force = Vector3::new(force[0], force[1], force[2]);
+            let turn = arm.cross(&force);
+            for k in 0..3 {
+                pushed[MOTIONS * group as usize + k] += force[k];
+                pushed[MOTIONS * group as usize + 3 + k] += turn[k];
+            }
+        }
+        self.factor.solve(&mut pushed);
+        for ((group, arm), to) in self.group.iter().zip(&self.arm).zip(to.chunks_exact_mut(3)) {
+            let Some(group) = *group else { continue };
+            let motion = &pushed[MOTIONS * group as usize..][..MOTIONS];
+            let turned = Vector3::new(motion[3], motion[4], motion[5]).cross(arm);
+            for k in 0..3 {
+                to[k] += motion[k] + turned[k];
+            }
+        }
+    }
+}
+
+/// The group of each free node, and how many there are: boxes with this edge, split where their nodes do not hang together
+/// inside, in the order of the boxes along the mesh's longest axis first.
+fn group_nodes(system: &System<'_>, edge: i32) -> (Vec<Option<u32>>, usize) {
+    let position = &system.mesh.position;
+    let length = |k: usize| {
+        let along = || position.iter().map(|place| i64::from(place[k]));
+        along().max().unwrap_or(0) - along().min().unwrap_or(0)
+    };
+    let mut axes = [0, 1, 2];
+    axes.sort_by_key(|&k| std::cmp::Reverse(length(k)));
+    let boxed = |node: usize| axes.map(|k| position[node][k].div_euclid(edge));
+    let mut parent: Vec<u32> = (0..position.len() as u32).collect();
+    for nodes in &system.mesh.nodes {
+        for pair in [(0, 1), (0, 2), (0, 4), (1, 3), (1, 5), (2, 3), (2, 6), (4, 5), (4, 6), (3, 7), (5, 7), (6, 7)] {
+            let (a, b) = (nodes[pair.0] as usize, nodes[pair.1] as usize);
+            if !system.is_held[a] && !system.is_held[b] && boxed(a) == boxed(b) {
+                let (a, b) = (root(&mut parent, a as u32), root(&mut parent, b as u32));
+                parent[a.max(b) as usize] = a.min(b);
+            }
+        }
+    }
+    let mut roots: Vec<u32> = (0..position.len() as u32)
+        .filter(|&node| parent[node as usize] == node && !system.is_held[node as usize])
+        .collect();
+    roots.sort_by_key(|&node| (boxed(node as usize), node));
+    let mut number = vec![0; position.len()];
+    for (i, &node) in (0u32..).zip(&roots) {
+        number[node as usize] = i;
+    }
+    let group = (0..position.len()).map(|node| {
+        let root = root(&mut parent, node as u32);
+        (!system.is_held[node]).then(|| number[root as usize])
+    });
+    (group.collect(), roots.len())
+}
+
+fn root(parent: &mut [u32], mut node: u32) -> u32 {
+    while parent[node as usize] != node {
+        parent[node as usize] = parent[parent[node as usize] as usize];
+        node = parent[node as usize];
+    }
+    node
+}
+
+/// A lower triangular factor, each row from its first entry to its diagonal.
+#[derive(Debug)]
+struct Envelope {
+    first: Vec<usize>,
+    rows: Vec<Vec<f64>>,
+}
+
+impl Envelope {
+    fn of_groups(system: &System<'_>, group: &[Option<u32>], arm: &[Vector3<f64>], groups: usize) -> Self {
+        let mut least: Vec<usize> = (0..groups).collect();
+        let members = |nodes: &[u32; 8]| {
+            let mut members: Vec<u32> = nodes.iter().filter_map(|&node| group[node as usize]).collect();
+            members.sort_unstable();
+            members.dedup();
+            members
+        };
+        for nodes in &system.mesh.nodes {
+            let members = members(nodes);
+            for &member in &members {
+                least[member as usize] = least[member as usize].min(members[0] as usize);
+            }
+        }
+        let first: Vec<usize> = (0..groups * MOTIONS).map(|row| least[row / MOTIONS] * MOTIONS).collect();
+        let rows = first.iter().enumerate().map(|(row, first)| vec![0.0; row - first + 1]).collect();
+        let mut envelope = Self { first, rows };
+        for nodes in &system.mesh.nodes {
+            let members = members(nodes);
+            // A block within one group does not resist its rigid motions.
+            if members.is_empty() || members.len() == 1 && nodes.iter().all(|&n| group[n as usize].is_some()) {
+                continue;
+            }
+            let motions: Vec<_> = members.iter().map(|&member| (member, rigid(nodes, group, arm, member))).collect();
+            for (a, of_a) in &motions {
+                let pulled = system.element.stiffness * of_a * system.edge_m;
+                for (b, of_b) in motions.iter().filter(|(b, _)| b <= a) {
+                    envelope.add(*a as usize, *b as usize, &(pulled.transpose() * of_b));
+                }
+            }
+        }
+        envelope.factorise();
+        envelope
+    }
+
+    fn add(&mut self, a: usize, b: usize, block: &SMatrix<f64, MOTIONS, MOTIONS>) {
+        for i in 0..MOTIONS {
+            let row = a * MOTIONS + i;
+            for j in 0..MOTIONS {
+                let column = b * MOTIONS + j;
+                if column <= row {
+                    self.rows[row][column - self.first[row]] += block[(i, j)];
+                }
+            }
+        }
+    }
+
+    /// Cholesky's factorisation in place. Motions that others contain, as the turn of a single node is, are left out.
+    fn factorise(&mut self) {
+        for i in 0..self.rows.len() {
+            let (done, rest) = self.rows.split_at_mut(i);
+            let row = &mut rest[0];
+            let first = self.first[i];
+            for j in first..i {
+                let from = first.max(self.first[j]);
+                let other = &done[j];
+                let sum = dot(&row[from - first..j - first], &other[from - self.first[j]..j - self.first[j]]);
+                let pivot = other[j - self.first[j]];
+                row[j - first] = if pivot > 0.0 { (row[j - first] - sum) / pivot } else { 0.0 };
+            }
+            let (before, diagonal) = row.split_at_mut(i - first);
+            let pivot = diagonal[0] - dot(before, before);
+            diagonal[0] = if pivot > DEPENDENT * diagonal[0] { pivot.sqrt() } else { 0.0 };
+        }
+    }
+
+    fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    fn solve(&self, vector: &mut [f64]) {
+        for (i, row) in self.rows.iter().enumerate() {
+            let (before, pivot) = (&row[..row.len() - 1], row[row.len() - 1]);
+            let sum = dot(before, &vector[self.first[i]..i]);
+            vector[i] = if pivot > 0.0 { (vector[i] - sum) / pivot } else { 0.0 };
+        }
+        for (i, row) in self.rows.iter().enumerate().rev() {
+            let (before, pivot) = (&row[..row.len() - 1], row[row.len() - 1]);
+            let (earlier, own) = vector.split_at_mut(i);
+            own[0] = if pivot > 0.0 { own[0] / pivot } else { 0.0 };
+            for (sum, entry) in earlier[self.first[i]..].iter_mut().zip(before) {
+                *sum -= entry * own[0];
+            }
+        }
+    }
+}
+
+/// Displacements of a block's corners for the rigid motions of one group.
+fn rigid(
+    nodes: &[u32; 8],
+    group: &[Option<u32>],
+    arm: &[Vector3<f64>],
+    member: u32,
+) -> SMatrix<f64, UNKNOWNS, MOTIONS> {
+    let mut motions = SMatrix::<f64, UNKNOWNS, MOTIONS>::zeros();
+    for (corner, &node) in nodes.iter().enumerate() {
+        if group[node as usize] == Some(member) {
+            let at = 3 * corner;
+            motions.fixed_view_mut::<3, 3>(at, 0).copy_from(&Matrix3::identity());
+            // A turn w moves by w x arm.
+            motions.fixed_view_mut::<3, 3>(at, 3).copy_from(&arm[node as usize].cross_matrix().transpose());
+        }
+    }
+    motions
+}
+
+/// The inner product, in four sums so that they do not wait for each other.
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0; 8];
+    let (a, b) = (a.chunks_exact(8), b.chunks_exact(8));
+    let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in a.zip(b) {
+        for k in 0..8 {
+            sums[k] += a[k] * b[k];
+        }
+    }
+    sums.iter().sum::<f64>() + rest
+}

@@ -1,0 +1,95 @@
+//! Preconditioned conjugate gradients.
+
+use nalgebra::Vector3;
+
+use super::coarse::{Coarse, dot};
+use super::system::System;
+use crate::elasticity::{Control, Stopped};
+
+/// Residual force, relative to the load, at which a solution is taken.
+pub const TOLERANCE: f64 = 1e-8;
+/// Iterations at most: far more than any structure tried has needed.
+const MAX_ITERATIONS: u32 = 20_000;
+/// Work between two looks at the stop signal, in iterations times blocks: some milliseconds.
+const WORK_PER_LOOK: usize = 50_000;
+
+/// How a solution ended.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Convergence {
+    /// Iterations taken.
+    pub iterations: u32,
+    /// Length of the residual force over that of the load.
+    pub relative_residual: f64,
+}
+
+/// Changes the displacements of free nodes until the forces on them balance `load`. Held nodes stay as they are.
+///
+/// # Errors
+/// Where `control` says to stop, which is asked every few milliseconds.
+pub fn solve(
+    system: &System<'_>,
+    load: &[f64],
+    displacement: &mut [f64],
+    control: &Control<'_>,
+) -> Result<Convergence, Stopped> {
+    let len = system.len();
+    let mut residual = vec![0.0; len];
+    system.apply(displacement, &mut residual);
+    for (residual, load) in residual.iter_mut().zip(load) {
+        *residual = load - *residual;
+    }
+    system.release(&mut residual);
+    let scale = dot(load, load).sqrt().max(dot(&residual, &residual).sqrt());
+    let mut convergence = Convergence::default();
+    if scale == 0.0 {
+        return Ok(convergence);
+    }
+    control.check(0.0)?;
+    let preconditioner = Preconditioner { diagonal: system.inverse_diagonal(), coarse: Coarse::new(system) };
+    let per_look = (WORK_PER_LOOK / system.mesh.nodes.len().max(1)).clamp(1, 500) as u32;
+    let (mut direction, mut pulled, mut step) = (vec![0.0; len], vec![0.0; len], vec![0.0; len]);
+    let mut before = 0.0;
+    loop {
+        convergence.relative_residual = dot(&residual, &residual).sqrt() / scale;
+        let is_done = convergence.relative_residual <= TOLERANCE || convergence.relative_residual.is_nan();
+        if is_done || convergence.iterations == MAX_ITERATIONS {
+            return Ok(convergence);
+        }
+        if convergence.iterations % per_look == 0 {
+            control.check((convergence.relative_residual.log10() / TOLERANCE.log10()).clamp(0.0, 1.0))?;
+        }
+        preconditioner.apply(system, &residual, &mut step);
+        let now = dot(&residual, &step);
+        let part = if convergence.iterations == 0 { 0.0 } else { now / before };
+        for (direction, step) in direction.iter_mut().zip(&step) {
+            *direction = step + part * *direction;
+        }
+        system.apply(&direction, &mut pulled);
+        let length = now / dot(&direction, &pulled);
+        for ((moved, residual), (direction, pulled)) in
+            displacement.iter_mut().zip(&mut residual).zip(direction.iter().zip(&pulled))
+        {
+            *moved += length * direction;
+            *residual -= length * pulled;
+        }
+        before = now;
+        convergence.iterations += 1;
+    }
+}
+
+/// Each node by itself, and groups of nodes as rigid bodies, added.
+struct Preconditioner {
+    diagonal: Vec<nalgebra::Matrix3<f64>>,
+    coarse: Coarse,
+}
+
+impl Preconditioner {
+    fn apply(&self, system: &System<'_>, residual: &[f64], step: &mut [f64]) {
+        for ((step, residual), inverse) in step.chunks_exact_mut(3).zip(residual.chunks_exact(3)).zip(&self.diagonal) {
+            let moved = inverse * Vector3::new(residual[0], residual[1], residual[2]);
+            step.copy_from_slice(moved.as_slice());
+        }
+        system.release(step);
+        self.coarse.add_solution(residual, step);
+    }
+}

@@ -1,0 +1,147 @@
+//! The equations of a mesh, without a matrix: forces on the nodes for displacements of the nodes.
+
+#![expect(clippy::inline_always, reason = "so that the loops are compiled for the processor that the caller chose")]
+
+use nalgebra::{Matrix3, SVector, Vector3};
+use pulp::{Arch, Simd, WithSimd};
+
+use super::element::{Element, UNKNOWNS};
+use super::mesh::Mesh;
+use crate::elasticity::lanes::Lanes;
+
+/// A mesh with an edge length, and which nodes are held.
+#[derive(Debug)]
+pub struct System<'a> {
+    /// The mesh.
+    pub mesh: &'a Mesh,
+    /// What each block is.
+    pub element: &'a Element,
+    /// Edge of a block, m.
+    pub edge_m: f64,
+    /// Which nodes are held.
+    pub is_held: Vec<bool>,
+    /// Stiffness of a block, column by column, N/m.
+    columns: Vec<f64>,
+    arch: Arch,
+}
+
+impl<'a> System<'a> {
+    /// The equations of a mesh of blocks with edge `edge_m`; `is_held` is asked for the position of each node, in edges.
+    #[must_use]
+    pub fn new(mesh: &'a Mesh, element: &'a Element, edge_m: f64, is_held: impl Fn(&[i32; 3]) -> bool) -> Self {
+        let columns = element.stiffness.iter().map(|entry| entry * edge_m).collect();
+        Self { mesh, element, edge_m, is_held: mesh.position.iter().map(is_held).collect(), columns, arch: Arch::new() }
+    }
+
+    /// Number of unknowns, held ones included.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        3 * self.mesh.position.len()
+    }
+
+    /// Forces on the nodes, N, for displacements, m; nothing on held ones.
+    pub fn apply(&self, displacement: &[f64], force: &mut [f64]) {
+        force.fill(0.0);
+        self.arch.dispatch(Apply { nodes: &self.mesh.nodes, columns: &self.columns, displacement, force });
+        self.release(force);
+    }
+
+    /// Clears what belongs to held nodes.
+    pub fn release(&self, vector: &mut [f64]) {
+        for (triple, is_held) in vector.chunks_exact_mut(3).zip(&self.is_held) {
+            if *is_held {
+                triple.fill(0.0);
+            }
+        }
+    }
+
+    /// Forces on the nodes, N, from a weight of `weight_n` per block; nothing on held ones.
+    #[must_use]
+    pub fn weight(&self, weight_n: f64) -> Vec<f64> {
+        let mut force = vec![0.0; self.len()];
+        for nodes in &self.mesh.nodes {
+            for &node in nodes {
+                force[3 * node as usize + 1] -= weight_n / 8.0;
+            }
+        }
+        self.release(&mut force);
+        force
+    }
+
+    /// For each node the inverse of its own 3 x 3 block of the equations.
+    #[must_use]
+    pub fn inverse_diagonal(&self) -> Vec<Matrix3<f64>> {
+        let mut diagonal = vec![Matrix3::zeros(); self.mesh.position.len()];
+        for nodes in &self.mesh.nodes {
+            for (corner, &node) in nodes.iter().enumerate() {
+                diagonal[node as usize] +=
+                    self.element.stiffness.fixed_view::<3, 3>(3 * corner, 3 * corner) * self.edge_m;
+            }
+        }
+        // Each is positive definite.
+        diagonal.into_iter().map(|block| block.try_inverse().unwrap_or_else(Matrix3::zeros)).collect()
+    }
+
+    /// Displacements of a block's corners.
+    #[must_use]
+    pub fn corners(&self, block: usize, displacement: &[f64]) -> SVector<f64, UNKNOWNS> {
+        let triples = self.mesh.nodes[block].iter().flat_map(|&node| {
+            let at = 3 * node as usize;
+            displacement[at..at + 3].iter().copied()
+        });
+        SVector::from_iterator(triples)
+    }
+
+    /// Displacement of a block's centre, of those of its corners.
+    #[must_use]
+    pub fn centre(&self, block: usize, displacement: &[f64]) -> [f64; 3] {
+        let corners = self.corners(block, displacement);
+        let sum: Vector3<f64> = (0..8).map(|c| corners.fixed_rows::<3>(3 * c).into_owned()).sum();
+        (sum / 8.0).into()
+    }
+}
+
+/// Adds the forces of all blocks.
+struct Apply<'a> {
+    nodes: &'a [[u32; 8]],
+    columns: &'a [f64],
+    displacement: &'a [f64],
+    force: &'a mut [f64],
+}
+
+impl WithSimd for Apply<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Some((columns, _)) = self.columns.split_first_chunk::<{ UNKNOWNS * UNKNOWNS }>() else { return };
+        for nodes in self.nodes {
+            let mut corners = [0.0; UNKNOWNS];
+            for (triple, &node) in corners.chunks_exact_mut(3).zip(nodes) {
+                let at = 3 * node as usize;
+                triple.copy_from_slice(&self.displacement[at..at + 3]);
+            }
+            let mut pulled = [0.0; UNKNOWNS];
+            // Eight rows at a time, with two sums for even and odd columns, so that they do not wait for each other.
+            for row in (0..UNKNOWNS).step_by(8) {
+                for lanes in (row..row + 8).step_by(S::F64_LANES) {
+                    let mut sums = [Lanes::splat(simd, 0.0); 2];
+                    for pair in 0..UNKNOWNS / 2 {
+                        for odd in 0..2 {
+                            let column = 2 * pair + odd;
+                            let entries = Lanes::load(simd, columns, UNKNOWNS * column + lanes);
+                            sums[odd] = entries.mul_add(Lanes::splat(simd, corners[column]), sums[odd]);
+                        }
+                    }
+                    (sums[0] + sums[1]).store(&mut pulled, lanes);
+                }
+            }
+            for (triple, &node) in pulled.chunks_exact(3).zip(nodes) {
+                let at = 3 * node as usize;
+                for (sum, part) in self.force[at..at + 3].iter_mut().zip(triple) {
+                    *sum += part;
+                }
+            }
+        }
+    }
+}
