@@ -8,8 +8,8 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use super::element::UNKNOWNS;
 use super::system::System;
 
-/// Groups at most; more make the direct solution dearer than what it saves.
-const MAX_GROUPS: usize = 256;
+/// Multiply-adds of the direct solution at most; more would cost more than they save.
+const MAX_WORK: usize = 150_000_000;
 /// Least edge of a group, in blocks.
 const LEAST_EDGE: i32 = 4;
 /// Rigid motions of a group: three shifts, three turns.
@@ -32,12 +32,16 @@ impl Coarse {
     #[must_use]
     pub fn new(system: &System<'_>) -> Self {
         let mut edge = LEAST_EDGE;
-        let mut grouped = group_nodes(system, edge);
-        while grouped.1 > MAX_GROUPS {
-            edge += (edge / 4).max(1);
-            grouped = group_nodes(system, edge);
-        }
-        let (group, groups) = grouped;
+        let (group, groups, first) = loop {
+            let (group, groups) = group_nodes(system, edge);
+            let first = first_entries(system, &group, groups);
+            let work: usize = first.iter().enumerate().map(|(row, first)| (row - first + 1).pow(2)).sum();
+            // Beyond any structure's extent, groups are what hangs together, and independent.
+            if work <= MAX_WORK || edge > i32::MAX / 2 {
+                break (group, groups, first);
+            }
+            edge += edge / 4;
+        };
         let mut middle = vec![(Vector3::zeros(), 0.0); groups];
         let place = |node: usize| Vector3::from(system.mesh.position[node].map(f64::from));
         for (node, group) in group.iter().enumerate() {
@@ -52,7 +56,7 @@ impl Coarse {
             (place(node) - sum / count) / f64::from(edge)
         });
         let arm: Vec<Vector3<f64>> = arm.collect();
-        let factor = Envelope::of_groups(system, &group, &arm, groups);
+        let factor = Envelope::of_groups(system, &group, &arm, first);
         Self { group, arm, factor }
     }
 
@@ -124,6 +128,26 @@ fn root(parent: &mut [u32], mut node: u32) -> u32 {
     node
 }
 
+/// The groups that a block's nodes belong to, ascending.
+fn members(nodes: &[u32; 8], group: &[Option<u32>]) -> Vec<u32> {
+    let mut members: Vec<u32> = nodes.iter().filter_map(|&node| group[node as usize]).collect();
+    members.sort_unstable();
+    members.dedup();
+    members
+}
+
+/// For each row of the equations among groups, its first entry.
+fn first_entries(system: &System<'_>, group: &[Option<u32>], groups: usize) -> Vec<usize> {
+    let mut least: Vec<usize> = (0..groups).collect();
+    for nodes in &system.mesh.nodes {
+        let members = members(nodes, group);
+        for &member in &members {
+            least[member as usize] = least[member as usize].min(members[0] as usize);
+        }
+    }
+    (0..groups * MOTIONS).map(|row| least[row / MOTIONS] * MOTIONS).collect()
+}
+
 /// A lower triangular factor, each row from its first entry to its diagonal.
 #[derive(Debug)]
 struct Envelope {
@@ -132,25 +156,11 @@ struct Envelope {
 }
 
 impl Envelope {
-    fn of_groups(system: &System<'_>, group: &[Option<u32>], arm: &[Vector3<f64>], groups: usize) -> Self {
-        let mut least: Vec<usize> = (0..groups).collect();
-        let members = |nodes: &[u32; 8]| {
-            let mut members: Vec<u32> = nodes.iter().filter_map(|&node| group[node as usize]).collect();
-            members.sort_unstable();
-            members.dedup();
-            members
-        };
-        for nodes in &system.mesh.nodes {
-            let members = members(nodes);
-            for &member in &members {
-                least[member as usize] = least[member as usize].min(members[0] as usize);
-            }
-        }
-        let first: Vec<usize> = (0..groups * MOTIONS).map(|row| least[row / MOTIONS] * MOTIONS).collect();
+    fn of_groups(system: &System<'_>, group: &[Option<u32>], arm: &[Vector3<f64>], first: Vec<usize>) -> Self {
         let rows = first.iter().enumerate().map(|(row, first)| vec![0.0; row - first + 1]).collect();
         let mut envelope = Self { first, rows };
         for nodes in &system.mesh.nodes {
-            let members = members(nodes);
+            let members = members(nodes, group);
             // A block within one group does not resist its rigid motions.
             if members.is_empty() || members.len() == 1 && nodes.iter().all(|&n| group[n as usize].is_some()) {
                 continue;
