@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::safety::figures::StressFigures;
 use crate::voxel::Cell;
 
 /// Witness cells kept at most; all are counted.
@@ -41,6 +42,9 @@ pub struct Finding {
     /// Why the score must be read with care, beside being vacuous.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub cautions: Vec<String>,
+    /// Of a stress check: both methods' figures.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stress: Option<Box<StressFigures>>,
 }
 
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
@@ -68,6 +72,7 @@ impl Finding {
             witness_total: 0,
             vacuous: false,
             cautions: Vec::new(),
+            stress: None,
         }
     }
 

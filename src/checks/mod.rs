@@ -22,7 +22,9 @@ use planning::{dependency, efficiency};
 use safety::{plausibility, stability};
 
 /// Version of the published rules as coded here. A change that can alter a score raises it.
-pub const CHECKS_VERSION: u32 = 1;
+///
+/// 2: the stress simulation adds in another order; scores differ from those of 1 by rounding.
+pub const CHECKS_VERSION: u32 = 2;
 
 /// What a check looks at.
 #[derive(Clone, Copy)]

@@ -1,4 +1,5 @@
 //! Safety: physical plausibility and structural stability.
 
+pub mod figures;
 pub mod plausibility;
 pub mod stability;

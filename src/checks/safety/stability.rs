@@ -1,10 +1,13 @@
 //! Structural stability: greatest von Mises stress against a reference (SPEC 3 and 4; paper, section 4.2).
+//!
+//! The published method gives the score. The well-posed one stands beside it, because the first has artefacts.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use super::figures::{FemFigures, SphFigures, StressFigures};
 use crate::checks::{Amount, Finding, Subject};
-use crate::elasticity::{Stopped, sph};
+use crate::elasticity::{Stopped, fem, sph};
 
 /// Reference over greatest stress, at most 1.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -25,17 +28,26 @@ impl StressScore {
         if subject.structure.is_empty() {
             return Ok(Finding::nothing_stands(false, required));
         }
-        let outcome = sph::simulate(subject.structure.cells(), subject.control)?;
+        let cells = subject.structure.cells();
+        let outcome = sph::simulate(cells, subject.control)?;
+        let equilibrium = fem::solve_equilibrium(cells, subject.control)?;
         let stress_pa = outcome.max_von_mises_pa;
         let is_usable = stress_pa.is_finite() && stress_pa > 0.0;
         let score = if is_usable { self.reference_pa.0 / stress_pa } else { 0.0 };
-        let summary = format!("greatest von Mises stress {stress_pa:.2} Pa; reference {} Pa", self.reference_pa);
+        let beside = equilibrium.max_von_mises_pa.map_or_else(|| "none".to_owned(), |pa| format!("{pa:.2} Pa"));
+        let summary = format!(
+            "greatest von Mises stress {stress_pa:.2} Pa (in equilibrium, by fem: {beside}); reference {} Pa",
+            self.reference_pa
+        );
         let measured = if stress_pa.is_finite() { json!(stress_pa) } else { Value::Null };
         let mut finding = Finding::graded(score, measured, required, summary);
         if let Some(most) = outcome.most_stressed {
-            finding.add_witness(subject.structure.cells()[most], "greatest stress");
+            finding.add_witness(cells[most], "greatest stress");
         }
         finding.cautions = outcome.diagnostics.cautions();
+        finding.cautions.extend(equilibrium.cautions());
+        let figures = StressFigures { sph: SphFigures::of(cells, &outcome), fem: FemFigures::of(cells, &equilibrium) };
+        finding.stress = Some(Box::new(figures));
         Ok(finding)
     }
 }

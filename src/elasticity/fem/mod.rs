@@ -40,6 +40,27 @@ pub struct Outcome {
     pub relative_residual: f64,
 }
 
+impl Outcome {
+    /// Why the result must be read with care, in words; empty for a whole one.
+    #[must_use]
+    pub fn cautions(&self) -> Vec<String> {
+        let mut cautions = Vec::new();
+        if !self.unsupported.is_empty() {
+            cautions.push(format!(
+                "{} blocks do not hang together by faces with the lowest level: fem leaves them out",
+                self.unsupported.len()
+            ));
+        }
+        if self.relative_residual > TOLERANCE || self.relative_residual.is_nan() {
+            cautions.push(format!(
+                "fem was not solved: after {} iterations the residual is {:.1e} of the load",
+                self.iterations, self.relative_residual
+            ));
+        }
+        cautions
+    }
+}
+
 /// Solves for the equilibrium of `cells` under their weight, held at the base of the blocks at the least y. A cell listed
 /// again is one block.
 ///

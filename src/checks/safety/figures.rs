@@ -1,0 +1,115 @@
+//! What both stress methods say of a structure, as a report shows it.
+
+use serde::{Deserialize, Serialize};
+
+use crate::checks::evidence::MAX_WITNESSES;
+use crate::elasticity::{fem, sph};
+use crate::voxel::Cell;
+
+/// Some cells of a kind, and how many there are.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct CellSample {
+    /// How many there are; a cell listed twice counts twice.
+    pub total: u64,
+    /// The first of them, as `[x, y, z]`; at most 20.
+    #[schema(value_type = Vec<[i32; 3]>)]
+    pub cells: Vec<Cell>,
+}
+
+impl CellSample {
+    /// Of the entries with these indices.
+    #[must_use]
+    pub fn of(cells: &[Cell], entries: &[u32]) -> Self {
+        let first = entries.iter().take(MAX_WITNESSES).map(|&entry| cells[entry as usize]);
+        Self { total: entries.len() as u64, cells: first.collect() }
+    }
+}
+
+/// The published method's figures and what tells how far to trust them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct SphFigures {
+    /// Greatest von Mises stress, Pa; null where it is not a number.
+    pub max_von_mises_pa: Option<f64>,
+    /// The block that has it.
+    #[schema(value_type = Option<[i32; 3]>)]
+    pub at: Option<Cell>,
+    /// Whether rounding decides the figure, so that it is undefined.
+    pub is_undefined: bool,
+    /// Blocks whose neighbours lie in one plane or line: the moment matrix A is singular, their stress an artefact.
+    pub singular_moment: CellSample,
+    /// Blocks left out because |det F| < 1e-12.
+    pub degenerate: CellSample,
+    /// Blocks left out because the simulation blew up there.
+    pub non_finite: CellSample,
+    /// Blocks that no chain of neighbours connects with the lowest level: they fall.
+    pub unconnected: CellSample,
+    /// Greatest displacement at the end, m (blocks); null where it is not a number.
+    pub max_displacement_m: Option<f64>,
+    /// Greatest net force on a block at the end, N: 0 in equilibrium; null where it is not a number.
+    pub residual_force_n: Option<f64>,
+    /// Kinetic energy at the end, J: 0 at rest; null where it is not a number.
+    pub kinetic_energy_j: Option<f64>,
+}
+
+impl SphFigures {
+    /// Of a simulation of `cells`.
+    #[must_use]
+    pub fn of(cells: &[Cell], outcome: &sph::Outcome) -> Self {
+        let finite = |number: f64| number.is_finite().then_some(number);
+        let found = &outcome.diagnostics;
+        Self {
+            max_von_mises_pa: finite(outcome.max_von_mises_pa),
+            at: outcome.most_stressed.map(|entry| cells[entry]),
+            is_undefined: found.order_sensitive,
+            singular_moment: CellSample::of(cells, &found.singular_moment),
+            degenerate: CellSample::of(cells, &found.degenerate),
+            non_finite: CellSample::of(cells, &found.non_finite),
+            unconnected: CellSample::of(cells, &found.unconnected),
+            max_displacement_m: finite(found.max_displacement_m),
+            residual_force_n: finite(found.residual_force_n),
+            kinetic_energy_j: finite(found.kinetic_energy_j),
+        }
+    }
+}
+
+/// Figures of the equilibrium by finite elements.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct FemFigures {
+    /// Greatest von Mises stress, Pa; null where nothing is supported, or the equations were not solved.
+    pub max_von_mises_pa: Option<f64>,
+    /// The block that has it.
+    #[schema(value_type = Option<[i32; 3]>)]
+    pub at: Option<Cell>,
+    /// Blocks that do not hang together by faces with the lowest level: they have no equilibrium and are left out.
+    pub unsupported: CellSample,
+    /// Greatest displacement, m (blocks).
+    pub max_displacement_m: f64,
+    /// Iterations of the solver.
+    pub iterations: u32,
+    /// Residual force over load at the end: at most 1e-8 in a solution.
+    pub relative_residual: f64,
+}
+
+impl FemFigures {
+    /// Of an equilibrium of `cells`.
+    #[must_use]
+    pub fn of(cells: &[Cell], outcome: &fem::Outcome) -> Self {
+        Self {
+            max_von_mises_pa: outcome.max_von_mises_pa,
+            at: outcome.most_stressed.map(|entry| cells[entry]),
+            unsupported: CellSample::of(cells, &outcome.unsupported),
+            max_displacement_m: outcome.max_displacement_m,
+            iterations: outcome.iterations,
+            relative_residual: outcome.relative_residual,
+        }
+    }
+}
+
+/// Both methods side by side. The score comes from `sph`, as published; `fem` is there to compare.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct StressFigures {
+    /// The published simulation.
+    pub sph: SphFigures,
+    /// The well-posed equilibrium.
+    pub fem: FemFigures,
+}
