@@ -212,3 +212,66 @@ async fn a_database_of_another_program_is_left_alone() {
     let told = serve(&folder.path().join("none/p.db"));
     assert!(told.contains("there is no folder"), "{told}");
 }
+
+/// A table on one leg, posted for a task without a stress check: its stress field by both methods and in all formats.
+#[tokio::test]
+async fn stress_fields_of_a_submission() {
+    let (_folder, service) = service();
+    let place = |x: i32, y: i32, z: i32, material: &str| json!({ "action": "place", "x": x, "y": y, "z": z, "material": material });
+    let mut events: Vec<Value> = (0..2).map(|y| place(0, y, 0, "stone")).collect();
+    events.extend((0..9).map(|i| place(i % 3 - 1, 2, i / 3 - 1, "oak_planks")));
+    let first: Vec<Value> = events.drain(..1).collect();
+    let body = json!({ "task": "1-se-2-walls/01-w1", "turns": [{ "events": first }] });
+    let one = service.post_json("/v1/submissions", &body).await.json()["id"].as_str().unwrap().to_owned();
+    let tasks = service.get("/v1/tasks?limit=1000").await.json();
+    let two_turns = tasks["tasks"].as_array().unwrap().iter().find(|task| task["turns"] == 2).unwrap()["id"].clone();
+    let body = json!({ "task": two_turns, "turns": [{ "events": first }, { "events": events }] });
+    let table = service.post_json("/v1/submissions", &body).await.json()["id"].as_str().unwrap().to_owned();
+
+    let field = |query: &str| {
+        let path = format!("/v1/submissions/{table}/stress{query}");
+        let service = &service;
+        async move { service.get(&path).await }
+    };
+    let fem = field("?method=fem").await.json();
+    assert_eq!((fem["turn"].as_u64(), fem["method"].as_str()), (Some(2), Some("fem")));
+    let blocks = fem["blocks"].as_array().unwrap();
+    assert_eq!(blocks.len(), 11);
+    let greatest = blocks.iter().map(|block| block["von_mises_pa"].as_f64().unwrap()).fold(0.0, f64::max);
+    assert_eq!(fem["max_von_mises_pa"].as_f64(), Some(greatest));
+    assert!(greatest > 9_900.0, "the leg carries eleven blocks of 900 N: {greatest} Pa");
+    let corner = blocks.iter().find(|block| block["cell"] == json!([1, 2, 1])).unwrap();
+    assert_eq!(corner["material"], "oak_planks");
+    assert!(corner["displacement_m"][1].as_f64().unwrap() < 0.0);
+    // The published method has an artefact for a plate one block thick, and says so.
+    let sph = field("").await.json();
+    assert_ne!(sph["max_von_mises_pa"].as_f64(), Some(greatest));
+    assert!(sph["cautions"][0].as_str().unwrap().contains("singular moment matrix"));
+
+    let lines = field("?method=fem&format=ndjson").await;
+    assert_eq!(lines.kind, "application/x-ndjson");
+    let lines: Vec<Value> = lines.text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(&lines, blocks);
+    let arrays = field("?method=fem&format=arrays").await.json();
+    let names = arrays["palette"].as_array().unwrap();
+    for (i, block) in blocks.iter().enumerate() {
+        assert_eq!(arrays["cells"][i], block["cell"]);
+        assert_eq!(arrays["von_mises_pa"][i], block["von_mises_pa"]);
+        assert_eq!(arrays["displacement_m"][i], block["displacement_m"]);
+        assert_eq!(names[arrays["materials"][i].as_u64().unwrap() as usize], block["material"]);
+    }
+    assert_eq!(field("?turn=1").await.json()["blocks"].as_array().unwrap().len(), 1);
+
+    let etag = field("?method=fem").await.headers["etag"].to_str().unwrap().to_owned();
+    let path = format!("{}/v1/submissions/{table}/stress?method=fem", service.url);
+    let again = service.send(service.http.get(&path).header("if-none-match", &etag)).await;
+    assert_eq!((again.status, again.text.as_str()), (StatusCode::NOT_MODIFIED, ""));
+    let accepted = service.send(service.http.get(&path).header("accept", "application/x-ndjson")).await;
+    assert_eq!(accepted.kind, "application/x-ndjson");
+
+    field("?turn=3").await.faults(404);
+    field("?method=guess").await.faults(400);
+    service.get("/v1/submissions/none/stress").await.faults(404);
+    let single = service.get(&format!("/v1/submissions/{one}/stress?method=fem")).await.json();
+    assert_eq!(single["blocks"].as_array().unwrap().len(), 1);
+}

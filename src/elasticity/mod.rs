@@ -3,6 +3,7 @@
 //! Methods, units, sources and verification are told in this room's README.md.
 
 pub mod fem;
+pub mod field;
 mod lanes;
 mod lattice;
 mod neighbours;

@@ -23,8 +23,12 @@ pub struct Limits {
     pub events: usize,
     /// Blocks that stand after any turn.
     pub blocks: usize,
-    /// The same for tasks with a stress simulation.
+    /// The same for tasks with a stress check, and for stress fields.
     pub blocks_with_stress: usize,
+    /// Stress fields computed at the same time for `/v1/submissions/{id}/stress`; more wait.
+    pub stress_fields_at_once: usize,
+    /// Seconds that one of them may take.
+    pub stress_seconds: u64,
     /// Distinct materials of a log.
     pub materials: usize,
     /// Characters of a material name.
@@ -64,7 +68,9 @@ pub const LIMITS: Limits = Limits {
     turns: 64,
     events: 400_000,
     blocks: 100_000,
-    blocks_with_stress: 20_000,
+    blocks_with_stress: 50_000,
+    stress_fields_at_once: 2,
+    stress_seconds: 50,
     materials: 4_096,
     material_chars: 128,
     horizontal: cell::MAX_HORIZONTAL,

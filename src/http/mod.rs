@@ -25,6 +25,7 @@ pub fn router(store: &Store, wake: &Arc<Notify>, metrics: PrometheusHandle) -> R
         store: store.clone(),
         wake: Arc::clone(wake),
         bodies: Arc::new(body::budget()),
+        stress_turns: Arc::new(api::stress::turns()),
         metrics,
         openapi: openapi.to_json().unwrap_or_default().into(),
     };

@@ -19,6 +19,8 @@ pub struct AppState {
     pub wake: Arc<Notify>,
     /// Memory for request bodies.
     pub bodies: Arc<Semaphore>,
+    /// Turns to compute stress fields.
+    pub stress_turns: Arc<Semaphore>,
     /// Renders the metrics.
     pub metrics: PrometheusHandle,
     /// The OpenAPI document, as JSON.

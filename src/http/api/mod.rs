@@ -8,6 +8,7 @@ pub mod leaderboards;
 pub mod limits;
 pub mod reports;
 pub mod runs;
+pub mod stress;
 pub mod submission_body;
 pub mod submission_schema;
 pub mod submissions;
@@ -53,6 +54,7 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(submissions::get_submission))
         .routes(routes!(reports::get_report))
         .routes(routes!(reports::get_log))
+        .routes(routes!(stress::get_stress))
         .routes(routes!(tasks::list_tasks))
         .routes(routes!(tasks::get_task))
         .routes(routes!(suites::list_suites))

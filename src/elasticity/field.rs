@@ -1,0 +1,75 @@
+//! A stress field: stress and displacement of each block, by either method.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Control, Stopped, fem, sph};
+use crate::voxel::Cell;
+
+/// A method of computing stress.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// The published simulation.
+    Sph,
+    /// Equilibrium by finite elements.
+    Fem,
+}
+
+impl Method {
+    /// Its name in the API.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Sph => "sph",
+            Self::Fem => "fem",
+        }
+    }
+}
+
+/// Stress and displacement of each block.
+#[derive(Debug, Clone, Default)]
+pub struct Field {
+    /// Greatest von Mises stress, Pa; none where there is no number.
+    pub max_von_mises_pa: Option<f64>,
+    /// Von Mises stress of each entry, Pa; none where the method gives no number.
+    pub von_mises_pa: Vec<Option<f64>>,
+    /// Displacement of each entry's centre, m (blocks): east, up, south; none where the method gives no numbers.
+    pub displacement_m: Vec<Option<[f64; 3]>>,
+    /// Why the field must be read with care.
+    pub cautions: Vec<String>,
+}
+
+impl Field {
+    /// Of `cells`, in their order.
+    ///
+    /// # Errors
+    /// Where `control` says to stop.
+    pub fn of(cells: &[Cell], method: Method, control: &Control<'_>) -> Result<Self, Stopped> {
+        match method {
+            Method::Sph => {
+                let outcome = sph::simulate(cells, control)?;
+                let finite = |number: f64| number.is_finite().then_some(number);
+                Ok(Self {
+                    max_von_mises_pa: finite(outcome.max_von_mises_pa),
+                    von_mises_pa: outcome.von_mises_pa.iter().map(|&stress| finite(stress)).collect(),
+                    displacement_m: outcome
+                        .displacement_m
+                        .iter()
+                        .map(|moved| moved.iter().all(|k| k.is_finite()).then_some(*moved))
+                        .collect(),
+                    cautions: outcome.diagnostics.cautions(),
+                })
+            }
+            Method::Fem => {
+                let outcome = fem::solve_equilibrium(cells, control)?;
+                let cautions = outcome.cautions();
+                Ok(Self {
+                    max_von_mises_pa: outcome.max_von_mises_pa,
+                    von_mises_pa: outcome.von_mises_pa,
+                    displacement_m: outcome.displacement_m,
+                    cautions,
+                })
+            }
+        }
+    }
+}

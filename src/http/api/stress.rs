@@ -1,0 +1,240 @@
+//! Stress fields of submissions, computed when asked for.
+
+use std::fmt::Write as _;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use axum::extract::{Path, Query, State};
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use sha2::{Digest as _, Sha256};
+use tokio::sync::Semaphore;
+use tokio_util::sync::CancellationToken;
+
+use super::super::limits::LIMITS;
+use super::super::problem::{ApiError, ApiResult, Problem};
+use super::super::state::AppState;
+use super::submissions::stored;
+use crate::checks::CHECKS_VERSION;
+use crate::elasticity::Control;
+use crate::elasticity::field::{Field, Method};
+use crate::store::reports::GRADER;
+use crate::tasks::hex;
+use crate::voxel::replay::Replay;
+use crate::voxel::{BlockLog, Cell, Structure};
+
+/// How long a request waits for its turn before it is asked to come back.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// Turns to compute stress.
+#[must_use]
+pub fn turns() -> Semaphore {
+    Semaphore::new(LIMITS.stress_fields_at_once)
+}
+
+/// Which field, and how it is written.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct StressQuery {
+    /// The published simulation, or equilibrium by finite elements. Without it the published one.
+    #[param(example = "fem")]
+    method: Option<Method>,
+    /// The structure after this turn, from 1. Without it the last.
+    #[param(minimum = 1, example = 1)]
+    turn: Option<usize>,
+    /// An object per block; a line per block; or an array per quantity. Without it what `Accept` asks for, else objects.
+    format: Option<StressFormat>,
+}
+
+/// How a stress field is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum StressFormat {
+    /// One document with an object per block.
+    Json,
+    /// One JSON object a line and block.
+    Ndjson,
+    /// One document with an array per quantity: the smallest.
+    Arrays,
+}
+
+/// A block in a stress field.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct StressedBlock<'a> {
+    /// The cell, as `[x, y, z]`.
+    #[schema(value_type = [i32; 3])]
+    pub cell: Cell,
+    /// Its material.
+    #[schema(example = "stone")]
+    pub material: &'a str,
+    /// Von Mises stress, Pa; null where the method gives none.
+    #[schema(example = 5876.85)]
+    pub von_mises_pa: Option<f64>,
+    /// Displacement of the centre, m (blocks): east, up, south; null where the method gives none.
+    pub displacement_m: Option<[f64; 3]>,
+}
+
+/// A stress field.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct StressBody<'a> {
+    /// The submission.
+    pub submission: &'a str,
+    /// The turn after which the structure stands, from 1.
+    pub turn: usize,
+    /// The method.
+    pub method: Method,
+    /// Greatest von Mises stress, Pa; null where there is no number.
+    pub max_von_mises_pa: Option<f64>,
+    /// Why the field must be read with care.
+    pub cautions: &'a [String],
+    /// The blocks, in the order of the structure. With `format=arrays` instead: `cells`, `von_mises_pa`,
+    /// `displacement_m`, and `materials` as indices into `palette`.
+    pub blocks: Vec<StressedBlock<'a>>,
+}
+
+/// Stress and displacement of each block of what a submission built, in Pa and m. Computed when asked for, from the log:
+/// also for tasks without a stress check.
+#[utoipa::path(
+    get, path = "/v1/submissions/{id}/stress", operation_id = "get_stress", tag = "submissions",
+    summary = "Get a stress field",
+    params(("id" = String, Path, description = "The submission's id"), StressQuery),
+    responses(
+        (status = 200, description = "The field",
+         content(
+            (StressBody<'static> = "application/json",
+             example = json!({ "submission": "0198c0de-0000-7000-8000-000000000001", "turn": 1, "method": "fem",
+                               "max_von_mises_pa": 8177.7, "cautions": [],
+                               "blocks": [{ "cell": [0, 0, 0], "material": "stone", "von_mises_pa": 8177.7,
+                                            "displacement_m": [0.0, -1e-6, 0.0] }] })),
+            (StressedBlock<'static> = "application/x-ndjson",
+             example = json!({ "cell": [0, 0, 0], "material": "stone", "von_mises_pa": 8177.7,
+                               "displacement_m": [0.0, -1e-6, 0.0] })),
+         ),
+         headers(("ETag" = String, description = "Names log, method, turn, format and grader; for If-None-Match"))),
+        (status = 304, description = "The client has it"),
+        (status = 400, description = "A query that cannot be read", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "There is no such submission or turn", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 422, description = "More blocks than stress is computed for", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too many ask for stress, or it took too long; come back", body = Problem,
+         content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_stress(
+    State(state): State<AppState>,
+    Path(id): Path<String>,
+    Query(query): Query<StressQuery>,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
+    let row = stored(&state, &id).await?;
+    let accepts = headers.get(header::ACCEPT).and_then(|value| value.to_str().ok()).unwrap_or_default();
+    let wants_lines = accepts.split(',').any(|kind| kind.trim().starts_with("application/x-ndjson"));
+    let format = query.format.unwrap_or(if wants_lines { StressFormat::Ndjson } else { StressFormat::Json });
+    let method = query.method.unwrap_or(Method::Sph);
+    let turns = usize::try_from(row.turns).unwrap_or_default();
+    let turn = query.turn.unwrap_or(turns);
+    if !(1..=turns).contains(&turn) {
+        return Err(ApiError::not_found(format!("there is no turn {turn}; the log has {turns}")));
+    }
+    let named = format!("{id} {} {method:?} {turn} {format:?} {GRADER} {CHECKS_VERSION}", row.log_hash);
+    let etag = format!("\"{}\"", &hex(&Sha256::digest(named))[..32]);
+    let known = headers.get(header::IF_NONE_MATCH).and_then(|value| value.to_str().ok()).unwrap_or_default();
+    if known.split(',').any(|tag| tag.trim() == etag) {
+        return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, etag)]).into_response());
+    }
+    let log = state.store.log_json(&id).await?;
+    let log = log.ok_or_else(|| ApiError::not_found(format!("there is no submission {id:?}")))?;
+    let busy =
+        |detail: &str| ApiError::new(StatusCode::SERVICE_UNAVAILABLE, "busy", "Busy", detail.to_owned()).retry_after(2);
+    let waiting = tokio::time::timeout(PATIENCE, Arc::clone(&state.stress_turns).acquire_owned());
+    let Ok(Ok(place)) = waiting.await else {
+        return Err(busy("Many stress fields are being computed. The request may be sent again."));
+    };
+    // Where the client leaves, the computation ends.
+    let left = CancellationToken::new();
+    let _guard = left.clone().drop_guard();
+    let work = tokio::task::spawn_blocking(move || {
+        let _place = place;
+        compute(&id, &log, method, turn, format, &left)
+    });
+    let body = work.await.map_err(|error| ApiError::internal(&error))??;
+    let Some(body) = body else {
+        return Err(busy("The stress field took too long. The request may be sent again."));
+    };
+    let kind = if format == StressFormat::Ndjson { "application/x-ndjson" } else { "application/json" };
+    Ok(([(header::CONTENT_TYPE, kind), (header::ETAG, etag.as_str())], body).into_response())
+}
+
+/// The field as text; nothing where the time is up or the client has left.
+fn compute(
+    id: &str,
+    log: &[u8],
+    method: Method,
+    turn: usize,
+    format: StressFormat,
+    left: &CancellationToken,
+) -> ApiResult<Option<String>> {
+    let log = BlockLog::from_canonical_json(log).map_err(|error| ApiError::internal(&error))?;
+    let structure = Replay::new(&log).nth(turn - 1).unwrap_or_else(|| Structure::from_named([]));
+    let (blocks, most) = (structure.len(), LIMITS.blocks_with_stress);
+    if blocks > most {
+        let detail = format!("{blocks} blocks stand; stress is computed for at most {most}");
+        return Err(ApiError::new(StatusCode::UNPROCESSABLE_ENTITY, "too-many-blocks", "Too many blocks", detail));
+    }
+    let deadline = Instant::now() + Duration::from_secs(LIMITS.stress_seconds);
+    let stop = || left.is_cancelled() || Instant::now() >= deadline;
+    let Ok(field) = Field::of(structure.cells(), method, &Control::until(&stop)) else { return Ok(None) };
+    let text = write(id, &structure, &field, method, turn, format);
+    text.map(Some).map_err(|error| ApiError::internal(&error))
+}
+
+fn write(
+    id: &str,
+    structure: &Structure,
+    field: &Field,
+    method: Method,
+    turn: usize,
+    format: StressFormat,
+) -> serde_json::Result<String> {
+    let blocks = structure.cells().iter().enumerate().map(|(i, &cell)| StressedBlock {
+        cell,
+        material: structure.material(i),
+        von_mises_pa: field.von_mises_pa[i],
+        displacement_m: field.displacement_m[i],
+    });
+    match format {
+        StressFormat::Json => serde_json::to_string(&StressBody {
+            submission: id,
+            turn,
+            method,
+            max_von_mises_pa: field.max_von_mises_pa,
+            cautions: &field.cautions,
+            blocks: blocks.collect(),
+        }),
+        StressFormat::Ndjson => {
+            let mut lines = String::new();
+            for block in blocks {
+                // Writing to a string does not fail.
+                let _ = writeln!(lines, "{}", serde_json::to_string(&block)?);
+            }
+            Ok(lines)
+        }
+        StressFormat::Arrays => serde_json::to_string(&json!({
+            "submission": id,
+            "turn": turn,
+            "method": method,
+            "max_von_mises_pa": field.max_von_mises_pa,
+            "cautions": field.cautions,
+            "palette": structure.palette().names().collect::<Vec<_>>(),
+            "cells": structure.cells(),
+            "materials": structure.material_ids(),
+            "von_mises_pa": field.von_mises_pa,
+            "displacement_m": field.displacement_m,
+        })),
+    }
+}
