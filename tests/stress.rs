@@ -37,7 +37,9 @@ fn neither_order_nor_place_matters() {
 
 #[test]
 fn several_cores_give_the_same_bits() {
-    let cells = cuboid(24, 8, 24);
+    let mut cells = cuboid(24, 8, 24);
+    // Not symmetric, so that all of it is simulated.
+    cells.push(Cell::new(0, 8, 1));
     let shares = AtomicU32::new(0);
     let join = |a: &mut (dyn FnMut() + Send), b: &mut (dyn FnMut() + Send)| {
         shares.fetch_add(1, Ordering::Relaxed);
@@ -48,6 +50,29 @@ fn several_cores_give_the_same_bits() {
     let alone = simulate(&cells);
     assert_eq!(shared.von_mises_pa, alone.von_mises_pa);
     assert_eq!(shared.displacement_m, alone.displacement_m);
+}
+
+/// Of a symmetric structure a quarter is simulated. A single block far away breaks the symmetry and changes nothing else.
+#[test]
+fn symmetry_changes_no_value() {
+    // A portal with an odd and an even side, so that a plane goes through blocks and one between them.
+    let mut cells = cuboid(9, 1, 4);
+    for cell in &mut cells {
+        cell.y = 3;
+    }
+    cells.extend((0..36).map(|i| Cell::new(i % 3 * 4, i / 3 % 3, i / 9)));
+    let folded = simulate(&cells);
+    cells.push(Cell::new(100, 0, 50));
+    let whole = simulate(&cells);
+    for (i, (a, b)) in folded.von_mises_pa.iter().zip(&whole.von_mises_pa).enumerate() {
+        assert!((a - b).abs() <= 1e-7 * b + 1e-4, "{:?}: {a} Pa, as a whole {b} Pa", cells[i]);
+        for (a, b) in folded.displacement_m[i].iter().zip(whole.displacement_m[i]) {
+            assert!((a - b).abs() <= 1e-7 * whole.diagnostics.max_displacement_m);
+        }
+    }
+    let (a, b) = (folded.diagnostics, whole.diagnostics);
+    assert_eq!(a.singular_moment, b.singular_moment[..b.singular_moment.len() - 1]);
+    assert!((a.kinetic_energy_j / b.kinetic_energy_j - 1.0).abs() < 1e-6);
 }
 
 #[test]

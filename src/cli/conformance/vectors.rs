@@ -207,8 +207,9 @@ fn run_stress(structure: &Structure, expected: &ExpectedStress) -> Verdict {
         return Verdict::Mismatch(format!("max {found} Pa, expected {} Pa", expected.max_pa));
     }
     let per_block = outcome.von_mises_pa.iter().zip(&expected.per_block_pa).enumerate();
-    let tolerance = STRESS_RELATIVE * expected.max_pa + STRESS_ABSOLUTE_PA;
-    let off = per_block.filter(|(_, (found, wanted))| (*found - *wanted).abs() > tolerance).map(|(i, _)| i).next();
+    let tolerance = |wanted: f64| STRESS_RELATIVE * wanted + STRESS_ABSOLUTE_PA;
+    let off =
+        per_block.filter(|(_, (found, wanted))| (*found - *wanted).abs() > tolerance(**wanted)).map(|(i, _)| i).next();
     off.map_or(Verdict::Match, |i| {
         Verdict::Mismatch(format!(
             "block {i}: {} Pa, expected {} Pa",

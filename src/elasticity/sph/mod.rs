@@ -7,6 +7,7 @@ mod pairs;
 mod particles;
 mod passes;
 mod stencil;
+mod symmetry;
 
 use nalgebra::Matrix3;
 use pulp::Arch;
@@ -76,7 +77,7 @@ impl Simulation {
         let particles = Particles::new(cells);
         let len = particles.lattice.len;
         let mut deformation = Fields::zero(len);
-        for &place in particles.lattice.slot.iter().flatten() {
+        for place in particles.entries.iter().filter_map(|entry| entry.place) {
             deformation.set(place, [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
         }
         Self {
@@ -110,6 +111,9 @@ impl Simulation {
             corrected_stress: self.corrected_stress.part(),
         };
         carry_out(deform, arch, control);
+        let of_matrix = |k: usize, signs: &[f64; 3]| signs[k / 3] * signs[k % 3];
+        self.deformation.mirror(&particles.images, of_matrix);
+        self.corrected_stress.mirror(&particles.images, of_matrix);
         let weight = WEIGHT_N * (f64::from(step) / RAMP_STEPS).min(1.0);
         let load_n = particles.lattice.axes.map(|axis| if axis == 1 { -weight } else { 0.0 });
         if particles.multiplicity.is_none() {
@@ -117,6 +121,7 @@ impl Simulation {
         } else {
             self.move_on::<true>(load_n, control);
         }
+        self.displacement.mirror(&self.particles.images, |k, signs| signs[k]);
         if let (Some(weighted), Some(multiplicity)) = (&mut self.weighted, &self.particles.multiplicity) {
             weighted.set_product(&self.displacement, multiplicity);
         }
@@ -158,15 +163,15 @@ impl Simulation {
         let fall = free_fall();
         let mut outcome = Outcome::default();
         let mut residuals = Vec::with_capacity(cells.len());
-        for (entry, (place, is_held)) in (0u32..).zip(particles.lattice.slot.iter().zip(&particles.is_held)) {
-            let Some(place) = *place else {
+        for (number, entry) in (0u32..).zip(&particles.entries) {
+            let Some(place) = entry.place else {
                 // Without neighbours F is 0: it counts for nothing, and falls unless it is held.
-                diagnostics.degenerate.push(entry);
-                let (fallen, speed) = if *is_held { (0.0, 0.0) } else { fall };
+                diagnostics.degenerate.push(number);
+                let (fallen, speed) = if entry.is_held { (0.0, 0.0) } else { fall };
                 outcome.von_mises_pa.push(0.0);
                 outcome.displacement_m.push([0.0, fallen, 0.0]);
                 diagnostics.kinetic_energy_j += 0.5 * MASS_KG * speed * speed;
-                residuals.push([0.0, if *is_held { 0.0 } else { -WEIGHT_N }, 0.0]);
+                residuals.push([0.0, if entry.is_held { 0.0 } else { -WEIGHT_N }, 0.0]);
                 continue;
             };
             let f = matrix(self.deformation.at(place));
@@ -174,15 +179,15 @@ impl Simulation {
             outcome.von_mises_pa.push(match fate(&p, &f) {
                 Fate::Stressed(stress_pa) => stress_pa,
                 Fate::Degenerate => {
-                    diagnostics.degenerate.push(entry);
+                    diagnostics.degenerate.push(number);
                     0.0
                 }
                 Fate::NonFinite => {
-                    diagnostics.non_finite.push(entry);
+                    diagnostics.non_finite.push(number);
                     0.0
                 }
             });
-            outcome.displacement_m.push(particles.in_the_world(self.displacement.at(place)));
+            outcome.displacement_m.push(particles.in_the_world(self.displacement.at(place), entry));
             let (before, after) = (velocity_before.at(place), self.velocity.at(place));
             let now: [f64; 3] = std::array::from_fn(|k| f64::midpoint(before[k], after[k]));
             diagnostics.kinetic_energy_j += 0.5 * MASS_KG * now.iter().map(|v| v * v).sum::<f64>();

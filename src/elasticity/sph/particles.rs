@@ -4,10 +4,33 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::fields::Fields;
 use super::stencil::Weights;
+use super::symmetry::Symmetry;
 use crate::elasticity::lattice::Lattice;
 use crate::elasticity::neighbours::{DIRECTIONS, kernel_gradient};
 use crate::elasticity::small_matrix::{Flatness, flatness, inverse_or_pseudo_inverse};
-use crate::voxel::Cell;
+use crate::voxel::{Cell, CellMap};
+
+/// An entry of the list of cells.
+#[derive(Debug, Clone, Copy)]
+pub struct Entry {
+    /// Where the particle is stored that moves as this one does; none for one without neighbours.
+    pub place: Option<usize>,
+    /// Along which axes of the world that particle is its mirror image.
+    pub flips: [bool; 3],
+    /// Whether it is at the least y.
+    pub is_held: bool,
+}
+
+/// A particle that is copied from the one that it mirrors.
+#[derive(Debug, Clone, Copy)]
+pub struct Image {
+    /// The place of the particle.
+    pub of: usize,
+    /// The place of the image.
+    pub place: usize,
+    /// -1 for the axes of the lattice along which it is mirrored, otherwise 1.
+    pub signs: [f64; 3],
+}
 
 /// What stays the same through all steps.
 #[derive(Debug)]
@@ -22,14 +45,16 @@ pub struct Particles {
     pub moment_inverse: Fields<6>,
     /// `A A^-1`, likewise: the deformation gradient at rest, the identity unless A is singular.
     pub at_rest: Fields<6>,
-    /// 1 where a particle is, otherwise 0.
+    /// 1 where a particle or an image is, otherwise 0.
     pub presence: Fields<1>,
     /// 1 where a particle is that is not held.
     pub is_free: Fields<1>,
     /// How many particles share each place, where some do.
     pub multiplicity: Option<Fields<1>>,
-    /// Whether each entry is at the least y.
-    pub is_held: Vec<bool>,
+    /// The cells given.
+    pub entries: Vec<Entry>,
+    /// Images beyond planes of symmetry.
+    pub images: Vec<Image>,
     /// Whether every particle with neighbours is held.
     pub are_all_held: bool,
     /// Entries whose A is singular.
@@ -44,78 +69,95 @@ impl Particles {
     /// Particles at the centres of `cells`.
     #[must_use]
     pub fn new(cells: &[Cell]) -> Self {
-        let lattice = Lattice::of(cells);
-        let len = lattice.len;
+        let repeated_cells = repeated(cells);
+        let symmetry = if repeated_cells > 0 { Symmetry::NONE } else { Symmetry::of(cells) };
+        let kept: Vec<Cell> = cells.iter().copied().filter(|&cell| symmetry.keeps(cell)).collect();
+        let lattice = Lattice::of(&kept);
+        let place: CellMap<Option<usize>> = kept.iter().copied().zip(lattice.slot.iter().copied()).collect();
+        let place_of = |cell: Cell| place.get(&cell).copied().flatten();
         let lowest = cells.iter().map(|cell| cell.y).min().unwrap_or(0);
-        let is_held: Vec<bool> = cells.iter().map(|cell| cell.y == lowest).collect();
-        let mut count = Fields::<1>::zero(len);
-        let (mut presence, mut is_free) = (Fields::<1>::zero(len), Fields::<1>::zero(len));
-        let mut are_all_held = true;
-        for (&place, &is_held) in lattice.slot.iter().zip(&is_held) {
-            let Some(place) = place else { continue };
-            count.set(place, [count.at(place)[0] + 1.0]);
-            presence.set(place, [1.0]);
-            is_free.set(place, [if is_held { 0.0 } else { 1.0 }]);
-            are_all_held &= is_held;
-        }
+        let entry = |cell: &Cell| {
+            let (folded, flips) = symmetry.fold(*cell);
+            Entry { place: place_of(folded), flips, is_held: cell.y == lowest }
+        };
+        let len = lattice.len;
         let mut particles = Self {
             weights: Weights::new(),
             gradient_sum: Fields::zero(len),
             moment_inverse: Fields::zero(len),
             at_rest: Fields::zero(len),
-            presence,
-            is_free,
+            presence: Fields::zero(len),
+            is_free: Fields::zero(len),
             multiplicity: None,
-            is_held,
-            are_all_held,
+            entries: cells.iter().map(entry).collect(),
+            images: Vec::new(),
+            are_all_held: true,
             singular_moment: Vec::new(),
             is_sloped: false,
-            repeated_cells: repeated(cells),
+            repeated_cells,
             lattice,
         };
+        let mut count = Fields::zero(len);
+        for (&cell, slot) in kept.iter().zip(&particles.lattice.slot) {
+            let Some(slot) = *slot else { continue };
+            count.set(slot, [count.at(slot)[0] + 1.0]);
+            particles.presence.set(slot, [1.0]);
+            let (folded, flips) = symmetry.fold(cell);
+            if folded == cell {
+                particles.is_free.set(slot, [if cell.y == lowest { 0.0 } else { 1.0 }]);
+                particles.are_all_held &= cell.y == lowest;
+            } else if let Some(of) = place_of(folded) {
+                let signs = particles.lattice.axes.map(|axis| if flips[axis] { -1.0 } else { 1.0 });
+                particles.images.push(Image { of, place: slot, signs });
+            }
+        }
         particles.measure(&count);
-        particles.multiplicity = (particles.repeated_cells > 0).then_some(count);
+        particles.multiplicity = (repeated_cells > 0).then_some(count);
         particles
     }
 
-    /// Sums over the neighbours of each particle.
+    /// Sums over the neighbours of each particle that is not an image.
     fn measure(&mut self, count: &Fields<1>) {
         let gradients = DIRECTIONS.map(|direction| kernel_gradient(&Vector3::from(direction.map(f64::from))));
-        for (entry, place) in (0u32..).zip(&self.lattice.slot) {
+        let mut is_singular = vec![None; self.lattice.len];
+        for (entry, Entry { place, .. }) in (0u32..).zip(&self.entries) {
             let Some(place) = *place else {
                 self.singular_moment.push(entry);
                 continue;
             };
-            let block = self.lattice.block_at(place);
-            let mut moment = Matrix3::zeros();
-            let mut sum = Vector3::zeros();
-            for (d, gradient) in gradients.iter().enumerate() {
-                let reference = Vector3::from(DIRECTIONS[d].map(f64::from));
-                let lane = place - block.slot;
-                let ahead = count.at(block.ahead[d] as usize + lane)[0];
-                let behind = count.at(block.behind[d] as usize + lane)[0];
-                moment += reference * gradient.transpose() * (ahead + behind);
-                sum += gradient * (ahead - behind);
+            if is_singular[place].is_none() {
+                let block = self.lattice.block_at(place);
+                let mut moment = Matrix3::zeros();
+                let mut sum = Vector3::zeros();
+                for (d, gradient) in gradients.iter().enumerate() {
+                    let reference = Vector3::from(DIRECTIONS[d].map(f64::from));
+                    let lane = place - block.slot;
+                    let ahead = count.at(block.ahead[d] as usize + lane)[0];
+                    let behind = count.at(block.behind[d] as usize + lane)[0];
+                    moment += reference * gradient.transpose() * (ahead + behind);
+                    sum += gradient * (ahead - behind);
+                }
+                let inverse = inverse_or_pseudo_inverse(&moment);
+                let flatness = flatness(&moment);
+                let at_rest = if flatness == Flatness::Full { Matrix3::identity() } else { moment * inverse };
+                self.is_sloped |= flatness == Flatness::Sloped;
+                self.gradient_sum.set(place, sum.into());
+                self.moment_inverse.set(place, symmetric_part(&inverse));
+                self.at_rest.set(place, symmetric_part(&at_rest));
+                is_singular[place] = Some(flatness != Flatness::Full);
             }
-            let inverse = inverse_or_pseudo_inverse(&moment);
-            let flatness = flatness(&moment);
-            let at_rest = if flatness == Flatness::Full { Matrix3::identity() } else { moment * inverse };
-            self.is_sloped |= flatness == Flatness::Sloped;
-            if flatness != Flatness::Full {
+            if is_singular[place] == Some(true) {
                 self.singular_moment.push(entry);
             }
-            self.gradient_sum.set(place, sum.into());
-            self.moment_inverse.set(place, symmetric_part(&inverse));
-            self.at_rest.set(place, symmetric_part(&at_rest));
         }
     }
 
-    /// A vector in the axes of the world, from one in those of the lattice.
+    /// An entry's vector in the axes of the world, from its particle's in those of the lattice.
     #[must_use]
-    pub fn in_the_world(&self, vector: [f64; 3]) -> [f64; 3] {
+    pub fn in_the_world(&self, vector: [f64; 3], entry: &Entry) -> [f64; 3] {
         let mut turned = [0.0; 3];
         for (component, axis) in vector.into_iter().zip(self.lattice.axes) {
-            turned[axis] = component;
+            turned[axis] = if entry.flips[axis] { -component } else { component };
         }
         turned
     }
@@ -124,8 +166,8 @@ impl Particles {
     #[must_use]
     pub fn unconnected(&self) -> Vec<u32> {
         let mut is_reached = vec![false; self.lattice.len];
-        let held = self.lattice.slot.iter().zip(&self.is_held).filter(|(_, is_held)| **is_held);
-        let mut open: Vec<usize> = held.filter_map(|(place, _)| *place).collect();
+        let held = self.entries.iter().filter(|entry| entry.is_held);
+        let mut open: Vec<usize> = held.filter_map(|entry| entry.place).collect();
         for &place in &open {
             is_reached[place] = true;
         }
@@ -139,9 +181,8 @@ impl Particles {
                 }
             }
         }
-        let is_connected = |place: &Option<usize>, is_held: bool| is_held || place.is_some_and(|at| is_reached[at]);
-        let entries = (0u32..).zip(self.lattice.slot.iter().zip(&self.is_held));
-        entries.filter(|(_, (place, is_held))| !is_connected(place, **is_held)).map(|(entry, _)| entry).collect()
+        let is_connected = |entry: &Entry| entry.is_held || entry.place.is_some_and(|place| is_reached[place]);
+        (0u32..).zip(&self.entries).filter(|(_, entry)| !is_connected(entry)).map(|(i, _)| i).collect()
     }
 }
 
