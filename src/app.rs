@@ -76,7 +76,7 @@ impl App {
         let workers = Workers::start(&store, settings, &wake);
         let stop = CancellationToken::new();
         tokio::spawn(keep_up(metrics.clone(), stop.clone()));
-        let router = http::router(&store, &wake, metrics);
+        let router = http::router(&store, &wake, metrics, stop.clone());
         let serving = tokio::spawn(http::server::serve(listener, router, stop.clone()));
         tracing::info!(%address, database = %config.database.display(), workers = config.workers, "listening");
         Ok(Self { address, store, workers, stop, serving })

@@ -269,9 +269,54 @@ async fn stress_fields_of_a_submission() {
     let accepted = service.send(service.http.get(&path).header("accept", "application/x-ndjson")).await;
     assert_eq!(accepted.kind, "application/x-ndjson");
 
+    let strong = etag.trim_start_matches("W/");
+    let again = service.send(service.http.get(&path).header("if-none-match", format!("\"other\", {strong}"))).await;
+    assert_eq!(again.status, StatusCode::NOT_MODIFIED);
+
     field("?turn=3").await.faults(404);
     field("?method=guess").await.faults(400);
     service.get("/v1/submissions/none/stress").await.faults(404);
     let single = service.get(&format!("/v1/submissions/{one}/stress?method=fem")).await.json();
     assert_eq!(single["blocks"].as_array().unwrap().len(), 1);
+}
+
+/// The bounds of stress fields: blocks, requests at once; and a client that leaves frees its turn.
+#[tokio::test]
+async fn stress_fields_are_bounded() {
+    let (_folder, service) = service();
+    let limits = service.get("/v1/limits").await.json();
+    let most = i32::try_from(limits["blocks_with_stress"].as_i64().unwrap()).unwrap();
+    // Asymmetric, so that it takes its time.
+    let slab = |blocks: i32| {
+        let rows: Vec<Value> = (0..blocks).map(|i| json!([i % 50, i / 50 % 20 + i % 50 % 2, i / 1_000, 0])).collect();
+        json!({ "task": "1-se-2-walls/01-w1", "turns": [{ "palette": ["stone"], "rows": rows }] })
+    };
+    let post = |blocks: i32| {
+        let (service, body) = (&service, slab(blocks));
+        async move { service.post_json("/v1/submissions", &body).await.json()["id"].as_str().unwrap().to_owned() }
+    };
+    let (large, too_large) = (post(most - 1_000).await, post(most + 1_000).await);
+    let path = |id: &str| format!("{}/v1/submissions/{id}/stress", service.url);
+    let refused = service.get(&format!("/v1/submissions/{too_large}/stress")).await;
+    refused.faults(422);
+    assert!(refused.text.contains("too-many-blocks"));
+    // All turns and all waiting places are taken at the same time, and two dozen more are sent away at once.
+    let places = ["stress_fields_at_once", "stress_fields_waiting"].map(|name| limits[name].as_u64().unwrap());
+    let requests: Vec<_> = (0..places.iter().sum::<u64>() + 24)
+        .map(|_| tokio::spawn(service.http.get(path(&large)).timeout(std::time::Duration::from_secs(2)).send()))
+        .collect();
+    let mut sent_away = 0;
+    for request in requests {
+        if let Ok(response) = request.await.unwrap() {
+            assert_eq!(response.status(), StatusCode::SERVICE_UNAVAILABLE);
+            assert!(response.headers().contains_key("retry-after"));
+            sent_away += 1;
+        }
+    }
+    assert!(sent_away >= 24, "only {sent_away} were sent away");
+    // The others left after two seconds; their turns are free again, long before they would have ended.
+    let begun = std::time::Instant::now();
+    let answer = service.get(&format!("/v1/submissions/{large}/stress?method=fem")).await;
+    assert_eq!(answer.status, StatusCode::OK, "{}", answer.text.chars().take(200).collect::<String>());
+    println!("fem after {:?}", begun.elapsed());
 }

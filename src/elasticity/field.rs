@@ -26,14 +26,17 @@ impl Method {
     }
 }
 
+/// Version of the numbers that a field holds. A change that can alter one raises it.
+pub const FIELD_VERSION: u32 = 1;
+
 /// Stress and displacement of each block.
 #[derive(Debug, Clone, Default)]
 pub struct Field {
     /// Greatest von Mises stress, Pa; none where there is no number.
     pub max_von_mises_pa: Option<f64>,
-    /// Von Mises stress of each entry, Pa; none where the method gives no number.
+    /// Von Mises stress of each entry, Pa; none where the method leaves the block out.
     pub von_mises_pa: Vec<Option<f64>>,
-    /// Displacement of each entry's centre, m (blocks): east, up, south; none where the method gives no numbers.
+    /// Displacement of each entry's centre, m (blocks): east, up, south; none where there are no numbers.
     pub displacement_m: Vec<Option<[f64; 3]>>,
     /// Why the field must be read with care.
     pub cautions: Vec<String>,
@@ -49,9 +52,14 @@ impl Field {
             Method::Sph => {
                 let outcome = sph::simulate(cells, control)?;
                 let finite = |number: f64| number.is_finite().then_some(number);
+                let mut von_mises_pa: Vec<_> = outcome.von_mises_pa.iter().map(|&stress| finite(stress)).collect();
+                // They count as 0 for the published maximum, but have no stress to show.
+                for &entry in outcome.diagnostics.degenerate.iter().chain(&outcome.diagnostics.non_finite) {
+                    von_mises_pa[entry as usize] = None;
+                }
                 Ok(Self {
                     max_von_mises_pa: finite(outcome.max_von_mises_pa),
-                    von_mises_pa: outcome.von_mises_pa.iter().map(|&stress| finite(stress)).collect(),
+                    von_mises_pa,
                     displacement_m: outcome
                         .displacement_m
                         .iter()

@@ -3,14 +3,17 @@
 //!
 //! Cells are numbered row by row, with an empty cell at the end of each row and an empty row at the end of each layer;
 //! runs of eight numbers are blocks. Only blocks that hold particles, or that a window onto neighbours reaches into, are
-//! stored, one after another, so a structure spread over the world takes no more room than a compact one. Particles
-//! without neighbours have no part in it.
+//! stored, one after another, and parts that are not neighbours are moved together where that fills blocks better.
+//! Particles without neighbours have no part in it.
 
 use super::neighbours::DIRECTIONS;
-use crate::voxel::Cell;
+use crate::voxel::{Cell, CellMap};
 
 /// Cells of a block: the lanes of the widest vectors.
 pub const BLOCK: usize = 8;
+
+/// Lanes per particle above which moving parts together is tried.
+const WASTEFUL: usize = 4;
 
 /// Eight cells side by side.
 #[derive(Debug, Clone)]
@@ -48,15 +51,12 @@ impl Lattice {
     /// Lays out `cells`; equal ones share a place.
     #[must_use]
     pub fn of(cells: &[Cell]) -> Self {
-        let places = close_gaps(cells);
-        let orders = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
-        let numbered = orders.into_iter().map(|axes| Numbering::new(&places, axes));
-        let best = numbered.map(Numbering::with_fewest_blocks).min_by_key(|(blocks, _)| *blocks);
-        best.map_or_else(Self::empty, |(_, numbering)| Self::from_numbers(&numbering))
-    }
-
-    fn empty() -> Self {
-        Self { blocks: Vec::new(), len: BLOCK, slot: Vec::new(), axes: [0, 1, 2], index: vec![0] }
+        let (blocks, numbering) = Numbering::best(&close_gaps(cells));
+        if blocks * BLOCK <= WASTEFUL * cells.len() {
+            return Self::from_numbers(&numbering);
+        }
+        let (fewer, packed) = Numbering::best(&side_by_side(cells));
+        Self::from_numbers(if fewer < blocks { &packed } else { &numbering })
     }
 
     fn from_numbers(numbering: &Numbering) -> Self {
@@ -157,6 +157,14 @@ struct Numbering {
 }
 
 impl Numbering {
+    /// The numbering with the fewest blocks among all orders of axes, and how many those are.
+    fn best(places: &[[i64; 3]]) -> (usize, Self) {
+        let orders = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+        let numbered = orders.into_iter().map(|axes| Self::new(places, axes).with_fewest_blocks());
+        let none = || (0, Self { axes: [0, 1, 2], row: 1, layer: 1, number: Vec::new() });
+        numbered.min_by_key(|(blocks, _)| *blocks).unwrap_or_else(none)
+    }
+
     fn new(places: &[[i64; 3]], axes: [usize; 3]) -> Self {
         let length = |axis: usize| i128::from(places.iter().map(|place| place[axis]).max().unwrap_or(0)) + 1;
         let row = length(axes[0]) + 1;
@@ -191,6 +199,45 @@ impl Numbering {
     fn step(&self, [x, y, z]: [i32; 3]) -> i128 {
         i128::from(x) + self.row * i128::from(y) + self.layer * i128::from(z)
     }
+}
+
+/// Places of parts that are not neighbours in a row along x, one empty cell apart. What is in a part keeps its shape, and
+/// parts never act on each other, so this changes no result.
+fn side_by_side(cells: &[Cell]) -> Vec<[i64; 3]> {
+    let mut sorted: Vec<Cell> = cells.to_vec();
+    sorted.sort_unstable();
+    sorted.dedup();
+    let mut place: CellMap<Option<[i64; 3]>> = sorted.iter().map(|&cell| (cell, None)).collect();
+    let mut at = 0;
+    for &first in &sorted {
+        if place.get(&first).is_none_or(Option::is_some) {
+            continue;
+        }
+        let mut part = vec![first];
+        place.insert(first, Some([0; 3]));
+        let mut seen = 0;
+        while seen < part.len() {
+            let cell = part[seen];
+            seen += 1;
+            for [x, y, z] in DIRECTIONS {
+                for next in [cell.offset(x, y, z), cell.offset(-x, -y, -z)] {
+                    if let Some(free @ None) = place.get_mut(&next) {
+                        *free = Some([0; 3]);
+                        part.push(next);
+                    }
+                }
+            }
+        }
+        let along = |k: usize| part.iter().map(move |cell| i64::from(<[i32; 3]>::from(*cell)[k]));
+        let least = [0, 1, 2].map(|k| along(k).min().unwrap_or(0));
+        let width = along(0).max().unwrap_or(0) - least[0] + 2;
+        for cell in part {
+            let [x, y, z] = <[i32; 3]>::from(cell).map(i64::from);
+            place.insert(cell, Some([at + x - least[0], y - least[1], z - least[2]]));
+        }
+        at += width;
+    }
+    cells.iter().map(|cell| place.get(cell).copied().flatten().unwrap_or_default()).collect()
 }
 
 /// Coordinates from 0 along each axis, with every gap between cells closed to one cell.

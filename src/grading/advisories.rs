@@ -31,6 +31,8 @@ pub enum AdvisoryCode {
     HeldVacuously,
     /// The stress figure is unreliable or undefined.
     UnreliableStress,
+    /// The equilibrium shown beside the stress figure leaves something out.
+    IncompleteEquilibrium,
     /// One cell is listed more than once.
     RepeatedCell,
     /// "air" was placed as a block.
@@ -85,6 +87,9 @@ pub fn advise(structure: &Structure, instruction: &Instruction, report: &TurnRep
         }
         for caution in &check.finding.cautions {
             add(AdvisoryCode::UnreliableStress, Some(i), caution.clone());
+        }
+        for caution in check.finding.stress.iter().flat_map(|stress| &stress.fem.cautions) {
+            add(AdvisoryCode::IncompleteEquilibrium, Some(i), caution.clone());
         }
     }
     for (i, check) in instruction.checks.iter().enumerate() {

@@ -27,6 +27,10 @@ pub struct Limits {
     pub blocks_with_stress: usize,
     /// Stress fields computed at the same time for `/v1/submissions/{id}/stress`; more wait.
     pub stress_fields_at_once: usize,
+    /// Requests that wait for one of them at the same time; more are asked to come back (503).
+    pub stress_fields_waiting: usize,
+    /// Seconds that such a request waits before it is asked to come back (503).
+    pub stress_wait_seconds: u64,
     /// Seconds that one of them may take.
     pub stress_seconds: u64,
     /// Distinct materials of a log.
@@ -70,6 +74,8 @@ pub const LIMITS: Limits = Limits {
     blocks: 100_000,
     blocks_with_stress: 50_000,
     stress_fields_at_once: 2,
+    stress_fields_waiting: 64,
+    stress_wait_seconds: 5,
     stress_seconds: 50,
     materials: 4_096,
     material_chars: 128,

@@ -2,6 +2,7 @@
 
 pub mod api;
 pub mod body;
+mod conditional;
 pub mod layers;
 pub mod limits;
 pub mod pages;
@@ -14,18 +15,20 @@ use std::sync::Arc;
 use axum::Router;
 use metrics_exporter_prometheus::PrometheusHandle;
 use tokio::sync::Notify;
+use tokio_util::sync::CancellationToken;
 
 use crate::store::Store;
 use state::AppState;
 
 /// The whole service as a router.
-pub fn router(store: &Store, wake: &Arc<Notify>, metrics: PrometheusHandle) -> Router {
+pub fn router(store: &Store, wake: &Arc<Notify>, metrics: PrometheusHandle, stop: CancellationToken) -> Router {
     let (routes, openapi) = api::routes().split_for_parts();
     let state = AppState {
         store: store.clone(),
         wake: Arc::clone(wake),
         bodies: Arc::new(body::budget()),
-        stress_turns: Arc::new(api::stress::turns()),
+        stress_turns: Arc::new(api::stress::StressTurns::default()),
+        stop,
         metrics,
         openapi: openapi.to_json().unwrap_or_default().into(),
     };

@@ -4,10 +4,12 @@ use std::sync::Arc;
 
 use metrics_exporter_prometheus::PrometheusHandle;
 use tokio::sync::{Notify, Semaphore};
+use tokio_util::sync::CancellationToken;
 
 use crate::store::Store;
 use crate::tasks::catalogue::Entry;
 
+use super::api::stress::StressTurns;
 use super::problem::{ApiError, ApiResult};
 
 /// What handlers share; clones are handles.
@@ -20,7 +22,9 @@ pub struct AppState {
     /// Memory for request bodies.
     pub bodies: Arc<Semaphore>,
     /// Turns to compute stress fields.
-    pub stress_turns: Arc<Semaphore>,
+    pub stress_turns: Arc<StressTurns>,
+    /// Cancelled when the service stops.
+    pub stop: CancellationToken,
     /// Renders the metrics.
     pub metrics: PrometheusHandle,
     /// The OpenAPI document, as JSON.

@@ -82,12 +82,16 @@ pub struct FemFigures {
     pub at: Option<Cell>,
     /// Blocks that do not hang together by faces with the lowest level: they have no equilibrium and are left out.
     pub unsupported: CellSample,
-    /// Greatest displacement, m (blocks).
-    pub max_displacement_m: f64,
+    /// Greatest displacement, m (blocks); null as for the stress.
+    pub max_displacement_m: Option<f64>,
     /// Iterations of the solver.
     pub iterations: u32,
-    /// Residual force over load at the end: at most 1e-8 in a solution.
-    pub relative_residual: f64,
+    /// Residual force over load at the end: 1e-8, or what rounding leaves where displacements are enormous; null where it
+    /// is not a number.
+    pub relative_residual: Option<f64>,
+    /// What the figures leave out.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub cautions: Vec<String>,
 }
 
 impl FemFigures {
@@ -100,7 +104,8 @@ impl FemFigures {
             unsupported: CellSample::of(cells, &outcome.unsupported),
             max_displacement_m: outcome.max_displacement_m,
             iterations: outcome.iterations,
-            relative_residual: outcome.relative_residual,
+            relative_residual: Some(outcome.relative_residual).filter(|residual| residual.is_finite()),
+            cautions: outcome.cautions(),
         }
     }
 }

@@ -45,7 +45,6 @@ impl StressScore {
             finding.add_witness(cells[most], "greatest stress");
         }
         finding.cautions = outcome.diagnostics.cautions();
-        finding.cautions.extend(equilibrium.cautions());
         let figures = StressFigures { sph: SphFigures::of(cells, &outcome), fem: FemFigures::of(cells, &equilibrium) };
         finding.stress = Some(Box::new(figures));
         Ok(finding)

@@ -1,17 +1,21 @@
 //! The coarse part of the preconditioner: groups of neighbouring nodes that move as rigid bodies.
 //!
 //! Single nodes pass a load on slowly, and bending of long thin parts hardly at all; what neighbouring nodes do together is
-//! nearly a rigid motion. So the equations are also solved, directly, in the space of rigid motions of groups.
+//! nearly a rigid motion. So the equations are also solved, directly, in the space of rigid motions of groups, where that
+//! takes bounded work.
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::element::UNKNOWNS;
 use super::system::System;
+use crate::elasticity::{Control, Stopped};
 
 /// Multiply-adds of the direct solution at most; more would cost more than they save.
 const MAX_WORK: usize = 150_000_000;
 /// Least edge of a group, in blocks.
-const LEAST_EDGE: i32 = 4;
+const LEAST_EDGE: i64 = 4;
+/// Edges tried at most: the last is some 40,000 blocks.
+const MAX_ROUNDS: u32 = 24;
 /// Rigid motions of a group: three shifts, three turns.
 const MOTIONS: usize = 6;
 /// A pivot below this part of its diagonal belongs to a motion that others contain.
@@ -28,19 +32,27 @@ pub struct Coarse {
 }
 
 impl Coarse {
-    /// Groups the free nodes of a system by boxes and by what hangs together in them.
-    #[must_use]
-    pub fn new(system: &System<'_>) -> Self {
+    /// Groups the free nodes of a system by boxes and by what hangs together in them. None where no size of boxes bounds
+    /// the work.
+    ///
+    /// # Errors
+    /// Where `control` says to stop, which is asked between sizes.
+    pub fn new(system: &System<'_>, control: &Control<'_>) -> Result<Option<Self>, Stopped> {
         let mut edge = LEAST_EDGE;
+        let mut rounds = 0;
         let (group, groups, first) = loop {
             let (group, groups) = group_nodes(system, edge);
             let first = first_entries(system, &group, groups);
             let work: usize = first.iter().enumerate().map(|(row, first)| (row - first + 1).pow(2)).sum();
-            // Beyond any structure's extent, groups are what hangs together, and independent.
-            if work <= MAX_WORK || edge > i32::MAX / 2 {
+            if work <= MAX_WORK {
                 break (group, groups, first);
             }
-            edge += edge / 4;
+            rounds += 1;
+            if rounds == MAX_ROUNDS {
+                return Ok(None);
+            }
+            control.check(0.0)?;
+            edge += edge / 2;
         };
         let mut middle = vec![(Vector3::zeros(), 0.0); groups];
         let place = |node: usize| Vector3::from(system.mesh.position[node].map(f64::from));
@@ -53,11 +65,11 @@ impl Coarse {
         }
         let arm = group.iter().enumerate().map(|(node, group)| {
             let (sum, count) = group.map_or((Vector3::zeros(), 1.0), |group| middle[group as usize]);
-            (place(node) - sum / count) / f64::from(edge)
+            (place(node) - sum / count) / edge as f64
         });
         let arm: Vec<Vector3<f64>> = arm.collect();
         let factor = Envelope::of_groups(system, &group, &arm, first);
-        Self { group, arm, factor }
+        Ok(Some(Self { group, arm, factor }))
     }
 
     /// Adds the part of the solution for `force` that groups' rigid motions hold.
@@ -86,15 +98,13 @@ impl Coarse {
 
 /// The group of each free node, and how many there are: boxes with this edge, split where their nodes do not hang together
 /// inside, in the order of the boxes along the mesh's longest axis first.
-fn group_nodes(system: &System<'_>, edge: i32) -> (Vec<Option<u32>>, usize) {
+fn group_nodes(system: &System<'_>, edge: i64) -> (Vec<Option<u32>>, usize) {
     let position = &system.mesh.position;
-    let length = |k: usize| {
-        let along = || position.iter().map(|place| i64::from(place[k]));
-        along().max().unwrap_or(0) - along().min().unwrap_or(0)
-    };
+    let along = |k: usize| position.iter().map(move |place| i64::from(place[k]));
+    let least = [0, 1, 2].map(|k| along(k).min().unwrap_or(0));
     let mut axes = [0, 1, 2];
-    axes.sort_by_key(|&k| std::cmp::Reverse(length(k)));
-    let boxed = |node: usize| axes.map(|k| position[node][k].div_euclid(edge));
+    axes.sort_by_key(|&k| std::cmp::Reverse(along(k).max().unwrap_or(0) - least[k]));
+    let boxed = |node: usize| axes.map(|k| (i64::from(position[node][k]) - least[k]) / edge);
     let mut parent: Vec<u32> = (0..position.len() as u32).collect();
     for nodes in &system.mesh.nodes {
         for pair in [(0, 1), (0, 2), (0, 4), (1, 3), (1, 5), (2, 3), (2, 6), (4, 5), (4, 6), (3, 7), (5, 7), (6, 7)] {

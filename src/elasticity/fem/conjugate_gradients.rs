@@ -8,8 +8,10 @@ use crate::elasticity::{Control, Stopped};
 
 /// Residual force, relative to the load, at which a solution is taken.
 pub const TOLERANCE: f64 = 1e-8;
-/// Iterations at most: far more than any structure tried has needed.
-const MAX_ITERATIONS: u32 = 20_000;
+/// Iterations at most.
+const MAX_ITERATIONS: usize = 20_000;
+/// Iterations times blocks at most, some ten seconds: more than twice what any structure tried has needed.
+const MAX_WORK: usize = 100_000_000;
 /// Work between two looks at the stop signal, in iterations times blocks: some milliseconds.
 const WORK_PER_LOOK: usize = 50_000;
 
@@ -18,14 +20,17 @@ const WORK_PER_LOOK: usize = 50_000;
 pub struct Convergence {
     /// Iterations taken.
     pub iterations: u32,
-    /// Length of the residual force over that of the load.
+    /// Whether the iterations' own residual came below [`TOLERANCE`].
+    pub is_solved: bool,
+    /// Length of the residual force, computed anew from the solution, over that of the load. Where displacements are many
+    /// times a block's size, rounding leaves more than the tolerance.
     pub relative_residual: f64,
 }
 
 /// Changes the displacements of free nodes until the forces on them balance `load`. Held nodes stay as they are.
 ///
 /// # Errors
-/// Where `control` says to stop, which is asked every few milliseconds.
+/// Where `control` says to stop, which is asked every few milliseconds once the iterations run.
 pub fn solve(
     system: &System<'_>,
     load: &[f64],
@@ -42,18 +47,22 @@ pub fn solve(
     let scale = dot(load, load).sqrt().max(dot(&residual, &residual).sqrt());
     let mut convergence = Convergence::default();
     if scale == 0.0 {
+        convergence.is_solved = true;
         return Ok(convergence);
     }
     control.check(0.0)?;
-    let preconditioner = Preconditioner { diagonal: system.inverse_diagonal(), coarse: Coarse::new(system) };
-    let per_look = (WORK_PER_LOOK / system.mesh.nodes.len().max(1)).clamp(1, 500) as u32;
+    let preconditioner = Preconditioner { diagonal: system.inverse_diagonal(), coarse: Coarse::new(system, control)? };
+    let blocks = system.mesh.nodes.len().max(1);
+    let per_look = (WORK_PER_LOOK / blocks).clamp(1, 500) as u32;
+    let most = (MAX_WORK / blocks).min(MAX_ITERATIONS) as u32;
     let (mut direction, mut pulled, mut step) = (vec![0.0; len], vec![0.0; len], vec![0.0; len]);
     let mut before = 0.0;
     loop {
         convergence.relative_residual = dot(&residual, &residual).sqrt() / scale;
-        let is_done = convergence.relative_residual <= TOLERANCE || convergence.relative_residual.is_nan();
-        if is_done || convergence.iterations == MAX_ITERATIONS {
-            return Ok(convergence);
+        convergence.is_solved = convergence.relative_residual <= TOLERANCE;
+        let is_lost = convergence.relative_residual.is_nan();
+        if convergence.is_solved || is_lost || convergence.iterations >= most {
+            break;
         }
         if convergence.iterations % per_look == 0 {
             control.check((convergence.relative_residual.log10() / TOLERANCE.log10()).clamp(0.0, 1.0))?;
@@ -75,12 +84,19 @@ pub fn solve(
         before = now;
         convergence.iterations += 1;
     }
+    system.apply(displacement, &mut pulled);
+    for (pulled, load) in pulled.iter_mut().zip(load) {
+        *pulled = load - *pulled;
+    }
+    system.release(&mut pulled);
+    convergence.relative_residual = dot(&pulled, &pulled).sqrt() / scale;
+    Ok(convergence)
 }
 
 /// Each node by itself, and groups of nodes as rigid bodies, added.
 struct Preconditioner {
     diagonal: Vec<nalgebra::Matrix3<f64>>,
-    coarse: Coarse,
+    coarse: Option<Coarse>,
 }
 
 impl Preconditioner {
@@ -90,6 +106,8 @@ impl Preconditioner {
             step.copy_from_slice(moved.as_slice());
         }
         system.release(step);
-        self.coarse.add_solution(residual, step);
+        if let Some(coarse) = &self.coarse {
+            coarse.add_solution(residual, step);
+        }
     }
 }

@@ -1,7 +1,8 @@
 //! Blocks, their corners as nodes, and what hangs together.
 
-use foldhash::fast::FixedState;
 use std::collections::HashMap;
+
+use foldhash::fast::RandomState;
 
 use super::element::CORNERS;
 use crate::voxel::{Cell, CellMap};
@@ -26,7 +27,7 @@ impl Mesh {
     pub fn new(cells: Vec<Cell>) -> Self {
         let index: CellMap<u32> = cells.iter().copied().zip(0..).collect();
         let groups = CornerGroups::new();
-        let mut numbers: HashMap<([i32; 3], u8), u32, FixedState> = HashMap::default();
+        let mut numbers: HashMap<([i32; 3], u8), u32, RandomState> = HashMap::default();
         let mut position = Vec::new();
         let mut nodes = Vec::with_capacity(cells.len());
         for cell in &cells {

@@ -11,7 +11,7 @@ mod system;
 #[cfg(test)]
 mod verification;
 
-use self::conjugate_gradients::{TOLERANCE, solve};
+use self::conjugate_gradients::solve;
 use self::element::ELEMENT;
 use self::mesh::{Mesh, Supported};
 use self::system::System;
@@ -32,11 +32,13 @@ pub struct Outcome {
     pub displacement_m: Vec<Option<[f64; 3]>>,
     /// Entries that do not hang together by faces with a block at the least y, ascending: they have no equilibrium.
     pub unsupported: Vec<u32>,
-    /// Greatest length of a displacement of a supported block's centre, m.
-    pub max_displacement_m: f64,
+    /// Greatest length of a displacement of a supported block's centre, m; none as for the stress.
+    pub max_displacement_m: Option<f64>,
     /// Iterations taken.
     pub iterations: u32,
-    /// Length of the residual force over that of the load; at most 1e-8 in a solution.
+    /// Whether the equations were solved.
+    pub is_solved: bool,
+    /// Length of the residual force over that of the load: 1e-8 or what rounding leaves in a solution.
     pub relative_residual: f64,
 }
 
@@ -51,7 +53,7 @@ impl Outcome {
                 self.unsupported.len()
             ));
         }
-        if self.relative_residual > TOLERANCE || self.relative_residual.is_nan() {
+        if !self.is_solved {
             cautions.push(format!(
                 "fem was not solved: after {} iterations the residual is {:.1e} of the load",
                 self.iterations, self.relative_residual
@@ -65,33 +67,39 @@ impl Outcome {
 /// again is one block.
 ///
 /// # Errors
-/// Where `control` says to stop, which is asked every few milliseconds.
+/// Where `control` says to stop, which is asked every few milliseconds once iterations run, and between the stages of
+/// setting up, which take some microseconds a block.
 pub fn solve_equilibrium(cells: &[Cell], control: &Control<'_>) -> Result<Outcome, Stopped> {
     let supported = Supported::of(cells);
     let lowest = cells.iter().map(|cell| cell.y).min().unwrap_or(0);
+    control.check(0.0)?;
     let mesh = Mesh::new(supported.cells);
+    control.check(0.0)?;
     let system = System::new(&mesh, &ELEMENT, 1.0, |position| position[1] == lowest);
     let mut displacement = vec![0.0; system.len()];
     let convergence = solve(&system, &system.weight(WEIGHT_N), &mut displacement, control)?;
-    let is_solved = convergence.relative_residual <= TOLERANCE;
     let blocks: Vec<(f64, [f64; 3])> = (0..mesh.cells.len())
         .map(|block| {
             let stress = ELEMENT.von_mises(&system.corners(block, &displacement), 1.0);
             (stress.into_iter().fold(0.0, f64::max), system.centre(block, &displacement))
         })
         .collect();
-    let of_entry = |index: &Option<u32>| index.filter(|_| is_solved).map(|index| blocks[index as usize]);
+    let of_entry = |index: &Option<u32>| index.filter(|_| convergence.is_solved).map(|index| blocks[index as usize]);
     let entries: Vec<_> = supported.index.iter().map(of_entry).collect();
     let greatest = entries.iter().flatten().map(|(stress, _)| *stress).reduce(f64::max);
     let length = |[x, y, z]: [f64; 3]| (x * x + y * y + z * z).sqrt();
     Ok(Outcome {
         max_von_mises_pa: greatest,
-        most_stressed: entries.iter().position(|entry| entry.is_some_and(|(stress, _)| Some(stress) == greatest)),
+        // Of several the one at the least cell, whatever the order of the list.
+        most_stressed: (0..cells.len())
+            .filter(|&i| entries[i].is_some_and(|(stress, _)| Some(stress) == greatest))
+            .min_by_key(|&i| cells[i]),
         von_mises_pa: entries.iter().map(|entry| entry.map(|(stress, _)| stress)).collect(),
         displacement_m: entries.iter().map(|entry| entry.map(|(_, displacement)| displacement)).collect(),
         unsupported: (0..).zip(&supported.index).filter(|(_, index)| index.is_none()).map(|(i, _)| i).collect(),
-        max_displacement_m: entries.iter().flatten().map(|(_, moved)| length(*moved)).fold(0.0, f64::max),
+        max_displacement_m: entries.iter().flatten().map(|(_, moved)| length(*moved)).reduce(f64::max),
         iterations: convergence.iterations,
+        is_solved: convergence.is_solved,
         relative_residual: convergence.relative_residual,
     })
 }

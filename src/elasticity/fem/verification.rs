@@ -16,7 +16,7 @@ fn settle(element: &Element, cells: Vec<Cell>, edge_m: f64, is_held: impl Fn(&[i
     let mut displacement = vec![0.0; system.len()];
     let load = system.weight(WEIGHT_N * edge_m.powi(3));
     let convergence = solve(&system, &load, &mut displacement, &Control::unhurried()).unwrap();
-    assert!(convergence.relative_residual <= TOLERANCE);
+    assert!(convergence.is_solved && convergence.relative_residual < 1e-7, "{convergence:?}");
     (mesh, displacement)
 }
 
@@ -46,7 +46,7 @@ fn a_bar_under_its_own_weight() {
         assert!((found - expected).abs() < 0.25 * WEIGHT_N, "at {y}: {found} Pa, expected {expected} Pa");
     }
     let expected = WEIGHT_N * 30.0 * 30.0 / 2.0 / YOUNG_PA;
-    assert!((outcome.max_displacement_m / expected - 1.0).abs() < 0.02);
+    assert!((outcome.max_displacement_m.unwrap() / expected - 1.0).abs() < 0.02);
 }
 
 /// Relative errors of the sag of a beam one block thick and `length` long, with blocks of 1, 1/2 and 1/4 m.

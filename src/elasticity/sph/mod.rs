@@ -35,12 +35,13 @@ const WORK_PER_LOOK: usize = 20_000;
 
 /// Simulates `cells` (particles at block centres; a cell listed twice is two particles) and gives their stress.
 ///
-/// The result does not depend on the order of `cells`, nor on how the work is shared out.
+/// Stress and displacement of a cell do not depend on the order of `cells`, nor on how the work is shared out.
 ///
 /// # Errors
-/// Where `control` says to stop, which is asked after at most a few milliseconds, or after each step of a structure that
-/// takes longer.
+/// Where `control` says to stop, which is asked after some milliseconds of steps, or after each step of a structure that
+/// takes longer, and before and after setting up, which takes some microseconds a block.
 pub fn simulate(cells: &[Cell], control: &Control<'_>) -> Result<Outcome, Stopped> {
+    control.check(0.0)?;
     let mut simulation = Simulation::new(cells);
     // Where every particle is held nothing moves: strain and its rate are those of the second step for ever.
     let steps = if simulation.particles.are_all_held { 2 } else { STEPS };
@@ -195,7 +196,10 @@ impl Simulation {
         }
         let is_number = outcome.von_mises_pa.iter().all(|stress| !stress.is_nan());
         let greatest = outcome.von_mises_pa.iter().copied().fold(0.0, f64::max);
-        outcome.most_stressed = outcome.von_mises_pa.iter().position(|stress| *stress == greatest && greatest > 0.0);
+        // Of several the one at the least cell, whatever the order of the list.
+        let stress = &outcome.von_mises_pa;
+        let most = (0..cells.len()).filter(|&i| greatest > 0.0 && stress[i] == greatest).min_by_key(|&i| cells[i]);
+        outcome.most_stressed = most;
         outcome.max_von_mises_pa = if is_number { greatest } else { f64::NAN };
         diagnostics.max_displacement_m = greatest_length(outcome.displacement_m.iter().copied());
         diagnostics.residual_force_n = greatest_length(residuals);

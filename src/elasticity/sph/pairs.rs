@@ -90,16 +90,16 @@ fn pull_along<S: Simd, const D: usize>(
         }
     };
     let is_pair = own.presence * Lanes::load(place.simd, state.presence, ahead);
-    let gradient = is_pair * place.splat(weights.gradient[kind]);
-    let hourglass = is_pair * place.splat(weights.hourglass[kind]);
+    let gradient = place.splat(weights.gradient[kind]);
     let r = present_vector::<S, D>(place, place.load(state.displacement, ahead), own.displacement);
     let stretched = along::<S, D>(place, &own.deformation, state.deformation, ahead);
     let stress = along::<S, D>(place, &own.corrected_stress, state.corrected_stress, ahead);
     let ratio = dot(stretched, r) * dot(r, r).reciprocal();
-    let spring = hourglass * (ratio - place.splat(2.0));
+    let spring = place.splat(weights.hourglass[kind]) * (ratio - place.splat(2.0));
     for k in 0..3 {
         let force = r[k].subtract_product_from(spring, stress[k] * gradient);
-        force.store(to[3 * D + k], at);
+        // Chosen, not multiplied: beside a particle that blew up, empty places are not numbers.
+        force.where_positive(is_pair, place.splat(0.0)).store(to[3 * D + k], at);
     }
 }
 

@@ -198,3 +198,21 @@ fn repeated(cells: &[Cell]) -> usize {
     sorted.dedup();
     cells.len() - sorted.len()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_symmetric_structure_keeps_a_quarter_and_its_images() {
+        let cells: Vec<Cell> = (0..9 * 6).map(|i| Cell::new(i % 9, 0, i / 9)).collect();
+        let particles = Particles::new(&cells);
+        // 5 of 9 and 3 of 6, and one more layer of images beyond each plane.
+        let kept: f64 = (0..particles.lattice.len).map(|place| particles.presence.at(place)[0]).sum();
+        assert_eq!(kept, 6.0 * 4.0);
+        assert_eq!(particles.images.len(), 6 * 4 - 5 * 3);
+        assert!(particles.entries.iter().all(|entry| entry.place.is_some()));
+        let knobbed: Vec<Cell> = cells.iter().copied().chain([Cell::new(0, 1, 0)]).collect();
+        assert!(Particles::new(&knobbed).images.is_empty());
+    }
+}

@@ -6,6 +6,7 @@ use axum::response::{IntoResponse as _, Response};
 use serde::Serialize;
 use sha2::{Digest as _, Sha256};
 
+use super::super::conditional::has_tag;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use crate::clock::rfc3339;
@@ -115,8 +116,7 @@ pub async fn get_leaderboard(
     let mut headers = HeaderMap::new();
     headers.insert(header::ETAG, HeaderValue::from_str(&tag).map_err(|error| ApiError::internal(&error))?);
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/json"));
-    let known = asked.get(header::IF_NONE_MATCH).and_then(|tags| tags.to_str().ok()).unwrap_or_default();
-    if known.split(',').any(|known| known.trim().trim_start_matches("W/") == tag || known.trim() == "*") {
+    if has_tag(&asked, &tag) {
         return Ok((StatusCode::NOT_MODIFIED, headers).into_response());
     }
     Ok((headers, body).into_response())

@@ -10,28 +10,51 @@ use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use sha2::{Digest as _, Sha256};
-use tokio::sync::Semaphore;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio_util::sync::CancellationToken;
 
+use super::super::conditional::has_tag;
 use super::super::limits::LIMITS;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use super::submissions::stored;
-use crate::checks::CHECKS_VERSION;
 use crate::elasticity::Control;
-use crate::elasticity::field::{Field, Method};
+use crate::elasticity::field::{FIELD_VERSION, Field, Method};
 use crate::store::reports::GRADER;
 use crate::tasks::hex;
 use crate::voxel::replay::Replay;
 use crate::voxel::{BlockLog, Cell, Structure};
 
-/// How long a request waits for its turn before it is asked to come back.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// Turns to compute stress fields: a few at once, some waiting.
+#[derive(Debug)]
+pub struct StressTurns {
+    admitted: Arc<Semaphore>,
+    computing: Arc<Semaphore>,
+}
 
-/// Turns to compute stress.
-#[must_use]
-pub fn turns() -> Semaphore {
-    Semaphore::new(LIMITS.stress_fields_at_once)
+impl Default for StressTurns {
+    fn default() -> Self {
+        let (at_once, waiting) = (LIMITS.stress_fields_at_once, LIMITS.stress_fields_waiting);
+        Self { admitted: Arc::new(Semaphore::new(at_once + waiting)), computing: Arc::new(Semaphore::new(at_once)) }
+    }
+}
+
+impl StressTurns {
+    /// Waits for a turn, which lasts while the permits are held.
+    ///
+    /// # Errors
+    /// 503 where too many wait, or it takes too long.
+    async fn take(&self) -> ApiResult<[OwnedSemaphorePermit; 2]> {
+        let busy = || {
+            let detail = "Many stress fields are being computed. The request may be sent again.";
+            ApiError::new(StatusCode::SERVICE_UNAVAILABLE, "busy", "Busy", detail).retry_after(2)
+        };
+        let admitted = Arc::clone(&self.admitted).try_acquire_owned().map_err(|_| busy())?;
+        let patience = Duration::from_secs(LIMITS.stress_wait_seconds);
+        let turn = tokio::time::timeout(patience, Arc::clone(&self.computing).acquire_owned()).await;
+        let Ok(Ok(computing)) = turn else { return Err(busy()) };
+        Ok([admitted, computing])
+    }
 }
 
 /// Which field, and how it is written.
@@ -70,7 +93,7 @@ pub struct StressedBlock<'a> {
     /// Its material.
     #[schema(example = "stone")]
     pub material: &'a str,
-    /// Von Mises stress, Pa; null where the method gives none.
+    /// Von Mises stress, Pa; null where the method leaves the block out.
     #[schema(example = 5876.85)]
     pub von_mises_pa: Option<f64>,
     /// Displacement of the centre, m (blocks): east, up, south; null where the method gives none.
@@ -118,10 +141,10 @@ pub struct StressBody<'a> {
         (status = 400, description = "A query that cannot be read", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "There is no such submission or turn", body = Problem,
          content_type = "application/problem+json"),
-        (status = 422, description = "More blocks than stress is computed for", body = Problem,
+        (status = 422, description = "More blocks than stress is computed for, or it takes too long", body = Problem,
          content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too many ask for stress, or it took too long; come back", body = Problem,
+        (status = 503, description = "Too many ask for stress; come back", body = Problem,
          content_type = "application/problem+json"),
     )
 )]
@@ -133,7 +156,7 @@ pub async fn get_stress(
 ) -> ApiResult<Response> {
     let row = stored(&state, &id).await?;
     let accepts = headers.get(header::ACCEPT).and_then(|value| value.to_str().ok()).unwrap_or_default();
-    let wants_lines = accepts.split(',').any(|kind| kind.trim().starts_with("application/x-ndjson"));
+    let wants_lines = accepts.trim_start().starts_with("application/x-ndjson");
     let format = query.format.unwrap_or(if wants_lines { StressFormat::Ndjson } else { StressFormat::Json });
     let method = query.method.unwrap_or(Method::Sph);
     let turns = usize::try_from(row.turns).unwrap_or_default();
@@ -141,36 +164,34 @@ pub async fn get_stress(
     if !(1..=turns).contains(&turn) {
         return Err(ApiError::not_found(format!("there is no turn {turn}; the log has {turns}")));
     }
-    let named = format!("{id} {} {method:?} {turn} {format:?} {GRADER} {CHECKS_VERSION}", row.log_hash);
-    let etag = format!("\"{}\"", &hex(&Sha256::digest(named))[..32]);
-    let known = headers.get(header::IF_NONE_MATCH).and_then(|value| value.to_str().ok()).unwrap_or_default();
-    if known.split(',').any(|tag| tag.trim() == etag) {
-        return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, etag)]).into_response());
+    let named = format!("{id} {} {method:?} {turn} {format:?} {GRADER} {FIELD_VERSION}", row.log_hash);
+    // Weak: processors of another kind may round otherwise.
+    let etag = format!("W/\"{}\"", &hex(&Sha256::digest(named))[..32]);
+    if has_tag(&headers, &etag) {
+        return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, etag.as_str()), VARY]).into_response());
     }
+    let taken = state.stress_turns.take().await?;
     let log = state.store.log_json(&id).await?;
     let log = log.ok_or_else(|| ApiError::not_found(format!("there is no submission {id:?}")))?;
-    let busy =
-        |detail: &str| ApiError::new(StatusCode::SERVICE_UNAVAILABLE, "busy", "Busy", detail.to_owned()).retry_after(2);
-    let waiting = tokio::time::timeout(PATIENCE, Arc::clone(&state.stress_turns).acquire_owned());
-    let Ok(Ok(place)) = waiting.await else {
-        return Err(busy("Many stress fields are being computed. The request may be sent again."));
-    };
-    // Where the client leaves, the computation ends.
-    let left = CancellationToken::new();
+    // Where the client leaves or the service stops, the computation ends.
+    let left = state.stop.child_token();
     let _guard = left.clone().drop_guard();
     let work = tokio::task::spawn_blocking(move || {
-        let _place = place;
+        let _taken = taken;
         compute(&id, &log, method, turn, format, &left)
     });
     let body = work.await.map_err(|error| ApiError::internal(&error))??;
-    let Some(body) = body else {
-        return Err(busy("The stress field took too long. The request may be sent again."));
-    };
     let kind = if format == StressFormat::Ndjson { "application/x-ndjson" } else { "application/json" };
-    Ok(([(header::CONTENT_TYPE, kind), (header::ETAG, etag.as_str())], body).into_response())
+    Ok(([(header::CONTENT_TYPE, kind), (header::ETAG, etag.as_str()), VARY], body).into_response())
 }
 
-/// The field as text; nothing where the time is up or the client has left.
+/// The format may come from `Accept`.
+const VARY: (header::HeaderName, &str) = (header::VARY, "accept");
+
+/// The field as text.
+///
+/// # Errors
+/// 422 where the structure has more blocks than stress is computed for, or takes longer; 503 where the service stops.
 fn compute(
     id: &str,
     log: &[u8],
@@ -178,7 +199,7 @@ fn compute(
     turn: usize,
     format: StressFormat,
     left: &CancellationToken,
-) -> ApiResult<Option<String>> {
+) -> ApiResult<String> {
     let log = BlockLog::from_canonical_json(log).map_err(|error| ApiError::internal(&error))?;
     let structure = Replay::new(&log).nth(turn - 1).unwrap_or_else(|| Structure::from_named([]));
     let (blocks, most) = (structure.len(), LIMITS.blocks_with_stress);
@@ -188,9 +209,16 @@ fn compute(
     }
     let deadline = Instant::now() + Duration::from_secs(LIMITS.stress_seconds);
     let stop = || left.is_cancelled() || Instant::now() >= deadline;
-    let Ok(field) = Field::of(structure.cells(), method, &Control::until(&stop)) else { return Ok(None) };
-    let text = write(id, &structure, &field, method, turn, format);
-    text.map(Some).map_err(|error| ApiError::internal(&error))
+    let Ok(field) = Field::of(structure.cells(), method, &Control::until(&stop)) else {
+        if left.is_cancelled() {
+            let detail = "The service stops. The request may be sent again.";
+            return Err(ApiError::new(StatusCode::SERVICE_UNAVAILABLE, "stopping", "Stopping", detail).retry_after(5));
+        }
+        // Asking again would take as long again.
+        let detail = format!("the stress of these {blocks} blocks takes longer than {} s", LIMITS.stress_seconds);
+        return Err(ApiError::new(StatusCode::UNPROCESSABLE_ENTITY, "too-long", "Too long", detail));
+    };
+    write(id, &structure, &field, method, turn, format).map_err(|error| ApiError::internal(&error))
 }
 
 fn write(
