@@ -41,8 +41,13 @@ const WORK_PER_LOOK: usize = 20_000;
 /// Where `control` says to stop, which is asked after some milliseconds of steps, or after each step of a structure that
 /// takes longer, and before and after setting up, which takes some microseconds a block.
 pub fn simulate(cells: &[Cell], control: &Control<'_>) -> Result<Outcome, Stopped> {
+    simulate_with(Arch::new(), cells, control)
+}
+
+/// The same, with the vectors of a kind of processor.
+fn simulate_with(arch: Arch, cells: &[Cell], control: &Control<'_>) -> Result<Outcome, Stopped> {
     control.check(0.0)?;
-    let mut simulation = Simulation::new(cells);
+    let mut simulation = Simulation::new(arch, cells);
     // Where every particle is held nothing moves: strain and its rate are those of the second step for ever.
     let steps = if simulation.particles.are_all_held { 2 } else { STEPS };
     let per_look = (WORK_PER_LOOK / simulation.particles.lattice.blocks.len().max(1)).clamp(1, 200) as u32;
@@ -74,7 +79,7 @@ struct Simulation {
 }
 
 impl Simulation {
-    fn new(cells: &[Cell]) -> Self {
+    fn new(arch: Arch, cells: &[Cell]) -> Self {
         let particles = Particles::new(cells);
         let len = particles.lattice.len;
         let mut deformation = Fields::zero(len);
@@ -82,7 +87,7 @@ impl Simulation {
             deformation.set(place, [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
         }
         Self {
-            arch: Arch::new(),
+            arch,
             displacement: Fields::zero(len),
             velocity: Fields::zero(len),
             deformation,
@@ -219,4 +224,26 @@ fn free_fall() -> (f64, f64) {
         velocity -= WEIGHT_N * (f64::from(step) / RAMP_STEPS).min(1.0) * STEP_S / MASS_KG;
     }
     (height, f64::midpoint(before, velocity))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// All kinds of vectors this processor has: where products and sums are rounded at once the bits are the same, and
+    /// elsewhere nearly.
+    #[test]
+    fn every_kind_of_processor_agrees() {
+        let cells: Vec<Cell> =
+            (0..4 * 4 * 5).map(|i| Cell::new(i % 4, i / 4 % 4, i / 16)).chain([Cell::new(0, 4, 1)]).collect();
+        let simulate = |arch| simulate_with(arch, &cells, &Control::unhurried()).unwrap().von_mises_pa;
+        let plain = simulate(Arch::Scalar);
+        for (a, b) in plain.iter().zip(simulate(Arch::new())) {
+            assert!((a - b).abs() <= 1e-7 * b + 1e-4, "plain {a} Pa, vectors {b} Pa");
+        }
+        #[cfg(target_arch = "x86_64")]
+        if let (Some(narrow), Some(wide)) = (pulp::x86::V3::try_new(), pulp::x86::V4::try_new()) {
+            assert_eq!(simulate(Arch::V3(narrow)), simulate(Arch::V4(wide)));
+        }
+    }
 }
