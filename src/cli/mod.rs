@@ -1,5 +1,6 @@
 //! The command line: its commands, and what each does with what it is given.
 
+pub mod build;
 pub mod conformance;
 pub mod demo;
 pub mod grade;
@@ -37,9 +38,11 @@ pub enum Command {
         #[arg(required = true)]
         paths: Vec<PathBuf>,
     },
-    /// Work with task files.
+    /// List and show tasks, and work with task files.
     #[command(subcommand)]
     Tasks(tasks::TasksCommand),
+    /// Print the log of a good build for a task.
+    Build(build::BuildArgs),
     /// Print the OpenAPI document.
     Openapi,
 }
@@ -53,6 +56,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Grade(args) => grade::run(&args),
         Command::Conformance { paths } => conformance::run(&paths),
         Command::Tasks(command) => tasks::run(command),
+        Command::Build(args) => build::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Submit(args) => submit::run(&args),
         Command::Openapi => {

@@ -1,20 +1,41 @@
-//! `plumbline tasks`: task files of others.
+//! `plumbline tasks`: the tasks of the suite in this program, and task files of others.
 
+use std::fmt::Write as _;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context as _, bail};
 use clap::Subcommand;
+use serde_json::Value;
 
+use crate::checks::Criterion;
 use crate::clock::now_ms;
 use crate::store::Store;
 use crate::store::suites::SuiteStored;
 use crate::tasks::published::{TaskFile, read_task_files};
-use crate::tasks::{Suite, Task};
+use crate::tasks::{Suite, Task, embedded};
 
-/// Commands on task files.
+/// Commands on tasks and task files.
 #[derive(Debug, Subcommand)]
 pub enum TasksCommand {
+    /// List the tasks of the suite, one a line: number, id, turns, criteria.
+    List {
+        /// Only families whose name contains this.
+        #[arg(long)]
+        family: Option<String>,
+        /// Only tasks to which this criterion applies.
+        #[arg(long)]
+        criterion: Option<String>,
+    },
+    /// Show a task: its prompts and checks.
+    Show {
+        /// The task, by its id or its number.
+        task: String,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
     /// Read task files in the published format, check them, and add them to a database as a suite.
     Import {
         /// Task files (JSON).
@@ -32,11 +53,71 @@ pub enum TasksCommand {
 /// Runs the command.
 ///
 /// # Errors
-/// Where a file cannot be read or has faults, all of them told.
+/// Where there is no such task; where a file cannot be read or has faults, all of them told.
 pub fn run(command: TasksCommand) -> anyhow::Result<ExitCode> {
-    let TasksCommand::Import { files, suite, database } = command;
-    let (name, version) = parse_suite_id(&suite)?;
-    let suite = Suite { name, version, tasks: read_files(&files)? };
+    match command {
+        TasksCommand::List { family, criterion } => list(family.as_deref(), criterion.as_deref()),
+        TasksCommand::Show { task, json } => show(&task, json),
+        TasksCommand::Import { files, suite, database } => import(&files, &suite, database.as_deref()),
+    }
+}
+
+/// The task of the suite in this program with this id or number.
+///
+/// # Errors
+/// Where there is none.
+pub fn find(wanted: &str) -> anyhow::Result<Task> {
+    let is_wanted = |task: &Task| task.id == wanted || Ok(task.number) == wanted.parse();
+    let found = suite()?.tasks.into_iter().find(is_wanted);
+    found.with_context(|| format!("there is no task {wanted:?}; `plumbline tasks list` lists them"))
+}
+
+fn suite() -> anyhow::Result<Suite> {
+    embedded::full().map_err(|faults| anyhow::anyhow!("the suite of this program is faulty: {faults:?}"))
+}
+
+fn list(family: Option<&str>, criterion: Option<&str>) -> anyhow::Result<ExitCode> {
+    let names = Criterion::ALL.map(Criterion::name);
+    if let Some(unknown) = criterion.filter(|criterion| !names.contains(criterion)) {
+        bail!("{unknown:?} is not a criterion: {}", names.join(", "));
+    }
+    let is_wanted = |task: &&Task| {
+        family.is_none_or(|family| task.family().contains(family))
+            && criterion.is_none_or(|wanted| task.criteria().iter().any(|criterion| criterion.name() == wanted))
+    };
+    let mut lines = String::new();
+    for task in suite()?.tasks.iter().filter(is_wanted) {
+        let criteria: Vec<&str> = task.criteria().into_iter().map(Criterion::name).collect();
+        // Writing to a string does not fail.
+        let _ = writeln!(lines, "{:>3}  {:<48} {} {}", task.number, task.id, task.turns.len(), criteria.join(","));
+    }
+    std::io::stdout().lock().write_all(lines.as_bytes())?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn show(wanted: &str, as_json: bool) -> anyhow::Result<ExitCode> {
+    let task = find(wanted)?;
+    let mut text = String::new();
+    if as_json {
+        text = serde_json::to_string_pretty(&task)?;
+        text.push('\n');
+    } else {
+        let _ = writeln!(text, "{} (number {})", task.id, task.number);
+        for (turn, instruction) in (1..).zip(&task.turns) {
+            let _ = writeln!(text, "\nturn {turn}: {}", instruction.prompt);
+            for check in &instruction.checks {
+                let args = serde_json::to_value(check)?.get_mut("args").map(Value::take).unwrap_or_default();
+                let _ = writeln!(text, "  {} {args}", check.name());
+            }
+        }
+    }
+    std::io::stdout().lock().write_all(text.as_bytes())?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn import(files: &[PathBuf], suite: &str, database: Option<&Path>) -> anyhow::Result<ExitCode> {
+    let (name, version) = parse_suite_id(suite)?;
+    let suite = Suite { name, version, tasks: read_files(files)? };
     println!(
         "{} files, {} problems, {} check rows over {} entries",
         files.len(),
@@ -45,7 +126,7 @@ pub fn run(command: TasksCommand) -> anyhow::Result<ExitCode> {
         suite.instruction_count()
     );
     match database {
-        Some(database) => store(&suite, &database)?,
+        Some(database) => store(&suite, database)?,
         None => println!("checked, not stored; --database FILE stores them as {}", suite.id()),
     }
     Ok(ExitCode::SUCCESS)

@@ -1,0 +1,76 @@
+//! `plumbline build`: the log of a good build for a task, as an example to post or to look at.
+
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::process::ExitCode;
+
+use anyhow::bail;
+use clap::{Args, ValueEnum};
+use serde_json::{Value, json};
+
+use super::tasks::find;
+use crate::builders;
+use crate::tasks::Task;
+use crate::voxel::BlockLog;
+use crate::voxel::block_log::Event;
+
+/// Arguments of `build`.
+#[derive(Debug, Args)]
+pub struct BuildArgs {
+    /// The task, by its id or its number in the suite; `plumbline tasks list` lists them.
+    task: String,
+    /// How the log is written.
+    #[arg(long, value_enum, default_value_t = Format::Submission)]
+    format: Format,
+}
+
+/// How a log is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// A body for POST /v1/submissions, with compact rows.
+    Submission,
+    /// One event a line, in order, with its turn.
+    Events,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Where there is no such task.
+pub fn run(args: &BuildArgs) -> anyhow::Result<ExitCode> {
+    let task = find(&args.task)?;
+    let Some(log) = builders::build(&task) else { bail!("no builder knows the family {:?}", task.family()) };
+    let text = match args.format {
+        Format::Submission => submission(&task, &log)?,
+        Format::Events => events(&log),
+    };
+    std::io::stdout().lock().write_all(text.as_bytes())?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn submission(task: &Task, log: &BlockLog) -> anyhow::Result<String> {
+    let canonical: Value = serde_json::from_slice(&log.canonical_json())?;
+    let turn = |rows: &Value| json!({ "palette": canonical["palette"], "rows": rows });
+    let turns: Vec<Value> = canonical["turns"].as_array().into_iter().flatten().map(turn).collect();
+    Ok(format!("{}\n", json!({ "task": task.id, "turns": turns })))
+}
+
+fn events(log: &BlockLog) -> String {
+    let mut lines = String::new();
+    for (turn, events) in (1..).zip(&log.turns) {
+        for event in events {
+            let line = match *event {
+                Event::Place { cell, material } => json!({
+                    "turn": turn, "action": "place", "x": cell.x, "y": cell.y, "z": cell.z,
+                    "material": log.palette.name(material),
+                }),
+                Event::Remove { cell } => {
+                    json!({ "turn": turn, "action": "remove", "x": cell.x, "y": cell.y, "z": cell.z })
+                }
+            };
+            // Writing to a string does not fail.
+            let _ = writeln!(lines, "{line}");
+        }
+    }
+    lines
+}
