@@ -60,11 +60,20 @@ async fn a_printed_build_is_posted_and_passes() {
 }
 
 #[test]
+fn a_saboteur_spoils_what_is_printed() {
+    let good = printed(&["build", "113", "--format", "events"]);
+    let spoiled = printed(&["build", "113", "--format", "events", "--saboteur", "wrong-material"]);
+    assert_eq!(good.replace("\"stone\"", "\"sponge\""), spoiled);
+    assert_ne!(good, spoiled);
+}
+
+#[test]
 fn what_there_is_not_is_told() {
     for (arguments, wanted) in [
         (&["tasks", "show", "none"][..], "there is no task \"none\""),
         (&["tasks", "list", "--criterion", "beauty"], "\"beauty\" is not a criterion: material, shape"),
         (&["build", "724"], "there is no task \"724\""),
+        (&["build", "1", "--saboteur", "imp"], "wrong-material  uses sponge for everything"),
     ] {
         let output = plumbline(arguments);
         assert!(!output.status.success());

@@ -7,6 +7,7 @@
 pub mod civil;
 pub mod demands;
 pub mod houses;
+pub mod saboteurs;
 pub mod site;
 pub mod structural;
 

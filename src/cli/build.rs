@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 
 use super::tasks::find;
 use crate::builders;
+use crate::builders::saboteurs::{self, SABOTEURS};
 use crate::tasks::Task;
 use crate::voxel::BlockLog;
 use crate::voxel::block_log::Event;
@@ -19,6 +20,9 @@ use crate::voxel::block_log::Event;
 pub struct BuildArgs {
     /// The task, by its id or its number in the suite; `plumbline tasks list` lists them.
     task: String,
+    /// Spoil it in one way, to see which checks fail; an unknown name lists them all.
+    #[arg(long, value_name = "NAME")]
+    saboteur: Option<String>,
     /// How the log is written.
     #[arg(long, value_enum, default_value_t = Format::Submission)]
     format: Format,
@@ -36,10 +40,17 @@ enum Format {
 /// Runs the command.
 ///
 /// # Errors
-/// Where there is no such task.
+/// Where there is no such task or saboteur.
 pub fn run(args: &BuildArgs) -> anyhow::Result<ExitCode> {
     let task = find(&args.task)?;
-    let Some(log) = builders::build(&task) else { bail!("no builder knows the family {:?}", task.family()) };
+    let Some(mut log) = builders::build(&task) else { bail!("no builder knows the family {:?}", task.family()) };
+    if let Some(name) = &args.saboteur {
+        let Some(saboteur) = saboteurs::find(name) else {
+            let known: Vec<String> = SABOTEURS.iter().map(|one| format!("  {:<15} {}", one.name, one.what)).collect();
+            bail!("there is no saboteur {name:?}; there are:\n{}", known.join("\n"));
+        };
+        log = saboteur.spoil(log);
+    }
     let text = match args.format {
         Format::Submission => submission(&task, &log)?,
         Format::Events => events(&log),

@@ -34,6 +34,16 @@ impl Serialize for Event {
     }
 }
 
+impl Event {
+    /// Where it happens.
+    #[must_use]
+    pub const fn cell(&self) -> Cell {
+        match *self {
+            Self::Place { cell, .. } | Self::Remove { cell } => cell,
+        }
+    }
+}
+
 /// The events that answered one instruction, in order.
 pub type Turn = Vec<Event>;
 
