@@ -307,16 +307,15 @@ async fn stress_fields_are_bounded() {
         .collect();
     let mut sent_away = 0;
     for request in requests {
-        if let Ok(response) = request.await.unwrap() {
-            assert_eq!(response.status(), StatusCode::SERVICE_UNAVAILABLE);
+        // The others run into their time limit, or are done before it on a quick machine.
+        let Ok(response) = request.await.unwrap() else { continue };
+        if response.status() == StatusCode::SERVICE_UNAVAILABLE {
             assert!(response.headers().contains_key("retry-after"));
             sent_away += 1;
         }
     }
     assert!(sent_away >= 24, "only {sent_away} were sent away");
-    // The others left after two seconds; their turns are free again, long before they would have ended.
-    let begun = std::time::Instant::now();
+    // The others left after two seconds; their turns are free again, though all together would take minutes.
     let answer = service.get(&format!("/v1/submissions/{large}/stress?method=fem")).await;
     assert_eq!(answer.status, StatusCode::OK, "{}", answer.text.chars().take(200).collect::<String>());
-    println!("fem after {:?}", begun.elapsed());
 }
