@@ -52,34 +52,10 @@ fn sph_cube(bencher: Bencher<'_, '_>, side: i32) {
     bencher.counter(ItemsCount::new(cells.len())).bench(|| sph::simulate(&cells, &Control::unhurried()));
 }
 
-/// The roof without one block, so that no symmetry spares work.
-#[divan::bench(sample_count = 20, sample_size = 1)]
-fn sph_roof_139_without_symmetry(bencher: Bencher<'_, '_>) {
-    let mut cells = roof();
-    let top = cells.iter().map(|cell| cell.y).max();
-    if let Some(spared) = cells.iter().position(|cell| Some(cell.y) == top) {
-        cells.remove(spared + 1);
-    }
-    bencher.bench(|| sph::simulate(&cells, &Control::unhurried()));
-}
-
-/// A cube with one block more, on an edge, so that no symmetry spares work.
-fn cube_with_a_knob(side: i32) -> Vec<Cell> {
-    let mut cells = cube(side);
-    cells.push(Cell::new(1, side, 0));
-    cells
-}
-
-#[divan::bench(args = [10, 22, 37], sample_count = 3, sample_size = 1)]
-fn sph_cube_without_symmetry(bencher: Bencher<'_, '_>, side: i32) {
-    let cells = cube_with_a_knob(side);
-    bencher.counter(ItemsCount::new(cells.len())).bench(|| sph::simulate(&cells, &Control::unhurried()));
-}
-
 /// The same on all cores.
 #[divan::bench(args = [22, 37], sample_count = 3, sample_size = 1)]
-fn sph_cube_without_symmetry_all_cores(bencher: Bencher<'_, '_>, side: i32) {
-    let cells = cube_with_a_knob(side);
+fn sph_cube_all_cores(bencher: Bencher<'_, '_>, side: i32) {
+    let cells = cube(side);
     let join = |a: &mut (dyn FnMut() + Send), b: &mut (dyn FnMut() + Send)| {
         rayon::join(a, b);
     };

@@ -2,7 +2,6 @@
 
 #![expect(clippy::inline_always, reason = "so that the loops are compiled for the processor that the caller chose")]
 
-use super::particles::Image;
 use crate::elasticity::lattice::BLOCK;
 
 /// `N` numbers per place: component after component.
@@ -36,15 +35,6 @@ impl<const N: usize> Fields<N> {
         for (component, other) in self.components.iter_mut().zip(&other.components) {
             for ((number, other), factor) in component.iter_mut().zip(other).zip(&factor.components[0]) {
                 *number = other * factor;
-            }
-        }
-    }
-
-    /// Copies what images mirror; `sign` tells a component's sign from those of the axes.
-    pub fn mirror(&mut self, images: &[Image], sign: impl Fn(usize, &[f64; 3]) -> f64) {
-        for (k, component) in self.components.iter_mut().enumerate() {
-            for image in images {
-                component[image.place] = sign(k, &image.signs) * component[image.of];
             }
         }
     }

@@ -7,7 +7,6 @@ mod pairs;
 mod particles;
 mod passes;
 mod stencil;
-mod symmetry;
 
 use nalgebra::Matrix3;
 use pulp::Arch;
@@ -117,9 +116,6 @@ impl Simulation {
             corrected_stress: self.corrected_stress.part(),
         };
         carry_out(deform, arch, control);
-        let of_matrix = |k: usize, signs: &[f64; 3]| signs[k / 3] * signs[k % 3];
-        self.deformation.mirror(&particles.images, of_matrix);
-        self.corrected_stress.mirror(&particles.images, of_matrix);
         let weight = WEIGHT_N * (f64::from(step) / RAMP_STEPS).min(1.0);
         let load_n = particles.lattice.axes.map(|axis| if axis == 1 { -weight } else { 0.0 });
         if particles.multiplicity.is_none() {
@@ -127,7 +123,6 @@ impl Simulation {
         } else {
             self.move_on::<true>(load_n, control);
         }
-        self.displacement.mirror(&self.particles.images, |k, signs| signs[k]);
         if let (Some(weighted), Some(multiplicity)) = (&mut self.weighted, &self.particles.multiplicity) {
             weighted.set_product(&self.displacement, multiplicity);
         }
@@ -146,6 +141,7 @@ impl Simulation {
             blocks,
             forces: self.forces.view(),
             multiplicity: particles.multiplicity.as_ref().unwrap_or(&particles.presence).view()[0],
+            rest: particles.rest.view(),
             is_free: particles.is_free.view()[0],
             load_n,
             step_s: STEP_S,
@@ -193,7 +189,7 @@ impl Simulation {
                     0.0
                 }
             });
-            outcome.displacement_m.push(particles.in_the_world(self.displacement.at(place), entry));
+            outcome.displacement_m.push(particles.in_the_world(self.displacement.at(place)));
             let (before, after) = (velocity_before.at(place), self.velocity.at(place));
             let now: [f64; 3] = std::array::from_fn(|k| f64::midpoint(before[k], after[k]));
             diagnostics.kinetic_energy_j += 0.5 * MASS_KG * now.iter().map(|v| v * v).sum::<f64>();

@@ -65,6 +65,12 @@ impl Diagnostics {
                 self.unconnected.len()
             ));
         }
+        if self.max_displacement_m > WILD_M || self.max_displacement_m.is_nan() {
+            cautions.push(format!(
+                "blocks moved by up to {:.2} blocks: the figure is one moment of a motion that amplifies rounding",
+                self.max_displacement_m
+            ));
+        }
         if self.repeated_cells > 0 {
             cautions.push(format!("{} entries share a cell with an earlier entry", self.repeated_cells));
         }
@@ -77,6 +83,9 @@ impl Diagnostics {
         cautions
     }
 }
+
+/// Displacement beyond which a structure is not settling but flailing, in blocks (metres); sound ones move by 1e-4.
+const WILD_M: f64 = 0.01;
 
 /// Below this |det F| a particle's stress counts as 0.
 const DEGENERATE_JACOBIAN: f64 = 1e-12;

@@ -4,32 +4,18 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::fields::Fields;
 use super::stencil::Weights;
-use super::symmetry::Symmetry;
 use crate::elasticity::lattice::Lattice;
 use crate::elasticity::neighbours::{DIRECTIONS, kernel_gradient};
 use crate::elasticity::small_matrix::{Flatness, flatness, inverse_or_pseudo_inverse};
-use crate::voxel::{Cell, CellMap};
+use crate::voxel::Cell;
 
 /// An entry of the list of cells.
 #[derive(Debug, Clone, Copy)]
 pub struct Entry {
-    /// Where the particle is stored that moves as this one does; none for one without neighbours.
+    /// Where its particle is stored; none for one without neighbours.
     pub place: Option<usize>,
-    /// Along which axes of the world that particle is its mirror image.
-    pub flips: [bool; 3],
     /// Whether it is at the least y.
     pub is_held: bool,
-}
-
-/// A particle that is copied from the one that it mirrors.
-#[derive(Debug, Clone, Copy)]
-pub struct Image {
-    /// The place of the particle.
-    pub of: usize,
-    /// The place of the image.
-    pub place: usize,
-    /// -1 for the axes of the lattice along which it is mirrored, otherwise 1.
-    pub signs: [f64; 3],
 }
 
 /// What stays the same through all steps.
@@ -45,16 +31,16 @@ pub struct Particles {
     pub moment_inverse: Fields<6>,
     /// `A A^-1`, likewise: the deformation gradient at rest, the identity unless A is singular.
     pub at_rest: Fields<6>,
-    /// 1 where a particle or an image is, otherwise 0.
+    /// 1 where a particle is, otherwise 0.
     pub presence: Fields<1>,
+    /// Positions at rest, from the least corner.
+    pub rest: Fields<3>,
     /// 1 where a particle is that is not held.
     pub is_free: Fields<1>,
     /// How many particles share each place, where some do.
     pub multiplicity: Option<Fields<1>>,
     /// The cells given.
     pub entries: Vec<Entry>,
-    /// Images beyond planes of symmetry.
-    pub images: Vec<Image>,
     /// Whether every particle with neighbours is held.
     pub are_all_held: bool,
     /// Entries whose A is singular.
@@ -70,16 +56,10 @@ impl Particles {
     #[must_use]
     pub fn new(cells: &[Cell]) -> Self {
         let repeated_cells = repeated(cells);
-        let symmetry = if repeated_cells > 0 { Symmetry::NONE } else { Symmetry::of(cells) };
-        let kept: Vec<Cell> = cells.iter().copied().filter(|&cell| symmetry.keeps(cell)).collect();
-        let lattice = Lattice::of(&kept);
-        let place: CellMap<Option<usize>> = kept.iter().copied().zip(lattice.slot.iter().copied()).collect();
-        let place_of = |cell: Cell| place.get(&cell).copied().flatten();
+        let lattice = Lattice::of(cells);
         let lowest = cells.iter().map(|cell| cell.y).min().unwrap_or(0);
-        let entry = |cell: &Cell| {
-            let (folded, flips) = symmetry.fold(*cell);
-            Entry { place: place_of(folded), flips, is_held: cell.y == lowest }
-        };
+        let entry = |(cell, &place): (&Cell, &Option<usize>)| Entry { place, is_held: cell.y == lowest };
+        let entries: Vec<Entry> = cells.iter().zip(&lattice.slot).map(entry).collect();
         let len = lattice.len;
         let mut particles = Self {
             weights: Weights::new(),
@@ -87,36 +67,32 @@ impl Particles {
             moment_inverse: Fields::zero(len),
             at_rest: Fields::zero(len),
             presence: Fields::zero(len),
+            rest: Fields::zero(len),
             is_free: Fields::zero(len),
             multiplicity: None,
-            entries: cells.iter().map(entry).collect(),
-            images: Vec::new(),
-            are_all_held: true,
+            are_all_held: entries.iter().all(|entry| entry.is_held || entry.place.is_none()),
+            entries,
             singular_moment: Vec::new(),
             is_sloped: false,
             repeated_cells,
             lattice,
         };
         let mut count = Fields::zero(len);
-        for (&cell, slot) in kept.iter().zip(&particles.lattice.slot) {
-            let Some(slot) = *slot else { continue };
-            count.set(slot, [count.at(slot)[0] + 1.0]);
-            particles.presence.set(slot, [1.0]);
-            let (folded, flips) = symmetry.fold(cell);
-            if folded == cell {
-                particles.is_free.set(slot, [if cell.y == lowest { 0.0 } else { 1.0 }]);
-                particles.are_all_held &= cell.y == lowest;
-            } else if let Some(of) = place_of(folded) {
-                let signs = particles.lattice.axes.map(|axis| if flips[axis] { -1.0 } else { 1.0 });
-                particles.images.push(Image { of, place: slot, signs });
-            }
+        let least = [0, 1, 2].map(|k| cells.iter().map(|cell| <[i32; 3]>::from(*cell)[k]).min().unwrap_or(0));
+        for (cell, Entry { place, is_held }) in cells.iter().zip(&particles.entries) {
+            let Some(place) = *place else { continue };
+            let rest = particles.lattice.axes.map(|axis| f64::from(<[i32; 3]>::from(*cell)[axis] - least[axis]));
+            particles.rest.set(place, rest);
+            count.set(place, [count.at(place)[0] + 1.0]);
+            particles.presence.set(place, [1.0]);
+            particles.is_free.set(place, [if *is_held { 0.0 } else { 1.0 }]);
         }
         particles.measure(&count);
         particles.multiplicity = (repeated_cells > 0).then_some(count);
         particles
     }
 
-    /// Sums over the neighbours of each particle that is not an image.
+    /// Sums over the neighbours of each particle.
     fn measure(&mut self, count: &Fields<1>) {
         let gradients = DIRECTIONS.map(|direction| kernel_gradient(&Vector3::from(direction.map(f64::from))));
         let mut is_singular = vec![None; self.lattice.len];
@@ -152,12 +128,12 @@ impl Particles {
         }
     }
 
-    /// An entry's vector in the axes of the world, from its particle's in those of the lattice.
+    /// A vector in the axes of the world, from one in those of the lattice.
     #[must_use]
-    pub fn in_the_world(&self, vector: [f64; 3], entry: &Entry) -> [f64; 3] {
+    pub fn in_the_world(&self, vector: [f64; 3]) -> [f64; 3] {
         let mut turned = [0.0; 3];
         for (component, axis) in vector.into_iter().zip(self.lattice.axes) {
-            turned[axis] = if entry.flips[axis] { -component } else { component };
+            turned[axis] = component;
         }
         turned
     }
@@ -197,22 +173,4 @@ fn repeated(cells: &[Cell]) -> usize {
     sorted.sort_unstable();
     sorted.dedup();
     cells.len() - sorted.len()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_symmetric_structure_keeps_a_quarter_and_its_images() {
-        let cells: Vec<Cell> = (0..9 * 6).map(|i| Cell::new(i % 9, 0, i / 9)).collect();
-        let particles = Particles::new(&cells);
-        // 5 of 9 and 3 of 6, and one more layer of images beyond each plane.
-        let kept: f64 = (0..particles.lattice.len).map(|place| particles.presence.at(place)[0]).sum();
-        assert_eq!(kept, 6.0 * 4.0);
-        assert_eq!(particles.images.len(), 6 * 4 - 5 * 3);
-        assert!(particles.entries.iter().all(|entry| entry.place.is_some()));
-        let knobbed: Vec<Cell> = cells.iter().copied().chain([Cell::new(0, 1, 0)]).collect();
-        assert!(Particles::new(&knobbed).images.is_empty());
-    }
 }

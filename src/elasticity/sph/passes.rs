@@ -223,6 +223,8 @@ pub struct Move<'a, const SHARED: bool> {
     pub forces: [&'a [f64]; 39],
     /// How many particles share each place; nothing looks where `SHARED` is false.
     pub multiplicity: &'a [f64],
+    /// Positions at rest, from the least corner.
+    pub rest: [&'a [f64]; 3],
     /// Above 0 where a particle is that is not held.
     pub is_free: &'a [f64],
     /// Weight on each particle, N.
@@ -259,6 +261,7 @@ impl<const SHARED: bool> WithSimd for Move<'_, SHARED> {
     fn with_simd<S: Simd>(mut self, simd: S) {
         let (all, own) = (self.is_free.len(), self.displacement.len());
         self.forces = cut(self.forces, all);
+        self.rest = cut(self.rest, all);
         [self.is_free, self.multiplicity] = cut([self.is_free, self.multiplicity], all);
         self.displacement = self.displacement.cut(own);
         self.velocity = self.velocity.cut(own);
@@ -281,7 +284,10 @@ impl<const SHARED: bool> Move<'_, SHARED> {
             let force = sum[i] + place.splat(self.load_n[i]);
             let displacement = Lanes::load(place.simd, self.displacement.components[i], at);
             let velocity = Lanes::load(place.simd, self.velocity.components[i], at);
-            let moved = velocity.mul_add(step, displacement);
+            // Rounded as a position, which is what the published evaluator keeps: in unstable structures that rounding is the
+            // seed of what grows.
+            let rest = Lanes::load(place.simd, self.rest[i], place.own);
+            let moved = velocity.mul_add(step, displacement + rest) - rest;
             let faster = force.mul_add(step_per_mass, velocity);
             moved.where_positive(is_free, displacement).store(self.displacement.components[i], at);
             faster.where_positive(is_free, velocity).store(self.velocity.components[i], at);
