@@ -1,6 +1,6 @@
 //! Face connectivity to the ground.
 
-use super::cell::Cell;
+use super::cell::{Cell, CellMap};
 use super::structure::Structure;
 
 /// Whether the ground holds a block at this cell up by itself (SPEC 1: the ground surface is `y <= 0`).
@@ -14,24 +14,31 @@ pub const fn is_at_ground(cell: Cell) -> bool {
 pub fn floating_cells(structure: &Structure) -> Vec<Cell> {
     let index = structure.index();
     let cells = structure.cells();
-    let mut grounded = vec![false; cells.len()];
-    let mut open: Vec<Cell> = Vec::new();
-    for cell in cells.iter().copied().filter(|&cell| is_at_ground(cell)) {
-        visit(cell, index, &mut grounded, &mut open);
-    }
-    while let Some(cell) = open.pop() {
-        for next in cell.face_neighbours() {
-            visit(next, index, &mut grounded, &mut open);
-        }
-    }
+    let grounded = linked_by_faces(cells, index, is_at_ground);
     cells.iter().copied().filter(|cell| index.get(cell).is_none_or(|&i| !grounded[i as usize])).collect()
 }
 
-fn visit(cell: Cell, index: &super::cell::CellMap<u32>, grounded: &mut [bool], open: &mut Vec<Cell>) {
+/// For each entry that `index` names, whether a chain of face neighbours links it to a cell that `is_start` names.
+#[must_use]
+pub fn linked_by_faces(cells: &[Cell], index: &CellMap<u32>, is_start: impl Fn(Cell) -> bool) -> Vec<bool> {
+    let mut linked = vec![false; cells.len()];
+    let mut open: Vec<Cell> = Vec::new();
+    for cell in cells.iter().copied().filter(|&cell| is_start(cell)) {
+        visit(cell, index, &mut linked, &mut open);
+    }
+    while let Some(cell) = open.pop() {
+        for next in cell.face_neighbours() {
+            visit(next, index, &mut linked, &mut open);
+        }
+    }
+    linked
+}
+
+fn visit(cell: Cell, index: &CellMap<u32>, linked: &mut [bool], open: &mut Vec<Cell>) {
     if let Some(&i) = index.get(&cell)
-        && !grounded[i as usize]
+        && !linked[i as usize]
     {
-        grounded[i as usize] = true;
+        linked[i as usize] = true;
         open.push(cell);
     }
 }

@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use foldhash::fast::RandomState;
 
 use super::element::CORNERS;
+use crate::voxel::connectivity::linked_by_faces;
 use crate::voxel::{Cell, CellMap};
 
 /// Blocks joined by their faces, with the nodes that they share.
@@ -65,7 +66,7 @@ impl CornerGroups {
     fn new() -> Self {
         let first = (0..=u8::MAX).map(|mask| {
             let mut first: [u8; 8] = std::array::from_fn(|i| i as u8);
-            // Three rounds carry the least number over the longest way.
+            // The longest way around a corner has seven steps.
             for _ in 0..7 {
                 for (a, b) in (0..8).flat_map(|a| [1, 2, 4].map(|bit| (a, a ^ bit))) {
                     if mask >> a & 1 == 1 && mask >> b & 1 == 1 {
@@ -97,30 +98,22 @@ impl Supported {
     #[must_use]
     pub fn of(cells: &[Cell]) -> Self {
         let lowest = cells.iter().map(|cell| cell.y).min().unwrap_or(0);
-        let mut reached: CellMap<bool> = cells.iter().map(|&cell| (cell, cell.y == lowest)).collect();
-        let mut open: Vec<Cell> = cells.iter().copied().filter(|cell| cell.y == lowest).collect();
-        while let Some(cell) = open.pop() {
-            for (x, y, z) in [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)] {
-                let next = cell.offset(x, y, z);
-                if let Some(is_reached) = reached.get_mut(&next)
-                    && !*is_reached
-                {
-                    *is_reached = true;
-                    open.push(next);
-                }
-            }
+        let mut entry: CellMap<u32> = CellMap::default();
+        for (i, &cell) in (0..).zip(cells) {
+            entry.entry(cell).or_insert(i);
         }
-        let mut numbers: CellMap<u32> = CellMap::default();
+        let linked = linked_by_faces(cells, &entry, |cell| cell.y == lowest);
         let mut distinct = Vec::new();
-        let index = cells.iter().map(|cell| {
-            reached.get(cell).copied().unwrap_or(false).then(|| {
-                *numbers.entry(*cell).or_insert_with(|| {
-                    distinct.push(*cell);
-                    distinct.len() as u32 - 1
-                })
-            })
-        });
-        let index = index.collect();
+        let mut number = vec![None; cells.len()];
+        let mut index = Vec::with_capacity(cells.len());
+        for cell in cells {
+            let first = entry[cell] as usize;
+            if linked[first] && number[first].is_none() {
+                number[first] = Some(distinct.len() as u32);
+                distinct.push(*cell);
+            }
+            index.push(number[first]);
+        }
         Self { cells: distinct, index }
     }
 }

@@ -14,7 +14,7 @@ mod verification;
 use self::conjugate_gradients::solve;
 use self::element::ELEMENT;
 use self::mesh::{Mesh, Supported};
-use self::system::System;
+use self::system::{System, centre};
 use super::{Control, Stopped, WEIGHT_N};
 use crate::voxel::Cell;
 
@@ -80,8 +80,8 @@ pub fn solve_equilibrium(cells: &[Cell], control: &Control<'_>) -> Result<Outcom
     let convergence = solve(&system, &system.weight(WEIGHT_N), &mut displacement, control)?;
     let blocks: Vec<(f64, [f64; 3])> = (0..mesh.cells.len())
         .map(|block| {
-            let stress = ELEMENT.von_mises(&system.corners(block, &displacement), 1.0);
-            (stress.into_iter().fold(0.0, f64::max), system.centre(block, &displacement))
+            let corners = system.corners(block, &displacement);
+            (ELEMENT.von_mises(&corners, 1.0).into_iter().fold(0.0, f64::max), centre(&corners))
         })
         .collect();
     let of_entry = |index: &Option<u32>| index.filter(|_| convergence.is_solved).map(|index| blocks[index as usize]);

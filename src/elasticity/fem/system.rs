@@ -91,14 +91,13 @@ impl<'a> System<'a> {
         });
         SVector::from_iterator(triples)
     }
+}
 
-    /// Displacement of a block's centre, of those of its corners.
-    #[must_use]
-    pub fn centre(&self, block: usize, displacement: &[f64]) -> [f64; 3] {
-        let corners = self.corners(block, displacement);
-        let sum: Vector3<f64> = (0..8).map(|c| corners.fixed_rows::<3>(3 * c).into_owned()).sum();
-        (sum / 8.0).into()
-    }
+/// Displacement of a block's centre, from those of its corners.
+#[must_use]
+pub fn centre(corners: &SVector<f64, UNKNOWNS>) -> [f64; 3] {
+    let sum: Vector3<f64> = (0..8).map(|c| corners.fixed_rows::<3>(3 * c).into_owned()).sum();
+    (sum / 8.0).into()
 }
 
 /// Adds the forces of all blocks.
