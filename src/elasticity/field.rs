@@ -15,17 +15,6 @@ pub enum Method {
     Fem,
 }
 
-impl Method {
-    /// Its name in the API.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Sph => "sph",
-            Self::Fem => "fem",
-        }
-    }
-}
-
 /// Version of the numbers that a field holds. A change that can alter one raises it.
 pub const FIELD_VERSION: u32 = 1;
 

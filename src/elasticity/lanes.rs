@@ -5,7 +5,7 @@
     reason = "so that the operations are compiled for the processor that the caller chose"
 )]
 
-use std::ops::{Add, Mul, Neg, Sub};
+use std::ops::{Add, Mul, Sub};
 
 use pulp::Simd;
 
@@ -90,13 +90,5 @@ impl<S: Simd> Mul for Lanes<S> {
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
         Self { simd: self.simd, value: self.simd.mul_f64s(self.value, other.value) }
-    }
-}
-
-impl<S: Simd> Neg for Lanes<S> {
-    type Output = Self;
-    #[inline(always)]
-    fn neg(self) -> Self {
-        Self { simd: self.simd, value: self.simd.neg_f64s(self.value) }
     }
 }

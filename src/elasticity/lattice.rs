@@ -266,6 +266,15 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// Eight cells a part, 500 parts, each far from the next: alone a part would take four to eight blocks.
+    #[test]
+    fn scattered_parts_share_blocks() {
+        let part: [[i32; 3]; 8] = std::array::from_fn(|i| [i as i32 & 1, i as i32 >> 1 & 1, i as i32 >> 2]);
+        let cells = (0..500).flat_map(|i| part.map(|[x, y, z]| Cell::new(x + i * 7_919, y, z + i * 104_729)));
+        let blocks = Lattice::of(&cells.collect::<Vec<_>>()).blocks.len();
+        assert!(blocks <= 1_500, "{blocks} blocks");
+    }
+
     proptest! {
         /// Whatever the cells, the windows show exactly the neighbours.
         #[test]

@@ -6,6 +6,9 @@ use axum::http::{HeaderMap, header};
 #[must_use]
 pub fn has_tag(headers: &HeaderMap, tag: &str) -> bool {
     let known = headers.get(header::IF_NONE_MATCH).and_then(|tags| tags.to_str().ok()).unwrap_or_default();
-    let strong = |tag: &str| tag.trim().trim_start_matches("W/").to_owned();
     known.split(',').any(|known| known.trim() == "*" || strong(known) == strong(tag))
+}
+
+fn strong(tag: &str) -> &str {
+    tag.trim().trim_start_matches("W/")
 }

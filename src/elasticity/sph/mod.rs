@@ -204,8 +204,9 @@ impl Simulation {
         outcome.max_von_mises_pa = if is_number { greatest } else { f64::NAN };
         diagnostics.max_displacement_m = greatest_length(outcome.displacement_m.iter().copied());
         diagnostics.residual_force_n = greatest_length(residuals);
+        diagnostics.sloped = particles.is_sloped;
         diagnostics.order_sensitive =
-            particles.is_sloped || diagnostics.repeated_cells > 0 || !is_number || !diagnostics.non_finite.is_empty();
+            diagnostics.sloped || diagnostics.repeated_cells > 0 || !is_number || !diagnostics.non_finite.is_empty();
         outcome.diagnostics = diagnostics;
         outcome
     }

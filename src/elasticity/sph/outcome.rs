@@ -28,6 +28,8 @@ pub struct Diagnostics {
     pub non_finite: Vec<u32>,
     /// Entries that no chain of neighbours (by face, edge or corner) connects with a held block: they fall.
     pub unconnected: Vec<u32>,
+    /// Whether some neighbourhood is flat in a sloped plane or line, where rounding decides what A's pseudo-inverse is.
+    pub sloped: bool,
     /// Entries that share their cell with an earlier entry.
     pub repeated_cells: usize,
     /// Greatest length of a displacement at the end, in blocks (metres).

@@ -9,7 +9,7 @@
 
 use pulp::Simd;
 
-use super::stencil::{Matrices, Place, Vectors, Weights};
+use super::stencil::{Matrices, Place, Vectors, Weights, kind};
 use crate::elasticity::lanes::Lanes;
 use crate::elasticity::neighbours::DIRECTIONS;
 
@@ -80,15 +80,7 @@ fn pull_along<S: Simd, const D: usize>(
         return;
     }
     let ahead = place.block.ahead[D] as usize + place.offset;
-    let kind = const {
-        if D < 3 {
-            0
-        } else if D < 9 {
-            1
-        } else {
-            2
-        }
-    };
+    let kind = const { kind(D) };
     let is_pair = own.presence * Lanes::load(place.simd, state.presence, ahead);
     let gradient = place.splat(weights.gradient[kind]);
     let r = present_vector::<S, D>(place, place.load(state.displacement, ahead), own.displacement);

@@ -24,6 +24,17 @@ const HOURGLASS_PA: f64 = 1e8;
 /// First direction of each kind: faces, edges, corners.
 const KINDS: [usize; 3] = [0, 3, 9];
 
+/// The kind of a direction: 0 for faces, 1 for edges, 2 for corners.
+pub const fn kind(direction: usize) -> usize {
+    if direction < KINDS[1] {
+        0
+    } else if direction < KINDS[2] {
+        1
+    } else {
+        2
+    }
+}
+
 /// What the kernel says of a direction.
 #[derive(Debug, Clone, Copy)]
 pub struct Weights {
