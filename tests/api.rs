@@ -286,7 +286,6 @@ async fn stress_fields_are_bounded() {
     let (_folder, service) = service();
     let limits = service.get("/v1/limits").await.json();
     let most = i32::try_from(limits["blocks_with_stress"].as_i64().unwrap()).unwrap();
-    // Asymmetric, so that it takes its time.
     let slab = |blocks: i32| {
         let rows: Vec<Value> = (0..blocks).map(|i| json!([i % 50, i / 50 % 20 + i % 50 % 2, i / 1_000, 0])).collect();
         json!({ "task": "1-se-2-walls/01-w1", "turns": [{ "palette": ["stone"], "rows": rows }] })

@@ -90,18 +90,15 @@ fn von_mises(p: &Matrix3<f64>, f: &Matrix3<f64>) -> f64 {
     (1.5 * deviator.norm_squared()).sqrt()
 }
 
-fn assert_agreement(cells: &[Cell]) -> Result<bool, TestCaseError> {
+/// Compares both; false where rounding decides, so that there is nothing to compare.
+fn agrees(cells: &[Cell]) -> Result<bool, TestCaseError> {
     let found = sph::simulate(cells, &Control::unhurried()).unwrap();
-    // Where rounding decides there is nothing to compare.
-    if found.diagnostics.order_sensitive && found.diagnostics.repeated_cells == 0 {
-        return Ok(false);
-    }
     let expected = plainly(cells);
     // What flails about amplifies rounding: then even the plain computation depends on the order of its sums and on where
-    // the structure stands.
+    // the structure stands. What blows up wherever it stands is 0 for both.
     let elsewhere: Vec<Cell> = cells.iter().rev().map(|cell| cell.offset(7, 3, 1)).collect();
     let is_steady = plainly(&elsewhere).iter().rev().zip(&expected).all(|(a, b)| (a - b).abs() <= 2e-7 * b + 5e-4);
-    if !is_steady {
+    if !is_steady || found.diagnostics.sloped {
         return Ok(false);
     }
     for (i, (a, b)) in found.von_mises_pa.iter().zip(&expected).enumerate() {
@@ -111,7 +108,7 @@ fn assert_agreement(cells: &[Cell]) -> Result<bool, TestCaseError> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 100, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 100, max_global_rejects: 10_000, ..ProptestConfig::default() })]
 
     /// Scattered parts of two by two by two and more, so that few are flat along a slope.
     #[test]
@@ -125,7 +122,7 @@ proptest! {
                 }
             }
         }
-        assert_agreement(&cells)?;
+        prop_assume!(agrees(&cells)?);
     }
 
     /// Structures that are their own mirror images in one or both directions.
@@ -144,7 +141,7 @@ proptest! {
                 }
             }
         }
-        assert_agreement(&cells)?;
+        prop_assume!(agrees(&cells)?);
     }
 }
 
@@ -152,5 +149,15 @@ proptest! {
 fn a_cell_listed_twice() {
     let mut cells: Vec<Cell> = (0..8).map(|i| Cell::new(i % 2, i / 2 % 2, i / 4)).collect();
     cells.push(Cell::new(0, 1, 0));
-    assert!(assert_agreement(&cells).unwrap());
+    assert!(agrees(&cells).unwrap());
+}
+
+/// A structure that is steady in theory and blows up by what rounding leaves, wherever it stands.
+#[test]
+fn what_is_unstable_blows_up() {
+    let quarter = [[0, 1, 1], [0, 1, 0], [1, 1, 1], [2, 2, 2], [1, 2, 1]];
+    let images = |[x, y, z]: [i32; 3]| [[x, y, z], [x, y, 5 - z], [5 - x, y, z], [5 - x, y, 5 - z]];
+    let cells: Vec<Cell> = quarter.into_iter().flat_map(images).map(|[x, y, z]| Cell::new(x, y, z)).collect();
+    assert!(agrees(&cells).unwrap());
+    assert_eq!(sph::simulate(&cells, &Control::unhurried()).unwrap().max_von_mises_pa, 0.0);
 }
