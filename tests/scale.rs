@@ -15,7 +15,7 @@ fn checks() -> Vec<Check> {
     let with =
         |name: &str, args: serde_json::Value| serde_json::from_value(json!({ "fn": name, "args": args })).unwrap();
     let mut checks = Vec::new();
-    for name in Check::NAMES {
+    for (name, _) in Check::LIST {
         let args = match *name {
             "material.is_block_cnt_equal_to" => json!({ "expected_count": 5 }),
             "material.is_block_cnt_larger_than" => json!({ "cnt": 5 }),

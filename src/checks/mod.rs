@@ -139,9 +139,9 @@ impl Dimension {
     }
 }
 
-/// Makes the list: the enum of checks, their published names, and their criteria.
+/// Makes the list: the enum of checks, their names, what they ask, and their criteria.
 macro_rules! catalogue {
-    ($( $criterion:ident { $( $name:literal => $variant:ident($rule:path), )* } )*) => {
+    ($( $criterion:ident { $( $name:literal => $variant:ident($rule:path): $what:literal, )* } )*) => {
         /// A check: a published name with its arguments.
         #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
         #[serde(tag = "fn", content = "args")]
@@ -151,8 +151,14 @@ macro_rules! catalogue {
         }
 
         impl Check {
-            /// Names of all checks, in the order of the list.
-            pub const NAMES: &'static [&'static str] = &[ $( $( $name, )* )* ];
+            /// Name of each check and what it asks, in the order of the list.
+            pub const LIST: &'static [(&'static str, &'static str)] = &[ $( $( ($name, $what), )* )* ];
+
+            /// What it asks, in words.
+            #[must_use]
+            pub const fn asks(&self) -> &'static str {
+                match self { $( $( Self::$variant(_) => $what, )* )* }
+            }
 
             /// The published name.
             #[must_use]
@@ -196,54 +202,92 @@ impl Evaluate for stability::StressScore {
 
 catalogue! {
     Material {
-        "material.is_block_cnt_equal_to" => BlockCountEqualTo(material::BlockCountEqualTo),
-        "material.is_block_cnt_larger_than" => BlockCountLargerThan(material::BlockCountLargerThan),
-        "material.is_block_cnt_geq" => BlockCountAtLeast(material::BlockCountAtLeast),
-        "material.is_block_cnt_leq" => BlockCountAtMost(material::BlockCountAtMost),
-        "material.is_all_material_equal_to" => AllMaterialEqualTo(material::AllMaterialEqualTo),
-        "material.is_corner_material_equal_to" => CornerMaterialEqualTo(material::CornerMaterialEqualTo),
-        "material.is_min_x_material_equal_to" => MinXMaterialEqualTo(material::MinXMaterialEqualTo),
-        "material.is_max_x_material_equal_to" => MaxXMaterialEqualTo(material::MaxXMaterialEqualTo),
-        "material.is_min_z_material_equal_to" => MinZMaterialEqualTo(material::MinZMaterialEqualTo),
-        "material.is_max_z_material_equal_to" => MaxZMaterialEqualTo(material::MaxZMaterialEqualTo),
+        "material.is_block_cnt_equal_to" => BlockCountEqualTo(material::BlockCountEqualTo):
+            "So many blocks stand, of a material where one is given",
+        "material.is_block_cnt_larger_than" => BlockCountLargerThan(material::BlockCountLargerThan):
+            "More than so many blocks stand, of a material where one is given",
+        "material.is_block_cnt_geq" => BlockCountAtLeast(material::BlockCountAtLeast):
+            "At least so many blocks stand, of a material where one is given",
+        "material.is_block_cnt_leq" => BlockCountAtMost(material::BlockCountAtMost):
+            "At most so many blocks stand, of a material where one is given",
+        "material.is_all_material_equal_to" => AllMaterialEqualTo(material::AllMaterialEqualTo):
+            "Every block is of the material",
+        "material.is_corner_material_equal_to" => CornerMaterialEqualTo(material::CornerMaterialEqualTo):
+            "Enough of the corners of a level are of the material",
+        "material.is_min_x_material_equal_to" => MinXMaterialEqualTo(material::MinXMaterialEqualTo):
+            "Enough of the blocks at the least x of a level are of the material",
+        "material.is_max_x_material_equal_to" => MaxXMaterialEqualTo(material::MaxXMaterialEqualTo):
+            "Enough of the blocks at the greatest x of a level are of the material",
+        "material.is_min_z_material_equal_to" => MinZMaterialEqualTo(material::MinZMaterialEqualTo):
+            "Enough of the blocks at the least z of a level are of the material",
+        "material.is_max_z_material_equal_to" => MaxZMaterialEqualTo(material::MaxZMaterialEqualTo):
+            "Enough of the blocks at the greatest z of a level are of the material",
         "material.is_highest_block_material_equal_to" =>
-            HighestBlockMaterialEqualTo(material::HighestBlockMaterialEqualTo),
+            HighestBlockMaterialEqualTo(material::HighestBlockMaterialEqualTo):
+            "Enough of the highest blocks are of the material",
     }
     Size {
-        "size.is_equal" => SizeEqual(size::Equal),
-        "size.is_leq" => SizeAtMost(size::AtMost),
-        "size.min_y_is_equal" => MinYEqual(size::MinYEqual),
-        "size.min_y_is_leq" => MinYAtMost(size::MinYAtMost),
-        "size.max_y_is_geq" => MaxYAtLeast(size::MaxYAtLeast),
-        "size.all_dimensions_geq" => AllDimensionsAtLeast(size::AllDimensionsAtLeast),
+        "size.is_equal" => SizeEqual(size::Equal):
+            "The plan, turned either way, and the height are exactly so large",
+        "size.is_leq" => SizeAtMost(size::AtMost):
+            "The plan, turned either way, and the height are at most so large",
+        "size.min_y_is_equal" => MinYEqual(size::MinYEqual):
+            "The lowest block lies exactly at a level",
+        "size.min_y_is_leq" => MinYAtMost(size::MinYAtMost):
+            "The lowest block lies at a level or below",
+        "size.max_y_is_geq" => MaxYAtLeast(size::MaxYAtLeast):
+            "The highest block lies at a level or above",
+        "size.all_dimensions_geq" => AllDimensionsAtLeast(size::AllDimensionsAtLeast):
+            "It measures at least so many blocks along every axis",
     }
     Shape {
-        "shape.cluster_count_at_y_is" => ClusterCountAtY(shape::clusters::ClusterCountAtY),
-        "shape.clusters_at_y_have_min_span" => ClustersAtYHaveMinSpan(shape::clusters::ClustersAtYHaveMinSpan),
-        "shape.cluster_at_y_has_min_radius" => ClusterAtYHasMinRadius(shape::clusters::ClusterAtYHasMinRadius),
-        "shape.cluster_at_y_has_min_diameter" => ClusterAtYHasMinDiameter(shape::clusters::ClusterAtYHasMinDiameter),
-        "shape.is_top_surface_concave" => TopSurfaceConcave(shape::surfaces::TopSurfaceConcave),
-        "shape.is_bottom_surface_concave" => BottomSurfaceConcave(shape::surfaces::BottomSurfaceConcave),
-        "shape.has_rooms" => HasRooms(shape::rooms::HasRooms),
-        "shape.are_doors_passable" => DoorsPassable(shape::doors::DoorsPassable),
-        "shape.are_adjacent" => Adjacent(shape::doors::Adjacent),
-        "shape.is_single_level" => SingleLevel(shape::single_level::SingleLevel),
-        "shape.has_exit" => HasExit(shape::exits::HasExit),
-        "shape.has_wide_exit" => HasWideExit(shape::exits::HasWideExit),
-        "shape.has_axis_symmetry" => HasAxisSymmetry(shape::symmetry::HasAxisSymmetry),
-        "shape.has_no_axis_symmetry" => HasNoAxisSymmetry(shape::symmetry::HasNoAxisSymmetry),
-        "shape.is_reachable_by_stairs" => ReachableByStairs(shape::stairs::ReachableByStairs),
+        "shape.cluster_count_at_y_is" => ClusterCountAtY(shape::clusters::ClusterCountAtY):
+            "A level shows so many separate clusters",
+        "shape.clusters_at_y_have_min_span" => ClustersAtYHaveMinSpan(shape::clusters::ClustersAtYHaveMinSpan):
+            "The clusters of a level keep a distance between their nearest cells",
+        "shape.cluster_at_y_has_min_radius" => ClusterAtYHasMinRadius(shape::clusters::ClusterAtYHasMinRadius):
+            "The one cluster of a level reaches so far from its middle",
+        "shape.cluster_at_y_has_min_diameter" => ClusterAtYHasMinDiameter(shape::clusters::ClusterAtYHasMinDiameter):
+            "The one cluster of a level has two cells so far apart",
+        "shape.is_top_surface_concave" => TopSurfaceConcave(shape::surfaces::TopSurfaceConcave):
+            "Some cut of the upper surface bulges up",
+        "shape.is_bottom_surface_concave" => BottomSurfaceConcave(shape::surfaces::BottomSurfaceConcave):
+            "Some cut of the lower surface bulges down (a true arch does not)",
+        "shape.is_true_arch" => TrueArch(shape::arch::TrueArch):
+            "Between two supports, underside and upper surface rise from both ends and bulge up (our own rule)",
+        "shape.has_rooms" => HasRooms(shape::rooms::HasRooms):
+            "So many rooms are walled all round at a level",
+        "shape.are_doors_passable" => DoorsPassable(shape::doors::DoorsPassable):
+            "Every door can be walked through",
+        "shape.are_adjacent" => Adjacent(shape::doors::Adjacent):
+            "Two materials touch somewhere",
+        "shape.is_single_level" => SingleLevel(shape::single_level::SingleLevel):
+            "One floor leads from every start to the outside without a step",
+        "shape.has_exit" => HasExit(shape::exits::HasExit):
+            "A passage of a size leads from the start to the outside",
+        "shape.has_wide_exit" => HasWideExit(shape::exits::HasWideExit):
+            "A passage wide enough leads from the start to the outside",
+        "shape.has_axis_symmetry" => HasAxisSymmetry(shape::symmetry::HasAxisSymmetry):
+            "It is its own mirror image along some axis",
+        "shape.has_no_axis_symmetry" => HasNoAxisSymmetry(shape::symmetry::HasNoAxisSymmetry):
+            "It is not its own mirror image along any axis",
+        "shape.is_reachable_by_stairs" => ReachableByStairs(shape::stairs::ReachableByStairs):
+            "Steps lead from the ground up to a level",
     }
     PhysicalPlausibility {
-        "physical_plausibility.is_ground_connected" => GroundConnected(plausibility::GroundConnected),
+        "physical_plausibility.is_ground_connected" => GroundConnected(plausibility::GroundConnected):
+            "Every block hangs together with the ground, face to face",
     }
     StructuralStability {
-        "structural_stability.stress_score" => StressScore(stability::StressScore),
+        "structural_stability.stress_score" => StressScore(stability::StressScore):
+            "The greatest von Mises stress stays within a reference",
     }
     Efficiency {
-        "efficiency.l1_dist" => L1Distance(efficiency::L1Distance),
+        "efficiency.l1_dist" => L1Distance(efficiency::L1Distance):
+            "Each block is placed next to the one before",
     }
     Dependency {
-        "dependency.material_sequence_order" => MaterialSequenceOrder(dependency::MaterialSequenceOrder),
+        "dependency.material_sequence_order" => MaterialSequenceOrder(dependency::MaterialSequenceOrder):
+            "Materials first come in the given order",
     }
 }

@@ -1,5 +1,6 @@
 //! Shape: clusters, surfaces, rooms, doors, ways out, symmetry and stairs.
 
+pub mod arch;
 pub mod clusters;
 pub mod doors;
 pub mod exits;
