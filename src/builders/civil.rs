@@ -1,6 +1,7 @@
 //! Civil engineering: bridges, arches and domes.
 
-use super::demands::Demands;
+use serde::Deserialize;
+
 use super::site::Site;
 use crate::voxel::Cell;
 
@@ -8,19 +9,21 @@ const STONE: &str = "stone_bricks";
 /// Bridges are three wide.
 const WIDTH: std::ops::RangeInclusive<i32> = 0..=2;
 
-/// Clear height of the river, in blocks: one more than the highest level that must show two piers.
-fn clearance(demands: &Demands) -> i32 {
-    demands.clusters.iter().map(|(y, _)| y + 1).max().unwrap_or(3)
+/// Parameters of a bridge: width of the river and height of the boats, in blocks.
+#[derive(Debug, Clone, Copy, Deserialize)]
+pub struct River {
+    w: i32,
+    boat: i32,
 }
 
 /// A flat deck between two piers, with posts at its ends.
-pub fn bridge(site: &mut Site, demands: &Demands) {
-    let (span, clear) = (demands.span.unwrap_or(10), clearance(demands));
+pub fn bridge(site: &mut Site, river: &River) {
+    let (span, clear) = (river.w, river.boat);
     for x in [0, span] {
         site.fill(&(x..=x), &(0..=clear - 1), &WIDTH, STONE);
     }
     site.fill(&(0..=span), &(clear..=clear), &WIDTH, STONE);
-    let top = demands.highest_y.unwrap_or(clear).max(clear);
+    let top = clear + 1;
     for x in [0, span] {
         for z in [0, 2] {
             site.fill(&(x..=x), &(clear + 1..=top), &(z..=z), STONE);
@@ -29,13 +32,14 @@ pub fn bridge(site: &mut Site, demands: &Demands) {
 }
 
 /// An arch between two piers: both surfaces rise from the supports and level out over the river.
-pub fn arch_bridge(site: &mut Site, demands: &Demands) {
-    let (span, clear) = (demands.span.unwrap_or(10), clearance(demands));
+pub fn arch_bridge(site: &mut Site, river: &River) {
+    /// Levels from the springing to the crown.
+    const CROWN: i32 = 2;
+    let (span, clear) = (river.w, river.boat);
     for x in [0, span] {
         site.fill(&(x..=x), &(0..=clear - 1), &WIDTH, STONE);
     }
-    let crown = (demands.highest_y.unwrap_or(clear + 1) - clear).max(2);
-    let rise = |x: i32| x.min(span - x).min(crown);
+    let rise = |x: i32| x.min(span - x).min(CROWN);
     for x in 0..=span {
         // Down to the level of the neighbour nearer to the support, so that faces touch.
         let below = rise(x - 1).min(rise(x + 1)).max(0).min(rise(x));
@@ -43,13 +47,17 @@ pub fn arch_bridge(site: &mut Site, demands: &Demands) {
     }
 }
 
+/// Parameters of an arch under stress: width across, length of its legs, height of the crown (3 or 4), in blocks.
+#[derive(Debug, Clone, Copy, Deserialize)]
+pub struct StressedArch {
+    width: i32,
+    leg: i32,
+    height: i32,
+}
+
 /// The reference arches of SPEC 4: leaning legs that meet under a crown, over a span of five.
-pub fn arch_under_stress(site: &mut Site, demands: &Demands) {
-    let (width, leg, height) = match demands.reference_pa {
-        Some(pa) if pa < 4_000.0 => (2, 2, 3),
-        Some(pa) if pa < 5_000.0 => (2, 3, 4),
-        _ => (3, 3, 4),
-    };
+pub fn arch_under_stress(site: &mut Site, arch: &StressedArch) {
+    let StressedArch { width, leg, height } = *arch;
     let across = 0..=width - 1;
     for y in 0..height {
         let from = y - 2 - leg;
@@ -59,19 +67,25 @@ pub fn arch_under_stress(site: &mut Site, demands: &Demands) {
     site.fill(&(-1..=1), &(height..=height), &across, "stone");
 }
 
+/// Parameters of a dome: its diameter, in blocks.
+#[derive(Debug, Clone, Copy, Deserialize)]
+pub struct Dome {
+    d: i32,
+}
+
 /// A dome of concrete.
-pub fn dome(site: &mut Site, demands: &Demands) {
-    shell(site, demands, "white_concrete");
+pub fn dome(site: &mut Site, dome: &Dome) {
+    shell(site, dome.d, "white_concrete");
 }
 
 /// A dome of snow.
-pub fn igloo(site: &mut Site, demands: &Demands) {
-    shell(site, demands, "snow_block");
+pub fn igloo(site: &mut Site, dome: &Dome) {
+    shell(site, dome.d, "snow_block");
 }
 
 /// A hollow dome: level at the crown, ever steeper towards the ground, closed ring by ring.
-fn shell(site: &mut Site, demands: &Demands, material: &str) {
-    let radius = (demands.diameter.unwrap_or(5) + 1) / 2;
+fn shell(site: &mut Site, diameter: i32, material: &str) {
+    let radius = (diameter + 1) / 2;
     let slope = |ring: i32| if 3 * ring <= radius { 0 } else { 1 + i32::from(3 * ring > 2 * radius) };
     let height = |ring: i32| (ring + 1..=radius).map(slope).sum::<i32>();
     let ring_of = |x: i32, z: i32| f64::from(x * x + z * z).sqrt().round() as i32;

@@ -1,6 +1,7 @@
 //! Houses: rooms in a row behind one front wall, each with its own door, under one roof.
 
-use super::demands::Demands;
+use serde::Deserialize;
+
 use super::site::Site;
 use crate::voxel::Cell;
 
@@ -23,30 +24,118 @@ struct Fabric<'a> {
 const PLAIN: Fabric<'static> =
     Fabric { floor: None, pillars: "stone_bricks", walls: "stone_bricks", roof: "spruce_planks", doors_wide: 1 };
 
-/// Rooms, beds, stairs, a chimney and an odd corner, as demanded. Rooms that stand already are kept.
-pub fn house(site: &mut Site, demands: &Demands) {
-    raise(site, demands, &PLAIN);
+/// What a house shall have.
+#[derive(Debug, Clone, Copy, Default)]
+struct Wants {
+    rooms: i32,
+    beds: i32,
+    /// Level that stairs lead to.
+    stairs_to_y: Option<i32>,
+    /// Level that a chimney reaches.
+    chimney_to_y: Option<i32>,
+    /// Steps that the roof rises by, two blocks apart.
+    roof_steps: i32,
+}
+
+/// Parameters of a house by its rooms.
+#[derive(Debug, Clone, Copy, Deserialize)]
+pub struct Rooms {
+    n: i32,
+}
+
+/// A house with rooms.
+pub fn rooms(site: &mut Site, rooms: &Rooms) {
+    raise(site, Wants { rooms: rooms.n, ..Wants::default() }, &PLAIN);
+}
+
+/// A house with rooms and a bed in each.
+pub fn bedrooms(site: &mut Site, rooms: &Rooms) {
+    raise(site, Wants { rooms: rooms.n, beds: rooms.n, ..Wants::default() }, &PLAIN);
+}
+
+/// Parameters of a revision: rooms in the first and in the second turn.
+#[derive(Debug, Clone, Copy, Deserialize)]
+pub struct Revision {
+    first: i32,
+    second: i32,
+}
+
+/// A house that is enlarged or made smaller in the second turn.
+pub fn revised(site: &mut Site, revision: &Revision, turn: usize) {
+    let rooms = if turn == 1 { revision.first } else { revision.second };
+    // The wall between two rooms becomes the outer wall.
+    site.remove(|cell| cell.x > rooms * ROOM_PITCH);
+    raise(site, Wants { rooms, ..Wants::default() }, &PLAIN);
+}
+
+/// A house that has a room more in each turn.
+pub fn grown(site: &mut Site, turn: usize) {
+    raise(site, Wants { rooms: i32::try_from(turn).unwrap_or(1), ..Wants::default() }, &PLAIN);
+}
+
+/// Parameters of a basic building: the colour of its roof.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Basic {
+    colour: String,
 }
 
 /// Stone pillars, dirt walls, and a roof of a colour.
-pub fn basic(site: &mut Site, demands: &Demands) {
-    let roof = format!("{}_wool", demands.top_colour.as_deref().unwrap_or("red"));
-    raise(site, demands, &Fabric { pillars: "stone", walls: "dirt", roof: &roof, ..PLAIN });
+pub fn basic(site: &mut Site, basic: &Basic) {
+    let roof = format!("{}_wool", basic.colour);
+    raise(site, Wants::default(), &Fabric { pillars: "stone", walls: "dirt", roof: &roof, ..PLAIN });
+}
+
+/// Parameters of a house by rooms, beds and stories.
+#[derive(Debug, Clone, Copy, Deserialize)]
+pub struct House {
+    rooms: i32,
+    beds: i32,
+    #[serde(default)]
+    stories: i32,
+}
+
+impl House {
+    fn wants(&self, chimney_to_y: Option<i32>) -> Wants {
+        Wants {
+            rooms: self.rooms,
+            beds: self.beds,
+            stairs_to_y: (self.stories == 2).then_some(4),
+            chimney_to_y,
+            roof_steps: 0,
+        }
+    }
 }
 
 /// On one level with a floor, and with doors two wide.
-pub fn accessible(site: &mut Site, demands: &Demands) {
-    raise(site, demands, &Fabric { floor: Some("smooth_stone"), doors_wide: 2, ..PLAIN });
+pub fn accessible(site: &mut Site, house: &House) {
+    raise(site, house.wants(None), &Fabric { floor: Some("smooth_stone"), doors_wide: 2, ..PLAIN });
 }
 
-/// Each part of the material that its place in the sequence asks for: foundation, pillars, walls, roof.
-pub fn planned(site: &mut Site, demands: &Demands) {
-    let [floor, pillars, walls, roof] = [0, 1, 2, 3].map(|i| demands.material(i));
-    raise(site, demands, &Fabric { floor: Some(floor), pillars, walls, roof, ..PLAIN });
+/// With a chimney in one corner, so that it is no mirror image of itself.
+pub fn asymmetric(site: &mut Site, house: &House) {
+    raise(site, house.wants(Some(ROOF_Y + 1)), &PLAIN);
 }
 
-fn raise(site: &mut Site, demands: &Demands, fabric: &Fabric<'_>) {
-    let rooms = demands.rooms.max(1);
+/// With ceilings of three heights: the roof rises in two steps towards the back.
+pub fn high(site: &mut Site, house: &House) {
+    raise(site, Wants { roof_steps: 2, ..house.wants(None) }, &PLAIN);
+}
+
+/// Concrete foundation, stone pillars, dirt walls, a roof of planks.
+pub fn one_story(site: &mut Site) {
+    let fabric = Fabric { floor: Some("gray_concrete"), pillars: "stone", walls: "dirt", roof: "oak_planks", ..PLAIN };
+    raise(site, Wants::default(), &fabric);
+}
+
+/// Stone foundation, concrete pillars, walls of planks, a red roof, and stairs up the wall.
+pub fn two_story(site: &mut Site) {
+    let fabric =
+        Fabric { floor: Some("stone"), pillars: "white_concrete", walls: "oak_planks", roof: "red_wool", ..PLAIN };
+    raise(site, Wants { stairs_to_y: Some(3), ..Wants::default() }, &fabric);
+}
+
+fn raise(site: &mut Site, wants: Wants, fabric: &Fabric<'_>) {
+    let rooms = wants.rooms.max(1);
     let right = rooms * ROOM_PITCH;
     let is_opening = |cell: Cell| {
         let in_room = cell.x.rem_euclid(ROOM_PITCH);
@@ -68,17 +157,36 @@ fn raise(site: &mut Site, demands: &Demands, fabric: &Fabric<'_>) {
             site.place(Cell::new(room * ROOM_PITCH + 2 + door, 0, 0), "oak_door");
         }
     }
-    for bed in 0..demands.beds {
+    for bed in 0..wants.beds {
         let (room, row) = (bed % rooms, bed / rooms);
         site.place(Cell::new(room * ROOM_PITCH + 1, 0, BACK - 1 - 2 * row), "white_bed");
     }
-    if let Some(top) = demands.stairs_to_y {
+    if let Some(top) = wants.stairs_to_y {
         outer_stairs(site, top, fabric.walls);
     }
-    site.fill(&(0..=right), &(ROOF_Y..=ROOF_Y), &(0..=BACK), fabric.roof);
-    if demands.asymmetric || demands.highest_y.is_some() {
-        let top = demands.highest_y.unwrap_or(ROOF_Y + 1);
+    lay_roof(site, right, wants.roof_steps, fabric);
+    for room in 0..rooms {
+        site.place(Cell::new(room * ROOM_PITCH + 3, ROOF_Y - 1, 2), "lantern");
+    }
+    if let Some(top) = wants.chimney_to_y {
         site.fill(&(1..=1), &(ROOF_Y + 1..=top), &(1..=1), "bricks");
+    }
+}
+
+/// A roof over all rooms; where it steps up, walls close the steps.
+fn lay_roof(site: &mut Site, right: i32, steps: i32, fabric: &Fabric<'_>) {
+    site.fill(&(0..=right), &(ROOF_Y..=ROOF_Y), &(0..=if steps == 0 { BACK } else { 1 }), fabric.roof);
+    for step in 1..=steps {
+        let (front, level) = (2 * step, ROOF_Y + step);
+        let last = if step == steps { BACK } else { front + 1 };
+        site.fill(&(0..=right), &(level - 1..=level - 1), &(front..=front), fabric.walls);
+        for x in [0, right] {
+            site.fill(&(x..=x), &(ROOF_Y..=level - 1), &(front..=last), fabric.walls);
+        }
+        if last == BACK {
+            site.fill(&(0..=right), &(ROOF_Y..=level - 1), &(BACK..=BACK), fabric.walls);
+        }
+        site.fill(&(0..=right), &(level..=level), &(front..=last), fabric.roof);
     }
 }
 
@@ -92,17 +200,29 @@ fn outer_stairs(site: &mut Site, top: i32, material: &str) {
     }
 }
 
+/// Parameters of a cabin: its extent along each axis, in blocks.
+#[derive(Debug, Clone, Copy, Deserialize)]
+pub struct Cabin {
+    size: i32,
+}
+
 /// The largest hollow cube: all six sides, one block thick.
-pub fn cabin(site: &mut Site, demands: &Demands) {
-    let last = demands.extent.unwrap_or(4) - 1;
+pub fn cabin(site: &mut Site, cabin: &Cabin) {
+    let last = cabin.size - 1;
     let whole = 0..=last;
     site.fill(&whole, &(0..=0), &whole, "oak_planks");
     site.ring(&whole, &(1..=last - 1), &whole, "oak_planks", &|_| false);
     site.fill(&whole, &(last..=last), &whole, "oak_planks");
 }
 
+/// Parameters of a theatre: its seats.
+#[derive(Debug, Clone, Copy, Deserialize)]
+pub struct Theatre {
+    seats: usize,
+}
+
 /// Seats in rows beside an aisle, double doors at both ends of it, lanterns beside the doors.
-pub fn theatre(site: &mut Site, demands: &Demands) {
+pub fn theatre(site: &mut Site, theatre: &Theatre) {
     const LAST: i32 = 12;
     const CEILING: i32 = 4;
     let is_opening = |cell: Cell| (cell.z == 0 || cell.z == LAST) && cell.y <= 1 && (6..=7).contains(&cell.x);
@@ -118,7 +238,7 @@ pub fn theatre(site: &mut Site, demands: &Demands) {
         }
     }
     let seats = (2..LAST).step_by(2).flat_map(|z| [2, 3, 4, 5, 8, 9, 10, 11].map(|x| Cell::new(x, 0, z)));
-    for seat in seats.take(demands.seats.max(0) as usize) {
+    for seat in seats.take(theatre.seats) {
         site.place(seat, "oak_stairs");
     }
     site.fill(&(0..=LAST), &(CEILING..=CEILING), &(0..=LAST), "gray_concrete");

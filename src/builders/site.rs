@@ -1,6 +1,6 @@
 //! The building site: blocks placed once each, in order, and the paths that place them without wasted movement.
 
-use crate::voxel::{BlockLog, Cell, CellSet};
+use crate::voxel::{BlockLog, Cell, CellSet, Event};
 
 /// A build in progress.
 #[derive(Debug, Default)]
@@ -22,6 +22,19 @@ impl Site {
     pub fn place(&mut self, cell: Cell, material: &str) {
         if self.standing.insert(cell) {
             self.log.place(cell, material);
+        }
+    }
+
+    /// Removes every block for which `is_unwanted` holds, the last placed first.
+    pub fn remove(&mut self, is_unwanted: impl Fn(Cell) -> bool) {
+        let placed = self.log.turns.iter().flatten().map(Event::cell);
+        let mut unwanted: Vec<Cell> =
+            placed.filter(|cell| self.standing.contains(cell) && is_unwanted(*cell)).collect();
+        unwanted.reverse();
+        for cell in unwanted {
+            if self.standing.remove(&cell) {
+                self.log.remove(cell);
+            }
         }
     }
 

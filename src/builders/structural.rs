@@ -1,71 +1,114 @@
 //! Structural elements: foundations, walls, roofs on columns, frames.
 
-use super::demands::Demands;
+use serde::Deserialize;
+
 use super::site::Site;
 use crate::voxel::Cell;
 
+/// Parameters of a slab: plan and depth, in blocks.
+#[derive(Debug, Clone, Copy, Deserialize)]
+pub struct Slab {
+    a: i32,
+    b: i32,
+    d: i32,
+}
+
 /// A slab in the ground, its top at y = -1.
-pub fn foundation(site: &mut Site, demands: &Demands) {
-    let [a, b] = demands.plan.unwrap_or([7, 7]);
-    let depth = demands.height.unwrap_or(1);
-    site.fill(&(0..=a - 1), &(-depth..=-1), &(0..=b - 1), "stone");
+pub fn foundation(site: &mut Site, slab: &Slab) {
+    site.fill(&(0..=slab.a - 1), &(-slab.d..=-1), &(0..=slab.b - 1), "stone");
+}
+
+/// Parameters of a deep foundation: plan and thickness of the cap, number of piles.
+#[derive(Debug, Clone, Copy, Deserialize)]
+pub struct DeepFoundation {
+    a: i32,
+    b: i32,
+    t: i32,
+    p: usize,
 }
 
 /// A cap whose top is at y = 0, on piles five deep.
-pub fn deep_foundation(site: &mut Site, demands: &Demands) {
+pub fn deep_foundation(site: &mut Site, foundation: &DeepFoundation) {
     const PILE_DEPTH: i32 = 5;
-    let lowest = demands.lowest_y.unwrap_or(-PILE_DEPTH);
-    let piles = demands.clusters.first().map_or(4, |(_, count)| *count);
-    let thickness = -(PILE_DEPTH - 1) - lowest;
-    let area = (demands.block_count.unwrap_or_default() - PILE_DEPTH * piles) / thickness.max(1);
-    let (a, b) = [(7, 7), (7, 9), (9, 9)].into_iter().find(|(a, b)| a * b == area).unwrap_or((7, 7));
-    let places = [(1, 1), (a - 2, b - 2), (1, b - 2), (a - 2, 1), (a / 2, b / 2), (a / 2, 1)];
-    for (x, z) in places.into_iter().take(piles.max(0) as usize) {
+    let DeepFoundation { a, b, t, p } = *foundation;
+    let lowest = 1 - t - PILE_DEPTH;
+    let places = [(1, 1), (a / 2, 1), (a - 2, 1), (a - 2, b - 2), (a / 2, b - 2), (1, b - 2)];
+    // Four stand in the corners, a fifth in the middle of a side, a sixth across from it.
+    let order: &[usize] = if p == 4 { &[0, 2, 3, 5] } else { &[0, 1, 2, 3, 4, 5] };
+    let order = if p == 5 { &[0, 1, 2, 3, 5] } else { order };
+    for (x, z) in order.iter().filter_map(|&i| places.get(i)).copied() {
         site.fill(&(x..=x), &(lowest..=lowest + PILE_DEPTH - 1), &(z..=z), "stone");
     }
-    site.fill(&(0..=a - 1), &(lowest + PILE_DEPTH..=0), &(0..=b - 1), "stone");
+    site.fill(&(0..=a - 1), &(1 - t..=0), &(0..=b - 1), "stone");
+}
+
+/// Parameters of a wall: width, thickness and height, in blocks.
+#[derive(Debug, Clone, Copy, Deserialize)]
+pub struct Wall {
+    w: i32,
+    t: i32,
+    h: i32,
 }
 
 /// A wall on the ground.
-pub fn wall(site: &mut Site, demands: &Demands) {
-    let [thickness, width] = demands.plan.unwrap_or([1, 5]);
-    let height = demands.height.unwrap_or(5);
-    site.fill(&(0..=thickness - 1), &(0..=height - 1), &(0..=width - 1), "stone");
+pub fn wall(site: &mut Site, wall: &Wall) {
+    site.fill(&(0..=wall.t - 1), &(0..=wall.h - 1), &(0..=wall.w - 1), "stone");
+}
+
+/// Parameters of a roof: plan, height of its columns and their number.
+#[derive(Debug, Clone, Copy, Deserialize)]
+pub struct Roof {
+    a: i32,
+    b: i32,
+    h: i32,
+    n: usize,
 }
 
 /// A flat roof of one layer on columns one block thick.
-pub fn roof_on_columns(site: &mut Site, demands: &Demands) {
-    let columns = demands.clusters.first().map_or(4, |(_, count)| *count);
-    let blocks = demands.least_blocks.unwrap_or(21);
-    let sizes = [(3, 5), (5, 5), (5, 7), (7, 7)].into_iter();
-    // Roof and height are those whose blocks add up to the count.
-    let fits = sizes.flat_map(|(a, b)| [3, 4].map(|h| (a, b, h))).find(|(a, b, h)| a * b + columns * h == blocks);
-    let (a, b, height) = fits.unwrap_or((7, 7, 4));
-    let places = [(0, 0), (a - 1, b - 1), (0, b - 1), (a - 1, 0), (a / 2, b / 2)];
-    for (x, z) in places.into_iter().take(columns.max(0) as usize) {
-        site.fill(&(x..=x), &(0..=height - 1), &(z..=z), demands.material(0));
+pub fn roof_on_columns(site: &mut Site, roof: &Roof) {
+    let Roof { a, b, h, n } = *roof;
+    let places: &[(i32, i32)] = match n {
+        2 => &[(0, 0), (a - 1, b - 1)],
+        3 => &[(0, 0), (a - 1, b - 1), (0, b - 1)],
+        4 => &[(0, 0), (a - 1, 0), (a - 1, b - 1), (0, b - 1)],
+        _ => &[(0, 0), (a - 1, 0), (a / 2, b / 2), (a - 1, b - 1), (0, b - 1)],
+    };
+    for (x, z) in places.iter().copied() {
+        site.fill(&(x..=x), &(0..=h - 1), &(z..=z), "stone");
     }
-    site.fill(&(0..=a - 1), &(height..=height), &(0..=b - 1), demands.material(1));
+    site.fill(&(0..=a - 1), &(h..=h), &(0..=b - 1), "oak_planks");
 }
 
-/// A roof of ten by ten on balanced columns of two by two by two: the reference structures of SPEC 4.
-pub fn roof_under_stress(site: &mut Site, demands: &Demands) {
-    let columns = demands.clusters.first().map_or(4, |(_, count)| *count);
+/// Parameters of a roof under stress: the number of its columns.
+#[derive(Debug, Clone, Copy, Deserialize)]
+pub struct Columns {
+    n: usize,
+}
+
+/// A roof of ten by ten on balanced columns of two by two by two: the reference structures of SPEC 4. Of `materials` the
+/// first makes the columns, each further one a layer.
+pub fn roof_under_stress(site: &mut Site, columns: &Columns, materials: &[&str]) {
+    let Some((column, layers)) = materials.split_first() else { return };
     let places = [(1, 1), (1, 7), (7, 7), (7, 1), (4, 4)];
-    for (x, z) in places.into_iter().take(columns.max(0) as usize) {
-        site.fill(&(x..=x + 1), &(0..=1), &(z..=z + 1), demands.material(0));
+    for (x, z) in places.into_iter().take(columns.n) {
+        site.fill(&(x..=x + 1), &(0..=1), &(z..=z + 1), column);
     }
-    let layers = (demands.least_blocks.unwrap_or(100) - 8 * columns) / 100;
-    for layer in 1..=layers {
-        site.fill(&(0..=9), &(layer + 1..=layer + 1), &(0..=9), demands.material(layer as usize));
+    for (y, layer) in (2..).zip(layers) {
+        site.fill(&(0..=9), &(y..=y), &(0..=9), layer);
     }
 }
 
 const CONCRETE: &str = "white_concrete";
 
+/// Parameters of a frame: its stories.
+#[derive(Debug, Clone, Copy, Deserialize)]
+pub struct Frame {
+    n: i32,
+}
+
 /// Four columns, beams at every floor, and stairs that wind up inside.
-pub fn frame(site: &mut Site, demands: &Demands) {
-    let top = demands.highest_y.unwrap_or(8);
+pub fn frame(site: &mut Site, frame: &Frame) {
+    let top = 4 * frame.n;
     let last = 8;
     for (x, z) in [(0, 0), (last, 0), (last, last), (0, last)] {
         site.fill(&(x..=x), &(0..=top), &(z..=z), CONCRETE);
@@ -73,7 +116,7 @@ pub fn frame(site: &mut Site, demands: &Demands) {
     for floor in (4..=top).step_by(4) {
         site.ring(&(0..=last), &(floor..=floor), &(0..=last), CONCRETE, &|_| false);
     }
-    winding_stairs(site, demands.stairs_to_y.unwrap_or(4));
+    winding_stairs(site, 4 * (frame.n - 1));
 }
 
 /// Stairs round a square of five by five, each step on a block of its own, up to `top`.
@@ -93,7 +136,7 @@ fn winding_stairs(site: &mut Site, top: i32) {
 }
 
 /// Four columns and the slab of a second floor at y = 5.
-pub fn second_floor(site: &mut Site, _demands: &Demands) {
+pub fn second_floor(site: &mut Site) {
     for (x, z) in [(0, 0), (8, 0), (8, 8), (0, 8)] {
         site.fill(&(x..=x), &(0..=4), &(z..=z), CONCRETE);
     }

@@ -166,10 +166,10 @@ pub fn problems(records: Vec<RawRecord>) -> Result<Vec<RecordedProblem>, Vec<Fau
             faults.add(format!("problem {number} has {} of its {} turns", turns.len(), first.n_turns));
             continue;
         }
-        let mut task = Task { id: format!("recorded/{number}"), number, turns: Vec::new() };
+        let mut task = Task::foreign(format!("recorded/{number}"), number, Vec::new());
         let mut structures = Vec::new();
         for record in turns.into_values() {
-            task.turns.push(Instruction { prompt: record.prompt, checks: record.checks });
+            task.turns.push(Instruction::new(record.prompt, record.checks));
             structures.push(record.structure);
         }
         problems.push(RecordedProblem { task, structures });

@@ -35,6 +35,9 @@ pub struct TurnReport {
     pub blocks: u64,
     /// Its checks, in the task's order.
     pub checks: Vec<CheckReport>,
+    /// Checks that are shown and do not count.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub informational: Vec<CheckReport>,
 }
 
 /// One criterion over all turns.
@@ -115,14 +118,9 @@ pub fn grade_structures(
     for (turn, instruction) in (1u32..).zip(&task.turns) {
         standing = structures.next().unwrap_or(standing);
         let subject = Subject { structure: &standing, control };
-        let mut checks = Vec::with_capacity(instruction.checks.len());
-        for check in &instruction.checks {
-            if (control.stop)() {
-                return Err(Stopped);
-            }
-            checks.push(check_report(check, check.evaluate(&subject)?));
-        }
-        let report = TurnReport { turn, blocks: standing.len() as u64, checks };
+        let checks = check_reports(&instruction.checks, &subject)?;
+        let informational = check_reports(&instruction.informational, &subject)?;
+        let report = TurnReport { turn, blocks: standing.len() as u64, checks, informational };
         advise(&standing, instruction, &report, &mut advisories);
         turns.push(report);
     }
@@ -145,6 +143,17 @@ pub fn grade_structures(
         turns,
         advisories,
     })
+}
+
+fn check_reports(checks: &[Check], subject: &Subject<'_>) -> Result<Vec<CheckReport>, Stopped> {
+    let mut reports = Vec::with_capacity(checks.len());
+    for check in checks {
+        if (subject.control.stop)() {
+            return Err(Stopped);
+        }
+        reports.push(check_report(check, check.evaluate(subject)?));
+    }
+    Ok(reports)
 }
 
 fn check_report(check: &Check, finding: Finding) -> CheckReport {

@@ -7,9 +7,6 @@ use rand_mt::Mt;
 
 use super::{Suite, Task};
 
-/// Seed of the published subset.
-pub const PUBLISHED_SEED: u64 = 42;
-
 /// Indices drawn by `random.Random(seed).choice`, one per length in `lengths`, in order.
 #[must_use]
 pub fn draw_indices(seed: u64, lengths: &[usize]) -> Vec<usize> {

@@ -2,13 +2,16 @@
 
 pub mod catalogue;
 pub mod embedded;
+pub mod family;
 pub mod lite;
 pub mod published;
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 
 use crate::checks::{Check, Criterion};
+use family::Category;
 
 /// One instruction of a task and the checks of what stands after it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -17,6 +20,9 @@ pub struct Instruction {
     pub prompt: String,
     /// The checks, in order.
     pub checks: Vec<Check>,
+    /// Checks whose result is shown and does not count.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub informational: Vec<Check>,
 }
 
 /// A problem: one or more instructions, each with its checks.
@@ -26,11 +32,34 @@ pub struct Task {
     pub id: String,
     /// Number in the suite, from 1: the `run_idx` of published records.
     pub number: u32,
+    /// One of the five categories; absent in suites of others.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub category: Option<Category>,
+    /// One of the paper's 17 types; absent in suites of others.
+    #[serde(rename = "type", default, skip_serializing_if = "Option::is_none")]
+    pub kind: Option<String>,
+    /// What this instance of its family is made from, by name.
+    #[serde(default, skip_serializing_if = "Map::is_empty")]
+    pub parameters: Map<String, Value>,
     /// The instructions, one per turn.
     pub turns: Vec<Instruction>,
 }
 
+impl Instruction {
+    /// An instruction all of whose checks count.
+    #[must_use]
+    pub const fn new(prompt: String, checks: Vec<Check>) -> Self {
+        Self { prompt, checks, informational: Vec::new() }
+    }
+}
+
 impl Task {
+    /// A task of others, of which no parameters are known.
+    #[must_use]
+    pub fn foreign(id: String, number: u32, turns: Vec<Instruction>) -> Self {
+        Self { id, number, category: None, kind: None, parameters: Map::new(), turns }
+    }
+
     /// The group of tasks this one belongs to: the part of its id before the slash.
     #[must_use]
     pub fn family(&self) -> &str {
@@ -43,7 +72,7 @@ impl Task {
         hex(&Sha256::digest(serde_json::to_vec(self).unwrap_or_default()))
     }
 
-    /// All checks of all turns.
+    /// All checks of all turns that count.
     pub fn checks(&self) -> impl Iterator<Item = &Check> {
         self.turns.iter().flat_map(|turn| &turn.checks)
     }

@@ -74,6 +74,16 @@ impl BlockLog {
         }
     }
 
+    /// Adds a removal to the last turn.
+    pub fn remove(&mut self, cell: Cell) {
+        if self.turns.is_empty() {
+            self.turns.push(Turn::new());
+        }
+        if let Some(turn) = self.turns.last_mut() {
+            turn.push(Event::Remove { cell });
+        }
+    }
+
     /// The one canonical spelling of this log: compact JSON, from which its hash is taken and in which it is stored.
     ///
     /// Two logs with the same events in the same turns have the same bytes, whichever form they were posted in.

@@ -1,0 +1,194 @@
+//! Templates of family files: text and values with expressions of the parameters.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use minijinja::value::Serde;
+use minijinja::{Environment, Error, ErrorKind, Expression, Template, UndefinedBehavior};
+use serde_json::Value;
+use toml::Spanned;
+
+/// Values by the names under which templates see them.
+pub type Context = BTreeMap<String, minijinja::Value>;
+
+/// What templates may use beside the parameters.
+pub fn environment<'a>() -> Environment<'a> {
+    let mut environment = Environment::new();
+    environment.set_undefined_behavior(UndefinedBehavior::Strict);
+    environment.set_auto_escape_callback(|_| minijinja::AutoEscape::None);
+    environment.add_filter("spelled", spelled);
+    environment.add_function("count", count);
+    environment
+}
+
+/// `3` as `three`; numbers above twelve in digits.
+fn spelled(number: i64) -> String {
+    const WORDS: [&str; 13] =
+        ["no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve"];
+    usize::try_from(number).ok().and_then(|i| WORDS.get(i)).map_or_else(|| number.to_string(), ToString::to_string)
+}
+
+/// `count(3, "room")` as `three rooms`.
+fn count(number: i64, noun: &str) -> String {
+    format!("{} {noun}{}", spelled(number), if number == 1 { "" } else { "s" })
+}
+
+/// A place in a file, for faults.
+#[derive(Debug, Clone)]
+pub struct Place {
+    /// Bytes of the file.
+    pub span: Range<usize>,
+    /// Field, as a path from the top.
+    pub field: String,
+}
+
+/// A template with its place.
+pub struct Text<'e> {
+    template: Template<'e, 'e>,
+    /// Where it stands.
+    pub place: Place,
+}
+
+impl<'e> Text<'e> {
+    /// Compiles text.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn compile(environment: &'e Environment<'e>, text: &'e Spanned<String>, field: &str) -> Result<Self, Misfit> {
+        let place = Place { span: text.span(), field: field.to_owned() };
+        match environment.template_from_str(text.get_ref()) {
+            Ok(template) => Ok(Self { template, place }),
+            Err(error) => Err(Misfit::new(&place, &error)),
+        }
+    }
+
+    /// The text with its expressions replaced, without blanks at its ends and line breaks inside.
+    ///
+    /// # Errors
+    /// What is wrong with an expression.
+    pub fn render(&self, context: &Context) -> Result<String, Misfit> {
+        let text = self.template.render(context).map_err(|error| Misfit::new(&self.place, &error))?;
+        Ok(text.split_whitespace().collect::<Vec<_>>().join(" "))
+    }
+}
+
+/// A compiled value: what it holds may depend on the parameters.
+enum Node<'e> {
+    Fixed(Value),
+    Computed(Expression<'e, 'e>),
+    Text(Template<'e, 'e>),
+    List(Vec<Self>),
+}
+
+/// A value with its place.
+pub struct Datum<'e> {
+    node: Node<'e>,
+    /// Where it stands.
+    pub place: Place,
+}
+
+impl<'e> Datum<'e> {
+    /// Compiles a value: a string that is one `{{ … }}` is an expression, other strings are text.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn compile(
+        environment: &'e Environment<'e>,
+        value: &'e Spanned<toml::Value>,
+        field: &str,
+    ) -> Result<Self, Misfit> {
+        let place = Place { span: value.span(), field: field.to_owned() };
+        match node(environment, value.get_ref()) {
+            Ok(node) => Ok(Self { node, place }),
+            Err(error) => Err(Misfit::new(&place, &error)),
+        }
+    }
+
+    /// Compiles a bare expression.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn expression(
+        environment: &'e Environment<'e>,
+        text: &'e Spanned<String>,
+        field: &str,
+    ) -> Result<Self, Misfit> {
+        let place = Place { span: text.span(), field: field.to_owned() };
+        match environment.compile_expression(text.get_ref()) {
+            Ok(expression) => Ok(Self { node: Node::Computed(expression), place }),
+            Err(error) => Err(Misfit::new(&place, &error)),
+        }
+    }
+
+    /// The value.
+    ///
+    /// # Errors
+    /// What is wrong with an expression.
+    pub fn value(&self, context: &Context) -> Result<Value, Misfit> {
+        evaluate(&self.node, context).map_err(|error| Misfit::new(&self.place, &error))
+    }
+}
+
+fn node<'e>(environment: &'e Environment<'e>, value: &'e toml::Value) -> Result<Node<'e>, Error> {
+    Ok(match value {
+        toml::Value::String(text) => match whole_expression(text) {
+            Some(expression) => Node::Computed(environment.compile_expression(expression)?),
+            None if text.contains('{') => Node::Text(environment.template_from_str(text)?),
+            None => Node::Fixed(Value::String(text.clone())),
+        },
+        toml::Value::Array(items) => {
+            Node::List(items.iter().map(|item| node(environment, item)).collect::<Result<_, _>>()?)
+        }
+        toml::Value::Integer(_) | toml::Value::Float(_) | toml::Value::Boolean(_) => Node::Fixed(plain(value)),
+        toml::Value::Datetime(_) | toml::Value::Table(_) => {
+            return Err(Error::new(ErrorKind::InvalidOperation, "expected a number, a string, true, false or a list"));
+        }
+    })
+}
+
+/// A JSON value as templates see it.
+pub fn value(value: &Value) -> minijinja::Value {
+    minijinja::Value::from(Serde(value))
+}
+
+/// A TOML value as JSON.
+pub fn plain(value: &toml::Value) -> Value {
+    serde_json::to_value(value).unwrap_or_default()
+}
+
+fn whole_expression(text: &str) -> Option<&str> {
+    let inside = text.trim().strip_prefix("{{")?.strip_suffix("}}")?;
+    (!inside.contains("{{")).then_some(inside)
+}
+
+fn evaluate(node: &Node<'_>, context: &Context) -> Result<Value, Error> {
+    Ok(match node {
+        Node::Fixed(value) => value.clone(),
+        Node::Computed(expression) => {
+            let value = expression.eval(context)?;
+            if value.is_undefined() {
+                return Err(Error::new(ErrorKind::UndefinedError, "no such parameter"));
+            }
+            serde_json::to_value(&value).map_err(|error| Error::new(ErrorKind::BadSerialization, error.to_string()))?
+        }
+        Node::Text(template) => Value::String(template.render(context)?),
+        Node::List(items) => Value::Array(items.iter().map(|item| evaluate(item, context)).collect::<Result<_, _>>()?),
+    })
+}
+
+/// What is wrong with a template, and where.
+#[derive(Debug, Clone)]
+pub struct Misfit {
+    /// Where it stands.
+    pub place: Place,
+    /// What is wrong.
+    pub detail: String,
+}
+
+impl Misfit {
+    fn new(place: &Place, error: &Error) -> Self {
+        let detail =
+            error.detail().map_or_else(|| error.kind().to_string(), |detail| format!("{}: {detail}", error.kind()));
+        Self { place: place.clone(), detail }
+    }
+}
