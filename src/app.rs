@@ -102,8 +102,9 @@ async fn keep_up(metrics: PrometheusHandle, stop: CancellationToken) {
 }
 
 async fn store_suites(store: &Store) -> anyhow::Result<()> {
-    let full = embedded::full().map_err(|faults| anyhow::anyhow!("the suite of this program is faulty: {faults:?}"))?;
-    for suite in [embedded::lite(&full), full] {
+    let suites =
+        embedded::suites().map_err(|faults| anyhow::anyhow!("the suite of this program is faulty: {faults:?}"))?;
+    for suite in suites {
         if store.put_suite(&suite, now_ms()).await? == SuiteStored::Conflict {
             let id = suite.id();
             anyhow::bail!("the database holds another {id} than this program; a changed suite needs a new version");

@@ -43,7 +43,7 @@ enum Format {
 /// Where there is no such task or saboteur.
 pub fn run(args: &BuildArgs) -> anyhow::Result<ExitCode> {
     let task = find(&args.task)?;
-    let Some(mut log) = builders::build(&task) else { bail!("no builder knows the family {:?}", task.family()) };
+    let mut log = builders::build(&task)?;
     if let Some(name) = &args.saboteur {
         let Some(saboteur) = saboteurs::find(name) else {
             let known: Vec<String> = SABOTEURS.iter().map(|one| format!("  {:<15} {}", one.name, one.what)).collect();

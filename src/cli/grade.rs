@@ -80,7 +80,7 @@ pub fn read_problems(text: &str) -> anyhow::Result<Vec<RecordedProblem>> {
 /// # Errors
 /// Where the suite in the binary is faulty.
 pub fn lite_numbers(seed: u64) -> anyhow::Result<Vec<u32>> {
-    let full = embedded::full().map_err(|faults| anyhow::anyhow!("{faults:?}"))?;
+    let full = embedded::suite(embedded::PUBLISHED_VERSION).map_err(|faults| anyhow::anyhow!("{faults:?}"))?;
     Ok(lite::draw(&full, seed).into_iter().map(|task| task.number).collect())
 }
 

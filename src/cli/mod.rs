@@ -5,9 +5,11 @@ pub mod conformance;
 pub mod demo;
 pub mod grade;
 pub mod progress;
+pub mod saboteur_table;
 pub mod serve;
 pub mod submit;
 pub mod tasks;
+pub mod validate;
 
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -30,8 +30,8 @@ pub struct SubmitArgs {
     /// Leave the run open for more; without this it is finished, and tasks without a record count as failed.
     #[arg(long)]
     keep_open: bool,
-    /// Suite: name, or name@version. Its own checks count, not those in the records.
-    #[arg(long, default_value = "mineceraft")]
+    /// Suite: name, or name@version. Its own checks count, not those in the records; version 1 has the published ones.
+    #[arg(long, default_value = "mineceraft@1")]
     suite: String,
     /// Address of the service.
     #[arg(long, env = "PLUMBLINE_SERVER", default_value = "http://localhost:8080")]

@@ -9,10 +9,13 @@ use anyhow::{Context as _, bail};
 use clap::Subcommand;
 use serde_json::Value;
 
+use super::saboteur_table;
+use super::validate::{self, ValidateArgs};
 use crate::checks::Criterion;
 use crate::clock::now_ms;
 use crate::store::Store;
 use crate::store::suites::SuiteStored;
+use crate::tasks::family::json_schema;
 use crate::tasks::published::{TaskFile, read_task_files};
 use crate::tasks::{Suite, Task, embedded};
 
@@ -36,6 +39,12 @@ pub enum TasksCommand {
         #[arg(long)]
         json: bool,
     },
+    /// Check the files of a suite, and that every task is solved by its builder.
+    Validate(ValidateArgs),
+    /// Print the JSON Schema of family files.
+    Schema,
+    /// Print the table that shows which saboteur makes which criteria fail, by family.
+    Saboteurs,
     /// Read task files in the published format, check them, and add them to a database as a suite.
     Import {
         /// Task files (JSON).
@@ -58,6 +67,9 @@ pub fn run(command: TasksCommand) -> anyhow::Result<ExitCode> {
     match command {
         TasksCommand::List { family, criterion } => list(family.as_deref(), criterion.as_deref()),
         TasksCommand::Show { task, json } => show(&task, json),
+        TasksCommand::Validate(args) => validate::run(&args),
+        TasksCommand::Schema => print(&format!("{}\n", serde_json::to_string_pretty(&json_schema())?)),
+        TasksCommand::Saboteurs => print(&saboteur_table::markdown(&suite()?)),
         TasksCommand::Import { files, suite, database } => import(&files, &suite, database.as_deref()),
     }
 }
@@ -73,7 +85,12 @@ pub fn find(wanted: &str) -> anyhow::Result<Task> {
 }
 
 fn suite() -> anyhow::Result<Suite> {
-    embedded::full().map_err(|faults| anyhow::anyhow!("the suite of this program is faulty: {faults:?}"))
+    embedded::latest().map_err(|faults| anyhow::anyhow!("the suite of this program is faulty: {faults:?}"))
+}
+
+fn print(text: &str) -> anyhow::Result<ExitCode> {
+    std::io::stdout().lock().write_all(text.as_bytes())?;
+    Ok(ExitCode::SUCCESS)
 }
 
 fn list(family: Option<&str>, criterion: Option<&str>) -> anyhow::Result<ExitCode> {
@@ -91,8 +108,7 @@ fn list(family: Option<&str>, criterion: Option<&str>) -> anyhow::Result<ExitCod
         // Writing to a string does not fail.
         let _ = writeln!(lines, "{:>3}  {:<48} {} {}", task.number, task.id, task.turns.len(), criteria.join(","));
     }
-    std::io::stdout().lock().write_all(lines.as_bytes())?;
-    Ok(ExitCode::SUCCESS)
+    print(&lines)
 }
 
 fn show(wanted: &str, as_json: bool) -> anyhow::Result<ExitCode> {
@@ -105,14 +121,14 @@ fn show(wanted: &str, as_json: bool) -> anyhow::Result<ExitCode> {
         let _ = writeln!(text, "{} (number {})", task.id, task.number);
         for (turn, instruction) in (1..).zip(&task.turns) {
             let _ = writeln!(text, "\nturn {turn}: {}", instruction.prompt);
-            for check in &instruction.checks {
+            let shown = instruction.informational.iter().map(|check| (check, " (shown, does not count)"));
+            for (check, note) in instruction.checks.iter().map(|check| (check, "")).chain(shown) {
                 let args = serde_json::to_value(check)?.get_mut("args").map(Value::take).unwrap_or_default();
-                let _ = writeln!(text, "  {} {args}", check.name());
+                let _ = writeln!(text, "  {} {args}{note}", check.name());
             }
         }
     }
-    std::io::stdout().lock().write_all(text.as_bytes())?;
-    Ok(ExitCode::SUCCESS)
+    print(&text)
 }
 
 fn import(files: &[PathBuf], suite: &str, database: Option<&Path>) -> anyhow::Result<ExitCode> {

@@ -1,18 +1,16 @@
 //! Leaderboards: one row per finished run of a suite.
 
 use axum::extract::{Path, State};
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
-use axum::response::{IntoResponse as _, Response};
+use axum::http::HeaderMap;
+use axum::response::Response;
 use serde::Serialize;
-use sha2::{Digest as _, Sha256};
 
-use super::super::conditional::has_tag;
-use super::super::problem::{ApiError, ApiResult, Problem};
+use super::super::conditional::tagged_json;
+use super::super::problem::{ApiResult, Problem};
 use super::super::state::AppState;
 use crate::clock::rfc3339;
 use crate::grading::summary::{CheckRate, Graded, PerCriterion, ProblemRate, Summary};
 use crate::store::runs::RunRow;
-use crate::tasks::hex;
 
 /// A row: a finished run.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -43,7 +41,7 @@ pub struct BoardRow {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct Board {
     /// `name@version` of the suite.
-    #[schema(example = "mineceraft@1")]
+    #[schema(example = "mineceraft@2")]
     pub suite: String,
     /// Problems of the suite.
     #[schema(example = 723)]
@@ -99,7 +97,7 @@ pub async fn board(state: &AppState, suite: &str) -> ApiResult<Board> {
     params(("suite" = String, Path, description = "Name, or name@version", example = "mineceraft")),
     responses(
         (status = 200, description = "The board", body = Board, headers(("ETag" = String, description = "Of these very rows")),
-         example = json!({ "suite": "mineceraft@1", "tasks": 723, "rows": [] })),
+         example = json!({ "suite": "mineceraft@2", "tasks": 723, "rows": [] })),
         (status = 304, description = "The rows are those of If-None-Match"),
         (status = 404, description = "There is no such suite", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
@@ -111,13 +109,5 @@ pub async fn get_leaderboard(
     asked: HeaderMap,
 ) -> ApiResult<Response> {
     let board = board(&state, &suite).await?;
-    let body = serde_json::to_vec(&board).map_err(|error| ApiError::internal(&error))?;
-    let tag = format!("\"{}\"", &hex(&Sha256::digest(&body))[..32]);
-    let mut headers = HeaderMap::new();
-    headers.insert(header::ETAG, HeaderValue::from_str(&tag).map_err(|error| ApiError::internal(&error))?);
-    headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/json"));
-    if has_tag(&asked, &tag) {
-        return Ok((StatusCode::NOT_MODIFIED, headers).into_response());
-    }
-    Ok((headers, body).into_response())
+    tagged_json(&asked, &board)
 }

@@ -9,7 +9,7 @@ use crate::tasks::catalogue::Entry;
 /// What an agent did for one task.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[schema(example = json!({
-    "run": "0198c0de-0000-7000-8000-000000000000", "task": "1-se-2-walls/01-w1",
+    "run": "0198c0de-0000-7000-8000-000000000000", "task": "walls/5x1x5-raise",
     "turns": [{ "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }] }]
 }))]
 #[expect(dead_code, reason = "describes the body that SubmissionShape reads")]
@@ -29,7 +29,7 @@ pub struct NewSubmissionBody {
 #[serde(untagged)]
 pub enum TaskName {
     /// Its id.
-    #[schema(example = "1-se-2-walls/01-w1")]
+    #[schema(example = "walls/5x1x5-raise")]
     Id(String),
     /// Its number in the suite.
     Number(u32),

@@ -1,29 +1,39 @@
 //! Tasks.
 
-use axum::Json;
 use axum::extract::{Path, Query, State};
+use axum::http::HeaderMap;
+use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::super::conditional::tagged_json;
 use super::super::limits::LIMITS;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
-use crate::checks::Criterion;
+use crate::checks::{Check, Criterion};
 use crate::tasks::embedded::FULL;
+use crate::tasks::family::Category;
 use crate::tasks::{Suite, Task};
 
 /// A task in a list.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct TaskSummary {
     /// `family/instance`.
-    #[schema(example = "1-se-2-walls/01-w1")]
+    #[schema(example = "walls/5x1x5-raise")]
     pub id: String,
     /// Number in the suite: the `run_idx` of published records.
     #[schema(example = 113)]
     pub number: u32,
     /// Family.
-    #[schema(example = "1-se-2-walls")]
+    #[schema(example = "walls")]
     pub family: String,
+    /// Category; absent in suites of others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub category: Option<Category>,
+    /// Type; absent in suites of others.
+    #[serde(rename = "type", skip_serializing_if = "Option::is_none")]
+    #[schema(example = "walls")]
+    pub kind: Option<String>,
     /// Number of turns.
     #[schema(example = 1)]
     pub turns: usize,
@@ -37,7 +47,7 @@ pub struct TaskSummary {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct TaskPage {
     /// `name@version` of the suite.
-    #[schema(example = "mineceraft@1")]
+    #[schema(example = "mineceraft@2")]
     pub suite: String,
     /// Tasks that the filters let through, on all pages.
     pub total: usize,
@@ -47,30 +57,67 @@ pub struct TaskPage {
     pub next_after: Option<u32>,
 }
 
+/// A check of a task.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct CheckBody {
+    /// Name.
+    #[serde(rename = "fn")]
+    #[schema(example = "shape.has_rooms")]
+    pub name: &'static str,
+    /// Arguments.
+    #[schema(value_type = Object, example = json!({ "room_cnt": 2 }))]
+    pub args: Value,
+    /// The criterion it counts for.
+    pub criterion: Criterion,
+    /// What is measured, in words.
+    #[schema(example = "So many rooms are walled all round at a level")]
+    pub asks: &'static str,
+}
+
+impl CheckBody {
+    fn of(check: &Check) -> Self {
+        let mut data = serde_json::to_value(check).unwrap_or_default();
+        let args = data.get_mut("args").map(Value::take).unwrap_or_default();
+        Self { name: check.name(), args, criterion: check.criterion(), asks: check.asks() }
+    }
+}
+
 /// One turn of a task.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct TurnBody {
     /// The instruction.
     pub prompt: String,
-    /// The checks: published name and arguments.
-    #[schema(value_type = Vec<Object>, example = json!([{ "fn": "shape.has_rooms", "args": { "room_cnt": 2 } }]))]
-    pub checks: Value,
+    /// The checks that count.
+    pub checks: Vec<CheckBody>,
+    /// Checks that are shown and do not count.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub informational: Vec<CheckBody>,
 }
 
 /// A task.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct TaskBody {
     /// `family/instance`.
-    #[schema(example = "1-se-2-walls/01-w1")]
+    #[schema(example = "walls/5x1x5-raise")]
     pub id: String,
     /// Number in the suite: the `run_idx` of published records.
     #[schema(example = 113)]
     pub number: u32,
     /// Family.
-    #[schema(example = "1-se-2-walls")]
+    #[schema(example = "walls")]
     pub family: String,
+    /// Category; absent in suites of others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub category: Option<Category>,
+    /// Type; absent in suites of others.
+    #[serde(rename = "type", skip_serializing_if = "Option::is_none")]
+    #[schema(example = "walls")]
+    pub kind: Option<String>,
+    /// What this instance is made from.
+    #[schema(value_type = Object, example = json!({ "w": 5, "t": 1, "h": 5 }))]
+    pub parameters: Value,
     /// `name@version` of the suite.
-    #[schema(example = "mineceraft@1")]
+    #[schema(example = "mineceraft@2")]
     pub suite: String,
     /// SHA-256 of its content, in hex.
     pub hash: String,
@@ -90,6 +137,12 @@ pub struct TaskQuery {
     suite: Option<String>,
     /// Only this family.
     family: Option<String>,
+    /// Only this category.
+    category: Option<Category>,
+    /// Only this type.
+    #[serde(rename = "type")]
+    #[param(example = "walls")]
+    kind: Option<String>,
     /// Only tasks to which this criterion applies.
     criterion: Option<Criterion>,
     /// Only tasks whose id or instructions contain this, in any case.
@@ -130,6 +183,8 @@ fn lets_through(query: &TaskQuery, task: &Task) -> bool {
         task.id.to_lowercase().contains(&text) || task.turns.iter().any(|t| t.prompt.to_lowercase().contains(&text))
     };
     query.family.as_ref().is_none_or(|family| family == task.family())
+        && query.category.is_none_or(|category| task.category == Some(category))
+        && query.kind.as_ref().is_none_or(|kind| task.kind.as_ref() == Some(kind))
         && query.criterion.is_none_or(|criterion| task.criteria().contains(&criterion))
         && query.text.as_ref().is_none_or(contains)
 }
@@ -139,14 +194,19 @@ fn lets_through(query: &TaskQuery, task: &Task) -> bool {
     get, path = "/v1/tasks", operation_id = "list_tasks", tag = "tasks", summary = "List tasks",
     params(TaskQuery),
     responses(
-        (status = 200, description = "A page of tasks", body = TaskPage,
-         example = json!({ "suite": "mineceraft@1", "total": 723, "tasks": [], "next_after": 100 })),
+        (status = 200, description = "A page of tasks", headers(("ETag" = String, description = "Changes with the content")), body = TaskPage,
+         example = json!({ "suite": "mineceraft@2", "total": 723, "tasks": [], "next_after": 100 })),
+        (status = 304, description = "As the client has it"),
         (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "There is no such suite", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub async fn list_tasks(State(state): State<AppState>, Query(query): Query<TaskQuery>) -> ApiResult<Json<TaskPage>> {
+pub async fn list_tasks(
+    State(state): State<AppState>,
+    headers: HeaderMap,
+    Query(query): Query<TaskQuery>,
+) -> ApiResult<Response> {
     let items = page_items(query.limit, 100)?;
     let entry = state.suite(query.suite.as_deref().unwrap_or(FULL)).await?;
     let suite = &entry.suite;
@@ -155,7 +215,7 @@ pub async fn list_tasks(State(state): State<AppState>, Query(query): Query<TaskQ
     let mut rest = found.iter().filter(|task| task.number > after);
     let tasks: Vec<TaskSummary> = rest.by_ref().take(items).map(|task| summary(task)).collect();
     let next_after = rest.next().and_then(|_| tasks.last().map(|task| task.number));
-    Ok(Json(TaskPage { suite: suite.id(), total: found.len(), tasks, next_after }))
+    tagged_json(&headers, &TaskPage { suite: suite.id(), total: found.len(), tasks, next_after })
 }
 
 fn summary(task: &Task) -> TaskSummary {
@@ -163,6 +223,8 @@ fn summary(task: &Task) -> TaskSummary {
         id: task.id.clone(),
         number: task.number,
         family: task.family().to_owned(),
+        category: task.category,
+        kind: task.kind.clone(),
         turns: task.turns.len(),
         criteria: task.criteria(),
         prompt: task.turns.first().map(|turn| turn.prompt.clone()).unwrap_or_default(),
@@ -173,13 +235,14 @@ fn summary(task: &Task) -> TaskSummary {
 #[utoipa::path(
     get, path = "/v1/tasks/{family}/{instance}", operation_id = "get_task", tag = "tasks", summary = "Get a task",
     params(
-        ("family" = String, Path, description = "The id before the slash", example = "1-se-2-walls"),
-        ("instance" = String, Path, description = "The id after the slash", example = "01-w1"),
+        ("family" = String, Path, description = "The id before the slash", example = "walls"),
+        ("instance" = String, Path, description = "The id after the slash", example = "5x1x5-raise"),
         SuiteQuery,
     ),
     responses(
-        (status = 200, description = "The task", body = TaskBody,
-         example = json!({ "id": "1-se-2-walls/01-w1", "number": 113, "suite": "mineceraft@1", "turns": [] })),
+        (status = 200, description = "The task", headers(("ETag" = String, description = "Changes with the content")), body = TaskBody,
+         example = json!({ "id": "walls/5x1x5-raise", "number": 113, "suite": "mineceraft@2", "turns": [] })),
+        (status = 304, description = "As the client has it"),
         (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "There is no such task", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
@@ -188,13 +251,14 @@ fn summary(task: &Task) -> TaskSummary {
 pub async fn get_task(
     State(state): State<AppState>,
     Path((family, instance)): Path<(String, String)>,
+    headers: HeaderMap,
     Query(query): Query<SuiteQuery>,
-) -> ApiResult<Json<TaskBody>> {
+) -> ApiResult<Response> {
     let entry = state.suite(query.suite.as_deref().unwrap_or(FULL)).await?;
     let id = format!("{family}/{instance}");
     let missing = || ApiError::not_found(format!("{} has no task {id:?}", entry.suite.id()));
     let (task, hash) = entry.task(&id).ok_or_else(missing)?;
-    Ok(Json(body(&entry.suite, task, hash)))
+    tagged_json(&headers, &body(&entry.suite, task, hash))
 }
 
 fn body(suite: &Suite, task: &Task, hash: &str) -> TaskBody {
@@ -202,6 +266,9 @@ fn body(suite: &Suite, task: &Task, hash: &str) -> TaskBody {
         id: task.id.clone(),
         number: task.number,
         family: task.family().to_owned(),
+        category: task.category,
+        kind: task.kind.clone(),
+        parameters: Value::Object(task.parameters.clone()),
         suite: suite.id(),
         hash: hash.to_owned(),
         criteria: task.criteria(),
@@ -210,7 +277,8 @@ fn body(suite: &Suite, task: &Task, hash: &str) -> TaskBody {
             .iter()
             .map(|turn| TurnBody {
                 prompt: turn.prompt.clone(),
-                checks: serde_json::to_value(&turn.checks).unwrap_or_default(),
+                checks: turn.checks.iter().map(CheckBody::of).collect(),
+                informational: turn.informational.iter().map(CheckBody::of).collect(),
             })
             .collect(),
     }

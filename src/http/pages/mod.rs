@@ -33,9 +33,13 @@ fn percent(rate: Option<f64>) -> String {
 async fn home(State(state): State<AppState>, headers: HeaderMap) -> ApiResult<Response> {
     let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
     let host = named.unwrap_or("localhost:8080").to_owned();
+    let catalogue = state.store.catalogue();
+    let mut suites: Vec<_> = catalogue.suites().iter().map(|entry| &entry.suite).collect();
+    // What new runs take comes first.
+    suites.sort_by_key(|suite| std::cmp::Reverse(suite.version));
     let mut boards = Vec::new();
-    for entry in state.store.catalogue().suites() {
-        boards.push(board(&state, &entry.suite.id()).await?);
+    for suite in suites {
+        boards.push(board(&state, &suite.id()).await?);
     }
     let page = Home { boards, host }.render().map_err(|error| ApiError::internal(&error))?;
     let policy = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'";

@@ -1,0 +1,104 @@
+//! `plumbline tasks validate`: whether a folder of family files is sound, and each of its tasks can be solved.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Instant;
+
+use anyhow::{Context as _, bail};
+use clap::Args;
+use rayon::prelude::*;
+
+use super::progress;
+use crate::builders::build;
+use crate::elasticity::Control;
+use crate::grading::grade_log;
+use crate::tasks::family::SuiteSource;
+use crate::tasks::published::{TaskFile, TaskFileFault};
+use crate::tasks::{Suite, Task, embedded};
+
+/// Arguments of `tasks validate`.
+#[derive(Debug, Args)]
+pub struct ValidateArgs {
+    /// Folder with `suite.toml` and a file per family; the suite of this program where none is given.
+    folder: Option<PathBuf>,
+    /// Only read and expand, without building and grading.
+    #[arg(long)]
+    no_build: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Where the files have faults, all of them told, or a good build of the latest version fails.
+pub fn run(args: &ValidateArgs) -> anyhow::Result<ExitCode> {
+    let begin = Instant::now();
+    let source = match &args.folder {
+        Some(folder) => read_folder(folder)?,
+        None => embedded::source().map_err(|faults| told(&faults))?,
+    };
+    let versions: Vec<u32> = source.versions.iter().map(|version| version.number).collect();
+    let suites: Vec<Suite> = versions
+        .iter()
+        .map(|version| source.suite(*version).map_err(|faults| told(&faults)))
+        .collect::<Result<_, _>>()?;
+    let elapsed = begin.elapsed();
+    for suite in &suites {
+        println!(
+            "{}: {} families, {} tasks, {} instructions, {} checks",
+            suite.id(),
+            suite.families().len(),
+            suite.tasks.len(),
+            suite.instruction_count(),
+            suite.check_count()
+        );
+    }
+    println!("read and expanded in {:.1} ms", elapsed.as_secs_f64() * 1e3);
+    let Some(latest) = suites.iter().max_by_key(|suite| suite.version).filter(|_| !args.no_build) else {
+        return Ok(ExitCode::SUCCESS);
+    };
+    let unsolved = unsolved(latest);
+    if !unsolved.is_empty() {
+        bail!("{} tasks of {} are not solved by their builder:\n{}", unsolved.len(), latest.id(), unsolved.join("\n"));
+    }
+    println!("every task of {} is solved by its builder, every check at 1", latest.id());
+    Ok(ExitCode::SUCCESS)
+}
+
+fn read_folder(folder: &Path) -> anyhow::Result<SuiteSource> {
+    let place = || folder.display().to_string();
+    let mut texts = Vec::new();
+    for entry in std::fs::read_dir(folder).with_context(place)? {
+        let path = entry.with_context(place)?.path();
+        if path.extension().is_some_and(|extension| extension == "toml") {
+            let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+            texts.push((path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default(), text));
+        }
+    }
+    texts.sort();
+    let files: Vec<TaskFile<'_>> = texts.iter().map(|(name, text)| TaskFile { name, text }).collect();
+    SuiteSource::read(&files).map_err(|faults| told(&faults))
+}
+
+fn told(faults: &[TaskFileFault]) -> anyhow::Error {
+    let lines: Vec<String> = faults.iter().map(ToString::to_string).collect();
+    anyhow::anyhow!("{} faults:\n{}", lines.len(), lines.join("\n"))
+}
+
+/// What keeps tasks from being solved by their builders, a line each.
+fn unsolved(suite: &Suite) -> Vec<String> {
+    let bar = progress::bar(suite.tasks.len(), "building");
+    let fault = |task: &Task| {
+        let found = match build(task) {
+            Err(error) => Some(error.to_string()),
+            Ok(log) => grade_log(task, &log, &Control::unhurried()).ok().and_then(|report| {
+                let failed = report.turns.into_iter().flat_map(|turn| turn.checks).find(|c| c.finding.score < 1.0);
+                failed.map(|check| format!("{}: {}", check.name, check.finding.summary))
+            }),
+        };
+        bar.inc(1);
+        found.map(|found| format!("{}: {found}", task.id))
+    };
+    let unsolved = suite.tasks.par_iter().filter_map(fault).collect();
+    bar.finish_and_clear();
+    unsolved
+}
