@@ -58,7 +58,7 @@ fn assert_close(path: &str, found: &Value, expected: &Value) {
 #[tokio::test]
 async fn the_recorded_run_gives_the_published_board_row() {
     let (_folder, service) = service();
-    let run = service.begin_run("synthetic-a", "mineceraft").await;
+    let run = service.begin_run("synthetic-a", "mineceraft@1").await;
     let problems = recorded();
     let lines: Vec<String> = problems
         .iter()
@@ -75,7 +75,7 @@ async fn the_recorded_run_gives_the_published_board_row() {
         assert_eq!(answer.json()["submissions"].as_array().unwrap().len(), batch.len());
     }
     service.wait_for(&format!("/v1/runs/{run}"), |run| run["state"] == "finished").await;
-    let board = service.get("/v1/leaderboards/mineceraft").await.json();
+    let board = service.get("/v1/leaderboards/mineceraft@1").await.json();
     let row = &board["rows"][0];
     let expected: Value =
         serde_json::from_slice(&std::fs::read(repository("tests/conformance/run_expected.json")).unwrap()).unwrap();
@@ -114,7 +114,7 @@ async fn a_report_tells_what_was_measured_and_where() {
     let path = answer.headers["location"].to_str().unwrap().to_owned();
     let ended = service.wait_for(&path, |s| !s["ended_at"].is_null()).await;
     assert_eq!((&ended["state"], &ended["overall"]), (&json!("graded"), &json!(false)));
-    assert_eq!(ended["task"], "1-se-2-walls/01-w1");
+    assert_eq!(ended["task"], "walls/5x1x5-raise");
     let report = service.get(&format!("{path}/report")).await.json();
     let checks = report["turns"][0]["checks"].as_array().unwrap();
     let floating = checks.iter().find(|c| c["criterion"] == "physical_plausibility").unwrap();
@@ -180,10 +180,10 @@ async fn documents_of_the_service_are_there() {
     assert!(docs.text.contains("swagger-ui"));
     let suites = service.get("/v1/suites").await.json();
     let ids: Vec<&Value> = suites["suites"].as_array().unwrap().iter().map(|suite| &suite["id"]).collect();
-    assert_eq!(ids, ["mineceraft@1", "mineceraft-lite@1"]);
-    let walls = service.get("/v1/tasks?family=1-se-2-walls&limit=5").await.json();
+    assert_eq!(ids, ["mineceraft@1", "mineceraft@2", "mineceraft-lite@1", "mineceraft-lite@2"]);
+    let walls = service.get("/v1/tasks?family=walls&limit=5").await.json();
     assert_eq!((&walls["total"], &walls["next_after"]), (&json!(48), &json!(117)));
-    let task = service.get("/v1/tasks/1-se-2-walls/01-w1").await.json();
+    let task = service.get("/v1/tasks/walls/5x1x5-raise").await.json();
     assert_eq!(task["turns"][0]["checks"][0]["fn"], "material.is_block_cnt_equal_to");
     let board = service.get("/v1/leaderboards/mineceraft-lite").await;
     let known = service.http.get(format!("{}/v1/leaderboards/mineceraft-lite", service.url));
@@ -221,7 +221,7 @@ async fn stress_fields_of_a_submission() {
     let mut events: Vec<Value> = (0..2).map(|y| place(0, y, 0, "stone")).collect();
     events.extend((0..9).map(|i| place(i % 3 - 1, 2, i / 3 - 1, "oak_planks")));
     let first: Vec<Value> = events.drain(..1).collect();
-    let body = json!({ "task": "1-se-2-walls/01-w1", "turns": [{ "events": first }] });
+    let body = json!({ "task": "walls/5x1x5-raise", "turns": [{ "events": first }] });
     let one = service.post_json("/v1/submissions", &body).await.json()["id"].as_str().unwrap().to_owned();
     let tasks = service.get("/v1/tasks?limit=1000").await.json();
     let two_turns = tasks["tasks"].as_array().unwrap().iter().find(|task| task["turns"] == 2).unwrap()["id"].clone();
@@ -288,7 +288,7 @@ async fn stress_fields_are_bounded() {
     let most = i32::try_from(limits["blocks_with_stress"].as_i64().unwrap()).unwrap();
     let slab = |blocks: i32| {
         let rows: Vec<Value> = (0..blocks).map(|i| json!([i % 50, i / 50 % 20 + i % 50 % 2, i / 1_000, 0])).collect();
-        json!({ "task": "1-se-2-walls/01-w1", "turns": [{ "palette": ["stone"], "rows": rows }] })
+        json!({ "task": "walls/5x1x5-raise", "turns": [{ "palette": ["stone"], "rows": rows }] })
     };
     let post = |blocks: i32| {
         let (service, body) = (&service, slab(blocks));

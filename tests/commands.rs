@@ -24,7 +24,7 @@ fn printed(arguments: &[&str]) -> String {
 async fn a_printed_build_is_posted_and_passes() {
     let folder = tempfile::tempdir().unwrap();
     let service = Service::start(&folder.path().join("p.db"), &[]);
-    let list = printed(&["tasks", "list", "--criterion", "structural_stability", "--family", "two_layer"]);
+    let list = printed(&["tasks", "list", "--criterion", "structural_stability", "--family", "two-layer"]);
     assert!(list.lines().count() > 1);
     let mut words = list.lines().next().unwrap().split_whitespace();
     let (number, id) = (words.next().unwrap(), words.next().unwrap());

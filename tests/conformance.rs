@@ -94,7 +94,7 @@ fn grade_prints_a_table_and_names_what_is_wrong() {
 fn task_files_are_counted_and_stored_once() {
     let folder = tempfile::tempdir().unwrap();
     let database = folder.path().join("p.db");
-    let files: Vec<String> = std::fs::read_dir(repository("tasks/mineceraft"))
+    let files: Vec<String> = std::fs::read_dir(repository("tests/conformance/tasks"))
         .unwrap()
         .map(|entry| entry.unwrap().path().to_str().unwrap().to_owned())
         .collect();

@@ -18,7 +18,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("elasticity", &["voxel"]),
     ("checks", &["voxel", "elasticity"]),
     ("tasks", &["voxel", "checks"]),
-    ("builders", &["voxel", "checks", "tasks"]),
+    ("builders", &["voxel", "elasticity", "tasks"]),
     ("grading", &["voxel", "elasticity", "checks", "tasks"]),
     ("store", &["clock", "voxel", "checks", "tasks", "grading"]),
     ("worker", &["clock", "elasticity", "grading", "store"]),

@@ -18,12 +18,12 @@ fn main() {
 }
 
 fn task(id: &str) -> Task {
-    let suite = embedded::full().unwrap_or_else(|faults| panic!("{faults:?}"));
+    let suite = embedded::latest().unwrap_or_else(|faults| panic!("{faults:?}"));
     suite.tasks.into_iter().find(|task| task.id == id).unwrap_or_else(|| panic!("no task {id}"))
 }
 
 /// A log graded against its task, without a stress simulation: replay, checks, report.
-#[divan::bench(args = ["1-se-2-walls/12-w1", "2-bt-3-multi_beds/05-w1", "3-ae-5.2-accessibility_theater/03-w1", "1-se-4-frames/09-w1"])]
+#[divan::bench(args = ["walls/10x2x7-raise", "bedrooms/r5-build", "theatres/s35-build", "frames/s10-frame-build"])]
 fn grade(bencher: Bencher<'_, '_>, id: &str) {
     let task = task(id);
     let log = build(&task).unwrap_or_default();
@@ -31,7 +31,7 @@ fn grade(bencher: Bencher<'_, '_>, id: &str) {
 }
 
 fn roof() -> Vec<Cell> {
-    let log = build(&task("1-se-3.2-roofs_cols-one_layer-stress/01-w1")).unwrap_or_default();
+    let log = build(&task("one-layer-roofs/c5-span")).unwrap_or_default();
     Replay::new(&log).last().as_ref().map(Structure::cells).unwrap_or_default().to_vec()
 }
 
