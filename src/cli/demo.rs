@@ -4,10 +4,11 @@ use anyhow::Context as _;
 use serde_json::json;
 
 use crate::builders::build;
+use crate::builders::saboteurs::{self, SABOTEURS};
 use crate::client::{Answer, Service};
 use crate::tasks::embedded::{self, LITE_SEED};
 use crate::tasks::{Suite, Task};
-use crate::voxel::{BlockLog, Event};
+use crate::voxel::BlockLog;
 
 /// What an agent makes of a good build.
 type Skill = fn(&Task, BlockLog) -> BlockLog;
@@ -53,48 +54,23 @@ fn careful(_task: &Task, log: BlockLog) -> BlockLog {
     log
 }
 
-/// Places the blocks of each material in naive loops, and leaves some out on every third task.
-fn hurried(task: &Task, mut log: BlockLog) -> BlockLog {
-    for turn in &mut log.turns {
-        for part in turn.chunk_by_mut(|a, b| material(a) == material(b)) {
-            part.sort_by_key(|event| match *event {
-                Event::Place { cell, .. } | Event::Remove { cell } => (cell.y, cell.x, cell.z),
-            });
-        }
-        if task.number.is_multiple_of(3) {
-            let mut i = 0;
-            turn.retain(|_| {
-                i += 1;
-                i % 7 != 0
-            });
-        }
-    }
-    log
+/// Walks to and fro on every second task, and forgets a corner on every fifth.
+fn hurried(task: &Task, log: BlockLog) -> BlockLog {
+    let log = if task.number.is_multiple_of(2) { spoiled("to-and-fro", log) } else { log };
+    if task.number.is_multiple_of(5) { spoiled("drop-corner", log) } else { log }
 }
 
-fn material(event: &Event) -> Option<u32> {
-    match event {
-        Event::Place { material, .. } => Some(*material),
-        Event::Remove { .. } => None,
+/// Goes wrong on two tasks of three, in every way that there is.
+fn confused(task: &Task, log: BlockLog) -> BlockLog {
+    if task.number.is_multiple_of(3) {
+        return log;
     }
+    SABOTEURS[task.number as usize % SABOTEURS.len()].spoil(log)
 }
 
-/// Builds a block too high on every second task, backwards on every third, and stops halfway on every fifth.
-fn confused(task: &Task, mut log: BlockLog) -> BlockLog {
-    for turn in &mut log.turns {
-        if task.number.is_multiple_of(2) {
-            for event in turn.iter_mut() {
-                if let Event::Place { cell, .. } = event {
-                    *cell = cell.offset(0, 1, 0);
-                }
-            }
-        }
-        if task.number.is_multiple_of(3) {
-            turn.reverse();
-        }
-        if task.number.is_multiple_of(5) {
-            turn.truncate(turn.len() / 2);
-        }
+fn spoiled(saboteur: &str, log: BlockLog) -> BlockLog {
+    match saboteurs::find(saboteur) {
+        Some(saboteur) => saboteur.spoil(log),
+        None => log,
     }
-    log
 }
