@@ -13,8 +13,8 @@ use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
 use crate::clock::now_ms;
-use crate::http;
 use crate::http::limits::LIMITS;
+use crate::http::{self, HttpSettings};
 use crate::store::Store;
 use crate::store::suites::SuiteStored;
 use crate::tasks::embedded;
@@ -31,6 +31,8 @@ pub struct Config {
     pub workers: usize,
     /// How long a job stays with a worker that gives no sign of life.
     pub lease: Duration,
+    /// What HTTP is started with.
+    pub http: HttpSettings,
 }
 
 /// A running service.
@@ -76,7 +78,7 @@ impl App {
         let workers = Workers::start(&store, settings, &wake);
         let stop = CancellationToken::new();
         tokio::spawn(keep_up(metrics.clone(), stop.clone()));
-        let router = http::router(&store, &wake, metrics, stop.clone());
+        let router = http::router(&store, &wake, metrics, &config.http, stop.clone());
         let serving = tokio::spawn(http::server::serve(listener, router, stop.clone()));
         tracing::info!(%address, database = %config.database.display(), workers = config.workers, "listening");
         Ok(Self { address, store, workers, stop, serving })

@@ -8,7 +8,7 @@ use anyhow::bail;
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
-use super::tasks::find;
+use super::tasks::{find, suite};
 use crate::builders;
 use crate::builders::saboteurs::{self, SABOTEURS};
 use crate::tasks::Task;
@@ -19,7 +19,11 @@ use crate::voxel::block_log::Event;
 #[derive(Debug, Args)]
 pub struct BuildArgs {
     /// The task, by its id or its number in the suite; `plumbline tasks list` lists them.
-    task: String,
+    #[arg(required_unless_present = "all")]
+    task: Option<String>,
+    /// Every task of the suite, a line each, whose build has at least this many events and at most that many.
+    #[arg(long, value_names = ["LEAST", "MOST"], num_args = 2, conflicts_with_all = ["task", "format"])]
+    all: Option<Vec<usize>>,
     /// Spoil it in one way, to see which checks fail; an unknown name lists them all.
     #[arg(long, value_name = "NAME")]
     saboteur: Option<String>,
@@ -42,15 +46,34 @@ enum Format {
 /// # Errors
 /// Where there is no such task or saboteur.
 pub fn run(args: &BuildArgs) -> anyhow::Result<ExitCode> {
-    let task = find(&args.task)?;
-    let mut log = builders::build(&task)?;
-    if let Some(name) = &args.saboteur {
-        let Some(saboteur) = saboteurs::find(name) else {
-            let known: Vec<String> = SABOTEURS.iter().map(|one| format!("  {:<15} {}", one.name, one.what)).collect();
-            bail!("there is no saboteur {name:?}; there are:\n{}", known.join("\n"));
-        };
-        log = saboteur.spoil(log);
+    let saboteur = match &args.saboteur {
+        None => None,
+        Some(name) => match saboteurs::find(name) {
+            None => {
+                let known: Vec<String> =
+                    SABOTEURS.iter().map(|one| format!("  {:<15} {}", one.name, one.what)).collect();
+                bail!("there is no saboteur {name:?}; there are:\n{}", known.join("\n"));
+            }
+            found => found,
+        },
+    };
+    let build = |task: &Task| -> anyhow::Result<BlockLog> {
+        let log = builders::build(task)?;
+        Ok(saboteur.map_or_else(|| log.clone(), |saboteur| saboteur.spoil(log.clone())))
+    };
+    if let Some(&[least, most]) = args.all.as_deref() {
+        let mut lines = String::new();
+        for task in suite()?.tasks {
+            let log = build(&task)?;
+            if (least..=most).contains(&log.event_count()) {
+                lines.push_str(&submission(&task, &log)?);
+            }
+        }
+        std::io::stdout().lock().write_all(lines.as_bytes())?;
+        return Ok(ExitCode::SUCCESS);
     }
+    let task = find(args.task.as_deref().unwrap_or_default())?;
+    let log = build(&task)?;
     let text = match args.format {
         Format::Submission => submission(&task, &log)?,
         Format::Events => events(&log),

@@ -9,6 +9,8 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use tokio::signal::unix::{SignalKind, signal};
 
 use crate::app::{App, Config};
+use crate::http::HttpSettings;
+use crate::http::limits::LIMITS;
 use crate::telemetry::{self, LogFormat};
 
 /// Arguments of `serve`; each can be given in the environment too.
@@ -26,6 +28,9 @@ pub struct ServeArgs {
     /// Seconds after which the job of a worker that gives no sign of life is taken again.
     #[arg(long, env = "PLUMBLINE_LEASE_SECONDS", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     lease_seconds: u64,
+    /// MiB of memory for results of /v1/grade, kept for the same log and task; 0 keeps none.
+    #[arg(long, env = "PLUMBLINE_GRADE_CACHE_MIB", default_value_t = LIMITS.grade_cache_bytes >> 20, value_name = "MIB")]
+    grade_cache_mib: usize,
     /// How log lines are written.
     #[arg(long, env = "PLUMBLINE_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]
     log_format: LogFormat,
@@ -59,6 +64,7 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
         database: args.database.clone(),
         workers: args.workers.map_or(processors, usize::from),
         lease: Duration::from_secs(args.lease_seconds),
+        http: HttpSettings { grade_cache_bytes: args.grade_cache_mib << 20 },
     };
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     runtime.block_on(async {

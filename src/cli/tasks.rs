@@ -84,7 +84,11 @@ pub fn find(wanted: &str) -> anyhow::Result<Task> {
     found.with_context(|| format!("there is no task {wanted:?}; `plumbline tasks list` lists them"))
 }
 
-fn suite() -> anyhow::Result<Suite> {
+/// The latest version of the suite in this program.
+///
+/// # Errors
+/// Where it is faulty.
+pub fn suite() -> anyhow::Result<Suite> {
     embedded::latest().map_err(|faults| anyhow::anyhow!("the suite of this program is faulty: {faults:?}"))
 }
 

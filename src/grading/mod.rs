@@ -3,6 +3,7 @@
 pub mod advisories;
 pub mod raw_records;
 pub mod report;
+pub mod reward;
 pub mod summary;
 
 pub use report::{Report, grade_log, grade_structures};

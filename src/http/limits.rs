@@ -57,6 +57,20 @@ pub struct Limits {
     pub request_seconds: u64,
     /// Connections open at the same time; more wait.
     pub connections: usize,
+    /// Logs in one body for `/v1/grade:batch`.
+    pub grade_batch_logs: usize,
+    /// Checks in a turn of a task that a request to grade brings.
+    pub grade_inline_checks: usize,
+    /// Bodies for `/v1/grade:batch` worked on at the same time; more are asked to come back (429).
+    pub grade_batches: usize,
+    /// Logs for `/v1/grade` graded or waiting at the same time; more are asked to come back (429).
+    pub grades_waiting: usize,
+    /// Milliseconds that grading a log for `/v1/grade` may take, where the request does not say.
+    pub grade_default_deadline_ms: u64,
+    /// The most that a request may say.
+    pub grade_max_deadline_ms: u64,
+    /// Bytes of memory for results of `/v1/grade` that are kept for the same log and task, unless `serve` says otherwise.
+    pub grade_cache_bytes: usize,
     /// Seconds that one grading may take.
     pub grading_seconds: u64,
     /// Times that grading is begun before a submission ends as `grader_error`.
@@ -89,6 +103,13 @@ pub const LIMITS: Limits = Limits {
     header_seconds: 10,
     request_seconds: 60,
     connections: 12_000,
+    grade_batch_logs: 10_000,
+    grade_inline_checks: 64,
+    grade_batches: 16,
+    grades_waiting: 1_024,
+    grade_default_deadline_ms: 10_000,
+    grade_max_deadline_ms: 50_000,
+    grade_cache_bytes: 64 << 20,
     grading_seconds: 3_600,
     grading_attempts: MAX_ATTEMPTS,
 };

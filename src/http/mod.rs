@@ -3,6 +3,7 @@
 pub mod api;
 pub mod body;
 mod conditional;
+pub mod grader;
 pub mod layers;
 pub mod limits;
 pub mod pages;
@@ -20,13 +21,27 @@ use tokio_util::sync::CancellationToken;
 use crate::store::Store;
 use state::AppState;
 
+/// What the one who starts the service decides.
+#[derive(Debug, Clone, Copy)]
+pub struct HttpSettings {
+    /// Bytes of memory for results of `/v1/grade`; 0 for none.
+    pub grade_cache_bytes: usize,
+}
+
 /// The whole service as a router.
-pub fn router(store: &Store, wake: &Arc<Notify>, metrics: PrometheusHandle, stop: CancellationToken) -> Router {
+pub fn router(
+    store: &Store,
+    wake: &Arc<Notify>,
+    metrics: PrometheusHandle,
+    settings: &HttpSettings,
+    stop: CancellationToken,
+) -> Router {
     let (routes, openapi) = api::routes().split_for_parts();
     let state = AppState {
         store: store.clone(),
         wake: Arc::clone(wake),
         bodies: Arc::new(body::budget()),
+        grader: Arc::new(grader::Grader::new(settings.grade_cache_bytes, stop.clone())),
         stress_turns: Arc::new(api::stress::StressTurns::default()),
         stop,
         metrics,

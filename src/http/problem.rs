@@ -46,6 +46,13 @@ pub struct Problem {
     /// All faults of the body, up to the number in `/v1/limits`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub faults: Vec<FaultBody>,
+    /// Whether the same request may succeed later: the failure was ours, or there was too much to do.
+    #[serde(default)]
+    pub retryable: bool,
+    /// Of requests for a reward that failed through no fault of theirs: null.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<f64>)]
+    pub reward: Option<serde_json::Value>,
 }
 
 /// A handler's error.
@@ -68,6 +75,8 @@ impl ApiError {
                 status: status.as_u16(),
                 detail: detail.into(),
                 faults: Vec::new(),
+                retryable: false,
+                reward: None,
             }),
             retry_after_s: None,
         }
@@ -111,9 +120,49 @@ impl ApiError {
 
     /// With a `Retry-After` header.
     #[must_use]
-    pub const fn retry_after(mut self, seconds: u32) -> Self {
+    pub fn retry_after(mut self, seconds: u32) -> Self {
         self.retry_after_s = Some(seconds);
+        self.problem.retryable = true;
         self
+    }
+
+    /// With its faults placed below this pointer.
+    #[must_use]
+    pub fn at(mut self, pointer: &str) -> Self {
+        for fault in &mut self.problem.faults {
+            fault.pointer = format!("{pointer}{}", fault.pointer);
+        }
+        self
+    }
+
+    /// With a reward that says that there is none.
+    #[must_use]
+    pub fn without_reward(mut self) -> Self {
+        self.problem.reward = Some(serde_json::Value::Null);
+        self
+    }
+
+    /// 415: the body is NDJSON where one document is wanted.
+    pub fn not_ndjson(detail: &str) -> Self {
+        let detail = format!("expected one JSON document, not NDJSON; {detail}");
+        Self::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "Unsupported media type", detail)
+    }
+
+    /// 429: there is too much to do; said early, instead of letting the client wait.
+    pub fn too_many(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::TOO_MANY_REQUESTS, "too-many-requests", "Too many requests", detail).retry_after(1)
+    }
+
+    /// The problem, to look at.
+    #[must_use]
+    pub fn problem(&self) -> &Problem {
+        &self.problem
+    }
+
+    /// The problem itself, for answers that hold several.
+    #[must_use]
+    pub fn into_problem(self) -> Problem {
+        *self.problem
     }
 
     /// 500: a failure of ours, logged here with its cause.

@@ -10,6 +10,7 @@ use crate::store::Store;
 use crate::tasks::catalogue::Entry;
 
 use super::api::stress::StressTurns;
+use super::grader::Grader;
 use super::problem::{ApiError, ApiResult};
 
 /// What handlers share; clones are handles.
@@ -21,6 +22,8 @@ pub struct AppState {
     pub wake: Arc<Notify>,
     /// Memory for request bodies.
     pub bodies: Arc<Semaphore>,
+    /// Grades logs for requests that wait.
+    pub grader: Arc<Grader>,
     /// Turns to compute stress fields.
     pub stress_turns: Arc<StressTurns>,
     /// Cancelled when the service stops.

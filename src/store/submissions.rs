@@ -185,6 +185,21 @@ impl Store {
         Ok(answers)
     }
 
+    /// What storing submissions would come to, without storing any.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn would_accept(&self, submissions: &[NewSubmission]) -> StoreResult<Vec<Accepted>> {
+        // The same statements, taken back: nothing that decides can differ.
+        let mut tx = self.begin().await?;
+        let mut answers = Vec::with_capacity(submissions.len());
+        for submission in submissions {
+            answers.push(accept_one(&mut tx, submission, 0).await?);
+        }
+        tx.rollback().await?;
+        Ok(answers)
+    }
+
     /// The submission with this id.
     ///
     /// # Errors

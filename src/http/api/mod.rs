@@ -2,7 +2,11 @@
 
 #![expect(clippy::missing_errors_doc, reason = "each handler lists its errors as responses of the OpenAPI document")]
 
+pub mod adapters;
 pub mod documents;
+pub mod grade;
+pub mod grade_batch;
+pub mod grade_body;
 pub mod health;
 pub mod leaderboards;
 pub mod limits;
@@ -36,6 +40,7 @@ use super::state::AppState;
     tags(
         (name = "runs", description = "One agent's attempt at a suite."),
         (name = "submissions", description = "What an agent did for one task, and its report."),
+        (name = "rewards", description = "Grading within the request, for trainers. Nothing is stored."),
         (name = "tasks", description = "Suites and their tasks."),
         (name = "leaderboards", description = "Finished runs, compared."),
         (name = "service", description = "Limits, health, metrics, and this document."),
@@ -51,10 +56,16 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(runs::finish_run))
         .routes(routes!(runs::list_run_submissions))
         .routes(routes!(submissions::create_submission))
+        .routes(routes!(submissions::validate_submission))
         .routes(routes!(submissions::get_submission))
         .routes(routes!(reports::get_report))
         .routes(routes!(reports::get_log))
         .routes(routes!(stress::get_stress))
+        .routes(routes!(grade::grade))
+        .routes(routes!(grade_batch::grade_batch))
+        .routes(routes!(adapters::nemo_gym::seed_session))
+        .routes(routes!(adapters::nemo_gym::verify))
+        .routes(routes!(adapters::openrlhf::get_reward))
         .routes(routes!(tasks::list_tasks))
         .routes(routes!(tasks::get_task))
         .routes(routes!(suites::list_suites))

@@ -143,8 +143,11 @@ impl<'de> Shape<'de> for SubmissionShape<'_> {
     }
 }
 
-struct TaskShape<'f> {
-    faults: &'f mut Faults,
+/// Wants the name of a task.
+#[derive(Debug)]
+pub struct TaskShape<'f> {
+    /// Where faults go.
+    pub faults: &'f mut Faults,
 }
 
 impl Shape<'_> for TaskShape<'_> {

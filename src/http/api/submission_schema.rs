@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::clock::rfc3339;
-use crate::store::submissions::SubmissionRow;
+use crate::store::submissions::{NewSubmission, SubmissionRow};
 use crate::tasks::catalogue::Entry;
 
 /// What an agent did for one task.
@@ -150,4 +150,45 @@ pub enum AcceptedAnswer {
     One(AcceptedBody),
     /// To an NDJSON body.
     Lines(AcceptedList),
+}
+
+/// A submission that would be accepted.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct Validated {
+    /// `name@version` of the task's suite.
+    #[schema(example = "mineceraft@2")]
+    pub suite: String,
+    /// The task's number in it.
+    #[schema(example = 113)]
+    pub number: u32,
+    /// Turns of the log.
+    pub turns: usize,
+    /// Events of the log.
+    pub events: usize,
+    /// SHA-256 of the log's canonical JSON, in hex.
+    pub log_hash: String,
+    /// Whether the run holds this very log for the task already.
+    pub repeated: bool,
+}
+
+impl Validated {
+    /// Of a submission that is ready to store.
+    #[must_use]
+    pub fn of(new: &NewSubmission) -> Self {
+        Self {
+            suite: new.suite_id.clone(),
+            number: new.task_number,
+            turns: new.turns,
+            events: new.events,
+            log_hash: new.log_hash.clone(),
+            repeated: false,
+        }
+    }
+}
+
+/// The submissions of a body, all of which would be accepted.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct ValidatedList {
+    /// In the order of the body.
+    pub submissions: Vec<Validated>,
 }

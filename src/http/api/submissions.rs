@@ -8,13 +8,16 @@ use axum::extract::{Path, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use sha2::{Digest as _, Sha256};
+use tokio::sync::OwnedSemaphorePermit;
 use uuid::Uuid;
 
 use super::super::body::{Format, JsonBody};
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use super::submission_body::{Posted, PostedSubmission, TaskRef, check_against_task, read_submissions};
-use super::submission_schema::{AcceptedAnswer, AcceptedBody, AcceptedList, NewSubmissionBody, SubmissionBody};
+use super::submission_schema::{
+    AcceptedAnswer, AcceptedBody, AcceptedList, NewSubmissionBody, SubmissionBody, Validated, ValidatedList,
+};
 use crate::clock::now_ms;
 use crate::store::StoreError;
 use crate::store::submissions::{Accepted, NewSubmission, PackedLog, SubmissionRow};
@@ -46,28 +49,7 @@ use crate::voxel::Faults;
     )
 )]
 pub async fn create_submission(State(state): State<AppState>, body: JsonBody) -> ApiResult<Response> {
-    // The share of memory is held until the answer: what the bytes became is in memory as long.
-    let JsonBody { bytes, format, share: _share } = body;
-    let read = tokio::task::spawn_blocking(move || {
-        let mut faults = Faults::new();
-        let posted = read_submissions(&bytes, format, &mut faults);
-        (posted, faults)
-    });
-    let (Posted { submissions, is_malformed }, mut faults) = read.await.map_err(|error| ApiError::internal(&error))?;
-    let lines: Vec<Option<u64>> = submissions.iter().map(|submission| submission.line).collect();
-    let places = resolve_all(&state, &submissions, &mut faults).await?;
-    let prepare = tokio::task::spawn_blocking(move || {
-        let prepared = prepare(submissions, &places, &mut faults);
-        (prepared, faults)
-    });
-    let (prepared, faults) = prepare.await.map_err(|error| ApiError::internal(&error))?;
-    if is_malformed {
-        return Err(ApiError::malformed(faults));
-    }
-    if !faults.is_empty() {
-        return Err(ApiError::faulty(faults));
-    }
-    let submissions = prepared?;
+    let Checked { submissions, lines, format, share: _share } = check(&state, body).await?;
     let answers = state.store.accept(&submissions, now_ms()).await?;
     let accepted = accepted_bodies(submissions, answers, &lines)?;
     state.wake.notify_waiters();
@@ -80,6 +62,71 @@ pub async fn create_submission(State(state): State<AppState>, body: JsonBody) ->
     let mut headers = HeaderMap::new();
     headers.insert(header::LOCATION, location(&one.id));
     Ok((StatusCode::ACCEPTED, headers, Json(one)).into_response())
+}
+
+/// Check a submission, or many, without submitting: everything that posting checks, with all faults at once. Nothing is
+/// stored or graded, and it costs nothing.
+#[utoipa::path(
+    post, path = "/v1/validate", operation_id = "validate_submission", tag = "submissions",
+    summary = "Check a submission without submitting",
+    request_body(content((NewSubmissionBody = "application/json"), (String = "application/x-ndjson"))),
+    responses(
+        (status = 200, description = "All of it would be accepted", body = ValidatedList,
+         example = json!({ "submissions": [{ "suite": "mineceraft@2", "number": 113, "turns": 1, "events": 25,
+                                            "log_hash": "9f86d081884c7d65…", "repeated": false }] })),
+        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The task was answered otherwise, or the run takes no more", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "Neither JSON nor NDJSON", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "Faults, all of them", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn validate_submission(State(state): State<AppState>, body: JsonBody) -> ApiResult<Json<ValidatedList>> {
+    let Checked { submissions, lines, share: _share, .. } = check(&state, body).await?;
+    let answers = state.store.would_accept(&submissions).await?;
+    let valid: Vec<Validated> = submissions.iter().map(Validated::of).collect();
+    let accepted = accepted_bodies(submissions, answers, &lines)?;
+    let told =
+        valid.into_iter().zip(accepted).map(|(valid, accepted)| Validated { repeated: accepted.repeated, ..valid });
+    Ok(Json(ValidatedList { submissions: told.collect() }))
+}
+
+/// Submissions of a body in which nothing is wrong.
+struct Checked {
+    submissions: Vec<NewSubmission>,
+    lines: Vec<Option<u64>>,
+    format: Format,
+    /// The share of memory is held until the answer: what the bytes became is in memory as long.
+    share: Option<OwnedSemaphorePermit>,
+}
+
+/// Reads a body and checks all of it, but for what only the transaction that stores it can tell.
+async fn check(state: &AppState, body: JsonBody) -> ApiResult<Checked> {
+    let JsonBody { bytes, format, share } = body;
+    let read = tokio::task::spawn_blocking(move || {
+        let mut faults = Faults::new();
+        let posted = read_submissions(&bytes, format, &mut faults);
+        (posted, faults)
+    });
+    let (Posted { submissions, is_malformed }, mut faults) = read.await.map_err(|error| ApiError::internal(&error))?;
+    let lines: Vec<Option<u64>> = submissions.iter().map(|submission| submission.line).collect();
+    let places = resolve_all(state, &submissions, &mut faults).await?;
+    let prepare = tokio::task::spawn_blocking(move || {
+        let prepared = prepare(submissions, &places, &mut faults);
+        (prepared, faults)
+    });
+    let (prepared, faults) = prepare.await.map_err(|error| ApiError::internal(&error))?;
+    if is_malformed {
+        return Err(ApiError::malformed(faults));
+    }
+    if !faults.is_empty() {
+        return Err(ApiError::faulty(faults));
+    }
+    Ok(Checked { submissions: prepared?, lines, format, share })
 }
 
 fn location(id: &str) -> HeaderValue {

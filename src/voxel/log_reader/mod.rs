@@ -40,6 +40,7 @@ macro_rules! array_of {
 
 mod events;
 mod rows;
+pub mod text;
 
 use events::EventsShape;
 use rows::{PaletteShape, Row, RowsShape};

@@ -1,0 +1,253 @@
+//! Reading a request to grade, with all its faults at once.
+
+use std::time::Duration;
+
+use serde::de::{IgnoredAny, MapAccess};
+use serde_json::{Map, Value};
+
+use super::super::limits::LIMITS;
+use super::submission_body::{TaskRef, TaskShape};
+use crate::checks::Criterion;
+use crate::grading::reward::Scheme;
+use crate::tasks::published::read_checks;
+use crate::tasks::{Instruction, Task};
+use crate::voxel::log_reader::Turns;
+use crate::voxel::tolerant::{OrNull, Read, Scalar, Shape, Text};
+use crate::voxel::{BlockLog, Faults};
+
+/// How much of the report is answered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Detail {
+    /// Reward, verdicts, and a score per criterion and check.
+    #[default]
+    Scores,
+    /// The whole report with its evidence as well.
+    Report,
+}
+
+/// The task of a request to grade.
+#[derive(Debug, Clone, PartialEq)]
+pub enum NamedTask {
+    /// Of a suite.
+    Listed(TaskRef),
+    /// Brought along.
+    Inline(Box<Task>),
+}
+
+/// A request to grade a log.
+#[derive(Debug)]
+pub struct GradeRequest {
+    /// The task.
+    pub task: NamedTask,
+    /// Its suite, where it is of one.
+    pub suite: Option<String>,
+    /// What was done.
+    pub log: BlockLog,
+    /// How the reward is made.
+    pub scheme: Scheme,
+    /// How much is answered.
+    pub detail: Detail,
+    /// How long grading may take.
+    pub deadline: Duration,
+}
+
+/// Wants a request to grade.
+#[derive(Debug)]
+pub struct GradeShape<'f> {
+    /// Where faults go.
+    pub faults: &'f mut Faults,
+}
+
+const MEMBERS: &str = "a request has task, suite, turns, reward, detail and deadline_ms";
+
+impl<'de> Shape<'de> for GradeShape<'_> {
+    type Out = GradeRequest;
+
+    fn wanted(&self) -> &'static str {
+        "an object with \"task\" and \"turns\""
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<GradeRequest>, A::Error> {
+        let faults = self.faults;
+        let (mut task, mut suite, mut log) = (None, None, None);
+        let (mut scheme, mut detail, mut deadline_ms) = (None, None, None);
+        while let Some(key) = members.next_key::<String>()? {
+            faults.enter_key(&key);
+            match key.as_str() {
+                "task" if task.is_none() => task = Some(members.next_value_seed(Read(NamedTaskShape { faults }))?),
+                "suite" if suite.is_none() => {
+                    let text = Text { faults, min_chars: 1, max_chars: 100 };
+                    suite = Some(members.next_value_seed(Read(OrNull(text)))?.flatten());
+                }
+                "turns" if log.is_none() => {
+                    log = Some(members.next_value_seed(Read(Turns { faults, limits: LIMITS.log() }))?);
+                }
+                "reward" if scheme.is_none() => scheme = Some(read_scheme(&members.next_value()?, faults)),
+                "detail" if detail.is_none() => detail = Some(read_detail(&members.next_value()?, faults)),
+                "deadline_ms" if deadline_ms.is_none() => {
+                    deadline_ms = Some(read_deadline(&members.next_value()?, faults));
+                }
+                "task" | "suite" | "turns" | "reward" | "detail" | "deadline_ms" => {
+                    faults.add("given twice");
+                    members.next_value::<IgnoredAny>()?;
+                }
+                _ => {
+                    faults.add(format!("unknown field; {MEMBERS}"));
+                    members.next_value::<IgnoredAny>()?;
+                }
+            }
+            faults.leave();
+        }
+        for (key, is_missing) in [("task", task.is_none()), ("turns", log.is_none())] {
+            if is_missing {
+                faults.add_at(key, "missing");
+            }
+        }
+        if matches!(task, Some(Some(NamedTask::Inline(_)))) && suite.as_ref().is_some_and(Option::is_some) {
+            faults.add_at("suite", "a task that the request brings is of no suite; leave it out");
+        }
+        let (Some(Some(task)), Some(Some(log))) = (task, log) else { return Ok(None) };
+        let deadline_ms = deadline_ms.unwrap_or(LIMITS.grade_default_deadline_ms);
+        Ok(Some(GradeRequest {
+            task,
+            suite: suite.flatten().flatten(),
+            log,
+            scheme: scheme.unwrap_or_default(),
+            detail: detail.unwrap_or_default(),
+            deadline: Duration::from_millis(deadline_ms),
+        }))
+    }
+}
+
+/// `"strict"`, `"mean"`, or `{"weights": {criterion: weight}}`.
+pub fn read_scheme(value: &Value, faults: &mut Faults) -> Scheme {
+    match value {
+        Value::Null => return Scheme::Strict,
+        Value::String(name) if name == "strict" => return Scheme::Strict,
+        Value::String(name) if name == "mean" => return Scheme::Mean,
+        Value::Object(members) if members.len() == 1 && members.get("weights").is_some_and(Value::is_object) => {}
+        _ => {
+            faults.add("expected \"strict\", \"mean\" or {\"weights\": {\"material\": 1, …}}");
+            return Scheme::Strict;
+        }
+    }
+    faults.enter_key("weights");
+    let mut weights = Vec::new();
+    for (name, weight) in value["weights"].as_object().into_iter().flatten() {
+        let criterion = Criterion::ALL.into_iter().find(|criterion| criterion.name() == name);
+        let number = weight.as_f64().filter(|weight| *weight >= 0.0 && weight.is_finite());
+        match (criterion, number) {
+            (Some(criterion), Some(weight)) => weights.push((criterion, weight)),
+            (None, _) => {
+                let known = Criterion::ALL.map(Criterion::name).join(", ");
+                faults.add_at(name, format!("not a criterion; there are {known}"));
+            }
+            (_, None) => faults.add_at(name, "expected a number of 0 or more"),
+        }
+    }
+    if faults.is_empty() && weights.iter().all(|(_, weight)| *weight == 0.0) {
+        faults.add("no weight is above 0");
+    }
+    faults.leave();
+    Scheme::Weighted(weights)
+}
+
+fn read_detail(value: &Value, faults: &mut Faults) -> Detail {
+    match value {
+        Value::Null => Detail::Scores,
+        Value::String(name) if name == "scores" => Detail::Scores,
+        Value::String(name) if name == "report" => Detail::Report,
+        _ => {
+            faults.add("expected \"scores\" or \"report\"");
+            Detail::Scores
+        }
+    }
+}
+
+fn read_deadline(value: &Value, faults: &mut Faults) -> u64 {
+    let most = LIMITS.grade_max_deadline_ms;
+    match value.as_u64() {
+        _ if value.is_null() => LIMITS.grade_default_deadline_ms,
+        Some(ms) if (1..=most).contains(&ms) => ms,
+        _ => {
+            faults.add(format!("expected milliseconds, 1 to {most}"));
+            most
+        }
+    }
+}
+
+struct NamedTaskShape<'f> {
+    faults: &'f mut Faults,
+}
+
+impl<'de> Shape<'de> for NamedTaskShape<'_> {
+    type Out = NamedTask;
+
+    fn wanted(&self) -> &'static str {
+        "a task: its id, its number, or an object with \"turns\""
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn scalar(self, value: &Scalar<'_>) -> Option<NamedTask> {
+        TaskShape { faults: self.faults }.scalar(value).map(NamedTask::Listed)
+    }
+
+    fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<NamedTask>, A::Error> {
+        let mut object = Map::new();
+        while let Some((key, value)) = members.next_entry::<String, Value>()? {
+            object.insert(key, value);
+        }
+        let before = self.faults.total();
+        let task = inline_task(&object, self.faults);
+        Ok((self.faults.total() == before).then(|| NamedTask::Inline(Box::new(task))))
+    }
+}
+
+/// A task as `GET /v1/tasks/{id}` shows it: `turns` with `checks`, and whatever else it says is not needed.
+fn inline_task(object: &Map<String, Value>, faults: &mut Faults) -> Task {
+    let id = object.get("id").and_then(Value::as_str).unwrap_or("inline/task");
+    if id.len() > 200 {
+        faults.add_at("id", "longer than 200 bytes");
+    }
+    let mut turns = Vec::new();
+    faults.enter_key("turns");
+    match object.get("turns").and_then(Value::as_array) {
+        None => faults.add("expected a list of turns, each with \"checks\""),
+        Some(list) if list.is_empty() || list.len() > LIMITS.turns => {
+            faults.add(format!("{} turns; expected 1 to {}", list.len(), LIMITS.turns));
+        }
+        Some(list) => {
+            for (i, turn) in list.iter().enumerate() {
+                faults.enter_index(i);
+                turns.push(inline_turn(turn, faults));
+                faults.leave();
+            }
+        }
+    }
+    faults.leave();
+    Task::foreign(id.to_owned(), 0, turns)
+}
+
+fn inline_turn(turn: &Value, faults: &mut Faults) -> Instruction {
+    let prompt = turn.get("prompt").and_then(Value::as_str).unwrap_or_default().to_owned();
+    faults.enter_key("checks");
+    let mut checks = turn.get("checks").cloned().unwrap_or_default();
+    for check in checks.as_array_mut().into_iter().flatten().filter_map(Value::as_object_mut) {
+        // What the task's own page says about a check, beside what makes it.
+        check.remove("criterion");
+        check.remove("asks");
+    }
+    let checks = read_checks(&checks, faults);
+    if checks.len() > LIMITS.grade_inline_checks {
+        faults.add(format!("{} checks; at most {} are allowed", checks.len(), LIMITS.grade_inline_checks));
+    }
+    faults.leave();
+    Instruction::new(prompt, checks)
+}

@@ -1,0 +1,225 @@
+//! Grading within a request: bounded admission, a deadline for each log, and a cache of results by content.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use axum::http::StatusCode;
+use quick_cache::Weighter;
+use quick_cache::sync::Cache;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio_util::sync::CancellationToken;
+
+use super::limits::LIMITS;
+use super::problem::{ApiError, ApiResult};
+use crate::checks::Criterion;
+use crate::elasticity::Control;
+use crate::grading::{Report, grade_log};
+use crate::tasks::Task;
+use crate::tasks::catalogue::Entry;
+use crate::voxel::BlockLog;
+
+/// Events up to which a log without a stress check is graded where its request is answered: it takes less than a
+/// millisecond, and handing it over would take as long.
+const QUICK_EVENTS: usize = 1_000;
+/// Memory that a report takes beside its checks, roughly.
+const REPORT_BYTES: u64 = 512;
+/// Memory that a check of a report takes, roughly: names, arguments, a sentence, witnesses.
+const CHECK_BYTES: u64 = 1_024;
+
+/// What a result is kept under: hashes of log and task. Checks are those of the program.
+type Key = (Box<str>, Box<str>);
+
+#[derive(Debug, Clone)]
+struct ByMemory;
+
+impl Weighter<Key, Arc<Report>> for ByMemory {
+    fn weight(&self, _key: &Key, report: &Arc<Report>) -> u64 {
+        let checks = report.turns.iter().map(|turn| turn.checks.len() + turn.informational.len()).sum::<usize>();
+        REPORT_BYTES + CHECK_BYTES * checks as u64
+    }
+}
+
+/// A task to grade against, with its hash.
+#[derive(Debug, Clone)]
+pub enum GivenTask {
+    /// Of a suite, by its number.
+    Listed(Arc<Entry>, u32),
+    /// Brought by the request.
+    Inline(Arc<(Task, String)>),
+}
+
+impl GivenTask {
+    /// One that the request brings.
+    #[must_use]
+    pub fn inline(task: Task) -> Self {
+        let hash = task.content_hash();
+        Self::Inline(Arc::new((task, hash)))
+    }
+
+    /// The task and its hash.
+    ///
+    /// # Errors
+    /// 500 where the suite has no such number, which was looked up before.
+    pub fn task(&self) -> ApiResult<(&Task, &str)> {
+        match self {
+            Self::Inline(task) => Ok((&task.0, &task.1)),
+            Self::Listed(entry, number) => entry
+                .task_numbered(*number)
+                .ok_or_else(|| ApiError::internal(&format!("{} has no task {number}", entry.suite.id()))),
+        }
+    }
+}
+
+/// Grades logs for requests that wait.
+#[derive(Debug)]
+pub struct Grader {
+    waiting: Arc<Semaphore>,
+    batches: Arc<Semaphore>,
+    long: Arc<Semaphore>,
+    cache: Option<Cache<Key, Arc<Report>, ByMemory>>,
+    stop: CancellationToken,
+}
+
+/// A report, and whether it was kept from before.
+#[derive(Debug, Clone)]
+pub struct Graded {
+    /// The report.
+    pub report: Arc<Report>,
+    /// Whether nothing was computed.
+    pub is_cached: bool,
+}
+
+impl Grader {
+    /// With a cache of `cache_bytes`, or none where it is 0.
+    #[must_use]
+    pub fn new(cache_bytes: usize, stop: CancellationToken) -> Self {
+        let typical = (REPORT_BYTES + 5 * CHECK_BYTES) as usize;
+        let cache =
+            (cache_bytes > 0).then(|| Cache::with_weighter(cache_bytes / typical, cache_bytes as u64, ByMemory));
+        let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        Self {
+            waiting: Arc::new(Semaphore::new(LIMITS.grades_waiting)),
+            batches: Arc::new(Semaphore::new(LIMITS.grade_batches)),
+            long: Arc::new(Semaphore::new(cores)),
+            cache,
+            stop,
+        }
+    }
+
+    /// A place among those that are graded or wait.
+    ///
+    /// # Errors
+    /// 429 at once where there is none.
+    pub fn admit(&self) -> ApiResult<OwnedSemaphorePermit> {
+        admitted(&self.waiting, "logs")
+    }
+
+    /// A place for a whole batch.
+    ///
+    /// # Errors
+    /// 429 at once where there is none.
+    pub fn admit_batch(&self) -> ApiResult<OwnedSemaphorePermit> {
+        admitted(&self.batches, "batches")
+    }
+
+    /// Grades a log, here where that is quick and else on a thread of its own.
+    ///
+    /// # Errors
+    /// 504 where the deadline passes, 503 where the service stops, 500 where grading fails; never a score.
+    pub async fn grade(
+        self: &Arc<Self>,
+        given: GivenTask,
+        log: BlockLog,
+        log_hash: &str,
+        deadline: Duration,
+    ) -> ApiResult<Graded> {
+        let (task, hash) = given.task()?;
+        if log.event_count() <= QUICK_EVENTS && !has_stress(task) {
+            return self.grade_here(&given, &log, log_hash, deadline);
+        }
+        if let Some(kept) = self.kept(log_hash, hash) {
+            return Ok(kept);
+        }
+        let deadline = Instant::now() + deadline;
+        let turn = tokio::time::timeout_at(deadline.into(), Arc::clone(&self.long).acquire_owned()).await;
+        let Ok(Ok(turn)) = turn else { return Err(too_late()) };
+        let (grader, log_hash) = (Arc::clone(self), log_hash.to_owned());
+        let work = tokio::task::spawn_blocking(move || {
+            // Held by the work, which goes on where the client leaves.
+            let _turn = turn;
+            grader.grade_here(&given, &log, &log_hash, deadline.saturating_duration_since(Instant::now()))
+        });
+        work.await.map_err(|error| ApiError::internal(&error))?
+    }
+
+    /// Grades a log on this thread, however long it takes.
+    ///
+    /// # Errors
+    /// As [`Self::grade`].
+    pub fn grade_here(
+        &self,
+        given: &GivenTask,
+        log: &BlockLog,
+        log_hash: &str,
+        deadline: Duration,
+    ) -> ApiResult<Graded> {
+        let (task, hash) = given.task()?;
+        if let Some(kept) = self.kept(log_hash, hash) {
+            return Ok(kept);
+        }
+        let report = self.compute(task, log, Instant::now() + deadline)?;
+        Ok(self.keep(log_hash, hash, report))
+    }
+
+    fn compute(&self, task: &Task, log: &BlockLog, deadline: Instant) -> ApiResult<Report> {
+        let stop = || self.stop.is_cancelled() || Instant::now() >= deadline;
+        let begun = Instant::now();
+        let graded =
+            std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| grade_log(task, log, &Control::until(&stop))));
+        match graded {
+            Ok(Ok(report)) => {
+                metrics::histogram!("plumbline_grade_seconds").record(begun.elapsed().as_secs_f64());
+                Ok(report)
+            }
+            Ok(Err(_stopped)) if self.stop.is_cancelled() => {
+                let detail = "The service stops. The request may be sent again.";
+                Err(ApiError::new(StatusCode::SERVICE_UNAVAILABLE, "stopping", "Stopping", detail).retry_after(5))
+            }
+            Ok(Err(_stopped)) => Err(too_late()),
+            Err(_panic) => Err(ApiError::internal(&format!("grading {} panicked", task.id))),
+        }
+    }
+
+    fn kept(&self, log_hash: &str, task_hash: &str) -> Option<Graded> {
+        let cache = self.cache.as_ref()?;
+        let found = cache.get(&(Box::from(log_hash), Box::from(task_hash)));
+        let outcome = if found.is_some() { "hit" } else { "miss" };
+        metrics::counter!("plumbline_grade_cache_total", "outcome" => outcome).increment(1);
+        found.map(|report| Graded { report, is_cached: true })
+    }
+
+    fn keep(&self, log_hash: &str, task_hash: &str, report: Report) -> Graded {
+        let report = Arc::new(report);
+        if let Some(cache) = &self.cache {
+            cache.insert((Box::from(log_hash), Box::from(task_hash)), Arc::clone(&report));
+            metrics::gauge!("plumbline_grade_cache_bytes").set(cache.weight() as f64);
+        }
+        Graded { report, is_cached: false }
+    }
+}
+
+fn admitted(places: &Arc<Semaphore>, what: &str) -> ApiResult<OwnedSemaphorePermit> {
+    Arc::clone(places).try_acquire_owned().map_err(|_| {
+        metrics::counter!("plumbline_grade_refused_total").increment(1);
+        ApiError::too_many(format!("many {what} are being graded; come back in a moment"))
+    })
+}
+
+fn too_late() -> ApiError {
+    let detail = "The deadline passed before the log was graded. A longer deadline_ms may help.";
+    ApiError::new(StatusCode::GATEWAY_TIMEOUT, "deadline", "Deadline passed", detail).retry_after(1)
+}
+
+fn has_stress(task: &Task) -> bool {
+    task.checks().any(|check| check.criterion() == Criterion::StructuralStability)
+}
