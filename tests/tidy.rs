@@ -21,7 +21,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("builders", &["voxel", "elasticity", "tasks"]),
     ("grading", &["voxel", "elasticity", "checks", "tasks"]),
     ("store", &["clock", "voxel", "checks", "tasks", "grading"]),
-    ("worker", &["clock", "elasticity", "grading", "store"]),
+    ("worker", &["clock", "elasticity", "tasks", "grading", "store"]),
     ("http", &["clock", "voxel", "elasticity", "checks", "tasks", "grading", "store"]),
 ];
 /// Rooms that know no runtime, log, clock, thread, file or network, and the words that would show one.

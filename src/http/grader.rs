@@ -134,7 +134,7 @@ impl Grader {
         deadline: Duration,
     ) -> ApiResult<Graded> {
         let (task, hash) = given.task()?;
-        if log.event_count() <= QUICK_EVENTS && !has_stress(task) {
+        if is_quick(task, &log) {
             return self.grade_here(&given, &log, log_hash, deadline);
         }
         if let Some(kept) = self.kept(log_hash, hash) {
@@ -220,6 +220,8 @@ fn too_late() -> ApiError {
     ApiError::new(StatusCode::GATEWAY_TIMEOUT, "deadline", "Deadline passed", detail).retry_after(1)
 }
 
-fn has_stress(task: &Task) -> bool {
-    task.checks().any(|check| check.criterion() == Criterion::StructuralStability)
+/// Whether grading takes less than a millisecond or so: few events, no stress simulation.
+#[must_use]
+pub fn is_quick(task: &Task, log: &BlockLog) -> bool {
+    log.event_count() <= QUICK_EVENTS && !task.checks().any(|c| c.criterion() == Criterion::StructuralStability)
 }

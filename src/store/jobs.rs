@@ -3,11 +3,13 @@
 //! The attempt number fences: what a worker brings back counts only while its attempt is the job's. A lease that runs
 //! out is taken again; after [`MAX_ATTEMPTS`] the submission ends as `grader_error`, visibly.
 
-use sqlx::Row as _;
+use std::collections::HashMap;
+
+use sqlx::{QueryBuilder, Row as _, Sqlite, SqliteConnection};
 
 use super::runs::{count, end_if_complete};
 use super::submissions::SubmissionState;
-use super::{Store, StoreError, StoreResult, Tx, decompress};
+use super::{Store, StoreError, StoreResult, decompress};
 use crate::clock::now_ms;
 use crate::voxel::BlockLog;
 
@@ -44,8 +46,8 @@ impl Claim {
 /// What came of looking for work.
 #[derive(Debug)]
 pub enum Claimed {
-    /// A job to do.
-    Job(Box<Claim>),
+    /// Jobs to do: one, or several that are quick.
+    Jobs(Vec<Claim>),
     /// A job whose attempts were used up; its submission ended as `grader_error`. There may be more work.
     GivenUp,
     /// Nothing to do now.
@@ -54,46 +56,68 @@ pub enum Claimed {
 
 impl Store {
     /// Takes the oldest job that is free or whose lease has run out, under a lease of `lease_ms` from the moment that
-    /// this transaction has the database to itself.
+    /// this transaction has the database to itself. Where it is quick and was never begun, up to `most` such jobs come
+    /// with it; one that was begun before comes alone, so that what ails it befalls no other.
     ///
     /// # Errors
     /// Where the database fails.
-    pub async fn claim(&self, lease_ms: i64) -> StoreResult<Claimed> {
+    pub async fn claim(&self, lease_ms: i64, most: usize) -> StoreResult<Claimed> {
         let mut tx = self.begin().await?;
         let now_ms = now_ms();
-        let row = sqlx::query(
+        let first: Option<(String, i64, bool)> = sqlx::query_as(
             "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $2
              WHERE submission_id = (SELECT submission_id FROM jobs WHERE lease_until_ms <= $1
                                     ORDER BY queued_at_ms, submission_id LIMIT 1)
-             RETURNING submission_id, attempt",
+             RETURNING submission_id, attempt, quick",
         )
         .bind(now_ms)
         .bind(now_ms + lease_ms)
         .fetch_optional(&mut *tx)
         .await?;
-        let Some(row) = row else { return Ok(Claimed::Nothing) };
-        let (submission_id, attempt): (String, i64) = (row.try_get(0)?, row.try_get(1)?);
-        let row = sqlx::query("SELECT run_id, suite_id, task_number, log FROM submissions WHERE id = $1")
-            .bind(&submission_id)
-            .fetch_one(&mut *tx)
-            .await?;
-        let (run_id, suite_id): (Option<String>, String) = (row.try_get(0)?, row.try_get(1)?);
+        let Some((id, attempt, quick)) = first else { return Ok(Claimed::Nothing) };
         if attempt > MAX_ATTEMPTS {
-            let why = format!("grading was begun {MAX_ATTEMPTS} times and never ended");
-            let end =
-                End { submission_id: &submission_id, run_id: run_id.as_deref(), state: SubmissionState::GraderError };
-            end.record(&mut tx, Some(&why), &suite_id, now_ms).await?;
+            give_up(&mut tx, &id, now_ms).await?;
             tx.commit().await?;
             return Ok(Claimed::GivenUp);
         }
-        sqlx::query("UPDATE submissions SET state = 'grading' WHERE id = $1")
-            .bind(&submission_id)
-            .execute(&mut *tx)
+        let mut taken = vec![(id, attempt)];
+        if quick && attempt == 1 {
+            let more: Vec<(String, i64)> = sqlx::query_as(
+                "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $2
+                 WHERE submission_id IN (SELECT submission_id FROM jobs
+                                         WHERE lease_until_ms <= $1 AND quick = 1 AND attempt = 0
+                                         ORDER BY queued_at_ms, submission_id LIMIT $3)
+                 RETURNING submission_id, attempt",
+            )
+            .bind(now_ms)
+            .bind(now_ms + lease_ms)
+            .bind(most.saturating_sub(1) as i64)
+            .fetch_all(&mut *tx)
             .await?;
-        let log: Vec<u8> = row.try_get(3)?;
-        let task_number = u32::try_from(row.try_get::<i64, _>(2)?).unwrap_or_default();
+            taken.extend(more);
+        }
+        let mut update = QueryBuilder::new("UPDATE submissions SET state = 'grading' WHERE id IN ");
+        push_ids(&mut update, taken.iter().map(|(id, _)| id.as_str()));
+        update.build().execute(&mut *tx).await?;
+        let mut select =
+            QueryBuilder::new("SELECT id, run_id, suite_id, task_number, log FROM submissions WHERE id IN ");
+        push_ids(&mut select, taken.iter().map(|(id, _)| id.as_str()));
+        let rows = select.build().fetch_all(&mut *tx).await?;
         tx.commit().await?;
-        Ok(Claimed::Job(Box::new(Claim { submission_id, attempt, run_id, suite_id, task_number, log })))
+        let attempts: HashMap<String, i64> = taken.into_iter().collect();
+        let mut claims = Vec::with_capacity(rows.len());
+        for row in rows {
+            let submission_id: String = row.try_get(0)?;
+            claims.push(Claim {
+                attempt: attempts.get(&submission_id).copied().unwrap_or_default(),
+                submission_id,
+                run_id: row.try_get(1)?,
+                suite_id: row.try_get(2)?,
+                task_number: u32::try_from(row.try_get::<i64, _>(3)?).unwrap_or_default(),
+                log: row.try_get(4)?,
+            });
+        }
+        Ok(Claimed::Jobs(claims))
     }
 
     /// Extends a lease to `lease_ms` from now. False where the job is no longer this attempt's.
@@ -153,11 +177,33 @@ impl Store {
     }
 }
 
+/// Adds `(id, id, …)` as bound values.
+pub(super) fn push_ids<'a>(query: &mut QueryBuilder<Sqlite>, ids: impl Iterator<Item = &'a str>) {
+    query.push("(");
+    let mut list = query.separated(", ");
+    for id in ids {
+        list.push_bind(id.to_owned());
+    }
+    query.push(")");
+}
+
+/// Ends the submission of a job whose attempts are used up.
+async fn give_up(tx: &mut SqliteConnection, submission_id: &str, now_ms: i64) -> StoreResult<()> {
+    let (run_id, suite_id): (Option<String>, String) =
+        sqlx::query_as("SELECT run_id, suite_id FROM submissions WHERE id = $1")
+            .bind(submission_id)
+            .fetch_one(&mut *tx)
+            .await?;
+    let why = format!("grading was begun {MAX_ATTEMPTS} times and never ended");
+    let end = End { submission_id, run_id: run_id.as_deref(), state: SubmissionState::GraderError };
+    end.record(tx, Some(&why), &suite_id, now_ms).await
+}
+
 /// Whether the job is still this attempt's.
-pub(super) async fn holds(tx: &mut Tx, claim: &Claim) -> StoreResult<bool> {
+pub(super) async fn holds(tx: &mut SqliteConnection, claim: &Claim) -> StoreResult<bool> {
     let attempt: Option<i64> = sqlx::query_scalar("SELECT attempt FROM jobs WHERE submission_id = $1")
         .bind(&claim.submission_id)
-        .fetch_optional(&mut **tx)
+        .fetch_optional(&mut *tx)
         .await?;
     Ok(attempt == Some(claim.attempt))
 }
@@ -171,15 +217,21 @@ pub(super) struct End<'a> {
 
 impl End<'_> {
     /// Sets the state, drops the job, moves the run's counters, and ends the run where this was the last.
-    pub async fn record(&self, tx: &mut Tx, why: Option<&str>, suite_id: &str, now_ms: i64) -> StoreResult<()> {
+    pub async fn record(
+        &self,
+        tx: &mut SqliteConnection,
+        why: Option<&str>,
+        suite_id: &str,
+        now_ms: i64,
+    ) -> StoreResult<()> {
         sqlx::query("UPDATE submissions SET state = $2, error = $3, ended_at_ms = $4 WHERE id = $1")
             .bind(self.submission_id)
             .bind(self.state.name())
             .bind(why)
             .bind(now_ms)
-            .execute(&mut **tx)
+            .execute(&mut *tx)
             .await?;
-        sqlx::query("DELETE FROM jobs WHERE submission_id = $1").bind(self.submission_id).execute(&mut **tx).await?;
+        sqlx::query("DELETE FROM jobs WHERE submission_id = $1").bind(self.submission_id).execute(&mut *tx).await?;
         if let Some(run_id) = self.run_id {
             let graded = i64::from(self.state == SubmissionState::Graded);
             let errors = i64::from(self.state == SubmissionState::GraderError);

@@ -4,6 +4,7 @@
 //! returns (WAL, synchronous=FULL).
 
 pub mod boards;
+mod group_commit;
 pub mod jobs;
 pub mod reports;
 pub mod runs;
@@ -18,6 +19,7 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, S
 use sqlx::{Sqlite, SqlitePool, Transaction};
 
 use crate::tasks::catalogue::Catalogue;
+use group_commit::Acceptances;
 
 static MIGRATOR: sqlx::migrate::Migrator = sqlx::migrate!();
 
@@ -76,6 +78,7 @@ pub type StoreResult<T> = Result<T, StoreError>;
 pub struct Store {
     writer: SqlitePool,
     readers: SqlitePool,
+    acceptances: Acceptances,
     catalogue: Arc<RwLock<Arc<Catalogue>>>,
 }
 
@@ -110,7 +113,8 @@ impl Store {
             .max_lifetime(None)
             .connect_with(options.read_only(true))
             .await?;
-        let store = Self { writer, readers, catalogue: Arc::default() };
+        let acceptances = Acceptances::start(writer.clone());
+        let store = Self { writer, readers, acceptances, catalogue: Arc::default() };
         store.refresh_catalogue().await?;
         Ok(store)
     }

@@ -1,8 +1,11 @@
 //! Reports: what grading found. Written once, by the attempt that holds the job.
 
-use sqlx::Row as _;
+use std::collections::{BTreeMap, HashMap};
 
-use super::jobs::{Claim, End, holds};
+use sqlx::{QueryBuilder, Row as _};
+
+use super::jobs::{Claim, push_ids};
+use super::runs::{count, end_if_complete};
 use super::submissions::SubmissionState;
 use super::{Store, StoreError, StoreResult, compress, decompress};
 use crate::grading::Report;
@@ -22,42 +25,93 @@ pub struct ReportRow {
     pub grading_us: i64,
 }
 
+/// A report as it is stored. Making it takes time, so it is made where that hinders nobody.
+#[derive(Debug, Clone)]
+pub struct PackedReport {
+    checks_version: i64,
+    overall: bool,
+    accuracy: Option<bool>,
+    scores: String,
+    body: Vec<u8>,
+    grading_us: i64,
+}
+
+impl PackedReport {
+    /// Of a report that took so many microseconds.
+    ///
+    /// # Errors
+    /// Where it cannot be written as JSON or compressed.
+    pub fn of(report: &Report, grading_us: i64) -> StoreResult<Self> {
+        let json = |error: serde_json::Error| StoreError::corrupt("reports", error);
+        Ok(Self {
+            checks_version: i64::from(report.checks_version),
+            overall: report.overall,
+            accuracy: report.accuracy,
+            scores: serde_json::to_string(&report.scores()).map_err(json)?,
+            body: compress(&serde_json::to_vec(report).map_err(json)?)?,
+            grading_us,
+        })
+    }
+}
+
 impl Store {
-    /// Stores a report and ends its submission, if the claim's attempt still holds the job. False where it does not:
-    /// the report is then dropped, because another attempt's counts.
+    /// Stores reports and ends their submissions, in one transaction, each if its claim's attempt still holds the job; else
+    /// it is dropped, because another attempt's counts. Gives the number of those stored.
     ///
     /// # Errors
     /// Where the database fails; nothing is stored then.
-    pub async fn record(&self, claim: &Claim, report: &Report, grading_us: i64, now_ms: i64) -> StoreResult<bool> {
-        let json = |error: serde_json::Error| StoreError::corrupt("reports", error);
-        let body = compress(&serde_json::to_vec(report).map_err(json)?)?;
-        let scores = serde_json::to_string(&report.scores()).map_err(json)?;
+    pub async fn record(&self, graded: &[(Claim, PackedReport)], now_ms: i64) -> StoreResult<usize> {
         let mut tx = self.begin().await?;
-        if !holds(&mut tx, claim).await? {
-            return Ok(false);
+        let mut query = QueryBuilder::new("SELECT submission_id, attempt FROM jobs WHERE submission_id IN ");
+        push_ids(&mut query, graded.iter().map(|(claim, _)| claim.submission_id.as_str()));
+        let held: Vec<(String, i64)> = query.build_query_as().fetch_all(&mut *tx).await?;
+        let held: HashMap<String, i64> = held.into_iter().collect();
+        let ours: Vec<&(Claim, PackedReport)> =
+            graded.iter().filter(|(claim, _)| held.get(&claim.submission_id) == Some(&claim.attempt)).collect();
+        if ours.is_empty() {
+            return Ok(0);
         }
-        sqlx::query(
+        let mut query = QueryBuilder::new(
             "INSERT INTO reports (submission_id, attempt, checks_version, grader, overall, accuracy, scores, body,
-                                  graded_at_ms, grading_us)
-             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10)",
-        )
-        .bind(&claim.submission_id)
-        .bind(claim.attempt)
-        .bind(i64::from(report.checks_version))
-        .bind(GRADER)
-        .bind(report.overall)
-        .bind(report.accuracy)
-        .bind(scores)
-        .bind(body)
-        .bind(now_ms)
-        .bind(grading_us)
-        .execute(&mut *tx)
-        .await?;
-        let run_id = claim.run_id.as_deref();
-        let end = End { submission_id: &claim.submission_id, run_id, state: SubmissionState::Graded };
-        end.record(&mut tx, None, &claim.suite_id, now_ms).await?;
+                                  graded_at_ms, grading_us) ",
+        );
+        query.push_values(&ours, |mut row, (claim, report)| {
+            row.push_bind(claim.submission_id.clone())
+                .push_bind(claim.attempt)
+                .push_bind(report.checks_version)
+                .push_bind(GRADER)
+                .push_bind(report.overall)
+                .push_bind(report.accuracy)
+                .push_bind(report.scores.clone())
+                .push_bind(report.body.clone())
+                .push_bind(now_ms)
+                .push_bind(report.grading_us);
+        });
+        query.build().execute(&mut *tx).await?;
+        let ids = || ours.iter().map(|(claim, _)| claim.submission_id.as_str());
+        let mut query = QueryBuilder::new("UPDATE submissions SET state = ");
+        query
+            .push_bind(SubmissionState::Graded.name())
+            .push(", ended_at_ms = ")
+            .push_bind(now_ms)
+            .push(" WHERE id IN ");
+        push_ids(&mut query, ids());
+        query.build().execute(&mut *tx).await?;
+        let mut query = QueryBuilder::new("DELETE FROM jobs WHERE submission_id IN ");
+        push_ids(&mut query, ids());
+        query.build().execute(&mut *tx).await?;
+        let mut runs: BTreeMap<(&str, &str), i64> = BTreeMap::new();
+        for (claim, _) in &ours {
+            if let Some(run_id) = &claim.run_id {
+                *runs.entry((run_id, &claim.suite_id)).or_default() += 1;
+            }
+        }
+        for ((run_id, suite_id), reports) in runs {
+            count(&mut tx, run_id, -reports, reports, 0).await?;
+            end_if_complete(&mut tx, run_id, suite_id, now_ms).await?;
+        }
         tx.commit().await?;
-        Ok(true)
+        Ok(ours.len())
     }
 
     /// The latest report on a submission.

@@ -3,11 +3,11 @@
 //! A run ends by itself when every task of its suite has been graded, or when its owner says that no more will come
 //! and nothing is pending. A failure of ours keeps it from ending until the task is posted again.
 
-use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
+use sqlx::{Row as _, SqliteConnection};
 
 use super::suites::tasks_of;
-use super::{Store, StoreError, StoreResult, Tx};
+use super::{Store, StoreError, StoreResult};
 use crate::grading::{ProblemScores, Summary};
 use crate::tasks::Task;
 
@@ -161,13 +161,19 @@ impl Store {
 }
 
 /// The run as the transaction sees it.
-pub(super) async fn run_in(tx: &mut Tx, id: &str) -> StoreResult<Option<RunRow>> {
-    let row = sqlx::query(select_run!("WHERE r.id = $1")).bind(id).fetch_optional(&mut **tx).await?;
+pub(super) async fn run_in(tx: &mut SqliteConnection, id: &str) -> StoreResult<Option<RunRow>> {
+    let row = sqlx::query(select_run!("WHERE r.id = $1")).bind(id).fetch_optional(&mut *tx).await?;
     row.as_ref().map(read_run).transpose()
 }
 
 /// Moves a run's counters.
-pub(super) async fn count(tx: &mut Tx, id: &str, pending: i64, graded: i64, grader_errors: i64) -> StoreResult<()> {
+pub(super) async fn count(
+    tx: &mut SqliteConnection,
+    id: &str,
+    pending: i64,
+    graded: i64,
+    grader_errors: i64,
+) -> StoreResult<()> {
     sqlx::query(
         "UPDATE runs SET pending = pending + $2, graded = graded + $3, grader_errors = grader_errors + $4 WHERE id = $1",
     )
@@ -175,13 +181,18 @@ pub(super) async fn count(tx: &mut Tx, id: &str, pending: i64, graded: i64, grad
     .bind(pending)
     .bind(graded)
     .bind(grader_errors)
-    .execute(&mut **tx)
+    .execute(&mut *tx)
     .await?;
     Ok(())
 }
 
 /// Ends the run where nothing is left to wait for, with its summary over the tasks of its suite.
-pub(super) async fn end_if_complete(tx: &mut Tx, id: &str, suite_id: &str, now_ms: i64) -> StoreResult<bool> {
+pub(super) async fn end_if_complete(
+    tx: &mut SqliteConnection,
+    id: &str,
+    suite_id: &str,
+    now_ms: i64,
+) -> StoreResult<bool> {
     let Some(run) = run_in(tx, id).await? else { return Ok(false) };
     let is_quiet = run.pending == 0 && run.grader_errors == 0;
     let is_complete = run.state == RunState::Finishing || run.graded >= run.tasks;
@@ -195,13 +206,13 @@ pub(super) async fn end_if_complete(tx: &mut Tx, id: &str, suite_id: &str, now_m
         .bind(id)
         .bind(now_ms)
         .bind(summary)
-        .execute(&mut **tx)
+        .execute(&mut *tx)
         .await?;
     Ok(true)
 }
 
 /// Summary of a run's reports; tasks without one count as failed.
-async fn summarise(tx: &mut Tx, id: &str, tasks: &[Task]) -> StoreResult<Summary> {
+async fn summarise(tx: &mut SqliteConnection, id: &str, tasks: &[Task]) -> StoreResult<Summary> {
     let rows = sqlx::query(
         "SELECT s.task_number, r.scores
          FROM submissions s JOIN reports r ON r.submission_id = s.id
@@ -210,7 +221,7 @@ async fn summarise(tx: &mut Tx, id: &str, tasks: &[Task]) -> StoreResult<Summary
          ORDER BY s.task_number",
     )
     .bind(id)
-    .fetch_all(&mut **tx)
+    .fetch_all(&mut *tx)
     .await?;
     let mut problems = Vec::with_capacity(rows.len());
     for row in &rows {

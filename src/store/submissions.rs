@@ -1,10 +1,12 @@
 //! Submissions: what an agent did for one task.
 
-use sqlx::Row as _;
+use std::sync::Arc;
+
 use sqlx::sqlite::SqliteRow;
+use sqlx::{Row as _, SqliteConnection};
 
 use super::runs::{RunState, count, run_in};
-use super::{Store, StoreError, StoreResult, Tx, compress, decompress};
+use super::{Store, StoreError, StoreResult, compress, decompress};
 
 /// State of a submission.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -84,6 +86,8 @@ pub struct NewSubmission {
     pub turns: usize,
     /// Events of the log.
     pub events: usize,
+    /// Whether grading takes next to no time: few events, no stress simulation.
+    pub quick: bool,
 }
 
 /// What came of storing a submission.
@@ -167,22 +171,15 @@ fn read_submission(row: &SqliteRow) -> StoreResult<SubmissionRow> {
 }
 
 impl Store {
-    /// Stores submissions and their jobs in one transaction: all of them, or none where one is refused.
+    /// Stores submissions and their jobs: all of them, or none where one is refused. Requests that come at the same time
+    /// share a transaction.
     ///
     /// The answers are in the order given. Where all are [`Accepted::New`] or [`Accepted::Same`], they are durable.
     ///
     /// # Errors
     /// Where the database fails; nothing is stored then.
-    pub async fn accept(&self, submissions: &[NewSubmission], now_ms: i64) -> StoreResult<Vec<Accepted>> {
-        let mut tx = self.begin().await?;
-        let mut answers = Vec::with_capacity(submissions.len());
-        for submission in submissions {
-            answers.push(accept_one(&mut tx, submission, now_ms).await?);
-        }
-        if answers.iter().all(|answer| matches!(answer, Accepted::New | Accepted::Same(_))) {
-            tx.commit().await?;
-        }
-        Ok(answers)
+    pub async fn accept(&self, submissions: Arc<[NewSubmission]>, now_ms: i64) -> StoreResult<Vec<Accepted>> {
+        self.acceptances.store(submissions, now_ms).await
     }
 
     /// What storing submissions would come to, without storing any.
@@ -252,18 +249,18 @@ impl Store {
     }
 }
 
-async fn accept_one(tx: &mut Tx, new: &NewSubmission, now_ms: i64) -> StoreResult<Accepted> {
+pub(super) async fn accept_one(tx: &mut SqliteConnection, new: &NewSubmission, now_ms: i64) -> StoreResult<Accepted> {
     if let Some(run_id) = &new.run_id {
         let earlier: Option<(String, String, String)> = sqlx::query_as(
             "SELECT id, log_hash, state FROM submissions WHERE run_id = $1 AND task_number = $2 AND superseded = 0",
         )
         .bind(run_id)
         .bind(i64::from(new.task_number))
-        .fetch_optional(&mut **tx)
+        .fetch_optional(&mut *tx)
         .await?;
         match earlier {
             Some((id, _, state)) if state == SubmissionState::GraderError.name() => {
-                sqlx::query("UPDATE submissions SET superseded = 1 WHERE id = $1").bind(&id).execute(&mut **tx).await?;
+                sqlx::query("UPDATE submissions SET superseded = 1 WHERE id = $1").bind(&id).execute(&mut *tx).await?;
                 count(tx, run_id, 0, 0, -1).await?;
             }
             Some((id, log_hash, _)) if log_hash == new.log_hash => return Ok(Accepted::Same(id)),
@@ -293,12 +290,13 @@ async fn accept_one(tx: &mut Tx, new: &NewSubmission, now_ms: i64) -> StoreResul
     .bind(new.turns as i64)
     .bind(new.events as i64)
     .bind(now_ms)
-    .execute(&mut **tx)
+    .execute(&mut *tx)
     .await?;
-    sqlx::query("INSERT INTO jobs (submission_id, queued_at_ms) VALUES ($1, $2)")
+    sqlx::query("INSERT INTO jobs (submission_id, queued_at_ms, quick) VALUES ($1, $2, $3)")
         .bind(&new.id)
         .bind(now_ms)
-        .execute(&mut **tx)
+        .bind(new.quick)
+        .execute(&mut *tx)
         .await?;
     Ok(Accepted::New)
 }

@@ -1,11 +1,11 @@
 //! Suites and their tasks. A suite never changes once stored; a change is a new version.
 
 use sha2::{Digest as _, Sha256};
-use sqlx::Row as _;
+use sqlx::{Row as _, SqliteConnection};
 
 use std::sync::Arc;
 
-use super::{Store, StoreError, StoreResult, Tx};
+use super::{Store, StoreError, StoreResult};
 use crate::tasks::catalogue::Catalogue;
 use crate::tasks::{Suite, Task, hex};
 
@@ -127,13 +127,13 @@ impl Store {
 }
 
 /// The tasks of a suite as the transaction sees them.
-pub(super) async fn tasks_of(tx: &mut Tx, suite_id: &str) -> StoreResult<Vec<Task>> {
+pub(super) async fn tasks_of(tx: &mut SqliteConnection, suite_id: &str) -> StoreResult<Vec<Task>> {
     let bodies: Vec<String> = sqlx::query_scalar(
         "SELECT t.body FROM suite_tasks st JOIN tasks t ON t.hash = st.task_hash WHERE st.suite_id = $1
          ORDER BY st.number",
     )
     .bind(suite_id)
-    .fetch_all(&mut **tx)
+    .fetch_all(&mut *tx)
     .await?;
     bodies.iter().map(|body| serde_json::from_str(body).map_err(|error| StoreError::corrupt("tasks", error))).collect()
 }

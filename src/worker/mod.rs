@@ -13,10 +13,12 @@ use tokio_util::task::TaskTracker;
 
 use crate::clock::now_ms;
 use crate::elasticity::Control;
-use crate::grading::{Report, grade_log};
+use crate::grading::grade_log;
 use crate::store::jobs::{Claim, Claimed, MAX_ATTEMPTS};
+use crate::store::reports::PackedReport;
 use crate::store::submissions::SubmissionState;
 use crate::store::{Store, StoreResult};
+use crate::tasks::catalogue::Catalogue;
 
 /// How workers work.
 #[derive(Debug, Clone, Copy)]
@@ -29,6 +31,8 @@ pub struct WorkerSettings {
     pub deadline: Duration,
 }
 
+/// Quick jobs that a worker takes at once: together they take some tens of milliseconds.
+const QUICK_JOBS: usize = 64;
 /// How often an idle worker looks for leases that ran out.
 const IDLE_LOOK: Duration = Duration::from_millis(500);
 /// Pause after the database failed.
@@ -72,7 +76,7 @@ struct Worker {
 
 /// How a grading ended.
 enum Ending {
-    Graded(Box<Report>, Duration),
+    Graded(Box<PackedReport>, Duration),
     Stopped,
     Unreadable(String),
     Panicked,
@@ -93,11 +97,12 @@ impl Worker {
             let woken = self.wake.notified();
             tokio::pin!(woken);
             woken.as_mut().enable();
-            match self.store.claim(duration_ms(self.settings.lease)).await {
-                Ok(Claimed::Job(claim)) => {
-                    if let Err(error) = self.work(&claim).await {
-                        // The lease runs out and the job is taken again.
-                        tracing::error!(%error, submission = claim.submission_id, "could not record the end of a job");
+            match self.store.claim(duration_ms(self.settings.lease), QUICK_JOBS).await {
+                Ok(Claimed::Jobs(claims)) => {
+                    let first = claims.first().map(|claim| claim.submission_id.clone()).unwrap_or_default();
+                    if let Err(error) = self.work(claims).await {
+                        // The leases run out and the jobs are taken again.
+                        tracing::error!(%error, first, "could not record the end of jobs");
                         self.pause(ERROR_PAUSE).await;
                     }
                 }
@@ -124,12 +129,13 @@ impl Worker {
         }
     }
 
-    /// Grades a job and records how it ended, with the lease renewed until both are done.
-    async fn work(&self, claim: &Claim) -> StoreResult<()> {
+    /// Grades jobs and records how they ended, with their leases renewed until both are done.
+    async fn work(&self, claims: Vec<Claim>) -> StoreResult<()> {
         let is_lost = Arc::new(AtomicBool::new(false));
+        let claims: Arc<[Claim]> = claims.into();
         let working = async {
-            let ending = self.grade(claim, Arc::clone(&is_lost)).await?;
-            self.conclude(claim, ending, is_lost.load(Ordering::Relaxed)).await
+            let endings = self.grade(&claims, Arc::clone(&is_lost)).await?;
+            self.conclude(&claims, endings, is_lost.load(Ordering::Relaxed)).await
         };
         // Beside the work and not between its steps: there is one connection that writes, and renewing must not wait for
         // it while the work that holds it waits for the renewal.
@@ -138,9 +144,13 @@ impl Worker {
             heartbeat.tick().await;
             loop {
                 heartbeat.tick().await;
-                // A failed renewal is not a lost lease: recording tells in the end.
-                if let Ok(false) = self.store.renew(claim, duration_ms(self.settings.lease)).await {
-                    is_lost.store(true, Ordering::Relaxed);
+                for claim in &*claims {
+                    // A failed renewal is not a lost lease: recording tells in the end. Of several quick jobs one that is
+                    // lost stops none: each is recorded for itself.
+                    let renewed = self.store.renew(claim, duration_ms(self.settings.lease)).await;
+                    if matches!(renewed, Ok(false)) && claims.len() == 1 {
+                        is_lost.store(true, Ordering::Relaxed);
+                    }
                 }
             }
         };
@@ -150,29 +160,33 @@ impl Worker {
         }
     }
 
-    async fn conclude(&self, claim: &Claim, ending: Ending, is_lost: bool) -> StoreResult<()> {
-        match ending {
-            Ending::Graded(report, took) => {
-                metrics::histogram!("plumbline_grading_seconds").record(took.as_secs_f64());
-                let took_us = i64::try_from(took.as_micros()).unwrap_or(i64::MAX);
-                if self.store.record(claim, &report, took_us, now_ms()).await? {
-                    metrics::counter!("plumbline_graded_total").increment(1);
+    async fn conclude(&self, claims: &[Claim], endings: Vec<Ending>, is_lost: bool) -> StoreResult<()> {
+        let mut graded = Vec::with_capacity(claims.len());
+        for (claim, ending) in claims.iter().zip(endings) {
+            match ending {
+                Ending::Graded(report, took) => {
+                    metrics::histogram!("plumbline_grading_seconds").record(took.as_secs_f64());
+                    graded.push((claim.clone(), *report));
                 }
-                Ok(())
+                Ending::Stopped if is_lost => {}
+                Ending::Stopped if self.stop.is_cancelled() => self.store.give_back(claim, false).await?,
+                Ending::Stopped => {
+                    let limit = self.settings.deadline.as_secs();
+                    self.fail(claim, &format!("grading took longer than the limit of {limit} s")).await?;
+                }
+                Ending::Unreadable(cause) => {
+                    tracing::error!(submission = claim.submission_id, cause, "a stored submission cannot be graded");
+                    self.fail(claim, "the stored submission could not be read").await?;
+                }
+                Ending::Panicked if claim.attempt < MAX_ATTEMPTS => self.store.give_back(claim, true).await?,
+                Ending::Panicked => self.fail(claim, "the grader failed on this submission").await?,
             }
-            Ending::Stopped if is_lost => Ok(()),
-            Ending::Stopped if self.stop.is_cancelled() => self.store.give_back(claim, false).await,
-            Ending::Stopped => {
-                let limit = self.settings.deadline.as_secs();
-                self.fail(claim, &format!("grading took longer than the limit of {limit} s")).await
-            }
-            Ending::Unreadable(cause) => {
-                tracing::error!(submission = claim.submission_id, cause, "a stored submission cannot be graded");
-                self.fail(claim, "the stored submission could not be read").await
-            }
-            Ending::Panicked if claim.attempt < MAX_ATTEMPTS => self.store.give_back(claim, true).await,
-            Ending::Panicked => self.fail(claim, "the grader failed on this submission").await,
         }
+        if !graded.is_empty() {
+            let recorded = self.store.record(&graded, now_ms()).await?;
+            metrics::counter!("plumbline_graded_total").increment(recorded as u64);
+        }
+        Ok(())
     }
 
     async fn fail(&self, claim: &Claim, why: &str) -> StoreResult<()> {
@@ -180,40 +194,59 @@ impl Worker {
         self.store.fail(claim, SubmissionState::GraderError, why, now_ms()).await
     }
 
-    /// Grades on a thread where it may take long, until it ends or is asked to stop.
+    /// Grades on a thread where it may take long, until all are graded or it is asked to stop.
     ///
     /// # Errors
-    /// Where the database fails; the job is taken again when its lease has run out.
-    async fn grade(&self, claim: &Claim, is_lost: Arc<AtomicBool>) -> StoreResult<Ending> {
-        let mut entry = self.store.catalogue().suite(&claim.suite_id).cloned();
-        if entry.is_none() {
+    /// Where the database fails; the jobs are taken again when their leases have run out.
+    async fn grade(&self, claims: &Arc<[Claim]>, is_lost: Arc<AtomicBool>) -> StoreResult<Vec<Ending>> {
+        let mut catalogue = self.store.catalogue();
+        if claims.iter().any(|claim| catalogue.suite(&claim.suite_id).is_none()) {
             // Another process may have added the suite.
-            entry = self.store.current_catalogue().await?.suite(&claim.suite_id).cloned();
+            catalogue = self.store.current_catalogue().await?;
         }
-        let Some(entry) = entry else { return Ok(Ending::Unreadable(format!("no suite {:?}", claim.suite_id))) };
-        let job = claim.clone();
+        let jobs = Arc::clone(claims);
         let stop = self.stop.clone();
-        let begun = Instant::now();
-        let deadline = begun + self.settings.deadline;
+        let deadline = self.settings.deadline;
         let work = tokio::task::spawn_blocking(move || {
-            let asked = || is_lost.load(Ordering::Relaxed) || stop.is_cancelled() || Instant::now() >= deadline;
-            let control = Control { join: Some(&both_at_once), ..Control::until(&asked) };
-            let log = match job.read_log() {
-                Ok(log) => log,
-                Err(error) => return Ending::Unreadable(error.to_string()),
-            };
-            let Some((task, _)) = entry.task_numbered(job.task_number) else {
-                return Ending::Unreadable(format!("no task {} in {:?}", job.task_number, job.suite_id));
-            };
-            match grade_log(task, &log, &control) {
-                Ok(report) => Ending::Graded(Box::new(report), begun.elapsed()),
-                Err(_stopped) => Ending::Stopped,
-            }
+            let asked = || is_lost.load(Ordering::Relaxed) || stop.is_cancelled();
+            jobs.iter().map(|job| grade_one(job, &catalogue, &asked, deadline)).collect()
         });
         Ok(work.await.unwrap_or_else(|error| {
-            tracing::error!(%error, submission = claim.submission_id, attempt = claim.attempt, "grading panicked");
-            Ending::Panicked
+            tracing::error!(%error, "a grading thread broke");
+            claims.iter().map(|_| Ending::Panicked).collect()
         }))
+    }
+}
+
+/// Grades one job.
+fn grade_one(job: &Claim, catalogue: &Catalogue, asked: &(dyn Fn() -> bool + Sync), deadline: Duration) -> Ending {
+    let begun = Instant::now();
+    let stop = || asked() || begun.elapsed() >= deadline;
+    let control = Control { join: Some(&both_at_once), ..Control::until(&stop) };
+    if asked() {
+        return Ending::Stopped;
+    }
+    let log = match job.read_log() {
+        Ok(log) => log,
+        Err(error) => return Ending::Unreadable(error.to_string()),
+    };
+    let task = catalogue.suite(&job.suite_id).and_then(|entry| entry.task_numbered(job.task_number));
+    let Some((task, _)) = task else {
+        return Ending::Unreadable(format!("no task {} in {:?}", job.task_number, job.suite_id));
+    };
+    // One that panics must not take the others along.
+    let graded = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| grade_log(task, &log, &control)));
+    let took = begun.elapsed();
+    match graded {
+        Ok(Ok(report)) => match PackedReport::of(&report, i64::try_from(took.as_micros()).unwrap_or(i64::MAX)) {
+            Ok(packed) => Ending::Graded(Box::new(packed), took),
+            Err(error) => Ending::Unreadable(error.to_string()),
+        },
+        Ok(Err(_stopped)) => Ending::Stopped,
+        Err(_panic) => {
+            tracing::error!(submission = job.submission_id, attempt = job.attempt, "grading panicked");
+            Ending::Panicked
+        }
     }
 }
 

@@ -12,6 +12,7 @@ use tokio::sync::OwnedSemaphorePermit;
 use uuid::Uuid;
 
 use super::super::body::{Format, JsonBody};
+use super::super::grader::is_quick;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use super::submission_body::{Posted, PostedSubmission, TaskRef, check_against_task, read_submissions};
@@ -23,7 +24,7 @@ use crate::store::StoreError;
 use crate::store::submissions::{Accepted, NewSubmission, PackedLog, SubmissionRow};
 use crate::tasks::catalogue::Entry;
 use crate::tasks::embedded::FULL;
-use crate::tasks::hex;
+use crate::tasks::{Task, hex};
 use crate::voxel::Faults;
 
 /// Post what an agent did for a task: events per turn. The answer comes when it is durable; grading follows.
@@ -50,8 +51,9 @@ use crate::voxel::Faults;
 )]
 pub async fn create_submission(State(state): State<AppState>, body: JsonBody) -> ApiResult<Response> {
     let Checked { submissions, lines, format, share: _share } = check(&state, body).await?;
-    let answers = state.store.accept(&submissions, now_ms()).await?;
-    let accepted = accepted_bodies(submissions, answers, &lines)?;
+    let submissions: Arc<[NewSubmission]> = submissions.into();
+    let answers = state.store.accept(Arc::clone(&submissions), now_ms()).await?;
+    let accepted = accepted_bodies(&submissions, answers, &lines)?;
     state.wake.notify_waiters();
     if format == Format::NdJson {
         return Ok((StatusCode::ACCEPTED, Json(AcceptedList { submissions: accepted })).into_response());
@@ -89,7 +91,7 @@ pub async fn validate_submission(State(state): State<AppState>, body: JsonBody) 
     let Checked { submissions, lines, share: _share, .. } = check(&state, body).await?;
     let answers = state.store.would_accept(&submissions).await?;
     let valid: Vec<Validated> = submissions.iter().map(Validated::of).collect();
-    let accepted = accepted_bodies(submissions, answers, &lines)?;
+    let accepted = accepted_bodies(&submissions, answers, &lines)?;
     let told =
         valid.into_iter().zip(accepted).map(|(valid, accepted)| Validated { repeated: accepted.repeated, ..valid });
     Ok(Json(ValidatedList { submissions: told.collect() }))
@@ -219,22 +221,23 @@ fn prepare(
             faults.enter_line(line);
         }
         check_against_task(&submission.log, task, faults);
-        placed.push((submission, entry.suite.id(), hash, *number));
+        placed.push((submission, entry.suite.id(), task, hash));
     }
     if !faults.is_empty() {
         return Ok(Vec::new());
     }
-    let pack = |(submission, suite_id, hash, number): (PostedSubmission, String, &str, u32)| {
+    let pack = |(submission, suite_id, task, hash): (PostedSubmission, String, &Task, &str)| {
         let json = submission.log.canonical_json();
         Ok(NewSubmission {
             id: Uuid::now_v7().to_string(),
             run_id: submission.run,
             suite_id,
             task_hash: hash.to_owned(),
-            task_number: number,
+            task_number: task.number,
             log_hash: hex(&Sha256::digest(&json)),
             turns: submission.log.turns.len(),
             events: submission.log.event_count(),
+            quick: is_quick(task, &submission.log),
             log: PackedLog::of(&json)?,
         })
     };
@@ -243,7 +246,7 @@ fn prepare(
 
 /// The ids under which submissions were accepted; 409 where any was not, and then none was.
 fn accepted_bodies(
-    submissions: Vec<NewSubmission>,
+    submissions: &[NewSubmission],
     answers: Vec<Accepted>,
     lines: &[Option<u64>],
 ) -> ApiResult<Vec<AcceptedBody>> {
@@ -252,12 +255,12 @@ fn accepted_bodies(
     let mut accepted = Vec::with_capacity(submissions.len());
     // Ids that would have been given in this very body; where it is refused they stand for nothing.
     let own: HashSet<String> = submissions.iter().map(|submission| submission.id.clone()).collect();
-    for ((submission, answer), line) in submissions.into_iter().zip(answers).zip(lines) {
+    for ((submission, answer), line) in submissions.iter().zip(answers).zip(lines) {
         if let Some(line) = line {
             conflicts.enter_line(*line);
         }
         match answer {
-            Accepted::New => accepted.push(AcceptedBody { id: submission.id, repeated: false }),
+            Accepted::New => accepted.push(AcceptedBody { id: submission.id.clone(), repeated: false }),
             Accepted::Same(id) => accepted.push(AcceptedBody { id, repeated: true }),
             Accepted::Other(id) if own.contains(&id) => {
                 conflicts.add_at("task", "another line of this body has another log for the same task");

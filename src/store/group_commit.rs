@@ -1,0 +1,101 @@
+//! Group commit: submissions that arrive at the same time become durable together, at the price of one flush.
+//!
+//! Each request keeps its own fate: where it is refused, or the database fails on it, the others are stored all the same.
+//! Its answer goes out only after the commit.
+
+use std::sync::Arc;
+
+use sqlx::{Connection as _, SqlitePool};
+use tokio::sync::{mpsc, oneshot};
+
+use super::submissions::{Accepted, NewSubmission, accept_one};
+use super::{StoreError, StoreResult};
+
+/// Requests that one transaction takes at most: with more, the first would wait long for the last.
+const MAX_GROUP: usize = 128;
+/// Requests that wait to be taken; beyond it callers wait to hand theirs over.
+const WAITING: usize = 1_024;
+
+/// The submissions of one request, all to be stored or none.
+#[derive(Debug)]
+pub(super) struct Acceptance {
+    submissions: Arc<[NewSubmission]>,
+    now_ms: i64,
+    answer: oneshot::Sender<StoreResult<Vec<Accepted>>>,
+}
+
+/// Hands requests to the task that stores them.
+#[derive(Debug, Clone)]
+pub(super) struct Acceptances(mpsc::Sender<Acceptance>);
+
+impl Acceptances {
+    /// Starts the task. It ends with the last handle.
+    pub fn start(writer: SqlitePool) -> Self {
+        let (sender, mut receiver) = mpsc::channel(WAITING);
+        tokio::spawn(async move {
+            let mut group = Vec::with_capacity(MAX_GROUP);
+            while receiver.recv_many(&mut group, MAX_GROUP).await > 0 {
+                metrics::histogram!("plumbline_accepted_together").record(group.len() as f64);
+                store(&writer, std::mem::take(&mut group)).await;
+            }
+        });
+        Self(sender)
+    }
+
+    /// Stores the submissions of one request; see [`super::Store::accept`].
+    pub async fn store(&self, submissions: Arc<[NewSubmission]>, now_ms: i64) -> StoreResult<Vec<Accepted>> {
+        let (answer, answered) = oneshot::channel();
+        let closed = || StoreError::Database(sqlx::Error::PoolClosed);
+        self.0.send(Acceptance { submissions, now_ms, answer }).await.map_err(|_| closed())?;
+        answered.await.map_err(|_| closed())?
+    }
+}
+
+async fn store(writer: &SqlitePool, group: Vec<Acceptance>) {
+    match together(writer, &group).await {
+        Ok(answers) => {
+            for (request, answers) in group.into_iter().zip(answers) {
+                // A client that has left needs no answer.
+                let _ = request.answer.send(Ok(answers));
+            }
+        }
+        Err(_) if group.len() > 1 => {
+            // One of them failed, and took the others along: each alone.
+            for request in group {
+                let alone = together(writer, std::slice::from_ref(&request)).await;
+                let _ = request.answer.send(alone.map(|mut answers| answers.pop().unwrap_or_default()));
+            }
+        }
+        Err(error) => {
+            if let Some(request) = group.into_iter().next() {
+                let _ = request.answer.send(Err(error));
+            }
+        }
+    }
+}
+
+/// Stores the requests in one transaction. A request that is refused leaves nothing behind.
+async fn together(writer: &SqlitePool, group: &[Acceptance]) -> StoreResult<Vec<Vec<Accepted>>> {
+    let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
+    let mut all = Vec::with_capacity(group.len());
+    for request in group {
+        // A single submission that is refused has written nothing.
+        if let [only] = &*request.submissions {
+            all.push(vec![accept_one(&mut tx, only, request.now_ms).await?]);
+            continue;
+        }
+        let mut part = tx.begin().await?;
+        let mut answers = Vec::with_capacity(request.submissions.len());
+        for submission in &*request.submissions {
+            answers.push(accept_one(&mut part, submission, request.now_ms).await?);
+        }
+        if answers.iter().all(|answer| matches!(answer, Accepted::New | Accepted::Same(_))) {
+            part.commit().await?;
+        } else {
+            part.rollback().await?;
+        }
+        all.push(answers);
+    }
+    tx.commit().await?;
+    Ok(all)
+}

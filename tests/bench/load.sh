@@ -1,0 +1,48 @@
+#!/usr/bin/env bash
+# Load on the release build, client and server on the same cores: bash tests/bench/load.sh [SECONDS]
+# Needs wrk (Debian: wrk). Prints offered and achieved rate, latencies, errors, and the server's memory.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+seconds=${1:-10}
+command -v wrk >/dev/null || { echo "load.sh: wrk is missing (Debian: apt-get install wrk)"; exit 1; }
+cargo build --release --quiet
+program=target/release/plumbline
+work=$(mktemp -d)
+server=
+stop() { if [ -n "$server" ]; then kill "$server" 2>/dev/null || true; wait "$server" 2>/dev/null || true; fi; server=; }
+trap 'stop; rm -rf "$work"' EXIT
+start() { # arguments of serve
+    stop
+    rm -f "$work"/p.db*
+    "$program" serve --listen 127.0.0.1:8099 --database "$work/p.db" "$@" 2>"$work/log" &
+    server=$!
+    until curl -sf localhost:8099/healthz >/dev/null; do sleep 0.1; done
+}
+memory() { awk '/VmRSS|VmHWM/ { printf "%s %d MiB  ", $1, $2 / 1024 } END { print "" }' "/proc/$server/status"; }
+load() { # name, path, connections; settings in the environment
+    printf '%-46s' "$1"
+    BODIES=${BODIES:-$work/bodies} LOAD_PATH=$2 CONNECTIONS=$3 \
+        wrk --threads 1 --connections "$3" --duration "${seconds}s" --timeout 30s --script tests/bench/load.lua http://127.0.0.1:8099 |
+        grep '^offered'
+}
+
+# Builds of 100 to 300 events without a stress check.
+"$program" build --all 100 300 | grep -v -e '"task":"[a-z]*-layer-roofs' -e '"task":"stressed' >"$work/bodies"
+echo "$(wc -l <"$work/bodies") logs of 100 to 300 events, $(($(wc -c <"$work/bodies") / $(wc -l <"$work/bodies"))) bytes each"
+
+start --grade-cache-mib 0
+load "grade, cache off" /v1/grade 32
+RATE=4000 load "grade, cache off, half the goal" /v1/grade 32
+CHUNK=100 KIND=application/x-ndjson load "grade:batch of 100, cache off" /v1/grade:batch 8
+memory
+start
+load "grade, cache on" /v1/grade 32
+memory
+start
+load "submit, durable, one a POST" /v1/submissions 256
+memory
+graded() { curl -s localhost:8099/metrics | awk '/^plumbline_graded_total/ { print $2 }'; }
+before=$(graded); sleep 2; after=$(graded)
+echo "graded since the start: ${after:-0}; in the 2 s after: $((${after:-0} - ${before:-0}))"
+METHOD=GET load "a board" /v1/leaderboards/mineceraft 32
+memory
