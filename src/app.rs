@@ -77,7 +77,7 @@ impl App {
         };
         let workers = Workers::start(&store, settings, &wake);
         let stop = CancellationToken::new();
-        tokio::spawn(keep_up(metrics.clone(), stop.clone()));
+        tokio::spawn(keep_up(metrics.clone(), store.clone(), stop.clone()));
         let router = http::router(&store, &wake, metrics, &config.http, stop.clone());
         let serving = tokio::spawn(http::server::serve(listener, router, stop.clone()));
         tracing::info!(%address, database = %config.database.display(), workers = config.workers, "listening");
@@ -95,11 +95,15 @@ impl App {
     }
 }
 
-/// Folds the samples of histograms together now and then: they would pile up where nobody reads the metrics.
-async fn keep_up(metrics: PrometheusHandle, stop: CancellationToken) {
+/// What is done every few seconds: samples of histograms are folded together, which would pile up where nobody reads the
+/// metrics, and suites that another process has added are read.
+async fn keep_up(metrics: PrometheusHandle, store: Store, stop: CancellationToken) {
     const EVERY: Duration = Duration::from_secs(5);
     while stop.run_until_cancelled(tokio::time::sleep(EVERY)).await.is_some() {
         metrics.run_upkeep();
+        if let Err(error) = store.current_catalogue().await {
+            tracing::warn!(%error, "could not look for new suites");
+        }
     }
 }
 

@@ -1,8 +1,9 @@
 //! Conditional requests: what the client already has (RFC 9110, section 13).
 
 use axum::body::Body;
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
+use bytes::Bytes;
 use serde::Serialize;
 use sha2::{Digest as _, Sha256};
 
@@ -20,16 +21,40 @@ fn strong(tag: &str) -> &str {
     tag.trim().trim_start_matches("W/")
 }
 
-/// A JSON body under an entity tag made from its bytes, or 304 where the client has it.
+/// A JSON document under an entity tag made from its bytes.
+#[derive(Debug)]
+pub struct Tagged {
+    bytes: Bytes,
+    tag: HeaderValue,
+}
+
+impl Tagged {
+    /// Writes the document.
+    ///
+    /// # Errors
+    /// 500 where it cannot be written as JSON.
+    pub fn of(document: &impl Serialize) -> ApiResult<Self> {
+        let bytes = serde_json::to_vec(document).map_err(|error| ApiError::internal(&error))?;
+        let tag = format!("\"{}\"", &hex(&Sha256::digest(&bytes))[..32]);
+        let tag = HeaderValue::from_str(&tag).map_err(|error| ApiError::internal(&error))?;
+        Ok(Self { bytes: bytes.into(), tag })
+    }
+
+    /// The document, or 304 where the client has it.
+    #[must_use]
+    pub fn answer(&self, asked: &HeaderMap) -> Response {
+        let tag = [(header::ETAG, self.tag.clone())];
+        if has_tag(asked, self.tag.to_str().unwrap_or_default()) {
+            return (StatusCode::NOT_MODIFIED, tag).into_response();
+        }
+        (tag, [(header::CONTENT_TYPE, "application/json")], Body::from(self.bytes.clone())).into_response()
+    }
+}
+
+/// A JSON document under an entity tag, or 304 where the client has it.
 ///
 /// # Errors
-/// 500 where the body cannot be written as JSON.
-pub fn tagged_json(headers: &HeaderMap, body: &impl Serialize) -> ApiResult<Response> {
-    let bytes = serde_json::to_vec(body).map_err(|error| ApiError::internal(&error))?;
-    let tag = format!("\"{}\"", &hex(&Sha256::digest(&bytes))[..32]);
-    let tag_header = [(header::ETAG, tag.clone())];
-    if has_tag(headers, &tag) {
-        return Ok((StatusCode::NOT_MODIFIED, tag_header).into_response());
-    }
-    Ok((tag_header, [(header::CONTENT_TYPE, "application/json")], Body::from(bytes)).into_response())
+/// 500 where it cannot be written as JSON.
+pub fn tagged_json(asked: &HeaderMap, document: &impl Serialize) -> ApiResult<Response> {
+    Ok(Tagged::of(document)?.answer(asked))
 }

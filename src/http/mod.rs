@@ -42,6 +42,7 @@ pub fn router(
         wake: Arc::clone(wake),
         bodies: Arc::new(body::budget()),
         grader: Arc::new(grader::Grader::new(settings.grade_cache_bytes, stop.clone())),
+        boards: Arc::default(),
         stress_turns: Arc::new(api::stress::StressTurns::default()),
         stop,
         metrics,

@@ -9,6 +9,7 @@ use tokio_util::sync::CancellationToken;
 use crate::store::Store;
 use crate::tasks::catalogue::Entry;
 
+use super::api::leaderboards::Boards;
 use super::api::stress::StressTurns;
 use super::grader::Grader;
 use super::problem::{ApiError, ApiResult};
@@ -24,6 +25,8 @@ pub struct AppState {
     pub bodies: Arc<Semaphore>,
     /// Grades logs for requests that wait.
     pub grader: Arc<Grader>,
+    /// Boards as documents.
+    pub boards: Arc<Boards>,
     /// Turns to compute stress fields.
     pub stress_turns: Arc<StressTurns>,
     /// Cancelled when the service stops.
@@ -40,10 +43,8 @@ impl AppState {
     /// # Errors
     /// Where the database fails.
     pub async fn find_suite(&self, name: &str) -> ApiResult<Option<Arc<Entry>>> {
-        // A version never changes, so one that is held is right. A bare name means the latest, which may be new.
-        if name.contains('@')
-            && let Some(entry) = self.store.catalogue().suite(name)
-        {
+        // What is held is looked at again every few seconds, so a version that another process adds is soon the latest.
+        if let Some(entry) = self.store.catalogue().suite(name) {
             return Ok(Some(Arc::clone(entry)));
         }
         Ok(self.store.current_catalogue().await?.suite(name).cloned())

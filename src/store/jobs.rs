@@ -76,8 +76,11 @@ impl Store {
         .await?;
         let Some((id, attempt, quick)) = first else { return Ok(Claimed::Nothing) };
         if attempt > MAX_ATTEMPTS {
-            give_up(&mut tx, &id, now_ms).await?;
+            let has_ended = give_up(&mut tx, &id, now_ms).await?;
             tx.commit().await?;
+            if has_ended {
+                self.note_ended_run();
+            }
             return Ok(Claimed::GivenUp);
         }
         let mut taken = vec![(id, attempt)];
@@ -168,11 +171,15 @@ impl Store {
     /// Where the database fails.
     pub async fn fail(&self, claim: &Claim, state: SubmissionState, why: &str, now_ms: i64) -> StoreResult<()> {
         let mut tx = self.begin().await?;
+        let mut has_ended = false;
         if holds(&mut tx, claim).await? {
             let end = End { submission_id: &claim.submission_id, run_id: claim.run_id.as_deref(), state };
-            end.record(&mut tx, Some(why), &claim.suite_id, now_ms).await?;
+            has_ended = end.record(&mut tx, Some(why), &claim.suite_id, now_ms).await?;
         }
         tx.commit().await?;
+        if has_ended {
+            self.note_ended_run();
+        }
         Ok(())
     }
 }
@@ -188,7 +195,7 @@ pub(super) fn push_ids<'a>(query: &mut QueryBuilder<Sqlite>, ids: impl Iterator<
 }
 
 /// Ends the submission of a job whose attempts are used up.
-async fn give_up(tx: &mut SqliteConnection, submission_id: &str, now_ms: i64) -> StoreResult<()> {
+async fn give_up(tx: &mut SqliteConnection, submission_id: &str, now_ms: i64) -> StoreResult<bool> {
     let (run_id, suite_id): (Option<String>, String) =
         sqlx::query_as("SELECT run_id, suite_id FROM submissions WHERE id = $1")
             .bind(submission_id)
@@ -216,14 +223,15 @@ pub(super) struct End<'a> {
 }
 
 impl End<'_> {
-    /// Sets the state, drops the job, moves the run's counters, and ends the run where this was the last.
+    /// Sets the state, drops the job, moves the run's counters, and ends the run where this was the last;
+    /// whether it did.
     pub async fn record(
         &self,
         tx: &mut SqliteConnection,
         why: Option<&str>,
         suite_id: &str,
         now_ms: i64,
-    ) -> StoreResult<()> {
+    ) -> StoreResult<bool> {
         sqlx::query("UPDATE submissions SET state = $2, error = $3, ended_at_ms = $4 WHERE id = $1")
             .bind(self.submission_id)
             .bind(self.state.name())
@@ -236,8 +244,8 @@ impl End<'_> {
             let graded = i64::from(self.state == SubmissionState::Graded);
             let errors = i64::from(self.state == SubmissionState::GraderError);
             count(tx, run_id, -1, graded, errors).await?;
-            end_if_complete(tx, run_id, suite_id, now_ms).await?;
+            return end_if_complete(tx, run_id, suite_id, now_ms).await;
         }
-        Ok(())
+        Ok(false)
     }
 }

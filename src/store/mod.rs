@@ -12,6 +12,7 @@ pub mod submissions;
 pub mod suites;
 
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, RwLock};
 use std::time::Duration;
 
@@ -79,6 +80,7 @@ pub struct Store {
     writer: SqlitePool,
     readers: SqlitePool,
     acceptances: Acceptances,
+    runs_ended: Arc<AtomicU64>,
     catalogue: Arc<RwLock<Arc<Catalogue>>>,
 }
 
@@ -114,7 +116,7 @@ impl Store {
             .connect_with(options.read_only(true))
             .await?;
         let acceptances = Acceptances::start(writer.clone());
-        let store = Self { writer, readers, acceptances, catalogue: Arc::default() };
+        let store = Self { writer, readers, acceptances, runs_ended: Arc::default(), catalogue: Arc::default() };
         store.refresh_catalogue().await?;
         Ok(store)
     }
@@ -125,6 +127,18 @@ impl Store {
     /// Where the database fails.
     pub async fn begin(&self) -> StoreResult<Tx> {
         Ok(self.writer.begin_with("BEGIN IMMEDIATE").await?)
+    }
+
+    /// Counts the runs that this process has ended: where it has not moved, neither has any board, but for what other
+    /// processes on the same file did.
+    #[must_use]
+    pub fn runs_ended(&self) -> u64 {
+        self.runs_ended.load(Ordering::Acquire)
+    }
+
+    /// Says that a run has ended, once that is durable.
+    fn note_ended_run(&self) {
+        self.runs_ended.fetch_add(1, Ordering::AcqRel);
     }
 
     /// Whether the database answers.

@@ -106,11 +106,15 @@ impl Store {
                 *runs.entry((run_id, &claim.suite_id)).or_default() += 1;
             }
         }
+        let mut has_ended = false;
         for ((run_id, suite_id), reports) in runs {
             count(&mut tx, run_id, -reports, reports, 0).await?;
-            end_if_complete(&mut tx, run_id, suite_id, now_ms).await?;
+            has_ended |= end_if_complete(&mut tx, run_id, suite_id, now_ms).await?;
         }
         tx.commit().await?;
+        if has_ended {
+            self.note_ended_run();
+        }
         Ok(ours.len())
     }
 

@@ -152,10 +152,11 @@ impl Store {
             .await?
             .rows_affected();
         let Some(run) = run_in(&mut tx, id).await? else { return Ok(false) };
-        if found > 0 {
-            end_if_complete(&mut tx, id, &run.suite_id, now_ms).await?;
-        }
+        let has_ended = found > 0 && end_if_complete(&mut tx, id, &run.suite_id, now_ms).await?;
         tx.commit().await?;
+        if has_ended {
+            self.note_ended_run();
+        }
         Ok(true)
     }
 }

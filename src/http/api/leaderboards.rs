@@ -1,11 +1,15 @@
 //! Leaderboards: one row per finished run of a suite.
 
+use std::collections::HashMap;
+use std::sync::{Arc, RwLock};
+use std::time::{Duration, Instant};
+
 use axum::extract::{Path, State};
 use axum::http::HeaderMap;
 use axum::response::Response;
 use serde::Serialize;
 
-use super::super::conditional::tagged_json;
+use super::super::conditional::Tagged;
 use super::super::problem::{ApiResult, Problem};
 use super::super::state::AppState;
 use crate::clock::rfc3339;
@@ -108,6 +112,49 @@ pub async fn get_leaderboard(
     Path(suite): Path<String>,
     asked: HeaderMap,
 ) -> ApiResult<Response> {
-    let board = board(&state, &suite).await?;
-    tagged_json(&asked, &board)
+    let entry = state.suite(&suite).await?;
+    let kept = state.boards.document(&state, &entry.suite.id()).await?;
+    Ok(kept.answer(&asked))
+}
+
+/// How long a document is kept although nothing of this process says that it changed: another process on the same file may
+/// have ended a run.
+const KEPT_FOR: Duration = Duration::from_secs(1);
+
+/// Boards as documents, kept until a run ends.
+#[derive(Debug, Default)]
+pub struct Boards {
+    kept: RwLock<HashMap<String, Kept>>,
+}
+
+#[derive(Debug)]
+struct Kept {
+    document: Arc<Tagged>,
+    runs_ended: u64,
+    since: Instant,
+}
+
+impl Boards {
+    /// The document of a suite's board.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    async fn document(&self, state: &AppState, suite_id: &str) -> ApiResult<Arc<Tagged>> {
+        let runs_ended = state.store.runs_ended();
+        if let Some(document) = self.fresh(suite_id, runs_ended) {
+            return Ok(document);
+        }
+        let document = Arc::new(Tagged::of(&board(state, suite_id).await?)?);
+        let kept = Kept { document: Arc::clone(&document), runs_ended, since: Instant::now() };
+        let mut all = self.kept.write().unwrap_or_else(std::sync::PoisonError::into_inner);
+        all.insert(suite_id.to_owned(), kept);
+        Ok(document)
+    }
+
+    fn fresh(&self, suite_id: &str, runs_ended: u64) -> Option<Arc<Tagged>> {
+        let all = self.kept.read().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let kept = all.get(suite_id)?;
+        let is_fresh = kept.runs_ended == runs_ended && kept.since.elapsed() < KEPT_FOR;
+        is_fresh.then(|| Arc::clone(&kept.document))
+    }
 }
