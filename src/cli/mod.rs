@@ -2,6 +2,7 @@
 
 pub mod build;
 pub mod conformance;
+pub mod copies;
 pub mod demo;
 pub mod grade;
 pub mod progress;
@@ -45,6 +46,12 @@ pub enum Command {
     Tasks(tasks::TasksCommand),
     /// Print the log of a good build for a task.
     Build(build::BuildArgs),
+    /// Copy the database to a file, consistently, also while the service runs.
+    Backup(copies::CopyArgs),
+    /// Put a backup where the database shall be.
+    Restore(copies::CopyArgs),
+    /// Write runs, submissions and reports as files of JSON lines, also while the service runs.
+    Export(copies::ExportArgs),
     /// Print the OpenAPI document.
     Openapi,
 }
@@ -61,6 +68,9 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Build(args) => build::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Submit(args) => submit::run(&args),
+        Command::Backup(args) => copies::back_up(&args),
+        Command::Restore(args) => copies::restore(&args),
+        Command::Export(args) => copies::export_lines(&args),
         Command::Openapi => {
             print!("{}", crate::http::api::document());
             Ok(ExitCode::SUCCESS)

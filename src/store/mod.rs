@@ -4,6 +4,7 @@
 //! returns (WAL, synchronous=FULL).
 
 pub mod boards;
+pub mod copies;
 mod group_commit;
 pub mod jobs;
 pub mod reports;
