@@ -16,6 +16,7 @@ use crate::clock::now_ms;
 use crate::http::limits::LIMITS;
 use crate::http::{self, HttpSettings};
 use crate::store::Store;
+use crate::store::keys::Scope;
 use crate::store::suites::SuiteStored;
 use crate::tasks::embedded;
 use crate::worker::{WorkerSettings, Workers};
@@ -82,6 +83,21 @@ impl App {
         let serving = tokio::spawn(http::server::serve(listener, router, stop.clone()));
         tracing::info!(%address, database = %config.database.display(), workers = config.workers, "listening");
         Ok(Self { address, store, workers, stop, serving })
+    }
+
+    /// A key for the demo agents, for a day; what they had before is revoked.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn demo_key(&self) -> anyhow::Result<String> {
+        const OWNER: &str = "demo";
+        const DAY_MS: i64 = 86_400_000;
+        let now = now_ms();
+        for key in self.store.keys().await?.iter().filter(|key| key.owner == OWNER && key.is_live(now)) {
+            self.store.revoke_key(&key.id, now).await?;
+        }
+        let key = self.store.create_key(OWNER, &[Scope::Submit], Some(now + DAY_MS), now).await?;
+        key.context("the demo has too many keys")
     }
 
     /// Stops: takes no more requests, lets answers finish, gives unfinished jobs back, closes the database.

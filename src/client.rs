@@ -21,6 +21,7 @@ const LOOK: Duration = Duration::from_millis(200);
 pub struct Service {
     http: Client,
     base: String,
+    key: Option<String>,
 }
 
 /// The answer to one task.
@@ -33,17 +34,17 @@ pub struct Answer {
 }
 
 impl Service {
-    /// The service at this address, such as `http://localhost:8080`.
+    /// The service at this address, such as `http://localhost:8080`, with the key that writing needs there.
     ///
     /// # Errors
     /// Where no client can be made.
-    pub fn at(base: &str) -> anyhow::Result<Self> {
+    pub fn at(base: &str, key: Option<&str>) -> anyhow::Result<Self> {
         let base = if base.contains("://") { base.to_owned() } else { format!("http://{base}") };
         let builder = Client::builder().timeout(Duration::from_mins(2));
         // A proxy of the environment cannot reach this very machine.
         let is_local = ["//localhost", "//127.", "//[::1]"].iter().any(|host| base.contains(host));
         let http = if is_local { builder.no_proxy() } else { builder }.build()?;
-        Ok(Self { http, base: base.trim_end_matches('/').to_owned() })
+        Ok(Self { http, base: base.trim_end_matches('/').to_owned(), key: key.map(str::to_owned) })
     }
 
     async fn send(&self, request: RequestBuilder) -> anyhow::Result<Value> {
@@ -57,7 +58,10 @@ impl Service {
     }
 
     async fn post(&self, path: &str, kind: &'static str, body: String) -> anyhow::Result<Value> {
-        let request = self.http.post(format!("{}{path}", self.base));
+        let mut request = self.http.post(format!("{}{path}", self.base));
+        if let Some(key) = &self.key {
+            request = request.bearer_auth(key);
+        }
         self.send(request.header("content-type", kind).body(body)).await
     }
 

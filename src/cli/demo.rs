@@ -18,15 +18,15 @@ const AGENTS: [(&str, Skill); 3] =
     [("demo: careful", careful), ("demo: hurried", hurried), ("demo: confused", confused)];
 
 /// Posts the demo agents to the service at `base`; agents that are on the board already are left out.
-pub async fn run(base: String) {
-    match post_all(&base).await {
+pub async fn run(base: String, key: Option<String>) {
+    match post_all(&base, key.as_deref()).await {
         Ok(()) => eprintln!("the demo agents are on the board: {base}/"),
         Err(error) => tracing::error!(error = format!("{error:#}"), "the demo agents could not be posted"),
     }
 }
 
-async fn post_all(base: &str) -> anyhow::Result<()> {
-    let service = Service::at(base)?;
+async fn post_all(base: &str, key: Option<&str>) -> anyhow::Result<()> {
+    let service = Service::at(base, key)?;
     let full = embedded::latest().map_err(|faults| anyhow::anyhow!("{faults:?}"))?;
     for suite in [embedded::lite(&full, LITE_SEED), full] {
         let board = service.get(&format!("/v1/leaderboards/{}", suite.id())).await?;

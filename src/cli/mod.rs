@@ -5,6 +5,7 @@ pub mod conformance;
 pub mod copies;
 pub mod demo;
 pub mod grade;
+pub mod keys;
 pub mod progress;
 pub mod saboteur_table;
 pub mod serve;
@@ -46,6 +47,8 @@ pub enum Command {
     Tasks(tasks::TasksCommand),
     /// Print the log of a good build for a task.
     Build(build::BuildArgs),
+    /// Make, list and revoke API keys.
+    Keys(keys::KeysArgs),
     /// Copy the database to a file, consistently, also while the service runs.
     Backup(copies::CopyArgs),
     /// Put a backup where the database shall be.
@@ -68,6 +71,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Build(args) => build::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Submit(args) => submit::run(&args),
+        Command::Keys(args) => keys::run(&args),
         Command::Backup(args) => copies::back_up(&args),
         Command::Restore(args) => copies::restore(&args),
         Command::Export(args) => copies::export_lines(&args),

@@ -34,6 +34,9 @@ pub struct ServeArgs {
     /// How log lines are written.
     #[arg(long, env = "PLUMBLINE_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]
     log_format: LogFormat,
+    /// Let everybody write without a key: for a laptop, not for a network.
+    #[arg(long, env = "PLUMBLINE_OPEN")]
+    open: bool,
     /// Post three demo agents of different skill through the API, so that the board has rows.
     #[arg(long)]
     demo: bool,
@@ -64,7 +67,7 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
         database: args.database.clone(),
         workers: args.workers.map_or(processors, usize::from),
         lease: Duration::from_secs(args.lease_seconds),
-        http: HttpSettings { grade_cache_bytes: args.grade_cache_mib << 20 },
+        http: HttpSettings { grade_cache_bytes: args.grade_cache_mib << 20, is_open: args.open },
     };
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     runtime.block_on(async {
@@ -73,7 +76,16 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
         let mut terminate = signal(SignalKind::terminate())?;
         let app = App::start(&config, metrics).await?;
         eprintln!("plumbline is at http://{}/ (API reference: /docs/); Ctrl-C stops it", app.address);
-        let demo = args.demo.then(|| tokio::spawn(super::demo::run(format!("http://{}", app.address))));
+        if args.open {
+            eprintln!("it is open: whoever reaches it may write, without a key");
+        } else {
+            eprintln!("writing needs a key: plumbline keys create --name YOU --database {}", args.database.display());
+        }
+        let mut demo = None;
+        if args.demo {
+            let key = if args.open { None } else { Some(app.demo_key().await?) };
+            demo = Some(tokio::spawn(super::demo::run(format!("http://{}", app.address), key)));
+        }
         tokio::select! {
             _ = interrupt.recv() => {}
             _ = terminate.recv() => {}

@@ -33,6 +33,9 @@ pub struct SubmitArgs {
     /// Suite: name, or name@version. Its own checks count, not those in the records; version 1 has the published ones.
     #[arg(long, default_value = "mineceraft@1")]
     suite: String,
+    /// Key for writing, where the service asks for one.
+    #[arg(long, env = "PLUMBLINE_KEY", hide_env_values = true)]
+    key: Option<String>,
     /// Address of the service.
     #[arg(long, env = "PLUMBLINE_SERVER", default_value = "http://localhost:8080")]
     server: String,
@@ -48,7 +51,7 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
     let mut answers: Vec<Answer> = problems.iter().map(answer).collect();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
-        let service = Service::at(&args.server)?;
+        let service = Service::at(&args.server, args.key.as_deref())?;
         let tasks = service.task_numbers(&args.suite).await?;
         let given = answers.len();
         answers.retain(|answer| tasks.contains(&answer.number));

@@ -2,6 +2,7 @@
 
 pub mod api;
 pub mod body;
+pub mod caller;
 mod conditional;
 pub mod grader;
 pub mod layers;
@@ -26,6 +27,8 @@ use state::AppState;
 pub struct HttpSettings {
     /// Bytes of memory for results of `/v1/grade`; 0 for none.
     pub grade_cache_bytes: usize,
+    /// Whether everybody may write without a key.
+    pub is_open: bool,
 }
 
 /// The whole service as a router.
@@ -36,13 +39,15 @@ pub fn router(
     settings: &HttpSettings,
     stop: CancellationToken,
 ) -> Router {
-    let (routes, openapi) = api::routes().split_for_parts();
+    let (routes, mut openapi) = api::routes().split_for_parts();
+    api::complete(&mut openapi);
     let state = AppState {
         store: store.clone(),
         wake: Arc::clone(wake),
         bodies: Arc::new(body::budget()),
         grader: Arc::new(grader::Grader::new(settings.grade_cache_bytes, stop.clone())),
         boards: Arc::default(),
+        keys: Arc::new(caller::Keys::new(settings.is_open)),
         stress_turns: Arc::new(api::stress::StressTurns::default()),
         stop,
         metrics,

@@ -11,6 +11,7 @@ use crate::tasks::catalogue::Entry;
 
 use super::api::leaderboards::Boards;
 use super::api::stress::StressTurns;
+use super::caller::Keys;
 use super::grader::Grader;
 use super::problem::{ApiError, ApiResult};
 
@@ -25,6 +26,8 @@ pub struct AppState {
     pub bodies: Arc<Semaphore>,
     /// Grades logs for requests that wait.
     pub grader: Arc<Grader>,
+    /// Keys that were used lately.
+    pub keys: Arc<Keys>,
     /// Boards as documents.
     pub boards: Arc<Boards>,
     /// Turns to compute stress fields.

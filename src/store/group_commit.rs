@@ -3,9 +3,10 @@
 //! Each request keeps its own fate: where it is refused, or the database fails on it, the others are stored all the same.
 //! Its answer goes out only after the commit.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 
-use sqlx::{Connection as _, SqlitePool};
+use sqlx::{Connection as _, SqliteConnection, SqlitePool};
 use tokio::sync::{mpsc, oneshot};
 
 use super::submissions::{Accepted, NewSubmission, accept_one};
@@ -34,9 +35,10 @@ impl Acceptances {
         let (sender, mut receiver) = mpsc::channel(WAITING);
         tokio::spawn(async move {
             let mut group = Vec::with_capacity(MAX_GROUP);
+            let mut turns = Turns::default();
             while receiver.recv_many(&mut group, MAX_GROUP).await > 0 {
                 metrics::histogram!("plumbline_accepted_together").record(group.len() as f64);
-                store(&writer, std::mem::take(&mut group)).await;
+                store(&writer, &mut turns, std::mem::take(&mut group)).await;
             }
         });
         Self(sender)
@@ -51,8 +53,8 @@ impl Acceptances {
     }
 }
 
-async fn store(writer: &SqlitePool, group: Vec<Acceptance>) {
-    match together(writer, &group).await {
+async fn store(writer: &SqlitePool, turns: &mut Turns, group: Vec<Acceptance>) {
+    match together(writer, turns, &group).await {
         Ok(answers) => {
             for (request, answers) in group.into_iter().zip(answers) {
                 // A client that has left needs no answer.
@@ -62,7 +64,7 @@ async fn store(writer: &SqlitePool, group: Vec<Acceptance>) {
         Err(_) if group.len() > 1 => {
             // One of them failed, and took the others along: each alone.
             for request in group {
-                let alone = together(writer, std::slice::from_ref(&request)).await;
+                let alone = together(writer, turns, std::slice::from_ref(&request)).await;
                 let _ = request.answer.send(alone.map(|mut answers| answers.pop().unwrap_or_default()));
             }
         }
@@ -75,19 +77,22 @@ async fn store(writer: &SqlitePool, group: Vec<Acceptance>) {
 }
 
 /// Stores the requests in one transaction. A request that is refused leaves nothing behind.
-async fn together(writer: &SqlitePool, group: &[Acceptance]) -> StoreResult<Vec<Vec<Accepted>>> {
+async fn together(writer: &SqlitePool, turns: &mut Turns, group: &[Acceptance]) -> StoreResult<Vec<Vec<Accepted>>> {
     let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
+    turns.look(&mut tx).await?;
     let mut all = Vec::with_capacity(group.len());
     for request in group {
         // A single submission that is refused has written nothing.
         if let [only] = &*request.submissions {
-            all.push(vec![accept_one(&mut tx, only, request.now_ms).await?]);
+            all.push(vec![accept_one(&mut tx, only, turns.next(only.owner.as_deref()), request.now_ms).await?]);
             continue;
         }
         let mut part = tx.begin().await?;
         let mut answers = Vec::with_capacity(request.submissions.len());
         for submission in &*request.submissions {
-            answers.push(accept_one(&mut part, submission, request.now_ms).await?);
+            answers.push(
+                accept_one(&mut part, submission, turns.next(submission.owner.as_deref()), request.now_ms).await?,
+            );
         }
         if answers.iter().all(|answer| matches!(answer, Accepted::New | Accepted::Same(_))) {
             part.commit().await?;
@@ -98,4 +103,49 @@ async fn together(writer: &SqlitePool, group: &[Acceptance]) -> StoreResult<Vec<
     }
     tx.commit().await?;
     Ok(all)
+}
+
+/// Whose turn is when: each owner's jobs have turns one after another, none before that of the job that is next. Owners who
+/// wait take turns; one who comes late is served next, and not after all that another has queued.
+#[derive(Debug, Default)]
+struct Turns {
+    last: HashMap<String, i64>,
+    nobody: i64,
+    next_in_queue: i64,
+    has_looked: bool,
+}
+
+impl Turns {
+    /// Looks which turn is next; the first time also at what was queued before this process began.
+    async fn look(&mut self, tx: &mut SqliteConnection) -> StoreResult<()> {
+        if !self.has_looked {
+            let queued: Vec<(Option<String>, i64)> = sqlx::query_as(
+                "SELECT s.owner, MAX(j.turn) FROM jobs j JOIN submissions s ON s.id = j.submission_id GROUP BY s.owner",
+            )
+            .fetch_all(&mut *tx)
+            .await?;
+            for (owner, turn) in queued {
+                *self.of(owner.as_deref()) = turn;
+            }
+            self.has_looked = true;
+        }
+        let first: Option<i64> = sqlx::query_scalar("SELECT MIN(turn) FROM jobs").fetch_one(&mut *tx).await?;
+        self.next_in_queue = first.unwrap_or(self.next_in_queue);
+        Ok(())
+    }
+
+    fn of(&mut self, owner: Option<&str>) -> &mut i64 {
+        match owner {
+            None => &mut self.nobody,
+            Some(owner) => self.last.entry(owner.to_owned()).or_default(),
+        }
+    }
+
+    /// The turn of the owner's next job.
+    fn next(&mut self, owner: Option<&str>) -> i64 {
+        let first = self.next_in_queue;
+        let last = self.of(owner);
+        *last = (*last + 1).max(first);
+        *last
+    }
 }

@@ -55,7 +55,7 @@ pub enum Claimed {
 }
 
 impl Store {
-    /// Takes the oldest job that is free or whose lease has run out, under a lease of `lease_ms` from the moment that
+    /// Takes the job whose turn it is, of those that are free or whose lease has run out, under a lease of `lease_ms` from the moment that
     /// this transaction has the database to itself. Where it is quick and was never begun, up to `most` such jobs come
     /// with it; one that was begun before comes alone, so that what ails it befalls no other.
     ///
@@ -67,7 +67,7 @@ impl Store {
         let first: Option<(String, i64, bool)> = sqlx::query_as(
             "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $2
              WHERE submission_id = (SELECT submission_id FROM jobs WHERE lease_until_ms <= $1
-                                    ORDER BY queued_at_ms, submission_id LIMIT 1)
+                                    ORDER BY turn, queued_at_ms, submission_id LIMIT 1)
              RETURNING submission_id, attempt, quick",
         )
         .bind(now_ms)
@@ -89,7 +89,7 @@ impl Store {
                 "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $2
                  WHERE submission_id IN (SELECT submission_id FROM jobs
                                          WHERE lease_until_ms <= $1 AND quick = 1 AND attempt = 0
-                                         ORDER BY queued_at_ms, submission_id LIMIT $3)
+                                         ORDER BY turn, queued_at_ms, submission_id LIMIT $3)
                  RETURNING submission_id, attempt",
             )
             .bind(now_ms)

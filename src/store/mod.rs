@@ -7,6 +7,7 @@ pub mod boards;
 pub mod copies;
 mod group_commit;
 pub mod jobs;
+pub mod keys;
 pub mod reports;
 pub mod runs;
 pub mod submissions;

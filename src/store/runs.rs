@@ -68,6 +68,8 @@ pub struct RunRow {
     pub finished_at_ms: Option<i64>,
     /// Its summary, once ended.
     pub summary: Option<Summary>,
+    /// Who began it; none where the service was open to everybody.
+    pub owner: Option<String>,
 }
 
 /// Columns of a run, for every query that reads one.
@@ -75,7 +77,7 @@ macro_rules! select_run {
     ($rest:literal) => {
         concat!(
             "SELECT r.id, r.agent, r.suite_id, r.metadata, r.state, r.pending, r.graded, r.grader_errors,
-                    s.task_count, r.created_at_ms, r.finished_at_ms, r.summary
+                    s.task_count, r.created_at_ms, r.finished_at_ms, r.summary, r.owner
              FROM runs r JOIN suites s ON s.id = r.suite_id ",
             $rest
         )
@@ -99,6 +101,7 @@ pub(super) fn read_run(row: &SqliteRow) -> StoreResult<RunRow> {
         created_at_ms: row.try_get(9)?,
         finished_at_ms: row.try_get(10)?,
         summary: summary.map(serde_json::from_str).transpose().map_err(corrupt)?,
+        owner: row.try_get(12)?,
     })
 }
 
@@ -113,17 +116,20 @@ impl Store {
         agent: &str,
         suite_id: &str,
         metadata: &serde_json::Value,
+        owner: Option<&str>,
         now_ms: i64,
     ) -> StoreResult<()> {
         let mut tx = self.begin().await?;
         sqlx::query(
-            "INSERT INTO runs (id, agent, suite_id, metadata, state, created_at_ms) VALUES ($1, $2, $3, $4, 'open', $5)",
+            "INSERT INTO runs (id, agent, suite_id, metadata, state, created_at_ms, owner)
+             VALUES ($1, $2, $3, $4, 'open', $5, $6)",
         )
         .bind(id)
         .bind(agent)
         .bind(suite_id)
         .bind(metadata.to_string())
         .bind(now_ms)
+        .bind(owner)
         .execute(&mut *tx)
         .await?;
         tx.commit().await?;

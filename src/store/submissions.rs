@@ -86,6 +86,8 @@ pub struct NewSubmission {
     pub turns: usize,
     /// Events of the log.
     pub events: usize,
+    /// Who posts it; none where the service is open to everybody.
+    pub owner: Option<String>,
     /// Whether grading takes next to no time: few events, no stress simulation.
     pub quick: bool,
 }
@@ -191,7 +193,7 @@ impl Store {
         let mut tx = self.begin().await?;
         let mut answers = Vec::with_capacity(submissions.len());
         for submission in submissions {
-            answers.push(accept_one(&mut tx, submission, 0).await?);
+            answers.push(accept_one(&mut tx, submission, 0, 0).await?);
         }
         tx.rollback().await?;
         Ok(answers)
@@ -249,7 +251,12 @@ impl Store {
     }
 }
 
-pub(super) async fn accept_one(tx: &mut SqliteConnection, new: &NewSubmission, now_ms: i64) -> StoreResult<Accepted> {
+pub(super) async fn accept_one(
+    tx: &mut SqliteConnection,
+    new: &NewSubmission,
+    turn: i64,
+    now_ms: i64,
+) -> StoreResult<Accepted> {
     if let Some(run_id) = &new.run_id {
         let earlier: Option<(String, String, String)> = sqlx::query_as(
             "SELECT id, log_hash, state FROM submissions WHERE run_id = $1 AND task_number = $2 AND superseded = 0",
@@ -276,8 +283,8 @@ pub(super) async fn accept_one(tx: &mut SqliteConnection, new: &NewSubmission, n
     }
     sqlx::query(
         "INSERT INTO submissions (id, run_id, suite_id, task_hash, task_number, log_hash, log, log_bytes, turns, events,
-                                  state, created_at_ms)
-         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 'queued', $11)",
+                                  state, created_at_ms, owner)
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 'queued', $11, $12)",
     )
     .bind(&new.id)
     .bind(&new.run_id)
@@ -290,12 +297,14 @@ pub(super) async fn accept_one(tx: &mut SqliteConnection, new: &NewSubmission, n
     .bind(new.turns as i64)
     .bind(new.events as i64)
     .bind(now_ms)
+    .bind(&new.owner)
     .execute(&mut *tx)
     .await?;
-    sqlx::query("INSERT INTO jobs (submission_id, queued_at_ms, quick) VALUES ($1, $2, $3)")
+    sqlx::query("INSERT INTO jobs (submission_id, queued_at_ms, quick, turn) VALUES ($1, $2, $3, $4)")
         .bind(&new.id)
         .bind(now_ms)
         .bind(new.quick)
+        .bind(turn)
         .execute(&mut *tx)
         .await?;
     Ok(Accepted::New)

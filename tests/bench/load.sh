@@ -14,7 +14,7 @@ trap 'stop; rm -rf "$work"' EXIT
 start() { # arguments of serve
     stop
     rm -f "$work"/p.db*
-    "$program" serve --listen 127.0.0.1:8099 --database "$work/p.db" "$@" 2>"$work/log" &
+    "$program" serve --open --listen 127.0.0.1:8099 --database "$work/p.db" "$@" 2>"$work/log" &
     server=$!
     until curl -sf localhost:8099/healthz >/dev/null; do sleep 0.1; done
 }

@@ -54,7 +54,13 @@ impl Answer {
 
 impl Service {
     /// Starts the program on a database file.
+    /// One that is open to everybody.
     pub fn start(database: &std::path::Path, arguments: &[&str]) -> Self {
+        Self::start_as_told(database, &[arguments, &["--open"]].concat())
+    }
+
+    /// One with these arguments and no others.
+    pub fn start_as_told(database: &std::path::Path, arguments: &[&str]) -> Self {
         let mut process = Command::new(PROGRAM)
             .args(["serve", "--listen", "127.0.0.1:0", "--database"])
             .arg(database)

@@ -12,6 +12,7 @@ use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 
 use super::super::body::{Format, JsonBody};
+use super::super::caller::Caller;
 use super::super::grader::{GivenTask, Graded};
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
@@ -22,6 +23,7 @@ use crate::checks::{CHECKS_VERSION, Criterion};
 use crate::grading::Report;
 use crate::grading::report::CriterionReport;
 use crate::grading::reward::RewardComponents;
+use crate::store::keys::Scope;
 use crate::tasks::catalogue::Catalogue;
 use crate::tasks::embedded::FULL;
 use crate::tasks::hex;
@@ -263,7 +265,8 @@ const QUICK_BYTES: usize = 128 << 10;
         (status = 504, description = "The deadline passed", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub async fn grade(State(state): State<AppState>, body: JsonBody) -> ApiResult<Response> {
+pub async fn grade(State(state): State<AppState>, caller: Caller, body: JsonBody) -> ApiResult<Response> {
+    caller.require(Scope::Grade)?;
     let JsonBody { bytes, format, share: _share } = body;
     if format == Format::NdJson {
         return Err(ApiError::not_ndjson("many logs go to /v1/grade:batch"));

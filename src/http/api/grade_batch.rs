@@ -17,10 +17,12 @@ use serde_json::value::RawValue;
 use tokio::sync::mpsc;
 
 use super::super::body::{Format, JsonBody};
+use super::super::caller::Caller;
 use super::super::limits::LIMITS;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use super::grade::{GradeBody, NewGrade, prepare};
+use crate::store::keys::Scope;
 use crate::tasks::catalogue::Catalogue;
 use crate::voxel::Faults;
 
@@ -65,7 +67,8 @@ pub struct BatchItem {
         (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub async fn grade_batch(State(state): State<AppState>, body: JsonBody) -> ApiResult<Response> {
+pub async fn grade_batch(State(state): State<AppState>, caller: Caller, body: JsonBody) -> ApiResult<Response> {
+    caller.require(Scope::Grade)?;
     let place = state.grader.admit_batch()?;
     let JsonBody { bytes, format, share } = body;
     let catalogue = state.store.current_catalogue().await?;

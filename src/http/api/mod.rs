@@ -21,10 +21,13 @@ pub mod tasks;
 
 use axum::Router;
 use utoipa::OpenApi;
+use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
+use utoipa::openapi::{Content, Ref, ResponseBuilder};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
+use super::problem::PROBLEM_JSON;
 use super::state::AppState;
 
 /// Head of the OpenAPI document.
@@ -78,10 +81,29 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(documents::get_openapi))
 }
 
+/// Adds what holds for every operation that writes: it needs a key, and is refused without one.
+pub fn complete(document: &mut utoipa::openapi::OpenApi) {
+    let bearer = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(
+        "A key made by `plumbline keys create`. Reading needs none; a service started with `--open` asks for none.",
+    ));
+    let components = document.components.get_or_insert_default();
+    components.add_security_scheme("key", SecurityScheme::Http(bearer.build()));
+    for operation in document.paths.paths.values_mut().filter_map(|path| path.post.as_mut()) {
+        operation.security = Some(vec![SecurityRequirement::new("key", [""; 0])]);
+        for (status, what) in [("401", "No key, or none that is live"), ("403", "The key does not allow this")] {
+            let problem = Content::new(Some(Ref::from_schema_name("Problem")));
+            let refused = ResponseBuilder::new().description(what).content(PROBLEM_JSON, problem).build();
+            operation.responses.responses.insert(status.to_owned(), refused.into());
+        }
+    }
+}
+
 /// The OpenAPI document, as committed in `openapi/`.
 #[must_use]
 pub fn document() -> String {
-    let mut text = routes().into_openapi().to_pretty_json().unwrap_or_default();
+    let mut document = routes().into_openapi();
+    complete(&mut document);
+    let mut text = document.to_pretty_json().unwrap_or_default();
     text.push('\n');
     text
 }

@@ -9,6 +9,7 @@ use serde_json::Value;
 use uuid::Uuid;
 
 use super::super::body::{Format, JsonBody};
+use super::super::caller::Caller;
 use super::super::limits::LIMITS;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
@@ -16,6 +17,7 @@ use super::submission_schema::SubmissionBody;
 use super::tasks::page_items;
 use crate::clock::{now_ms, rfc3339};
 use crate::grading::Summary;
+use crate::store::keys::Scope;
 use crate::store::runs::RunRow;
 use crate::voxel::Faults;
 use crate::voxel::tolerant::{Read, Shape, Text, read_document};
@@ -64,6 +66,8 @@ pub struct RunBody {
     pub finished_at: Option<String>,
     /// Its summary, once finished.
     pub summary: Option<Summary>,
+    /// Whose key began it; null where the service is open to everybody.
+    pub owner: Option<String>,
 }
 
 impl From<RunRow> for RunBody {
@@ -81,6 +85,7 @@ impl From<RunRow> for RunBody {
             created_at: rfc3339(run.created_at_ms),
             finished_at: run.finished_at_ms.map(rfc3339),
             summary: run.summary,
+            owner: run.owner,
         }
     }
 }
@@ -173,16 +178,12 @@ impl<'de> Shape<'de> for NewRunShape<'_> {
 )]
 pub async fn create_run(
     State(state): State<AppState>,
+    caller: Caller,
     body: JsonBody,
 ) -> ApiResult<(StatusCode, [(HeaderName, String); 1], Json<RunBody>)> {
+    caller.require(Scope::Submit)?;
     if body.format == Format::NdJson {
-        let detail = "a run is one JSON document, not NDJSON";
-        return Err(ApiError::new(
-            StatusCode::UNSUPPORTED_MEDIA_TYPE,
-            "unsupported-media-type",
-            "Unsupported media type",
-            detail,
-        ));
+        return Err(ApiError::not_ndjson("a run is begun alone"));
     }
     let mut faults = Faults::new();
     let parsed = match read_document(&body.bytes, NewRunShape { faults: &mut faults }) {
@@ -204,7 +205,7 @@ pub async fn create_run(
         return Err(ApiError::faulty(faults));
     };
     let id = Uuid::now_v7().to_string();
-    state.store.create_run(&id, &agent, &suite_id, &parsed.metadata, now_ms()).await?;
+    state.store.create_run(&id, &agent, &suite_id, &parsed.metadata, caller.owner(), now_ms()).await?;
     let location = [(header::LOCATION, format!("/v1/runs/{id}"))];
     Ok((StatusCode::CREATED, location, Json(run_body(&state, &id).await?)))
 }
@@ -241,7 +242,15 @@ pub async fn get_run(State(state): State<AppState>, Path(id): Path<String>) -> A
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub async fn finish_run(State(state): State<AppState>, Path(id): Path<String>) -> ApiResult<Json<RunBody>> {
+pub async fn finish_run(
+    State(state): State<AppState>,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> ApiResult<Json<RunBody>> {
+    caller.require(Scope::Submit)?;
+    if let Some(run) = state.store.run(&id).await? {
+        caller.require_own(run.owner.as_deref(), "run")?;
+    }
     state.store.finish_run(&id, now_ms()).await?;
     Ok(Json(run_body(&state, &id).await?))
 }

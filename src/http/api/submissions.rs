@@ -12,6 +12,7 @@ use tokio::sync::OwnedSemaphorePermit;
 use uuid::Uuid;
 
 use super::super::body::{Format, JsonBody};
+use super::super::caller::Caller;
 use super::super::grader::is_quick;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
@@ -21,6 +22,7 @@ use super::submission_schema::{
 };
 use crate::clock::now_ms;
 use crate::store::StoreError;
+use crate::store::keys::Scope;
 use crate::store::submissions::{Accepted, NewSubmission, PackedLog, SubmissionRow};
 use crate::tasks::catalogue::Entry;
 use crate::tasks::embedded::FULL;
@@ -49,8 +51,9 @@ use crate::voxel::Faults;
         (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub async fn create_submission(State(state): State<AppState>, body: JsonBody) -> ApiResult<Response> {
-    let Checked { submissions, lines, format, share: _share } = check(&state, body).await?;
+pub async fn create_submission(State(state): State<AppState>, caller: Caller, body: JsonBody) -> ApiResult<Response> {
+    caller.require(Scope::Submit)?;
+    let Checked { submissions, lines, format, share: _share } = check(&state, &caller, body).await?;
     let submissions: Arc<[NewSubmission]> = submissions.into();
     let answers = state.store.accept(Arc::clone(&submissions), now_ms()).await?;
     let accepted = accepted_bodies(&submissions, answers, &lines)?;
@@ -87,8 +90,13 @@ pub async fn create_submission(State(state): State<AppState>, body: JsonBody) ->
         (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub async fn validate_submission(State(state): State<AppState>, body: JsonBody) -> ApiResult<Json<ValidatedList>> {
-    let Checked { submissions, lines, share: _share, .. } = check(&state, body).await?;
+pub async fn validate_submission(
+    State(state): State<AppState>,
+    caller: Caller,
+    body: JsonBody,
+) -> ApiResult<Json<ValidatedList>> {
+    caller.require(Scope::Submit)?;
+    let Checked { submissions, lines, share: _share, .. } = check(&state, &caller, body).await?;
     let answers = state.store.would_accept(&submissions).await?;
     let valid: Vec<Validated> = submissions.iter().map(Validated::of).collect();
     let accepted = accepted_bodies(&submissions, answers, &lines)?;
@@ -107,7 +115,7 @@ struct Checked {
 }
 
 /// Reads a body and checks all of it, but for what only the transaction that stores it can tell.
-async fn check(state: &AppState, body: JsonBody) -> ApiResult<Checked> {
+async fn check(state: &AppState, caller: &Caller, body: JsonBody) -> ApiResult<Checked> {
     let JsonBody { bytes, format, share } = body;
     let read = tokio::task::spawn_blocking(move || {
         let mut faults = Faults::new();
@@ -116,9 +124,10 @@ async fn check(state: &AppState, body: JsonBody) -> ApiResult<Checked> {
     });
     let (Posted { submissions, is_malformed }, mut faults) = read.await.map_err(|error| ApiError::internal(&error))?;
     let lines: Vec<Option<u64>> = submissions.iter().map(|submission| submission.line).collect();
-    let places = resolve_all(state, &submissions, &mut faults).await?;
+    let places = resolve_all(state, caller, &submissions, &mut faults).await?;
+    let owner = caller.owner().map(str::to_owned);
     let prepare = tokio::task::spawn_blocking(move || {
-        let prepared = prepare(submissions, &places, &mut faults);
+        let prepared = prepare(submissions, &places, owner.as_deref(), &mut faults);
         (prepared, faults)
     });
     let (prepared, faults) = prepare.await.map_err(|error| ApiError::internal(&error))?;
@@ -141,6 +150,7 @@ type Place = (Arc<Entry>, u32);
 /// Looks up run, suite and task of each submission. Faults leave `None`.
 async fn resolve_all(
     state: &AppState,
+    caller: &Caller,
     posted: &[PostedSubmission],
     faults: &mut Faults,
 ) -> ApiResult<Vec<Option<Place>>> {
@@ -154,8 +164,11 @@ async fn resolve_all(
         let suite = match &submission.run {
             Some(run) => {
                 if !suite_of_run.contains_key(run.as_str()) {
-                    let found = state.store.run(run).await?.map(|row| row.suite_id);
-                    suite_of_run.insert(run, found);
+                    let found = state.store.run(run).await?;
+                    if let Some(row) = &found {
+                        caller.require_own(row.owner.as_deref(), "run")?;
+                    }
+                    suite_of_run.insert(run, found.map(|row| row.suite_id));
                 }
                 let suite = suite_of_run.get(run.as_str()).cloned().flatten();
                 if suite.is_none() {
@@ -211,6 +224,7 @@ async fn find_once(
 fn prepare(
     posted: Vec<PostedSubmission>,
     places: &[Option<Place>],
+    owner: Option<&str>,
     faults: &mut Faults,
 ) -> Result<Vec<NewSubmission>, StoreError> {
     let mut placed = Vec::with_capacity(posted.len());
@@ -237,6 +251,7 @@ fn prepare(
             log_hash: hex(&Sha256::digest(&json)),
             turns: submission.log.turns.len(),
             events: submission.log.event_count(),
+            owner: owner.map(str::to_owned),
             quick: is_quick(task, &submission.log),
             log: PackedLog::of(&json)?,
         })

@@ -9,9 +9,11 @@ use axum::extract::State;
 use serde_json::{Map, Value, json};
 
 use super::super::super::body::JsonBody;
+use super::super::super::caller::Caller;
 use super::super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::super::state::AppState;
 use super::{Judged, judge};
+use crate::store::keys::Scope;
 use crate::voxel::Faults;
 
 /// Begin a session: nothing is kept between calls, so the answer is empty.
@@ -23,8 +25,9 @@ use crate::voxel::Faults;
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub async fn seed_session() -> Json<Value> {
-    Json(json!({}))
+pub async fn seed_session(caller: Caller) -> ApiResult<Json<Value>> {
+    caller.require(Scope::Grade)?;
+    Ok(Json(json!({})))
 }
 
 /// Grade what a model answered, as NeMo Gym asks a resources server. The block log is looked for in the last text of the
@@ -50,7 +53,8 @@ pub async fn seed_session() -> Json<Value> {
         (status = 504, description = "The deadline passed", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub async fn verify(State(state): State<AppState>, body: JsonBody) -> ApiResult<Json<Value>> {
+pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBody) -> ApiResult<Json<Value>> {
+    caller.require(Scope::Grade)?;
     let place = state.grader.admit().map_err(ApiError::without_reward)?;
     let catalogue = state.store.catalogue();
     let work = tokio::task::spawn_blocking(move || {

@@ -10,10 +10,12 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::super::super::body::JsonBody;
+use super::super::super::caller::Caller;
 use super::super::super::limits::LIMITS;
 use super::super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::super::state::AppState;
 use super::{Judged, judge};
+use crate::store::keys::Scope;
 use crate::voxel::Faults;
 
 /// What OpenRLHF posts.
@@ -73,7 +75,8 @@ pub struct ExtraLogs {
         (status = 504, description = "A deadline passed", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub async fn get_reward(State(state): State<AppState>, body: JsonBody) -> ApiResult<Json<Rewards>> {
+pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: JsonBody) -> ApiResult<Json<Rewards>> {
+    caller.require(Scope::Grade)?;
     let place = state.grader.admit_batch().map_err(ApiError::without_reward)?;
     let catalogue = state.store.current_catalogue().await?;
     let work = tokio::task::spawn_blocking(move || {
