@@ -47,6 +47,8 @@ pub struct Limits {
     pub agent_chars: usize,
     /// Bytes of a run's metadata as JSON.
     pub metadata_bytes: usize,
+    /// Bytes of an `Idempotency-Key`.
+    pub idempotency_key_bytes: usize,
     /// Items of a page.
     pub page_items: u32,
     /// Faults listed in one problem; all are counted.
@@ -98,6 +100,7 @@ pub const LIMITS: Limits = Limits {
     max_y: cell::MAX_Y,
     agent_chars: 100,
     metadata_bytes: 16 << 10,
+    idempotency_key_bytes: 200,
     page_items: 1_000,
     faults_listed: Faults::KEPT,
     header_seconds: 10,

@@ -5,6 +5,7 @@ pub mod body;
 pub mod caller;
 mod conditional;
 pub mod grader;
+pub mod idempotency;
 pub mod layers;
 pub mod limits;
 pub mod pages;
@@ -47,6 +48,7 @@ pub fn router(
         bodies: Arc::new(body::budget()),
         grader: Arc::new(grader::Grader::new(settings.grade_cache_bytes, stop.clone())),
         boards: Arc::default(),
+        in_flight: Arc::default(),
         keys: Arc::new(caller::Keys::new(settings.is_open)),
         stress_turns: Arc::new(api::stress::StressTurns::default()),
         stop,

@@ -13,6 +13,7 @@ use super::api::leaderboards::Boards;
 use super::api::stress::StressTurns;
 use super::caller::Keys;
 use super::grader::Grader;
+use super::idempotency::InFlight;
 use super::problem::{ApiError, ApiResult};
 
 /// What handlers share; clones are handles.
@@ -28,6 +29,8 @@ pub struct AppState {
     pub grader: Arc<Grader>,
     /// Keys that were used lately.
     pub keys: Arc<Keys>,
+    /// Requests with an `Idempotency-Key` that are being carried out.
+    pub in_flight: Arc<InFlight>,
     /// Boards as documents.
     pub boards: Arc<Boards>,
     /// Turns to compute stress fields.

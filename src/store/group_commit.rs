@@ -9,7 +9,8 @@ use std::sync::Arc;
 use sqlx::{Connection as _, SqliteConnection, SqlitePool};
 use tokio::sync::{mpsc, oneshot};
 
-use super::submissions::{Accepted, NewSubmission, accept_one};
+use super::idempotency::{Before, Once};
+use super::submissions::{Acceptability, Accepted, NewSubmission, accept_one};
 use super::{StoreError, StoreResult};
 
 /// Requests that one transaction takes at most: with more, the first would wait long for the last.
@@ -21,8 +22,9 @@ const WAITING: usize = 1_024;
 #[derive(Debug)]
 pub(super) struct Acceptance {
     submissions: Arc<[NewSubmission]>,
+    once: Option<Once>,
     now_ms: i64,
-    answer: oneshot::Sender<StoreResult<Vec<Accepted>>>,
+    answer: oneshot::Sender<StoreResult<Acceptability>>,
 }
 
 /// Hands requests to the task that stores them.
@@ -45,10 +47,15 @@ impl Acceptances {
     }
 
     /// Stores the submissions of one request; see [`super::Store::accept`].
-    pub async fn store(&self, submissions: Arc<[NewSubmission]>, now_ms: i64) -> StoreResult<Vec<Accepted>> {
+    pub async fn store(
+        &self,
+        submissions: Arc<[NewSubmission]>,
+        once: Option<Once>,
+        now_ms: i64,
+    ) -> StoreResult<Acceptability> {
         let (answer, answered) = oneshot::channel();
         let closed = || StoreError::Database(sqlx::Error::PoolClosed);
-        self.0.send(Acceptance { submissions, now_ms, answer }).await.map_err(|_| closed())?;
+        self.0.send(Acceptance { submissions, once, now_ms, answer }).await.map_err(|_| closed())?;
         answered.await.map_err(|_| closed())?
     }
 }
@@ -65,7 +72,9 @@ async fn store(writer: &SqlitePool, turns: &mut Turns, group: Vec<Acceptance>) {
             // One of them failed, and took the others along: each alone.
             for request in group {
                 let alone = together(writer, turns, std::slice::from_ref(&request)).await;
-                let _ = request.answer.send(alone.map(|mut answers| answers.pop().unwrap_or_default()));
+                let _ = request
+                    .answer
+                    .send(alone.map(|mut answers| answers.pop().unwrap_or_else(|| Acceptability::Decided(Vec::new()))));
             }
         }
         Err(error) => {
@@ -77,32 +86,63 @@ async fn store(writer: &SqlitePool, turns: &mut Turns, group: Vec<Acceptance>) {
 }
 
 /// Stores the requests in one transaction. A request that is refused leaves nothing behind.
-async fn together(writer: &SqlitePool, turns: &mut Turns, group: &[Acceptance]) -> StoreResult<Vec<Vec<Accepted>>> {
+async fn together(writer: &SqlitePool, turns: &mut Turns, group: &[Acceptance]) -> StoreResult<Vec<Acceptability>> {
     let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
     turns.look(&mut tx).await?;
     let mut all = Vec::with_capacity(group.len());
     for request in group {
         // A single submission that is refused has written nothing.
-        if let [only] = &*request.submissions {
-            all.push(vec![accept_one(&mut tx, only, turns.next(only.owner.as_deref()), request.now_ms).await?]);
+        if let ([only], None) = (&*request.submissions, &request.once) {
+            let answer = accept_one(&mut tx, only, turns.next(only.owner.as_deref()), request.now_ms).await?;
+            all.push(Acceptability::Decided(vec![answer]));
             continue;
         }
         let mut part = tx.begin().await?;
-        let mut answers = Vec::with_capacity(request.submissions.len());
-        for submission in &*request.submissions {
-            answers.push(
-                accept_one(&mut part, submission, turns.next(submission.owner.as_deref()), request.now_ms).await?,
-            );
-        }
-        if answers.iter().all(|answer| matches!(answer, Accepted::New | Accepted::Same(_))) {
+        let (answer, is_stored) = store_request(&mut part, turns, request).await?;
+        if is_stored {
             part.commit().await?;
         } else {
             part.rollback().await?;
         }
-        all.push(answers);
+        all.push(answer);
     }
     tx.commit().await?;
     Ok(all)
+}
+
+/// Stores the submissions of one request, and what it came to where it shall be carried out once. Says whether that is to
+/// stay.
+async fn store_request(
+    tx: &mut SqliteConnection,
+    turns: &mut Turns,
+    request: &Acceptance,
+) -> StoreResult<(Acceptability, bool)> {
+    if let Some(once) = &request.once {
+        match once.before(tx, request.now_ms).await? {
+            Before::Never => {}
+            Before::Done(result) => return Ok((Acceptability::Replayed(result), false)),
+            Before::OtherBody => return Ok((Acceptability::KeyUsedOtherwise, false)),
+        }
+    }
+    let mut answers = Vec::with_capacity(request.submissions.len());
+    for submission in &*request.submissions {
+        answers.push(accept_one(tx, submission, turns.next(submission.owner.as_deref()), request.now_ms).await?);
+    }
+    let is_stored = answers.iter().all(|answer| matches!(answer, Accepted::New | Accepted::Same(_)));
+    if let (Some(once), true) = (&request.once, is_stored) {
+        let result: Vec<(&str, bool)> = request
+            .submissions
+            .iter()
+            .zip(&answers)
+            .map(|(submission, answer)| match answer {
+                Accepted::Same(id) => (id.as_str(), true),
+                _ => (submission.id.as_str(), false),
+            })
+            .collect();
+        let result = serde_json::to_string(&result).map_err(|error| StoreError::corrupt("idempotency", error))?;
+        once.keep(tx, &result, request.now_ms).await?;
+    }
+    Ok((Acceptability::Decided(answers), is_stored))
 }
 
 /// Whose turn is when: each owner's jobs have turns one after another, none before that of the job that is next. Owners who

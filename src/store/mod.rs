@@ -6,6 +6,7 @@
 pub mod boards;
 pub mod copies;
 mod group_commit;
+pub mod idempotency;
 pub mod jobs;
 pub mod keys;
 pub mod reports;

@@ -6,6 +6,7 @@
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row as _, SqliteConnection};
 
+use super::idempotency::{Before, Once};
 use super::suites::tasks_of;
 use super::{Store, StoreError, StoreResult};
 use crate::grading::{ProblemScores, Summary};
@@ -72,6 +73,21 @@ pub struct RunRow {
     pub owner: Option<String>,
 }
 
+/// A run to store.
+#[derive(Debug, Clone, Copy)]
+pub struct NewRun<'a> {
+    /// Its id.
+    pub id: &'a str,
+    /// Who builds.
+    pub agent: &'a str,
+    /// `name@version` of its suite.
+    pub suite_id: &'a str,
+    /// What its owner says about it.
+    pub metadata: &'a serde_json::Value,
+    /// Whose key begins it.
+    pub owner: Option<&'a str>,
+}
+
 /// Columns of a run, for every query that reads one.
 macro_rules! select_run {
     ($rest:literal) => {
@@ -106,34 +122,33 @@ pub(super) fn read_run(row: &SqliteRow) -> StoreResult<RunRow> {
 }
 
 impl Store {
-    /// Stores a new run.
+    /// Stores a new run; where it shall be made once and was made before, gives the id of that one.
     ///
     /// # Errors
     /// Where the database fails.
-    pub async fn create_run(
-        &self,
-        id: &str,
-        agent: &str,
-        suite_id: &str,
-        metadata: &serde_json::Value,
-        owner: Option<&str>,
-        now_ms: i64,
-    ) -> StoreResult<()> {
+    pub async fn create_run(&self, run: &NewRun<'_>, once: Option<&Once>, now_ms: i64) -> StoreResult<Before> {
         let mut tx = self.begin().await?;
+        if let Some(once) = once {
+            let before = once.before(&mut tx, now_ms).await?;
+            if before != Before::Never {
+                return Ok(before);
+            }
+            once.keep(&mut tx, run.id, now_ms).await?;
+        }
         sqlx::query(
             "INSERT INTO runs (id, agent, suite_id, metadata, state, created_at_ms, owner)
              VALUES ($1, $2, $3, $4, 'open', $5, $6)",
         )
-        .bind(id)
-        .bind(agent)
-        .bind(suite_id)
-        .bind(metadata.to_string())
+        .bind(run.id)
+        .bind(run.agent)
+        .bind(run.suite_id)
+        .bind(run.metadata.to_string())
         .bind(now_ms)
-        .bind(owner)
+        .bind(run.owner)
         .execute(&mut *tx)
         .await?;
         tx.commit().await?;
-        Ok(())
+        Ok(Before::Never)
     }
 
     /// The run with this id.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row as _, SqliteConnection};
 
+use super::idempotency::Once;
 use super::runs::{RunState, count, run_in};
 use super::{Store, StoreError, StoreResult, compress, decompress};
 
@@ -105,6 +106,18 @@ pub enum Accepted {
     RunClosed,
 }
 
+/// What came of a request to store submissions.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Acceptability {
+    /// An answer for each, in the order given. Where all are [`Accepted::New`] or [`Accepted::Same`], they are durable; else
+    /// none was stored.
+    Decided(Vec<Accepted>),
+    /// The same request was carried out before: ids, and whether each was there even then, as JSON.
+    Replayed(String),
+    /// The request's key was used for another one.
+    KeyUsedOtherwise,
+}
+
 /// A stored submission, without its log.
 #[derive(Debug, Clone)]
 pub struct SubmissionRow {
@@ -176,12 +189,15 @@ impl Store {
     /// Stores submissions and their jobs: all of them, or none where one is refused. Requests that come at the same time
     /// share a transaction.
     ///
-    /// The answers are in the order given. Where all are [`Accepted::New`] or [`Accepted::Same`], they are durable.
-    ///
     /// # Errors
     /// Where the database fails; nothing is stored then.
-    pub async fn accept(&self, submissions: Arc<[NewSubmission]>, now_ms: i64) -> StoreResult<Vec<Accepted>> {
-        self.acceptances.store(submissions, now_ms).await
+    pub async fn accept(
+        &self,
+        submissions: Arc<[NewSubmission]>,
+        once: Option<Once>,
+        now_ms: i64,
+    ) -> StoreResult<Acceptability> {
+        self.acceptances.store(submissions, once, now_ms).await
     }
 
     /// What storing submissions would come to, without storing any.

@@ -2,7 +2,8 @@
 
 use axum::Json;
 use axum::extract::{Path, Query, State};
-use axum::http::{HeaderName, StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
 use serde::de::{IgnoredAny, MapAccess};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -10,6 +11,7 @@ use uuid::Uuid;
 
 use super::super::body::{Format, JsonBody};
 use super::super::caller::Caller;
+use super::super::idempotency;
 use super::super::limits::LIMITS;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
@@ -17,8 +19,9 @@ use super::submission_schema::SubmissionBody;
 use super::tasks::page_items;
 use crate::clock::{now_ms, rfc3339};
 use crate::grading::Summary;
+use crate::store::idempotency::Before;
 use crate::store::keys::Scope;
-use crate::store::runs::RunRow;
+use crate::store::runs::{NewRun, RunRow};
 use crate::voxel::Faults;
 use crate::voxel::tolerant::{Read, Shape, Text, read_document};
 
@@ -26,7 +29,7 @@ use crate::voxel::tolerant::{Read, Shape, Text, read_document};
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[schema(example = json!({ "agent": "my-agent 1.2", "suite": "mineceraft", "metadata": { "model": "m-7b" } }))]
 #[expect(dead_code, reason = "describes the body that NewRunShape reads")]
-pub struct NewRun {
+pub struct NewRunBody {
     /// Who builds, as the board shall show it.
     #[schema(min_length = 1, max_length = 100)]
     agent: String,
@@ -162,7 +165,8 @@ impl<'de> Shape<'de> for NewRunShape<'_> {
 /// Begin a run: one attempt of an agent at a suite. It finishes by itself when every task has been graded.
 #[utoipa::path(
     post, path = "/v1/runs", operation_id = "create_run", tag = "runs", summary = "Begin a run",
-    request_body(content = NewRun, content_type = "application/json"),
+    params(("Idempotency-Key" = Option<String>, Header, description = "The same request with the same key is carried out once, for 24 hours: its answer is repeated")),
+    request_body(content = NewRunBody, content_type = "application/json"),
     responses(
         (status = 201, description = "The run", body = RunBody, headers(("Location" = String, description = "The run")),
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000000", "agent": "my-agent 1.2", "suite": "mineceraft@1",
@@ -179,12 +183,14 @@ impl<'de> Shape<'de> for NewRunShape<'_> {
 pub async fn create_run(
     State(state): State<AppState>,
     caller: Caller,
+    headers: HeaderMap,
     body: JsonBody,
-) -> ApiResult<(StatusCode, [(HeaderName, String); 1], Json<RunBody>)> {
+) -> ApiResult<Response> {
     caller.require(Scope::Submit)?;
     if body.format == Format::NdJson {
         return Err(ApiError::not_ndjson("a run is begun alone"));
     }
+    let underway = state.in_flight.begin(&headers, &caller, "create_run", &body.bytes)?;
     let mut faults = Faults::new();
     let parsed = match read_document(&body.bytes, NewRunShape { faults: &mut faults }) {
         Ok(parsed) => parsed,
@@ -205,9 +211,22 @@ pub async fn create_run(
         return Err(ApiError::faulty(faults));
     };
     let id = Uuid::now_v7().to_string();
-    state.store.create_run(&id, &agent, &suite_id, &parsed.metadata, caller.owner(), now_ms()).await?;
-    let location = [(header::LOCATION, format!("/v1/runs/{id}"))];
-    Ok((StatusCode::CREATED, location, Json(run_body(&state, &id).await?)))
+    let new = NewRun { id: &id, agent: &agent, suite_id: &suite_id, metadata: &parsed.metadata, owner: caller.owner() };
+    let once = underway.as_ref().map(|underway| &underway.once);
+    let (id, is_replayed) = match state.store.create_run(&new, once, now_ms()).await? {
+        Before::Never => (id, false),
+        Before::Done(id) => (id, true),
+        Before::OtherBody => return Err(idempotency::other_body()),
+    };
+    let run = run_body(&state, &id).await?;
+    // As it was when it was made, also where the answer is repeated.
+    let run =
+        RunBody { state: "open", pending: 0, graded: 0, grader_errors: 0, finished_at: None, summary: None, ..run };
+    let mut response = (StatusCode::CREATED, [(header::LOCATION, format!("/v1/runs/{id}"))], Json(run)).into_response();
+    if is_replayed {
+        response.headers_mut().extend([idempotency::REPLAYED]);
+    }
+    Ok(response)
 }
 
 async fn run_body(state: &AppState, id: &str) -> ApiResult<RunBody> {

@@ -14,6 +14,7 @@ use uuid::Uuid;
 use super::super::body::{Format, JsonBody};
 use super::super::caller::Caller;
 use super::super::grader::is_quick;
+use super::super::idempotency;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use super::submission_body::{Posted, PostedSubmission, TaskRef, check_against_task, read_submissions};
@@ -23,7 +24,7 @@ use super::submission_schema::{
 use crate::clock::now_ms;
 use crate::store::StoreError;
 use crate::store::keys::Scope;
-use crate::store::submissions::{Accepted, NewSubmission, PackedLog, SubmissionRow};
+use crate::store::submissions::{Acceptability, Accepted, NewSubmission, PackedLog, SubmissionRow};
 use crate::tasks::catalogue::Entry;
 use crate::tasks::embedded::FULL;
 use crate::tasks::{Task, hex};
@@ -35,6 +36,7 @@ use crate::voxel::Faults;
 /// Within a run a task is answered once; posting the same log again gives the same submission.
 #[utoipa::path(
     post, path = "/v1/submissions", operation_id = "create_submission", tag = "submissions", summary = "Post a submission",
+    params(("Idempotency-Key" = Option<String>, Header, description = "The same request with the same key is carried out once, for 24 hours: its answer is repeated")),
     request_body(content((NewSubmissionBody = "application/json"), (String = "application/x-ndjson"))),
     responses(
         (status = 202, description = "Accepted; for NDJSON a list in the order of the lines", body = AcceptedAnswer,
@@ -51,13 +53,36 @@ use crate::voxel::Faults;
         (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub async fn create_submission(State(state): State<AppState>, caller: Caller, body: JsonBody) -> ApiResult<Response> {
+pub async fn create_submission(
+    State(state): State<AppState>,
+    caller: Caller,
+    headers: HeaderMap,
+    body: JsonBody,
+) -> ApiResult<Response> {
     caller.require(Scope::Submit)?;
+    let underway = state.in_flight.begin(&headers, &caller, "create_submission", &body.bytes)?;
     let Checked { submissions, lines, format, share: _share } = check(&state, &caller, body).await?;
     let submissions: Arc<[NewSubmission]> = submissions.into();
-    let answers = state.store.accept(Arc::clone(&submissions), now_ms()).await?;
-    let accepted = accepted_bodies(&submissions, answers, &lines)?;
-    state.wake.notify_waiters();
+    let once = underway.as_ref().map(|underway| underway.once.clone());
+    match state.store.accept(Arc::clone(&submissions), once, now_ms()).await? {
+        Acceptability::Decided(answers) => {
+            let accepted = accepted_bodies(&submissions, answers, &lines)?;
+            state.wake.notify_waiters();
+            accepted_answer(accepted, format)
+        }
+        Acceptability::KeyUsedOtherwise => Err(idempotency::other_body()),
+        Acceptability::Replayed(result) => {
+            let before: Vec<(String, bool)> =
+                serde_json::from_str(&result).map_err(|error| ApiError::internal(&error))?;
+            let accepted = before.into_iter().map(|(id, repeated)| AcceptedBody { id, repeated }).collect();
+            let mut response = accepted_answer(accepted, format)?;
+            response.headers_mut().extend([idempotency::REPLAYED]);
+            Ok(response)
+        }
+    }
+}
+
+fn accepted_answer(accepted: Vec<AcceptedBody>, format: Format) -> ApiResult<Response> {
     if format == Format::NdJson {
         return Ok((StatusCode::ACCEPTED, Json(AcceptedList { submissions: accepted })).into_response());
     }
