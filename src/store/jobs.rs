@@ -165,6 +165,53 @@ impl Store {
         Ok(())
     }
 
+    /// Ends a submission that waits or is being graded, because its owner says so. False where it has ended already.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn cancel(&self, submission_id: &str, now_ms: i64) -> StoreResult<bool> {
+        let mut tx = self.begin().await?;
+        let found: Option<(Option<String>, String)> = sqlx::query_as(
+            "SELECT s.run_id, s.suite_id FROM submissions s JOIN jobs j ON j.submission_id = s.id WHERE s.id = $1",
+        )
+        .bind(submission_id)
+        .fetch_optional(&mut *tx)
+        .await?;
+        let Some((run_id, suite_id)) = found else { return Ok(false) };
+        let end = End { submission_id, run_id: run_id.as_deref(), state: SubmissionState::Cancelled };
+        // The job is gone: what a worker brings back of it no longer counts.
+        let has_ended = end.record(&mut tx, Some("cancelled by its owner"), &suite_id, now_ms).await?;
+        tx.commit().await?;
+        if has_ended {
+            self.note_ended_run();
+        }
+        Ok(true)
+    }
+
+    /// How many jobs come before this one, up to `most`; none where it does not wait.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn jobs_before(&self, submission_id: &str, most: i64) -> StoreResult<Option<i64>> {
+        let place: Option<(i64, i64)> =
+            sqlx::query_as("SELECT turn, queued_at_ms FROM jobs WHERE submission_id = $1 AND lease_until_ms = 0")
+                .bind(submission_id)
+                .fetch_optional(&self.readers)
+                .await?;
+        let Some((turn, queued_at_ms)) = place else { return Ok(None) };
+        let before = sqlx::query_scalar(
+            "SELECT COUNT(*) FROM (SELECT 1 FROM jobs
+                                   WHERE turn < $1 OR (turn = $1 AND (queued_at_ms, submission_id) < ($2, $3)) LIMIT $4) AS b",
+        )
+        .bind(turn)
+        .bind(queued_at_ms)
+        .bind(submission_id)
+        .bind(most)
+        .fetch_one(&self.readers)
+        .await?;
+        Ok(Some(before))
+    }
+
     /// Ends a submission without a report, if this attempt still holds it.
     ///
     /// # Errors

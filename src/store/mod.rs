@@ -9,6 +9,7 @@ mod group_commit;
 pub mod idempotency;
 pub mod jobs;
 pub mod keys;
+mod pace;
 pub mod reports;
 pub mod runs;
 pub mod submissions;
@@ -24,6 +25,7 @@ use sqlx::{Sqlite, SqlitePool, Transaction};
 
 use crate::tasks::catalogue::Catalogue;
 use group_commit::Acceptances;
+use pace::Pace;
 
 static MIGRATOR: sqlx::migrate::Migrator = sqlx::migrate!();
 
@@ -84,6 +86,7 @@ pub struct Store {
     readers: SqlitePool,
     acceptances: Acceptances,
     runs_ended: Arc<AtomicU64>,
+    pace: Arc<Pace>,
     catalogue: Arc<RwLock<Arc<Catalogue>>>,
 }
 
@@ -119,7 +122,14 @@ impl Store {
             .connect_with(options.read_only(true))
             .await?;
         let acceptances = Acceptances::start(writer.clone());
-        let store = Self { writer, readers, acceptances, runs_ended: Arc::default(), catalogue: Arc::default() };
+        let store = Self {
+            writer,
+            readers,
+            acceptances,
+            runs_ended: Arc::default(),
+            pace: Arc::default(),
+            catalogue: Arc::default(),
+        };
         store.refresh_catalogue().await?;
         Ok(store)
     }
@@ -142,6 +152,17 @@ impl Store {
     /// Says that a run has ended, once that is durable.
     fn note_ended_run(&self) {
         self.runs_ended.fetch_add(1, Ordering::AcqRel);
+    }
+
+    /// Notes that jobs were graded, for the estimate of how long others wait.
+    pub fn note_graded(&self, jobs: usize) {
+        self.pace.note(jobs);
+    }
+
+    /// Seconds between the ends of two jobs, lately; none where none ended lately.
+    #[must_use]
+    pub fn seconds_a_job(&self) -> Option<f64> {
+        self.pace.seconds_a_job()
     }
 
     /// Whether the database answers.

@@ -151,13 +151,15 @@ pub struct SubmissionRow {
     pub overall: Option<bool>,
     /// Accuracy of the latest report, where it applies.
     pub accuracy: Option<bool>,
+    /// Who posted it; none where the service was open to everybody.
+    pub owner: Option<String>,
 }
 
 macro_rules! select_submission {
     ($rest:literal) => {
         concat!(
             "SELECT s.id, s.run_id, s.suite_id, s.task_hash, s.task_number, s.log_hash, s.log_bytes, s.turns, s.events,
-                    s.state, s.error, s.created_at_ms, s.ended_at_ms, r.overall, r.accuracy
+                    s.state, s.error, s.created_at_ms, s.ended_at_ms, r.overall, r.accuracy, s.owner
              FROM submissions s LEFT JOIN reports r ON r.submission_id = s.id
               AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = s.id) ",
             $rest
@@ -182,6 +184,7 @@ fn read_submission(row: &SqliteRow) -> StoreResult<SubmissionRow> {
         ended_at_ms: row.try_get(12)?,
         overall: row.try_get(13)?,
         accuracy: row.try_get(14)?,
+        owner: row.try_get(15)?,
     })
 }
 
@@ -282,9 +285,16 @@ pub(super) async fn accept_one(
         .fetch_optional(&mut *tx)
         .await?;
         match earlier {
-            Some((id, _, state)) if state == SubmissionState::GraderError.name() => {
+            // What ended without a grade may be posted again.
+            Some((id, _, state))
+                if [SubmissionState::GraderError, SubmissionState::Cancelled].iter().any(|s| s.name() == state) =>
+            {
+                if run_in(tx, run_id).await?.is_none_or(|run| run.state == RunState::Finished) {
+                    return Ok(Accepted::RunClosed);
+                }
                 sqlx::query("UPDATE submissions SET superseded = 1 WHERE id = $1").bind(&id).execute(&mut *tx).await?;
-                count(tx, run_id, 0, 0, -1).await?;
+                let errors = i64::from(state == SubmissionState::GraderError.name());
+                count(tx, run_id, 0, 0, -errors).await?;
             }
             Some((id, log_hash, _)) if log_hash == new.log_hash => return Ok(Accepted::Same(id)),
             Some((id, _, _)) => return Ok(Accepted::Other(id)),

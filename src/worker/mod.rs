@@ -185,6 +185,7 @@ impl Worker {
         if !graded.is_empty() {
             let recorded = self.store.record(&graded, now_ms()).await?;
             metrics::counter!("plumbline_graded_total").increment(recorded as u64);
+            self.store.note_graded(recorded);
         }
         Ok(())
     }

@@ -61,6 +61,7 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(submissions::create_submission))
         .routes(routes!(submissions::validate_submission))
         .routes(routes!(submissions::get_submission))
+        .routes(routes!(submissions::cancel_submission))
         .routes(routes!(reports::get_report))
         .routes(routes!(reports::get_log))
         .routes(routes!(stress::get_stress))

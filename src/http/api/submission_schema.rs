@@ -100,6 +100,14 @@ pub struct SubmissionBody {
     pub created_at: String,
     /// When it ended.
     pub ended_at: Option<String>,
+    /// Whose key posted it; null where the service is open to everybody.
+    pub owner: Option<String>,
+    /// While it waits: how many are graded before it; counted up to 10,000.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub queued_before: Option<i64>,
+    /// While it waits: seconds until it is begun, at the pace of the last gradings.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub estimated_seconds: Option<f64>,
 }
 
 impl SubmissionBody {
@@ -122,6 +130,9 @@ impl SubmissionBody {
             events: row.events,
             created_at: rfc3339(row.created_at_ms),
             ended_at: row.ended_at_ms.map(rfc3339),
+            owner: row.owner,
+            queued_before: None,
+            estimated_seconds: None,
         }
     }
 }
