@@ -105,7 +105,7 @@ pub const LIMITS: Limits = Limits {
     faults_listed: Faults::KEPT,
     header_seconds: 10,
     request_seconds: 60,
-    connections: 12_000,
+    connections: 18_000,
     grade_batch_logs: 10_000,
     grade_inline_checks: 64,
     grade_batches: 16,

@@ -5,7 +5,7 @@ set -euo pipefail
 cd "$(dirname "$0")/../.."
 seconds=${1:-10}
 command -v wrk >/dev/null || { echo "load.sh: wrk is missing (Debian: apt-get install wrk)"; exit 1; }
-cargo build --release --quiet
+cargo build --release --quiet --bins --example bare_route
 program=target/release/plumbline
 work=$(mktemp -d)
 server=
@@ -22,7 +22,7 @@ memory() { awk '/VmRSS|VmHWM/ { printf "%s %d MiB  ", $1, $2 / 1024 } END { prin
 load() { # name, path, connections; settings in the environment
     printf '%-46s' "$1"
     BODIES=${BODIES:-$work/bodies} LOAD_PATH=$2 CONNECTIONS=$3 \
-        wrk --threads 1 --connections "$3" --duration "${seconds}s" --timeout 30s --script tests/bench/load.lua http://127.0.0.1:8099 |
+        wrk --threads 1 --connections "$3" --duration "${seconds}s" --timeout 30s --script tests/bench/load.lua "http://127.0.0.1:${PORT:-8099}" |
         grep '^offered'
 }
 
@@ -44,5 +44,21 @@ memory
 graded() { curl -s localhost:8099/metrics | awk '/^plumbline_graded_total/ { print $2 }'; }
 before=$(graded); sleep 2; after=$(graded)
 echo "graded since the start: ${after:-0}; in the 2 s after: $((${after:-0} - ${before:-0}))"
-METHOD=GET load "a board" /v1/leaderboards/mineceraft 32
+# A board with rows, and the same bytes from a bare axum route, in turn.
+"$program" submit tests/conformance/run.jsonl --agent load --server http://127.0.0.1:8099 >/dev/null 2>&1
+board=/v1/leaderboards/mineceraft@1
+target/release/examples/bare_route 127.0.0.1:8098 "http://127.0.0.1:8099$board" &
+bare=$!
+sleep 0.5
+for round in 1 2 3; do
+    METHOD=GET load "a board, round $round" "$board" 32
+    METHOD=GET PORT=8098 load "the same bytes, bare, round $round" / 32
+done
+kill "$bare"
+memory
+# A million gradings and more: what memory does.
+start --grade-cache-mib 0
+seconds=3 CHUNK=100 KIND=application/x-ndjson load "warm up" /v1/grade:batch 8
+memory
+seconds=${SOAK:-60} CHUNK=100 KIND=application/x-ndjson load "grade:batch, ${SOAK:-60} s" /v1/grade:batch 8
 memory
