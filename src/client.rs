@@ -145,7 +145,5 @@ impl Service {
 
 /// An NDJSON line: the compact form, with the log's palette in each turn.
 fn line(run: &str, answer: &Answer) -> String {
-    let palette: Vec<&str> = answer.log.palette.names().collect();
-    let turns: Vec<Value> = answer.log.turns.iter().map(|turn| json!({ "palette": palette, "rows": turn })).collect();
-    json!({ "run": run, "task": answer.number, "turns": turns }).to_string()
+    json!({ "run": run, "task": answer.number, "turns": answer.log.compact_turns() }).to_string()
 }

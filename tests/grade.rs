@@ -13,9 +13,7 @@ use serde_json::{Value, json};
 use support::Service;
 
 fn turns(log: &BlockLog) -> Value {
-    let canonical: Value = serde_json::from_slice(&log.canonical_json()).unwrap();
-    let turn = |rows: &Value| json!({ "palette": canonical["palette"], "rows": rows });
-    canonical["turns"].as_array().unwrap().iter().map(turn).collect()
+    log.compact_turns()
 }
 
 fn task<'a>(suite: &'a Suite, id: &str) -> &'a Task {

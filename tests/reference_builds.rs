@@ -16,9 +16,7 @@ async fn run_of_builders(service: &Service, suite: &Suite) -> Value {
     let run = service.begin_run("builders", &suite.id()).await;
     let mut lines = String::new();
     for task in &suite.tasks {
-        let canonical: Value = serde_json::from_slice(&build(task).unwrap().canonical_json()).unwrap();
-        let turn = |rows: &Value| json!({ "palette": canonical["palette"], "rows": rows });
-        let turns: Vec<Value> = canonical["turns"].as_array().unwrap().iter().map(turn).collect();
+        let turns = build(task).unwrap().compact_turns();
         lines.push_str(&json!({ "run": run, "task": task.id, "turns": turns }).to_string());
         lines.push('\n');
     }

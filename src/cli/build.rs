@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use anyhow::bail;
 use clap::{Args, ValueEnum};
-use serde_json::{Value, json};
+use serde_json::json;
 
 use super::tasks::{find, suite};
 use crate::builders;
@@ -59,14 +59,17 @@ pub fn run(args: &BuildArgs) -> anyhow::Result<ExitCode> {
     };
     let build = |task: &Task| -> anyhow::Result<BlockLog> {
         let log = builders::build(task)?;
-        Ok(saboteur.map_or_else(|| log.clone(), |saboteur| saboteur.spoil(log.clone())))
+        Ok(match saboteur {
+            None => log,
+            Some(saboteur) => saboteur.spoil(log),
+        })
     };
     if let Some(&[least, most]) = args.all.as_deref() {
         let mut lines = String::new();
         for task in suite()?.tasks {
             let log = build(&task)?;
             if (least..=most).contains(&log.event_count()) {
-                lines.push_str(&submission(&task, &log)?);
+                lines.push_str(&submission(&task, &log));
             }
         }
         std::io::stdout().lock().write_all(lines.as_bytes())?;
@@ -75,18 +78,15 @@ pub fn run(args: &BuildArgs) -> anyhow::Result<ExitCode> {
     let task = find(args.task.as_deref().unwrap_or_default())?;
     let log = build(&task)?;
     let text = match args.format {
-        Format::Submission => submission(&task, &log)?,
+        Format::Submission => submission(&task, &log),
         Format::Events => events(&log),
     };
     std::io::stdout().lock().write_all(text.as_bytes())?;
     Ok(ExitCode::SUCCESS)
 }
 
-fn submission(task: &Task, log: &BlockLog) -> anyhow::Result<String> {
-    let canonical: Value = serde_json::from_slice(&log.canonical_json())?;
-    let turn = |rows: &Value| json!({ "palette": canonical["palette"], "rows": rows });
-    let turns: Vec<Value> = canonical["turns"].as_array().into_iter().flatten().map(turn).collect();
-    Ok(format!("{}\n", json!({ "task": task.id, "turns": turns })))
+fn submission(task: &Task, log: &BlockLog) -> String {
+    format!("{}\n", json!({ "task": task.id, "turns": log.compact_turns() }))
 }
 
 fn events(log: &BlockLog) -> String {

@@ -22,7 +22,7 @@ const TRUSTED_FOR: Duration = Duration::from_millis(500);
 const MAX_HELD: usize = 10_000;
 
 /// Keys that were used lately.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Keys {
     held: RwLock<HashMap<String, (KeyRow, Instant)>>,
     /// Whether writing needs no key.

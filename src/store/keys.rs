@@ -3,7 +3,7 @@
 use sha2::{Digest as _, Sha256};
 use uuid::Uuid;
 
-use super::{Store, StoreError, StoreResult};
+use super::{Store, StoreResult};
 use crate::tasks::hex;
 
 /// Live keys that an owner may have: one in use and one to change over to.
@@ -200,7 +200,7 @@ impl Store {
     ///
     /// # Errors
     /// Where the database fails.
-    pub async fn note_key_use(&self, key: &KeyRow, now_ms: i64) -> Result<(), StoreError> {
+    pub async fn note_key_use(&self, key: &KeyRow, now_ms: i64) -> StoreResult<()> {
         if key.last_used_at_ms.is_some_and(|last| now_ms - last < USE_NOTED_EVERY_MS) {
             return Ok(());
         }

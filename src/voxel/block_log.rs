@@ -84,6 +84,13 @@ impl BlockLog {
         }
     }
 
+    /// The turns as they are posted, in the compact form, with the log's palette in each.
+    #[must_use]
+    pub fn compact_turns(&self) -> serde_json::Value {
+        let palette: Vec<&str> = self.palette.names().collect();
+        self.turns.iter().map(|turn| serde_json::json!({ "palette": palette, "rows": turn })).collect()
+    }
+
     /// The one canonical spelling of this log: compact JSON, from which its hash is taken and in which it is stored.
     ///
     /// Two logs with the same events in the same turns have the same bytes, whichever form they were posted in.

@@ -17,7 +17,7 @@ use super::super::grader::{GivenTask, Graded};
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use super::grade_body::{Detail, GradeRequest, GradeShape, NamedTask};
-use super::submission_body::{TaskRef, check_against_task};
+use super::submission_body::check_against_task;
 use super::submission_schema::{NewTurn, TaskName};
 use crate::checks::{CHECKS_VERSION, Criterion};
 use crate::grading::Report;
@@ -27,8 +27,8 @@ use crate::store::keys::Scope;
 use crate::tasks::catalogue::Catalogue;
 use crate::tasks::embedded::FULL;
 use crate::tasks::hex;
-use crate::voxel::Faults;
 use crate::voxel::tolerant::read_document;
+use crate::voxel::{BlockLog, Faults};
 
 /// A log to grade at once.
 #[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
@@ -127,15 +127,26 @@ pub struct Prepared {
 /// # Errors
 /// 400 where it is not JSON, 422 with all its faults.
 pub fn prepare(text: &[u8], catalogue: &Catalogue) -> ApiResult<Prepared> {
+    prepare_with(text, None, catalogue)
+}
+
+/// The same, with a log that was found elsewhere in place of the request's own.
+///
+/// # Errors
+/// The same.
+pub fn prepare_with(text: &[u8], log: Option<BlockLog>, catalogue: &Catalogue) -> ApiResult<Prepared> {
     let begun = Instant::now();
     let mut faults = Faults::new();
-    let request = match read_document(text, GradeShape { faults: &mut faults }) {
+    let mut request = match read_document(text, GradeShape { faults: &mut faults }) {
         Ok(request) => request,
         Err(error) => {
             faults.add(error.to_string());
             return Err(ApiError::malformed(faults));
         }
     };
+    if let (Some(request), Some(log)) = (&mut request, log) {
+        request.log = log;
+    }
     let given = request.as_ref().and_then(|request| find(request, catalogue, &mut faults));
     if let (Some(request), Some(given)) = (&request, &given) {
         check_against_task(&request.log, given.task()?.0, &mut faults);
@@ -157,16 +168,7 @@ fn find(request: &GradeRequest, catalogue: &Catalogue, faults: &mut Faults) -> O
         faults.add_at("suite", format!("there is no suite {name:?}; /v1/suites lists them"));
         return None;
     };
-    let (number, named) = match task {
-        TaskRef::Id(id) => (entry.task(id).map(|(task, _)| task.number), format!("{id:?}")),
-        TaskRef::Number(number) => {
-            (entry.task_numbered(*number).map(|(task, _)| task.number), format!("number {number}"))
-        }
-    };
-    if number.is_none() {
-        faults.add_at("task", format!("{} has no task {named}; /v1/tasks lists them", entry.suite.id()));
-    }
-    number.map(|number| GivenTask::Listed(Arc::clone(entry), number))
+    task.number_in(entry, faults).map(|number| GivenTask::Listed(Arc::clone(entry), number))
 }
 
 fn micros(since: Instant) -> u64 {

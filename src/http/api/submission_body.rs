@@ -6,6 +6,7 @@ use super::super::body::Format;
 use super::super::limits::LIMITS;
 use crate::checks::Criterion;
 use crate::tasks::Task;
+use crate::tasks::catalogue::Entry;
 use crate::voxel::log_reader::Turns;
 use crate::voxel::replay::Replay;
 use crate::voxel::tolerant::{OrNull, Read, Scalar, Shape, Text, on_its_line, read_document};
@@ -18,6 +19,20 @@ pub enum TaskRef {
     Id(String),
     /// By its number in the suite.
     Number(u32),
+}
+
+impl TaskRef {
+    /// Number of the task in a suite; a fault at `task` where there is none.
+    pub fn number_in(&self, entry: &Entry, faults: &mut Faults) -> Option<u32> {
+        let (found, named) = match self {
+            Self::Id(id) => (entry.task(id), format!("{id:?}")),
+            Self::Number(number) => (entry.task_numbered(*number), format!("number {number}")),
+        };
+        if found.is_none() {
+            faults.add_at("task", format!("{} has no task {named}; /v1/tasks lists them", entry.suite.id()));
+        }
+        found.map(|(task, _)| task.number)
+    }
 }
 
 /// A submission as posted.

@@ -17,7 +17,7 @@ use super::super::grader::is_quick;
 use super::super::idempotency;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
-use super::submission_body::{Posted, PostedSubmission, TaskRef, check_against_task, read_submissions};
+use super::submission_body::{Posted, PostedSubmission, check_against_task, read_submissions};
 use super::submission_schema::{
     AcceptedAnswer, AcceptedBody, AcceptedList, NewSubmissionBody, SubmissionBody, Validated, ValidatedList,
 };
@@ -215,17 +215,7 @@ async fn resolve_all(
             places.push(None);
             continue;
         };
-        let number = match &submission.task {
-            TaskRef::Id(id) => entry.task(id).map(|(task, _)| task.number),
-            TaskRef::Number(number) => entry.task_numbered(*number).map(|(task, _)| task.number),
-        };
-        if number.is_none() {
-            let named = match &submission.task {
-                TaskRef::Id(id) => format!("{id:?}"),
-                TaskRef::Number(number) => format!("number {number}"),
-            };
-            faults.add_at("task", format!("{} has no task {named}; /v1/tasks lists them", entry.suite.id()));
-        }
+        let number = submission.task.number_in(&entry, faults);
         places.push(number.map(|number| (entry, number)));
     }
     Ok(places)

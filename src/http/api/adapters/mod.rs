@@ -8,8 +8,9 @@ use serde_json::Value;
 use super::super::limits::LIMITS;
 use super::super::problem::{ApiError, ApiResult};
 use super::super::state::AppState;
-use super::grade::{GradeBody, prepare};
+use super::grade::{GradeBody, prepare_with};
 use crate::tasks::catalogue::Catalogue;
+use crate::voxel::BlockLog;
 use crate::voxel::log_reader::text::read_log_in_text;
 
 /// What came of one answer of a model.
@@ -37,22 +38,15 @@ impl Judged {
 /// # Errors
 /// Where the task cannot be found (the trainer's fault) or grading failed (ours).
 pub fn judge(state: &AppState, catalogue: &Catalogue, naming: &Value, answer: &str) -> ApiResult<Judged> {
-    let log = match read_log_in_text(answer, LIMITS.log()) {
-        Ok(log) => log,
-        Err(why) => {
-            // The task must be right all the same.
-            if let Err(error) = prepare(request(naming, &Value::Array(Vec::new())).as_bytes(), catalogue) {
-                log_fault(error)?;
-            }
-            return Ok(Judged::Unreadable(why));
-        }
+    let (log, why) = match read_log_in_text(answer, LIMITS.log()) {
+        Ok(log) => (log, None),
+        // The task must be right all the same.
+        Err(why) => (BlockLog::default(), Some(why)),
     };
-    let canonical: Value = serde_json::from_slice(&log.canonical_json()).map_err(|error| ApiError::internal(&error))?;
-    let turn = |rows: &Value| serde_json::json!({ "palette": canonical["palette"], "rows": rows });
-    let turns: Vec<Value> = canonical["turns"].as_array().into_iter().flatten().map(turn).collect();
-    match prepare(request(naming, &Value::Array(turns)).as_bytes(), catalogue) {
-        Ok(prepared) => Ok(Judged::Graded(Box::new(prepared.grade_here(state)?))),
-        Err(error) => log_fault(error).map(Judged::Unreadable),
+    match (prepare_with(request(naming).as_bytes(), Some(log), catalogue), why) {
+        (Ok(_), Some(why)) => Ok(Judged::Unreadable(why)),
+        (Ok(prepared), None) => Ok(Judged::Graded(Box::new(prepared.grade_here(state)?))),
+        (Err(error), why) => log_fault(error).map(|fault| Judged::Unreadable(why.unwrap_or(fault))),
     }
 }
 
@@ -69,13 +63,14 @@ fn log_fault(error: ApiError) -> ApiResult<String> {
     Ok(problem.faults.first().map(|fault| fault.detail.clone()).unwrap_or_default())
 }
 
-fn request(naming: &Value, turns: &Value) -> String {
+/// The request that names the task; its log comes from the answer.
+fn request(naming: &Value) -> String {
     let mut request = serde_json::Map::new();
     for key in ["task", "suite", "reward"] {
         if let Some(value) = naming.get(key).filter(|value| !value.is_null()) {
             request.insert(key.to_owned(), value.clone());
         }
     }
-    request.insert("turns".to_owned(), turns.clone());
+    request.insert("turns".to_owned(), Value::Array(Vec::new()));
     Value::Object(request).to_string()
 }
