@@ -14,6 +14,8 @@ use tokio_util::sync::CancellationToken;
 
 use crate::clock::now_ms;
 use crate::http::limits::LIMITS;
+use crate::http::rates::Rates;
+use crate::http::server::Connections;
 use crate::http::{self, HttpSettings};
 use crate::store::Store;
 use crate::store::keys::Scope;
@@ -44,7 +46,7 @@ pub struct App {
     store: Store,
     workers: Workers,
     stop: CancellationToken,
-    serving: JoinHandle<()>,
+    serving: JoinHandle<std::io::Result<()>>,
 }
 
 impl App {
@@ -78,9 +80,11 @@ impl App {
         };
         let workers = Workers::start(&store, settings, &wake);
         let stop = CancellationToken::new();
-        tokio::spawn(keep_up(metrics.clone(), store.clone(), stop.clone()));
-        let router = http::router(&store, &wake, metrics, &config.http, stop.clone());
-        let serving = tokio::spawn(http::server::serve(listener, router, stop.clone()));
+        let connections = Connections::default();
+        let rates = Arc::new(Rates::new(config.http.rates));
+        tokio::spawn(keep_up(metrics.clone(), store.clone(), Arc::clone(&rates), stop.clone()));
+        let router = http::router(&store, &wake, metrics, &config.http, &connections, &rates, stop.clone())?;
+        let serving = tokio::spawn(http::server::serve(listener, router, connections, stop.clone()));
         tracing::info!(%address, database = %config.database.display(), workers = config.workers, "listening");
         Ok(Self { address, store, workers, stop, serving })
     }
@@ -103,20 +107,23 @@ impl App {
     /// Stops: takes no more requests, lets answers finish, gives unfinished jobs back, closes the database.
     pub async fn shut_down(self) {
         self.stop.cancel();
-        if let Err(error) = self.serving.await {
-            tracing::error!(%error, "serving ended badly");
+        match self.serving.await {
+            Ok(Ok(())) => {}
+            Ok(Err(error)) => tracing::error!(%error, "serving ended badly"),
+            Err(error) => tracing::error!(%error, "serving ended badly"),
         }
         self.workers.shut_down().await;
         self.store.close().await;
     }
 }
 
-/// What is done every few seconds: samples of histograms are folded together, which would pile up where nobody reads the
+/// What is done every few seconds: who was quiet is forgotten by the rate limits, samples of histograms are folded together, which would pile up where nobody reads the
 /// metrics, and suites that another process has added are read.
-async fn keep_up(metrics: PrometheusHandle, store: Store, stop: CancellationToken) {
+async fn keep_up(metrics: PrometheusHandle, store: Store, rates: Arc<Rates>, stop: CancellationToken) {
     const EVERY: Duration = Duration::from_secs(5);
     while stop.run_until_cancelled(tokio::time::sleep(EVERY)).await.is_some() {
         metrics.run_upkeep();
+        rates.forget_the_quiet();
         if let Err(error) = store.current_catalogue().await {
             tracing::warn!(%error, "could not look for new suites");
         }

@@ -5,7 +5,21 @@ use jiff::Timestamp;
 /// Milliseconds since 1970 (UTC).
 #[must_use]
 pub fn now_ms() -> i64 {
-    Timestamp::now().as_millisecond()
+    Timestamp::now().as_millisecond() + set_off_ms()
+}
+
+/// How far a test has set the clock off: the milliseconds in the file that `PLUMBLINE_TEST_CLOCK` names. Only in debug builds.
+#[cfg(debug_assertions)]
+fn set_off_ms() -> i64 {
+    static FILE: std::sync::LazyLock<Option<String>> =
+        std::sync::LazyLock::new(|| std::env::var("PLUMBLINE_TEST_CLOCK").ok());
+    let text = FILE.as_ref().and_then(|file| std::fs::read_to_string(file).ok());
+    text.and_then(|text| text.trim().parse().ok()).unwrap_or(0)
+}
+
+#[cfg(not(debug_assertions))]
+const fn set_off_ms() -> i64 {
+    0
 }
 
 /// A stored time as RFC 3339 in UTC with milliseconds, such as `2026-11-21T07:00:00.000Z`.

@@ -7,6 +7,7 @@ pub mod demo;
 pub mod grade;
 pub mod keys;
 pub mod progress;
+pub mod quota;
 pub mod saboteur_table;
 pub mod serve;
 pub mod submit;
@@ -49,6 +50,8 @@ pub enum Command {
     Build(build::BuildArgs),
     /// Make, list and revoke API keys.
     Keys(keys::KeysArgs),
+    /// Grant owners submissions, and look at what they used.
+    Quota(quota::QuotaArgs),
     /// Copy the database to a file, consistently, also while the service runs.
     Backup(copies::CopyArgs),
     /// Put a backup where the database shall be.
@@ -72,6 +75,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Serve(args) => serve::run(&args),
         Command::Submit(args) => submit::run(&args),
         Command::Keys(args) => keys::run(&args),
+        Command::Quota(args) => quota::run(&args),
         Command::Backup(args) => copies::back_up(&args),
         Command::Restore(args) => copies::restore(&args),
         Command::Export(args) => copies::export_lines(&args),

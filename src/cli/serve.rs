@@ -11,6 +11,7 @@ use tokio::signal::unix::{SignalKind, signal};
 use crate::app::{App, Config};
 use crate::http::HttpSettings;
 use crate::http::limits::LIMITS;
+use crate::http::rates::RateSettings;
 use crate::telemetry::{self, LogFormat};
 
 /// Arguments of `serve`; each can be given in the environment too.
@@ -31,6 +32,16 @@ pub struct ServeArgs {
     /// MiB of memory for results of /v1/grade, kept for the same log and task; 0 keeps none.
     #[arg(long, env = "PLUMBLINE_GRADE_CACHE_MIB", default_value_t = LIMITS.grade_cache_bytes >> 20, value_name = "MIB")]
     grade_cache_mib: usize,
+    /// Requests a second with one key; 0: no limit.
+    #[arg(long, env = "PLUMBLINE_RATE_PER_KEY", default_value_t = LIMITS.requests_per_second_per_key, value_name = "N")]
+    rate_per_key: u32,
+    /// Requests a second from one address without a key; 0: no limit. The defaults are more than two cores can answer: set
+    /// them lower where strangers ask.
+    #[arg(long, env = "PLUMBLINE_RATE_PER_ADDRESS", default_value_t = LIMITS.requests_per_second_per_address, value_name = "N")]
+    rate_per_address: u32,
+    /// Take the address of a client from the last entry of X-Forwarded-For, which the proxy in front writes.
+    #[arg(long, env = "PLUMBLINE_BEHIND_PROXY")]
+    behind_proxy: bool,
     /// How log lines are written.
     #[arg(long, env = "PLUMBLINE_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]
     log_format: LogFormat,
@@ -67,7 +78,15 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
         database: args.database.clone(),
         workers: args.workers.map_or(processors, usize::from),
         lease: Duration::from_secs(args.lease_seconds),
-        http: HttpSettings { grade_cache_bytes: args.grade_cache_mib << 20, is_open: args.open },
+        http: HttpSettings {
+            grade_cache_bytes: args.grade_cache_mib << 20,
+            is_open: args.open,
+            rates: RateSettings {
+                per_key: args.rate_per_key,
+                per_address: args.rate_per_address,
+                is_behind_proxy: args.behind_proxy,
+            },
+        },
     };
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     runtime.block_on(async {

@@ -6,5 +6,5 @@ pub mod report;
 pub mod reward;
 pub mod summary;
 
-pub use report::{Report, grade_log, grade_structures};
+pub use report::{Report, grade_hashed, grade_log, grade_structures};
 pub use summary::{ProblemScores, Summary};

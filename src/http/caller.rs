@@ -7,11 +7,12 @@ use std::collections::HashMap;
 use std::sync::{PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
-use axum::extract::FromRequestParts;
+use axum::extract::{FromRequestParts, Request};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, StatusCode, header};
 
 use super::problem::{ApiError, ApiResult};
+use super::rates::{Left, Peer};
 use super::state::AppState;
 use crate::clock::now_ms;
 use crate::store::keys::{KeyRow, Scope, parts};
@@ -70,23 +71,48 @@ impl Caller {
     }
 }
 
+/// What the key of a request came to; kept with the request for the handler.
+#[derive(Debug, Clone)]
+enum Identified {
+    Caller(Caller),
+    /// Refused, and why.
+    Refused(&'static str),
+}
+
+/// Looks at a request's key, and counts the request among those of its sender. Gives what they may still send.
+///
+/// # Errors
+/// The answer, where they sent too many, or the database fails.
+pub async fn identify(state: &AppState, request: &mut Request) -> ApiResult<Option<Left>> {
+    let peer = request.extensions().get::<Peer>().copied();
+    let identified = match bearer(request.headers()) {
+        Sent::Nothing => None,
+        Sent::Unreadable => Some(Identified::Refused("expected Authorization: Bearer, then the key")),
+        Sent::Key(key) => Some(match state.keys.live(state, key).await? {
+            Some(key) => Identified::Caller(Caller { key: Some(key) }),
+            None => Identified::Refused("the key is unknown, revoked or expired"),
+        }),
+    };
+    let left = match &identified {
+        Some(Identified::Caller(Caller { key: Some(key) })) => state.rates.with_key(&key.id)?,
+        _ => state.rates.without_key(peer, request.headers())?,
+    };
+    if let Some(identified) = identified {
+        request.extensions_mut().insert(identified);
+    }
+    Ok(left)
+}
+
 impl FromRequestParts<AppState> for Caller {
     type Rejection = ApiError;
 
     async fn from_request_parts(request: &mut Parts, state: &AppState) -> ApiResult<Self> {
-        let Some(sent) = bearer(&request.headers)? else {
-            if state.keys.is_open {
-                return Ok(Self { key: None });
-            }
-            return Err(unauthorized("this needs a key: Authorization: Bearer …; reading needs none"));
-        };
-        let unknown = || unauthorized("the key is unknown, revoked or expired");
-        let (id, secret) = parts(sent).ok_or_else(unknown)?;
-        let key = state.keys.find(state, id).await?.ok_or_else(unknown)?;
-        if !key.has_secret(secret) || !key.is_live(now_ms()) {
-            return Err(unknown());
+        match request.extensions.remove::<Identified>() {
+            Some(Identified::Caller(caller)) => Ok(caller),
+            Some(Identified::Refused(why)) => Err(unauthorized(why)),
+            None if state.keys.is_open => Ok(Self { key: None }),
+            None => Err(unauthorized("this needs a key: Authorization: Bearer …; reading needs none")),
         }
-        Ok(Self { key: Some(key) })
     }
 }
 
@@ -95,6 +121,13 @@ impl Keys {
     #[must_use]
     pub fn new(is_open: bool) -> Self {
         Self { held: RwLock::default(), is_open }
+    }
+
+    /// The key that was sent, where it is one that may be used now.
+    async fn live(&self, state: &AppState, sent: &str) -> ApiResult<Option<KeyRow>> {
+        let Some((id, secret)) = parts(sent) else { return Ok(None) };
+        let key = self.find(state, id).await?;
+        Ok(key.filter(|key| key.has_secret(secret) && key.is_live(now_ms())))
     }
 
     async fn find(&self, state: &AppState, id: &str) -> ApiResult<Option<KeyRow>> {
@@ -114,12 +147,18 @@ impl Keys {
     }
 }
 
-fn bearer(headers: &HeaderMap) -> ApiResult<Option<&str>> {
-    let Some(value) = headers.get(header::AUTHORIZATION) else { return Ok(None) };
-    let text = value.to_str().unwrap_or_default();
-    match text.split_once(' ') {
-        Some((scheme, key)) if scheme.eq_ignore_ascii_case("bearer") => Ok(Some(key.trim())),
-        _ => Err(unauthorized("expected Authorization: Bearer, then the key")),
+/// What a request says about a key.
+enum Sent<'h> {
+    Nothing,
+    Unreadable,
+    Key(&'h str),
+}
+
+fn bearer(headers: &HeaderMap) -> Sent<'_> {
+    let Some(value) = headers.get(header::AUTHORIZATION) else { return Sent::Nothing };
+    match value.to_str().unwrap_or_default().split_once(' ') {
+        Some((scheme, key)) if scheme.eq_ignore_ascii_case("bearer") => Sent::Key(key.trim()),
+        _ => Sent::Unreadable,
     }
 }
 

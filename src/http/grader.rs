@@ -6,14 +6,15 @@ use std::time::{Duration, Instant};
 use axum::http::StatusCode;
 use quick_cache::Weighter;
 use quick_cache::sync::Cache;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 use tokio_util::sync::CancellationToken;
 
 use super::limits::LIMITS;
 use super::problem::{ApiError, ApiResult};
+use super::server::Connections;
 use crate::checks::Criterion;
 use crate::elasticity::Control;
-use crate::grading::{Report, grade_log};
+use crate::grading::{Report, grade_hashed};
 use crate::tasks::Task;
 use crate::tasks::catalogue::Entry;
 use crate::voxel::BlockLog;
@@ -21,6 +22,11 @@ use crate::voxel::BlockLog;
 /// Events up to which a log without a stress check is graded where its request is answered: it takes less than a
 /// millisecond, and handing it over would take as long.
 const QUICK_EVENTS: usize = 1_000;
+/// Connections up to which that is so. With more, what waits would wait unseen in the queue of the threads that serve, and
+/// whoever asks for something else behind it.
+const FEW_CONNECTIONS: usize = 256;
+/// How much the threads that grade yield to those that serve (niceness).
+const GRADING_NICENESS: i32 = 5;
 /// Memory that a report takes beside its checks, roughly.
 const REPORT_BYTES: u64 = 512;
 /// Memory that a check of a report takes, roughly: names, arguments, a sentence, witnesses.
@@ -76,6 +82,8 @@ pub struct Grader {
     waiting: Arc<Semaphore>,
     batches: Arc<Semaphore>,
     long: Arc<Semaphore>,
+    quick: rayon::ThreadPool,
+    connections: Connections,
     cache: Option<Cache<Key, Arc<Report>, ByMemory>>,
     stop: CancellationToken,
 }
@@ -91,19 +99,24 @@ pub struct Graded {
 
 impl Grader {
     /// With a cache of `cache_bytes`, or none where it is 0.
-    #[must_use]
-    pub fn new(cache_bytes: usize, stop: CancellationToken) -> Self {
+    ///
+    /// # Errors
+    /// Where there are no threads to be had.
+    pub fn new(cache_bytes: usize, connections: &Connections, stop: CancellationToken) -> anyhow::Result<Self> {
         let typical = (REPORT_BYTES + 5 * CHECK_BYTES) as usize;
         let cache =
             (cache_bytes > 0).then(|| Cache::with_weighter(cache_bytes / typical, cache_bytes as u64, ByMemory));
         let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        Self {
+        let quick = rayon::ThreadPoolBuilder::new().num_threads(cores).start_handler(yield_to_serving);
+        Ok(Self {
             waiting: Arc::new(Semaphore::new(LIMITS.grades_waiting)),
             batches: Arc::new(Semaphore::new(LIMITS.grade_batches)),
             long: Arc::new(Semaphore::new(cores)),
+            quick: quick.thread_name(|index| format!("grade-{index}")).build()?,
+            connections: connections.clone(),
             cache,
             stop,
-        }
+        })
     }
 
     /// A place among those that are graded or wait.
@@ -135,7 +148,10 @@ impl Grader {
     ) -> ApiResult<Graded> {
         let (task, hash) = given.task()?;
         if is_quick(task, &log) {
-            return self.grade_here(&given, &log, log_hash, deadline);
+            if self.connections.open() <= FEW_CONNECTIONS {
+                return self.grade_here(&given, &log, log_hash, deadline);
+            }
+            return self.grade_in_turn(given, log, log_hash, deadline).await;
         }
         if let Some(kept) = self.kept(log_hash, hash) {
             return Ok(kept);
@@ -150,6 +166,27 @@ impl Grader {
             grader.grade_here(&given, &log, &log_hash, deadline.saturating_duration_since(Instant::now()))
         });
         work.await.map_err(|error| ApiError::internal(&error))?
+    }
+
+    /// Grades a quick log on the threads that are there for it, behind those that came before.
+    async fn grade_in_turn(
+        self: &Arc<Self>,
+        given: GivenTask,
+        log: BlockLog,
+        log_hash: &str,
+        deadline: Duration,
+    ) -> ApiResult<Graded> {
+        let deadline = Instant::now() + deadline;
+        let (grader, log_hash) = (Arc::clone(self), log_hash.to_owned());
+        let (answer, answered) = oneshot::channel();
+        self.quick.spawn_fifo(move || {
+            // Nobody waits where the client has left.
+            if !answer.is_closed() {
+                let left = deadline.saturating_duration_since(Instant::now());
+                let _ = answer.send(grader.grade_here(&given, &log, &log_hash, left));
+            }
+        });
+        answered.await.map_err(|error| ApiError::internal(&error))?
     }
 
     /// Grades a log on this thread, however long it takes.
@@ -167,15 +204,15 @@ impl Grader {
         if let Some(kept) = self.kept(log_hash, hash) {
             return Ok(kept);
         }
-        let report = self.compute(task, log, Instant::now() + deadline)?;
+        let report = self.compute(task, hash, log, Instant::now() + deadline)?;
         Ok(self.keep(log_hash, hash, report))
     }
 
-    fn compute(&self, task: &Task, log: &BlockLog, deadline: Instant) -> ApiResult<Report> {
+    fn compute(&self, task: &Task, hash: &str, log: &BlockLog, deadline: Instant) -> ApiResult<Report> {
         let stop = || self.stop.is_cancelled() || Instant::now() >= deadline;
         let begun = Instant::now();
-        let graded =
-            std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| grade_log(task, log, &Control::until(&stop))));
+        let control = Control::until(&stop);
+        let graded = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| grade_hashed(task, hash, log, &control)));
         match graded {
             Ok(Ok(report)) => {
                 metrics::histogram!("plumbline_grade_seconds").record(begun.elapsed().as_secs_f64());
@@ -205,6 +242,13 @@ impl Grader {
             metrics::gauge!("plumbline_grade_cache_bytes").set(cache.weight() as f64);
         }
         Graded { report, is_cached: false }
+    }
+}
+
+/// Lets the threads that serve go before this one.
+fn yield_to_serving(_index: usize) {
+    if let Err(error) = rustix::process::setpriority_process(None, GRADING_NICENESS) {
+        tracing::debug!(%error, "grading threads have the same priority as others");
     }
 }
 

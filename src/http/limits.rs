@@ -57,6 +57,12 @@ pub struct Limits {
     pub header_seconds: u64,
     /// Seconds from the headers of a request to the beginning of its answer.
     pub request_seconds: u64,
+    /// Requests a second with one key, unless `serve` says otherwise; 0: no limit.
+    pub requests_per_second_per_key: u32,
+    /// Requests a second from one address without a key, unless `serve` says otherwise; 0: no limit.
+    pub requests_per_second_per_address: u32,
+    /// Streams of `/v1/events` open at the same time; more are asked to come back (429).
+    pub event_streams: usize,
     /// Connections open at the same time; more wait.
     pub connections: usize,
     /// Logs in one body for `/v1/grade:batch`.
@@ -105,11 +111,14 @@ pub const LIMITS: Limits = Limits {
     faults_listed: Faults::KEPT,
     header_seconds: 10,
     request_seconds: 60,
+    requests_per_second_per_key: 100_000,
+    requests_per_second_per_address: 100_000,
+    event_streams: 1_000,
     connections: 18_000,
     grade_batch_logs: 10_000,
     grade_inline_checks: 64,
     grade_batches: 16,
-    grades_waiting: 1_024,
+    grades_waiting: 16_384,
     grade_default_deadline_ms: 10_000,
     grade_max_deadline_ms: 50_000,
     grade_cache_bytes: 64 << 20,

@@ -8,8 +8,10 @@ pub mod grader;
 pub mod idempotency;
 pub mod layers;
 pub mod limits;
+mod observe;
 pub mod pages;
 pub mod problem;
+pub mod rates;
 pub mod server;
 pub mod state;
 
@@ -17,7 +19,7 @@ use std::sync::Arc;
 
 use axum::Router;
 use metrics_exporter_prometheus::PrometheusHandle;
-use tokio::sync::Notify;
+use tokio::sync::{Notify, Semaphore};
 use tokio_util::sync::CancellationToken;
 
 use crate::store::Store;
@@ -30,31 +32,47 @@ pub struct HttpSettings {
     pub grade_cache_bytes: usize,
     /// Whether everybody may write without a key.
     pub is_open: bool,
+    /// How many requests a second.
+    pub rates: rates::RateSettings,
 }
 
 /// The whole service as a router.
+///
+/// # Errors
+/// Where there are no threads to be had.
 pub fn router(
     store: &Store,
     wake: &Arc<Notify>,
     metrics: PrometheusHandle,
     settings: &HttpSettings,
+    connections: &server::Connections,
+    rates: &Arc<rates::Rates>,
     stop: CancellationToken,
-) -> Router {
+) -> anyhow::Result<Router> {
     let (routes, mut openapi) = api::routes().split_for_parts();
     api::complete(&mut openapi);
+    let limits = limits::Limits {
+        requests_per_second_per_key: settings.rates.per_key,
+        requests_per_second_per_address: settings.rates.per_address,
+        grade_cache_bytes: settings.grade_cache_bytes,
+        ..limits::LIMITS
+    };
     let state = AppState {
         store: store.clone(),
         wake: Arc::clone(wake),
         bodies: Arc::new(body::budget()),
-        grader: Arc::new(grader::Grader::new(settings.grade_cache_bytes, stop.clone())),
+        grader: Arc::new(grader::Grader::new(settings.grade_cache_bytes, connections, stop.clone())?),
         boards: Arc::default(),
         in_flight: Arc::default(),
         keys: Arc::new(caller::Keys::new(settings.is_open)),
         stress_turns: Arc::new(api::stress::StressTurns::default()),
+        event_streams: Arc::new(Semaphore::new(limits.event_streams)),
+        limits: Arc::new(limits),
+        rates: Arc::clone(rates),
         stop,
         metrics,
         openapi: openapi.to_json().unwrap_or_default().into(),
     };
-    let router = routes.merge(pages::routes()).with_state(state).merge(api::reference());
-    layers::around(router)
+    let router = routes.merge(pages::routes()).with_state(state.clone()).merge(api::reference());
+    Ok(layers::around(router, state))
 }

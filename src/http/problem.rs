@@ -7,6 +7,7 @@ use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 
+use super::rates::Left;
 use crate::store::StoreError;
 use crate::voxel::{Fault, Faults};
 
@@ -60,6 +61,7 @@ pub struct Problem {
 pub struct ApiError {
     problem: Box<Problem>,
     retry_after_s: Option<u32>,
+    left: Option<Left>,
 }
 
 /// Result of a handler.
@@ -79,6 +81,7 @@ impl ApiError {
                 reward: None,
             }),
             retry_after_s: None,
+            left: None,
         }
     }
 
@@ -123,6 +126,13 @@ impl ApiError {
     pub fn retry_after(mut self, seconds: u32) -> Self {
         self.retry_after_s = Some(seconds);
         self.problem.retryable = true;
+        self
+    }
+
+    /// With what the client may still send.
+    #[must_use]
+    pub const fn with_left(mut self, left: Left) -> Self {
+        self.left = Some(left);
         self
     }
 
@@ -199,6 +209,9 @@ impl IntoResponse for ApiError {
         headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON));
         if self.problem.status == StatusCode::UNAUTHORIZED.as_u16() {
             headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+        }
+        if let Some(left) = self.left {
+            left.tell(headers);
         }
         if let Some(seconds) = self.retry_after_s {
             headers.insert(header::RETRY_AFTER, HeaderValue::from(seconds));

@@ -1,63 +1,147 @@
 //! The accept loop: bounded connections, a bound on slow headers, and a shutdown that lets answers finish.
+//!
+//! It has a thread of its own: among the thousands of tasks that serve connections it would wait for its turn, and new
+//! connections with it.
 
+use std::net::SocketAddr;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use axum::Router;
+use axum::body::Body;
+use axum::http::Request;
+use hyper::body::Incoming;
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::conn::auto::Builder;
-use hyper_util::server::graceful::GracefulShutdown;
+use hyper_util::server::graceful::{GracefulShutdown, Watcher};
 use hyper_util::service::TowerToHyperService;
-use tokio::net::TcpListener;
-use tokio::sync::Semaphore;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 use tokio_util::sync::CancellationToken;
+use tower::ServiceExt as _;
 
 use super::limits::LIMITS;
+use super::rates::Peer;
 
 /// How long answers may take to finish after a shutdown was asked for.
 const GRACE: Duration = Duration::from_secs(10);
 /// Pause after accepting failed, as it does where files run out.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(50);
 
-/// Serves until `stop`, then lets open answers finish.
-pub async fn serve(listener: TcpListener, router: Router, stop: CancellationToken) {
-    let slots = Arc::new(Semaphore::new(LIMITS.connections));
-    let graceful = GracefulShutdown::new();
-    // HTTP/1 alone: telling HTTP/2 apart would wait for the first bytes without a bound.
-    let mut builder = Builder::new(TokioExecutor::new()).http1_only();
-    builder.http1().timer(TokioTimer::new()).header_read_timeout(Duration::from_secs(LIMITS.header_seconds));
-    loop {
-        let slot = tokio::select! {
-            slot = Arc::clone(&slots).acquire_owned() => slot,
-            () = stop.cancelled() => break,
-        };
-        let accepted = tokio::select! {
-            accepted = listener.accept() => accepted,
-            () = stop.cancelled() => break,
-        };
-        let stream = match accepted {
-            Ok((stream, _)) => stream,
-            Err(error) => {
-                tracing::warn!(%error, "could not accept a connection");
-                tokio::time::sleep(ACCEPT_PAUSE).await;
-                continue;
-            }
-        };
-        // Small answers must not wait for more to send; failing to say so only costs time.
-        let _ = stream.set_nodelay(true);
-        let service = TowerToHyperService::new(router.clone());
-        let connection = builder.serve_connection(TokioIo::new(stream), service).into_owned();
-        let watched = graceful.watch(connection);
-        tokio::spawn(async move {
-            if let Err(error) = watched.await {
-                tracing::debug!(%error, "connection ended");
-            }
-            drop(slot);
-        });
+/// How many connections are open.
+#[derive(Debug, Clone, Default)]
+pub struct Connections(Arc<AtomicUsize>);
+
+impl Connections {
+    /// How many.
+    #[must_use]
+    pub fn open(&self) -> usize {
+        self.0.load(Ordering::Relaxed)
     }
-    drop(listener);
+}
+
+/// A connection that counts as open.
+struct Open {
+    connections: Connections,
+    _slot: OwnedSemaphorePermit,
+}
+
+impl Drop for Open {
+    fn drop(&mut self) {
+        self.connections.0.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+/// Serves until `stop`, then lets open answers finish.
+///
+/// # Errors
+/// Where the listener cannot be handed over or there is no thread to be had.
+pub async fn serve(
+    listener: TcpListener,
+    router: Router,
+    connections: Connections,
+    stop: CancellationToken,
+) -> std::io::Result<()> {
+    let serving = tokio::runtime::Handle::current();
+    let door = Door { router, connections, graceful: GracefulShutdown::new(), serving };
+    let listener = listener.into_std()?;
+    let (closed, is_closed) = oneshot::channel();
+    std::thread::Builder::new().name("accept".to_owned()).spawn(move || {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+        let opened = runtime.and_then(|runtime| runtime.block_on(door.keep_open(listener, &stop)));
+        // Whoever waited for it may have gone.
+        let _ = closed.send(opened.map(|()| door.graceful));
+    })?;
+    let graceful = is_closed.await.map_err(std::io::Error::other)??;
     tokio::select! {
         () = graceful.shutdown() => {}
         () = tokio::time::sleep(GRACE) => tracing::warn!("some connections did not end in time"),
     }
+    Ok(())
+}
+
+/// What accepts connections and hands them to the threads that serve.
+struct Door {
+    router: Router,
+    connections: Connections,
+    graceful: GracefulShutdown,
+    serving: tokio::runtime::Handle,
+}
+
+impl Door {
+    async fn keep_open(&self, listener: std::net::TcpListener, stop: &CancellationToken) -> std::io::Result<()> {
+        let listener = TcpListener::from_std(listener)?;
+        let slots = Arc::new(Semaphore::new(LIMITS.connections));
+        loop {
+            let slot = tokio::select! {
+                slot = Arc::clone(&slots).acquire_owned() => slot,
+                () = stop.cancelled() => return Ok(()),
+            };
+            let Ok(slot) = slot else { return Ok(()) };
+            let accepted = tokio::select! {
+                accepted = listener.accept() => accepted.and_then(|(stream, peer)| Ok((stream.into_std()?, peer))),
+                () = stop.cancelled() => return Ok(()),
+            };
+            match accepted {
+                Ok((stream, peer)) => self.let_in(stream, peer, slot),
+                Err(error) => {
+                    tracing::warn!(%error, "could not accept a connection");
+                    tokio::time::sleep(ACCEPT_PAUSE).await;
+                }
+            }
+        }
+    }
+
+    fn let_in(&self, stream: std::net::TcpStream, peer: SocketAddr, slot: OwnedSemaphorePermit) {
+        self.connections.0.fetch_add(1, Ordering::Relaxed);
+        let open = Open { connections: self.connections.clone(), _slot: slot };
+        let (router, graceful) = (self.router.clone(), self.graceful.watcher());
+        self.serving.spawn(async move {
+            let _open = open;
+            if let Err(error) = serve_one(stream, peer, router, graceful).await {
+                tracing::debug!(%error, "connection ended");
+            }
+        });
+    }
+}
+
+async fn serve_one(
+    stream: std::net::TcpStream,
+    peer: SocketAddr,
+    router: Router,
+    graceful: Watcher,
+) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+    let stream = TcpStream::from_std(stream)?;
+    // Small answers must not wait for more to send; failing to say so only costs time.
+    let _ = stream.set_nodelay(true);
+    // HTTP/1 alone: telling HTTP/2 apart would wait for the first bytes without a bound.
+    let mut builder = Builder::new(TokioExecutor::new()).http1_only();
+    builder.http1().timer(TokioTimer::new()).header_read_timeout(Duration::from_secs(LIMITS.header_seconds));
+    let service = router.map_request(move |mut request: Request<Incoming>| {
+        request.extensions_mut().insert(Peer(peer));
+        request.map(Body::new)
+    });
+    let connection = builder.serve_connection(TokioIo::new(stream), TowerToHyperService::new(service)).into_owned();
+    graceful.watch(connection).await
 }

@@ -14,7 +14,9 @@ use super::api::stress::StressTurns;
 use super::caller::Keys;
 use super::grader::Grader;
 use super::idempotency::InFlight;
+use super::limits::Limits;
 use super::problem::{ApiError, ApiResult};
+use super::rates::Rates;
 
 /// What handlers share; clones are handles.
 #[derive(Debug, Clone)]
@@ -35,6 +37,12 @@ pub struct AppState {
     pub boards: Arc<Boards>,
     /// Turns to compute stress fields.
     pub stress_turns: Arc<StressTurns>,
+    /// Places for those who follow events.
+    pub event_streams: Arc<Semaphore>,
+    /// The limits in force.
+    pub limits: Arc<Limits>,
+    /// Counts requests.
+    pub rates: Arc<Rates>,
     /// Cancelled when the service stops.
     pub stop: CancellationToken,
     /// Renders the metrics.

@@ -11,7 +11,7 @@ use tokio::sync::{mpsc, oneshot};
 
 use super::idempotency::{Before, Once};
 use super::submissions::{Acceptability, Accepted, NewSubmission, accept_one};
-use super::{StoreError, StoreResult};
+use super::{StoreError, StoreResult, commit};
 
 /// Requests that one transaction takes at most: with more, the first would wait long for the last.
 const MAX_GROUP: usize = 128;
@@ -106,7 +106,7 @@ async fn together(writer: &SqlitePool, turns: &mut Turns, group: &[Acceptance]) 
         }
         all.push(answer);
     }
-    tx.commit().await?;
+    commit(tx, "accept").await?;
     Ok(all)
 }
 

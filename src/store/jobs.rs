@@ -7,9 +7,11 @@ use std::collections::HashMap;
 
 use sqlx::{QueryBuilder, Row as _, Sqlite, SqliteConnection};
 
+use super::events::{self, NewEvent};
+use super::quota;
 use super::runs::{count, end_if_complete};
 use super::submissions::SubmissionState;
-use super::{Store, StoreError, StoreResult, decompress};
+use super::{Store, StoreError, StoreResult, commit, decompress};
 use crate::clock::now_ms;
 use crate::voxel::BlockLog;
 
@@ -29,6 +31,8 @@ pub struct Claim {
     pub suite_id: String,
     /// Number of the task in it.
     pub task_number: u32,
+    /// Who posted it.
+    pub owner: Option<String>,
     log: Vec<u8>,
 }
 
@@ -65,35 +69,34 @@ impl Store {
         let mut tx = self.begin().await?;
         let now_ms = now_ms();
         let first: Option<(String, i64, bool)> = sqlx::query_as(
-            "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $2
-             WHERE submission_id = (SELECT submission_id FROM jobs WHERE lease_until_ms <= $1
+            "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $1 + $2, lease_ms = $2
+             WHERE submission_id = (SELECT submission_id FROM jobs
+                                    WHERE lease_until_ms <= $1 OR lease_until_ms - lease_ms > $1
                                     ORDER BY turn, queued_at_ms, submission_id LIMIT 1)
              RETURNING submission_id, attempt, quick",
         )
         .bind(now_ms)
-        .bind(now_ms + lease_ms)
+        .bind(lease_ms)
         .fetch_optional(&mut *tx)
         .await?;
         let Some((id, attempt, quick)) = first else { return Ok(Claimed::Nothing) };
         if attempt > MAX_ATTEMPTS {
             let has_ended = give_up(&mut tx, &id, now_ms).await?;
-            tx.commit().await?;
-            if has_ended {
-                self.note_ended_run();
-            }
+            commit(tx, "claim (given up)").await?;
+            self.note_ends(has_ended);
             return Ok(Claimed::GivenUp);
         }
         let mut taken = vec![(id, attempt)];
         if quick && attempt == 1 {
             let more: Vec<(String, i64)> = sqlx::query_as(
-                "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $2
+                "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $1 + $2, lease_ms = $2
                  WHERE submission_id IN (SELECT submission_id FROM jobs
                                          WHERE lease_until_ms <= $1 AND quick = 1 AND attempt = 0
                                          ORDER BY turn, queued_at_ms, submission_id LIMIT $3)
                  RETURNING submission_id, attempt",
             )
             .bind(now_ms)
-            .bind(now_ms + lease_ms)
+            .bind(lease_ms)
             .bind(most.saturating_sub(1) as i64)
             .fetch_all(&mut *tx)
             .await?;
@@ -103,10 +106,10 @@ impl Store {
         push_ids(&mut update, taken.iter().map(|(id, _)| id.as_str()));
         update.build().execute(&mut *tx).await?;
         let mut select =
-            QueryBuilder::new("SELECT id, run_id, suite_id, task_number, log FROM submissions WHERE id IN ");
+            QueryBuilder::new("SELECT id, run_id, suite_id, task_number, log, owner FROM submissions WHERE id IN ");
         push_ids(&mut select, taken.iter().map(|(id, _)| id.as_str()));
         let rows = select.build().fetch_all(&mut *tx).await?;
-        tx.commit().await?;
+        commit(tx, "claim").await?;
         let attempts: HashMap<String, i64> = taken.into_iter().collect();
         let mut claims = Vec::with_capacity(rows.len());
         for row in rows {
@@ -118,6 +121,7 @@ impl Store {
                 suite_id: row.try_get(2)?,
                 task_number: u32::try_from(row.try_get::<i64, _>(3)?).unwrap_or_default(),
                 log: row.try_get(4)?,
+                owner: row.try_get(5)?,
             });
         }
         Ok(Claimed::Jobs(claims))
@@ -129,14 +133,16 @@ impl Store {
     /// Where the database fails.
     pub async fn renew(&self, claim: &Claim, lease_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
-        let held = sqlx::query("UPDATE jobs SET lease_until_ms = $3 WHERE submission_id = $1 AND attempt = $2")
-            .bind(&claim.submission_id)
-            .bind(claim.attempt)
-            .bind(now_ms() + lease_ms)
-            .execute(&mut *tx)
-            .await?
-            .rows_affected();
-        tx.commit().await?;
+        let held =
+            sqlx::query("UPDATE jobs SET lease_until_ms = $3, lease_ms = $4 WHERE submission_id = $1 AND attempt = $2")
+                .bind(&claim.submission_id)
+                .bind(claim.attempt)
+                .bind(now_ms() + lease_ms)
+                .bind(lease_ms)
+                .execute(&mut *tx)
+                .await?
+                .rows_affected();
+        commit(tx, "renew").await?;
         Ok(held > 0)
     }
 
@@ -161,7 +167,7 @@ impl Store {
                 .execute(&mut *tx)
                 .await?;
         }
-        tx.commit().await?;
+        commit(tx, "give_back").await?;
         Ok(())
     }
 
@@ -181,10 +187,8 @@ impl Store {
         let end = End { submission_id, run_id: run_id.as_deref(), state: SubmissionState::Cancelled };
         // The job is gone: what a worker brings back of it no longer counts.
         let has_ended = end.record(&mut tx, Some("cancelled by its owner"), &suite_id, now_ms).await?;
-        tx.commit().await?;
-        if has_ended {
-            self.note_ended_run();
-        }
+        commit(tx, "cancel").await?;
+        self.note_ends(has_ended);
         Ok(true)
     }
 
@@ -223,10 +227,8 @@ impl Store {
             let end = End { submission_id: &claim.submission_id, run_id: claim.run_id.as_deref(), state };
             has_ended = end.record(&mut tx, Some(why), &claim.suite_id, now_ms).await?;
         }
-        tx.commit().await?;
-        if has_ended {
-            self.note_ended_run();
-        }
+        commit(tx, "fail").await?;
+        self.note_ends(has_ended);
         Ok(())
     }
 }
@@ -262,7 +264,7 @@ pub(super) async fn holds(tx: &mut SqliteConnection, claim: &Claim) -> StoreResu
     Ok(attempt == Some(claim.attempt))
 }
 
-/// The end of a submission.
+/// The end of a submission without a report.
 pub(super) struct End<'a> {
     pub submission_id: &'a str,
     pub run_id: Option<&'a str>,
@@ -279,18 +281,29 @@ impl End<'_> {
         suite_id: &str,
         now_ms: i64,
     ) -> StoreResult<bool> {
-        sqlx::query("UPDATE submissions SET state = $2, error = $3, ended_at_ms = $4 WHERE id = $1")
-            .bind(self.submission_id)
-            .bind(self.state.name())
-            .bind(why)
-            .bind(now_ms)
-            .execute(&mut *tx)
-            .await?;
+        let owner: Option<String> = sqlx::query_scalar(
+            "UPDATE submissions SET state = $2, error = $3, ended_at_ms = $4 WHERE id = $1 RETURNING owner",
+        )
+        .bind(self.submission_id)
+        .bind(self.state.name())
+        .bind(why)
+        .bind(now_ms)
+        .fetch_one(&mut *tx)
+        .await?;
+        if let Some(owner) = owner {
+            quota::refund(tx, &owner, self.submission_id, why.unwrap_or(self.state.name()), now_ms).await?;
+        }
+        let ended = NewEvent {
+            run_id: self.run_id,
+            submission_id: Some(self.submission_id),
+            state: self.state.name(),
+            overall: None,
+        };
+        events::enter(tx, &[ended], now_ms).await?;
         sqlx::query("DELETE FROM jobs WHERE submission_id = $1").bind(self.submission_id).execute(&mut *tx).await?;
         if let Some(run_id) = self.run_id {
-            let graded = i64::from(self.state == SubmissionState::Graded);
             let errors = i64::from(self.state == SubmissionState::GraderError);
-            count(tx, run_id, -1, graded, errors).await?;
+            count(tx, run_id, -1, 0, errors).await?;
             return end_if_complete(tx, run_id, suite_id, now_ms).await;
         }
         Ok(false)

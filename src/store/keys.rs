@@ -3,7 +3,7 @@
 use sha2::{Digest as _, Sha256};
 use uuid::Uuid;
 
-use super::{Store, StoreResult};
+use super::{Store, StoreResult, commit};
 use crate::tasks::hex;
 
 /// Live keys that an owner may have: one in use and one to change over to.
@@ -156,7 +156,7 @@ impl Store {
         .bind(expires_at_ms)
         .execute(&mut *tx)
         .await?;
-        tx.commit().await?;
+        commit(tx, "create_key").await?;
         Ok(Some(format!("{PREFIX}_{id}_{secret}")))
     }
 
@@ -192,7 +192,7 @@ impl Store {
             .execute(&mut *tx)
             .await?
             .rows_affected();
-        tx.commit().await?;
+        commit(tx, "revoke_key").await?;
         Ok(found > 0)
     }
 
@@ -210,7 +210,7 @@ impl Store {
             .bind(now_ms)
             .execute(&mut *tx)
             .await?;
-        tx.commit().await?;
+        commit(tx, "note_key_use").await?;
         Ok(())
     }
 }

@@ -5,11 +5,14 @@
 
 pub mod boards;
 pub mod copies;
+mod crash_points;
+pub mod events;
 mod group_commit;
 pub mod idempotency;
 pub mod jobs;
 pub mod keys;
 mod pace;
+pub mod quota;
 pub mod reports;
 pub mod runs;
 pub mod submissions;
@@ -22,6 +25,7 @@ use std::time::Duration;
 
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{Sqlite, SqlitePool, Transaction};
+use tokio::sync::Notify;
 
 use crate::tasks::catalogue::Catalogue;
 use group_commit::Acceptances;
@@ -86,6 +90,7 @@ pub struct Store {
     readers: SqlitePool,
     acceptances: Acceptances,
     runs_ended: Arc<AtomicU64>,
+    ends: Arc<Notify>,
     pace: Arc<Pace>,
     catalogue: Arc<RwLock<Arc<Catalogue>>>,
 }
@@ -127,6 +132,7 @@ impl Store {
             readers,
             acceptances,
             runs_ended: Arc::default(),
+            ends: Arc::default(),
             pace: Arc::default(),
             catalogue: Arc::default(),
         };
@@ -149,9 +155,18 @@ impl Store {
         self.runs_ended.load(Ordering::Acquire)
     }
 
-    /// Says that a run has ended, once that is durable.
-    fn note_ended_run(&self) {
-        self.runs_ended.fetch_add(1, Ordering::AcqRel);
+    /// Is notified when submissions have ended in this process.
+    #[must_use]
+    pub fn ends(&self) -> &Notify {
+        &self.ends
+    }
+
+    /// Says that submissions or runs have ended, once that is durable.
+    fn note_ends(&self, has_run_ended: bool) {
+        if has_run_ended {
+            self.runs_ended.fetch_add(1, Ordering::AcqRel);
+        }
+        self.ends.notify_waiters();
     }
 
     /// Notes that jobs were graded, for the estimate of how long others wait.
@@ -179,6 +194,14 @@ impl Store {
         self.readers.close().await;
         self.writer.close().await;
     }
+}
+
+/// Commits a transaction; what it is called tells tests where to end the process.
+async fn commit(tx: Tx, what: &'static str) -> StoreResult<()> {
+    crash_points::pass("before", what);
+    tx.commit().await?;
+    crash_points::pass("after", what);
+    Ok(())
 }
 
 /// Whether the database has tables, and none of them is ours.

@@ -4,10 +4,12 @@ use std::collections::{BTreeMap, HashMap};
 
 use sqlx::{QueryBuilder, Row as _};
 
+use super::events::{self, NewEvent};
 use super::jobs::{Claim, push_ids};
+use super::quota;
 use super::runs::{count, end_if_complete};
 use super::submissions::SubmissionState;
-use super::{Store, StoreError, StoreResult, compress, decompress};
+use super::{Store, StoreError, StoreResult, commit, compress, decompress};
 use crate::grading::Report;
 
 /// A stored report with where it came from.
@@ -100,6 +102,21 @@ impl Store {
         let mut query = QueryBuilder::new("DELETE FROM jobs WHERE submission_id IN ");
         push_ids(&mut query, ids());
         query.build().execute(&mut *tx).await?;
+        let charged: Vec<(&str, &str)> = ours
+            .iter()
+            .filter_map(|(claim, _)| Some((claim.owner.as_deref()?, claim.submission_id.as_str())))
+            .collect();
+        quota::charge(&mut tx, &charged, now_ms).await?;
+        let ended: Vec<NewEvent<'_>> = ours
+            .iter()
+            .map(|(claim, report)| NewEvent {
+                run_id: claim.run_id.as_deref(),
+                submission_id: Some(&claim.submission_id),
+                state: SubmissionState::Graded.name(),
+                overall: Some(report.overall),
+            })
+            .collect();
+        events::enter(&mut tx, &ended, now_ms).await?;
         let mut runs: BTreeMap<(&str, &str), i64> = BTreeMap::new();
         for (claim, _) in &ours {
             if let Some(run_id) = &claim.run_id {
@@ -111,10 +128,8 @@ impl Store {
             count(&mut tx, run_id, -reports, reports, 0).await?;
             has_ended |= end_if_complete(&mut tx, run_id, suite_id, now_ms).await?;
         }
-        tx.commit().await?;
-        if has_ended {
-            self.note_ended_run();
-        }
+        commit(tx, "record").await?;
+        self.note_ends(has_ended);
         Ok(ours.len())
     }
 

@@ -6,9 +6,10 @@
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row as _, SqliteConnection};
 
+use super::events::{self, NewEvent};
 use super::idempotency::{Before, Once};
 use super::suites::tasks_of;
-use super::{Store, StoreError, StoreResult};
+use super::{Store, StoreError, StoreResult, commit};
 use crate::grading::{ProblemScores, Summary};
 use crate::tasks::Task;
 
@@ -147,7 +148,7 @@ impl Store {
         .bind(run.owner)
         .execute(&mut *tx)
         .await?;
-        tx.commit().await?;
+        commit(tx, "create_run").await?;
         Ok(Before::Never)
     }
 
@@ -174,10 +175,8 @@ impl Store {
             .rows_affected();
         let Some(run) = run_in(&mut tx, id).await? else { return Ok(false) };
         let has_ended = found > 0 && end_if_complete(&mut tx, id, &run.suite_id, now_ms).await?;
-        tx.commit().await?;
-        if has_ended {
-            self.note_ended_run();
-        }
+        commit(tx, "finish_run").await?;
+        self.note_ends(has_ended);
         Ok(true)
     }
 }
@@ -230,6 +229,8 @@ pub(super) async fn end_if_complete(
         .bind(summary)
         .execute(&mut *tx)
         .await?;
+    let ended = NewEvent { run_id: Some(id), submission_id: None, state: RunState::Finished.name(), overall: None };
+    events::enter(tx, &[ended], now_ms).await?;
     Ok(true)
 }
 

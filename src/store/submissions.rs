@@ -6,6 +6,7 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row as _, SqliteConnection};
 
 use super::idempotency::Once;
+use super::quota;
 use super::runs::{RunState, count, run_in};
 use super::{Store, StoreError, StoreResult, compress, decompress};
 
@@ -104,6 +105,8 @@ pub enum Accepted {
     Other(String),
     /// The run takes no more submissions.
     RunClosed,
+    /// The owner's quota is used up.
+    QuotaUsedUp,
 }
 
 /// What came of a request to store submissions.
@@ -276,6 +279,7 @@ pub(super) async fn accept_one(
     turn: i64,
     now_ms: i64,
 ) -> StoreResult<Accepted> {
+    let mut superseded = None;
     if let Some(run_id) = &new.run_id {
         let earlier: Option<(String, String, String)> = sqlx::query_as(
             "SELECT id, log_hash, state FROM submissions WHERE run_id = $1 AND task_number = $2 AND superseded = 0",
@@ -284,28 +288,33 @@ pub(super) async fn accept_one(
         .bind(i64::from(new.task_number))
         .fetch_optional(&mut *tx)
         .await?;
+        let state = run_in(tx, run_id).await?.map(|run| run.state);
         match earlier {
             // What ended without a grade may be posted again.
-            Some((id, _, state))
-                if [SubmissionState::GraderError, SubmissionState::Cancelled].iter().any(|s| s.name() == state) =>
+            Some((id, _, ended))
+                if [SubmissionState::GraderError, SubmissionState::Cancelled].iter().any(|s| s.name() == ended) =>
             {
-                if run_in(tx, run_id).await?.is_none_or(|run| run.state == RunState::Finished) {
+                if state.is_none_or(|state| state == RunState::Finished) {
                     return Ok(Accepted::RunClosed);
                 }
-                sqlx::query("UPDATE submissions SET superseded = 1 WHERE id = $1").bind(&id).execute(&mut *tx).await?;
-                let errors = i64::from(state == SubmissionState::GraderError.name());
-                count(tx, run_id, 0, 0, -errors).await?;
+                superseded = Some((id, i64::from(ended == SubmissionState::GraderError.name())));
             }
             Some((id, log_hash, _)) if log_hash == new.log_hash => return Ok(Accepted::Same(id)),
             Some((id, _, _)) => return Ok(Accepted::Other(id)),
-            None => {
-                let state = run_in(tx, run_id).await?.map(|run| run.state);
-                if state != Some(RunState::Open) {
-                    return Ok(Accepted::RunClosed);
-                }
-            }
+            None if state != Some(RunState::Open) => return Ok(Accepted::RunClosed),
+            None => {}
         }
-        count(tx, run_id, 1, 0, 0).await?;
+    }
+    // The last that may refuse, and the first that writes.
+    if !quota::reserve(tx, new.owner.as_deref()).await? {
+        return Ok(Accepted::QuotaUsedUp);
+    }
+    if let Some(run_id) = &new.run_id {
+        let errors = superseded.as_ref().map_or(0, |(_, errors)| *errors);
+        count(tx, run_id, 1, 0, -errors).await?;
+    }
+    if let Some((id, _)) = superseded {
+        sqlx::query("UPDATE submissions SET superseded = 1 WHERE id = $1").bind(id).execute(&mut *tx).await?;
     }
     sqlx::query(
         "INSERT INTO submissions (id, run_id, suite_id, task_hash, task_number, log_hash, log, log_bytes, turns, events,
@@ -333,5 +342,6 @@ pub(super) async fn accept_one(
         .bind(turn)
         .execute(&mut *tx)
         .await?;
+    quota::note_reserved(tx, new.owner.as_deref(), &new.id, now_ms).await?;
     Ok(Accepted::New)
 }

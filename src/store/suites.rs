@@ -5,7 +5,7 @@ use sqlx::{Row as _, SqliteConnection};
 
 use std::sync::Arc;
 
-use super::{Store, StoreError, StoreResult};
+use super::{Store, StoreError, StoreResult, commit};
 use crate::tasks::catalogue::Catalogue;
 use crate::tasks::{Suite, Task, hex};
 
@@ -66,7 +66,7 @@ impl Store {
                 .execute(&mut *tx)
                 .await?;
         }
-        tx.commit().await?;
+        commit(tx, "put_suite").await?;
         Ok(SuiteStored::Added)
     }
 

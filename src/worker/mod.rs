@@ -13,7 +13,7 @@ use tokio_util::task::TaskTracker;
 
 use crate::clock::now_ms;
 use crate::elasticity::Control;
-use crate::grading::grade_log;
+use crate::grading::grade_hashed;
 use crate::store::jobs::{Claim, Claimed, MAX_ATTEMPTS};
 use crate::store::reports::PackedReport;
 use crate::store::submissions::SubmissionState;
@@ -232,11 +232,11 @@ fn grade_one(job: &Claim, catalogue: &Catalogue, asked: &(dyn Fn() -> bool + Syn
         Err(error) => return Ending::Unreadable(error.to_string()),
     };
     let task = catalogue.suite(&job.suite_id).and_then(|entry| entry.task_numbered(job.task_number));
-    let Some((task, _)) = task else {
+    let Some((task, hash)) = task else {
         return Ending::Unreadable(format!("no task {} in {:?}", job.task_number, job.suite_id));
     };
     // One that panics must not take the others along.
-    let graded = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| grade_log(task, &log, &control)));
+    let graded = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| grade_hashed(task, hash, &log, &control)));
     let took = begun.elapsed();
     match graded {
         Ok(Ok(report)) => match PackedReport::of(&report, i64::try_from(took.as_micros()).unwrap_or(i64::MAX)) {

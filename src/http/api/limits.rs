@@ -1,8 +1,10 @@
 //! `/v1/limits`.
 
 use axum::Json;
+use axum::extract::State;
 
-use super::super::limits::{LIMITS, Limits};
+use super::super::limits::Limits;
+use super::super::state::AppState;
 
 /// Every limit that the service enforces.
 #[utoipa::path(
@@ -10,6 +12,6 @@ use super::super::limits::{LIMITS, Limits};
     responses((status = 200, description = "The limits in force", body = Limits,
                example = json!({ "body_bytes": 33_554_432, "events": 400_000, "blocks": 100_000 })))
 )]
-pub async fn get_limits() -> Json<Limits> {
-    Json(LIMITS)
+pub async fn get_limits(State(state): State<AppState>) -> Json<Limits> {
+    Json(*state.limits)
 }

@@ -4,12 +4,14 @@
 
 pub mod adapters;
 pub mod documents;
+pub mod events;
 pub mod grade;
 pub mod grade_batch;
 pub mod grade_body;
 pub mod health;
 pub mod leaderboards;
 pub mod limits;
+pub mod quota;
 pub mod reports;
 pub mod runs;
 pub mod stress;
@@ -75,6 +77,8 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(suites::list_suites))
         .routes(routes!(suites::get_suite))
         .routes(routes!(leaderboards::get_leaderboard))
+        .routes(routes!(events::get_events))
+        .routes(routes!(quota::get_quota))
         .routes(routes!(limits::get_limits))
         .routes(routes!(health::get_health))
         .routes(routes!(health::get_readiness))

@@ -281,7 +281,7 @@ fn accepted_bodies(
     lines: &[Option<u64>],
 ) -> ApiResult<Vec<AcceptedBody>> {
     let mut conflicts = Faults::new();
-    let mut closed = false;
+    let (mut closed, mut is_used_up) = (false, false);
     let mut accepted = Vec::with_capacity(submissions.len());
     // Ids that would have been given in this very body; where it is refused they stand for nothing.
     let own: HashSet<String> = submissions.iter().map(|submission| submission.id.clone()).collect();
@@ -298,11 +298,16 @@ fn accepted_bodies(
             Accepted::Other(id) => {
                 conflicts.add_at("task", format!("the run answered this task with another log, as submission {id}"));
             }
+            Accepted::QuotaUsedUp => is_used_up = true,
             Accepted::RunClosed => {
                 closed = true;
                 conflicts.add_at("run", "the run takes no more submissions");
             }
         }
+    }
+    if is_used_up {
+        let detail = "the quota is used up: GET /v1/quota tells what it went to; nothing of this request was accepted";
+        return Err(ApiError::new(StatusCode::FORBIDDEN, "quota-used-up", "The quota is used up", detail));
     }
     if conflicts.is_empty() {
         return Ok(accepted);

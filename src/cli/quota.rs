@@ -1,0 +1,85 @@
+//! `plumbline quota`: grant owners submissions, and look at what they used.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context as _, bail};
+use clap::{Args, Subcommand};
+
+use crate::clock::{now_ms, rfc3339};
+use crate::store::Store;
+
+/// Arguments of `quota`.
+#[derive(Debug, Args)]
+pub struct QuotaArgs {
+    /// The service's database; the service may run.
+    #[arg(long, global = true, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
+    database: PathBuf,
+    #[command(subcommand)]
+    command: QuotaCommand,
+}
+
+/// What is done with quotas.
+#[derive(Debug, Subcommand)]
+enum QuotaCommand {
+    /// Grant an owner submissions. Without any grant an owner may submit as much as they like.
+    Grant {
+        /// Whose.
+        #[arg(long)]
+        name: String,
+        /// How many more; fewer where negative.
+        #[arg(long, allow_negative_numbers = true)]
+        submissions: i64,
+        /// Why; it stands in the ledger.
+        #[arg(long)]
+        reason: String,
+    },
+    /// Show what an owner was granted and has used, with the latest of the ledger.
+    Show {
+        /// Whose.
+        #[arg(long)]
+        name: String,
+    },
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Where the database cannot be opened.
+pub fn run(args: &QuotaArgs) -> anyhow::Result<ExitCode> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    runtime.block_on(async {
+        let store = Store::open(&args.database).await.with_context(|| args.database.display().to_string())?;
+        let done = match &args.command {
+            QuotaCommand::Grant { name, submissions, reason } => grant(&store, name, *submissions, reason).await,
+            QuotaCommand::Show { name } => show(&store, name).await,
+        };
+        store.close().await;
+        done
+    })?;
+    Ok(ExitCode::SUCCESS)
+}
+
+async fn grant(store: &Store, name: &str, submissions: i64, reason: &str) -> anyhow::Result<()> {
+    const MOST: i64 = 1_000_000_000_000;
+    if reason.trim().is_empty() {
+        bail!("--reason: a grant needs one; it stands in the ledger");
+    }
+    if submissions == 0 || submissions.abs() > MOST {
+        bail!("--submissions: expected a number other than 0, at most {MOST}");
+    }
+    store.grant(name, submissions, reason, now_ms()).await?;
+    show(store, name).await
+}
+
+async fn show(store: &Store, name: &str) -> anyhow::Result<()> {
+    const ENTRIES: i64 = 20;
+    let quota = store.quota(name).await?;
+    let granted = quota.granted.map_or_else(|| "as many as they like".to_owned(), |granted| granted.to_string());
+    println!("{name}: granted {granted}, reserved {}, charged {}", quota.reserved, quota.charged);
+    for entry in store.quota_entries(name, i64::MAX, ENTRIES).await? {
+        let of = entry.submission_id.unwrap_or_default();
+        println!("{}  {:7} {:>6}  {of:36}  {}", rfc3339(entry.at_ms), entry.kind, entry.units, entry.reason);
+    }
+    Ok(())
+}

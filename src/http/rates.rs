@@ -1,0 +1,136 @@
+//! Rate limits: how many requests a second a key may send, and an address without one. What is left is told in headers.
+
+use std::net::{IpAddr, SocketAddr};
+use std::num::NonZeroU32;
+
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
+use governor::clock::{Clock as _, DefaultClock};
+use governor::middleware::StateInformationMiddleware;
+use governor::state::keyed::DefaultKeyedStateStore;
+use governor::{Quota, RateLimiter};
+
+use super::problem::{ApiError, ApiResult};
+
+/// Bits of an IPv6 address that name a network: a household or a host has all addresses of one.
+const IPV6_NETWORK_BITS: u32 = 64;
+
+/// What limits are set to; 0 for none.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct RateSettings {
+    /// Requests a second with a key.
+    pub per_key: u32,
+    /// Requests a second from an address without one.
+    pub per_address: u32,
+    /// Whether a proxy in front of the service says in `X-Forwarded-For` who asks.
+    pub is_behind_proxy: bool,
+}
+
+/// The other end of the connection that a request came over.
+#[derive(Debug, Clone, Copy)]
+pub struct Peer(pub SocketAddr);
+
+type Limiter<K> = RateLimiter<K, DefaultKeyedStateStore<K>, DefaultClock, StateInformationMiddleware>;
+
+/// Counts requests by key and by address.
+#[derive(Debug)]
+pub struct Rates {
+    keys: Option<Limiter<String>>,
+    addresses: Option<Limiter<IpAddr>>,
+    clock: DefaultClock,
+    is_behind_proxy: bool,
+}
+
+/// What a client may still send.
+#[derive(Debug, Clone, Copy)]
+pub struct Left {
+    a_second: u32,
+    left: u32,
+}
+
+impl Rates {
+    /// Nothing counted yet.
+    #[must_use]
+    pub fn new(settings: RateSettings) -> Self {
+        let quota = |a_second| NonZeroU32::new(a_second).map(Quota::per_second);
+        Self {
+            keys: quota(settings.per_key).map(|quota| RateLimiter::keyed(quota).with_middleware()),
+            addresses: quota(settings.per_address).map(|quota| RateLimiter::keyed(quota).with_middleware()),
+            clock: DefaultClock::default(),
+            is_behind_proxy: settings.is_behind_proxy,
+        }
+    }
+
+    /// Counts a request with a live key. None where keys have no limit.
+    ///
+    /// # Errors
+    /// 429 where there were too many.
+    pub fn with_key(&self, id: &str) -> ApiResult<Option<Left>> {
+        // The limiter wants a key of its own type, and most are known: what is made is small.
+        self.keys.as_ref().map(|limiter| self.count(limiter, &id.to_owned(), "key")).transpose()
+    }
+
+    /// Counts a request without a live key.
+    ///
+    /// # Errors
+    /// 429 where there were too many.
+    pub fn without_key(&self, peer: Option<Peer>, headers: &HeaderMap) -> ApiResult<Option<Left>> {
+        let Some(limiter) = &self.addresses else { return Ok(None) };
+        let forwarded = || {
+            let last = headers.get_all("x-forwarded-for").iter().next_back()?.to_str().ok()?;
+            last.rsplit(',').next()?.trim().parse().ok()
+        };
+        let named: Option<IpAddr> = self.is_behind_proxy.then(forwarded).flatten();
+        let Some(address) = named.or(peer.map(|peer| peer.0.ip())) else { return Ok(None) };
+        self.count(limiter, &network(address), "address").map(Some)
+    }
+
+    fn count<K: std::hash::Hash + Eq + Clone>(&self, limiter: &Limiter<K>, of: &K, what: &str) -> ApiResult<Left> {
+        match limiter.check_key(of) {
+            Ok(state) => {
+                Ok(Left { a_second: state.quota().burst_size().get(), left: state.remaining_burst_capacity() })
+            }
+            Err(refused) => {
+                metrics::counter!("plumbline_rate_limited_total", "by" => what.to_owned()).increment(1);
+                let a_second = refused.quota().burst_size().get();
+                let wait = refused.wait_time_from(self.clock.now()).as_secs_f64().ceil().max(1.0);
+                let detail =
+                    format!("more than {a_second} requests a second from this {what}; what was sent may be sent again");
+                let error = ApiError::new(StatusCode::TOO_MANY_REQUESTS, "rate-limited", "Too many requests", detail);
+                Err(error.retry_after(wait as u32).with_left(Left { a_second, left: 0 }))
+            }
+        }
+    }
+
+    /// Forgets who has been quiet.
+    pub fn forget_the_quiet(&self) {
+        if let Some(limiter) = &self.keys {
+            limiter.retain_recent();
+        }
+        if let Some(limiter) = &self.addresses {
+            limiter.retain_recent();
+        }
+    }
+}
+
+impl Left {
+    /// Writes it into the headers of an answer.
+    pub fn tell(self, headers: &mut HeaderMap) {
+        // Everything is there again a second after the last request, whatever was used.
+        let values = [
+            (HeaderName::from_static("ratelimit-limit"), self.a_second),
+            (HeaderName::from_static("ratelimit-remaining"), self.left),
+            (HeaderName::from_static("ratelimit-reset"), 1),
+        ];
+        for (name, value) in values {
+            headers.insert(name, HeaderValue::from(value));
+        }
+    }
+}
+
+/// Addresses that are likely one client's: an IPv4 address, an IPv6 network.
+fn network(address: IpAddr) -> IpAddr {
+    match address.to_canonical() {
+        IpAddr::V6(v6) => IpAddr::V6((v6.to_bits() & !(u128::MAX >> IPV6_NETWORK_BITS)).into()),
+        v4 @ IpAddr::V4(_) => v4,
+    }
+}

@@ -1,0 +1,87 @@
+//! Events: the ends of submissions and runs, in the order in which they became durable.
+
+use sqlx::{QueryBuilder, SqliteConnection};
+
+use super::{Store, StoreResult};
+
+/// Something ended.
+#[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+pub struct EventRow {
+    /// Place among all events; grows.
+    pub id: i64,
+    /// When.
+    pub at_ms: i64,
+    /// The run, where there is one.
+    pub run_id: Option<String>,
+    /// The submission; none where it is the run that ended.
+    pub submission_id: Option<String>,
+    /// The state in which it ended.
+    pub state: String,
+    /// Verdict of a graded submission.
+    pub overall: Option<bool>,
+}
+
+/// Which events.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum EventsOf {
+    /// All.
+    Everything,
+    /// Of a run and its submissions.
+    Run(String),
+    /// Of a submission.
+    Submission(String),
+}
+
+/// An event to write.
+#[derive(Debug)]
+pub(super) struct NewEvent<'a> {
+    pub run_id: Option<&'a str>,
+    pub submission_id: Option<&'a str>,
+    pub state: &'static str,
+    pub overall: Option<bool>,
+}
+
+/// Writes events.
+pub(super) async fn enter(tx: &mut SqliteConnection, events: &[NewEvent<'_>], now_ms: i64) -> StoreResult<()> {
+    let mut query = QueryBuilder::new("INSERT INTO events (at_ms, run_id, submission_id, state, overall) ");
+    query.push_values(events, |mut row, event| {
+        row.push_bind(now_ms)
+            .push_bind(event.run_id.map(str::to_owned))
+            .push_bind(event.submission_id.map(str::to_owned))
+            .push_bind(event.state)
+            .push_bind(event.overall);
+    });
+    query.build().execute(tx).await?;
+    Ok(())
+}
+
+impl Store {
+    /// Events after `after`, in order, at most `limit`.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn events(&self, of: &EventsOf, after: i64, limit: i64) -> StoreResult<Vec<EventRow>> {
+        let mut query =
+            QueryBuilder::new("SELECT id, at_ms, run_id, submission_id, state, overall FROM events WHERE id > ");
+        query.push_bind(after);
+        match of {
+            EventsOf::Everything => {}
+            EventsOf::Run(id) => {
+                query.push(" AND run_id = ").push_bind(id.clone());
+            }
+            EventsOf::Submission(id) => {
+                query.push(" AND submission_id = ").push_bind(id.clone());
+            }
+        }
+        query.push(" ORDER BY id LIMIT ").push_bind(limit);
+        Ok(query.build_query_as().fetch_all(&self.readers).await?)
+    }
+
+    /// The last event; 0 where there is none.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn last_event(&self) -> StoreResult<i64> {
+        Ok(sqlx::query_scalar("SELECT COALESCE(MAX(id), 0) FROM events").fetch_one(&self.readers).await?)
+    }
+}

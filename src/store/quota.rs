@@ -1,0 +1,174 @@
+//! Quota: what owners may submit, as a ledger. Every row is written in the transaction of what caused it.
+
+use std::collections::BTreeMap;
+
+use sqlx::{QueryBuilder, SqliteConnection};
+
+use super::{Store, StoreResult, commit};
+
+/// What an owner may submit and has submitted, in submissions.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct QuotaRow {
+    /// Whose.
+    pub owner: String,
+    /// What was granted in all; none: as much as they like.
+    pub granted: Option<i64>,
+    /// Waiting or being graded.
+    pub reserved: i64,
+    /// Graded and released.
+    pub charged: i64,
+}
+
+/// A row of the ledger.
+#[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+pub struct QuotaEntry {
+    /// Place in the ledger.
+    pub id: i64,
+    /// `grant`, `reserve`, `charge` or `refund`.
+    pub kind: String,
+    /// How much.
+    pub units: i64,
+    /// The submission; none for a grant.
+    pub submission_id: Option<String>,
+    /// Why.
+    pub reason: String,
+    /// When.
+    pub at_ms: i64,
+}
+
+/// Reserves a unit for a submission about to be stored. False where the owner has none left. What nobody owns is free.
+pub(super) async fn reserve(tx: &mut SqliteConnection, owner: Option<&str>) -> StoreResult<bool> {
+    let Some(owner) = owner else { return Ok(true) };
+    let reserved = sqlx::query(
+        "INSERT INTO quotas (owner, reserved) VALUES ($1, 1)
+         ON CONFLICT (owner) DO UPDATE SET reserved = reserved + 1
+         WHERE quotas.granted IS NULL OR quotas.granted > quotas.charged + quotas.reserved",
+    )
+    .bind(owner)
+    .execute(tx)
+    .await?
+    .rows_affected();
+    Ok(reserved > 0)
+}
+
+/// Writes down what was reserved, once the submission is stored.
+pub(super) async fn note_reserved(
+    tx: &mut SqliteConnection,
+    owner: Option<&str>,
+    submission_id: &str,
+    now_ms: i64,
+) -> StoreResult<()> {
+    let Some(owner) = owner else { return Ok(()) };
+    enter(tx, "reserve", "accepted", now_ms, &[(owner, submission_id)]).await
+}
+
+/// Charges for submissions whose reports are released now.
+pub(super) async fn charge(tx: &mut SqliteConnection, graded: &[(&str, &str)], now_ms: i64) -> StoreResult<()> {
+    if graded.is_empty() {
+        return Ok(());
+    }
+    let mut owners: BTreeMap<&str, i64> = BTreeMap::new();
+    for (owner, _) in graded {
+        *owners.entry(owner).or_default() += 1;
+    }
+    for (owner, units) in owners {
+        sqlx::query("UPDATE quotas SET reserved = reserved - $2, charged = charged + $2 WHERE owner = $1")
+            .bind(owner)
+            .bind(units)
+            .execute(&mut *tx)
+            .await?;
+    }
+    enter(tx, "charge", "graded, and the report released", now_ms, graded).await
+}
+
+/// Gives back what a submission had reserved that ends with nothing released.
+pub(super) async fn refund(
+    tx: &mut SqliteConnection,
+    owner: &str,
+    submission_id: &str,
+    reason: &str,
+    now_ms: i64,
+) -> StoreResult<()> {
+    sqlx::query("UPDATE quotas SET reserved = reserved - 1 WHERE owner = $1").bind(owner).execute(&mut *tx).await?;
+    enter(tx, "refund", reason, now_ms, &[(owner, submission_id)]).await
+}
+
+/// Adds rows of one unit each, by owner and submission.
+async fn enter(
+    tx: &mut SqliteConnection,
+    kind: &'static str,
+    reason: &str,
+    now_ms: i64,
+    of: &[(&str, &str)],
+) -> StoreResult<()> {
+    let mut query = QueryBuilder::new("INSERT INTO quota_entries (owner, submission_id, kind, units, reason, at_ms) ");
+    query.push_values(of, |mut row, (owner, submission_id)| {
+        row.push_bind((*owner).to_owned())
+            .push_bind((*submission_id).to_owned())
+            .push_bind(kind)
+            .push_bind(1)
+            .push_bind(reason.to_owned())
+            .push_bind(now_ms);
+    });
+    query.build().execute(tx).await?;
+    Ok(())
+}
+
+impl Store {
+    /// Grants an owner so many submissions more, or fewer where it is negative; with the first grant, what they may submit
+    /// has an end.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn grant(&self, owner: &str, units: i64, reason: &str, now_ms: i64) -> StoreResult<QuotaRow> {
+        let mut tx = self.begin().await?;
+        sqlx::query(
+            "INSERT INTO quotas (owner, granted) VALUES ($1, $2)
+             ON CONFLICT (owner) DO UPDATE SET granted = COALESCE(quotas.granted, 0) + excluded.granted",
+        )
+        .bind(owner)
+        .bind(units)
+        .execute(&mut *tx)
+        .await?;
+        sqlx::query("INSERT INTO quota_entries (owner, kind, units, reason, at_ms) VALUES ($1, 'grant', $2, $3, $4)")
+            .bind(owner)
+            .bind(units)
+            .bind(reason)
+            .bind(now_ms)
+            .execute(&mut *tx)
+            .await?;
+        commit(tx, "grant").await?;
+        self.quota(owner).await
+    }
+
+    /// What an owner may submit and has submitted; as much as they like where nothing is known of them.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn quota(&self, owner: &str) -> StoreResult<QuotaRow> {
+        let found: Option<(Option<i64>, i64, i64)> =
+            sqlx::query_as("SELECT granted, reserved, charged FROM quotas WHERE owner = $1")
+                .bind(owner)
+                .fetch_optional(&self.readers)
+                .await?;
+        let (granted, reserved, charged) = found.unwrap_or_default();
+        Ok(QuotaRow { owner: owner.to_owned(), granted, reserved, charged })
+    }
+
+    /// Rows of an owner's ledger, the newest first, beginning before `before`, at most `limit`.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn quota_entries(&self, owner: &str, before: i64, limit: i64) -> StoreResult<Vec<QuotaEntry>> {
+        let rows = sqlx::query_as(
+            "SELECT id, kind, units, submission_id, reason, at_ms FROM quota_entries
+             WHERE owner = $1 AND id < $2 ORDER BY id DESC LIMIT $3",
+        )
+        .bind(owner)
+        .bind(before)
+        .bind(limit)
+        .fetch_all(&self.readers)
+        .await?;
+        Ok(rows)
+    }
+}
