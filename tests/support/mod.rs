@@ -53,15 +53,19 @@ impl Answer {
 }
 
 impl Service {
-    /// Starts the program on a database file.
-    /// One that is open to everybody.
+    /// Starts the program on a database file, open to everybody.
     pub fn start(database: &std::path::Path, arguments: &[&str]) -> Self {
         Self::start_as_told(database, &[arguments, &["--open"]].concat())
     }
 
-    /// One with these arguments and no others.
+    /// The same, with these arguments alone.
     pub fn start_as_told(database: &std::path::Path, arguments: &[&str]) -> Self {
-        let mut process = Command::new(PROGRAM)
+        Self::start_by(Command::new(PROGRAM), database, arguments)
+    }
+
+    /// The same, by a command that runs the program.
+    pub fn start_by(mut command: Command, database: &std::path::Path, arguments: &[&str]) -> Self {
+        let mut process = command
             .args(["serve", "--listen", "127.0.0.1:0", "--database"])
             .arg(database)
             .args(arguments)
@@ -131,6 +135,23 @@ impl Service {
         let id = self.process.id().to_string();
         assert!(Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
         self.process.wait().unwrap().success()
+    }
+
+    /// Waits until it has ended by itself; fails after a minute.
+    pub async fn wait_for_end(mut self, when: &str) {
+        for _ in 0..600 {
+            if self.process.try_wait().unwrap().is_some() {
+                return;
+            }
+            tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+        }
+        panic!("{when}: the service lives");
+    }
+
+    /// Sends it a signal.
+    pub fn signal(&self, name: &str) {
+        let id = self.process.id().to_string();
+        assert!(Command::new("kill").args([&format!("-{name}"), &id]).status().unwrap().success());
     }
 
     pub fn process_id(&self) -> u32 {
