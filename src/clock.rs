@@ -22,6 +22,12 @@ const fn set_off_ms() -> i64 {
     0
 }
 
+/// The milliseconds of a time in RFC 3339; none where it is not one.
+#[must_use]
+pub fn milliseconds(text: &str) -> Option<i64> {
+    text.parse::<Timestamp>().ok().map(Timestamp::as_millisecond)
+}
+
 /// A stored time as RFC 3339 in UTC with milliseconds, such as `2026-11-21T07:00:00.000Z`.
 #[must_use]
 pub fn rfc3339(ms: i64) -> String {

@@ -1,9 +1,12 @@
 //! Grading: a task and a log give a report; reports give the summary of a run.
 
 pub mod advisories;
+pub mod outcomes;
 pub mod raw_records;
 pub mod report;
 pub mod reward;
+pub mod standings;
+pub mod statistics;
 pub mod summary;
 
 pub use report::{Report, grade_hashed, grade_log, grade_structures};

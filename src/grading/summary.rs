@@ -17,7 +17,7 @@ pub struct ProblemScores {
 
 impl ProblemScores {
     /// Whether every check that `wanted` picks scored 1; `None` where it picks none.
-    fn holds(&self, wanted: impl Fn(Criterion) -> bool) -> Option<bool> {
+    pub(super) fn holds(&self, wanted: impl Fn(Criterion) -> bool) -> Option<bool> {
         let mut picked = self.rows.iter().filter(|(criterion, _)| wanted(*criterion)).peekable();
         picked.peek().is_some().then(|| picked.all(|(_, score)| *score >= 1.0))
     }
@@ -32,7 +32,7 @@ impl ProblemScores {
         self.holds(|c| c.dimension() == Dimension::Accuracy)
     }
 
-    fn overall(&self) -> bool {
+    pub(super) fn overall(&self) -> bool {
         let parts = [
             self.accuracy(),
             self.holds(|c| c == Criterion::PhysicalPlausibility),

@@ -1,14 +1,21 @@
-//! Conditional requests: what the client already has (RFC 9110, section 13).
+//! Conditional requests: what the client already has (RFC 9110, section 13), and documents that are kept.
 
 use axum::body::Body;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use bytes::Bytes;
+use quick_cache::Weighter;
+use quick_cache::sync::Cache;
 use serde::Serialize;
 use sha2::{Digest as _, Sha256};
 
 use super::problem::{ApiError, ApiResult};
 use crate::tasks::hex;
+
+/// Bytes of documents that are kept.
+const KEPT_BYTES: u64 = 32 << 20;
+/// Bytes of a document, about, to begin with.
+const TYPICAL_BYTES: u64 = 16 << 10;
 
 /// Whether `If-None-Match` names this entity tag, or any. Weak and strong tags match.
 #[must_use]
@@ -21,40 +28,113 @@ fn strong(tag: &str) -> &str {
     tag.trim().trim_start_matches("W/")
 }
 
-/// A JSON document under an entity tag made from its bytes.
-#[derive(Debug)]
-pub struct Tagged {
-    bytes: Bytes,
-    tag: HeaderValue,
+/// A strong entity tag.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Tag(String);
+
+impl Tag {
+    /// The tag of these bytes.
+    #[must_use]
+    pub fn of(bytes: &[u8]) -> Self {
+        Self(format!("\"{}\"", &hex(&Sha256::digest(bytes))[..32]))
+    }
+
+    /// The tag of what has this name, which must name all that its bytes depend on.
+    #[must_use]
+    pub fn named(name: &str) -> Self {
+        Self::of(name.as_bytes())
+    }
+
+    fn header(&self) -> ApiResult<HeaderValue> {
+        HeaderValue::from_str(&self.0).map_err(|error| ApiError::internal(&error))
+    }
 }
 
-impl Tagged {
-    /// Writes the document.
+/// A document.
+#[derive(Debug, Clone)]
+pub struct Document {
+    /// Its media type.
+    pub kind: &'static str,
+    /// Its bytes.
+    pub bytes: Bytes,
+}
+
+impl Document {
+    /// As JSON.
     ///
     /// # Errors
-    /// 500 where it cannot be written as JSON.
-    pub fn of(document: &impl Serialize) -> ApiResult<Self> {
+    /// 500 where it cannot be written.
+    pub fn json(document: &impl Serialize) -> ApiResult<Self> {
         let bytes = serde_json::to_vec(document).map_err(|error| ApiError::internal(&error))?;
-        let tag = format!("\"{}\"", &hex(&Sha256::digest(&bytes))[..32]);
-        let tag = HeaderValue::from_str(&tag).map_err(|error| ApiError::internal(&error))?;
-        Ok(Self { bytes: bytes.into(), tag })
+        Ok(Self { kind: "application/json", bytes: bytes.into() })
     }
 
     /// The document, or 304 where the client has it.
-    #[must_use]
-    pub fn answer(&self, asked: &HeaderMap) -> Response {
-        let tag = [(header::ETAG, self.tag.clone())];
-        if has_tag(asked, self.tag.to_str().unwrap_or_default()) {
-            return (StatusCode::NOT_MODIFIED, tag).into_response();
+    ///
+    /// # Errors
+    /// 500 where the tag is none.
+    pub fn answer(&self, asked: &HeaderMap, tag: &Tag) -> ApiResult<Response> {
+        let header = [(header::ETAG, tag.header()?)];
+        if has_tag(asked, &tag.0) {
+            return Ok((StatusCode::NOT_MODIFIED, header).into_response());
         }
-        (tag, [(header::CONTENT_TYPE, "application/json")], Body::from(self.bytes.clone())).into_response()
+        let kind = [(header::CONTENT_TYPE, HeaderValue::from_static(self.kind))];
+        Ok((header, kind, Body::from(self.bytes.clone())).into_response())
     }
 }
 
-/// A JSON document under an entity tag, or 304 where the client has it.
+/// A JSON document under an entity tag made from its bytes, or 304 where the client has it.
 ///
 /// # Errors
 /// 500 where it cannot be written as JSON.
 pub fn tagged_json(asked: &HeaderMap, document: &impl Serialize) -> ApiResult<Response> {
-    Ok(Tagged::of(document)?.answer(asked))
+    let document = Document::json(document)?;
+    let tag = Tag::of(&document.bytes);
+    document.answer(asked, &tag)
+}
+
+#[derive(Debug, Clone)]
+struct ByBytes;
+
+impl Weighter<String, (Document, Tag)> for ByBytes {
+    fn weight(&self, name: &String, (document, _): &(Document, Tag)) -> u64 {
+        (name.len() + document.bytes.len()) as u64
+    }
+}
+
+/// Documents that were made, by names that name all that their bytes depend on.
+#[derive(Debug)]
+pub struct Documents {
+    kept: Cache<String, (Document, Tag), ByBytes>,
+}
+
+impl Default for Documents {
+    fn default() -> Self {
+        Self { kept: Cache::with_weighter((KEPT_BYTES / TYPICAL_BYTES) as usize, KEPT_BYTES, ByBytes) }
+    }
+}
+
+impl Documents {
+    /// The document of this name, made where it is not kept, or 304 where the client has it.
+    ///
+    /// # Errors
+    /// What making it comes to.
+    pub fn answer(
+        &self,
+        asked: &HeaderMap,
+        name: String,
+        make: impl FnOnce() -> ApiResult<Document>,
+    ) -> ApiResult<Response> {
+        if let Some((document, tag)) = self.kept.get(&name) {
+            return document.answer(asked, &tag);
+        }
+        // Need not be made to be compared.
+        let tag = Tag::named(&name);
+        if has_tag(asked, &tag.0) {
+            return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, tag.header()?)]).into_response());
+        }
+        let document = make()?;
+        self.kept.insert(name, (document.clone(), tag.clone()));
+        document.answer(asked, &tag)
+    }
 }

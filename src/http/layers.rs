@@ -12,7 +12,6 @@ use axum::response::{IntoResponse as _, Response};
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
-use tower_http::cors::{Any, CorsLayer};
 use tower_http::decompression::RequestDecompressionLayer;
 use tower_http::timeout::TimeoutLayer;
 
@@ -30,7 +29,6 @@ pub fn around(router: Router, state: AppState) -> Router {
     let request_timeout = Duration::from_secs(LIMITS.request_seconds);
     let layers = ServiceBuilder::new()
         .layer(from_fn(observe))
-        .layer(CorsLayer::new().allow_origin(Any).allow_methods(Any).allow_headers(Any).expose_headers(Any))
         .layer(CompressionLayer::new())
         .layer(from_fn_with_state(state, guard))
         .layer(CatchPanicLayer::custom(on_panic))

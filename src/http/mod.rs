@@ -1,9 +1,10 @@
 //! HTTP: routes, bodies, problems and pages. Meets the workers only through the store.
 
 pub mod api;
+pub mod boards;
 pub mod body;
 pub mod caller;
-mod conditional;
+pub mod conditional;
 pub mod grader;
 pub mod idempotency;
 pub mod layers;
@@ -23,7 +24,7 @@ use tokio::sync::{Notify, Semaphore};
 use tokio_util::sync::CancellationToken;
 
 use crate::store::Store;
-use state::AppState;
+use state::{AppState, Shared};
 
 /// What the one who starts the service decides.
 #[derive(Debug, Clone, Copy)]
@@ -57,22 +58,23 @@ pub fn router(
         grade_cache_bytes: settings.grade_cache_bytes,
         ..limits::LIMITS
     };
-    let state = AppState {
+    let state = AppState::new(Shared {
         store: store.clone(),
         wake: Arc::clone(wake),
         bodies: Arc::new(body::budget()),
         grader: Arc::new(grader::Grader::new(settings.grade_cache_bytes, connections, stop.clone())?),
-        boards: Arc::default(),
+        boards: boards::Boards::default(),
+        documents: conditional::Documents::default(),
         in_flight: Arc::default(),
-        keys: Arc::new(caller::Keys::new(settings.is_open)),
+        keys: caller::Keys::new(settings.is_open),
         stress_turns: Arc::new(api::stress::StressTurns::default()),
         event_streams: Arc::new(Semaphore::new(limits.event_streams)),
-        limits: Arc::new(limits),
+        limits,
         rates: Arc::clone(rates),
         stop,
         metrics,
         openapi: openapi.to_json().unwrap_or_default().into(),
-    };
+    });
     let router = routes.merge(pages::routes()).with_state(state.clone()).merge(api::reference());
     Ok(layers::around(router, state))
 }

@@ -1,4 +1,5 @@
-//! What is noted of each request, once: an id, a metric by route and not by path, a log line.
+//! What is noted of each request, once: an id, a metric by route and not by path, a log line; and that pages of any origin may
+//! read the answer.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -6,9 +7,9 @@ use std::sync::{Arc, LazyLock, PoisonError, RwLock};
 use std::time::Instant;
 
 use axum::extract::{MatchedPath, Request};
-use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
-use axum::response::Response;
+use axum::response::{IntoResponse as _, Response};
 use metrics::{Counter, Histogram};
 use uuid::Uuid;
 
@@ -25,16 +26,35 @@ pub async fn observe(mut request: Request, next: Next) -> Response {
     let method = request.method().clone();
     let route = request.extensions().get::<MatchedPath>().cloned();
     let id = id_of(request.headers_mut());
-    let mut response = next.run(request).await;
+    let mut response = if is_preflight(&request) { allowed() } else { next.run(request).await };
     let route = route.as_ref().map_or(UNMATCHED, MatchedPath::as_str);
     let (status, took) = (response.status().as_u16(), begun.elapsed());
     let series = Series::of(route);
     series.seconds.record(took.as_secs_f64());
     series.count(&method, status, route).increment(1);
     tracing::debug!(%method, route, status, took_us = took.as_micros() as u64, request_id = ?id, "request");
-    response.headers_mut().insert(REQUEST_ID, id);
-    response.headers_mut().entry(header::X_CONTENT_TYPE_OPTIONS).or_insert(HeaderValue::from_static("nosniff"));
+    let headers = response.headers_mut();
+    headers.insert(REQUEST_ID, id);
+    headers.entry(header::X_CONTENT_TYPE_OPTIONS).or_insert(HeaderValue::from_static("nosniff"));
+    headers.insert(header::ACCESS_CONTROL_ALLOW_ORIGIN, HeaderValue::from_static("*"));
+    headers.insert(header::ACCESS_CONTROL_EXPOSE_HEADERS, HeaderValue::from_static("*"));
     response
+}
+
+/// Whether a browser asks if a page of another origin may send something.
+fn is_preflight(request: &Request) -> bool {
+    request.method() == Method::OPTIONS && request.headers().contains_key(header::ACCESS_CONTROL_REQUEST_METHOD)
+}
+
+/// It may: whatever is allowed here is allowed by a key, which no browser adds by itself.
+fn allowed() -> Response {
+    let allow = [
+        (header::ACCESS_CONTROL_ALLOW_METHODS, "*"),
+        // The star does not stand for this one (Fetch standard, "CORS non-wildcard request-header name").
+        (header::ACCESS_CONTROL_ALLOW_HEADERS, "*, authorization"),
+        (header::ACCESS_CONTROL_MAX_AGE, "86400"),
+    ];
+    (StatusCode::NO_CONTENT, allow).into_response()
 }
 
 /// The client's id, where it may be one, or a new one: unlike any other of this process, and of others as good as surely.

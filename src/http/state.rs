@@ -9,18 +9,39 @@ use tokio_util::sync::CancellationToken;
 use crate::store::Store;
 use crate::tasks::catalogue::Entry;
 
-use super::api::leaderboards::Boards;
 use super::api::stress::StressTurns;
+use super::boards::Boards;
 use super::caller::Keys;
+use super::conditional::Documents;
 use super::grader::Grader;
 use super::idempotency::InFlight;
 use super::limits::Limits;
 use super::problem::{ApiError, ApiResult};
 use super::rates::Rates;
 
-/// What handlers share; clones are handles.
+/// A handle to what handlers share. One pointer, as every request clones it several times.
 #[derive(Debug, Clone)]
-pub struct AppState {
+pub struct AppState(Arc<Shared>);
+
+impl AppState {
+    /// A handle to this.
+    #[must_use]
+    pub fn new(shared: Shared) -> Self {
+        Self(Arc::new(shared))
+    }
+}
+
+impl std::ops::Deref for AppState {
+    type Target = Shared;
+
+    fn deref(&self) -> &Shared {
+        &self.0
+    }
+}
+
+/// What handlers share.
+#[derive(Debug)]
+pub struct Shared {
     /// The database.
     pub store: Store,
     /// Tells the workers that there is work.
@@ -30,17 +51,19 @@ pub struct AppState {
     /// Grades logs for requests that wait.
     pub grader: Arc<Grader>,
     /// Keys that were used lately.
-    pub keys: Arc<Keys>,
+    pub keys: Keys,
     /// Requests with an `Idempotency-Key` that are being carried out.
     pub in_flight: Arc<InFlight>,
-    /// Boards as documents.
-    pub boards: Arc<Boards>,
+    /// Boards in memory.
+    pub boards: Boards,
+    /// Documents that were made.
+    pub documents: Documents,
     /// Turns to compute stress fields.
     pub stress_turns: Arc<StressTurns>,
     /// Places for those who follow events.
     pub event_streams: Arc<Semaphore>,
     /// The limits in force.
-    pub limits: Arc<Limits>,
+    pub limits: Limits,
     /// Counts requests.
     pub rates: Arc<Rates>,
     /// Cancelled when the service stops.
@@ -51,7 +74,7 @@ pub struct AppState {
     pub openapi: Arc<str>,
 }
 
-impl AppState {
+impl Shared {
     /// The suite of this name, or name and version, if there is one; one that another process added is found too.
     ///
     /// # Errors

@@ -1,33 +1,222 @@
-//! Leaderboards: the finished runs of a suite.
+//! What boards are made of: results of finished runs and what people did to their rows, read from where a reader left off.
 
 use sqlx::sqlite::SqliteRow;
+use sqlx::{Row as _, SqliteConnection};
 
-use super::runs::{RunRow, read_run, select_run};
-use super::{Store, StoreResult};
+use super::runs::problems_of;
+use super::{Store, StoreError, StoreResult, commit};
+use crate::grading::Summary;
+use crate::grading::outcomes::Outcomes;
+use crate::tasks::Task;
+
+/// How far a reader has read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Read {
+    /// The last result.
+    pub result: i64,
+    /// The last action.
+    pub action: i64,
+    /// The last run that was begun.
+    pub run: i64,
+}
+
+/// A result of a finished run.
+#[derive(Debug)]
+pub struct ResultRow {
+    /// The run.
+    pub run_id: String,
+    /// Who built.
+    pub agent: String,
+    /// When the run finished.
+    pub finished_at_ms: i64,
+    /// When this result came to hold.
+    pub since_ms: i64,
+    /// Its summary.
+    pub summary: Summary,
+    /// What it came to on each task.
+    pub outcomes: Outcomes,
+}
+
+/// What was done to a row of a board.
+#[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+pub struct ActionRow {
+    /// Its number.
+    pub id: i64,
+    /// The run.
+    pub run_id: String,
+    /// `hide`, `restore` or `regrade`.
+    pub action: String,
+    /// Who did it.
+    pub actor: String,
+    /// Why.
+    pub reason: String,
+    /// When.
+    pub at_ms: i64,
+}
+
+/// What is new since a reader left off.
+#[derive(Debug, Default)]
+pub struct News {
+    /// Results, in order.
+    pub results: Vec<ResultRow>,
+    /// Actions, in order.
+    pub actions: Vec<ActionRow>,
+    /// Agents of the runs that were begun.
+    pub begun: Vec<String>,
+    /// How far this goes.
+    pub read: Read,
+}
+
+/// What came of acting on a row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Acted {
+    /// It is done.
+    Done,
+    /// The row is so already.
+    Already,
+    /// There is no such finished run.
+    NoSuchRow,
+}
 
 impl Store {
-    /// Finished runs of a suite, the earliest first, without those whose rows are damaged.
+    /// What is new on the board of a suite with these tasks.
     ///
     /// # Errors
     /// Where the database fails.
-    pub async fn finished_runs(&self, suite_id: &str) -> StoreResult<Vec<RunRow>> {
-        let rows =
-            sqlx::query(select_run!("WHERE r.suite_id = $1 AND r.state = 'finished' ORDER BY r.finished_at_ms, r.id"))
+    pub async fn board_news(&self, suite_id: &str, tasks: &[Task], read: Read) -> StoreResult<News> {
+        let mut connection = self.readers.acquire().await?;
+        let rows = sqlx::query(
+            "SELECT s.id, s.run_id, r.agent, r.finished_at_ms, s.since_ms, s.summary, s.outcomes
+             FROM results s JOIN runs r ON r.id = s.run_id WHERE s.id > $1 AND r.suite_id = $2 ORDER BY s.id",
+        )
+        .bind(read.result)
+        .bind(suite_id)
+        .fetch_all(&mut *connection)
+        .await?;
+        let mut news = News { read, ..News::default() };
+        for row in &rows {
+            news.read.result = row.try_get(0)?;
+            match read_result(&mut connection, row, tasks).await {
+                Ok(result) => news.results.push(result),
+                // One damaged row must not take the board down.
+                Err(StoreError::Corrupt { table, detail }) => {
+                    tracing::error!(table, detail, "a finished run does not read back, and is not on its board");
+                    metrics::counter!("plumbline_corrupt_rows_total").increment(1);
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        news.actions = sqlx::query_as(
+            "SELECT a.id, a.run_id, a.action, a.actor, a.reason, a.at_ms
+             FROM board_actions a JOIN runs r ON r.id = a.run_id WHERE a.id > $1 AND r.suite_id = $2 ORDER BY a.id",
+        )
+        .bind(read.action)
+        .bind(suite_id)
+        .fetch_all(&mut *connection)
+        .await?;
+        news.read.action = news.actions.last().map_or(read.action, |last| last.id);
+        let begun: Vec<(i64, String)> =
+            sqlx::query_as("SELECT rowid, agent FROM runs WHERE rowid > $1 AND suite_id = $2 ORDER BY rowid")
+                .bind(read.run)
                 .bind(suite_id)
-                .fetch_all(&self.readers)
+                .fetch_all(&mut *connection)
                 .await?;
-        Ok(rows.iter().filter_map(whole).collect())
+        news.read.run = begun.last().map_or(read.run, |(last, _)| *last);
+        news.begun = begun.into_iter().map(|(_, agent)| agent).collect();
+        Ok(news)
+    }
+
+    /// Hides a finished run from its board, or shows it again, for all to see who did it and why.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn act_on_row(
+        &self,
+        run_id: &str,
+        hide: bool,
+        actor: &str,
+        reason: &str,
+        now_ms: i64,
+    ) -> StoreResult<Acted> {
+        let mut tx = self.begin().await?;
+        let found: Option<i64> = sqlx::query_scalar("SELECT 1 FROM runs WHERE id = $1 AND state = 'finished'")
+            .bind(run_id)
+            .fetch_optional(&mut *tx)
+            .await?;
+        if found.is_none() {
+            return Ok(Acted::NoSuchRow);
+        }
+        let last: Option<String> = sqlx::query_scalar(
+            "SELECT action FROM board_actions WHERE run_id = $1 AND action <> 'regrade' ORDER BY id DESC LIMIT 1",
+        )
+        .bind(run_id)
+        .fetch_optional(&mut *tx)
+        .await?;
+        if (last.as_deref() == Some("hide")) == hide {
+            return Ok(Acted::Already);
+        }
+        let action = if hide { "hide" } else { "restore" };
+        enter_action(&mut tx, run_id, action, actor, reason, now_ms).await?;
+        commit(tx, "act_on_row").await?;
+        self.note_ends(true);
+        Ok(Acted::Done)
     }
 }
 
-/// The run of a row; none where the row is damaged, which is noted: one such row must not take all boards down.
-fn whole(row: &SqliteRow) -> Option<RunRow> {
-    match read_run(row) {
-        Ok(run) => Some(run),
-        Err(error) => {
-            tracing::error!(%error, "a finished run does not read back, and is not on its board");
-            metrics::counter!("plumbline_corrupt_rows_total").increment(1);
-            None
-        }
-    }
+/// Writes down what was done to a row.
+pub(super) async fn enter_action(
+    tx: &mut SqliteConnection,
+    run_id: &str,
+    action: &str,
+    actor: &str,
+    reason: &str,
+    now_ms: i64,
+) -> StoreResult<()> {
+    sqlx::query("INSERT INTO board_actions (run_id, action, actor, reason, at_ms) VALUES ($1, $2, $3, $4, $5)")
+        .bind(run_id)
+        .bind(action)
+        .bind(actor)
+        .bind(reason)
+        .bind(now_ms)
+        .execute(tx)
+        .await?;
+    Ok(())
+}
+
+/// Writes down what a run came to, from now on.
+pub(super) async fn enter_result(
+    tx: &mut SqliteConnection,
+    run_id: &str,
+    summary: &str,
+    outcomes: &Outcomes,
+    now_ms: i64,
+) -> StoreResult<()> {
+    sqlx::query("INSERT INTO results (run_id, since_ms, summary, outcomes) VALUES ($1, $2, $3, $4)")
+        .bind(run_id)
+        .bind(now_ms)
+        .bind(summary)
+        .bind(outcomes.to_bytes())
+        .execute(tx)
+        .await?;
+    Ok(())
+}
+
+async fn read_result(connection: &mut SqliteConnection, row: &SqliteRow, tasks: &[Task]) -> StoreResult<ResultRow> {
+    let run_id: String = row.try_get(1)?;
+    let summary: &str = row.try_get(5)?;
+    let stored: Option<&[u8]> = row.try_get(6)?;
+    let outcomes = match stored {
+        Some(bytes) => Outcomes::from_bytes(bytes, tasks.len())
+            .ok_or_else(|| StoreError::corrupt("results", format!("outcomes of {run_id}")))?,
+        // Of a run that finished before outcomes were kept.
+        None => Outcomes::of(tasks, &problems_of(connection, &run_id).await?),
+    };
+    Ok(ResultRow {
+        agent: row.try_get(2)?,
+        finished_at_ms: row.try_get(3)?,
+        since_ms: row.try_get(4)?,
+        summary: serde_json::from_str(summary).map_err(|error| StoreError::corrupt("results", error))?,
+        outcomes,
+        run_id,
+    })
 }

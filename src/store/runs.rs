@@ -6,10 +6,12 @@
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row as _, SqliteConnection};
 
+use super::boards::enter_result;
 use super::events::{self, NewEvent};
 use super::idempotency::{Before, Once};
 use super::suites::tasks_of;
 use super::{Store, StoreError, StoreResult, commit};
+use crate::grading::outcomes::Outcomes;
 use crate::grading::{ProblemScores, Summary};
 use crate::tasks::Task;
 
@@ -100,7 +102,6 @@ macro_rules! select_run {
         )
     };
 }
-pub(super) use select_run;
 
 pub(super) fn read_run(row: &SqliteRow) -> StoreResult<RunRow> {
     let summary: Option<&str> = row.try_get(11)?;
@@ -221,21 +222,24 @@ pub(super) async fn end_if_complete(
         return Ok(false);
     }
     let tasks = tasks_of(tx, suite_id).await?;
-    let summary = summarise(tx, id, &tasks).await?;
+    let problems = problems_of(tx, id).await?;
+    let outcomes = Outcomes::of(&tasks, &problems);
+    let summary = summarise(&problems, &tasks);
     let summary = serde_json::to_string(&summary).map_err(|error| StoreError::corrupt("runs", error))?;
     sqlx::query("UPDATE runs SET state = 'finished', finished_at_ms = $2, summary = $3 WHERE id = $1")
         .bind(id)
         .bind(now_ms)
-        .bind(summary)
+        .bind(&summary)
         .execute(&mut *tx)
         .await?;
+    enter_result(tx, id, &summary, &outcomes, now_ms).await?;
     let ended = NewEvent { run_id: Some(id), submission_id: None, state: RunState::Finished.name(), overall: None };
     events::enter(tx, &[ended], now_ms).await?;
     Ok(true)
 }
 
-/// Summary of a run's reports; tasks without one count as failed.
-async fn summarise(tx: &mut SqliteConnection, id: &str, tasks: &[Task]) -> StoreResult<Summary> {
+/// Scores of a run's reports, the latest of each submission.
+pub(super) async fn problems_of(tx: &mut SqliteConnection, id: &str) -> StoreResult<Vec<ProblemScores>> {
     let rows = sqlx::query(
         "SELECT s.task_number, r.scores
          FROM submissions s JOIN reports r ON r.submission_id = s.id
@@ -252,6 +256,11 @@ async fn summarise(tx: &mut SqliteConnection, id: &str, tasks: &[Task]) -> Store
             serde_json::from_str(row.try_get(1)?).map_err(|error| StoreError::corrupt("reports", error))?;
         problems.push(scores);
     }
+    Ok(problems)
+}
+
+/// Summary of a run's problems; tasks without one count as failed.
+pub(super) fn summarise(problems: &[ProblemScores], tasks: &[Task]) -> Summary {
     let answered: std::collections::HashSet<u32> = problems.iter().map(|problem| problem.number).collect();
     let unanswered: Vec<ProblemScores> = tasks
         .iter()
@@ -261,5 +270,5 @@ async fn summarise(tx: &mut SqliteConnection, id: &str, tasks: &[Task]) -> Store
             rows: task.checks().map(|check| (check.criterion(), 0.0)).collect(),
         })
         .collect();
-    Ok(Summary::with_unanswered(&problems, &unanswered))
+    Summary::with_unanswered(problems, &unanswered)
 }

@@ -5,6 +5,7 @@ pub mod embedded;
 pub mod family;
 pub mod lite;
 pub mod published;
+pub mod reported;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};

@@ -5,7 +5,7 @@ set -euo pipefail
 cd "$(dirname "$0")/../.."
 seconds=${1:-10}
 command -v wrk >/dev/null || { echo "load.sh: wrk is missing (Debian: apt-get install wrk)"; exit 1; }
-cargo build --release --quiet --bins --example bare_route
+cargo build --release --quiet --bins --examples
 program=target/release/plumbline
 work=$(mktemp -d)
 server=
@@ -55,6 +55,17 @@ for round in 1 2 3; do
     METHOD=GET PORT=8098 load "the same bytes, bare, round $round" / 32
 done
 kill "$bare"
+memory
+# Ten thousand connections that send nothing, a thousand whose bodies trickle, and how others are served meanwhile.
+start
+ulimit -n "$(ulimit -Hn)"
+target/release/examples/slow_clients 127.0.0.1:8099 10000 1000 15
+memory
+# Sixteen thousand at once.
+load "grade, 16,000 connections" /v1/grade 16000 &
+sleep $((seconds / 2))
+curl -s -o /dev/null -w 'a board meanwhile, on a new connection: %{time_total} s\n' "localhost:8099$board"
+wait %% 2>/dev/null || true
 memory
 # A million gradings and more: what memory does.
 start --grade-cache-mib 0

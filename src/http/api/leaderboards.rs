@@ -1,32 +1,40 @@
 //! Leaderboards: one row per finished run of a suite.
 
-use std::collections::HashMap;
-use std::sync::{Arc, RwLock};
-use std::time::{Duration, Instant};
+use std::sync::Arc;
 
-use axum::extract::{Path, State};
-use axum::http::HeaderMap;
+use axum::extract::{Path, Query, RawQuery, State};
+use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
-use super::super::conditional::Tagged;
-use super::super::problem::{ApiResult, Problem};
+use super::super::boards::Board;
+use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
-use crate::clock::rfc3339;
-use crate::grading::summary::{CheckRate, Graded, PerCriterion, ProblemRate, Summary};
-use crate::store::runs::RunRow;
+use super::board_formats::{Format, render};
+use super::tasks::page_items;
+use crate::clock::{milliseconds, rfc3339};
+use crate::grading::standings::Standing;
+use crate::grading::statistics::interval::Interval;
+use crate::grading::statistics::ranks::RankRange;
+use crate::grading::summary::{CheckRate, Graded, PerCriterion, ProblemRate};
+use crate::tasks::reported::{self, ReportedRow};
 
 /// A row: a finished run.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 pub struct BoardRow {
     /// Place by overall rate; runs with the same rate share one.
     pub rank: usize,
+    /// The places that it may have as far as the data tell: each other run that McNemar's exact test shows to be better or
+    /// worse on the common problems, by Holm's procedure at 5 %, comes before or after it.
+    pub places: RankRange,
     /// The run.
     pub run: String,
     /// Who built.
     pub agent: String,
     /// Accuracy and physical plausibility and dependency, over all problems.
     pub overall: ProblemRate,
+    /// The 95 % interval of the overall rate: Wilson's, with wordings of one problem as a cluster.
+    pub interval: Option<Interval>,
     /// Material and shape and size, over the problems that have any of them.
     pub accuracy: ProblemRate,
     /// Problems that pass, per criterion and dimension.
@@ -37,72 +45,216 @@ pub struct BoardRow {
     pub graded: Graded,
     /// Problems graded.
     pub coverage: ProblemRate,
+    /// Runs of this suite that the agent has begun, whatever became of them.
+    pub attempts: usize,
+    /// Where the logs come from.
+    #[schema(example = "self-reported")]
+    pub provenance: &'static str,
     /// When the run finished.
     pub finished_at: String,
 }
 
-/// A leaderboard.
+/// A page of a leaderboard.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
-pub struct Board {
+pub struct BoardBody {
     /// `name@version` of the suite.
     #[schema(example = "mineceraft@2")]
     pub suite: String,
     /// Problems of the suite.
     #[schema(example = 723)]
     pub tasks: usize,
-    /// Finished runs, the best first.
+    /// Rows that the filters let through, on all pages.
+    #[schema(example = 3)]
+    pub total: usize,
+    /// The rows of this page.
     pub rows: Vec<BoardRow>,
+    /// `after` of the next page; null on the last.
+    pub next_after: Option<String>,
+    /// Results that others report on this suite; not graded here.
+    pub reported: Vec<ReportedRow>,
 }
 
-impl BoardRow {
-    fn of(run: RunRow) -> Option<Self> {
-        let Summary { check_level, problem_level, graded, .. } = run.summary?;
-        let (pass, of) = (u64::try_from(run.graded).ok()?, u64::try_from(run.tasks).ok()?);
-        Some(Self {
-            rank: 0,
-            run: run.id,
-            agent: run.agent,
-            overall: problem_level.overall,
-            accuracy: problem_level.per.accuracy,
-            problems: problem_level.per,
-            checks: check_level,
-            graded,
-            coverage: ProblemRate { pass, of, rate: (of > 0).then(|| pass as f64 / of as f64) },
-            finished_at: rfc3339(run.finished_at_ms?),
-        })
-    }
+/// What a board is sorted by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SortBy {
+    /// Problems solved.
+    #[default]
+    Overall,
+    /// Problems that are accurate.
+    Accuracy,
+    /// Problems that pass by material.
+    Material,
+    /// By shape.
+    Shape,
+    /// By size.
+    Size,
+    /// By plausibility.
+    PhysicalPlausibility,
+    /// By order.
+    Dependency,
+    /// Mean of structural stability.
+    StructuralStability,
+    /// Mean of efficiency.
+    Efficiency,
+    /// Problems graded.
+    Coverage,
+    /// When the run finished.
+    Finished,
 }
 
-/// The board of a suite.
+/// Which way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Direction {
+    /// The greatest first.
+    #[default]
+    Desc,
+    /// The least first. What has no value comes last all the same.
+    Asc,
+}
+
+/// Which rows, in which order.
+#[derive(Debug, Clone, Default, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct BoardQuery {
+    /// What the rows are sorted by.
+    #[serde(default)]
+    #[param(inline)]
+    pub sort: SortBy,
+    /// Which way.
+    #[serde(default)]
+    #[param(inline)]
+    pub order: Direction,
+    /// Only agents whose names hold this text, in whatever case.
+    pub agent: Option<String>,
+    /// Only rows of this provenance.
+    pub provenance: Option<String>,
+    /// The board as it was at this time (RFC 3339).
+    pub as_of: Option<String>,
+    /// Only rows after that of this run: the page after.
+    pub after: Option<String>,
+    /// Rows on a page.
+    #[param(minimum = 1, maximum = 1000)]
+    pub limit: Option<u32>,
+    /// `json`, `csv`, `ndjson`.
+    #[serde(default)]
+    #[param(inline)]
+    pub format: Format,
+}
+
+/// Where the logs of a run come from that was posted as any.
+const SELF_REPORTED: &str = "self-reported";
+
+fn bad(detail: String) -> ApiError {
+    ApiError::new(StatusCode::BAD_REQUEST, "bad-request", "Bad request", detail)
+}
+
+/// A page of a board.
 ///
 /// # Errors
-/// 404 where there is no such suite.
-pub async fn board(state: &AppState, suite: &str) -> ApiResult<Board> {
-    let entry = state.suite(suite).await?;
-    let runs = state.store.finished_runs(&entry.suite.id()).await?;
-    let mut rows: Vec<BoardRow> = runs.into_iter().filter_map(BoardRow::of).collect();
-    let rate = |row: &BoardRow| row.overall.rate.unwrap_or(-1.0);
-    // A stable sort: of equal runs the earlier stays first.
-    rows.sort_by(|a, b| rate(b).total_cmp(&rate(a)));
-    let (mut rank, mut before) = (0, None);
-    for (place, row) in (1..).zip(&mut rows) {
-        if before != Some(rate(row)) {
-            (rank, before) = (place, Some(rate(row)));
-        }
-        row.rank = rank;
+/// 400 where a parameter is wrong.
+pub fn page(board: &Board, query: &BoardQuery) -> ApiResult<BoardBody> {
+    let items = page_items(query.limit, 100)?;
+    let as_of = match &query.as_of {
+        None => None,
+        Some(text) => Some(milliseconds(text).ok_or_else(|| bad(format!("as_of: {text:?} is not a time (RFC 3339)")))?),
+    };
+    let then = as_of.map(|at| board.as_of(at));
+    let all = then.as_deref().unwrap_or(&board.rows);
+    let wanted = query.agent.as_ref().map(|agent| agent.to_lowercase());
+    let lets_through = |row: &&Arc<Standing>| {
+        wanted.as_ref().is_none_or(|text| row.agent.to_lowercase().contains(text))
+            && query.provenance.as_ref().is_none_or(|wanted| wanted == SELF_REPORTED)
+    };
+    let mut rows: Vec<&Arc<Standing>> = all.iter().filter(lets_through).collect();
+    if (query.sort, query.order) != (SortBy::Overall, Direction::Desc) {
+        rows.sort_by(|a, b| by_value(value(a, query.sort), value(b, query.sort), query.order));
     }
-    Ok(Board { suite: entry.suite.id(), tasks: entry.suite.tasks.len(), rows })
+    let total = rows.len();
+    let begin = match &query.after {
+        None => 0,
+        Some(run) => {
+            let place = rows.iter().position(|row| row.run == *run);
+            1 + place.ok_or_else(|| bad(format!("after: no row of this board is of a run {run:?}")))?
+        }
+    };
+    let end = (begin + items).min(total);
+    let suite = &board.entry.suite;
+    let reported = reported::on(&suite.name).map_err(|error| ApiError::internal(&error))?;
+    Ok(BoardBody {
+        suite: suite.id(),
+        tasks: suite.tasks.len(),
+        total,
+        rows: rows[begin..end].iter().map(|row| row_of(board, row, all)).collect(),
+        next_after: (end < total).then(|| rows[end - 1].run.clone()),
+        reported,
+    })
 }
 
-/// The leaderboard of a suite: finished runs by overall rate.
+/// A row, compared with all that show.
+#[must_use]
+pub fn row_of(board: &Board, standing: &Standing, all: &[Arc<Standing>]) -> BoardRow {
+    let rate = |row: &Standing| row.rate().unwrap_or(-1.0);
+    let levels = &standing.summary.problem_level;
+    let (pass, of) = (standing.answered() as u64, standing.outcomes.len() as u64);
+    BoardRow {
+        // All are sorted by rate, the greatest first.
+        rank: 1 + all.partition_point(|row| rate(row) > rate(standing)),
+        places: board.field.places(standing, all),
+        run: standing.run.clone(),
+        agent: standing.agent.clone(),
+        overall: levels.overall,
+        interval: standing.interval,
+        accuracy: levels.per.accuracy,
+        problems: levels.per,
+        checks: standing.summary.check_level,
+        graded: standing.summary.graded,
+        coverage: ProblemRate { pass, of, rate: (of > 0).then(|| pass as f64 / of as f64) },
+        attempts: board.attempts(&standing.agent),
+        provenance: SELF_REPORTED,
+        finished_at: rfc3339(standing.finished_at_ms),
+    }
+}
+
+fn value(row: &Standing, by: SortBy) -> Option<f64> {
+    let per = &row.summary.problem_level.per;
+    match by {
+        SortBy::Overall => row.rate(),
+        SortBy::Accuracy => per.accuracy.rate,
+        SortBy::Material => per.material.rate,
+        SortBy::Shape => per.shape.rate,
+        SortBy::Size => per.size.rate,
+        SortBy::PhysicalPlausibility => per.physical_plausibility.rate,
+        SortBy::Dependency => per.dependency.rate,
+        SortBy::StructuralStability => row.summary.graded.stress.mean,
+        SortBy::Efficiency => row.summary.graded.efficiency.mean,
+        SortBy::Coverage => Some(row.answered() as f64),
+        SortBy::Finished => Some(row.finished_at_ms as f64),
+    }
+}
+
+/// What has no value comes last, whichever way.
+fn by_value(a: Option<f64>, b: Option<f64>, order: Direction) -> std::cmp::Ordering {
+    match (a, b, order) {
+        (Some(a), Some(b), Direction::Asc) => a.total_cmp(&b),
+        (Some(a), Some(b), Direction::Desc) => b.total_cmp(&a),
+        (a, b, _) => b.is_some().cmp(&a.is_some()),
+    }
+}
+
+/// The leaderboard of a suite: finished runs, the best first or in another order, with how sure their places are.
 #[utoipa::path(
     get, path = "/v1/leaderboards/{suite}", operation_id = "get_leaderboard", tag = "leaderboards",
     summary = "Get a leaderboard",
-    params(("suite" = String, Path, description = "Name, or name@version", example = "mineceraft")),
+    params(("suite" = String, Path, description = "Name, or name@version", example = "mineceraft"), BoardQuery),
     responses(
-        (status = 200, description = "The board", body = Board, headers(("ETag" = String, description = "Of these very rows")),
-         example = json!({ "suite": "mineceraft@2", "tasks": 723, "rows": [] })),
+        (status = 200, description = "A page of the board; also as text/csv and application/x-ndjson", body = BoardBody,
+         headers(("ETag" = String, description = "Of these very bytes")),
+         example = json!({ "suite": "mineceraft@2", "tasks": 723, "total": 0, "rows": [], "next_after": null, "reported": [] })),
         (status = 304, description = "The rows are those of If-None-Match"),
+        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "There is no such suite", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
@@ -110,51 +262,16 @@ pub async fn board(state: &AppState, suite: &str) -> ApiResult<Board> {
 pub async fn get_leaderboard(
     State(state): State<AppState>,
     Path(suite): Path<String>,
+    RawQuery(raw): RawQuery,
+    Query(query): Query<BoardQuery>,
     asked: HeaderMap,
 ) -> ApiResult<Response> {
     let entry = state.suite(&suite).await?;
-    let kept = state.boards.document(&state, &entry.suite.id()).await?;
-    Ok(kept.answer(&asked))
-}
-
-/// How long a document is kept although nothing of this process says that it changed: another process on the same file may
-/// have ended a run.
-const KEPT_FOR: Duration = Duration::from_secs(1);
-
-/// Boards as documents, kept until a run ends.
-#[derive(Debug, Default)]
-pub struct Boards {
-    kept: RwLock<HashMap<String, Kept>>,
-}
-
-#[derive(Debug)]
-struct Kept {
-    document: Arc<Tagged>,
-    runs_ended: u64,
-    since: Instant,
-}
-
-impl Boards {
-    /// The document of a suite's board.
-    ///
-    /// # Errors
-    /// Where the database fails.
-    async fn document(&self, state: &AppState, suite_id: &str) -> ApiResult<Arc<Tagged>> {
-        let runs_ended = state.store.runs_ended();
-        if let Some(document) = self.fresh(suite_id, runs_ended) {
-            return Ok(document);
-        }
-        let document = Arc::new(Tagged::of(&board(state, suite_id).await?)?);
-        let kept = Kept { document: Arc::clone(&document), runs_ended, since: Instant::now() };
-        let mut all = self.kept.write().unwrap_or_else(std::sync::PoisonError::into_inner);
-        all.insert(suite_id.to_owned(), kept);
-        Ok(document)
-    }
-
-    fn fresh(&self, suite_id: &str, runs_ended: u64) -> Option<Arc<Tagged>> {
-        let all = self.kept.read().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let kept = all.get(suite_id)?;
-        let is_fresh = kept.runs_ended == runs_ended && kept.since.elapsed() < KEPT_FOR;
-        is_fresh.then(|| Arc::clone(&kept.document))
-    }
+    let board = state.boards.of(&state, &entry).await?;
+    // What a board of this state and a query come to is the same each time.
+    let name = format!("board:{}:{}", board.version, raw.unwrap_or_default());
+    state.documents.answer(&asked, name, || {
+        let body = page(&board, &query)?;
+        render(&body, query.format)
+    })
 }

@@ -13,5 +13,5 @@ use super::super::state::AppState;
                example = json!({ "body_bytes": 33_554_432, "events": 400_000, "blocks": 100_000 })))
 )]
 pub async fn get_limits(State(state): State<AppState>) -> Json<Limits> {
-    Json(*state.limits)
+    Json(state.limits)
 }

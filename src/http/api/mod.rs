@@ -3,6 +3,9 @@
 #![expect(clippy::missing_errors_doc, reason = "each handler lists its errors as responses of the OpenAPI document")]
 
 pub mod adapters;
+pub mod board_actions;
+pub mod board_formats;
+pub mod comparisons;
 pub mod documents;
 pub mod events;
 pub mod grade;
@@ -77,6 +80,11 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(suites::list_suites))
         .routes(routes!(suites::get_suite))
         .routes(routes!(leaderboards::get_leaderboard))
+        .routes(routes!(comparisons::get_breakdown))
+        .routes(routes!(comparisons::get_comparison))
+        .routes(routes!(board_actions::list_board_actions))
+        .routes(routes!(board_actions::create_board_action))
+        .routes(routes!(board_actions::get_board_feed))
         .routes(routes!(events::get_events))
         .routes(routes!(quota::get_quota))
         .routes(routes!(limits::get_limits))

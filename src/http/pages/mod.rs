@@ -7,7 +7,7 @@ use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::{IntoResponse as _, Response};
 use axum::routing::get;
 
-use super::api::leaderboards::{Board, board};
+use super::api::leaderboards::{BoardBody, BoardQuery, page};
 use super::problem::{ApiError, ApiResult};
 use super::state::AppState;
 
@@ -19,7 +19,7 @@ pub fn routes() -> Router<AppState> {
 #[derive(Template)]
 #[template(path = "home.html")]
 struct Home {
-    boards: Vec<Board>,
+    boards: Vec<BoardBody>,
     /// Where the service is, as the browser named it.
     host: String,
 }
@@ -34,12 +34,13 @@ async fn home(State(state): State<AppState>, headers: HeaderMap) -> ApiResult<Re
     let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
     let host = named.unwrap_or("localhost:8080").to_owned();
     let catalogue = state.store.catalogue();
-    let mut suites: Vec<_> = catalogue.suites().iter().map(|entry| &entry.suite).collect();
+    let mut entries: Vec<_> = catalogue.suites().to_vec();
     // What new runs take comes first.
-    suites.sort_by_key(|suite| std::cmp::Reverse(suite.version));
+    entries.sort_by_key(|entry| std::cmp::Reverse(entry.suite.version));
     let mut boards = Vec::new();
-    for suite in suites {
-        boards.push(board(&state, &suite.id()).await?);
+    for entry in entries {
+        let board = state.boards.of(&state, &entry).await?;
+        boards.push(page(&board, &BoardQuery::default())?);
     }
     let page = Home { boards, host }.render().map_err(|error| ApiError::internal(&error))?;
     let policy = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'";

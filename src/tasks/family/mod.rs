@@ -51,6 +51,20 @@ pub enum Category {
     CivilEngineering,
 }
 
+impl Category {
+    /// Its name in files and the API.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::StructuralElements => "structural-elements",
+            Self::BuildingTypes => "building-types",
+            Self::ArchitecturalElements => "architectural-elements",
+            Self::ConstructionManagement => "construction-management",
+            Self::CivilEngineering => "civil-engineering",
+        }
+    }
+}
+
 /// A family file as its writer sees it. Strings are templates: `{{ … }}` holds an expression of the parameters.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]

@@ -1,0 +1,128 @@
+//! What a run came to on each task, small enough to keep those of all runs in memory.
+
+use super::summary::ProblemScores;
+use crate::checks::{Criterion, Dimension};
+use crate::tasks::Task;
+
+const ANSWERED: u16 = 1;
+const OVERALL: u16 = 1 << 1;
+const ACCURATE: u16 = 1 << 2;
+/// Bit of the first criterion; the others follow in the paper's order.
+const FIRST_CRITERION: usize = 3;
+
+/// What passes, per task in the order of the suite.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Outcomes {
+    codes: Vec<u16>,
+}
+
+impl Outcomes {
+    /// Of the problems of a run.
+    #[must_use]
+    pub fn of(tasks: &[Task], problems: &[ProblemScores]) -> Self {
+        let by_number: std::collections::HashMap<u32, &ProblemScores> =
+            problems.iter().map(|problem| (problem.number, problem)).collect();
+        let code = |task: &Task| by_number.get(&task.number).map_or(0, |problem| code(problem));
+        Self { codes: tasks.iter().map(code).collect() }
+    }
+
+    /// Two bytes a task, the smaller first.
+    #[must_use]
+    pub fn to_bytes(&self) -> Vec<u8> {
+        self.codes.iter().flat_map(|code| code.to_le_bytes()).collect()
+    }
+
+    /// The reverse; none where they are not of so many tasks.
+    #[must_use]
+    pub fn from_bytes(bytes: &[u8], tasks: usize) -> Option<Self> {
+        (bytes.len() == 2 * tasks)
+            .then(|| Self { codes: bytes.as_chunks().0.iter().map(|pair| u16::from_le_bytes(*pair)).collect() })
+    }
+
+    /// Whether the task at this place was answered and graded.
+    #[must_use]
+    pub fn is_answered(&self, place: usize) -> bool {
+        self.codes[place] & ANSWERED != 0
+    }
+
+    /// Whether it passes overall.
+    #[must_use]
+    pub fn is_solved(&self, place: usize) -> bool {
+        self.codes[place] & OVERALL != 0
+    }
+
+    /// Whether its accuracy passes.
+    #[must_use]
+    pub fn is_accurate(&self, place: usize) -> bool {
+        self.codes[place] & ACCURATE != 0
+    }
+
+    /// Whether all its checks of a criterion scored 1.
+    #[must_use]
+    pub fn holds(&self, place: usize, criterion: Criterion) -> bool {
+        self.codes[place] & bit(criterion) != 0
+    }
+
+    /// Number of tasks.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.codes.len()
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.codes.is_empty()
+    }
+}
+
+fn bit(criterion: Criterion) -> u16 {
+    let place = Criterion::ALL.iter().position(|c| *c == criterion).unwrap_or_default();
+    1 << (FIRST_CRITERION + place)
+}
+
+fn code(problem: &ProblemScores) -> u16 {
+    let mut code = ANSWERED;
+    if problem.overall() {
+        code |= OVERALL;
+    }
+    if problem.holds(|c| c.dimension() == Dimension::Accuracy) == Some(true) {
+        code |= ACCURATE;
+    }
+    for criterion in Criterion::ALL {
+        if problem.holds(|c| c == criterion) == Some(true) {
+            code |= bit(criterion);
+        }
+    }
+    code
+}
+
+/// A set of tasks, by their places in the suite.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Places {
+    words: Vec<u64>,
+}
+
+impl Places {
+    /// Those that `wanted` picks.
+    pub fn picked(tasks: usize, wanted: impl Fn(usize) -> bool) -> Self {
+        let mut words = vec![0_u64; tasks.div_ceil(64)];
+        for place in (0..tasks).filter(|place| wanted(*place)) {
+            words[place / 64] |= 1 << (place % 64);
+        }
+        Self { words }
+    }
+
+    /// How many tasks that both answered only the one solves, and only the other.
+    #[must_use]
+    pub fn discordant(one: (&Self, &Self), other: (&Self, &Self)) -> (usize, usize) {
+        let ((solved, answered), (other_solved, other_answered)) = (one, other);
+        let (mut only_one, mut only_other) = (0, 0);
+        for (i, common) in answered.words.iter().zip(&other_answered.words).map(|(a, b)| a & b).enumerate() {
+            let (a, b) = (solved.words[i] & common, other_solved.words[i] & common);
+            only_one += (a & !b).count_ones() as usize;
+            only_other += (b & !a).count_ones() as usize;
+        }
+        (only_one, only_other)
+    }
+}

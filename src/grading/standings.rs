@@ -1,0 +1,245 @@
+//! Standings: the finished runs of a suite, ordered and compared.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use super::outcomes::{Outcomes, Places};
+use super::statistics::comparison::McNemar;
+use super::statistics::interval::{Interval, clustered};
+use super::statistics::ranks::{RankRange, range};
+use super::summary::Summary;
+use crate::tasks::Task;
+
+/// What standings need to know of a suite's tasks.
+#[derive(Debug)]
+pub struct Field {
+    /// For each task the number of its cluster: tasks that are wordings of one problem share one.
+    cluster_of: Vec<usize>,
+    clusters: usize,
+    /// For each task the name of its wording; none where its problem has one only.
+    wordings: Vec<Option<String>>,
+    test: McNemar,
+}
+
+impl Field {
+    /// Of the tasks of a suite, in its order.
+    #[must_use]
+    pub fn of(tasks: &[Task]) -> Self {
+        let mut numbers: HashMap<String, usize> = HashMap::new();
+        let mut members: Vec<Vec<&str>> = Vec::new();
+        let mut cluster_of = Vec::with_capacity(tasks.len());
+        for task in tasks {
+            let next = numbers.len();
+            let number = *numbers.entry(problem(task)).or_insert(next);
+            if number == members.len() {
+                members.push(Vec::new());
+            }
+            members[number].push(&task.id);
+            cluster_of.push(number);
+        }
+        let heads: Vec<Option<usize>> = members.iter().map(|ids| common_head(ids)).collect();
+        let wording = |(task, cluster): (&Task, &usize)| heads[*cluster].map(|head| task.id[head..].to_owned());
+        Self {
+            wordings: tasks.iter().zip(&cluster_of).map(wording).collect(),
+            clusters: members.len(),
+            cluster_of,
+            test: McNemar::up_to(tasks.len()),
+        }
+    }
+
+    /// Name of a task's wording; none where its problem has one only.
+    #[must_use]
+    pub fn wording(&self, place: usize) -> Option<&str> {
+        self.wordings[place].as_deref()
+    }
+
+    /// The 95 % interval of the share of tasks that is solved; unanswered ones are not.
+    #[must_use]
+    pub fn interval(&self, outcomes: &Outcomes) -> Option<Interval> {
+        let mut clusters = vec![(0_u32, 0_u32); self.clusters];
+        for (place, cluster) in self.cluster_of.iter().enumerate() {
+            let (pass, of) = &mut clusters[*cluster];
+            *pass += u32::from(outcomes.is_solved(place));
+            *of += 1;
+        }
+        clustered(&clusters)
+    }
+
+    /// The p-value of a comparison on the tasks that both answered, with the numbers that only the one and only the other
+    /// solves.
+    #[must_use]
+    pub fn compare(&self, one: &Standing, other: &Standing) -> (f64, usize, usize) {
+        let (only_one, only_other) = Places::discordant((&one.solved, &one.answered), (&other.solved, &other.answered));
+        (self.test.p_value(only_one, only_other), only_one, only_other)
+    }
+
+    /// The places that a run may have among others.
+    #[must_use]
+    pub fn places(&self, one: &Standing, all: &[Arc<Standing>]) -> RankRange {
+        let others: Vec<(bool, f64)> = all
+            .iter()
+            .filter(|other| other.run != one.run)
+            .map(|other| {
+                let (p, only_one, only_other) = self.compare(one, other);
+                (only_other > only_one, p)
+            })
+            .collect();
+        range(others.into_iter())
+    }
+}
+
+/// What names a problem whatever its wording.
+fn problem(task: &Task) -> String {
+    if task.parameters.is_empty() {
+        return task.id.clone();
+    }
+    format!("{}/{}", task.family(), serde_json::to_string(&task.parameters).unwrap_or_default())
+}
+
+/// Where the wordings of these ids begin: after the last dash that they share the text before.
+fn common_head(ids: &[&str]) -> Option<usize> {
+    let [first, rest @ ..] = ids else { return None };
+    if rest.is_empty() {
+        return None;
+    }
+    let shared = |id: &&str| first.bytes().zip(id.bytes()).take_while(|(a, b)| a == b).count();
+    let most = rest.iter().map(shared).min()?;
+    first[..most].rfind('-').map(|dash| dash + 1)
+}
+
+/// A finished run, ready to be compared.
+#[derive(Debug)]
+pub struct Standing {
+    /// The run.
+    pub run: String,
+    /// Who built.
+    pub agent: String,
+    /// When this result came to hold.
+    pub since_ms: i64,
+    /// When the run finished.
+    pub finished_at_ms: i64,
+    /// Its summary.
+    pub summary: Summary,
+    /// What it came to on each task.
+    pub outcomes: Outcomes,
+    /// The interval of its overall rate.
+    pub interval: Option<Interval>,
+    solved: Places,
+    answered: Places,
+}
+
+/// A finished run as it is kept.
+#[derive(Debug)]
+pub struct Finished {
+    /// The run.
+    pub run: String,
+    /// Who built.
+    pub agent: String,
+    /// When this result came to hold.
+    pub since_ms: i64,
+    /// When the run finished.
+    pub finished_at_ms: i64,
+    /// Its summary.
+    pub summary: Summary,
+    /// What it came to on each task.
+    pub outcomes: Outcomes,
+}
+
+impl Standing {
+    /// Of a finished run.
+    #[must_use]
+    pub fn of(field: &Field, finished: Finished) -> Self {
+        let Finished { run, agent, since_ms, finished_at_ms, summary, outcomes } = finished;
+        let tasks = outcomes.len();
+        Self {
+            interval: field.interval(&outcomes),
+            solved: Places::picked(tasks, |place| outcomes.is_solved(place)),
+            answered: Places::picked(tasks, |place| outcomes.is_answered(place)),
+            run,
+            agent,
+            since_ms,
+            finished_at_ms,
+            summary,
+            outcomes,
+        }
+    }
+
+    /// Share of tasks that is solved; none without tasks.
+    #[must_use]
+    pub const fn rate(&self) -> Option<f64> {
+        self.summary.problem_level.overall.rate
+    }
+
+    /// Number of tasks that were graded.
+    #[must_use]
+    pub fn answered(&self) -> usize {
+        (0..self.outcomes.len()).filter(|place| self.outcomes.is_answered(*place)).count()
+    }
+}
+
+/// The best first; of equal ones that which finished first.
+pub fn order(standings: &mut [Arc<Standing>]) {
+    let rate = |standing: &Standing| standing.rate().unwrap_or(-1.0);
+    standings.sort_by(|a, b| {
+        rate(b).total_cmp(&rate(a)).then(a.finished_at_ms.cmp(&b.finished_at_ms)).then_with(|| a.run.cmp(&b.run))
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::checks::Criterion;
+    use crate::grading::ProblemScores;
+    use crate::tasks::embedded;
+
+    #[test]
+    fn wordings_of_a_problem_are_one_cluster() {
+        let suite = embedded::latest().unwrap();
+        let field = Field::of(&suite.tasks);
+        let place = |id: &str| suite.tasks.iter().position(|task| task.id == id).unwrap();
+        let [raise, courses, other] = ["walls/5x1x5-raise", "walls/5x1x5-courses", "walls/7x1x5-raise"].map(place);
+        assert_eq!(field.cluster_of[raise], field.cluster_of[courses]);
+        assert_ne!(field.cluster_of[raise], field.cluster_of[other]);
+        assert_eq!([field.wording(raise), field.wording(courses)], [Some("raise"), Some("courses")]);
+        assert!(field.clusters < suite.tasks.len());
+        assert_eq!(suite.tasks.len(), field.wordings.len());
+    }
+
+    #[test]
+    fn runs_that_the_data_cannot_separate_share_places() {
+        let suite = embedded::latest().unwrap();
+        let tasks = &suite.tasks[..100];
+        let field = Field::of(tasks);
+        let run = |name: &str, solved: std::ops::Range<usize>| {
+            let problems: Vec<ProblemScores> = tasks
+                .iter()
+                .enumerate()
+                .map(|(place, task)| ProblemScores {
+                    number: task.number,
+                    rows: vec![(Criterion::Shape, f64::from(u8::from(solved.contains(&place))))],
+                })
+                .collect();
+            let finished = Finished {
+                run: name.to_owned(),
+                agent: name.to_owned(),
+                since_ms: 0,
+                finished_at_ms: 0,
+                summary: Summary::of(&problems),
+                outcomes: Outcomes::of(tasks, &problems),
+            };
+            let outcomes = finished.outcomes.clone();
+            assert_eq!(Outcomes::from_bytes(&outcomes.to_bytes(), tasks.len()), Some(outcomes));
+            Arc::new(Standing::of(&field, finished))
+        };
+        // The second and third differ in two tasks each way; the last lacks forty that the first solves.
+        let mut all = vec![run("d", 0..30), run("a", 0..70), run("b", 2..72), run("c", 4..68)];
+        order(&mut all);
+        let names: Vec<&str> = all.iter().map(|standing| standing.run.as_str()).collect();
+        assert_eq!(names, ["a", "b", "c", "d"]);
+        let places: Vec<(usize, usize)> =
+            all.iter().map(|one| field.places(one, &all)).map(|range| (range.first, range.last)).collect();
+        assert_eq!(places, [(1, 3), (1, 3), (1, 3), (4, 4)]);
+        assert_eq!(field.compare(&all[0], &all[1]), (1.0, 2, 2));
+        assert!(all[0].interval.is_some_and(|interval| interval.low < 0.7 && interval.high > 0.7));
+    }
+}

@@ -1,0 +1,103 @@
+//! A board as JSON, as a table of comma-separated values, and as a row a line.
+
+use bytes::Bytes;
+use serde::{Deserialize, Serialize};
+
+use super::super::conditional::Document;
+use super::super::problem::{ApiError, ApiResult};
+use super::leaderboards::{BoardBody, BoardRow};
+
+/// How a board is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Format {
+    /// One document.
+    #[default]
+    Json,
+    /// A table with a head.
+    Csv,
+    /// A row a line.
+    Ndjson,
+}
+
+/// A row of the table.
+#[derive(Serialize)]
+struct Line<'a> {
+    rank: usize,
+    first_place: usize,
+    last_place: usize,
+    run: &'a str,
+    agent: &'a str,
+    overall: Option<f64>,
+    overall_low: Option<f64>,
+    overall_high: Option<f64>,
+    accuracy: Option<f64>,
+    material: Option<f64>,
+    shape: Option<f64>,
+    size: Option<f64>,
+    physical_plausibility: Option<f64>,
+    dependency: Option<f64>,
+    structural_stability_mean: Option<f64>,
+    structural_stability_mean_accurate: Option<f64>,
+    efficiency_mean: Option<f64>,
+    efficiency_mean_accurate: Option<f64>,
+    coverage: Option<f64>,
+    attempts: usize,
+    provenance: &'a str,
+    finished_at: &'a str,
+}
+
+impl<'a> From<&'a BoardRow> for Line<'a> {
+    fn from(row: &'a BoardRow) -> Self {
+        Self {
+            rank: row.rank,
+            first_place: row.places.first,
+            last_place: row.places.last,
+            run: &row.run,
+            agent: &row.agent,
+            overall: row.overall.rate,
+            overall_low: row.interval.map(|interval| interval.low),
+            overall_high: row.interval.map(|interval| interval.high),
+            accuracy: row.accuracy.rate,
+            material: row.problems.material.rate,
+            shape: row.problems.shape.rate,
+            size: row.problems.size.rate,
+            physical_plausibility: row.problems.physical_plausibility.rate,
+            dependency: row.problems.dependency.rate,
+            structural_stability_mean: row.graded.stress.mean,
+            structural_stability_mean_accurate: row.graded.stress_accurate.mean,
+            efficiency_mean: row.graded.efficiency.mean,
+            efficiency_mean_accurate: row.graded.efficiency_accurate.mean,
+            coverage: row.coverage.rate,
+            attempts: row.attempts,
+            provenance: row.provenance,
+            finished_at: &row.finished_at,
+        }
+    }
+}
+
+/// Writes a page of a board.
+///
+/// # Errors
+/// 500 where it cannot be written.
+pub fn render(body: &BoardBody, format: Format) -> ApiResult<Document> {
+    match format {
+        Format::Json => Document::json(body),
+        Format::Csv => {
+            let mut table = csv::Writer::from_writer(Vec::new());
+            for row in &body.rows {
+                table.serialize(Line::from(row)).map_err(|error| ApiError::internal(&error))?;
+            }
+            let bytes = table.into_inner().map_err(|error| ApiError::internal(&error))?;
+            Ok(Document { kind: "text/csv; charset=utf-8", bytes: bytes.into() })
+        }
+        Format::Ndjson => {
+            let mut lines = Vec::new();
+            for row in &body.rows {
+                serde_json::to_writer(&mut lines, row).map_err(|error| ApiError::internal(&error))?;
+                lines.push(b'\n');
+            }
+            Ok(Document { kind: "application/x-ndjson", bytes: Bytes::from(lines) })
+        }
+    }
+}

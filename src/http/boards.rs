@@ -1,0 +1,174 @@
+//! Boards in memory: read once, then only what is new; sorted, filtered and compared when they are asked for.
+
+use std::collections::HashMap;
+use std::sync::{Arc, PoisonError, RwLock};
+use std::time::{Duration, Instant};
+
+use super::problem::ApiResult;
+use super::state::AppState;
+use crate::grading::standings::{Field, Finished, Standing, order};
+use crate::store::boards::{ActionRow, News, Read};
+use crate::tasks::catalogue::Entry;
+
+/// How long a board is taken for current although nothing of this process says that it changed: another process on the same
+/// file may have ended a run.
+const CURRENT_FOR: Duration = Duration::from_secs(1);
+
+/// The boards that were asked for.
+#[derive(Debug, Default)]
+pub struct Boards {
+    kept: RwLock<HashMap<String, Kept>>,
+    /// One reader at a time: what is new is read once, however many wait for it.
+    reading: tokio::sync::Mutex<()>,
+}
+
+#[derive(Debug, Clone)]
+struct Kept {
+    board: Arc<Board>,
+    runs_ended: u64,
+    since: Instant,
+}
+
+/// The board of a suite.
+#[derive(Debug)]
+pub struct Board {
+    /// Names this very state of the board: where it is the same, so is all that is made of it.
+    pub version: String,
+    /// The suite.
+    pub entry: Arc<Entry>,
+    /// What comparing needs to know of its tasks.
+    pub field: Arc<Field>,
+    /// Rows that show, the best first.
+    pub rows: Vec<Arc<Standing>>,
+    /// What was done to rows, in order.
+    pub actions: Vec<ActionRow>,
+    /// Results of each run, in the order in which they came to hold.
+    results: HashMap<String, Vec<Arc<Standing>>>,
+    /// Runs begun by each agent.
+    begun: HashMap<String, usize>,
+    read: Read,
+}
+
+impl Board {
+    /// Runs that an agent has begun, whatever became of them.
+    #[must_use]
+    pub fn attempts(&self, agent: &str) -> usize {
+        self.begun.get(agent).copied().unwrap_or_default()
+    }
+
+    /// The result of a run that holds, also where its row is hidden.
+    #[must_use]
+    pub fn standing(&self, run: &str) -> Option<&Arc<Standing>> {
+        self.results.get(run)?.last()
+    }
+
+    /// Whether a run's row is hidden now.
+    #[must_use]
+    pub fn is_hidden(&self, run: &str) -> bool {
+        is_hidden(&self.actions, run, i64::MAX)
+    }
+
+    /// Rows as they showed at a time, the best first.
+    #[must_use]
+    pub fn as_of(&self, at_ms: i64) -> Vec<Arc<Standing>> {
+        let mut rows: Vec<Arc<Standing>> = self
+            .results
+            .values()
+            .filter_map(|results| results.iter().rev().find(|result| result.since_ms <= at_ms))
+            .filter(|result| !is_hidden(&self.actions, &result.run, at_ms))
+            .cloned()
+            .collect();
+        order(&mut rows);
+        rows
+    }
+
+    fn with(self: &Arc<Self>, news: News) -> Arc<Self> {
+        if news.read == self.read {
+            return Arc::clone(self);
+        }
+        let (mut results, mut actions, mut begun) = (self.results.clone(), self.actions.clone(), self.begun.clone());
+        for row in news.results {
+            let finished = Finished {
+                run: row.run_id,
+                agent: row.agent,
+                since_ms: row.since_ms,
+                finished_at_ms: row.finished_at_ms,
+                summary: row.summary,
+                outcomes: row.outcomes,
+            };
+            let standing = Arc::new(Standing::of(&self.field, finished));
+            results.entry(standing.run.clone()).or_default().push(standing);
+        }
+        actions.extend(news.actions);
+        for agent in news.begun {
+            *begun.entry(agent).or_default() += 1;
+        }
+        let mut board = Self {
+            version: version(&self.entry, news.read),
+            entry: Arc::clone(&self.entry),
+            field: Arc::clone(&self.field),
+            rows: Vec::new(),
+            actions,
+            results,
+            begun,
+            read: news.read,
+        };
+        board.rows = board.as_of(i64::MAX);
+        Arc::new(board)
+    }
+}
+
+fn is_hidden(actions: &[ActionRow], run: &str, at_ms: i64) -> bool {
+    let mut last =
+        actions.iter().rev().filter(|act| act.run_id == run && act.action != "regrade" && act.at_ms <= at_ms);
+    last.next().is_some_and(|act| act.action == "hide")
+}
+
+impl Boards {
+    /// The board of a suite as it is now.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn of(&self, state: &AppState, entry: &Arc<Entry>) -> ApiResult<Arc<Board>> {
+        let suite_id = entry.suite.id();
+        if let Some(board) = self.current(state, &suite_id) {
+            return Ok(board);
+        }
+        let _alone = self.reading.lock().await;
+        if let Some(board) = self.current(state, &suite_id) {
+            return Ok(board);
+        }
+        let runs_ended = state.store.runs_ended();
+        let known = self.kept.read().unwrap_or_else(PoisonError::into_inner).get(&suite_id).cloned();
+        let board = known.map_or_else(|| Arc::new(empty(entry)), |kept| kept.board);
+        let news = state.store.board_news(&suite_id, &entry.suite.tasks, board.read).await?;
+        let board = board.with(news);
+        let kept = Kept { board: Arc::clone(&board), runs_ended, since: Instant::now() };
+        self.kept.write().unwrap_or_else(PoisonError::into_inner).insert(suite_id, kept);
+        Ok(board)
+    }
+
+    fn current(&self, state: &AppState, suite_id: &str) -> Option<Arc<Board>> {
+        let all = self.kept.read().unwrap_or_else(PoisonError::into_inner);
+        let kept = all.get(suite_id)?;
+        let is_current = kept.runs_ended == state.store.runs_ended() && kept.since.elapsed() < CURRENT_FOR;
+        is_current.then(|| Arc::clone(&kept.board))
+    }
+}
+
+fn version(entry: &Entry, Read { result, action, run }: Read) -> String {
+    format!("{}:{result}:{action}:{run}:{}", entry.suite.id(), env!("CARGO_PKG_VERSION"))
+}
+
+fn empty(entry: &Arc<Entry>) -> Board {
+    Board {
+        version: version(entry, Read::default()),
+        field: Arc::new(Field::of(&entry.suite.tasks)),
+        entry: Arc::clone(entry),
+        rows: Vec::new(),
+        actions: Vec::new(),
+        results: HashMap::new(),
+        begun: HashMap::new(),
+        read: Read::default(),
+    }
+}

@@ -1,0 +1,172 @@
+//! Boards over HTTP: order, pages, formats, comparisons, time travel, and what people do to rows.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests fail by panicking")]
+
+mod support;
+
+use std::process::Command;
+
+use plumbline::builders::build;
+use plumbline::tasks::embedded;
+use reqwest::StatusCode;
+use serde_json::{Value, json};
+use support::{PROGRAM, Service};
+
+const SUITE: &str = "mineceraft-lite";
+
+/// Posts a run that solves all tasks of the suite but for the first so many; gives its id.
+async fn run(service: &Service, agent: &str, unsolved: usize) -> String {
+    let suite = embedded::lite(&embedded::latest().unwrap(), embedded::LITE_SEED);
+    let run = service.begin_run(agent, SUITE).await;
+    let lines: Vec<String> = suite
+        .tasks
+        .iter()
+        .enumerate()
+        .map(|(i, task)| {
+            let log: Value = serde_json::from_slice(&build(task).unwrap().canonical_json()).unwrap();
+            let turns: Vec<Value> = log["turns"]
+                .as_array()
+                .unwrap()
+                .iter()
+                .map(|rows| json!({ "palette": log["palette"], "rows": if i < unsolved { json!([]) } else { rows.clone() } }))
+                .collect();
+            json!({ "run": run, "task": task.number, "turns": turns }).to_string()
+        })
+        .collect();
+    let accepted = service.post("/v1/submissions", "application/x-ndjson", lines.join("\n")).await;
+    assert_eq!(accepted.status, StatusCode::ACCEPTED, "{}", accepted.text);
+    service.wait_for(&format!("/v1/runs/{run}"), |run| run["state"] == "finished").await;
+    run
+}
+
+fn names(board: &Value) -> Vec<&str> {
+    board["rows"].as_array().unwrap().iter().map(|row| row["agent"].as_str().unwrap()).collect()
+}
+
+#[tokio::test]
+async fn rows_are_ordered_compared_and_told_in_every_form() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &[]);
+    let best = run(&service, "=best, \"1\"", 0).await;
+    let next = run(&service, "next", 2).await;
+    run(&service, "last", 20).await;
+    service.begin_run("next", SUITE).await;
+    let path = format!("/v1/leaderboards/{SUITE}");
+    let answer = service.get(&path).await;
+    let board = answer.json();
+    assert_eq!(names(&board), ["=best, \"1\"", "next", "last"]);
+    let row = |i: usize| &board["rows"][i];
+    assert_eq!(row(0)["overall"], json!({ "pass": 25, "of": 25, "rate": 1.0 }));
+    // Two of two and none cannot be told apart; twenty can.
+    let places: Vec<&Value> = (0..3).map(|i| &row(i)["places"]).collect();
+    assert_eq!(
+        places,
+        [&json!({ "first": 1, "last": 2 }), &json!({ "first": 1, "last": 2 }), &json!({ "first": 3, "last": 3 })]
+    );
+    assert_eq!([&row(1)["attempts"], &row(2)["attempts"]], [&json!(2), &json!(1)]);
+    let interval = &row(0)["interval"];
+    assert!(interval["low"].as_f64().unwrap() < 0.9 && interval["high"] == json!(1.0), "{interval}");
+    assert_eq!(board["reported"].as_array().unwrap().len(), 16);
+
+    // The same again is 304; another order is another document.
+    let tag = answer.headers["etag"].to_str().unwrap().to_owned();
+    let again = service.http.get(format!("{}{path}", service.url)).header("if-none-match", &tag);
+    assert_eq!(service.send(again).await.status, StatusCode::NOT_MODIFIED);
+    let turned = service.get(&format!("{path}?sort=overall&order=asc")).await;
+    assert_eq!(names(&turned.json()), ["last", "next", "=best, \"1\""]);
+    assert_ne!(turned.headers["etag"].to_str().unwrap(), tag);
+
+    // Pages: one row each, until there is none.
+    let mut seen = Vec::new();
+    let mut after = String::new();
+    loop {
+        let page = service.get(&format!("{path}?limit=1{after}")).await.json();
+        assert_eq!(page["total"], 3);
+        seen.extend(names(&page).into_iter().map(str::to_owned));
+        let Some(next) = page["next_after"].as_str() else { break };
+        after = format!("&after={next}");
+    }
+    assert_eq!(seen, ["=best, \"1\"", "next", "last"]);
+    assert_eq!(names(&service.get(&format!("{path}?agent=NEX")).await.json()), ["next"]);
+    assert!(names(&service.get(&format!("{path}?provenance=nonce-bound")).await.json()).is_empty());
+    for wrong in ["sort=beauty", "limit=0", "after=nobody", "as_of=yesterday", "colour=red"] {
+        service.get(&format!("{path}?{wrong}")).await.faults(400);
+    }
+
+    let table = service.get(&format!("{path}?format=csv")).await;
+    assert_eq!(table.kind, "text/csv; charset=utf-8");
+    let mut reader = csv::Reader::from_reader(table.text.as_bytes());
+    let records: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+    assert_eq!((records.len(), &records[0][4]), (3, "=best, \"1\""));
+    assert_eq!(service.get(&format!("{path}?format=ndjson")).await.text.lines().count(), 3);
+    let feed = service.get(&format!("{path}/feed.atom")).await;
+    assert!(
+        feed.kind.starts_with("application/atom+xml") && feed.text.matches("<entry>").count() == 3,
+        "{}",
+        feed.text
+    );
+    assert!(!feed.text.contains("\"1\""), "text of agents is escaped: {}", feed.text);
+
+    for by in ["family", "category", "type", "wording", "criterion"] {
+        let told = service.get(&format!("{path}/breakdown?by={by}")).await.json();
+        let groups = told["groups"].as_array().unwrap().len();
+        assert!(told["rows"].as_array().unwrap().iter().all(|row| row["cells"].as_array().unwrap().len() == groups));
+        // The few tasks of the draw are of different problems.
+        let first = if by == "wording" { Value::Null } else { json!(1.0) };
+        assert_eq!(told["rows"][0]["cells"][0]["rate"], first, "{by}");
+    }
+    let told = service.get(&format!("{path}/compare?a={best}&b={next}")).await.json();
+    assert_eq!([&told["common"], &told["both"], &told["p_value"]], [&json!(25), &json!(23), &json!(0.5)]);
+    assert_eq!((told["only_a"].as_array().unwrap().len(), told["only_b"].as_array().unwrap().len()), (2, 0));
+    service.get(&format!("{path}/compare?a={best}&b=nobody")).await.faults(404);
+}
+
+#[tokio::test]
+async fn what_is_done_to_a_row_is_told_for_ever() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = folder.path().join("p.db");
+    let service = Service::start(&database, &[]);
+    let one = run(&service, "one", 0).await;
+    tokio::time::sleep(std::time::Duration::from_millis(20)).await;
+    let between = jiff::Timestamp::now();
+    tokio::time::sleep(std::time::Duration::from_millis(20)).await;
+    run(&service, "two", 3).await;
+    let path = format!("/v1/leaderboards/{SUITE}");
+    let then = format!("{path}?as_of={between}");
+    assert_eq!(names(&service.get(&then).await.json()), ["one"]);
+
+    let key = |scopes: &str, name: &str| {
+        let arguments = ["keys", "create", "--name", name, "--scopes", scopes, "--database"];
+        let made = Command::new(PROGRAM).args(arguments).arg(&database).output().unwrap();
+        String::from_utf8(made.stdout).unwrap().trim().to_owned()
+    };
+    let (operator, lab) = (key("admin", "operator"), key("submit", "lab"));
+    let act = |key: &str, body: Value| {
+        let request = service.http.post(format!("{}/v1/runs/{one}/board-actions", service.url)).bearer_auth(key);
+        service.send(request.json(&body))
+    };
+    let hide = json!({ "action": "hide", "reason": "the logs are another's <b>" });
+    assert_eq!(act(&lab, hide.clone()).await.status, StatusCode::FORBIDDEN);
+    assert_eq!(act(&operator, json!({ "action": "hide", "reason": " " })).await.faults(422), ["null /reason"]);
+    assert_eq!(act(&operator, hide.clone()).await.status, StatusCode::OK);
+    assert_eq!(act(&operator, hide).await.status, StatusCode::CONFLICT);
+    assert_eq!(names(&service.get(&path).await.json()), ["two"]);
+    assert_eq!(names(&service.get(&then).await.json()), ["one"], "the past stays");
+    let restore = json!({ "action": "restore", "reason": "a mistake" });
+    assert_eq!(act(&operator, restore).await.status, StatusCode::OK);
+    assert_eq!(names(&service.get(&path).await.json()), ["one", "two"]);
+    let entries = service.get(&format!("{path}/actions")).await.json();
+    let told: Vec<String> = entries["actions"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|entry| format!("{} {} {}", entry["actor"], entry["action"], entry["reason"]))
+        .collect();
+    assert_eq!(told, [r#""operator" "restore" "a mistake""#, r#""operator" "hide" "the logs are another's <b>""#]);
+    // Not even by hand.
+    let mut connection =
+        sqlx::ConnectOptions::connect(&sqlx::sqlite::SqliteConnectOptions::new().filename(&database)).await.unwrap();
+    for statement in ["DELETE FROM board_actions", "UPDATE board_actions SET reason = ''"] {
+        assert!(sqlx::query(statement).execute(&mut connection).await.unwrap_err().to_string().contains("permanent"));
+    }
+}
