@@ -6,38 +6,11 @@ mod support;
 
 use std::process::Command;
 
-use plumbline::builders::build;
-use plumbline::tasks::embedded;
 use reqwest::StatusCode;
 use serde_json::{Value, json};
 use support::{PROGRAM, Service};
 
 const SUITE: &str = "mineceraft-lite";
-
-/// Posts a run that solves all tasks of the suite but for the first so many; gives its id.
-async fn run(service: &Service, agent: &str, unsolved: usize) -> String {
-    let suite = embedded::lite(&embedded::latest().unwrap(), embedded::LITE_SEED);
-    let run = service.begin_run(agent, SUITE).await;
-    let lines: Vec<String> = suite
-        .tasks
-        .iter()
-        .enumerate()
-        .map(|(i, task)| {
-            let log: Value = serde_json::from_slice(&build(task).unwrap().canonical_json()).unwrap();
-            let turns: Vec<Value> = log["turns"]
-                .as_array()
-                .unwrap()
-                .iter()
-                .map(|rows| json!({ "palette": log["palette"], "rows": if i < unsolved { json!([]) } else { rows.clone() } }))
-                .collect();
-            json!({ "run": run, "task": task.number, "turns": turns }).to_string()
-        })
-        .collect();
-    let accepted = service.post("/v1/submissions", "application/x-ndjson", lines.join("\n")).await;
-    assert_eq!(accepted.status, StatusCode::ACCEPTED, "{}", accepted.text);
-    service.wait_for(&format!("/v1/runs/{run}"), |run| run["state"] == "finished").await;
-    run
-}
 
 fn names(board: &Value) -> Vec<&str> {
     board["rows"].as_array().unwrap().iter().map(|row| row["agent"].as_str().unwrap()).collect()
@@ -47,9 +20,9 @@ fn names(board: &Value) -> Vec<&str> {
 async fn rows_are_ordered_compared_and_told_in_every_form() {
     let folder = tempfile::tempdir().unwrap();
     let service = Service::start(&folder.path().join("p.db"), &[]);
-    let best = run(&service, "=best, \"1\"", 0).await;
-    let next = run(&service, "next", 2).await;
-    run(&service, "last", 20).await;
+    let best = service.finished_run("=best, \"1\"", 0).await;
+    let next = service.finished_run("next", 2).await;
+    service.finished_run("last", 20).await;
     service.begin_run("next", SUITE).await;
     let path = format!("/v1/leaderboards/{SUITE}");
     let answer = service.get(&path).await;
@@ -126,11 +99,11 @@ async fn what_is_done_to_a_row_is_told_for_ever() {
     let folder = tempfile::tempdir().unwrap();
     let database = folder.path().join("p.db");
     let service = Service::start(&database, &[]);
-    let one = run(&service, "one", 0).await;
+    let one = service.finished_run("one", 0).await;
     tokio::time::sleep(std::time::Duration::from_millis(20)).await;
     let between = jiff::Timestamp::now();
     tokio::time::sleep(std::time::Duration::from_millis(20)).await;
-    run(&service, "two", 3).await;
+    service.finished_run("two", 3).await;
     let path = format!("/v1/leaderboards/{SUITE}");
     let then = format!("{path}?as_of={between}");
     assert_eq!(names(&service.get(&then).await.json()), ["one"]);

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::outcomes::{Outcomes, Places};
 use super::statistics::comparison::McNemar;
 use super::statistics::interval::{Interval, clustered};
-use super::statistics::ranks::{RankRange, range};
+use super::statistics::ranks::{Comparisons, RankRange, range};
 use super::summary::Summary;
 use crate::tasks::Task;
 
@@ -73,18 +73,28 @@ impl Field {
         (self.test.p_value(only_one, only_other), only_one, only_other)
     }
 
-    /// The places that a run may have among others.
+    /// The places that a run may have among others, where p-values up to the threshold show a difference.
     #[must_use]
-    pub fn places(&self, one: &Standing, all: &[Arc<Standing>]) -> RankRange {
-        let others: Vec<(bool, f64)> = all
-            .iter()
-            .filter(|other| other.run != one.run)
-            .map(|other| {
-                let (p, only_one, only_other) = self.compare(one, other);
-                (only_other > only_one, p)
-            })
-            .collect();
-        range(others.into_iter())
+    pub fn places(&self, one: &Standing, all: &[Arc<Standing>], threshold: f64) -> RankRange {
+        let others = all.iter().filter(|other| other.run != one.run).map(|other| {
+            let (p, only_one, only_other) = self.compare(one, other);
+            (only_other > only_one, p)
+        });
+        range(others, threshold)
+    }
+
+    /// Adds a run's comparisons with others, or takes them back.
+    pub fn count(&self, comparisons: &mut Comparisons, one: &Standing, others: &[Arc<Standing>], is_new: bool) {
+        for other in others {
+            let (_, only_one, only_other) = self.compare(one, other);
+            comparisons.count(&self.test, only_one, only_other, is_new);
+        }
+    }
+
+    /// The greatest p-value that shows a difference.
+    #[must_use]
+    pub fn threshold(&self, comparisons: &Comparisons) -> f64 {
+        comparisons.threshold(&self.test)
     }
 }
 
@@ -236,8 +246,13 @@ mod tests {
         order(&mut all);
         let names: Vec<&str> = all.iter().map(|standing| standing.run.as_str()).collect();
         assert_eq!(names, ["a", "b", "c", "d"]);
-        let places: Vec<(usize, usize)> =
-            all.iter().map(|one| field.places(one, &all)).map(|range| (range.first, range.last)).collect();
+        let mut comparisons = Comparisons::default();
+        for (i, one) in all.iter().enumerate() {
+            field.count(&mut comparisons, one, &all[..i], true);
+        }
+        let threshold = field.threshold(&comparisons);
+        let places = all.iter().map(|one| field.places(one, &all, threshold));
+        let places: Vec<(usize, usize)> = places.map(|range| (range.first, range.last)).collect();
         assert_eq!(places, [(1, 3), (1, 3), (1, 3), (4, 4)]);
         assert_eq!(field.compare(&all[0], &all[1]), (1.0, 2, 2));
         assert!(all[0].interval.is_some_and(|interval| interval.low < 0.7 && interval.high > 0.7));

@@ -1,12 +1,13 @@
 //! Boards in memory: read once, then only what is new; sorted, filtered and compared when they are asked for.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
 use super::problem::ApiResult;
 use super::state::AppState;
 use crate::grading::standings::{Field, Finished, Standing, order};
+use crate::grading::statistics::ranks::{Comparisons, RankRange};
 use crate::store::boards::{ActionRow, News, Read};
 use crate::tasks::catalogue::Entry;
 
@@ -29,6 +30,42 @@ struct Kept {
     since: Instant,
 }
 
+/// Rows of a board, the best first, compared with each other.
+#[derive(Debug, Clone, Default)]
+pub struct Rows {
+    /// The rows.
+    pub all: Vec<Arc<Standing>>,
+    comparisons: Comparisons,
+    threshold: f64,
+}
+
+impl Rows {
+    /// Other rows; what they have in common with these was compared.
+    fn changed_to(&self, mut rows: Vec<Arc<Standing>>, field: &Field) -> Self {
+        let is_in = |rows: &[Arc<Standing>]| rows.iter().map(Arc::as_ptr).collect::<HashSet<_>>();
+        let (before, after) = (is_in(&self.all), is_in(&rows));
+        let (mut compared, gone): (Vec<_>, Vec<_>) =
+            self.all.iter().cloned().partition(|row| after.contains(&Arc::as_ptr(row)));
+        let mut comparisons = self.comparisons.clone();
+        for (i, row) in gone.iter().enumerate() {
+            field.count(&mut comparisons, row, &compared, false);
+            field.count(&mut comparisons, row, &gone[..i], false);
+        }
+        for row in rows.iter().filter(|row| !before.contains(&Arc::as_ptr(row))) {
+            field.count(&mut comparisons, row, &compared, true);
+            compared.push(Arc::clone(row));
+        }
+        order(&mut rows);
+        Self { threshold: field.threshold(&comparisons), all: rows, comparisons }
+    }
+
+    /// The places that a run may have among them.
+    #[must_use]
+    pub fn places(&self, one: &Standing, field: &Field) -> RankRange {
+        field.places(one, &self.all, self.threshold)
+    }
+}
+
 /// The board of a suite.
 #[derive(Debug)]
 pub struct Board {
@@ -39,7 +76,7 @@ pub struct Board {
     /// What comparing needs to know of its tasks.
     pub field: Arc<Field>,
     /// Rows that show, the best first.
-    pub rows: Vec<Arc<Standing>>,
+    pub rows: Rows,
     /// What was done to rows, in order.
     pub actions: Vec<ActionRow>,
     /// Results of each run, in the order in which they came to hold.
@@ -70,16 +107,17 @@ impl Board {
 
     /// Rows as they showed at a time, the best first.
     #[must_use]
-    pub fn as_of(&self, at_ms: i64) -> Vec<Arc<Standing>> {
-        let mut rows: Vec<Arc<Standing>> = self
-            .results
+    pub fn as_of(&self, at_ms: i64) -> Rows {
+        Rows::default().changed_to(self.showing(at_ms), &self.field)
+    }
+
+    fn showing(&self, at_ms: i64) -> Vec<Arc<Standing>> {
+        self.results
             .values()
             .filter_map(|results| results.iter().rev().find(|result| result.since_ms <= at_ms))
             .filter(|result| !is_hidden(&self.actions, &result.run, at_ms))
             .cloned()
-            .collect();
-        order(&mut rows);
-        rows
+            .collect()
     }
 
     fn with(self: &Arc<Self>, news: News) -> Arc<Self> {
@@ -107,13 +145,13 @@ impl Board {
             version: version(&self.entry, news.read),
             entry: Arc::clone(&self.entry),
             field: Arc::clone(&self.field),
-            rows: Vec::new(),
+            rows: Rows::default(),
             actions,
             results,
             begun,
             read: news.read,
         };
-        board.rows = board.as_of(i64::MAX);
+        board.rows = self.rows.changed_to(board.showing(i64::MAX), &self.field);
         Arc::new(board)
     }
 }
@@ -165,7 +203,7 @@ fn empty(entry: &Arc<Entry>) -> Board {
         version: version(entry, Read::default()),
         field: Arc::new(Field::of(&entry.suite.tasks)),
         entry: Arc::clone(entry),
-        rows: Vec::new(),
+        rows: Rows::default(),
         actions: Vec::new(),
         results: HashMap::new(),
         begun: HashMap::new(),

@@ -65,8 +65,9 @@ async fn guard(State(state): State<AppState>, mut request: Request, next: Next) 
 
 async fn as_problem(response: Response, asked: impl Fn() -> String) -> Response {
     let status = response.status();
-    let has_problem = response.headers().get(header::CONTENT_TYPE).is_some_and(|kind| kind == PROBLEM_JSON);
-    if has_problem {
+    let kind = response.headers().get(header::CONTENT_TYPE).and_then(|kind| kind.to_str().ok()).unwrap_or_default();
+    // Pages say themselves what is wrong.
+    if kind == PROBLEM_JSON || kind.starts_with("text/html") {
         return response;
     }
     let (parts, body) = response.into_parts();

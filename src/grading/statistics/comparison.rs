@@ -1,5 +1,7 @@
 //! Whether two runs differ: on the same problems (McNemar 1947, exact), and where only rates are known (Fisher 1935, exact).
 
+use super::ALPHA;
+
 /// Natural logarithms of factorials: `of[n]` is ln n!.
 #[derive(Debug, Clone)]
 struct LogFactorials {
@@ -27,7 +29,11 @@ impl LogFactorials {
 #[derive(Debug, Clone)]
 pub struct McNemar {
     /// By the number of such problems, then by the smaller share: the p-value.
-    p: Vec<Vec<f64>>,
+    p: Vec<f64>,
+    /// Where the p-values of a number of problems begin.
+    begin: Vec<usize>,
+    /// Places of those p-values that may show a difference, the smallest first.
+    ascending: Vec<u32>,
 }
 
 impl McNemar {
@@ -42,16 +48,39 @@ impl McNemar {
                 // Two sides; where both shares are the same, the sides overlap.
                 f64::min(2.0 * tail, 1.0)
             };
-            (0..=n / 2).map(p).collect()
+            (0..=n / 2).map(p).collect::<Vec<f64>>()
         };
-        Self { p: (0..=problems).map(row).collect() }
+        let (mut p, mut begin) = (Vec::new(), Vec::with_capacity(problems + 1));
+        for n in 0..=problems {
+            begin.push(p.len());
+            p.extend(row(n));
+        }
+        let mut ascending: Vec<u32> = (0..).zip(&p).filter(|(_, p)| **p <= ALPHA).map(|(i, _)| i).collect();
+        ascending.sort_by(|a, b| p[*a as usize].total_cmp(&p[*b as usize]));
+        Self { p, begin, ascending }
     }
 
     /// The two-sided p-value, where one run alone solves `one` problems and the other alone `other`.
     #[must_use]
     pub fn p_value(&self, one: usize, other: usize) -> f64 {
-        let found = self.p.get(one + other).and_then(|row| row.get(one.min(other)));
-        found.copied().unwrap_or(1.0)
+        self.p[self.number_of(one, other)]
+    }
+
+    /// The number of that p-value among all.
+    #[must_use]
+    pub fn number_of(&self, one: usize, other: usize) -> usize {
+        self.begin[one + other] + one.min(other)
+    }
+
+    /// How many p-values there are.
+    #[must_use]
+    pub fn distinct(&self) -> usize {
+        self.p.len()
+    }
+
+    /// The p-values that may show a difference, with their numbers, the smallest first.
+    pub fn ascending(&self) -> impl Iterator<Item = (f64, usize)> {
+        self.ascending.iter().map(|number| (self.p[*number as usize], *number as usize))
     }
 }
 

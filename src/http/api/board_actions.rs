@@ -201,7 +201,7 @@ pub async fn get_board_feed(
 ) -> ApiResult<Response> {
     let entry = state.suite(&suite).await?;
     let board = state.boards.of(&state, &entry).await?;
-    let finished = board.rows.iter().map(|row| {
+    let finished = board.rows.all.iter().map(|row| {
         let rate = row.rate().map_or_else(|| "n/a".to_owned(), |rate| format!("{:.1} %", rate * 100.0));
         Entry {
             id: format!("urn:plumbline:run:{}", row.run),

@@ -97,6 +97,9 @@ pub fn breakdown(board: &Board, by: GroupBy, rows: &[Arc<Standing>]) -> Breakdow
             groups[group].1.push(place);
         }
     }
+    if by == GroupBy::Criterion {
+        groups.sort_by_key(|(name, _)| Criterion::ALL.iter().position(|criterion| criterion.name() == name));
+    }
     let passes = |row: &Standing, name: &str, place: usize| match Criterion::ALL.iter().find(|c| c.name() == name) {
         Some(criterion) if by == GroupBy::Criterion => row.outcomes.holds(place, *criterion),
         _ => row.outcomes.is_solved(place),
@@ -150,7 +153,7 @@ pub async fn get_breakdown(
     let board = board_of(&state, &suite).await?;
     let rows = match &query.run {
         Some(run) => vec![Arc::clone(standing(&board, run)?)],
-        None => board.rows.iter().take(BREAKDOWN_ROWS).cloned().collect(),
+        None => board.rows.all.iter().take(BREAKDOWN_ROWS).cloned().collect(),
     };
     tagged_json(&asked, &breakdown(&board, query.by, &rows))
 }

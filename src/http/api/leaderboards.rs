@@ -7,7 +7,7 @@ use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
-use super::super::boards::Board;
+use super::super::boards::{Board, Rows};
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use super::board_formats::{Format, render};
@@ -24,8 +24,8 @@ use crate::tasks::reported::{self, ReportedRow};
 pub struct BoardRow {
     /// Place by overall rate; runs with the same rate share one.
     pub rank: usize,
-    /// The places that it may have as far as the data tell: each other run that McNemar's exact test shows to be better or
-    /// worse on the common problems, by Holm's procedure at 5 %, comes before or after it.
+    /// The places that it may have as far as the data tell: runs that McNemar's exact test shows to be better or worse on the
+    /// common problems, by Holm's procedure over all pairs of the board at 5 %, come before or after it.
     pub places: RankRange,
     /// The run.
     pub run: String,
@@ -162,7 +162,8 @@ pub fn page(board: &Board, query: &BoardQuery) -> ApiResult<BoardBody> {
         Some(text) => Some(milliseconds(text).ok_or_else(|| bad(format!("as_of: {text:?} is not a time (RFC 3339)")))?),
     };
     let then = as_of.map(|at| board.as_of(at));
-    let all = then.as_deref().unwrap_or(&board.rows);
+    let compared = then.as_ref().unwrap_or(&board.rows);
+    let all = &compared.all;
     let wanted = query.agent.as_ref().map(|agent| agent.to_lowercase());
     let lets_through = |row: &&Arc<Standing>| {
         wanted.as_ref().is_none_or(|text| row.agent.to_lowercase().contains(text))
@@ -187,7 +188,7 @@ pub fn page(board: &Board, query: &BoardQuery) -> ApiResult<BoardBody> {
         suite: suite.id(),
         tasks: suite.tasks.len(),
         total,
-        rows: rows[begin..end].iter().map(|row| row_of(board, row, all)).collect(),
+        rows: rows[begin..end].iter().map(|row| row_of(board, row, compared)).collect(),
         next_after: (end < total).then(|| rows[end - 1].run.clone()),
         reported,
     })
@@ -195,14 +196,14 @@ pub fn page(board: &Board, query: &BoardQuery) -> ApiResult<BoardBody> {
 
 /// A row, compared with all that show.
 #[must_use]
-pub fn row_of(board: &Board, standing: &Standing, all: &[Arc<Standing>]) -> BoardRow {
+pub fn row_of(board: &Board, standing: &Standing, rows: &Rows) -> BoardRow {
     let rate = |row: &Standing| row.rate().unwrap_or(-1.0);
     let levels = &standing.summary.problem_level;
     let (pass, of) = (standing.answered() as u64, standing.outcomes.len() as u64);
     BoardRow {
         // All are sorted by rate, the greatest first.
-        rank: 1 + all.partition_point(|row| rate(row) > rate(standing)),
-        places: board.field.places(standing, all),
+        rank: 1 + rows.all.partition_point(|row| rate(row) > rate(standing)),
+        places: rows.places(standing, &board.field),
         run: standing.run.clone(),
         agent: standing.agent.clone(),
         overall: levels.overall,

@@ -72,6 +72,14 @@ pub struct StressQuery {
     format: Option<StressFormat>,
 }
 
+impl StressQuery {
+    /// The equilibrium of what stands in the end, as arrays.
+    #[must_use]
+    pub const fn equilibrium_as_arrays() -> Self {
+        Self { method: Some(Method::Fem), turn: None, format: Some(StressFormat::Arrays) }
+    }
+}
+
 /// How a stress field is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]

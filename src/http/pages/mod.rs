@@ -1,19 +1,43 @@
-//! Web pages, rendered here; they need no network and no script.
+//! Web pages, rendered here. They need no network but this service; scripts add the 3D view, and nothing else needs them.
+
+pub mod assets;
+mod board;
+mod colours;
+mod html;
+mod isometric;
+mod run;
+mod submission;
+mod task;
 
 use askama::Template;
 use axum::Router;
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderValue, header};
-use axum::response::{IntoResponse as _, Response};
+use axum::http::{HeaderMap, header};
 use axum::routing::get;
 
 use super::api::leaderboards::{BoardBody, BoardQuery, page};
-use super::problem::{ApiError, ApiResult};
 use super::state::AppState;
+use html::PageResult;
+
+/// Rows of each board on the first page.
+const ROWS: u32 = 10;
 
 /// Routes of the pages.
 pub fn routes() -> Router<AppState> {
-    Router::new().route("/", get(home))
+    Router::new()
+        .route("/", get(home))
+        .route("/assets/{name}", get(assets::get))
+        .route("/boards/{suite}", get(board::board))
+        .route("/boards/{suite}/compare", get(board::compare_runs))
+        .route("/runs/{id}", get(run::run))
+        .route("/runs/{id}/tasks/{number}", get(run::task_of_run))
+        .route("/submissions/{id}", get(submission::submission))
+        .route("/submissions/{id}/view.svg", get(submission::picture))
+        .route("/submissions/{id}/evidence.html", get(submission::evidence))
+        .route("/compare", get(submission::beside))
+        .route("/suites/{suite}/tasks", get(task::tasks))
+        .route("/suites/{suite}/tasks/{number}", get(task::task))
+        .route("/suites/{suite}/tasks/{number}/view.svg", get(task::picture))
 }
 
 #[derive(Template)]
@@ -22,15 +46,11 @@ struct Home {
     boards: Vec<BoardBody>,
     /// Where the service is, as the browser named it.
     host: String,
-}
-
-/// A share as a percentage; `n/a` where there is none.
-fn percent(rate: Option<f64>) -> String {
-    rate.map_or_else(|| "n/a".to_owned(), |rate| format!("{:.1} %", rate * 100.0))
+    is_open: bool,
 }
 
 /// What the service is, its boards, and how to submit.
-async fn home(State(state): State<AppState>, headers: HeaderMap) -> ApiResult<Response> {
+async fn home(State(state): State<AppState>, headers: HeaderMap) -> PageResult {
     let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
     let host = named.unwrap_or("localhost:8080").to_owned();
     let catalogue = state.store.catalogue();
@@ -40,13 +60,7 @@ async fn home(State(state): State<AppState>, headers: HeaderMap) -> ApiResult<Re
     let mut boards = Vec::new();
     for entry in entries {
         let board = state.boards.of(&state, &entry).await?;
-        boards.push(page(&board, &BoardQuery::default())?);
+        boards.push(page(&board, &BoardQuery { limit: Some(ROWS), ..BoardQuery::default() })?);
     }
-    let page = Home { boards, host }.render().map_err(|error| ApiError::internal(&error))?;
-    let policy = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'";
-    let headers = [
-        (header::CONTENT_TYPE, HeaderValue::from_static("text/html; charset=utf-8")),
-        (header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(policy)),
-    ];
-    Ok((headers, page).into_response())
+    html::page(&Home { boards, host, is_open: state.keys.is_open })
 }

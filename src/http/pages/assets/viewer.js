@@ -1,0 +1,346 @@
+// The 3D view of builds: faces that show, in one draw call; replay, slices, materials, stress, witnesses.
+// A view is a .viewer element that holds its scene as JSON; views of the same data-camera turn together.
+const SIDES = [
+  // Direction, light, and the corners of the face in order.
+  [[0, 1, 0], 1.0, [[0, 1, 0], [0, 1, 1], [1, 1, 1], [1, 1, 0]]],
+  [[0, -1, 0], 0.5, [[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]]],
+  [[0, 0, 1], 0.82, [[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]],
+  [[0, 0, -1], 0.7, [[0, 0, 0], [0, 1, 0], [1, 1, 0], [1, 0, 0]]],
+  [[1, 0, 0], 0.9, [[1, 0, 0], [1, 1, 0], [1, 1, 1], [1, 0, 1]]],
+  [[-1, 0, 0], 0.62, [[0, 0, 0], [0, 0, 1], [0, 1, 1], [0, 1, 0]]],
+];
+const RAMP = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
+const GREY = [150, 155, 162];
+const RED = [222, 48, 44];
+const cameras = new Map();
+
+const VERTEX = `#version 300 es
+uniform mat4 view; in vec3 place; in vec4 paint; out vec3 colour; out vec2 corner;
+const vec2 CORNERS[4] = vec2[4](vec2(0, 0), vec2(0, 1), vec2(1, 1), vec2(1, 0));
+void main() { gl_Position = view * vec4(place, 1); colour = paint.rgb; corner = CORNERS[gl_VertexID & 3]; }`;
+const FRAGMENT = `#version 300 es
+precision mediump float; uniform float edges; in vec3 colour; in vec2 corner; out vec4 shown;
+void main() { vec2 near = min(corner, 1.0 - corner); float edge = min(near.x, near.y);
+  shown = vec4(colour * (1.0 - edges * 0.25 * (1.0 - smoothstep(0.0, 0.05, edge))), 1); }`;
+
+const key = (x, y, z) => ((x + 1048576) * 2097152 + (z + 1048576)) * 1024 + (y + 512);
+const ramp = (share) => {
+  const at = Math.min(Math.max(share, 0), 1) * (RAMP.length - 1), i = Math.min(Math.floor(at), RAMP.length - 2);
+  return RAMP[i].map((low, c) => low + (RAMP[i + 1][c] - low) * (at - i));
+};
+const rgb = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16));
+const pascal = (pa) => (pa >= 1e6 ? `${(pa / 1e6).toPrecision(3)} MPa` : pa >= 1e3 ? `${(pa / 1e3).toPrecision(3)} kPa` : `${pa.toPrecision(3)} Pa`);
+
+function program(gl) {
+  const made = gl.createProgram();
+  for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
+    const shader = gl.createShader(kind);
+    gl.shaderSource(shader, text);
+    gl.compileShader(shader);
+    gl.attachShader(made, shader);
+  }
+  gl.bindAttribLocation(made, 0, "place");
+  gl.bindAttribLocation(made, 1, "paint");
+  gl.linkProgram(made);
+  return gl.getProgramParameter(made, gl.LINK_STATUS) ? made : null;
+}
+
+/* Perspective times a look at the centre, by columns. */
+function matrix({ yaw, pitch, distance, centre }, aspect) {
+  const [cy, sy, cp, sp] = [Math.cos(yaw), Math.sin(yaw), Math.cos(pitch), Math.sin(pitch)];
+  const right = [cy, 0, -sy], up = [-sy * sp, cp, -cy * sp], back = [sy * cp, sp, cy * cp];
+  const eye = centre.map((c, i) => c + back[i] * distance);
+  const dot = (a) => -(a[0] * eye[0] + a[1] * eye[1] + a[2] * eye[2]);
+  const f = 1.7, near = distance / 100, far = distance * 10;
+  const [a, b] = [(far + near) / (near - far), (2 * far * near) / (near - far)];
+  const columns = [];
+  for (let i = 0; i < 3; i++) columns.push((f / aspect) * right[i], f * up[i], a * back[i], -back[i]);
+  columns.push((f / aspect) * dot(right), f * dot(up), a * dot(back) + b, -dot(back));
+  return new Float32Array(columns);
+}
+
+class Viewer {
+  constructor(root, scene, log) {
+    this.root = root;
+    this.scene = scene;
+    this.canvas = root.querySelector("canvas");
+    this.gl = this.canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
+    this.palette = log.palette;
+    this.colours = log.palette.map((name) => rgb(scene.colours[name] ?? "#9aa0a8"));
+    this.events = log.turns.flat();
+    this.hidden = new Set();
+    this.mode = "material";
+    this.stress = new Map();
+    this.at = this.events.length;
+  }
+
+  start() {
+    const gl = this.gl;
+    this.program = gl && program(gl);
+    if (!this.program) return false;
+    gl.useProgram(this.program);
+    gl.enable(gl.DEPTH_TEST);
+    this.mesh = gl.createBuffer();
+    this.paints = gl.createBuffer();
+    this.order = gl.createBuffer();
+    this.path = gl.createBuffer();
+    this.bounds();
+    const shared = this.root.dataset.camera;
+    this.camera = (shared && cameras.get(shared)) || { yaw: 0.7, pitch: 0.55, distance: this.size * 1.1 + 3, centre: this.centre, views: [] };
+    if (shared) cameras.set(shared, this.camera);
+    this.camera.views.push(this);
+    this.camera.home = { yaw: 0.7, pitch: 0.55, distance: this.camera.distance };
+    this.root.classList.add("live");
+    this.controls();
+    this.steer();
+    this.recall();
+    this.rebuild();
+    new ResizeObserver(() => this.draw()).observe(this.canvas);
+    return true;
+  }
+
+  bounds() {
+    const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+    for (const event of this.events) for (let i = 0; i < 3; i++) {
+      low[i] = Math.min(low[i], event[i]);
+      high[i] = Math.max(high[i], event[i] + 1);
+    }
+    if (!this.events.length) [low.fill(0), high.fill(1)];
+    [this.low, this.high] = [low, high];
+    this.centre = low.map((l, i) => (l + high[i]) / 2);
+    this.size = Math.hypot(...low.map((l, i) => high[i] - l));
+  }
+
+  /* What stands after the first events: placing on a block keeps its place in the order, removing nothing is nothing. */
+  standing() {
+    const blocks = new Map();
+    for (let i = 0; i < this.at; i++) {
+      const [x, y, z, material] = this.events[i];
+      if (material === undefined) blocks.delete(key(x, y, z));
+      else blocks.set(key(x, y, z), [x, y, z, material]);
+    }
+    return blocks;
+  }
+
+  paint(block, witnesses) {
+    if (this.mode === "witness") return witnesses.has(key(...block)) ? RED : GREY;
+    if (this.mode === "material") return this.colours[block[3]];
+    const field = this.stress.get(this.mode);
+    const value = field?.at.get(key(...block));
+    return value === undefined || value === null ? GREY : ramp(field.max > 0 ? value / field.max : 0);
+  }
+
+  rebuild() {
+    const blocks = this.standing(), slice = Number(this.slice.value);
+    const shows = (b) => b && b[1] <= slice && !this.hidden.has(b[3]);
+    const cells = this.scene.witnesses ?? [];
+    const witnesses = new Set(cells.map((cell) => key(...cell)));
+    const places = [], paints = [];
+    let shown = 0;
+    const face = (x, y, z, side, scale, colour) => {
+      const [, light, corners] = SIDES[side], pad = (1 - scale) / 2;
+      for (const [cx, cy, cz] of corners) {
+        places.push(x + pad + cx * scale, y + pad + cy * scale, z + pad + cz * scale);
+        paints.push(colour[0] * light, colour[1] * light, colour[2] * light, 255);
+      }
+    };
+    for (const block of blocks.values()) {
+      if (!shows(block)) continue;
+      shown++;
+      const [x, y, z] = block;
+      let colour = null;
+      for (let side = 0; side < 6; side++) {
+        const [dx, dy, dz] = SIDES[side][0];
+        if (shows(blocks.get(key(x + dx, y + dy, z + dz)))) continue;
+        face(x, y, z, side, 1, (colour ??= this.paint(block, witnesses)));
+      }
+    }
+    // Witnesses where nothing stands: air that leaks, a corner that is missing.
+    if (this.mode === "witness") for (const [x, y, z] of cells) if (!blocks.has(key(x, y, z))) for (let side = 0; side < 6; side++) face(x, y, z, side, 0.4, RED);
+    const faces = places.length / 12, order = new Uint32Array(faces * 6);
+    for (let i = 0; i < faces; i++) order.set([4 * i, 4 * i + 1, 4 * i + 2, 4 * i, 4 * i + 2, 4 * i + 3], 6 * i);
+    const gl = this.gl, fill = (buffer, kind, data) => { gl.bindBuffer(kind, buffer); gl.bufferData(kind, data, gl.DYNAMIC_DRAW); };
+    fill(this.mesh, gl.ARRAY_BUFFER, new Float32Array(places));
+    fill(this.paints, gl.ARRAY_BUFFER, new Uint8Array(paints));
+    fill(this.order, gl.ELEMENT_ARRAY_BUFFER, order);
+    const way = [];
+    if (this.walk.checked) for (let i = 0; i < this.at; i++) if (this.events[i].length > 3) way.push(...this.events[i].slice(0, 3).map((c) => c + 0.5));
+    fill(this.path, gl.ARRAY_BUFFER, new Float32Array(way));
+    [this.faces, this.steps] = [faces, way.length / 3];
+    Object.assign(this.canvas.dataset, { blocks: shown, faces, mode: this.mode, step: this.at });
+    this.told.textContent = `${this.at} of ${this.events.length} events, ${blocks.size} blocks`;
+    this.draw();
+  }
+
+  draw() {
+    if (this.waiting) return;
+    this.waiting = requestAnimationFrame(() => {
+      this.waiting = 0;
+      const gl = this.gl, scale = Math.min(devicePixelRatio || 1, 2);
+      const [width, height] = [this.canvas.clientWidth * scale, this.canvas.clientHeight * scale].map(Math.round);
+      if (!width || !height) return;
+      if (this.canvas.width !== width || this.canvas.height !== height) [this.canvas.width, this.canvas.height] = [width, height];
+      gl.viewport(0, 0, width, height);
+      gl.clearColor(0, 0, 0, 0);
+      gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+      gl.uniformMatrix4fv(gl.getUniformLocation(this.program, "view"), false, matrix(this.camera, width / height));
+      const edges = gl.getUniformLocation(this.program, "edges");
+      gl.uniform1f(edges, 1);
+      gl.enableVertexAttribArray(0);
+      gl.enableVertexAttribArray(1);
+      gl.bindBuffer(gl.ARRAY_BUFFER, this.mesh);
+      gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
+      gl.bindBuffer(gl.ARRAY_BUFFER, this.paints);
+      gl.vertexAttribPointer(1, 4, gl.UNSIGNED_BYTE, true, 0, 0);
+      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.order);
+      gl.drawElements(gl.TRIANGLES, this.faces * 6, gl.UNSIGNED_INT, 0);
+      if (this.steps > 1) {
+        gl.disable(gl.DEPTH_TEST);
+        gl.uniform1f(edges, 0);
+        gl.disableVertexAttribArray(1);
+        gl.vertexAttrib4f(1, 0.9, 0.25, 0.1, 1);
+        gl.bindBuffer(gl.ARRAY_BUFFER, this.path);
+        gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
+        gl.drawArrays(gl.LINE_STRIP, 0, this.steps);
+        gl.enable(gl.DEPTH_TEST);
+      }
+    });
+  }
+
+  controls() {
+    const find = (name) => this.root.querySelector(`[data-control=${name}]`);
+    [this.slice, this.time, this.walk, this.told, this.legend] = ["slice", "time", "walk", "told", "legend"].map(find);
+    this.coloured = find("colour");
+    Object.assign(this.slice, { min: this.low[1], max: this.high[1] - 1, value: this.high[1] - 1 });
+    Object.assign(this.time, { min: 0, max: this.events.length, value: this.at });
+    this.slice.addEventListener("input", () => this.rebuild());
+    this.walk.addEventListener("input", () => this.rebuild());
+    this.time.addEventListener("input", () => this.go(Number(this.time.value)));
+    this.coloured.addEventListener("change", () => this.colour(this.coloured.value));
+    const play = find("play");
+    play.addEventListener("click", () => this.play(play));
+    find("back").addEventListener("click", () => this.go(this.at - 1));
+    find("on").addEventListener("click", () => this.go(this.at + 1));
+    const list = find("materials"), used = new Set(this.events.map((event) => event[3]));
+    this.palette.forEach((name, i) => {
+      if (!used.has(i)) return;
+      const [label, box, swatch] = ["label", "input", "canvas"].map((tag) => document.createElement(tag));
+      Object.assign(label, { className: "check" });
+      Object.assign(box, { type: "checkbox", checked: true });
+      Object.assign(swatch, { className: "swatch", width: 1, height: 1 });
+      const brush = swatch.getContext("2d");
+      brush.fillStyle = `rgb(${this.colours[i].join()})`;
+      brush.fillRect(0, 0, 1, 1);
+      box.addEventListener("input", () => { box.checked ? this.hidden.delete(i) : this.hidden.add(i); this.rebuild(); });
+      label.append(box, swatch, name);
+      list.append(label);
+    });
+  }
+
+  go(step) {
+    this.at = Math.min(Math.max(step, 0), this.events.length);
+    this.time.value = this.at;
+    this.rebuild();
+    this.remember();
+  }
+
+  play(button) {
+    if (this.playing) {
+      clearInterval(this.playing);
+      this.playing = 0;
+      button.textContent = "Play";
+      return;
+    }
+    button.textContent = "Pause";
+    if (this.at >= this.events.length) this.go(0);
+    const stride = Math.max(1, Math.round(this.events.length / 240));
+    this.playing = setInterval(() => (this.at < this.events.length ? this.go(this.at + stride) : this.play(button)), 33);
+  }
+
+  async colour(mode) {
+    if (mode in (this.scene.stress ?? {}) && !this.stress.has(mode)) {
+      this.legend.textContent = "computing…";
+      const given = this.scene.stress[mode];
+      const answer = typeof given === "string" ? await fetch(given).then(async (r) => [r.ok, await r.json()]) : [true, given];
+      if (!answer[0]) {
+        this.legend.textContent = answer[1].detail;
+        return;
+      }
+      const field = answer[1], at = new Map();
+      field.cells.forEach((cell, i) => at.set(key(...cell), field.von_mises_pa[i]));
+      this.stress.set(mode, { at, max: field.von_mises_pa.reduce((most, pa) => Math.max(most, pa ?? 0), 0) });
+    }
+    this.mode = mode;
+    this.coloured.value = mode;
+    this.legend.replaceChildren();
+    const field = this.stress.get(mode);
+    if (field) {
+      const strip = Object.assign(document.createElement("canvas"), { width: 100, height: 1 }), brush = strip.getContext("2d");
+      for (let i = 0; i < 100; i++) {
+        brush.fillStyle = `rgb(${ramp(i / 99).map(Math.round).join()})`;
+        brush.fillRect(i, 0, 1, 1);
+      }
+      this.legend.append(strip, `von Mises stress, 0 to ${pascal(field.max)}`);
+    } else if (mode === "witness") this.legend.textContent = `${(this.scene.witnesses ?? []).length} cells that checks point at, in red`;
+    this.rebuild();
+    this.remember();
+  }
+
+  /* Where one looks, and what at, is in the address, so that it can be shared. */
+  remember() {
+    if (this.root.dataset.camera || this.playing) return;
+    const { yaw, pitch, distance } = this.camera;
+    history.replaceState(null, "", `#${[yaw, pitch, distance].map((n) => n.toFixed(2)).join(",")},${this.at},${this.mode}`);
+  }
+
+  recall() {
+    const told = location.hash.slice(1).split(",");
+    if (this.root.dataset.camera || told.length !== 5) return;
+    const [yaw, pitch, distance, at] = told.slice(0, 4).map(Number);
+    if ([yaw, pitch, distance, at].every(Number.isFinite)) {
+      Object.assign(this.camera, { yaw, pitch, distance });
+      this.at = Math.min(Math.max(at, 0), this.events.length);
+      this.time.value = this.at;
+    }
+    if ([...this.coloured.options].some((option) => option.value === told[4])) this.colour(told[4]);
+  }
+
+  turn(yaw, pitch, zoom) {
+    const camera = this.camera;
+    camera.yaw += yaw;
+    camera.pitch = Math.min(Math.max(camera.pitch + pitch, -1.55), 1.55);
+    camera.distance = Math.min(Math.max(camera.distance * zoom, 2), 5000);
+    camera.views.forEach((view) => view.draw());
+    this.remember();
+  }
+
+  steer() {
+    const pointers = new Map(), canvas = this.canvas;
+    const spread = () => { const [a, b] = [...pointers.values()]; return Math.hypot(a[0] - b[0], a[1] - b[1]); };
+    canvas.addEventListener("pointerdown", (e) => { canvas.setPointerCapture(e.pointerId); pointers.set(e.pointerId, [e.clientX, e.clientY]); });
+    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (e) => pointers.delete(e.pointerId));
+    canvas.addEventListener("pointermove", (e) => {
+      const before = pointers.get(e.pointerId);
+      if (!before) return;
+      const apart = pointers.size === 2 ? spread() : 0;
+      pointers.set(e.pointerId, [e.clientX, e.clientY]);
+      if (pointers.size === 2) this.turn(0, 0, apart / Math.max(spread(), 1));
+      else this.turn((before[0] - e.clientX) / 150, (e.clientY - before[1]) / 150, 1);
+    });
+    canvas.addEventListener("wheel", (e) => { e.preventDefault(); this.turn(0, 0, Math.exp(e.deltaY / 800)); }, { passive: false });
+    const keys = { ArrowLeft: [0.1, 0, 1], ArrowRight: [-0.1, 0, 1], ArrowUp: [0, 0.1, 1], ArrowDown: [0, -0.1, 1], "+": [0, 0, 0.9], "=": [0, 0, 0.9], "-": [0, 0, 1.1] };
+    canvas.addEventListener("keydown", (e) => {
+      if (keys[e.key]) this.turn(...keys[e.key]);
+      else if (e.key === "," || e.key === ".") this.go(this.at + (e.key === "." ? 1 : -1));
+      else if (e.key === "Home") { Object.assign(this.camera, this.camera.home); this.turn(0, 0, 1); }
+      else return;
+      e.preventDefault();
+    });
+  }
+}
+
+for (const root of document.querySelectorAll(".viewer")) {
+  const scene = JSON.parse(root.querySelector("script.scene").textContent);
+  const log = typeof scene.log === "string" ? await fetch(scene.log).then((answer) => answer.json()) : scene.log;
+  new Viewer(root, scene, log).start();
+}

@@ -1,0 +1,213 @@
+//! The page of a board, and that of two of its runs.
+
+use askama::Template;
+use axum::extract::{Path, Query, RawQuery, State};
+use serde::Deserialize;
+
+use super::super::api::comparisons::{Breakdown, ComparedTask, Comparison, GroupBy, breakdown, compare};
+use super::super::api::leaderboards::{BoardBody, BoardQuery, Direction, page as rows_of};
+use super::super::problem::ApiError;
+use super::super::state::AppState;
+use super::html::{self, PageResult};
+use crate::grading::statistics::comparison::fisher;
+use crate::grading::statistics::ranks::{range, threshold};
+use crate::tasks::reported::ReportedRow;
+
+/// Columns that a board is sorted by: key, name.
+const COLUMNS: [(&str, &str); 11] = [
+    ("overall", "overall"),
+    ("accuracy", "accuracy"),
+    ("material", "material"),
+    ("shape", "shape"),
+    ("size", "size"),
+    ("physical_plausibility", "plausibility"),
+    ("dependency", "dependency"),
+    ("structural_stability", "stability, mean"),
+    ("efficiency", "efficiency, mean"),
+    ("coverage", "coverage"),
+    ("finished", "finished"),
+];
+/// Rows of a page.
+const ROWS: u32 = 50;
+/// Runs that are shown by group.
+const GROUPED_ROWS: usize = 8;
+
+struct Column {
+    key: &'static str,
+    name: &'static str,
+    link: String,
+}
+
+struct Table {
+    title: &'static str,
+    rates: Breakdown,
+}
+
+struct Reported {
+    place: String,
+    overall: String,
+    means: Vec<String>,
+    row: ReportedRow,
+}
+
+#[derive(Template)]
+#[template(path = "board.html")]
+struct BoardPage {
+    body: BoardBody,
+    columns: Vec<Column>,
+    sort: String,
+    is_ascending: bool,
+    direction: &'static str,
+    agent: String,
+    as_of: String,
+    query_text: String,
+    next: Option<String>,
+    tables: Vec<Table>,
+    reported: Vec<Reported>,
+}
+
+impl BoardPage {
+    /// Whether a row begins another group than the one before: it may not have a place that the one before may have.
+    fn begins_group(&self, row: &usize) -> bool {
+        let places = |row: usize| self.body.rows.get(row).map(|row| row.places);
+        let before = row.checked_sub(1).and_then(places);
+        self.sort == "overall" && before.zip(places(*row)).is_some_and(|(before, own)| own.first > before.first)
+    }
+}
+
+/// The page of a board.
+///
+/// # Errors
+/// 404 where there is no such suite; 400 where a parameter is wrong.
+pub async fn board(
+    State(state): State<AppState>,
+    Path(suite): Path<String>,
+    RawQuery(raw): RawQuery,
+    query: Result<Query<BoardQuery>, axum::extract::rejection::QueryRejection>,
+) -> PageResult {
+    let Query(mut query) = query.map_err(|error| {
+        ApiError::new(axum::http::StatusCode::BAD_REQUEST, "bad-request", "Bad request", error.body_text())
+    })?;
+    // An empty field of the form is a filter that is not set.
+    query.agent = query.agent.filter(|text| !text.is_empty());
+    query.as_of = query.as_of.filter(|text| !text.is_empty());
+    query.limit = query.limit.or(Some(ROWS));
+    let entry = state.suite(&suite).await?;
+    let board = state.boards.of(&state, &entry).await?;
+    let body = rows_of(&board, &query)?;
+    let raw = raw.unwrap_or_default();
+    let named = form_urlencoded::parse(raw.as_bytes()).find(|(name, _)| name == "sort");
+    let sort = named.map_or_else(|| "overall".to_owned(), |(_, value)| value.into_owned());
+    let is_ascending = query.order == Direction::Asc;
+    let filters = {
+        let mut filters = form_urlencoded::Serializer::new(String::new());
+        for (name, value) in [("agent", &query.agent), ("as_of", &query.as_of)] {
+            if let Some(value) = value {
+                filters.append_pair(name, value);
+            }
+        }
+        filters.finish()
+    };
+    let link = |key: &str, ascending: bool| {
+        let order = if ascending { "&order=asc" } else { "" };
+        format!("/boards/{suite}?sort={key}{order}{}{filters}", if filters.is_empty() { "" } else { "&" })
+    };
+    let columns = COLUMNS
+        .map(|(key, name)| Column { key, name, link: link(key, key == sort && !is_ascending) })
+        .into_iter()
+        .collect();
+    let next = body.next_after.as_ref().map(|after| format!("{}&after={after}", link(&sort, is_ascending)));
+    let best: Vec<_> = board.rows.all.iter().take(GROUPED_ROWS).cloned().collect();
+    let tables =
+        [("By criterion", GroupBy::Criterion), ("By category", GroupBy::Category), ("By family", GroupBy::Family)]
+            .map(|(title, by)| Table { title, rates: breakdown(&board, by, &best) })
+            .into_iter()
+            .filter(|table| !table.rates.groups.is_empty())
+            .collect();
+    html::page(&BoardPage {
+        reported: reported(&body.reported),
+        columns,
+        is_ascending,
+        direction: if is_ascending { "ascending" } else { "descending" },
+        agent: query.agent.unwrap_or_default(),
+        as_of: query.as_of.unwrap_or_default(),
+        query_text: raw,
+        next,
+        tables,
+        sort,
+        body,
+    })
+}
+
+/// Reported rows with the places that they may have among each other.
+fn reported(rows: &[ReportedRow]) -> Vec<Reported> {
+    let solved = |row: &ReportedRow| row.solved.zip(row.of);
+    let known: Vec<(usize, usize)> = rows.iter().filter_map(solved).collect();
+    let p = |one: &(usize, usize), other: &(usize, usize)| fisher(one.0, one.1, other.0, other.1);
+    let pairs = known.iter().enumerate().flat_map(|(i, one)| known[..i].iter().map(move |other| p(one, other)));
+    let level = threshold(pairs.collect());
+    let place = |row: &ReportedRow| {
+        let Some(own) = solved(row) else { return "n/a".to_owned() };
+        let others = known.iter().filter(|other| **other != own);
+        html::places(range(others.map(|other| (other.0 * own.1 > own.0 * other.1, p(other, &own))), level))
+    };
+    let overall = |row: &ReportedRow| match (solved(row), row.overall) {
+        (Some((pass, of)), _) => format!("{:.1} % ({pass} of {of})", pass as f64 / of as f64 * 100.0),
+        (None, Some(percent)) => format!("about {percent:.0} %"),
+        (None, None) => "n/a".to_owned(),
+    };
+    let mean = |row: &ReportedRow, i: usize| match row.spreads.get(i) {
+        Some(spread) => format!("{:.1} ± {spread:.1}", row.means[i]),
+        None => format!("{:.1}", row.means[i]),
+    };
+    let told = |row: &ReportedRow| Reported {
+        place: place(row),
+        overall: overall(row),
+        means: (0..row.means.len()).map(|i| mean(row, i)).collect(),
+        row: row.clone(),
+    };
+    rows.iter().map(told).collect()
+}
+
+impl ComparePage {
+    fn p_value(&self) -> String {
+        format!("{:.4}", self.told.p_value)
+    }
+
+    /// Who, and what only they solve.
+    fn sides(&self) -> [(&str, &[ComparedTask]); 2] {
+        let Comparison { a, b, only_a, only_b, .. } = &self.told;
+        [(&a.agent, only_a), (&b.agent, only_b)]
+    }
+}
+
+/// Which two.
+#[derive(Debug, Deserialize)]
+pub struct Two {
+    a: String,
+    b: String,
+}
+
+#[derive(Template)]
+#[template(path = "compare.html")]
+struct ComparePage {
+    suite: String,
+    told: Comparison,
+}
+
+/// The page of two runs of a board.
+///
+/// # Errors
+/// 404 where there is no such suite or run.
+pub async fn compare_runs(
+    State(state): State<AppState>,
+    Path(suite): Path<String>,
+    Query(two): Query<Two>,
+) -> PageResult {
+    let entry = state.suite(&suite).await?;
+    let board = state.boards.of(&state, &entry).await?;
+    let standing = |run: &str| {
+        board.standing(run).ok_or_else(|| ApiError::not_found(format!("this board has no finished run {run:?}")))
+    };
+    html::page(&ComparePage { suite: entry.suite.id(), told: compare(&board, standing(&two.a)?, standing(&two.b)?) })
+}

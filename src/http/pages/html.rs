@@ -1,0 +1,107 @@
+//! What pages share: how they are sent, what they say where something is wrong, and how numbers are written.
+
+use askama::Template;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+
+use super::super::problem::ApiError;
+use crate::grading::statistics::interval::Interval;
+use crate::grading::statistics::ranks::RankRange;
+
+/// What pages may load: files of this service, and nothing of others.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
+                      base-uri 'none'; form-action 'self'; frame-ancestors 'none'";
+
+/// Result of a page.
+pub type PageResult = Result<Response, PageError>;
+
+/// An error, shown as a page.
+#[derive(Debug)]
+pub struct PageError(ApiError);
+
+impl<E: Into<ApiError>> From<E> for PageError {
+    fn from(error: E) -> Self {
+        Self(error.into())
+    }
+}
+
+#[derive(Template)]
+#[template(path = "error.html")]
+struct ErrorPage<'a> {
+    status: u16,
+    title: &'a str,
+    detail: &'a str,
+}
+
+impl IntoResponse for PageError {
+    fn into_response(self) -> Response {
+        let problem = self.0.problem();
+        let page = ErrorPage { status: problem.status, title: &problem.title, detail: &problem.detail };
+        let status = StatusCode::from_u16(problem.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+        match page.render() {
+            Ok(text) => (status, with_policy(POLICY), text).into_response(),
+            Err(_) => self.0.into_response(),
+        }
+    }
+}
+
+fn with_policy(policy: &'static str) -> [(axum::http::HeaderName, HeaderValue); 3] {
+    [
+        (header::CONTENT_TYPE, HeaderValue::from_static("text/html; charset=utf-8")),
+        (header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(policy)),
+        (header::REFERRER_POLICY, HeaderValue::from_static("same-origin")),
+    ]
+}
+
+/// A page.
+pub fn page(template: &impl Template) -> PageResult {
+    let text = template.render().map_err(|error| ApiError::internal(&error))?;
+    Ok((with_policy(POLICY), text).into_response())
+}
+
+/// A share as a percentage; `n/a` where there is none.
+#[must_use]
+pub fn percent(rate: Option<f64>) -> String {
+    rate.map_or_else(|| "n/a".to_owned(), |rate| format!("{:.1} %", rate * 100.0))
+}
+
+/// Bounds of a share as percentages.
+#[must_use]
+pub fn bounds(interval: Option<Interval>) -> String {
+    interval.map_or_else(String::new, |i| format!("{:.1} to {:.1}", i.low * 100.0, i.high * 100.0))
+}
+
+/// A place, or from which to which.
+#[must_use]
+pub fn places(range: RankRange) -> String {
+    if range.first == range.last { range.first.to_string() } else { format!("{}–{}", range.first, range.last) }
+}
+
+/// A number from 0 to 4 for a share, for colours; nothing where there is none.
+#[must_use]
+pub fn heat(rate: Option<f64>) -> String {
+    rate.map_or_else(String::new, |rate| ((rate * 5.0) as u8).min(4).to_string())
+}
+
+/// A share as a bar with its interval, as SVG.
+#[must_use]
+pub fn bar(rate: Option<f64>, interval: Option<Interval>) -> String {
+    let mut svg = String::from(
+        "<svg class=\"bar\" viewBox=\"0 0 100 10\" preserveAspectRatio=\"none\" aria-hidden=\"true\"><rect class=\"track\" width=\"100\" height=\"10\"/>",
+    );
+    if let Some(Interval { low, high }) = interval {
+        let (x, width) = (low * 100.0, (high - low) * 100.0);
+        svg += &format!("<rect class=\"range\" x=\"{x:.2}\" width=\"{width:.2}\" height=\"10\"/>");
+    }
+    if let Some(rate) = rate {
+        let x = (rate * 100.0 - 0.75).clamp(0.0, 98.5);
+        svg += &format!("<rect class=\"point\" x=\"{x:.2}\" width=\"1.5\" height=\"10\"/>");
+    }
+    svg + "</svg>"
+}
+
+/// JSON that may stand in markup: nothing in it can end the element.
+#[must_use]
+pub fn json_in_markup(value: &serde_json::Value) -> String {
+    value.to_string().replace('<', "\\u003c").replace('>', "\\u003e").replace('&', "\\u0026")
+}

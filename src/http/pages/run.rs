@@ -1,0 +1,116 @@
+//! The page of a run.
+
+use askama::Template;
+use axum::extract::{Path, State};
+use axum::response::{IntoResponse as _, Redirect};
+
+use super::super::api::comparisons::{Breakdown, GroupBy, breakdown};
+use super::super::api::leaderboards::{BoardRow, row_of};
+use super::super::problem::ApiError;
+use super::super::state::AppState;
+use super::html::{self, PageResult};
+use crate::clock::rfc3339;
+use crate::store::runs::RunRow;
+use crate::store::submissions::SubmissionRow;
+
+/// Submissions of an open run that are shown.
+const LATEST: i64 = 1_000;
+
+/// A problem as a small square.
+struct Square {
+    number: u32,
+    task: String,
+    class: &'static str,
+    told: &'static str,
+}
+
+#[derive(Template)]
+#[template(path = "run.html")]
+struct RunPage {
+    run: RunRow,
+    begun: String,
+    row: Option<BoardRow>,
+    is_hidden: bool,
+    actions: Vec<(String, String, String, String)>,
+    squares: Vec<Square>,
+    tables: Vec<(&'static str, Breakdown)>,
+    metadata: String,
+}
+
+/// The page of a run.
+///
+/// # Errors
+/// 404 where there is none.
+pub async fn run(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
+    let run = state.store.run(&id).await?.ok_or_else(|| ApiError::not_found(format!("there is no run {id:?}")))?;
+    let entry = state.suite(&run.suite_id).await?;
+    let board = state.boards.of(&state, &entry).await?;
+    let standing = board.standing(&id).cloned();
+    let squares = match &standing {
+        Some(standing) => entry
+            .suite
+            .tasks
+            .iter()
+            .enumerate()
+            .map(|(place, task)| {
+                let (class, told) = match &standing.outcomes {
+                    o if !o.is_answered(place) => ("", "not answered"),
+                    o if o.is_solved(place) => ("solved", "solved"),
+                    o if o.is_accurate(place) => ("accurate", "accurate, but not solved"),
+                    _ => ("failed", "not solved"),
+                };
+                Square { number: task.number, task: task.id.clone(), class, told }
+            })
+            .collect(),
+        None => state.store.submissions_of_run(&id, 0, LATEST).await?.iter().map(square).collect(),
+    };
+    let tables = standing.iter().flat_map(|standing| {
+        [
+            ("By criterion", GroupBy::Criterion),
+            ("By category", GroupBy::Category),
+            ("By family", GroupBy::Family),
+            ("By wording", GroupBy::Wording),
+        ]
+        .map(|(title, by)| (title, breakdown(&board, by, std::slice::from_ref(standing))))
+    });
+    let own = board.actions.iter().filter(|action| action.run_id == id);
+    html::page(&RunPage {
+        begun: rfc3339(run.created_at_ms),
+        is_hidden: board.is_hidden(&id),
+        actions: own.map(|a| (rfc3339(a.at_ms), a.action.clone(), a.actor.clone(), a.reason.clone())).collect(),
+        tables: tables.filter(|(_, rates)| !rates.groups.is_empty()).collect(),
+        row: standing.map(|standing| row_of(&board, &standing, &board.rows)),
+        metadata: serde_json::to_string_pretty(&run.metadata).unwrap_or_default(),
+        squares,
+        run,
+    })
+}
+
+fn square(row: &SubmissionRow) -> Square {
+    let (class, told) = match row.overall {
+        Some(true) => ("solved", "solved"),
+        Some(false) => ("failed", "not solved"),
+        None => ("", row.state.name()),
+    };
+    let number = u32::try_from(row.task_number).unwrap_or_default();
+    Square { number, task: String::new(), class, told }
+}
+
+/// A run's live submission for a task.
+///
+/// # Errors
+/// 404 where there is none.
+pub async fn answer_of(state: &AppState, run: &str, number: u32) -> Result<SubmissionRow, ApiError> {
+    let rows = state.store.submissions_of_run(run, i64::from(number) - 1, 1).await?;
+    let row = rows.into_iter().find(|row| row.task_number == i64::from(number));
+    row.ok_or_else(|| ApiError::not_found(format!("the run {run:?} has no submission for task {number}")))
+}
+
+/// On to a run's submission for a task.
+///
+/// # Errors
+/// 404 where there is none.
+pub async fn task_of_run(State(state): State<AppState>, Path((run, number)): Path<(String, u32)>) -> PageResult {
+    let row = answer_of(&state, &run, number).await?;
+    Ok(Redirect::to(&format!("/submissions/{}", row.id)).into_response())
+}

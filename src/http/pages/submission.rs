@@ -1,0 +1,266 @@
+//! The page of a submission: its report with evidence, and the build; two of them side by side; one as a file.
+
+use askama::Template;
+use axum::extract::{Path, Query, State};
+use axum::http::{HeaderMap, HeaderValue, header};
+use axum::response::{IntoResponse as _, Response};
+use base64::Engine as _;
+use serde::Deserialize;
+use serde_json::{Value, json};
+use sha2::{Digest as _, Sha256};
+
+use super::super::api::stress::{StressQuery, get_stress};
+use super::super::api::submissions::stored;
+use super::super::problem::ApiError;
+use super::super::state::AppState;
+use super::html::{self, PageResult, json_in_markup};
+use super::run::answer_of;
+use super::{assets, colours, isometric};
+use crate::checks::Criterion;
+use crate::clock::rfc3339;
+use crate::grading::Report;
+use crate::grading::report::{CheckReport, TurnReport};
+use crate::store::reports::ReportRow;
+use crate::store::submissions::SubmissionRow;
+use crate::voxel::BlockLog;
+use crate::voxel::replay::Replay;
+
+/// A view of a build.
+pub struct View {
+    /// What the 3D view needs, as JSON that may stand in markup.
+    pub scene: String,
+    /// Address of a picture, for where there is no 3D.
+    pub picture: String,
+    /// What is seen.
+    pub name: String,
+    /// Views with the same turn together.
+    pub camera: &'static str,
+    /// Whether stress can be shown.
+    pub has_stress: bool,
+    /// Whether checks point at cells.
+    pub has_witnesses: bool,
+}
+
+/// A submission with all that is shown of it.
+pub struct Shown {
+    row: SubmissionRow,
+    task: String,
+    agent: Option<String>,
+    report: Option<ReportRow>,
+    created: String,
+    graded: String,
+    view: View,
+}
+
+impl Shown {
+    fn percent(score: &f64) -> String {
+        html::percent(Some(*score))
+    }
+
+    /// The checks of a turn, and whether they count.
+    fn checks(turn: &TurnReport) -> Vec<(bool, &CheckReport)> {
+        let shown = turn.informational.iter().map(|check| (false, check));
+        turn.checks.iter().map(|check| (true, check)).chain(shown).collect()
+    }
+
+    fn graded_report(&self) -> Option<&Report> {
+        self.report.as_ref().map(|row| &row.report)
+    }
+}
+
+#[derive(Template)]
+#[template(path = "submission.html")]
+struct SubmissionPage {
+    one: Shown,
+}
+
+#[derive(Template)]
+#[template(path = "beside.html")]
+struct BesidePage {
+    two: [Shown; 2],
+}
+
+#[derive(Template)]
+#[template(path = "evidence.html")]
+struct EvidencePage {
+    one: Shown,
+    style: &'static str,
+    viewer: &'static str,
+}
+
+/// The cells that checks of a report point at.
+fn witnesses(report: Option<&ReportRow>) -> Vec<[i32; 3]> {
+    let turns = report.into_iter().flat_map(|report| &report.report.turns);
+    let failed = turns.flat_map(|turn| &turn.checks).filter(|check| !check.finding.holds());
+    failed.flat_map(|check| &check.finding.witnesses).map(|w| [w.cell.x, w.cell.y, w.cell.z]).collect()
+}
+
+/// The colour of each material of a palette.
+pub fn colours_of<'a>(palette: impl IntoIterator<Item = &'a str>) -> Value {
+    palette
+        .into_iter()
+        .map(|name| (name.to_owned(), Value::from(colours::hex(name))))
+        .collect::<serde_json::Map<_, _>>()
+        .into()
+}
+
+/// The names in a log's palette, without reading the rest into memory.
+fn palette(json: &[u8]) -> Result<Vec<String>, ApiError> {
+    #[derive(Deserialize)]
+    struct Head {
+        palette: Vec<String>,
+    }
+    serde_json::from_slice::<Head>(json).map(|head| head.palette).map_err(|error| ApiError::internal(&error))
+}
+
+async fn log_of(state: &AppState, id: &str) -> Result<Vec<u8>, ApiError> {
+    let log = state.store.log_json(id).await?;
+    log.ok_or_else(|| ApiError::not_found(format!("there is no submission {id:?}")))
+}
+
+async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Result<Shown, ApiError> {
+    let entry = state.suite(&row.suite_id).await?;
+    let number = u32::try_from(row.task_number).unwrap_or_default();
+    let task = entry.task_numbered(number).map(|(task, _)| task);
+    let report = state.store.report(&row.id).await?;
+    let agent = match &row.run_id {
+        Some(run) => state.store.run(run).await?.map(|run| run.agent),
+        None => None,
+    };
+    let has_stress =
+        task.is_some_and(|task| task.checks().any(|check| check.criterion() == Criterion::StructuralStability));
+    let cells = witnesses(report.as_ref());
+    let id = &row.id;
+    let field = |method: &str| format!("/v1/submissions/{id}/stress?method={method}&format=arrays");
+    let scene = json!({
+        "log": format!("/v1/submissions/{id}/log"),
+        "colours": colours_of(palette(&log_of(state, id).await?)?.iter().map(String::as_str)),
+        "stress": { "sph": field("sph"), "fem": field("fem") },
+        "witnesses": cells,
+    });
+    let task = task.map(|task| task.id.clone()).unwrap_or_default();
+    Ok(Shown {
+        view: View {
+            scene: json_in_markup(&scene),
+            picture: format!("/submissions/{id}/view.svg"),
+            name: format!("The build for {task}"),
+            camera,
+            has_stress,
+            has_witnesses: !cells.is_empty(),
+        },
+        task,
+        agent,
+        created: rfc3339(row.created_at_ms),
+        graded: report.as_ref().map(|report| rfc3339(report.graded_at_ms)).unwrap_or_default(),
+        report,
+        row,
+    })
+}
+
+/// The page of a submission.
+///
+/// # Errors
+/// 404 where there is none.
+pub async fn submission(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
+    let row = stored(&state, &id).await?;
+    html::page(&SubmissionPage { one: shown(&state, row, "").await? })
+}
+
+/// Which two: submissions, or a task of two runs.
+#[derive(Debug, Deserialize)]
+pub struct Two {
+    a: Option<String>,
+    b: Option<String>,
+    run_a: Option<String>,
+    run_b: Option<String>,
+    task: Option<u32>,
+}
+
+/// Two submissions side by side.
+///
+/// # Errors
+/// 400 where they are not named; 404 where there are none.
+pub async fn beside(State(state): State<AppState>, Query(two): Query<Two>) -> PageResult {
+    let rows = match two {
+        Two { a: Some(a), b: Some(b), .. } => [stored(&state, &a).await?, stored(&state, &b).await?],
+        Two { run_a: Some(a), run_b: Some(b), task: Some(task), .. } => {
+            [answer_of(&state, &a, task).await?, answer_of(&state, &b, task).await?]
+        }
+        _ => {
+            let detail = "expected two submissions, a and b, or two runs, run_a and run_b, and a task";
+            let status = axum::http::StatusCode::BAD_REQUEST;
+            return Err(ApiError::new(status, "bad-request", "Bad request", detail).into());
+        }
+    };
+    let [a, b] = rows;
+    html::page(&BesidePage { two: [shown(&state, a, "both").await?, shown(&state, b, "both").await?] })
+}
+
+/// A picture of what stands in the end.
+///
+/// # Errors
+/// 404 where there is no such submission.
+pub async fn picture(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
+    let json = log_of(&state, &id).await?;
+    let drawn = tokio::task::spawn_blocking(move || {
+        BlockLog::from_canonical_json(&json).map(|log| Replay::new(&log).last().map(|end| isometric::svg(&end)))
+    });
+    let drawn = drawn.await.map_err(|error| ApiError::internal(&error))?;
+    let svg = drawn.map_err(|error| ApiError::internal(&error))?.unwrap_or_default();
+    Ok(image(svg))
+}
+
+/// An SVG picture as an answer; it may load nothing.
+pub fn image(svg: String) -> Response {
+    let headers = [
+        (header::CONTENT_TYPE, HeaderValue::from_static("image/svg+xml")),
+        (header::CONTENT_SECURITY_POLICY, HeaderValue::from_static("default-src 'none'")),
+        (header::CACHE_CONTROL, HeaderValue::from_static("public, max-age=3600")),
+    ];
+    (headers, svg).into_response()
+}
+
+/// A submission's evidence as one file that needs nothing else.
+///
+/// # Errors
+/// 404 where there is no such submission.
+pub async fn evidence(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
+    let row = stored(&state, &id).await?;
+    let mut one = shown(&state, row, "").await?;
+    let log: Value = serde_json::from_slice(&log_of(&state, &id).await?).map_err(|error| ApiError::internal(&error))?;
+    let mut stress = json!({});
+    if one.view.has_stress {
+        let query = StressQuery::equilibrium_as_arrays();
+        // Where the field cannot be had, the file is whole without it; the report's figures are in it all the same.
+        if let Ok(answer) = get_stress(State(state), Path(id.clone()), Query(query), HeaderMap::new()).await
+            && let Ok(bytes) = axum::body::to_bytes(answer.into_body(), usize::MAX).await
+        {
+            stress = json!({ "fem": serde_json::from_slice::<Value>(&bytes).unwrap_or_default() });
+        }
+    }
+    let cells = witnesses(one.report.as_ref());
+    let names = palette(log.to_string().as_bytes())?;
+    let colours = colours_of(names.iter().map(String::as_str));
+    let scene = json!({ "log": log, "colours": colours, "stress": stress, "witnesses": cells });
+    one.view.scene = json_in_markup(&scene);
+    one.view.picture = "data:,".to_owned();
+    let text = EvidencePage { one, style: assets::STYLE, viewer: assets::VIEWER }
+        .render()
+        .map_err(|error| ApiError::internal(&error))?;
+    let hash = |text: &str| base64::engine::general_purpose::STANDARD.encode(Sha256::digest(text));
+    let policy = format!(
+        "default-src 'none'; script-src 'sha256-{}'; style-src 'sha256-{}'; img-src data:; base-uri 'none'; form-action 'none'",
+        hash(assets::VIEWER),
+        hash(assets::STYLE)
+    );
+    let headers = [
+        (header::CONTENT_TYPE, HeaderValue::from_static("text/html; charset=utf-8")),
+        (header::CONTENT_SECURITY_POLICY, HeaderValue::from_str(&policy).map_err(|error| ApiError::internal(&error))?),
+        (
+            header::CONTENT_DISPOSITION,
+            HeaderValue::from_str(&format!("attachment; filename=\"evidence-{id}.html\""))
+                .map_err(|error| ApiError::internal(&error))?,
+        ),
+    ];
+    Ok((headers, text).into_response())
+}

@@ -1,0 +1,151 @@
+//! Pages of tasks: the list of a suite, and one with a good build of it.
+
+use std::sync::Arc;
+
+use askama::Template;
+use axum::extract::{Path, Query, State};
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use super::super::problem::ApiError;
+use super::super::state::AppState;
+use super::html::{self, PageResult, json_in_markup};
+use super::isometric;
+use super::submission::{View, colours_of, image};
+use crate::builders::build;
+use crate::grading::standings::Standing;
+use crate::tasks::Task;
+use crate::tasks::catalogue::Entry;
+use crate::voxel::BlockLog;
+use crate::voxel::replay::Replay;
+
+/// Runs shown on the page of a task.
+const RUNS: usize = 50;
+
+struct TaskRow {
+    number: u32,
+    id: String,
+    kind: String,
+    turns: usize,
+    criteria: String,
+    solved: usize,
+}
+
+/// Which tasks.
+#[derive(Debug, Deserialize)]
+pub struct TasksQuery {
+    #[serde(default)]
+    text: String,
+}
+
+#[derive(Template)]
+#[template(path = "tasks.html")]
+struct TasksPage {
+    suite: String,
+    text: String,
+    runs: usize,
+    tasks: Vec<TaskRow>,
+}
+
+/// The tasks of a suite, with how many runs solved each.
+///
+/// # Errors
+/// 404 where there is no such suite.
+pub async fn tasks(
+    State(state): State<AppState>,
+    Path(suite): Path<String>,
+    Query(query): Query<TasksQuery>,
+) -> PageResult {
+    let entry = state.suite(&suite).await?;
+    let board = state.boards.of(&state, &entry).await?;
+    let text = query.text.trim().to_lowercase();
+    let fits = |task: &Task| {
+        text.is_empty()
+            || task.id.contains(&text)
+            || task.kind.as_ref().is_some_and(|kind| kind.contains(&text))
+            || task.turns.iter().any(|turn| turn.prompt.to_lowercase().contains(&text))
+    };
+    let row = |(place, task): (usize, &Task)| TaskRow {
+        number: task.number,
+        id: task.id.clone(),
+        kind: task.kind.clone().unwrap_or_default(),
+        turns: task.turns.len(),
+        criteria: task.criteria().iter().map(|criterion| criterion.name()).collect::<Vec<_>>().join(", "),
+        solved: board.rows.all.iter().filter(|row| row.outcomes.is_solved(place)).count(),
+    };
+    let all = entry.suite.tasks.iter().enumerate().filter(|(_, task)| fits(task)).map(row);
+    html::page(&TasksPage {
+        suite: entry.suite.id(),
+        runs: board.rows.all.len(),
+        tasks: all.collect(),
+        text: query.text,
+    })
+}
+
+#[derive(Template)]
+#[template(path = "task.html")]
+struct TaskPage {
+    suite: String,
+    task: Task,
+    view: Option<View>,
+    runs: usize,
+    solved: usize,
+    rows: Vec<(Arc<Standing>, &'static str, &'static str)>,
+}
+
+fn found(entry: &Entry, number: u32) -> Result<&Task, ApiError> {
+    let found = entry.task_numbered(number).map(|(task, _)| task);
+    found.ok_or_else(|| ApiError::not_found(format!("{} has no task {number}", entry.suite.id())))
+}
+
+fn view(entry: &Entry, task: &Task, log: &BlockLog) -> Result<View, ApiError> {
+    let json: Value = serde_json::from_slice(&log.canonical_json()).map_err(|error| ApiError::internal(&error))?;
+    let names = json["palette"].as_array().map(Vec::as_slice).unwrap_or_default();
+    let colours = colours_of(names.iter().filter_map(Value::as_str));
+    Ok(View {
+        scene: json_in_markup(&json!({ "log": json, "colours": colours })),
+        picture: format!("/suites/{}/tasks/{}/view.svg", entry.suite.id(), task.number),
+        name: format!("A good build for {}", task.id),
+        camera: "",
+        has_stress: false,
+        has_witnesses: false,
+    })
+}
+
+/// A task: what is asked, how it is checked, a good build, and how the runs did.
+///
+/// # Errors
+/// 404 where there is none.
+pub async fn task(State(state): State<AppState>, Path((suite, number)): Path<(String, u32)>) -> PageResult {
+    let entry = state.suite(&suite).await?;
+    let task = found(&entry, number)?;
+    let place = entry.suite.tasks.iter().position(|other| other.number == number).unwrap_or_default();
+    let board = state.boards.of(&state, &entry).await?;
+    let rows = board.rows.all.iter().filter(|row| row.outcomes.is_answered(place)).take(RUNS).map(|row| {
+        let (class, told) = match &row.outcomes {
+            o if o.is_solved(place) => ("good", "solved"),
+            o if o.is_accurate(place) => ("bad", "accurate, but not solved"),
+            _ => ("bad", "not solved"),
+        };
+        (Arc::clone(row), class, told)
+    });
+    html::page(&TaskPage {
+        suite: entry.suite.id(),
+        runs: board.rows.all.len(),
+        solved: board.rows.all.iter().filter(|row| row.outcomes.is_solved(place)).count(),
+        rows: rows.collect(),
+        // Tasks of others have no builder.
+        view: build(task).ok().map(|log| view(&entry, task, &log)).transpose()?,
+        task: task.clone(),
+    })
+}
+
+/// A picture of a good build.
+///
+/// # Errors
+/// 404 where there is no such task, or none that builds it.
+pub async fn picture(State(state): State<AppState>, Path((suite, number)): Path<(String, u32)>) -> PageResult {
+    let entry = state.suite(&suite).await?;
+    let log = build(found(&entry, number)?).map_err(|error| ApiError::not_found(format!("no good build: {error}")))?;
+    Ok(image(Replay::new(&log).last().map(|end| isometric::svg(&end)).unwrap_or_default()))
+}
