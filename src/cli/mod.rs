@@ -8,6 +8,7 @@ pub mod grade;
 pub mod keys;
 pub mod progress;
 pub mod quota;
+pub mod regrade;
 pub mod saboteur_table;
 pub mod serve;
 pub mod submit;
@@ -52,6 +53,8 @@ pub enum Command {
     Keys(keys::KeysArgs),
     /// Grant owners submissions, and look at what they used.
     Quota(quota::QuotaArgs),
+    /// Grade a suite's submissions again with this program's checks, look at what changes, and apply or discard it.
+    Regrade(regrade::RegradeArgs),
     /// Copy the database to a file, consistently, also while the service runs.
     Backup(copies::CopyArgs),
     /// Put a backup where the database shall be.
@@ -76,6 +79,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Submit(args) => submit::run(&args),
         Command::Keys(args) => keys::run(&args),
         Command::Quota(args) => quota::run(&args),
+        Command::Regrade(args) => regrade::run(&args),
         Command::Backup(args) => copies::back_up(&args),
         Command::Restore(args) => copies::restore(&args),
         Command::Export(args) => copies::export_lines(&args),

@@ -13,6 +13,7 @@ pub mod jobs;
 pub mod keys;
 mod pace;
 pub mod quota;
+pub mod regrades;
 pub mod reports;
 pub mod runs;
 pub mod submissions;

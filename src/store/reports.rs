@@ -2,7 +2,8 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use sqlx::{QueryBuilder, Row as _};
+use sqlx::query_builder::Separated;
+use sqlx::{QueryBuilder, Row as _, Sqlite};
 
 use super::events::{self, NewEvent};
 use super::jobs::{Claim, push_ids};
@@ -53,6 +54,17 @@ impl PackedReport {
             body: compress(&serde_json::to_vec(report).map_err(json)?)?,
             grading_us,
         })
+    }
+}
+
+impl PackedReport {
+    /// Adds verdicts, scores, body and duration to a row of values, in this order.
+    pub(super) fn push_to(&self, row: &mut Separated<'_, Sqlite, &'static str>) {
+        row.push_bind(self.overall)
+            .push_bind(self.accuracy)
+            .push_bind(self.scores.clone())
+            .push_bind(self.body.clone())
+            .push_bind(self.grading_us);
     }
 }
 
@@ -133,16 +145,17 @@ impl Store {
         Ok(ours.len())
     }
 
-    /// The latest report on a submission.
+    /// The latest report on a submission, or that of an attempt.
     ///
     /// # Errors
     /// Where the database fails or the report does not read back.
-    pub async fn report(&self, submission_id: &str) -> StoreResult<Option<ReportRow>> {
+    pub async fn report(&self, submission_id: &str, attempt: Option<i64>) -> StoreResult<Option<ReportRow>> {
         let row = sqlx::query(
-            "SELECT attempt, grader, graded_at_ms, grading_us, body FROM reports WHERE submission_id = $1
-             ORDER BY attempt DESC LIMIT 1",
+            "SELECT attempt, grader, graded_at_ms, grading_us, body FROM reports
+             WHERE submission_id = $1 AND ($2 IS NULL OR attempt = $2) ORDER BY attempt DESC LIMIT 1",
         )
         .bind(submission_id)
+        .bind(attempt)
         .fetch_optional(&self.readers)
         .await?;
         let Some(row) = row else { return Ok(None) };

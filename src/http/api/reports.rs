@@ -1,10 +1,10 @@
 //! Reports and logs of submissions.
 
 use axum::Json;
-use axum::extract::{Path, State};
+use axum::extract::{Path, Query, State};
 use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
@@ -43,10 +43,20 @@ pub struct Provenance {
     pub grading_us: i64,
 }
 
+/// Which report.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct ReportQuery {
+    /// That of this attempt: grading again makes a new report beside the old one. Without it the latest.
+    #[param(minimum = 1)]
+    attempt: Option<i64>,
+}
+
 /// The report: per turn, check and criterion what was measured and what was required, with the cells that show it.
 #[utoipa::path(
     get, path = "/v1/submissions/{id}/report", operation_id = "get_report", tag = "submissions", summary = "Get a report",
-    params(("id" = String, Path, description = "The submission's id")),
+    params(("id" = String, Path, description = "The submission's id"), ReportQuery),
     responses(
         (status = 200, description = "The report", body = ReportBody,
          example = json!({ "submission": "0198c0de-0000-7000-8000-000000000001", "overall": true, "accuracy": true,
@@ -57,9 +67,16 @@ pub struct Provenance {
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub async fn get_report(State(state): State<AppState>, Path(id): Path<String>) -> ApiResult<Json<ReportBody>> {
+pub async fn get_report(
+    State(state): State<AppState>,
+    Path(id): Path<String>,
+    Query(query): Query<ReportQuery>,
+) -> ApiResult<Json<ReportBody>> {
     let row = stored(&state, &id).await?;
-    let Some(stored) = state.store.report(&id).await? else {
+    let Some(stored) = state.store.report(&id, query.attempt).await? else {
+        if let (Some(attempt), SubmissionState::Graded) = (query.attempt, row.state) {
+            return Err(ApiError::not_found(format!("there is no report of attempt {attempt}")));
+        }
         let error = ApiError::conflict("not-graded", format!("the submission is {}", row.state.name()));
         let is_coming = matches!(row.state, SubmissionState::Queued | SubmissionState::Grading);
         return Err(if is_coming { error.retry_after(1) } else { error });

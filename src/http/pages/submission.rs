@@ -122,7 +122,7 @@ async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Re
     let entry = state.suite(&row.suite_id).await?;
     let number = u32::try_from(row.task_number).unwrap_or_default();
     let task = entry.task_numbered(number).map(|(task, _)| task);
-    let report = state.store.report(&row.id).await?;
+    let report = state.store.report(&row.id, None).await?;
     let agent = match &row.run_id {
         Some(run) => state.store.run(run).await?.map(|run| run.agent),
         None => None,

@@ -86,8 +86,9 @@ class Viewer {
     this.path = gl.createBuffer();
     this.bounds();
     const shared = this.root.dataset.camera;
-    this.camera = (shared && cameras.get(shared)) || { yaw: 0.7, pitch: 0.55, distance: this.size * 1.1 + 3, centre: this.centre, views: [] };
+    this.camera = (shared && cameras.get(shared)) || { yaw: 0.7, pitch: 0.55, distance: this.size * 1.1 + 3, views: [] };
     if (shared) cameras.set(shared, this.camera);
+    this.camera.distance = Math.max(this.camera.distance, this.size * 1.1 + 3);
     this.camera.views.push(this);
     this.camera.home = { yaw: 0.7, pitch: 0.55, distance: this.camera.distance };
     this.root.classList.add("live");
@@ -183,7 +184,7 @@ class Viewer {
       gl.viewport(0, 0, width, height);
       gl.clearColor(0, 0, 0, 0);
       gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-      gl.uniformMatrix4fv(gl.getUniformLocation(this.program, "view"), false, matrix(this.camera, width / height));
+      gl.uniformMatrix4fv(gl.getUniformLocation(this.program, "view"), false, matrix({ ...this.camera, centre: this.centre }, width / height));
       const edges = gl.getUniformLocation(this.program, "edges");
       gl.uniform1f(edges, 1);
       gl.enableVertexAttribArray(0);

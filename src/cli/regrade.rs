@@ -1,0 +1,245 @@
+//! `plumbline regrade`: grade a suite's submissions again with this program's checks, beside what holds; look; apply or discard.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Instant;
+
+use anyhow::{Context as _, bail};
+use clap::{Args, Subcommand};
+use comfy_table::{Table, presets};
+use rayon::prelude::*;
+use uuid::Uuid;
+
+use super::progress::bar;
+use crate::clock::{now_ms, rfc3339};
+use crate::elasticity::Control;
+use crate::grading::{Summary, grade_hashed};
+use crate::store::Store;
+use crate::store::boards::Read;
+use crate::store::regrades::{Difference, ToRegrade};
+use crate::store::reports::PackedReport;
+use crate::tasks::catalogue::Entry;
+
+/// Submissions graded between two writes.
+const CHUNK: i64 = 200;
+/// How much this yields to a service on the same machine (niceness).
+const NICENESS: i32 = 10;
+/// Flipped submissions that are listed.
+const LISTED: usize = 50;
+
+/// Arguments of `regrade`.
+#[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true)]
+pub struct RegradeArgs {
+    #[command(subcommand)]
+    command: Option<RegradeCommand>,
+    #[command(flatten)]
+    compute: ComputeArgs,
+}
+
+#[derive(Debug, Args)]
+struct ComputeArgs {
+    /// Suite whose submissions are graded again: name@version.
+    #[arg(long)]
+    suite: Option<String>,
+    /// Why; it stands beside every row that changes.
+    #[arg(long)]
+    reason: Option<String>,
+    /// Who does it; it stands there too.
+    #[arg(long, default_value = "operator")]
+    actor: String,
+    #[command(flatten)]
+    at: Database,
+}
+
+#[derive(Debug, Args)]
+struct Database {
+    /// The service's database; the service may run.
+    #[arg(long, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
+    database: PathBuf,
+}
+
+/// What is done with a regrade that was computed.
+#[derive(Debug, Subcommand)]
+enum RegradeCommand {
+    /// List regrades.
+    List(Database),
+    /// Show what a regrade would change.
+    Show(Named),
+    /// Make a regrade hold: boards change at once, old reports stay.
+    Apply(Named),
+    /// Throw a regrade away.
+    Discard(Named),
+}
+
+#[derive(Debug, Args)]
+struct Named {
+    /// Its id.
+    id: String,
+    #[command(flatten)]
+    at: Database,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Where the database cannot be opened, there is no such suite or regrade, or a submission cannot be graded.
+pub fn run(args: &RegradeArgs) -> anyhow::Result<ExitCode> {
+    let database = match &args.command {
+        None => &args.compute.at.database,
+        Some(RegradeCommand::List(at)) => &at.database,
+        Some(RegradeCommand::Show(named) | RegradeCommand::Apply(named) | RegradeCommand::Discard(named)) => {
+            &named.at.database
+        }
+    };
+    // A service on this machine goes first; where that cannot be had, the numbers are the same.
+    let _ = rustix::process::setpriority_process(None, NICENESS);
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    runtime.block_on(async {
+        let store = Store::open(database).await.with_context(|| database.display().to_string())?;
+        let done = match &args.command {
+            None => compute(&store, &args.compute).await,
+            Some(RegradeCommand::List(_)) => list(&store).await,
+            Some(RegradeCommand::Show(named)) => show(&store, &named.id).await,
+            Some(RegradeCommand::Apply(named)) => apply(&store, &named.id).await,
+            Some(RegradeCommand::Discard(named)) => discard(&store, &named.id).await,
+        };
+        store.close().await;
+        done
+    })?;
+    Ok(ExitCode::SUCCESS)
+}
+
+async fn compute(store: &Store, args: &ComputeArgs) -> anyhow::Result<()> {
+    let Some(name) = &args.suite else { bail!("--suite: which suite shall be graded again? (name@version)") };
+    let Some(reason) = args.reason.as_deref().map(str::trim).filter(|reason| !reason.is_empty()) else {
+        bail!("--reason: it stands beside every row that changes");
+    };
+    let catalogue = store.catalogue();
+    let entry = catalogue.suite(name).with_context(|| format!("there is no suite {name:?}"))?;
+    let suite_id = entry.suite.id();
+    let id = Uuid::now_v7().to_string();
+    store.begin_regrade(&id, &suite_id, reason, &args.actor, now_ms()).await?;
+    let progress = bar(0, "graded again");
+    let mut after = String::new();
+    loop {
+        let chunk = store.to_regrade(&suite_id, &after, CHUNK).await?;
+        let Some(last) = chunk.last() else { break };
+        after.clone_from(&last.submission_id);
+        let graded: Vec<(String, PackedReport)> =
+            chunk.par_iter().map(|one| grade(entry, one)).collect::<anyhow::Result<_>>()?;
+        progress.inc(graded.len() as u64);
+        store.put_regraded(&id, &graded).await?;
+    }
+    progress.finish_and_clear();
+    store.end_computing(&id, true, now_ms()).await?;
+    show(store, &id).await?;
+    println!("\nplumbline regrade apply {id}\nplumbline regrade discard {id}");
+    Ok(())
+}
+
+fn grade(entry: &Entry, one: &ToRegrade) -> anyhow::Result<(String, PackedReport)> {
+    let begun = Instant::now();
+    let (task, hash) = entry.task_numbered(one.task_number).context("a submission to a task that is not there")?;
+    let report = grade_hashed(task, hash, &one.read_log()?, &Control::unhurried());
+    let report = report.map_err(|_stopped| anyhow::anyhow!("grading {} stopped", one.submission_id))?;
+    let took = i64::try_from(begun.elapsed().as_micros()).unwrap_or(i64::MAX);
+    Ok((one.submission_id.clone(), PackedReport::of(&report, took)?))
+}
+
+async fn list(store: &Store) -> anyhow::Result<()> {
+    let mut table = Table::new();
+    table.load_style(presets::ASCII_MARKDOWN);
+    table.set_header(["id", "suite", "checks", "state", "begun", "actor", "reason"]);
+    for row in store.regrades().await? {
+        let begun = rfc3339(row.created_at_ms);
+        table.add_row([row.id, row.suite_id, row.checks_version.to_string(), row.state, begun, row.actor, row.reason]);
+    }
+    println!("{table}");
+    Ok(())
+}
+
+async fn show(store: &Store, id: &str) -> anyhow::Result<()> {
+    let all = store.regrades().await?;
+    let regrade = all.iter().find(|row| row.id == id).with_context(|| format!("there is no regrade {id:?}"))?;
+    let catalogue = store.catalogue();
+    let entry = catalogue.suite(&regrade.suite_id).context("its suite is gone")?;
+    println!("{} of {}: {} ({})", regrade.id, regrade.suite_id, regrade.state, regrade.reason);
+    let differences = store.differences(id).await?;
+    let flips: Vec<&Difference> = differences.iter().filter(|d| d.before != d.after).collect();
+    println!("{} submissions score otherwise; {} problems flip", differences.len(), flips.len());
+    for flip in flips.iter().take(LISTED) {
+        let task = u32::try_from(flip.task_number).ok().and_then(|n| entry.task_numbered(n)).map(|(task, _)| &task.id);
+        let becomes = if flip.after { "solved" } else { "not solved" };
+        println!("  {} {}: {becomes}  {}", flip.task_number, task.map_or("", String::as_str), flip.submission_id);
+    }
+    if flips.len() > LISTED {
+        println!("  and {} more", flips.len() - LISTED);
+    }
+    ranks(store, id, entry, &differences).await
+}
+
+/// How runs move.
+async fn ranks(store: &Store, id: &str, entry: &Entry, differences: &[Difference]) -> anyhow::Result<()> {
+    let news = store.board_news(&entry.suite.id(), &entry.suite.tasks, Read::default()).await?;
+    // The last result of a run holds.
+    let before: BTreeMap<String, (String, f64)> = news
+        .results
+        .into_iter()
+        .map(|row| (row.run_id, (row.agent, row.summary.problem_level.overall.rate.unwrap_or(-1.0))))
+        .collect();
+    let mut after: BTreeMap<&String, f64> = before.iter().map(|(run, (_, rate))| (run, *rate)).collect();
+    for run in differences.iter().filter_map(|difference| difference.run_id.as_ref()) {
+        if let Some(rate) = after.get_mut(run) {
+            let problems = store.regraded_problems(id, run).await?;
+            let summary = Summary::of(&problems);
+            *rate = summary.problem_level.overall.pass as f64 / entry.suite.tasks.len() as f64;
+        }
+    }
+    let rank = |rates: &dyn Fn(&String) -> f64, run: &String| {
+        1 + before.keys().filter(|other| rates(other) > rates(run)).count()
+    };
+    let (was, is) = (|run: &String| before[run].1, |run: &String| after[run]);
+    let mut table = Table::new();
+    table.load_style(presets::ASCII_MARKDOWN);
+    table.set_header(["run", "agent", "overall before", "after", "rank before", "after"]);
+    for run in before.keys().filter(|run| was(run) != is(run) || rank(&was, run) != rank(&is, run)) {
+        let percent = |rate: f64| format!("{:.1} %", rate * 100.0);
+        let (rank_before, rank_after) = (rank(&was, run).to_string(), rank(&is, run).to_string());
+        table.add_row([
+            run.clone(),
+            before[run].0.clone(),
+            percent(was(run)),
+            percent(is(run)),
+            rank_before,
+            rank_after,
+        ]);
+    }
+    if table.row_count() == 0 {
+        println!("no run of the board moves");
+    } else {
+        println!("{table}");
+    }
+    Ok(())
+}
+
+async fn apply(store: &Store, id: &str) -> anyhow::Result<()> {
+    let all = store.regrades().await?;
+    let regrade = all.iter().find(|row| row.id == id).with_context(|| format!("there is no regrade {id:?}"))?;
+    let catalogue = store.catalogue();
+    let entry = catalogue.suite(&regrade.suite_id).context("its suite is gone")?;
+    match store.apply_regrade(id, &entry.suite.tasks, now_ms()).await? {
+        Some(runs) => println!("applied; {runs} finished runs have new results"),
+        None => bail!("the regrade is {}, not ready", regrade.state),
+    }
+    Ok(())
+}
+
+async fn discard(store: &Store, id: &str) -> anyhow::Result<()> {
+    if !store.end_computing(id, false, now_ms()).await? {
+        bail!("there is no regrade {id:?} that waits to be applied");
+    }
+    println!("discarded");
+    Ok(())
+}

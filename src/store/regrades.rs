@@ -1,0 +1,276 @@
+//! Grading again: computed beside what holds, looked at, then applied or discarded as a whole.
+
+use sqlx::{QueryBuilder, Row as _, SqliteConnection};
+
+use super::boards::{enter_action, enter_result};
+use super::reports::{GRADER, PackedReport};
+use super::runs::{problems_of, summarise};
+use super::{Store, StoreError, StoreResult, commit, decompress};
+use crate::checks::CHECKS_VERSION;
+use crate::grading::ProblemScores;
+use crate::grading::outcomes::Outcomes;
+use crate::tasks::Task;
+use crate::voxel::BlockLog;
+
+/// A regrade.
+#[derive(Debug, Clone, sqlx::FromRow)]
+pub struct RegradeRow {
+    /// Its id.
+    pub id: String,
+    /// `name@version` of the suite.
+    pub suite_id: String,
+    /// Why.
+    pub reason: String,
+    /// Who began it.
+    pub actor: String,
+    /// Version of the checks that graded.
+    pub checks_version: i64,
+    /// `computing`, `ready`, `applied` or `discarded`.
+    pub state: String,
+    /// When it was begun.
+    pub created_at_ms: i64,
+}
+
+/// A graded submission to be graded again.
+#[derive(Debug)]
+pub struct ToRegrade {
+    /// Its id.
+    pub submission_id: String,
+    /// The task's number.
+    pub task_number: u32,
+    log: Vec<u8>,
+}
+
+impl ToRegrade {
+    /// The log.
+    ///
+    /// # Errors
+    /// Where the stored bytes do not read back.
+    pub fn read_log(&self) -> StoreResult<BlockLog> {
+        let json = decompress("submissions", &self.log)?;
+        BlockLog::from_canonical_json(&json).map_err(|error| StoreError::corrupt("submissions", error))
+    }
+}
+
+/// A submission whose scores change.
+#[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+pub struct Difference {
+    /// The submission.
+    pub submission_id: String,
+    /// Its run.
+    pub run_id: Option<String>,
+    /// The task's number.
+    pub task_number: i64,
+    /// Verdict that holds.
+    pub before: bool,
+    /// Verdict of grading again.
+    pub after: bool,
+}
+
+impl Store {
+    /// Begins a regrade.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn begin_regrade(
+        &self,
+        id: &str,
+        suite_id: &str,
+        reason: &str,
+        actor: &str,
+        now_ms: i64,
+    ) -> StoreResult<()> {
+        let mut tx = self.begin().await?;
+        sqlx::query(
+            "INSERT INTO regrades (id, suite_id, reason, actor, checks_version, grader, state, created_at_ms)
+             VALUES ($1, $2, $3, $4, $5, $6, 'computing', $7)",
+        )
+        .bind(id)
+        .bind(suite_id)
+        .bind(reason)
+        .bind(actor)
+        .bind(i64::from(CHECKS_VERSION))
+        .bind(GRADER)
+        .bind(now_ms)
+        .execute(&mut *tx)
+        .await?;
+        commit(tx, "begin_regrade").await
+    }
+
+    /// All regrades, the latest first.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn regrades(&self) -> StoreResult<Vec<RegradeRow>> {
+        Ok(sqlx::query_as(
+            "SELECT id, suite_id, reason, actor, checks_version, state, created_at_ms FROM regrades
+             ORDER BY created_at_ms DESC, id",
+        )
+        .fetch_all(&self.readers)
+        .await?)
+    }
+
+    /// Graded submissions of a suite after this one, by id, at most `limit`.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn to_regrade(&self, suite_id: &str, after: &str, limit: i64) -> StoreResult<Vec<ToRegrade>> {
+        let rows = sqlx::query(
+            "SELECT id, task_number, log FROM submissions
+             WHERE id > $2 AND suite_id = $1 AND state = 'graded' ORDER BY id LIMIT $3",
+        )
+        .bind(suite_id)
+        .bind(after)
+        .bind(limit)
+        .fetch_all(&self.readers)
+        .await?;
+        let read = |row: &sqlx::sqlite::SqliteRow| {
+            Ok(ToRegrade {
+                submission_id: row.try_get(0)?,
+                task_number: u32::try_from(row.try_get::<i64, _>(1)?).unwrap_or_default(),
+                log: row.try_get(2)?,
+            })
+        };
+        rows.iter().map(read).collect()
+    }
+
+    /// Keeps what grading again came to, beside what holds.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn put_regraded(&self, regrade_id: &str, graded: &[(String, PackedReport)]) -> StoreResult<()> {
+        if graded.is_empty() {
+            return Ok(());
+        }
+        let mut tx = self.begin().await?;
+        let mut query = QueryBuilder::new(
+            "INSERT INTO regraded (regrade_id, submission_id, overall, accuracy, scores, body, grading_us) ",
+        );
+        query.push_values(graded, |mut row, (submission_id, report)| {
+            row.push_bind(regrade_id.to_owned()).push_bind(submission_id.clone());
+            report.push_to(&mut row);
+        });
+        query.build().execute(&mut *tx).await?;
+        commit(tx, "put_regraded").await
+    }
+
+    /// Says that a regrade is computed, or is thrown away with all that it computed. False where it is not in such a state.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn end_computing(&self, id: &str, is_kept: bool, now_ms: i64) -> StoreResult<bool> {
+        let mut tx = self.begin().await?;
+        let update = if is_kept {
+            "UPDATE regrades SET state = 'ready' WHERE id = $1 AND state = 'computing'"
+        } else {
+            "UPDATE regrades SET state = 'discarded', ended_at_ms = $2 WHERE id = $1 AND state IN ('computing', 'ready')"
+        };
+        let found = sqlx::query(update).bind(id).bind(now_ms).execute(&mut *tx).await?.rows_affected();
+        if !is_kept {
+            sqlx::query("DELETE FROM regraded WHERE regrade_id = $1").bind(id).execute(&mut *tx).await?;
+        }
+        commit(tx, "end_computing").await?;
+        Ok(found > 0)
+    }
+
+    /// Submissions whose scores grading again changes.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn differences(&self, id: &str) -> StoreResult<Vec<Difference>> {
+        Ok(sqlx::query_as(
+            "SELECT g.submission_id, s.run_id, s.task_number, r.overall AS before, g.overall AS after
+             FROM regraded g JOIN submissions s ON s.id = g.submission_id
+             JOIN reports r ON r.submission_id = g.submission_id
+              AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = g.submission_id)
+             WHERE g.regrade_id = $1 AND g.scores <> r.scores ORDER BY s.task_number, g.submission_id",
+        )
+        .bind(id)
+        .fetch_all(&self.readers)
+        .await?)
+    }
+
+    /// Scores of a run as they would be, where the regrade changes any of them.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn regraded_problems(&self, id: &str, run_id: &str) -> StoreResult<Vec<ProblemScores>> {
+        let mut connection = self.readers.acquire().await?;
+        let mut problems = problems_of(&mut connection, run_id).await?;
+        let rows: Vec<(String,)> = sqlx::query_as(
+            "SELECT g.scores FROM regraded g JOIN submissions s ON s.id = g.submission_id
+             WHERE g.regrade_id = $1 AND s.run_id = $2 AND s.superseded = 0",
+        )
+        .bind(id)
+        .bind(run_id)
+        .fetch_all(&mut *connection)
+        .await?;
+        for (scores,) in rows {
+            let scores: ProblemScores =
+                serde_json::from_str(&scores).map_err(|error| StoreError::corrupt("regraded", error))?;
+            if let Some(problem) = problems.iter_mut().find(|problem| problem.number == scores.number) {
+                *problem = scores;
+            }
+        }
+        Ok(problems)
+    }
+
+    /// Makes what grading again came to hold, as one switch: new reports beside the old ones, results of the runs whose scores
+    /// change, and a public entry for each of them. Gives the number of those runs; none where it is not ready.
+    ///
+    /// # Errors
+    /// Where the database fails; nothing is changed then.
+    pub async fn apply_regrade(&self, id: &str, tasks: &[Task], now_ms: i64) -> StoreResult<Option<usize>> {
+        let mut tx = self.begin().await?;
+        let found: Option<(String, String)> =
+            sqlx::query_as("SELECT reason, actor FROM regrades WHERE id = $1 AND state = 'ready'")
+                .bind(id)
+                .fetch_optional(&mut *tx)
+                .await?;
+        let Some((reason, actor)) = found else { return Ok(None) };
+        let runs: Vec<String> = sqlx::query_scalar(
+            "SELECT DISTINCT u.id FROM regraded g JOIN submissions s ON s.id = g.submission_id
+             JOIN runs u ON u.id = s.run_id AND u.state = 'finished'
+             JOIN reports r ON r.submission_id = g.submission_id
+              AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = g.submission_id)
+             WHERE g.regrade_id = $1 AND s.superseded = 0 AND g.scores <> r.scores ORDER BY u.id",
+        )
+        .bind(id)
+        .fetch_all(&mut *tx)
+        .await?;
+        sqlx::query(
+            "INSERT INTO reports (submission_id, attempt, checks_version, grader, overall, accuracy, scores, body,
+                                  graded_at_ms, grading_us)
+             SELECT g.submission_id,
+                    (SELECT MAX(l.attempt) + 1 FROM reports l WHERE l.submission_id = g.submission_id),
+                    q.checks_version, q.grader, g.overall, g.accuracy, g.scores, g.body, $2, g.grading_us
+             FROM regraded g JOIN regrades q ON q.id = g.regrade_id WHERE g.regrade_id = $1",
+        )
+        .bind(id)
+        .bind(now_ms)
+        .execute(&mut *tx)
+        .await?;
+        for run_id in &runs {
+            set_result(&mut tx, run_id, tasks, now_ms).await?;
+            enter_action(&mut tx, run_id, "regrade", &actor, &reason, now_ms).await?;
+        }
+        sqlx::query("UPDATE regrades SET state = 'applied', ended_at_ms = $2 WHERE id = $1")
+            .bind(id)
+            .bind(now_ms)
+            .execute(&mut *tx)
+            .await?;
+        sqlx::query("DELETE FROM regraded WHERE regrade_id = $1").bind(id).execute(&mut *tx).await?;
+        commit(tx, "apply_regrade").await?;
+        self.note_ends(true);
+        Ok(Some(runs.len()))
+    }
+}
+
+/// What a finished run comes to now, from its latest reports.
+async fn set_result(tx: &mut SqliteConnection, run_id: &str, tasks: &[Task], now_ms: i64) -> StoreResult<()> {
+    let problems = problems_of(tx, run_id).await?;
+    let summary = serde_json::to_string(&summarise(&problems, tasks));
+    let summary = summary.map_err(|error| StoreError::corrupt("runs", error))?;
+    sqlx::query("UPDATE runs SET summary = $2 WHERE id = $1").bind(run_id).bind(&summary).execute(&mut *tx).await?;
+    enter_result(tx, run_id, &summary, &Outcomes::of(tasks, &problems), now_ms).await
+}
