@@ -2,6 +2,7 @@
 //!
 //! The rooms and what each may import are told in ARCHITECTURE.md; `tests/tidy.rs` enforces it.
 
+pub mod actions;
 pub mod app;
 pub mod builders;
 pub mod checks;

@@ -9,6 +9,7 @@ pub mod keys;
 pub mod progress;
 pub mod quota;
 pub mod regrade;
+pub mod replay;
 pub mod saboteur_table;
 pub mod serve;
 pub mod submit;
@@ -61,8 +62,13 @@ pub enum Command {
     Restore(copies::CopyArgs),
     /// Write runs, submissions and reports as files of JSON lines, also while the service runs.
     Export(copies::ExportArgs),
+    /// Run action code (JavaScript) against stand-ins and print one event a line.
+    Replay(replay::ReplayArgs),
     /// Print the OpenAPI document.
     Openapi,
+    /// Run the one script that standard input brings, confined: a process that `serve` and `replay` start.
+    #[command(name = crate::actions::child::COMMAND, hide = true)]
+    RunActionCode,
 }
 
 /// Runs a command to its end.
@@ -83,6 +89,8 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Backup(args) => copies::back_up(&args),
         Command::Restore(args) => copies::restore(&args),
         Command::Export(args) => copies::export_lines(&args),
+        Command::Replay(args) => replay::run(&args),
+        Command::RunActionCode => crate::actions::child::run(&crate::actions::ACTION_LIMITS),
         Command::Openapi => {
             print!("{}", crate::http::api::document());
             Ok(ExitCode::SUCCESS)

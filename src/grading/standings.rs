@@ -77,10 +77,31 @@ impl Field {
     #[must_use]
     pub fn places(&self, one: &Standing, all: &[Arc<Standing>], threshold: f64) -> RankRange {
         let others = all.iter().filter(|other| other.run != one.run).map(|other| {
+            if let Some(p) = self.decided(one, other, threshold) {
+                return (other.solved_count > one.solved_count, p);
+            }
             let (p, only_one, only_other) = self.compare(one, other);
             (only_other > only_one, p)
         });
         range(others, threshold)
+    }
+
+    /// A p-value on the same side of the threshold as that of two runs, where the numbers that they solve decide it: of runs that
+    /// answered all, the difference of what only each solves is known, and p grows with the sum. Saves most of the counting.
+    fn decided(&self, one: &Standing, other: &Standing, threshold: f64) -> Option<f64> {
+        if !(one.is_whole && other.is_whole) {
+            return None;
+        }
+        let difference = one.solved_count.abs_diff(other.solved_count);
+        let least = self.test.p_value(difference, 0);
+        if least > threshold {
+            return Some(least);
+        }
+        // At most all that either solves, each alone.
+        let most = (one.solved_count + other.solved_count).min(one.outcomes.len());
+        let shared = (most - difference) / 2;
+        let greatest = self.test.p_value(shared + difference, shared);
+        (greatest <= threshold).then_some(greatest)
     }
 
     /// Adds a run's comparisons with others, or takes them back.
@@ -136,6 +157,8 @@ pub struct Standing {
     pub interval: Option<Interval>,
     solved: Places,
     answered: Places,
+    solved_count: usize,
+    is_whole: bool,
 }
 
 /// A finished run as it is kept.
@@ -165,6 +188,8 @@ impl Standing {
             interval: field.interval(&outcomes),
             solved: Places::picked(tasks, |place| outcomes.is_solved(place)),
             answered: Places::picked(tasks, |place| outcomes.is_answered(place)),
+            solved_count: (0..tasks).filter(|place| outcomes.is_solved(*place)).count(),
+            is_whole: (0..tasks).all(|place| outcomes.is_answered(place)),
             run,
             agent,
             since_ms,
@@ -255,6 +280,13 @@ mod tests {
         let places: Vec<(usize, usize)> = places.map(|range| (range.first, range.last)).collect();
         assert_eq!(places, [(1, 3), (1, 3), (1, 3), (4, 4)]);
         assert_eq!(field.compare(&all[0], &all[1]), (1.0, 2, 2));
+        // What is decided by numbers alone is as counting would have it.
+        for (one, other) in all.iter().flat_map(|one| all.iter().map(move |other| (one, other))) {
+            for level in [1e-12, 1e-6, 1e-3, threshold, 0.5] {
+                let p = field.compare(one, other).0;
+                assert!(field.decided(one, other, level).is_none_or(|decided| (decided <= level) == (p <= level)));
+            }
+        }
         assert!(all[0].interval.is_some_and(|interval| interval.low < 0.7 && interval.high > 0.7));
     }
 }

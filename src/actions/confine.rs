@@ -1,0 +1,71 @@
+//! What the operating system keeps a child from, whatever its code does: memory, processor time, files, sockets, processes.
+
+use rustix::process::{Resource, Rlimit, setrlimit};
+
+use super::ActionLimits;
+
+/// Address space beyond what scripts may use: the program itself, the engine, stacks.
+const OWN_BYTES: u64 = 512 << 20;
+
+/// Confines this process for good. What is open stays open: standard input and output.
+///
+/// # Errors
+/// Where the system refuses; then no code may be run.
+pub fn confine(limits: &ActionLimits) -> anyhow::Result<()> {
+    let seconds = limits.cpu_ms.div_ceil(1_000) + 1;
+    let bounds = [
+        (Resource::As, OWN_BYTES + limits.memory_bytes as u64),
+        // Should the engine not come back from a built-in, the system ends it.
+        (Resource::Cpu, seconds),
+        (Resource::Fsize, 0),
+        (Resource::Core, 0),
+        (Resource::Nofile, 3),
+    ];
+    for (resource, bound) in bounds {
+        setrlimit(resource, Rlimit { current: Some(bound), maximum: Some(bound) })?;
+    }
+    system_calls()
+}
+
+/// Leaves the system calls that computing, reading what is sent and answering need; any other ends the process.
+#[cfg(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64")))]
+fn system_calls() -> anyhow::Result<()> {
+    use seccompiler::{BpfProgram, SeccompAction, SeccompFilter, TargetArch};
+    let needed = [
+        libc::SYS_read,
+        libc::SYS_write,
+        libc::SYS_mmap,
+        libc::SYS_munmap,
+        libc::SYS_mremap,
+        libc::SYS_mprotect,
+        libc::SYS_madvise,
+        libc::SYS_brk,
+        libc::SYS_futex,
+        libc::SYS_clock_gettime,
+        libc::SYS_getrandom,
+        libc::SYS_sched_yield,
+        libc::SYS_rt_sigaction,
+        libc::SYS_rt_sigprocmask,
+        libc::SYS_rt_sigreturn,
+        libc::SYS_sigaltstack,
+        libc::SYS_getpid,
+        libc::SYS_gettid,
+        libc::SYS_exit,
+        libc::SYS_exit_group,
+    ];
+    let filter = SeccompFilter::new(
+        needed.into_iter().map(|call| (call, Vec::new())).collect(),
+        SeccompAction::KillProcess,
+        SeccompAction::Allow,
+        TargetArch::try_from(std::env::consts::ARCH)?,
+    )?;
+    let program: BpfProgram = filter.try_into()?;
+    seccompiler::apply_filter(&program)?;
+    Ok(())
+}
+
+/// Elsewhere the bounds above are what there is.
+#[cfg(not(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64"))))]
+fn system_calls() -> anyhow::Result<()> {
+    Ok(())
+}

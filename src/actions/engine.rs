@@ -1,0 +1,269 @@
+//! Runs action code in QuickJS, with limits that the engine can keep; those that it cannot are the operating system's.
+
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::rc::Rc;
+
+use rquickjs::context::{EvalOptions, intrinsic};
+use rquickjs::function::{Func, Opt};
+use rquickjs::{CaughtError, Context, Ctx, Function, Object, Runtime, Value};
+use rustix::time::{ClockId, clock_gettime};
+
+use super::{ActionLimits, CodeError, Dropped, LimitReached, RecordedEvent, Replayed, integers};
+use crate::voxel::cell;
+
+const PRELUDE: &str = include_str!("prelude.js");
+/// What the code is called in stacks of errors.
+const FILE: &str = "action.js";
+/// Bytes of the engine's stack.
+const STACK_BYTES: usize = 512 << 10;
+
+type Intrinsics = (
+    intrinsic::Eval,
+    intrinsic::RegExpCompiler,
+    intrinsic::RegExp,
+    intrinsic::Json,
+    intrinsic::Proxy,
+    intrinsic::MapSet,
+    intrinsic::TypedArrays,
+    intrinsic::Promise,
+);
+
+/// What was recorded, and why it ended.
+#[derive(Default)]
+struct Recorder {
+    palette: Vec<String>,
+    index: BTreeMap<String, u32>,
+    events: Vec<RecordedEvent>,
+    dropped: BTreeMap<&'static str, u64>,
+    /// Promises that were rejected and that nobody waits for, so far.
+    unheard: Vec<CodeError>,
+    stopped: Option<&'static str>,
+}
+
+impl Recorder {
+    fn drop_call(&mut self, reason: &'static str) {
+        *self.dropped.entry(reason).or_default() += 1;
+    }
+
+    fn record(&mut self, limits: &ActionLimits, material: Option<String>, cell: [Option<i64>; 3]) {
+        let [Some(x), Some(y), Some(z)] = cell else { return self.drop_call("a coordinate is not an integer") };
+        let horizontal = i64::from(cell::MAX_HORIZONTAL);
+        let is_in_world = x.abs() <= horizontal
+            && z.abs() <= horizontal
+            && (i64::from(cell::MIN_Y)..=i64::from(cell::MAX_Y)).contains(&y);
+        if !is_in_world {
+            return self.drop_call("the cell is out of range");
+        }
+        let material = match material {
+            None => None,
+            Some(name) if name.chars().count() > limits.material_chars => {
+                return self.drop_call("the material's name is too long");
+            }
+            Some(name) => match self.index.get(&name) {
+                Some(index) => Some(*index),
+                None if self.palette.len() >= limits.materials => {
+                    return self.drop_call("too many different materials");
+                }
+                None => {
+                    let index = u32::try_from(self.palette.len()).unwrap_or(u32::MAX);
+                    self.palette.push(name.clone());
+                    self.index.insert(name, index);
+                    Some(index)
+                }
+            },
+        };
+        if self.events.len() >= limits.events {
+            self.stopped.get_or_insert("events");
+            return;
+        }
+        self.events.push(RecordedEvent { cell: [x as i32, y as i32, z as i32], material });
+    }
+}
+
+/// The processor time that this process has used, in milliseconds.
+fn cpu_ms() -> u64 {
+    let time = clock_gettime(ClockId::ProcessCPUTime);
+    time.tv_sec as u64 * 1_000 + time.tv_nsec as u64 / 1_000_000
+}
+
+/// Runs a script to its end: its main function, then promises and timers until none is left.
+pub fn run(code: &str, limits: &ActionLimits) -> Replayed {
+    let recorder = Rc::new(RefCell::new(Recorder::default()));
+    let error = run_with(code, limits, &recorder);
+    let mut recorder = recorder.take();
+    let events = recorder.events.len();
+    let detail = |what: String| format!("{what}; {events} events recorded before");
+    let stopped = recorder.stopped.map(|limit| LimitReached {
+        limit: limit.to_owned(),
+        detail: detail(match limit {
+            "events" => format!("more than {} events", limits.events),
+            "memory" => format!("more than {} bytes of memory", limits.memory_bytes),
+            _ => format!("more than {} ms on the processor", limits.cpu_ms),
+        }),
+    });
+    let dropped =
+        recorder.dropped.into_iter().map(|(reason, count)| Dropped { reason: reason.to_owned(), count }).collect();
+    let unheard = (!recorder.unheard.is_empty()).then(|| recorder.unheard.swap_remove(0));
+    Replayed {
+        palette: recorder.palette,
+        events: recorder.events,
+        dropped,
+        // What ends because of a limit is not an error of the script.
+        error: if stopped.is_some() { None } else { error.or(unheard) },
+        stopped,
+    }
+}
+
+fn run_with(code: &str, limits: &ActionLimits, recorder: &Rc<RefCell<Recorder>>) -> Option<CodeError> {
+    let internal = |what: &str| Some(CodeError { message: format!("InternalError: {what}"), line: None, column: None });
+    let Ok(runtime) = Runtime::new() else { return internal("no engine") };
+    runtime.set_memory_limit(limits.memory_bytes);
+    runtime.set_max_stack_size(STACK_BYTES);
+    let (watched, end) = (Rc::clone(recorder), cpu_ms() + limits.cpu_ms);
+    // Once it says stop it goes on saying so: an interrupt inside a promise is a rejection like another.
+    runtime.set_interrupt_handler(Some(Box::new(move || {
+        let Ok(mut recorder) = watched.try_borrow_mut() else { return false };
+        if recorder.stopped.is_none() && cpu_ms() >= end {
+            recorder.stopped = Some("time");
+        }
+        recorder.stopped.is_some()
+    })));
+    let heard = Rc::clone(recorder);
+    runtime.set_host_promise_rejection_tracker(Some(Box::new(move |ctx, _promise, reason, is_handled| {
+        let told = told(&ctx, CaughtError::Value(reason));
+        if let Ok(mut recorder) = heard.try_borrow_mut() {
+            if is_handled {
+                recorder.unheard.pop();
+            } else {
+                recorder.unheard.push(told);
+            }
+        }
+    })));
+    let Ok(context) = Context::custom::<Intrinsics>(&runtime) else { return internal("no context") };
+    let is_stopped = || recorder.borrow().stopped.is_some();
+    let fire = context.with(|ctx| match begin(&ctx, code, limits, recorder) {
+        Ok(fire) => Ok(rquickjs::Persistent::save(&ctx, fire)),
+        Err(error) => Err(error),
+    });
+    let (fire, mut error) = match fire {
+        Ok(fire) => (fire, None),
+        Err((fire, error)) => (fire?, Some(error)),
+    };
+    loop {
+        while !is_stopped() && matches!(runtime.execute_pending_job(), Ok(true) | Err(_)) && runtime.is_job_pending() {}
+        if is_stopped() {
+            break;
+        }
+        let fired = context.with(|ctx| {
+            let fire = fire.clone().restore(&ctx).map_err(|e| told(&ctx, CaughtError::Error(e)))?;
+            fire.call::<_, bool>(()).map_err(|e| told(&ctx, CaughtError::from_error(&ctx, e)))
+        });
+        match fired {
+            Ok(true) => {}
+            Ok(false) if runtime.is_job_pending() => {}
+            Ok(false) => break,
+            Err(thrown) => error = error.or(Some(thrown)),
+        }
+    }
+    // The engine reports that memory ran out as an error of the script.
+    if error.as_ref().is_some_and(|error| error.message.contains("out of memory")) {
+        recorder.borrow_mut().stopped.get_or_insert("memory");
+    }
+    error
+}
+
+/// The function that fires timers; where the script has failed at once, with its error.
+type Begun<'js> = Result<Function<'js>, (Option<rquickjs::Persistent<Function<'static>>>, CodeError)>;
+
+fn begin<'js>(ctx: &Ctx<'js>, code: &str, limits: &ActionLimits, recorder: &Rc<RefCell<Recorder>>) -> Begun<'js> {
+    let fail = |error: rquickjs::Error| (None, told(ctx, CaughtError::from_error(ctx, error)));
+    let (recording, limits) = (Rc::clone(recorder), *limits);
+    let record =
+        Func::from(move |is_placed: bool, name: Value<'_>, x: Opt<Value<'_>>, y: Opt<Value<'_>>, z: Opt<Value<'_>>| {
+            let cell = [coordinate(&x), coordinate(&y), coordinate(&z)];
+            let Ok(mut recorder) = recording.try_borrow_mut() else { return };
+            match is_placed.then(|| material(&name)) {
+                None => recorder.record(&limits, None, cell),
+                Some(Some(name)) => recorder.record(&limits, Some(name), cell),
+                Some(None) => recorder.drop_call("the material is not a name"),
+            }
+        });
+    let prelude: Function<'js> = ctx.eval(PRELUDE).map_err(fail)?;
+    let given: Object<'js> = prelude.call((record,)).map_err(fail)?;
+    let fire: Function<'js> = given.get("fire").map_err(fail)?;
+    let run = || -> rquickjs::Result<()> {
+        // As the published pipeline does: the words are taken out, and what is left is a script whose value is a function. As
+        // many spaces stand in for them, so that columns stay true.
+        let script = code.replacen("export default", &" ".repeat("export default".len()), 1);
+        let mut options = EvalOptions::default();
+        options.strict = false;
+        options.filename = Some(FILE.to_owned());
+        let value: Value<'js> = ctx.eval_with_options(script, options)?;
+        let module: Object<'js> = given.get("module")?;
+        let main = match value.into_function() {
+            Some(main) => Some(main),
+            None => module.get::<_, Value<'js>>("exports")?.into_function(),
+        };
+        if let Some(main) = main {
+            // Its promise, where nobody waits for it, is reported as any other.
+            main.call::<_, Value<'js>>((given.get::<_, Value<'js>>("bot")?,))?;
+        }
+        Ok(())
+    };
+    match run() {
+        Ok(()) => Ok(fire),
+        Err(error) => {
+            let told = told(ctx, CaughtError::from_error(ctx, error));
+            Err((Some(rquickjs::Persistent::save(ctx, fire)), told))
+        }
+    }
+}
+
+/// A coordinate: a number, or a text of one; nothing is asked of the script's own objects.
+fn coordinate(value: &Opt<Value<'_>>) -> Option<i64> {
+    let value = value.0.as_ref()?;
+    if let Some(number) = value.as_number() {
+        return integers::of_number(number);
+    }
+    integers::of_text(&value.as_string()?.to_string().ok()?)
+}
+
+/// A material's name; one that is missing has the name that the published pipeline gives it.
+fn material(value: &Value<'_>) -> Option<String> {
+    if value.is_undefined() {
+        return Some("unknown".to_owned());
+    }
+    if value.is_null() {
+        return Some("None".to_owned());
+    }
+    if let Some(number) = value.as_number() {
+        return Some(number.to_string());
+    }
+    value.as_string()?.to_string().ok()
+}
+
+/// What an error says, and where in the code it came from.
+fn told<'js>(ctx: &Ctx<'js>, error: CaughtError<'js>) -> CodeError {
+    const MOST: usize = 1_000;
+    let (message, stack) = match error {
+        CaughtError::Exception(exception) => {
+            let name = exception.get::<_, String>("name").unwrap_or_else(|_| "Error".to_owned());
+            let message = exception.get::<_, String>("message").unwrap_or_default();
+            (format!("{name}: {message}"), exception.get::<_, String>("stack").unwrap_or_default())
+        }
+        CaughtError::Value(value) => match value.as_exception().cloned() {
+            Some(exception) => return told(ctx, CaughtError::Exception(exception)),
+            None => match value.as_string().and_then(|text| text.to_string().ok()) {
+                Some(text) => (format!("thrown: {text}"), String::new()),
+                None => (format!("thrown: {}", value.type_name()), String::new()),
+            },
+        },
+        CaughtError::Error(error) => (error.to_string(), String::new()),
+    };
+    // The first place in the code itself: `… (action.js:12:34)`.
+    let place = stack.split(&format!("{FILE}:")).nth(1).unwrap_or_default();
+    let mut numbers = place.split(|c: char| !c.is_ascii_digit()).map(|digits| digits.parse::<u32>().ok());
+    let (line, column) = (numbers.next().flatten(), numbers.next().flatten());
+    CodeError { message: message.chars().take(MOST).collect(), line, column: column.filter(|_| line.is_some()) }
+}

@@ -1,0 +1,80 @@
+// Stand-ins for what action code is given (SPEC 8). Evaluated with the recording function and the clock of the timers.
+(function (record) {
+  "use strict";
+  class Vec3 {
+    constructor(x, y, z) { this.x = x; this.y = y; this.z = z; }
+    floored() { return new Vec3(Math.floor(this.x), Math.floor(this.y), Math.floor(this.z)); }
+    floor() { this.x = Math.floor(this.x); this.y = Math.floor(this.y); this.z = Math.floor(this.z); return this; }
+    clone() { return new Vec3(this.x, this.y, this.z); }
+    offset(dx, dy, dz) { return new Vec3(this.x + dx, this.y + dy, this.z + dz); }
+    distanceTo(other) { return Math.hypot(other.x - this.x, other.y - this.y, other.z - this.z); }
+  }
+  const air = () => ({ name: "air", type: 0 });
+
+  // Timers fire in the order of virtual time, and of their setting where that is the same. Nothing sleeps.
+  let now = 0, next = 1;
+  const timers = [];
+  const set = (call, after, every, args) => {
+    if (typeof call !== "function") throw new TypeError("a timer needs a function");
+    const wait = Math.max(1, Math.trunc(Number(after)) || 0);
+    const id = next++;
+    timers.push({ id, at: now + wait, every: every ? wait : 0, call, args });
+    return id;
+  };
+  const clear = (id) => {
+    const place = timers.findIndex((timer) => timer.id === id);
+    if (place >= 0) timers.splice(place, 1);
+  };
+  const fire = () => {
+    if (!timers.length) return false;
+    let first = 0;
+    for (let i = 1; i < timers.length; i++) {
+      const [a, b] = [timers[i], timers[first]];
+      if (a.at < b.at || (a.at === b.at && a.id < b.id)) first = i;
+    }
+    const [timer] = timers.splice(first, 1);
+    now = Math.max(now, timer.at);
+    if (timer.every) timers.push({ ...timer, at: now + timer.every });
+    timer.call(...timer.args);
+    return true;
+  };
+
+  // The same numbers in every run (mulberry32).
+  let seed = 0x706c756d;
+  Math.random = () => {
+    seed = (seed + 0x6d2b79f5) | 0;
+    let t = Math.imul(seed ^ (seed >>> 15), 1 | seed);
+    t = (t + Math.imul(t ^ (t >>> 7), 61 | t)) ^ t;
+    return ((t ^ (t >>> 14)) >>> 0) / 4294967296;
+  };
+
+  const position = new Vec3(0, 0, 0);
+  const silent = () => {};
+  const given = {
+    Vec3,
+    skills: {
+      placeBlock: async (bot, name, x, y, z) => { record(true, name, x, y, z); },
+      breakBlockAt: async (bot, x, y, z) => { record(false, undefined, x, y, z); },
+      wait: (bot, ms) => new Promise((done) => { set(done, ms, false, []); }),
+    },
+    world: { getPosition: () => position, getBlockAtPosition: air },
+    bot: {
+      entity: { position },
+      interrupt_code: false,
+      registry: { blocks: { 0: { name: "air" } } },
+      blockAt: air,
+      chat: silent,
+    },
+    log: silent,
+    console: { log: silent, info: silent, warn: silent, error: silent, debug: silent },
+    setTimeout: (call, after, ...args) => set(call, after, false, args),
+    setInterval: (call, after, ...args) => set(call, after, true, args),
+    setImmediate: (call, ...args) => set(call, 0, false, args),
+    clearTimeout: clear,
+    clearInterval: clear,
+    module: { exports: {} },
+  };
+  for (const [name, value] of Object.entries(given)) globalThis[name] = value;
+  globalThis.exports = given.module.exports;
+  return { fire, bot: given.bot, module: given.module };
+});

@@ -1,0 +1,72 @@
+//! `plumbline replay`: action code to events, one a line.
+
+use std::io::Write as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Context as _;
+use clap::Args;
+use serde_json::json;
+
+use crate::actions::pool::Pool;
+use crate::actions::{ACTION_LIMITS, Replayed};
+
+/// Arguments of `replay`.
+#[derive(Debug, Args)]
+pub struct ReplayArgs {
+    /// Files of action code; `-` is standard input.
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+}
+
+/// Runs the command. Events go to standard output, in the order of the files; what a script says or does wrong to standard
+/// error. A script that is stopped at a limit, or cannot be read as JavaScript, makes the exit code 1.
+///
+/// # Errors
+/// Where a file cannot be read or no process be had.
+pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    runtime.block_on(async {
+        let pool = Pool::new(1, ACTION_LIMITS);
+        let mut is_whole = true;
+        for file in &args.files {
+            let name = file.display().to_string();
+            let code =
+                if name == "-" { std::io::read_to_string(std::io::stdin()) } else { std::fs::read_to_string(file) };
+            let code = code.with_context(|| name.clone())?;
+            anyhow::ensure!(
+                code.len() <= ACTION_LIMITS.code_bytes,
+                "{name}: more than {} bytes",
+                ACTION_LIMITS.code_bytes
+            );
+            let replayed = pool.run(&code).await?;
+            is_whole &= replayed.stopped.is_none();
+            print(&name, &replayed)?;
+        }
+        Ok(if is_whole { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    })
+}
+
+fn print(name: &str, replayed: &Replayed) -> anyhow::Result<()> {
+    let mut out = std::io::BufWriter::new(std::io::stdout().lock());
+    for event in &replayed.events {
+        let [x, y, z] = event.cell;
+        let line = match event.material.and_then(|index| replayed.palette.get(index as usize)) {
+            Some(material) => json!({ "action": "place", "x": x, "y": y, "z": z, "material": material }),
+            None => json!({ "action": "remove", "x": x, "y": y, "z": z }),
+        };
+        writeln!(out, "{line}")?;
+    }
+    out.flush()?;
+    for dropped in &replayed.dropped {
+        eprintln!("{name}: {} calls dropped: {}", dropped.count, dropped.reason);
+    }
+    if let Some(error) = &replayed.error {
+        let place = error.line.map(|line| format!(":{line}:{}", error.column.unwrap_or(1))).unwrap_or_default();
+        eprintln!("{name}{place}: {}", error.message);
+    }
+    if let Some(stopped) = &replayed.stopped {
+        eprintln!("{name}: stopped: {}", stopped.detail);
+    }
+    Ok(())
+}
