@@ -12,11 +12,13 @@ use tokio::sync::Notify;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
+use crate::actions::ACTION_LIMITS;
+use crate::actions::pool::Pool;
 use crate::clock::now_ms;
 use crate::http::limits::LIMITS;
 use crate::http::rates::Rates;
 use crate::http::server::Connections;
-use crate::http::{self, HttpSettings};
+use crate::http::{self, Around, HttpSettings};
 use crate::store::Store;
 use crate::store::keys::Scope;
 use crate::store::suites::SuiteStored;
@@ -83,7 +85,18 @@ impl App {
         let connections = Connections::default();
         let rates = Arc::new(Rates::new(config.http.rates));
         tokio::spawn(keep_up(metrics.clone(), store.clone(), Arc::clone(&rates), stop.clone()));
-        let router = http::router(&store, &wake, metrics, &config.http, &connections, &rates, stop.clone())?;
+        let actions = Pool::new(config.workers, ACTION_LIMITS);
+        actions.refill();
+        let around = Around {
+            store: store.clone(),
+            wake,
+            metrics,
+            connections: connections.clone(),
+            rates,
+            actions,
+            stop: stop.clone(),
+        };
+        let router = http::router(around, &config.http)?;
         let serving = tokio::spawn(http::server::serve(listener, router, connections, stop.clone()));
         tracing::info!(%address, database = %config.database.display(), workers = config.workers, "listening");
         Ok(Self { address, store, workers, stop, serving })

@@ -214,8 +214,9 @@ async fn a_build_is_looked_at_from_all_sides() {
 
     // Step back through the replay, slice, hide, turn with the keyboard; the address keeps it.
     let events: u64 = whole["step"].as_str().unwrap().parse().unwrap();
+    let before_last = json!((events - 1).to_string());
     browser.click("[data-control=back]").await;
-    browser.wait(CANVAS, |canvas| canvas["step"] == (events - 1).to_string()).await;
+    browser.wait(CANVAS, |canvas| canvas["step"] == before_last).await;
     browser.click("[data-control=walk]").await;
     browser.see("path").await;
     browser.run("const s = document.querySelector('[data-control=slice]'); s.value = s.min; s.dispatchEvent(new Event('input'))").await;
@@ -232,7 +233,7 @@ async fn a_build_is_looked_at_from_all_sides() {
     let after = browser.wait("return location.hash", |hash| *hash != before).await;
     page.goto(&format!("{}/submissions/{id}{}", service.url, after.as_str().unwrap())).await.unwrap();
     page.refresh().await.unwrap();
-    browser.wait(CANVAS, |canvas| canvas["step"] == (events - 1).to_string() && canvas["mode"] == "sph").await;
+    browser.wait(CANVAS, |canvas| canvas["step"] == before_last && canvas["mode"] == "sph").await;
     browser.is_well(&service).await;
 
     // Witnesses; two side by side; a task's good build.

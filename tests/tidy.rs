@@ -21,8 +21,9 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("builders", &["voxel", "elasticity", "tasks"]),
     ("grading", &["voxel", "elasticity", "checks", "tasks"]),
     ("store", &["clock", "voxel", "checks", "tasks", "grading"]),
+    ("actions", &["voxel"]),
     ("worker", &["clock", "elasticity", "tasks", "grading", "store"]),
-    ("http", &["clock", "voxel", "elasticity", "checks", "tasks", "grading", "builders", "store"]),
+    ("http", &["actions", "clock", "voxel", "elasticity", "checks", "tasks", "grading", "builders", "store"]),
 ];
 /// Rooms that know no runtime, log, clock, thread, file or network, and the words that would show one.
 const PURE: [&str; 6] = ["voxel", "elasticity", "checks", "tasks", "builders", "grading"];

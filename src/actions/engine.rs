@@ -130,8 +130,8 @@ fn run_with(code: &str, limits: &ActionLimits, recorder: &Rc<RefCell<Recorder>>)
         recorder.stopped.is_some()
     })));
     let heard = Rc::clone(recorder);
-    runtime.set_host_promise_rejection_tracker(Some(Box::new(move |ctx, _promise, reason, is_handled| {
-        let told = told(&ctx, CaughtError::Value(reason));
+    runtime.set_host_promise_rejection_tracker(Some(Box::new(move |_ctx, _promise, reason, is_handled| {
+        let told = told(CaughtError::Value(reason));
         if let Ok(mut recorder) = heard.try_borrow_mut() {
             if is_handled {
                 recorder.unheard.pop();
@@ -156,8 +156,8 @@ fn run_with(code: &str, limits: &ActionLimits, recorder: &Rc<RefCell<Recorder>>)
             break;
         }
         let fired = context.with(|ctx| {
-            let fire = fire.clone().restore(&ctx).map_err(|e| told(&ctx, CaughtError::Error(e)))?;
-            fire.call::<_, bool>(()).map_err(|e| told(&ctx, CaughtError::from_error(&ctx, e)))
+            let fire = fire.clone().restore(&ctx).map_err(|e| told(CaughtError::Error(e)))?;
+            fire.call::<_, bool>(()).map_err(|e| told(CaughtError::from_error(&ctx, e)))
         });
         match fired {
             Ok(true) => {}
@@ -177,7 +177,7 @@ fn run_with(code: &str, limits: &ActionLimits, recorder: &Rc<RefCell<Recorder>>)
 type Begun<'js> = Result<Function<'js>, (Option<rquickjs::Persistent<Function<'static>>>, CodeError)>;
 
 fn begin<'js>(ctx: &Ctx<'js>, code: &str, limits: &ActionLimits, recorder: &Rc<RefCell<Recorder>>) -> Begun<'js> {
-    let fail = |error: rquickjs::Error| (None, told(ctx, CaughtError::from_error(ctx, error)));
+    let fail = |error: rquickjs::Error| (None, told(CaughtError::from_error(ctx, error)));
     let (recording, limits) = (Rc::clone(recorder), *limits);
     let record =
         Func::from(move |is_placed: bool, name: Value<'_>, x: Opt<Value<'_>>, y: Opt<Value<'_>>, z: Opt<Value<'_>>| {
@@ -214,7 +214,7 @@ fn begin<'js>(ctx: &Ctx<'js>, code: &str, limits: &ActionLimits, recorder: &Rc<R
     match run() {
         Ok(()) => Ok(fire),
         Err(error) => {
-            let told = told(ctx, CaughtError::from_error(ctx, error));
+            let told = told(CaughtError::from_error(ctx, error));
             Err((Some(rquickjs::Persistent::save(ctx, fire)), told))
         }
     }
@@ -244,7 +244,7 @@ fn material(value: &Value<'_>) -> Option<String> {
 }
 
 /// What an error says, and where in the code it came from.
-fn told<'js>(ctx: &Ctx<'js>, error: CaughtError<'js>) -> CodeError {
+fn told(error: CaughtError<'_>) -> CodeError {
     const MOST: usize = 1_000;
     let (message, stack) = match error {
         CaughtError::Exception(exception) => {
@@ -253,7 +253,7 @@ fn told<'js>(ctx: &Ctx<'js>, error: CaughtError<'js>) -> CodeError {
             (format!("{name}: {message}"), exception.get::<_, String>("stack").unwrap_or_default())
         }
         CaughtError::Value(value) => match value.as_exception().cloned() {
-            Some(exception) => return told(ctx, CaughtError::Exception(exception)),
+            Some(exception) => return told(CaughtError::Exception(exception)),
             None => match value.as_string().and_then(|text| text.to_string().ok()) {
                 Some(text) => (format!("thrown: {text}"), String::new()),
                 None => (format!("thrown: {}", value.type_name()), String::new()),

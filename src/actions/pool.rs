@@ -10,7 +10,7 @@ use tokio::process::{Child, Command};
 use tokio::sync::Semaphore;
 
 use super::child::{COMMAND, Job};
-use super::{ActionLimits, CodeError, LimitReached, Replayed};
+use super::{ActionLimits, LimitReached, Replayed};
 
 /// Bytes of an answer at most: more than the events that are allowed can take.
 const ANSWER_BYTES: u32 = 128 << 20;
@@ -119,18 +119,12 @@ fn stopped(limit: &str, detail: String) -> Replayed {
     Replayed { stopped: Some(LimitReached { limit: limit.to_owned(), detail }), ..Replayed::default() }
 }
 
-/// What it means that a child ended without an answer. Only a script can bring that about: it had run the prelude before.
+/// What it means that a child ended without an answer: a signal is the script's doing. It had confined itself and run a script
+/// before, so an exit of its own is a failure of ours.
 fn how_it_ended(signal: Option<i32>, limits: &ActionLimits) -> anyhow::Result<Replayed> {
-    Ok(match signal {
-        Some(SIGXCPU) => stopped("time", format!("more than {} ms on the processor", limits.cpu_ms)),
-        Some(signal) => stopped("memory", format!("the script brought its process down (signal {signal})")),
-        None => Replayed {
-            error: Some(CodeError {
-                message: "the script brought its process down".to_owned(),
-                line: None,
-                column: None,
-            }),
-            ..stopped("memory", "the script brought its process down".to_owned())
-        },
-    })
+    match signal {
+        Some(SIGXCPU) => Ok(stopped("time", format!("more than {} ms on the processor", limits.cpu_ms))),
+        Some(signal) => Ok(stopped("memory", format!("the script brought its process down (signal {signal})"))),
+        None => anyhow::bail!("a process for action code ended without an answer"),
+    }
 }

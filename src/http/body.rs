@@ -8,11 +8,13 @@ use axum::extract::{FromRequest, Request};
 use axum::http::{HeaderMap, StatusCode, header};
 use bytes::{Bytes, BytesMut};
 use http_body_util::BodyExt as _;
+use serde::de::DeserializeOwned;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use super::limits::LIMITS;
 use super::problem::{ApiError, ApiResult};
 use super::state::AppState;
+use crate::voxel::Faults;
 
 /// Bytes that one permit of the shared budget stands for.
 const PERMIT_BYTES: usize = 64 << 10;
@@ -66,6 +68,39 @@ impl FromRequest<AppState> for JsonBody {
         }
         let (bytes, share) = read(body, &state.bodies).await?;
         Ok(Self { bytes, format, share })
+    }
+}
+
+/// A body of plain data; its first fault with its place.
+///
+/// # Errors
+/// 415 for NDJSON, 400 where it is not JSON, 422 where it is not such data.
+pub fn read_json<T: DeserializeOwned>(body: &JsonBody) -> ApiResult<T> {
+    if body.format == Format::NdJson {
+        return Err(ApiError::not_ndjson("one at a time"));
+    }
+    let mut faults = Faults::new();
+    let mut document = serde_json::Deserializer::from_slice(&body.bytes);
+    let read = serde_path_to_error::deserialize(&mut document);
+    match read.map(|value| document.end().map(|()| value)) {
+        Ok(Ok(value)) => Ok(value),
+        Ok(Err(error)) => {
+            faults.add(error.to_string());
+            Err(ApiError::malformed(faults))
+        }
+        Err(error) if error.inner().is_data() => {
+            let place = error.path().to_string();
+            if place == "." {
+                faults.add(error.inner().to_string());
+            } else {
+                faults.add_at(&place, error.inner().to_string());
+            }
+            Err(ApiError::faulty(faults))
+        }
+        Err(error) => {
+            faults.add(error.to_string());
+            Err(ApiError::malformed(faults))
+        }
     }
 }
 

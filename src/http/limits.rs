@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use crate::actions::ACTION_LIMITS;
 use crate::store::jobs::MAX_ATTEMPTS;
 use crate::voxel::log_reader::LogLimits;
 use crate::voxel::{Faults, cell};
@@ -79,6 +80,14 @@ pub struct Limits {
     pub grade_max_deadline_ms: u64,
     /// Bytes of memory for results of `/v1/grade` that are kept for the same log and task, unless `serve` says otherwise.
     pub grade_cache_bytes: usize,
+    /// Bytes of the action code of a turn.
+    pub action_code_bytes: usize,
+    /// Milliseconds on the processor that it may take.
+    pub action_cpu_ms: u64,
+    /// Milliseconds after which its process is ended, whatever it does.
+    pub action_wall_ms: u64,
+    /// Bytes of memory for its objects.
+    pub action_memory_bytes: usize,
     /// Seconds that one grading may take.
     pub grading_seconds: u64,
     /// Times that grading is begun before a submission ends as `grader_error`.
@@ -92,15 +101,15 @@ pub const LIMITS: Limits = Limits {
     json_depth: 126,
     ndjson_lines: 1_000,
     turns: 64,
-    events: 400_000,
+    events: ACTION_LIMITS.events,
     blocks: 100_000,
     blocks_with_stress: 50_000,
     stress_fields_at_once: 2,
     stress_fields_waiting: 64,
     stress_wait_seconds: 5,
     stress_seconds: 50,
-    materials: 4_096,
-    material_chars: 128,
+    materials: ACTION_LIMITS.materials,
+    material_chars: ACTION_LIMITS.material_chars,
     horizontal: cell::MAX_HORIZONTAL,
     min_y: cell::MIN_Y,
     max_y: cell::MAX_Y,
@@ -122,6 +131,10 @@ pub const LIMITS: Limits = Limits {
     grade_default_deadline_ms: 10_000,
     grade_max_deadline_ms: 50_000,
     grade_cache_bytes: 64 << 20,
+    action_code_bytes: ACTION_LIMITS.code_bytes,
+    action_cpu_ms: ACTION_LIMITS.cpu_ms,
+    action_wall_ms: ACTION_LIMITS.wall_ms,
+    action_memory_bytes: ACTION_LIMITS.memory_bytes,
     grading_seconds: 3_600,
     grading_attempts: MAX_ATTEMPTS,
 };

@@ -23,6 +23,7 @@ use metrics_exporter_prometheus::PrometheusHandle;
 use tokio::sync::{Notify, Semaphore};
 use tokio_util::sync::CancellationToken;
 
+use crate::actions::pool::Pool;
 use crate::store::Store;
 use state::{AppState, Shared};
 
@@ -37,18 +38,32 @@ pub struct HttpSettings {
     pub rates: rates::RateSettings,
 }
 
+/// What HTTP has around it.
+#[derive(Debug)]
+pub struct Around {
+    /// The database.
+    pub store: Store,
+    /// Tells the workers that there is work.
+    pub wake: Arc<Notify>,
+    /// Renders the metrics.
+    pub metrics: PrometheusHandle,
+    /// How many connections are open.
+    pub connections: server::Connections,
+    /// Counts requests.
+    pub rates: Arc<rates::Rates>,
+    /// Runs action code.
+    pub actions: Pool,
+    /// Cancelled when the service stops.
+    pub stop: CancellationToken,
+}
+
 /// The whole service as a router.
 ///
 /// # Errors
 /// Where there are no threads to be had.
 pub fn router(
-    store: &Store,
-    wake: &Arc<Notify>,
-    metrics: PrometheusHandle,
+    Around { store, wake, metrics, connections, rates, actions, stop }: Around,
     settings: &HttpSettings,
-    connections: &server::Connections,
-    rates: &Arc<rates::Rates>,
-    stop: CancellationToken,
 ) -> anyhow::Result<Router> {
     let (routes, mut openapi) = api::routes().split_for_parts();
     api::complete(&mut openapi);
@@ -59,18 +74,19 @@ pub fn router(
         ..limits::LIMITS
     };
     let state = AppState::new(Shared {
-        store: store.clone(),
-        wake: Arc::clone(wake),
+        store,
+        wake,
         bodies: Arc::new(body::budget()),
-        grader: Arc::new(grader::Grader::new(settings.grade_cache_bytes, connections, stop.clone())?),
+        grader: Arc::new(grader::Grader::new(settings.grade_cache_bytes, &connections, stop.clone())?),
         boards: boards::Boards::default(),
         documents: conditional::Documents::default(),
         in_flight: Arc::default(),
         keys: caller::Keys::new(settings.is_open),
         stress_turns: Arc::new(api::stress::StressTurns::default()),
+        actions,
         event_streams: Arc::new(Semaphore::new(limits.event_streams)),
         limits,
-        rates: Arc::clone(rates),
+        rates,
         stop,
         metrics,
         openapi: openapi.to_json().unwrap_or_default().into(),

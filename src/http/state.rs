@@ -6,6 +6,7 @@ use metrics_exporter_prometheus::PrometheusHandle;
 use tokio::sync::{Notify, Semaphore};
 use tokio_util::sync::CancellationToken;
 
+use crate::actions::pool::Pool;
 use crate::store::Store;
 use crate::tasks::catalogue::Entry;
 
@@ -66,6 +67,8 @@ pub struct Shared {
     pub limits: Limits,
     /// Counts requests.
     pub rates: Arc<Rates>,
+    /// Runs action code.
+    pub actions: Pool,
     /// Cancelled when the service stops.
     pub stop: CancellationToken,
     /// Renders the metrics.

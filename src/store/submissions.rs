@@ -92,6 +92,8 @@ pub struct NewSubmission {
     pub owner: Option<String>,
     /// Whether grading takes next to no time: few events, no stress simulation.
     pub quick: bool,
+    /// What the action code of its turns did, as JSON; none where it brought events.
+    pub replays: Option<String>,
 }
 
 /// What came of storing a submission.
@@ -156,13 +158,15 @@ pub struct SubmissionRow {
     pub accuracy: Option<bool>,
     /// Who posted it; none where the service was open to everybody.
     pub owner: Option<String>,
+    /// What the action code of its turns did, as JSON; none where it brought events.
+    pub replays: Option<String>,
 }
 
 macro_rules! select_submission {
     ($rest:literal) => {
         concat!(
             "SELECT s.id, s.run_id, s.suite_id, s.task_hash, s.task_number, s.log_hash, s.log_bytes, s.turns, s.events,
-                    s.state, s.error, s.created_at_ms, s.ended_at_ms, r.overall, r.accuracy, s.owner
+                    s.state, s.error, s.created_at_ms, s.ended_at_ms, r.overall, r.accuracy, s.owner, s.replays
              FROM submissions s LEFT JOIN reports r ON r.submission_id = s.id
               AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = s.id) ",
             $rest
@@ -188,6 +192,7 @@ fn read_submission(row: &SqliteRow) -> StoreResult<SubmissionRow> {
         overall: row.try_get(13)?,
         accuracy: row.try_get(14)?,
         owner: row.try_get(15)?,
+        replays: row.try_get(16)?,
     })
 }
 
@@ -318,8 +323,8 @@ pub(super) async fn accept_one(
     }
     sqlx::query(
         "INSERT INTO submissions (id, run_id, suite_id, task_hash, task_number, log_hash, log, log_bytes, turns, events,
-                                  state, created_at_ms, owner)
-         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 'queued', $11, $12)",
+                                  state, created_at_ms, owner, replays)
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 'queued', $11, $12, $13)",
     )
     .bind(&new.id)
     .bind(&new.run_id)
@@ -333,6 +338,7 @@ pub(super) async fn accept_one(
     .bind(new.events as i64)
     .bind(now_ms)
     .bind(&new.owner)
+    .bind(&new.replays)
     .execute(&mut *tx)
     .await?;
     sqlx::query("INSERT INTO jobs (submission_id, queued_at_ms, quick, turn) VALUES ($1, $2, $3, $4)")

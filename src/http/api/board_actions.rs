@@ -7,7 +7,7 @@ use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
 
-use super::super::body::JsonBody;
+use super::super::body::{JsonBody, read_json};
 use super::super::caller::Caller;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
@@ -124,21 +124,9 @@ pub async fn create_board_action(
     body: JsonBody,
 ) -> ApiResult<Json<BoardAction>> {
     caller.require(Scope::Admin)?;
-    let mut faults = Faults::new();
-    let mut document = serde_json::Deserializer::from_slice(&body.bytes);
-    let new: NewBoardAction = match serde_path_to_error::deserialize(&mut document) {
-        Ok(new) => new,
-        Err(error) if error.inner().is_data() => {
-            let place = error.path().to_string();
-            faults.add_at(if place == "." { "" } else { &place }, error.inner().to_string());
-            return Err(ApiError::faulty(faults));
-        }
-        Err(error) => {
-            faults.add(error.to_string());
-            return Err(ApiError::malformed(faults));
-        }
-    };
+    let new: NewBoardAction = read_json(&body)?;
     if new.reason.trim().is_empty() || new.reason.chars().count() > REASON_CHARS {
+        let mut faults = Faults::new();
         faults.add_at("reason", format!("expected 1 to {REASON_CHARS} characters"));
         return Err(ApiError::faulty(faults));
     }

@@ -84,7 +84,7 @@ impl<'de> Shape<'de> for GradeShape<'_> {
                     suite = Some(members.next_value_seed(Read(OrNull(text)))?.flatten());
                 }
                 "turns" if log.is_none() => {
-                    log = Some(members.next_value_seed(Read(Turns { faults, limits: LIMITS.log() }))?);
+                    log = Some(members.next_value_seed(Read(Turns { faults, limits: LIMITS.log(), codes: None }))?);
                 }
                 "reward" if scheme.is_none() => scheme = Some(read_scheme(&members.next_value()?, faults)),
                 "detail" if detail.is_none() => detail = Some(read_detail(&members.next_value()?, faults)),

@@ -15,9 +15,11 @@ pub mod health;
 pub mod leaderboards;
 pub mod limits;
 pub mod quota;
+pub mod replay;
 pub mod reports;
 pub mod runs;
 pub mod stress;
+pub mod submission;
 pub mod submission_body;
 pub mod submission_schema;
 pub mod submissions;
@@ -65,8 +67,9 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(runs::list_run_submissions))
         .routes(routes!(submissions::create_submission))
         .routes(routes!(submissions::validate_submission))
-        .routes(routes!(submissions::get_submission))
-        .routes(routes!(submissions::cancel_submission))
+        .routes(routes!(replay::replay_action_code))
+        .routes(routes!(submission::get_submission))
+        .routes(routes!(submission::cancel_submission))
         .routes(routes!(reports::get_report))
         .routes(routes!(reports::get_log))
         .routes(routes!(stress::get_stress))

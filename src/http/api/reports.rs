@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
-use super::submissions::stored;
+use super::submission::stored;
 use crate::clock::rfc3339;
 use crate::grading::Report;
 use crate::store::submissions::SubmissionState;

@@ -17,7 +17,7 @@ use super::super::conditional::has_tag;
 use super::super::limits::LIMITS;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
-use super::submissions::stored;
+use super::submission::stored;
 use crate::elasticity::Control;
 use crate::elasticity::field::{FIELD_VERSION, Field, Method};
 use crate::store::reports::GRADER;

@@ -4,10 +4,12 @@ use serde::de::{IgnoredAny, MapAccess};
 
 use super::super::body::Format;
 use super::super::limits::LIMITS;
+use super::replay::TurnReplay;
 use crate::checks::Criterion;
 use crate::tasks::Task;
 use crate::tasks::catalogue::Entry;
 use crate::voxel::log_reader::Turns;
+use crate::voxel::log_reader::code::TurnCode;
 use crate::voxel::replay::Replay;
 use crate::voxel::tolerant::{OrNull, Read, Scalar, Shape, Text, on_its_line, read_document};
 use crate::voxel::{BlockLog, Event, Faults};
@@ -48,6 +50,10 @@ pub struct PostedSubmission {
     pub task: TaskRef,
     /// What was done.
     pub log: BlockLog,
+    /// Action code of turns that brought it, to be run.
+    pub codes: Vec<TurnCode>,
+    /// What it did, once it was run.
+    pub replays: Vec<TurnReplay>,
 }
 
 /// What was read of a body.
@@ -122,6 +128,7 @@ impl<'de> Shape<'de> for SubmissionShape<'_> {
     fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<PostedSubmission>, A::Error> {
         let faults = self.faults;
         let (mut run, mut suite, mut task, mut log) = (None, None, None, None);
+        let mut codes = Vec::new();
         while let Some(key) = members.next_key::<String>()? {
             faults.enter_key(&key);
             match key.as_str() {
@@ -135,7 +142,8 @@ impl<'de> Shape<'de> for SubmissionShape<'_> {
                 }
                 "task" if task.is_none() => task = Some(members.next_value_seed(Read(TaskShape { faults }))?),
                 "turns" if log.is_none() => {
-                    log = Some(members.next_value_seed(Read(Turns { faults, limits: LIMITS.log() }))?);
+                    let turns = Turns { faults, limits: LIMITS.log(), codes: Some(&mut codes) };
+                    log = Some(members.next_value_seed(Read(turns))?);
                 }
                 "run" | "suite" | "task" | "turns" => {
                     faults.add("given twice");
@@ -154,7 +162,8 @@ impl<'de> Shape<'de> for SubmissionShape<'_> {
             }
         }
         let (Some(Some(task)), Some(Some(log))) = (task, log) else { return Ok(None) };
-        Ok(Some(PostedSubmission { line: self.line, run: run.flatten(), suite: suite.flatten(), task, log }))
+        let (run, suite) = (run.flatten(), suite.flatten());
+        Ok(Some(PostedSubmission { line: self.line, run, suite, task, log, codes, replays: Vec::new() }))
     }
 }
 

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::replay::TurnReplay;
 use crate::clock::rfc3339;
 use crate::store::submissions::{NewSubmission, SubmissionRow};
 use crate::tasks::catalogue::Entry;
@@ -45,6 +46,9 @@ pub struct NewTurn {
     palette: Option<Vec<String>>,
     /// Compact form: `[x, y, z, i]` places palette entry i, `[x, y, z]` removes.
     rows: Option<Vec<Vec<i32>>>,
+    /// Instead of events, in submissions: JavaScript as agents of the mindcraft framework write it. It is run, and what it places
+    /// and removes are the events.
+    action_code: Option<String>,
 }
 
 /// One action.
@@ -108,6 +112,9 @@ pub struct SubmissionBody {
     /// While it waits: seconds until it is begun, at the pace of the last gradings.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub estimated_seconds: Option<f64>,
+    /// What the action code of its turns did, where it brought some.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub action_code: Vec<TurnReplay>,
 }
 
 impl SubmissionBody {
@@ -133,6 +140,7 @@ impl SubmissionBody {
             owner: row.owner,
             queued_before: None,
             estimated_seconds: None,
+            action_code: row.replays.and_then(|json| serde_json::from_str(&json).ok()).unwrap_or_default(),
         }
     }
 }
@@ -144,6 +152,9 @@ pub struct AcceptedBody {
     pub id: String,
     /// True where the run held this very log for the task already; nothing was stored again.
     pub repeated: bool,
+    /// What the action code of its turns did, where it brought some.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub action_code: Vec<TurnReplay>,
 }
 
 /// Accepted submissions of an NDJSON body.

@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use axum::Json;
-use axum::extract::{Path, State};
+use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use sha2::{Digest as _, Sha256};
@@ -17,14 +17,15 @@ use super::super::grader::is_quick;
 use super::super::idempotency;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
+use super::replay::run_codes;
 use super::submission_body::{Posted, PostedSubmission, check_against_task, read_submissions};
 use super::submission_schema::{
-    AcceptedAnswer, AcceptedBody, AcceptedList, NewSubmissionBody, SubmissionBody, Validated, ValidatedList,
+    AcceptedAnswer, AcceptedBody, AcceptedList, NewSubmissionBody, Validated, ValidatedList,
 };
 use crate::clock::now_ms;
 use crate::store::StoreError;
 use crate::store::keys::Scope;
-use crate::store::submissions::{Acceptability, Accepted, NewSubmission, PackedLog, SubmissionRow, SubmissionState};
+use crate::store::submissions::{Acceptability, Accepted, NewSubmission, PackedLog};
 use crate::tasks::catalogue::Entry;
 use crate::tasks::embedded::FULL;
 use crate::tasks::{Task, hex};
@@ -74,7 +75,10 @@ pub async fn create_submission(
         Acceptability::Replayed(result) => {
             let before: Vec<(String, bool)> =
                 serde_json::from_str(&result).map_err(|error| ApiError::internal(&error))?;
-            let accepted = before.into_iter().map(|(id, repeated)| AcceptedBody { id, repeated }).collect();
+            let accepted = before
+                .into_iter()
+                .map(|(id, repeated)| AcceptedBody { id, repeated, action_code: Vec::new() })
+                .collect();
             let mut response = accepted_answer(accepted, format)?;
             response.headers_mut().extend([idempotency::REPLAYED]);
             Ok(response)
@@ -147,7 +151,12 @@ async fn check(state: &AppState, caller: &Caller, body: JsonBody) -> ApiResult<C
         let posted = read_submissions(&bytes, format, &mut faults);
         (posted, faults)
     });
-    let (Posted { submissions, is_malformed }, mut faults) = read.await.map_err(|error| ApiError::internal(&error))?;
+    let (Posted { mut submissions, is_malformed }, mut faults) =
+        read.await.map_err(|error| ApiError::internal(&error))?;
+    // What is wrong anyway need not be run.
+    if faults.is_empty() {
+        run_codes(state, &mut submissions, &mut faults).await?;
+    }
     let lines: Vec<Option<u64>> = submissions.iter().map(|submission| submission.line).collect();
     let places = resolve_all(state, caller, &submissions, &mut faults).await?;
     let owner = caller.owner().map(str::to_owned);
@@ -269,9 +278,16 @@ fn prepare(
             owner: owner.map(str::to_owned),
             quick: is_quick(task, &submission.log),
             log: PackedLog::of(&json)?,
+            replays: (!submission.replays.is_empty())
+                .then(|| serde_json::to_string(&submission.replays).unwrap_or_default()),
         })
     };
     placed.into_iter().map(pack).collect()
+}
+
+fn accepted_body(id: String, repeated: bool, submission: &NewSubmission) -> AcceptedBody {
+    let told = submission.replays.as_ref().and_then(|json| serde_json::from_str(json).ok());
+    AcceptedBody { id, repeated, action_code: told.unwrap_or_default() }
 }
 
 /// The ids under which submissions were accepted; 409 where any was not, and then none was.
@@ -290,8 +306,8 @@ fn accepted_bodies(
             conflicts.enter_line(*line);
         }
         match answer {
-            Accepted::New => accepted.push(AcceptedBody { id: submission.id.clone(), repeated: false }),
-            Accepted::Same(id) => accepted.push(AcceptedBody { id, repeated: true }),
+            Accepted::New => accepted.push(accepted_body(submission.id.clone(), false, submission)),
+            Accepted::Same(id) => accepted.push(accepted_body(id, true, submission)),
             Accepted::Other(id) if own.contains(&id) => {
                 conflicts.add_at("task", "another line of this body has another log for the same task");
             }
@@ -315,73 +331,4 @@ fn accepted_bodies(
     let kind = if closed { "run-closed" } else { "already-submitted" };
     let detail = conflicts.list().first().map(|fault| fault.detail.clone()).unwrap_or_default();
     Err(ApiError::conflict(kind, detail).with_faults(conflicts))
-}
-
-/// The submission with this id.
-///
-/// # Errors
-/// 404 where there is none.
-pub async fn stored(state: &AppState, id: &str) -> ApiResult<SubmissionRow> {
-    let row = state.store.submission(id).await?;
-    row.ok_or_else(|| ApiError::not_found(format!("there is no submission {id:?}")))
-}
-
-/// A submission's state and, once graded, its verdict.
-#[utoipa::path(
-    get, path = "/v1/submissions/{id}", operation_id = "get_submission", tag = "submissions", summary = "Get a submission",
-    params(("id" = String, Path, description = "The submission's id")),
-    responses(
-        (status = 200, description = "The submission", body = SubmissionBody,
-         example = json!({ "id": "0198c0de-0000-7000-8000-000000000001", "state": "graded", "overall": true })),
-        (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
-    )
-)]
-pub async fn get_submission(State(state): State<AppState>, Path(id): Path<String>) -> ApiResult<Json<SubmissionBody>> {
-    let row = stored(&state, &id).await?;
-    Ok(Json(body_of(&state, row).await?))
-}
-
-/// A submission's body; where it waits, with its place in the queue.
-async fn body_of(state: &AppState, row: SubmissionRow) -> ApiResult<SubmissionBody> {
-    const MOST: i64 = 10_000;
-    let entry = state.suite(&row.suite_id).await?;
-    let waits = row.state == SubmissionState::Queued;
-    let before = if waits { state.store.jobs_before(&row.id, MOST).await? } else { None };
-    let pace = state.store.seconds_a_job();
-    let estimated_seconds = before.zip(pace).map(|(before, pace)| ((before + 1) as f64 * pace * 10.0).round() / 10.0);
-    Ok(SubmissionBody { queued_before: before, estimated_seconds, ..SubmissionBody::of(row, &entry) })
-}
-
-/// Cancel a submission that waits or is being graded. It ends as `cancelled`, and its task may be answered again.
-#[utoipa::path(
-    post, path = "/v1/submissions/{id}/cancel", operation_id = "cancel_submission", tag = "submissions",
-    summary = "Cancel a submission",
-    params(("id" = String, Path, description = "The submission's id")),
-    responses(
-        (status = 200, description = "The submission; its state is cancelled", body = SubmissionBody,
-         example = json!({ "id": "0198c0de-0000-7000-8000-000000000001", "state": "cancelled" })),
-        (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "It has ended already", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
-    )
-)]
-pub async fn cancel_submission(
-    State(state): State<AppState>,
-    caller: Caller,
-    Path(id): Path<String>,
-) -> ApiResult<Json<SubmissionBody>> {
-    caller.require(Scope::Submit)?;
-    let row = stored(&state, &id).await?;
-    caller.require_own(row.owner.as_deref(), "submission")?;
-    if !state.store.cancel(&id, now_ms()).await? {
-        let row = stored(&state, &id).await?;
-        let detail = format!("the submission has ended: {}", row.state.name());
-        // Cancelling twice is cancelling.
-        if row.state != SubmissionState::Cancelled {
-            return Err(ApiError::conflict("ended", detail));
-        }
-    }
-    let row = stored(&state, &id).await?;
-    Ok(Json(body_of(&state, row).await?))
 }

@@ -68,10 +68,10 @@ struct BoardPage {
 
 impl BoardPage {
     /// Whether a row begins another group than the one before: it may not have a place that the one before may have.
-    fn begins_group(&self, row: &usize) -> bool {
+    fn begins_group(&self, row: usize) -> bool {
         let places = |row: usize| self.body.rows.get(row).map(|row| row.places);
         let before = row.checked_sub(1).and_then(places);
-        self.sort == "overall" && before.zip(places(*row)).is_some_and(|(before, own)| own.first > before.first)
+        self.sort == "overall" && before.zip(places(row)).is_some_and(|(before, own)| own.first > before.first)
     }
 }
 

@@ -1,5 +1,7 @@
 //! What pages share: how they are sent, what they say where something is wrong, and how numbers are written.
 
+use std::fmt::Write as _;
+
 use askama::Template;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -89,13 +91,14 @@ pub fn bar(rate: Option<f64>, interval: Option<Interval>) -> String {
     let mut svg = String::from(
         "<svg class=\"bar\" viewBox=\"0 0 100 10\" preserveAspectRatio=\"none\" aria-hidden=\"true\"><rect class=\"track\" width=\"100\" height=\"10\"/>",
     );
+    // Writing to a string cannot fail.
     if let Some(Interval { low, high }) = interval {
         let (x, width) = (low * 100.0, (high - low) * 100.0);
-        svg += &format!("<rect class=\"range\" x=\"{x:.2}\" width=\"{width:.2}\" height=\"10\"/>");
+        let _ = write!(svg, "<rect class=\"range\" x=\"{x:.2}\" width=\"{width:.2}\" height=\"10\"/>");
     }
     if let Some(rate) = rate {
         let x = (rate * 100.0 - 0.75).clamp(0.0, 98.5);
-        svg += &format!("<rect class=\"point\" x=\"{x:.2}\" width=\"1.5\" height=\"10\"/>");
+        let _ = write!(svg, "<rect class=\"point\" x=\"{x:.2}\" width=\"1.5\" height=\"10\"/>");
     }
     svg + "</svg>"
 }

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
 use super::super::api::stress::{StressQuery, get_stress};
-use super::super::api::submissions::stored;
+use super::super::api::submission::stored;
 use super::super::problem::ApiError;
 use super::super::state::AppState;
 use super::html::{self, PageResult, json_in_markup};
@@ -53,8 +53,8 @@ pub struct Shown {
 }
 
 impl Shown {
-    fn percent(score: &f64) -> String {
-        html::percent(Some(*score))
+    fn percent(score: f64) -> String {
+        html::percent(Some(score))
     }
 
     /// The checks of a turn, and whether they count.
@@ -243,7 +243,7 @@ pub async fn evidence(State(state): State<AppState>, Path(id): Path<String>) -> 
     let colours = colours_of(names.iter().map(String::as_str));
     let scene = json!({ "log": log, "colours": colours, "stress": stress, "witnesses": cells });
     one.view.scene = json_in_markup(&scene);
-    one.view.picture = "data:,".to_owned();
+    "data:,".clone_into(&mut one.view.picture);
     let text = EvidencePage { one, style: assets::STYLE, viewer: assets::VIEWER }
         .render()
         .map_err(|error| ApiError::internal(&error))?;

@@ -9,7 +9,7 @@ use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess};
 use super::block_log::{BlockLog, Event, Turn};
 use super::faults::Faults;
 use super::palette::{MaterialId, Palette};
-use super::tolerant::{OrNull, Read, Shape};
+use super::tolerant::{OrNull, Read, Shape, Text};
 
 /// Reads the value of the member just named, with faults placed at it. Text that is not JSON leaves the place entered, so
 /// that it can be told.
@@ -20,6 +20,16 @@ macro_rules! member {
         $reader.faults.leave();
         // `null` is as good as absent.
         value.flatten()
+    }};
+}
+
+/// The same for a member that is a text; that it is there is told apart from what it holds.
+macro_rules! code_member {
+    ($members:expr, $reader:expr, $shape:expr) => {{
+        $reader.faults.enter_key("action_code");
+        let value = $members.next_value_seed(Read($shape))?;
+        $reader.faults.leave();
+        Some(value)
     }};
 }
 
@@ -38,10 +48,12 @@ macro_rules! array_of {
     }};
 }
 
+pub mod code;
 mod events;
 mod rows;
 pub mod text;
 
+use code::TurnCode;
 use events::EventsShape;
 use rows::{PaletteShape, Row, RowsShape};
 
@@ -65,6 +77,8 @@ pub struct Turns<'f> {
     pub faults: &'f mut Faults,
     /// What the log may hold.
     pub limits: LogLimits,
+    /// Where the action code of turns goes, which stay empty until it has been run; none where code is not taken.
+    pub codes: Option<&'f mut Vec<TurnCode>>,
 }
 
 impl<'de> Shape<'de> for Turns<'_> {
@@ -79,11 +93,12 @@ impl<'de> Shape<'de> for Turns<'_> {
     }
 
     fn array<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Option<BlockLog>, A::Error> {
-        let mut reader = Reader { faults: self.faults, limits: self.limits, palette: Palette::new(), events: 0 };
+        let mut reader =
+            Reader { faults: self.faults, limits: self.limits, codes: self.codes, palette: Palette::new(), events: 0 };
         let mut turns = Vec::new();
         loop {
             reader.faults.enter_index(turns.len());
-            let turn = elements.next_element_seed(Read(TurnShape { reader: &mut reader }))?;
+            let turn = elements.next_element_seed(Read(TurnShape { reader: &mut reader, turn: turns.len() }))?;
             reader.faults.leave();
             let Some(turn) = turn else { break };
             turns.push(turn.unwrap_or_default());
@@ -102,6 +117,7 @@ impl<'de> Shape<'de> for Turns<'_> {
 struct Reader<'f> {
     faults: &'f mut Faults,
     limits: LogLimits,
+    codes: Option<&'f mut Vec<TurnCode>>,
     palette: Palette,
     events: usize,
 }
@@ -131,6 +147,7 @@ impl Reader<'_> {
 
 struct TurnShape<'r, 'f> {
     reader: &'r mut Reader<'f>,
+    turn: usize,
 }
 
 impl<'de> Shape<'de> for TurnShape<'_, '_> {
@@ -145,8 +162,8 @@ impl<'de> Shape<'de> for TurnShape<'_, '_> {
     }
 
     fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<Turn>, A::Error> {
-        let reader = self.reader;
-        let (mut events, mut palette, mut rows) = (None, None, None);
+        let (reader, turn) = (self.reader, self.turn);
+        let (mut events, mut palette, mut rows, mut code) = (None, None, None, None);
         while let Some(key) = members.next_key::<String>()? {
             match key.as_str() {
                 "events" if events.is_none() => {
@@ -158,15 +175,36 @@ impl<'de> Shape<'de> for TurnShape<'_, '_> {
                 "rows" if rows.is_none() => {
                     rows = member!(members, reader, "rows", RowsShape { reader: &mut *reader });
                 }
-                known @ ("events" | "palette" | "rows") => {
+                "action_code" if code.is_none() => {
+                    code = code_member!(
+                        members,
+                        reader,
+                        Text { faults: &mut *reader.faults, min_chars: 0, max_chars: usize::MAX }
+                    );
+                }
+                known @ ("events" | "palette" | "rows" | "action_code") => {
                     reader.faults.add_at(known, "given twice");
                     members.next_value::<IgnoredAny>()?;
                 }
                 unknown => {
-                    reader.faults.add_at(unknown, "unknown field; a turn has events, or palette and rows");
+                    reader
+                        .faults
+                        .add_at(unknown, "unknown field; a turn has events, or palette and rows, or action_code");
                     members.next_value::<IgnoredAny>()?;
                 }
             }
+        }
+        if let Some(code) = code {
+            if events.is_some() || palette.is_some() || rows.is_some() {
+                reader.faults.add("give either events, or palette and rows, or action_code");
+                return Ok(None);
+            }
+            match (&mut reader.codes, code) {
+                (Some(codes), Some(code)) => codes.push(TurnCode { turn, code }),
+                (Some(_), None) => {}
+                (None, _) => reader.faults.add_at("action_code", "not taken here; POST /v1/replay makes events of it"),
+            }
+            return Ok(Some(Turn::new()));
         }
         Ok(match (events, palette, rows) {
             (Some(events), None, None) => events,
@@ -217,7 +255,7 @@ fn resolve_rows(reader: &mut Reader<'_>, rows: Vec<Row>, names: &[MaterialId]) -
 /// Where the text is not JSON. Faults of a well-formed text go to `faults`.
 pub fn read_turns(text: &[u8], limits: LogLimits, faults: &mut Faults) -> Result<Option<BlockLog>, serde_json::Error> {
     let mut deserializer = serde_json::Deserializer::from_slice(text);
-    let log = Read(Turns { faults, limits }).deserialize(&mut deserializer)?;
+    let log = Read(Turns { faults, limits, codes: None }).deserialize(&mut deserializer)?;
     deserializer.end()?;
     Ok(log)
 }
@@ -264,7 +302,7 @@ mod tests {
                 "/0/events/1: expected an event: an object with \"action\", \"x\", \"y\", \"z\" and, to place, \"material\", found 3",
                 "/1/rows/1: expected 3 or 4 numbers, found 2 values",
                 "/1/rows/2/2: expected an integer, found \"a\"",
-                "/1/extra: unknown field; a turn has events, or palette and rows",
+                "/1/extra: unknown field; a turn has events, or palette and rows, or action_code",
                 "/1/rows/0/3: 1 is not an index of the palette, which has 1 entries",
             ]
         );

@@ -78,7 +78,8 @@ fn read(json: &str, limits: LogLimits) -> Result<Option<BlockLog>, String> {
         }
     };
     let mut faults = Faults::new();
-    let log = read_document(turns.as_bytes(), Turns { faults: &mut faults, limits }).map_err(|e| e.to_string())?;
+    let log = read_document(turns.as_bytes(), Turns { faults: &mut faults, limits, codes: None })
+        .map_err(|e| e.to_string())?;
     match log {
         Some(log) if faults.is_empty() => Ok(Some(log)),
         _ => {

@@ -1,0 +1,171 @@
+//! Action code in, events out: `/v1/replay`, and the turns of submissions that bring code.
+
+use axum::Json;
+use axum::extract::State;
+use futures_util::future::join_all;
+use serde::{Deserialize, Serialize};
+
+use super::super::body::{JsonBody, read_json};
+use super::super::caller::Caller;
+use super::super::problem::{ApiError, ApiResult, Problem};
+use super::super::state::AppState;
+use super::submission_body::PostedSubmission;
+use crate::actions::{CodeError, Dropped, Replayed};
+use crate::store::keys::Scope;
+use crate::voxel::{Cell, Faults};
+
+/// Code to replay.
+#[derive(Debug, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({ "action_code": "(async (bot) => { await skills.placeBlock(bot, 'stone', 0, 0, 0); })" }))]
+pub struct NewReplay {
+    /// JavaScript as agents of the mindcraft framework write it.
+    action_code: String,
+}
+
+/// An event that code recorded.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct ReplayedEvent {
+    /// `place` or `remove`.
+    #[schema(example = "place")]
+    pub action: &'static str,
+    /// East.
+    pub x: i32,
+    /// Up.
+    pub y: i32,
+    /// South.
+    pub z: i32,
+    /// The material, where one is placed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub material: Option<String>,
+}
+
+/// What code did.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct ReplayBody {
+    /// What it placed and removed, in order.
+    pub events: Vec<ReplayedEvent>,
+    /// Calls that recorded nothing, by reason.
+    pub dropped: Vec<Dropped>,
+    /// The error that ended it, or that nobody waited for; what came before it counts.
+    pub error: Option<CodeError>,
+}
+
+/// What the code of a submission's turn did.
+#[derive(Debug, Clone, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct TurnReplay {
+    /// The turn, from 1.
+    pub turn: usize,
+    /// Events that it recorded.
+    pub events: usize,
+    /// Calls that recorded nothing, by reason.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub dropped: Vec<Dropped>,
+    /// The error that ended it, or that nobody waited for; what came before it counts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error: Option<CodeError>,
+}
+
+async fn replayed(state: &AppState, code: &str) -> ApiResult<Replayed> {
+    state.actions.run(code).await.map_err(|error| ApiError::internal(&error))
+}
+
+fn add_too_long(code: &str, state: &AppState, faults: &mut Faults) -> bool {
+    let most = state.limits.action_code_bytes;
+    let is_too_long = code.len() > most;
+    if is_too_long {
+        faults.add_at("action_code", format!("{} bytes; at most {most} are allowed", code.len()));
+    }
+    is_too_long
+}
+
+fn add_stopped(replayed: &Replayed, faults: &mut Faults) -> bool {
+    if let Some(stopped) = &replayed.stopped {
+        faults.add_at("action_code", format!("stopped at a limit ({}): {}", stopped.limit, stopped.detail));
+    }
+    replayed.stopped.is_some()
+}
+
+/// Run action code against stand-ins and get what it places and removes. Nothing is graded or stored. A script that reaches a limit
+/// is refused, with what it reached.
+#[utoipa::path(
+    post, path = "/v1/replay", operation_id = "replay_action_code", tag = "submissions", summary = "Run action code",
+    request_body(content = NewReplay, content_type = "application/json"),
+    responses(
+        (status = 200, description = "What it did", body = ReplayBody,
+         example = json!({ "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }], "dropped": [],
+                           "error": null })),
+        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "A fault, or a limit that the code reached", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn replay_action_code(
+    State(state): State<AppState>,
+    caller: Caller,
+    body: JsonBody,
+) -> ApiResult<Json<ReplayBody>> {
+    if caller.require(Scope::Grade).is_err() {
+        caller.require(Scope::Submit)?;
+    }
+    let new: NewReplay = read_json(&body)?;
+    let mut faults = Faults::new();
+    if add_too_long(&new.action_code, &state, &mut faults) {
+        return Err(ApiError::faulty(faults));
+    }
+    let done = replayed(&state, &new.action_code).await?;
+    if add_stopped(&done, &mut faults) {
+        return Err(ApiError::faulty(faults));
+    }
+    let event = |event: &crate::actions::RecordedEvent| {
+        let [x, y, z] = event.cell;
+        let material = event.material.and_then(|index| done.palette.get(index as usize)).cloned();
+        ReplayedEvent { action: if material.is_some() { "place" } else { "remove" }, x, y, z, material }
+    };
+    Ok(Json(ReplayBody { events: done.events.iter().map(event).collect(), dropped: done.dropped, error: done.error }))
+}
+
+/// Runs the code of submissions, and puts what it recorded into their logs. What reaches a limit is a fault.
+///
+/// # Errors
+/// 500 where code cannot be run.
+pub async fn run_codes(state: &AppState, posted: &mut [PostedSubmission], faults: &mut Faults) -> ApiResult<()> {
+    for submission in posted.iter_mut().filter(|submission| !submission.codes.is_empty()) {
+        if let Some(line) = submission.line {
+            faults.enter_line(line);
+        }
+        faults.enter_key("turns");
+        let codes = std::mem::take(&mut submission.codes);
+        let mut is_refused = false;
+        for code in &codes {
+            faults.enter_index(code.turn);
+            is_refused |= add_too_long(&code.code, state, faults);
+            faults.leave();
+        }
+        let runs = codes.iter().filter(|_| !is_refused).map(|code| replayed(state, &code.code));
+        for (code, done) in codes.iter().zip(join_all(runs).await) {
+            let done = done?;
+            faults.enter_index(code.turn);
+            if !add_stopped(&done, faults) {
+                for event in &done.events {
+                    let [x, y, z] = event.cell;
+                    let material = event.material.and_then(|index| done.palette.get(index as usize));
+                    submission.log.add_event(code.turn, Cell { x, y, z }, material.map(String::as_str));
+                }
+                let (turn, events) = (code.turn + 1, done.events.len());
+                submission.replays.push(TurnReplay { turn, events, dropped: done.dropped, error: done.error });
+            }
+            faults.leave();
+        }
+        let (events, most) = (submission.log.event_count(), state.limits.events);
+        if events > most {
+            faults.add(format!("{events} events; at most {most} are allowed"));
+        }
+        faults.leave();
+    }
+    Ok(())
+}

@@ -1,0 +1,215 @@
+//! Action code: the published pipeline's events, code that means harm, and submissions that bring code.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests fail by panicking")]
+
+mod support;
+
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use futures_util::future::join_all;
+use reqwest::StatusCode;
+use serde_json::{Value, json};
+use support::{PROGRAM, Service, repository};
+
+#[test]
+fn files_replay_to_the_published_events() {
+    let folder = repository("tests/conformance");
+    let expected: Value =
+        serde_json::from_slice(&std::fs::read(folder.join("actions_expected.json")).unwrap()).unwrap();
+    let files = expected.as_object().unwrap();
+    assert_eq!(files.len(), 25);
+    for (name, wanted) in files {
+        let output = Command::new(PROGRAM).arg("replay").arg(folder.join("actions").join(name)).output().unwrap();
+        let told = String::from_utf8(output.stderr).unwrap();
+        if wanted["expect"] == "timeout" {
+            assert!(!output.status.success() && told.contains("stopped: more than"), "{name}: {told}");
+            continue;
+        }
+        assert!(output.status.success(), "{name}: {told}");
+        let text = String::from_utf8(output.stdout).unwrap();
+        let events: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        assert_eq!(events, *wanted["events"].as_array().unwrap(), "{name}");
+    }
+}
+
+async fn replay(service: &Service, code: &str) -> support::Answer {
+    service.post_json("/v1/replay", &json!({ "action_code": code })).await
+}
+
+fn service() -> (tempfile::TempDir, Service) {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &["--workers", "2"]);
+    (folder, service)
+}
+
+#[tokio::test]
+async fn a_script_keeps_what_it_did_and_is_told_what_went_wrong() {
+    let (_folder, service) = service();
+    let place = "skills.placeBlock(bot, 'stone', ";
+    let told =
+        replay(&service, &format!("(async (bot) => {{\n  {place} 0, 0, 0);\n  {place} 0.5, 0, 0);\n  nothing();\n}})"))
+            .await
+            .json();
+    assert_eq!(told["events"], json!([{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }]));
+    assert_eq!(told["dropped"], json!([{ "reason": "a coordinate is not an integer", "count": 1 }]));
+    assert_eq!([&told["error"]["line"], &told["error"]["column"]], [&json!(4), &json!(3)], "{told}");
+    assert!(told["error"]["message"].as_str().unwrap().starts_with("ReferenceError"), "{told}");
+    // Timers in virtual time: an hour passes at once, and in its order; what nobody awaits is reported.
+    let late = format!(
+        "export default async (bot) => {{ setTimeout(() => {place} 2, 0, 0), 3600000); setTimeout(() => {place} 1, 0, 0), 10);
+           Promise.reject(new Error('nobody listens')); await skills.wait(bot, 20); {place} 3, 0, 0); }}"
+    );
+    let told = replay(&service, &late).await.json();
+    let order: Vec<&Value> = told["events"].as_array().unwrap().iter().map(|event| &event["x"]).collect();
+    assert_eq!(order, [1, 3, 2]);
+    assert!(told["error"]["message"].as_str().unwrap().contains("nobody listens"), "{told}");
+    // The same numbers each time, and no clock.
+    let random = format!(
+        "for (let i = 0; i < 9; i++) {place} Math.floor(Math.random() * 1000), 0, typeof Date === 'undefined' ? 1 : 2)"
+    );
+    let (one, other) = (replay(&service, &random).await.json(), replay(&service, &random).await.json());
+    assert_eq!((&one["events"], one["events"][0]["z"].as_i64()), (&other["events"], Some(1)));
+    replay(&service, &"x".repeat(600_000)).await.faults(422);
+    service.post("/v1/replay", "application/json", "{\"action_code\": 3}").await.faults(422);
+}
+
+#[tokio::test]
+async fn a_submission_may_bring_code() {
+    let (_folder, service) = service();
+    let wall = "(async (bot) => { for (let y = 0; y < 5; y++) for (let i = 0; i < 5; i++) \
+                await skills.placeBlock(bot, 'stone', y % 2 ? 4 - i : i, y, 0); oops(); })";
+    let body = json!({ "task": "walls/5x1x5-raise", "turns": [{ "action_code": wall }] });
+    let accepted = service.post_json("/v1/submissions", &body).await;
+    assert_eq!(accepted.status, StatusCode::ACCEPTED, "{}", accepted.text);
+    let told = accepted.json();
+    assert_eq!(told["action_code"][0]["events"], 25, "{told}");
+    assert!(told["action_code"][0]["error"]["message"].as_str().unwrap().contains("oops"), "{told}");
+    let path = format!("/v1/submissions/{}", told["id"].as_str().unwrap());
+    let graded = service.wait_for(&path, |submission| submission["state"] == "graded").await;
+    assert_eq!([&graded["overall"], &graded["action_code"]], [&json!(true), &told["action_code"]]);
+    // The same as events is the same log.
+    let events = replay(&service, wall).await.json()["events"].clone();
+    let validated = service
+        .post_json("/v1/validate", &json!({ "task": "walls/5x1x5-raise", "turns": [{ "events": events }] }))
+        .await;
+    assert_eq!(validated.json()["submissions"][0]["log_hash"], graded["log_hash"]);
+    // What reaches a limit is refused, with its place; both kinds in one turn too; grading at once takes events.
+    let endless = json!({ "task": 113, "turns": [{ "action_code": "while (true) {}" }] });
+    let refused = service.post_json("/v1/submissions", &endless).await;
+    assert_eq!(refused.faults(422), ["null /turns/0/action_code"]);
+    assert!(refused.text.contains("stopped at a limit (time)"), "{}", refused.text);
+    let both = json!({ "task": 113, "turns": [{ "action_code": "", "events": [] }] });
+    assert_eq!(service.post_json("/v1/submissions", &both).await.faults(422), ["null /turns/0"]);
+    assert_eq!(service.post_json("/v1/grade", &endless).await.faults(422), ["null /turns/0/action_code"]);
+}
+
+/// Code that means harm, by what it tries.
+const HOSTILE: [(&str, &str); 26] = [
+    ("loop", "while (true) {}"),
+    ("caught loop", "while (true) { try { while (true) {} } catch (e) {} }"),
+    ("getter", "const o = { get a() { while (true) {} } }; o.a"),
+    ("then", "Promise.resolve({ get then() { while (true) {} } })"),
+    ("promise chain", "const f = () => Promise.resolve().then(f); f()"),
+    ("promise forks", "const f = () => { Promise.resolve().then(f); Promise.resolve().then(f) }; f()"),
+    ("timers", "const f = () => { setTimeout(f, 0); setTimeout(f, 0) }; f()"),
+    ("interval", "setInterval(() => {}, 1)"),
+    ("generator", "function* g() { while (true) yield 1 } for (const x of g()) {}"),
+    ("recursion", "const f = () => f() + 1; f()"),
+    ("deep brackets", "eval('['.repeat(500000))"),
+    ("huge string", "let s = 'x'; while (true) s += s"),
+    ("array growth", "const a = []; while (true) a.push(new Array(1000).fill(1))"),
+    ("typed arrays", "const a = []; while (true) a.push(new Uint8Array(1 << 24))"),
+    ("typed array sort", "new Float64Array(6e6).map(() => Math.random()).sort((a, b) => { while (true) {} })"),
+    ("sparse join", "const a = []; a.length = 4294967295; a.join()"),
+    ("sparse sort", "const a = []; a[4294967294] = 1; a.sort()"),
+    ("array-like reverse", "Array.prototype.reverse.call({ length: 2 ** 53 - 1 })"),
+    ("regular expression", "/(a+)+$/.test('a'.repeat(60) + 'b')"),
+    ("normalize", "'\\u0344'.repeat(8e6).normalize('NFD').normalize('NFKC')"),
+    ("replaceAll", "'a'.repeat(3e7).replaceAll('a', 'bbbbbbbb')"),
+    ("locals", "eval('(function(){' + Array.from({ length: 70000 }, (_, i) => 'let v' + i + '=1').join(';') + '})()')"),
+    ("events", "for (let i = 0; ; i++) skills.placeBlock(bot, 'stone', i % 1000, 0, 0)"),
+    (
+        "pollution",
+        "Object.prototype.x = 9; Promise.prototype.then = () => {}; String.prototype.trim = () => '7'; \
+                   Array.prototype[Symbol.iterator] = null; skills.placeBlock(bot, 'stone', '1', 0, 0)",
+    ),
+    ("import", "import('fs').then((fs) => skills.placeBlock(bot, 'stone', 666, 0, 0))"),
+    (
+        "host",
+        "for (const name of ['process', 'require', 'fetch', 'Deno', 'std', 'os', 'WebAssembly', 'XMLHttpRequest', 'Worker']) \
+              if (typeof globalThis[name] !== 'undefined') skills.placeBlock(bot, name, 666, 0, 0); \
+              (function () { return this })().constructor.constructor('return 1')()",
+    ),
+];
+
+/// Processes of action code that belong to a process.
+fn children(of: u32) -> Vec<u32> {
+    let numbers =
+        std::fs::read_dir("/proc").unwrap().filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok());
+    numbers
+        .filter(|id: &u32| {
+            let command = std::fs::read(format!("/proc/{id}/cmdline")).unwrap_or_default();
+            let status = std::fs::read_to_string(format!("/proc/{id}/status")).unwrap_or_default();
+            let parent = status.lines().find_map(|line| line.strip_prefix("PPid:\t"));
+            String::from_utf8_lossy(&command).contains("run-action-code") && parent == Some(&of.to_string())
+        })
+        .collect()
+}
+
+#[tokio::test]
+async fn code_that_means_harm_harms_nobody() {
+    let (_folder, service) = service();
+    let limits = service.get("/v1/limits").await.json();
+    let deadline = Duration::from_millis(limits["action_wall_ms"].as_u64().unwrap());
+    for pair in HOSTILE.chunks(2) {
+        let service = &service;
+        let both = pair.iter().map(|(name, code)| async move {
+            let begun = Instant::now();
+            let answer = replay(service, code).await;
+            let took = begun.elapsed();
+            assert!(took < deadline + deadline / 2, "{name} took {took:?}");
+            // It did nothing, failed by itself, or was stopped; it is never a failure of ours.
+            match answer.status {
+                StatusCode::OK => {
+                    let events = answer.json()["events"].clone();
+                    let is_clean = events.as_array().unwrap().iter().all(|event| event["x"] != 666);
+                    assert!(is_clean, "{name}: {events}");
+                    if *name == "pollution" {
+                        assert_eq!(events, json!([{ "action": "place", "x": 1, "y": 0, "z": 0, "material": "stone" }]));
+                    }
+                }
+                StatusCode::UNPROCESSABLE_ENTITY => {
+                    assert!(answer.text.contains("stopped at a limit"), "{name}: {}", answer.text);
+                }
+                other => panic!("{name}: {other} {}", answer.text),
+            }
+        });
+        let others = async {
+            let begun = Instant::now();
+            assert_eq!(service.get("/v1/limits").await.status, StatusCode::OK);
+            assert!(begun.elapsed() < Duration::from_secs(2), "others wait");
+        };
+        tokio::join!(join_all(both), others);
+    }
+    let left = children(service.process_id());
+    assert!(left.len() <= 2, "only those that wait for the next: {left:?}");
+    // They end with the service, also where it is killed in the middle of a script.
+    let endless = tokio::spawn(
+        service
+            .http
+            .post(format!("{}/v1/replay", service.url))
+            .json(&json!({ "action_code": "while (true) {}" }))
+            .send(),
+    );
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    let running = children(service.process_id());
+    assert!(!running.is_empty());
+    service.kill();
+    let _ = endless.await;
+    tokio::time::sleep(deadline).await;
+    for id in running {
+        let command = std::fs::read(format!("/proc/{id}/cmdline")).unwrap_or_default();
+        assert!(!String::from_utf8_lossy(&command).contains("run-action-code"), "{id} is left");
+    }
+}
