@@ -88,6 +88,10 @@ pub struct Limits {
     pub action_wall_ms: u64,
     /// Bytes of memory for its objects.
     pub action_memory_bytes: usize,
+    /// Events that the action code of one body may record, over all submissions.
+    pub action_body_events: usize,
+    /// Requests whose action code runs or waits; more are asked to come back (429).
+    pub action_requests: usize,
     /// Seconds that one grading may take.
     pub grading_seconds: u64,
     /// Times that grading is begun before a submission ends as `grader_error`.
@@ -135,6 +139,8 @@ pub const LIMITS: Limits = Limits {
     action_cpu_ms: ACTION_LIMITS.cpu_ms,
     action_wall_ms: ACTION_LIMITS.wall_ms,
     action_memory_bytes: ACTION_LIMITS.memory_bytes,
+    action_body_events: 2_000_000,
+    action_requests: 256,
     grading_seconds: 3_600,
     grading_attempts: MAX_ATTEMPTS,
 };

@@ -84,6 +84,7 @@ pub fn router(
         keys: caller::Keys::new(settings.is_open),
         stress_turns: Arc::new(api::stress::StressTurns::default()),
         actions,
+        action_requests: Arc::new(Semaphore::new(limits.action_requests)),
         event_streams: Arc::new(Semaphore::new(limits.event_streams)),
         limits,
         rates,

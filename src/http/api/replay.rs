@@ -1,9 +1,11 @@
 //! Action code in, events out: `/v1/replay`, and the turns of submissions that bring code.
 
+use std::sync::Arc;
+
 use axum::Json;
 use axum::extract::State;
-use futures_util::future::join_all;
 use serde::{Deserialize, Serialize};
+use tokio::sync::OwnedSemaphorePermit;
 
 use super::super::body::{JsonBody, read_json};
 use super::super::caller::Caller;
@@ -66,6 +68,12 @@ pub struct TurnReplay {
     pub error: Option<CodeError>,
 }
 
+/// A place among the requests whose code runs or waits.
+fn place(state: &AppState) -> ApiResult<OwnedSemaphorePermit> {
+    let place = Arc::clone(&state.action_requests).try_acquire_owned();
+    place.map_err(|_| ApiError::too_many("much action code is waiting to be run; come back in a moment"))
+}
+
 async fn replayed(state: &AppState, code: &str) -> ApiResult<Replayed> {
     state.actions.run(code).await.map_err(|error| ApiError::internal(&error))
 }
@@ -100,6 +108,7 @@ fn add_stopped(replayed: &Replayed, faults: &mut Faults) -> bool {
         (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
         (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "A fault, or a limit that the code reached", body = Problem, content_type = "application/problem+json"),
+        (status = 429, description = "Too much to do; come back", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
     )
@@ -117,6 +126,7 @@ pub async fn replay_action_code(
     if add_too_long(&new.action_code, &state, &mut faults) {
         return Err(ApiError::faulty(faults));
     }
+    let _place = place(&state)?;
     let done = replayed(&state, &new.action_code).await?;
     if add_stopped(&done, &mut faults) {
         return Err(ApiError::faulty(faults));
@@ -132,8 +142,13 @@ pub async fn replay_action_code(
 /// Runs the code of submissions, and puts what it recorded into their logs. What reaches a limit is a fault.
 ///
 /// # Errors
-/// 500 where code cannot be run.
+/// 429 where too much waits; 500 where code cannot be run.
 pub async fn run_codes(state: &AppState, posted: &mut [PostedSubmission], faults: &mut Faults) -> ApiResult<()> {
+    if posted.iter().all(|submission| submission.codes.is_empty()) {
+        return Ok(());
+    }
+    let _place = place(state)?;
+    let mut total = 0;
     for submission in posted.iter_mut().filter(|submission| !submission.codes.is_empty()) {
         if let Some(line) = submission.line {
             faults.enter_line(line);
@@ -146,9 +161,9 @@ pub async fn run_codes(state: &AppState, posted: &mut [PostedSubmission], faults
             is_refused |= add_too_long(&code.code, state, faults);
             faults.leave();
         }
-        let runs = codes.iter().filter(|_| !is_refused).map(|code| replayed(state, &code.code));
-        for (code, done) in codes.iter().zip(join_all(runs).await) {
-            let done = done?;
+        // One after another: what all of them record at the same time might not fit into memory.
+        for code in codes.iter().filter(|_| !is_refused) {
+            let done = replayed(state, &code.code).await?;
             faults.enter_index(code.turn);
             if !add_stopped(&done, faults) {
                 for event in &done.events {
@@ -165,7 +180,15 @@ pub async fn run_codes(state: &AppState, posted: &mut [PostedSubmission], faults
         if events > most {
             faults.add(format!("{events} events; at most {most} are allowed"));
         }
+        total += events;
+        let most = state.limits.action_body_events;
+        if total > most {
+            faults.add(format!("the code of this body recorded more than {most} events; send it in parts"));
+        }
         faults.leave();
+        if total > most {
+            break;
+        }
     }
     Ok(())
 }

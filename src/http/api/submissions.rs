@@ -50,6 +50,7 @@ use crate::voxel::Faults;
         (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
         (status = 415, description = "Neither JSON nor NDJSON", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "Faults, all of them", body = Problem, content_type = "application/problem+json"),
+        (status = 429, description = "Too much action code waits; come back", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
     )
@@ -115,6 +116,7 @@ fn accepted_answer(accepted: Vec<AcceptedBody>, format: Format) -> ApiResult<Res
         (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
         (status = 415, description = "Neither JSON nor NDJSON", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "Faults, all of them", body = Problem, content_type = "application/problem+json"),
+        (status = 429, description = "Too much action code waits; come back", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
     )
