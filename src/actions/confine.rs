@@ -13,16 +13,17 @@ const OWN_BYTES: u64 = 512 << 20;
 /// Where the system refuses; then no code may be run.
 pub fn confine(limits: &ActionLimits) -> anyhow::Result<()> {
     let seconds = limits.cpu_ms.div_ceil(1_000) + 1;
+    let memory = OWN_BYTES + limits.memory_bytes as u64;
     let bounds = [
-        (Resource::As, OWN_BYTES + limits.memory_bytes as u64),
-        // Should the engine not come back from a built-in, the system ends it.
-        (Resource::Cpu, seconds),
-        (Resource::Fsize, 0),
-        (Resource::Core, 0),
-        (Resource::Nofile, 3),
+        (Resource::As, memory, memory),
+        // Should the engine not come back from a built-in, the system ends it: with SIGXCPU at the first bound, which tells why.
+        (Resource::Cpu, seconds, seconds + 1),
+        (Resource::Fsize, 0, 0),
+        (Resource::Core, 0, 0),
+        (Resource::Nofile, 3, 3),
     ];
-    for (resource, bound) in bounds {
-        setrlimit(resource, Rlimit { current: Some(bound), maximum: Some(bound) })?;
+    for (resource, current, maximum) in bounds {
+        setrlimit(resource, Rlimit { current: Some(current), maximum: Some(maximum) })?;
     }
     system_calls()
 }

@@ -48,9 +48,9 @@ impl Recorder {
 
     fn record(&mut self, limits: &ActionLimits, material: Option<String>, cell: [Option<i64>; 3]) {
         let [Some(x), Some(y), Some(z)] = cell else { return self.drop_call("a coordinate is not an integer") };
-        let horizontal = i64::from(cell::MAX_HORIZONTAL);
-        let is_in_world = x.abs() <= horizontal
-            && z.abs() <= horizontal
+        let most = i64::from(cell::MAX_HORIZONTAL);
+        let is_in_world = (-most..=most).contains(&x)
+            && (-most..=most).contains(&z)
             && (i64::from(cell::MIN_Y)..=i64::from(cell::MAX_Y)).contains(&y);
         if !is_in_world {
             return self.drop_call("the cell is out of range");
@@ -59,6 +59,9 @@ impl Recorder {
             None => None,
             Some(name) if name.chars().count() > limits.material_chars => {
                 return self.drop_call("the material's name is too long");
+            }
+            Some(name) if name.chars().any(char::is_control) => {
+                return self.drop_call("the material's name has control characters");
             }
             Some(name) => match self.index.get(&name) {
                 Some(index) => Some(*index),
@@ -167,9 +170,12 @@ fn run_with(code: &str, limits: &ActionLimits, recorder: &Rc<RefCell<Recorder>>)
         }
     }
     // The engine reports that memory ran out as an error of the script.
-    if error.as_ref().is_some_and(|error| error.message.contains("out of memory")) {
-        recorder.borrow_mut().stopped.get_or_insert("memory");
+    let is_out_of_memory = |error: &CodeError| error.message == "InternalError: out of memory";
+    let mut ended = recorder.borrow_mut();
+    if error.iter().chain(&ended.unheard).any(is_out_of_memory) {
+        ended.stopped.get_or_insert("memory");
     }
+    drop(ended);
     error
 }
 

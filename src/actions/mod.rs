@@ -12,6 +12,8 @@ pub mod pool;
 
 use serde::{Deserialize, Serialize};
 
+use crate::voxel::cell;
+
 /// What action code may use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ActionLimits {
@@ -21,7 +23,8 @@ pub struct ActionLimits {
     pub events: usize,
     /// Milliseconds that it may take on the processor.
     pub cpu_ms: u64,
-    /// Milliseconds after which its process is ended, whatever it does.
+    /// Milliseconds after which its process is ended, whatever it does: much more than it may take on the processor, so that it
+    /// only happens where the machine has no time for it.
     pub wall_ms: u64,
     /// Bytes of memory for its objects.
     pub memory_bytes: usize,
@@ -36,7 +39,7 @@ pub const ACTION_LIMITS: ActionLimits = ActionLimits {
     code_bytes: 512 << 10,
     events: 400_000,
     cpu_ms: 2_000,
-    wall_ms: 3_000,
+    wall_ms: 10_000,
     memory_bytes: 64 << 20,
     materials: 4_096,
     material_chars: 128,
@@ -55,6 +58,21 @@ pub struct Replayed {
     pub error: Option<CodeError>,
     /// The limit at which it was stopped; then its events are not all that it would have recorded.
     pub stopped: Option<LimitReached>,
+}
+
+impl Replayed {
+    /// Whether its events are such as can be: cells of the world, materials of the palette.
+    #[must_use]
+    pub fn is_sound(&self) -> bool {
+        let is_sound = |event: &RecordedEvent| {
+            let [x, y, z] = event.cell;
+            (-cell::MAX_HORIZONTAL..=cell::MAX_HORIZONTAL).contains(&x)
+                && (-cell::MAX_HORIZONTAL..=cell::MAX_HORIZONTAL).contains(&z)
+                && (cell::MIN_Y..=cell::MAX_Y).contains(&y)
+                && event.material.is_none_or(|index| (index as usize) < self.palette.len())
+        };
+        self.events.iter().all(is_sound)
+    }
 }
 
 /// A place or remove event: cell, and the material's place in the palette where one is placed.

@@ -14,8 +14,6 @@ use super::{ActionLimits, LimitReached, Replayed};
 
 /// Bytes of an answer at most: more than the events that are allowed can take.
 const ANSWER_BYTES: u32 = 128 << 20;
-/// Why a process was ended that used too much of the processor.
-const SIGXCPU: i32 = 24;
 
 /// Runs scripts, a few at a time, each in a process of its own.
 #[derive(Debug, Clone)]
@@ -51,26 +49,32 @@ impl Pool {
     /// Where no process can be had: a failure of ours.
     pub async fn run(&self, code: &str) -> anyhow::Result<Replayed> {
         let _turn = self.inner.turns.acquire().await?;
-        let waiting = self.inner.ready.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        let mut child = match waiting {
-            Some(child) => child,
-            None => start()?,
-        };
+        let mut child = self.take()?;
         let wall = Duration::from_millis(self.inner.limits.wall_ms);
-        let asked = tokio::time::timeout(wall, ask(&mut child, code, &self.inner.limits)).await;
-        let done = match asked {
-            Ok(Some(replayed)) => Ok(replayed),
-            Ok(None) => how_it_ended(child.wait().await?.signal(), &self.inner.limits),
-            Err(_late) => {
-                let detail = format!("more than {} ms; it was ended from outside", self.inner.limits.wall_ms);
-                Ok(stopped("time", detail))
+        let asked = tokio::time::timeout(wall, async {
+            match ask(&mut child, code, &self.inner.limits).await? {
+                Some(replayed) => Ok(replayed),
+                None => how_it_ended(child.wait().await?.signal(), &self.inner.limits),
             }
-        };
+        });
+        let done = asked.await;
         // It is done, one way or another, and so is its process.
-        let _ = child.start_kill();
-        let _ = child.wait().await;
+        child.kill().await?;
         self.refill();
-        done
+        // No script may take so much of the processor: the machine had no time for it.
+        done.map_err(|_late| anyhow::anyhow!("action code was not done after {} ms", wall.as_millis()))?
+    }
+
+    /// A child that waits, or a new one.
+    fn take(&self) -> anyhow::Result<Child> {
+        let mut ready = self.inner.ready.lock().unwrap_or_else(PoisonError::into_inner);
+        while let Some(mut child) = ready.pop() {
+            // One may have been ended from outside while it waited.
+            if matches!(child.try_wait(), Ok(None)) {
+                return Ok(child);
+            }
+        }
+        start()
     }
 
     /// Has as many children wait as may run.
@@ -94,6 +98,8 @@ fn start() -> anyhow::Result<Child> {
         .arg(COMMAND)
         .env_clear()
         .current_dir("/")
+        // What is sent to the service's group, such as Ctrl-C, is not meant for it.
+        .process_group(0)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
@@ -103,28 +109,40 @@ fn start() -> anyhow::Result<Child> {
 }
 
 /// Hands a script over and reads the answer; none where the process ends without one.
-async fn ask(child: &mut Child, code: &str, limits: &ActionLimits) -> Option<Replayed> {
-    let job = serde_json::to_vec(&Job { code: code.to_owned(), limits: *limits }).ok()?;
-    let (input, output) = (child.stdin.as_mut()?, child.stdout.as_mut()?);
-    input.write_all(&u32::try_from(job.len()).ok()?.to_le_bytes()).await.ok()?;
-    input.write_all(&job).await.ok()?;
-    input.flush().await.ok()?;
-    let length = output.read_u32_le().await.ok().filter(|length| *length <= ANSWER_BYTES)?;
+///
+/// # Errors
+/// Where it cannot be handed over, or the answer does not read back.
+async fn ask(child: &mut Child, code: &str, limits: &ActionLimits) -> anyhow::Result<Option<Replayed>> {
+    let job = serde_json::to_vec(&Job { code: code.to_owned(), limits: *limits })?;
+    let (Some(input), Some(output)) = (child.stdin.as_mut(), child.stdout.as_mut()) else {
+        anyhow::bail!("a process for action code has no pipes");
+    };
+    input.write_all(&u32::try_from(job.len())?.to_le_bytes()).await?;
+    input.write_all(&job).await?;
+    input.flush().await?;
+    let Ok(length) = output.read_u32_le().await else { return Ok(None) };
+    anyhow::ensure!(length <= ANSWER_BYTES, "an answer of {length} bytes");
     let mut answer = vec![0; length as usize];
-    output.read_exact(&mut answer).await.ok()?;
-    serde_json::from_slice(&answer).ok()
+    if output.read_exact(&mut answer).await.is_err() {
+        return Ok(None);
+    }
+    let replayed = tokio::task::spawn_blocking(move || serde_json::from_slice::<Replayed>(&answer)).await??;
+    anyhow::ensure!(replayed.is_sound(), "an answer that cannot be");
+    Ok(Some(replayed))
 }
 
-fn stopped(limit: &str, detail: String) -> Replayed {
-    Replayed { stopped: Some(LimitReached { limit: limit.to_owned(), detail }), ..Replayed::default() }
-}
-
-/// What it means that a child ended without an answer: a signal is the script's doing. It had confined itself and run a script
-/// before, so an exit of its own is a failure of ours.
+/// What it means that a child ended without an answer. It had confined itself and run a script before, so these signals are the
+/// script's doing; others, and an exit of its own, come from outside and are a failure of ours.
 fn how_it_ended(signal: Option<i32>, limits: &ActionLimits) -> anyhow::Result<Replayed> {
+    let stopped = |limit: &str, detail: String| Replayed {
+        stopped: Some(LimitReached { limit: limit.to_owned(), detail }),
+        ..Replayed::default()
+    };
     match signal {
-        Some(SIGXCPU) => Ok(stopped("time", format!("more than {} ms on the processor", limits.cpu_ms))),
-        Some(signal) => Ok(stopped("memory", format!("the script brought its process down (signal {signal})"))),
-        None => anyhow::bail!("a process for action code ended without an answer"),
+        Some(libc::SIGXCPU) => Ok(stopped("time", format!("more than {} ms on the processor", limits.cpu_ms))),
+        Some(signal @ (libc::SIGABRT | libc::SIGSEGV | libc::SIGBUS | libc::SIGSYS | libc::SIGILL | libc::SIGFPE)) => {
+            Ok(stopped("memory", format!("the script brought its process down (signal {signal})")))
+        }
+        other => anyhow::bail!("a process for action code ended without an answer (signal {other:?})"),
     }
 }

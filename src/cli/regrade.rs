@@ -229,6 +229,10 @@ async fn apply(store: &Store, id: &str) -> anyhow::Result<()> {
     let regrade = all.iter().find(|row| row.id == id).with_context(|| format!("there is no regrade {id:?}"))?;
     let catalogue = store.catalogue();
     let entry = catalogue.suite(&regrade.suite_id).context("its suite is gone")?;
+    let left_out = store.left_out(id).await?;
+    if regrade.state == "ready" && left_out > 0 {
+        bail!("{left_out} submissions were graded meanwhile by other checks; grade again, and then apply");
+    }
     match store.apply_regrade(id, &entry.suite.tasks, now_ms()).await? {
         Some(runs) => println!("applied; {runs} finished runs have new results"),
         None => bail!("the regrade is {}, not ready", regrade.state),

@@ -1,8 +1,10 @@
 //! Boards in memory: read once, then only what is new; sorted, filtered and compared when they are asked for.
 
 use std::collections::{HashMap, HashSet};
-use std::sync::{Arc, PoisonError, RwLock};
+use std::sync::{Arc, LazyLock, PoisonError, RwLock};
 use std::time::{Duration, Instant};
+
+use uuid::Uuid;
 
 use super::problem::ApiResult;
 use super::state::AppState;
@@ -102,7 +104,7 @@ impl Board {
     /// Whether a run's row is hidden now.
     #[must_use]
     pub fn is_hidden(&self, run: &str) -> bool {
-        is_hidden(&self.actions, run, i64::MAX)
+        hidden(&self.actions, i64::MAX).contains(run)
     }
 
     /// Rows as they showed at a time, the best first.
@@ -112,10 +114,11 @@ impl Board {
     }
 
     fn showing(&self, at_ms: i64) -> Vec<Arc<Standing>> {
+        let hidden = hidden(&self.actions, at_ms);
         self.results
             .values()
             .filter_map(|results| results.iter().rev().find(|result| result.since_ms <= at_ms))
-            .filter(|result| !is_hidden(&self.actions, &result.run, at_ms))
+            .filter(|result| !hidden.contains(result.run.as_str()))
             .cloned()
             .collect()
     }
@@ -156,10 +159,21 @@ impl Board {
     }
 }
 
-fn is_hidden(actions: &[ActionRow], run: &str, at_ms: i64) -> bool {
-    let mut last =
-        actions.iter().rev().filter(|act| act.run_id == run && act.action != "regrade" && act.at_ms <= at_ms);
-    last.next().is_some_and(|act| act.action == "hide")
+/// Runs whose rows are hidden at a time.
+fn hidden(actions: &[ActionRow], at_ms: i64) -> HashSet<&str> {
+    let mut hidden = HashSet::new();
+    for action in actions.iter().filter(|action| action.at_ms <= at_ms) {
+        match action.action.as_str() {
+            "hide" => {
+                hidden.insert(action.run_id.as_str());
+            }
+            "restore" => {
+                hidden.remove(action.run_id.as_str());
+            }
+            _ => {}
+        }
+    }
+    hidden
 }
 
 impl Boards {
@@ -195,7 +209,9 @@ impl Boards {
 }
 
 fn version(entry: &Entry, Read { result, action, run }: Read) -> String {
-    format!("{}:{result}:{action}:{run}:{}", entry.suite.id(), env!("CARGO_PKG_VERSION"))
+    // Of this process: another program, or another database under the same name, may make something else of it.
+    static PROCESS: LazyLock<Uuid> = LazyLock::new(Uuid::new_v4);
+    format!("{}:{result}:{action}:{run}:{}", entry.suite.id(), *PROCESS)
 }
 
 fn empty(entry: &Arc<Entry>) -> Board {

@@ -53,6 +53,8 @@ impl Caller {
                 let detail = format!("the key has not the scope {:?}, which this needs", scope.name());
                 Err(ApiError::new(StatusCode::FORBIDDEN, "forbidden", "Forbidden", detail))
             }
+            // What an operator does stands for ever, under a name.
+            None if scope == Scope::Admin => Err(unauthorized("this needs a key with the scope admin, here too")),
             _ => Ok(()),
         }
     }
@@ -85,17 +87,25 @@ enum Identified {
 /// The answer, where they sent too many, or the database fails.
 pub async fn identify(state: &AppState, request: &mut Request) -> ApiResult<Option<Left>> {
     let peer = request.extensions().get::<Peer>().copied();
-    let identified = match bearer(request.headers()) {
-        Sent::Nothing => None,
-        Sent::Unreadable => Some(Identified::Refused("expected Authorization: Bearer, then the key")),
-        Sent::Key(key) => Some(match state.keys.live(state, key).await? {
-            Some(key) => Identified::Caller(Caller { key: Some(key) }),
-            None => Identified::Refused("the key is unknown, revoked or expired"),
-        }),
-    };
-    let left = match &identified {
-        Some(Identified::Caller(Caller { key: Some(key) })) => state.rates.with_key(&key.id)?,
-        _ => state.rates.without_key(peer, request.headers())?,
+    let (identified, left) = match bearer(request.headers()) {
+        Sent::Nothing => (None, state.rates.without_key(peer, request.headers())?),
+        Sent::Unreadable => {
+            let refused = Identified::Refused("expected Authorization: Bearer, then the key");
+            (Some(refused), state.rates.without_key(peer, request.headers())?)
+        }
+        Sent::Key(sent) => {
+            // A key that was never found costs a read: who sends many that are none is stopped before it.
+            if !state.keys.knows(sent) {
+                state.rates.looking_up(peer, request.headers())?;
+            }
+            if let Some(key) = state.keys.live(state, sent).await? {
+                let left = state.rates.with_key(&key.id)?;
+                (Some(Identified::Caller(Caller { key: Some(key) })), left)
+            } else {
+                let refused = Identified::Refused("the key is unknown, revoked or expired");
+                (Some(refused), state.rates.without_key(peer, request.headers())?)
+            }
+        }
     };
     if let Some(identified) = identified {
         request.extensions_mut().insert(identified);
@@ -123,20 +133,25 @@ impl Keys {
         Self { held: RwLock::default(), is_open }
     }
 
+    /// Whether a key of this public part was found before.
+    fn knows(&self, sent: &str) -> bool {
+        let held = self.held.read().unwrap_or_else(PoisonError::into_inner);
+        parts(sent).is_some_and(|(id, _)| held.contains_key(id))
+    }
+
+    fn held(&self, id: &str) -> Option<KeyRow> {
+        let held = self.held.read().unwrap_or_else(PoisonError::into_inner);
+        held.get(id).filter(|(_, since)| since.elapsed() < TRUSTED_FOR).map(|(key, _)| key.clone())
+    }
+
     /// The key that was sent, where it is one that may be used now.
     async fn live(&self, state: &AppState, sent: &str) -> ApiResult<Option<KeyRow>> {
         let Some((id, secret)) = parts(sent) else { return Ok(None) };
-        let key = self.find(state, id).await?;
-        Ok(key.filter(|key| key.has_secret(secret) && key.is_live(now_ms())))
-    }
-
-    async fn find(&self, state: &AppState, id: &str) -> ApiResult<Option<KeyRow>> {
-        if let Some((key, since)) = self.held.read().unwrap_or_else(PoisonError::into_inner).get(id)
-            && since.elapsed() < TRUSTED_FOR
-        {
-            return Ok(Some(key.clone()));
+        let is_live = |key: &KeyRow| key.has_secret(secret) && key.is_live(now_ms());
+        if let Some(key) = self.held(id) {
+            return Ok(Some(key).filter(is_live));
         }
-        let Some(key) = state.store.key(id).await? else { return Ok(None) };
+        let Some(key) = state.store.key(id).await?.filter(is_live) else { return Ok(None) };
         state.store.note_key_use(&key, now_ms()).await?;
         let mut held = self.held.write().unwrap_or_else(PoisonError::into_inner);
         if held.len() >= MAX_HELD {

@@ -130,7 +130,8 @@ impl Documents {
         }
         // Need not be made to be compared.
         let tag = Tag::named(&name);
-        if has_tag(asked, &tag.0) {
+        let is_any = asked.get(header::IF_NONE_MATCH).is_some_and(|known| known == "*");
+        if !is_any && has_tag(asked, &tag.0) {
             return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, tag.header()?)]).into_response());
         }
         let document = make()?;

@@ -36,6 +36,7 @@ type Limiter<K> = RateLimiter<K, DefaultKeyedStateStore<K>, DefaultClock, StateI
 pub struct Rates {
     keys: Option<Limiter<String>>,
     addresses: Option<Limiter<IpAddr>>,
+    lookups: Option<Limiter<IpAddr>>,
     clock: DefaultClock,
     is_behind_proxy: bool,
 }
@@ -55,6 +56,7 @@ impl Rates {
         Self {
             keys: quota(settings.per_key).map(|quota| RateLimiter::keyed(quota).with_middleware()),
             addresses: quota(settings.per_address).map(|quota| RateLimiter::keyed(quota).with_middleware()),
+            lookups: quota(settings.per_address).map(|quota| RateLimiter::keyed(quota).with_middleware()),
             clock: DefaultClock::default(),
             is_behind_proxy: settings.is_behind_proxy,
         }
@@ -74,7 +76,24 @@ impl Rates {
     /// # Errors
     /// 429 where there were too many.
     pub fn without_key(&self, peer: Option<Peer>, headers: &HeaderMap) -> ApiResult<Option<Left>> {
-        let Some(limiter) = &self.addresses else { return Ok(None) };
+        self.by_address(self.addresses.as_ref(), peer, headers)
+    }
+
+    /// Counts a look for a key that is not known, apart from other requests of its address: others there may have keys.
+    ///
+    /// # Errors
+    /// 429 where there were too many.
+    pub fn looking_up(&self, peer: Option<Peer>, headers: &HeaderMap) -> ApiResult<()> {
+        self.by_address(self.lookups.as_ref(), peer, headers).map(|_| ())
+    }
+
+    fn by_address(
+        &self,
+        limiter: Option<&Limiter<IpAddr>>,
+        peer: Option<Peer>,
+        headers: &HeaderMap,
+    ) -> ApiResult<Option<Left>> {
+        let Some(limiter) = limiter else { return Ok(None) };
         let forwarded = || {
             let last = headers.get_all("x-forwarded-for").iter().next_back()?.to_str().ok()?;
             last.rsplit(',').next()?.trim().parse().ok()
@@ -106,7 +125,7 @@ impl Rates {
         if let Some(limiter) = &self.keys {
             limiter.retain_recent();
         }
-        if let Some(limiter) = &self.addresses {
+        for limiter in [&self.addresses, &self.lookups].into_iter().flatten() {
             limiter.retain_recent();
         }
     }

@@ -85,9 +85,10 @@ impl Store {
     /// Where the database fails.
     pub async fn board_news(&self, suite_id: &str, tasks: &[Task], read: Read) -> StoreResult<News> {
         let mut connection = self.readers.acquire().await?;
+        // From what is new to its runs, never from all runs of the suite: the plus keeps the planner from their index.
         let rows = sqlx::query(
             "SELECT s.id, s.run_id, r.agent, r.finished_at_ms, s.since_ms, s.summary, s.outcomes
-             FROM results s JOIN runs r ON r.id = s.run_id WHERE s.id > $1 AND r.suite_id = $2 ORDER BY s.id",
+             FROM results s CROSS JOIN runs r ON r.id = s.run_id WHERE s.id > $1 AND +r.suite_id = $2 ORDER BY s.id",
         )
         .bind(read.result)
         .bind(suite_id)
@@ -108,7 +109,7 @@ impl Store {
         }
         news.actions = sqlx::query_as(
             "SELECT a.id, a.run_id, a.action, a.actor, a.reason, a.at_ms
-             FROM board_actions a JOIN runs r ON r.id = a.run_id WHERE a.id > $1 AND r.suite_id = $2 ORDER BY a.id",
+             FROM board_actions a CROSS JOIN runs r ON r.id = a.run_id WHERE a.id > $1 AND +r.suite_id = $2 ORDER BY a.id",
         )
         .bind(read.action)
         .bind(suite_id)
@@ -116,7 +117,7 @@ impl Store {
         .await?;
         news.read.action = news.actions.last().map_or(read.action, |last| last.id);
         let begun: Vec<(i64, String)> =
-            sqlx::query_as("SELECT rowid, agent FROM runs WHERE rowid > $1 AND suite_id = $2 ORDER BY rowid")
+            sqlx::query_as("SELECT rowid, agent FROM runs WHERE rowid > $1 AND +suite_id = $2 ORDER BY rowid")
                 .bind(read.run)
                 .bind(suite_id)
                 .fetch_all(&mut *connection)

@@ -173,6 +173,23 @@ impl Store {
         Ok(found > 0)
     }
 
+    /// How many graded submissions of its suite a regrade has left out, because they were graded meanwhile by other checks.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn left_out(&self, id: &str) -> StoreResult<i64> {
+        Ok(sqlx::query_scalar(
+            "SELECT COUNT(*) FROM regrades q JOIN submissions s ON s.suite_id = q.suite_id AND s.state = 'graded'
+             JOIN reports r ON r.submission_id = s.id
+              AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = s.id)
+             WHERE q.id = $1 AND r.checks_version <> q.checks_version
+               AND NOT EXISTS (SELECT 1 FROM regraded g WHERE g.regrade_id = q.id AND g.submission_id = s.id)",
+        )
+        .bind(id)
+        .fetch_one(&self.readers)
+        .await?)
+    }
+
     /// Submissions whose scores grading again changes.
     ///
     /// # Errors
@@ -215,8 +232,8 @@ impl Store {
         Ok(problems)
     }
 
-    /// Makes what grading again came to hold, as one switch: new reports beside the old ones, results of the runs whose scores
-    /// change, and a public entry for each of them. Gives the number of those runs; none where it is not ready.
+    /// Makes what grading again came to hold, as one switch: new reports beside the old ones where scores change, results of
+    /// the runs that they belong to, and a public entry for each of these. Gives the number of those runs; none where it is not ready.
     ///
     /// # Errors
     /// Where the database fails; nothing is changed then.
@@ -244,7 +261,10 @@ impl Store {
              SELECT g.submission_id,
                     (SELECT MAX(l.attempt) + 1 FROM reports l WHERE l.submission_id = g.submission_id),
                     q.checks_version, q.grader, g.overall, g.accuracy, g.scores, g.body, $2, g.grading_us
-             FROM regraded g JOIN regrades q ON q.id = g.regrade_id WHERE g.regrade_id = $1",
+             FROM regraded g JOIN regrades q ON q.id = g.regrade_id
+             JOIN reports r ON r.submission_id = g.submission_id
+              AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = g.submission_id)
+             WHERE g.regrade_id = $1 AND g.scores <> r.scores",
         )
         .bind(id)
         .bind(now_ms)

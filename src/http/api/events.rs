@@ -57,7 +57,8 @@ pub struct EventBody {
 }
 
 /// Follow the ends of submissions and runs as server-sent events. Each has an id; a client that comes back with
-/// `Last-Event-ID` misses none. Without `run` or `submission` the stream begins now; with one, at its beginning.
+/// `Last-Event-ID` misses none. Without `run` or `submission` the stream begins now; with one, at its beginning, and it ends
+/// when that has ended.
 #[utoipa::path(
     get, path = "/v1/events", operation_id = "get_events", tag = "submissions", summary = "Follow what ends",
     params(EventsQuery, ("Last-Event-ID" = Option<i64>, Header, description = "The last event that was seen")),
@@ -103,7 +104,7 @@ pub async fn get_events(
     };
     let place = Arc::clone(&state.event_streams).try_acquire_owned();
     let Ok(place) = place else { return Err(ApiError::too_many("many follow events; come back in a moment")) };
-    let following = Following { state, of, after, read: VecDeque::new(), _place: place };
+    let following = Following { state, of, after, is_over: false, read: VecDeque::new(), _place: place };
     let events = futures_util::stream::unfold(following, |mut following| async move {
         let event = following.next().await?;
         Some((Ok::<_, Infallible>(event), following))
@@ -116,6 +117,8 @@ struct Following {
     state: AppState,
     of: EventsOf,
     after: i64,
+    /// Whether nothing more can come: what was followed has ended.
+    is_over: bool,
     read: VecDeque<EventRow>,
     _place: OwnedSemaphorePermit,
 }
@@ -123,7 +126,7 @@ struct Following {
 impl Following {
     /// The next event; none where the service stops or fails, and the client comes back.
     async fn next(&mut self) -> Option<Event> {
-        while self.read.is_empty() {
+        while self.read.is_empty() && !self.is_over {
             // Listening begins before looking, so that nothing falls in between.
             let store = self.state.store.clone();
             let ended = store.ends().notified();
@@ -143,6 +146,11 @@ impl Following {
         }
         let row = self.read.pop_front()?;
         self.after = row.id;
+        self.is_over |= match &self.of {
+            EventsOf::Everything => false,
+            EventsOf::Run(_) => row.submission_id.is_none(),
+            EventsOf::Submission(_) => true,
+        };
         let name = if row.submission_id.is_some() { "submission" } else { "run" };
         let body = EventBody {
             run: row.run_id,

@@ -16,6 +16,11 @@ use crate::actions::{CodeError, Dropped, Replayed};
 use crate::store::keys::Scope;
 use crate::voxel::{Cell, Faults};
 
+/// Bytes of an event in an answer, about, without the material's name.
+const EVENT_BYTES: usize = 60;
+/// Bytes of an answer at most.
+const ANSWER_BYTES: usize = 32 << 20;
+
 /// Code to replay.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -131,6 +136,13 @@ pub async fn replay_action_code(
     if add_stopped(&done, &mut faults) {
         return Err(ApiError::faulty(faults));
     }
+    // Names are repeated with every event: an answer may be much larger than what was recorded.
+    let name = |event: &crate::actions::RecordedEvent| event.material.and_then(|i| done.palette.get(i as usize));
+    let bytes: usize = done.events.iter().map(|event| EVENT_BYTES + name(event).map_or(0, String::len)).sum();
+    if bytes > ANSWER_BYTES {
+        faults.add_at("action_code", format!("its events take more than {ANSWER_BYTES} bytes to tell"));
+        return Err(ApiError::faulty(faults));
+    }
     let event = |event: &crate::actions::RecordedEvent| {
         let [x, y, z] = event.cell;
         let material = event.material.and_then(|index| done.palette.get(index as usize)).cloned();
@@ -162,31 +174,45 @@ pub async fn run_codes(state: &AppState, posted: &mut [PostedSubmission], faults
             faults.leave();
         }
         // One after another: what all of them record at the same time might not fit into memory.
-        for code in codes.iter().filter(|_| !is_refused) {
+        for code in &codes {
+            if is_refused {
+                break;
+            }
             let done = replayed(state, &code.code).await?;
             faults.enter_index(code.turn);
-            if !add_stopped(&done, faults) {
+            let events = done.events.len();
+            let is_stopped = add_stopped(&done, faults);
+            if submission.log.event_count() + events > state.limits.events {
+                faults.add_at("action_code", format!("more than {} events in the log", state.limits.events));
+                is_refused = true;
+            } else if total + events > state.limits.action_body_events {
+                let most = state.limits.action_body_events;
+                faults.add_at(
+                    "action_code",
+                    format!("the code of this body recorded more than {most} events; send it in parts"),
+                );
+                is_refused = true;
+            } else if !is_stopped {
+                total += events;
                 for event in &done.events {
                     let [x, y, z] = event.cell;
                     let material = event.material.and_then(|index| done.palette.get(index as usize));
                     submission.log.add_event(code.turn, Cell { x, y, z }, material.map(String::as_str));
                 }
-                let (turn, events) = (code.turn + 1, done.events.len());
+                let turn = code.turn + 1;
                 submission.replays.push(TurnReplay { turn, events, dropped: done.dropped, error: done.error });
+            }
+            if submission.log.palette.len() > state.limits.materials {
+                faults.add_at(
+                    "action_code",
+                    format!("more than {} different materials in the log", state.limits.materials),
+                );
+                is_refused = true;
             }
             faults.leave();
         }
-        let (events, most) = (submission.log.event_count(), state.limits.events);
-        if events > most {
-            faults.add(format!("{events} events; at most {most} are allowed"));
-        }
-        total += events;
-        let most = state.limits.action_body_events;
-        if total > most {
-            faults.add(format!("the code of this body recorded more than {most} events; send it in parts"));
-        }
         faults.leave();
-        if total > most {
+        if is_refused {
             break;
         }
     }

@@ -117,7 +117,8 @@ pub async fn board(
         .into_iter()
         .collect();
     let next = body.next_after.as_ref().map(|after| format!("{}&after={after}", link(&sort, is_ascending)));
-    let best: Vec<_> = board.rows.all.iter().take(GROUPED_ROWS).cloned().collect();
+    let best: Vec<_> =
+        body.rows.iter().take(GROUPED_ROWS).filter_map(|row| board.standing(&row.run)).cloned().collect();
     let tables =
         [("By criterion", GroupBy::Criterion), ("By category", GroupBy::Category), ("By family", GroupBy::Family)]
             .map(|(title, by)| Table { title, rates: breakdown(&board, by, &best) })

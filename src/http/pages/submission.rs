@@ -132,9 +132,12 @@ async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Re
     let cells = witnesses(report.as_ref());
     let id = &row.id;
     let field = |method: &str| format!("/v1/submissions/{id}/stress?method={method}&format=arrays");
+    let log = log_of(state, id).await?;
+    let names =
+        tokio::task::spawn_blocking(move || palette(&log)).await.map_err(|error| ApiError::internal(&error))??;
     let scene = json!({
         "log": format!("/v1/submissions/{id}/log"),
-        "colours": colours_of(palette(&log_of(state, id).await?)?.iter().map(String::as_str)),
+        "colours": colours_of(names.iter().map(String::as_str)),
         "stress": { "sph": field("sph"), "fem": field("fem") },
         "witnesses": cells,
     });

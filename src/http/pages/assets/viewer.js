@@ -45,6 +45,15 @@ function program(gl) {
   return gl.getProgramParameter(made, gl.LINK_STATUS) ? made : null;
 }
 
+/* Whether there is no graphics processor: then smooth edges and fine pixels cost more than they show. */
+function drawsInSoftware() {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const info = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = info ? String(gl.getParameter(info.UNMASKED_RENDERER_WEBGL)) : "";
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(name);
+}
+
 /* Perspective times a look at the centre, by columns. */
 function matrix({ yaw, pitch, distance, centre }, aspect) {
   const [cy, sy, cp, sp] = [Math.cos(yaw), Math.sin(yaw), Math.cos(pitch), Math.sin(pitch)];
@@ -64,7 +73,8 @@ class Viewer {
     this.root = root;
     this.scene = scene;
     this.canvas = root.querySelector("canvas");
-    this.gl = this.canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
+    this.isSoft = drawsInSoftware();
+    this.gl = this.canvas.getContext("webgl2", { antialias: !this.isSoft });
     this.palette = log.palette;
     this.colours = log.palette.map((name) => rgb(scene.colours[name] ?? "#9aa0a8"));
     this.events = log.turns.flat();
@@ -101,13 +111,20 @@ class Viewer {
   }
 
   bounds() {
-    const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+    let low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
     for (const event of this.events) for (let i = 0; i < 3; i++) {
       low[i] = Math.min(low[i], event[i]);
       high[i] = Math.max(high[i], event[i] + 1);
     }
     if (!this.events.length) [low.fill(0), high.fill(1)];
-    [this.low, this.high] = [low, high];
+    // From here on all is told from the lowest corner: far away, numbers of this size would lose their last digits.
+    const [ox, oy, oz] = low;
+    const near = ([x, y, z, ...rest]) => [x - ox, y - oy, z - oz, ...rest];
+    this.near = near;
+    this.events = this.events.map(near);
+    this.witnesses = (this.scene.witnesses ?? []).map(near);
+    [this.low, this.high] = [[0, 0, 0], near(high)];
+    [low, high] = [this.low, this.high];
     this.centre = low.map((l, i) => (l + high[i]) / 2);
     this.size = Math.hypot(...low.map((l, i) => high[i] - l));
   }
@@ -134,7 +151,7 @@ class Viewer {
   rebuild() {
     const blocks = this.standing(), slice = Number(this.slice.value);
     const shows = (b) => b && b[1] <= slice && !this.hidden.has(b[3]);
-    const cells = this.scene.witnesses ?? [];
+    const cells = this.witnesses;
     const witnesses = new Set(cells.map((cell) => key(...cell)));
     const places = [], paints = [];
     let shown = 0;
@@ -177,7 +194,7 @@ class Viewer {
     if (this.waiting) return;
     this.waiting = requestAnimationFrame(() => {
       this.waiting = 0;
-      const gl = this.gl, scale = Math.min(devicePixelRatio || 1, 2);
+      const gl = this.gl, scale = this.isSoft ? 1 : Math.min(devicePixelRatio || 1, 2);
       const [width, height] = [this.canvas.clientWidth * scale, this.canvas.clientHeight * scale].map(Math.round);
       if (!width || !height) return;
       if (this.canvas.width !== width || this.canvas.height !== height) [this.canvas.width, this.canvas.height] = [width, height];
@@ -268,7 +285,7 @@ class Viewer {
         return;
       }
       const field = answer[1], at = new Map();
-      field.cells.forEach((cell, i) => at.set(key(...cell), field.von_mises_pa[i]));
+      field.cells.forEach((cell, i) => at.set(key(...this.near(cell)), field.von_mises_pa[i]));
       this.stress.set(mode, { at, max: field.von_mises_pa.reduce((most, pa) => Math.max(most, pa ?? 0), 0) });
     }
     this.mode = mode;
@@ -290,8 +307,12 @@ class Viewer {
   /* Where one looks, and what at, is in the address, so that it can be shared. */
   remember() {
     if (this.root.dataset.camera || this.playing) return;
-    const { yaw, pitch, distance } = this.camera;
-    history.replaceState(null, "", `#${[yaw, pitch, distance].map((n) => n.toFixed(2)).join(",")},${this.at},${this.mode}`);
+    // When it rests: browsers bear no more than a few changes a second.
+    clearTimeout(this.remembering);
+    this.remembering = setTimeout(() => {
+      const { yaw, pitch, distance } = this.camera;
+      history.replaceState(null, "", `#${[yaw, pitch, distance].map((n) => n.toFixed(2)).join(",")},${this.at},${this.mode}`);
+    }, 150);
   }
 
   recall() {
