@@ -6,10 +6,10 @@ use std::process::ExitCode;
 
 use anyhow::Context as _;
 use clap::Args;
-use serde_json::json;
 
 use crate::actions::pool::Pool;
 use crate::actions::{ACTION_LIMITS, Replayed};
+use crate::http::api::replay::told;
 
 /// Arguments of `replay`.
 #[derive(Debug, Args)]
@@ -49,13 +49,8 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
 
 fn print(name: &str, replayed: &Replayed) -> anyhow::Result<()> {
     let mut out = std::io::BufWriter::new(std::io::stdout().lock());
-    for event in &replayed.events {
-        let [x, y, z] = event.cell;
-        let line = match event.material.and_then(|index| replayed.palette.get(index as usize)) {
-            Some(material) => json!({ "action": "place", "x": x, "y": y, "z": z, "material": material }),
-            None => json!({ "action": "remove", "x": x, "y": y, "z": z }),
-        };
-        writeln!(out, "{line}")?;
+    for event in told(replayed) {
+        writeln!(out, "{}", serde_json::to_string(&event)?)?;
     }
     out.flush()?;
     for dropped in &replayed.dropped {

@@ -83,6 +83,15 @@ async fn replayed(state: &AppState, code: &str) -> ApiResult<Replayed> {
     state.actions.run(code).await.map_err(|error| ApiError::internal(&error))
 }
 
+/// The events of a script as they are told.
+pub fn told(done: &Replayed) -> impl Iterator<Item = ReplayedEvent> {
+    done.events.iter().map(|event| {
+        let [x, y, z] = event.cell;
+        let material = event.material.and_then(|index| done.palette.get(index as usize)).cloned();
+        ReplayedEvent { action: if material.is_some() { "place" } else { "remove" }, x, y, z, material }
+    })
+}
+
 fn add_too_long(code: &str, state: &AppState, faults: &mut Faults) -> bool {
     let most = state.limits.action_code_bytes;
     let is_too_long = code.len() > most;
@@ -143,12 +152,7 @@ pub async fn replay_action_code(
         faults.add_at("action_code", format!("its events take more than {ANSWER_BYTES} bytes to tell"));
         return Err(ApiError::faulty(faults));
     }
-    let event = |event: &crate::actions::RecordedEvent| {
-        let [x, y, z] = event.cell;
-        let material = event.material.and_then(|index| done.palette.get(index as usize)).cloned();
-        ReplayedEvent { action: if material.is_some() { "place" } else { "remove" }, x, y, z, material }
-    };
-    Ok(Json(ReplayBody { events: done.events.iter().map(event).collect(), dropped: done.dropped, error: done.error }))
+    Ok(Json(ReplayBody { events: told(&done).collect(), dropped: done.dropped, error: done.error }))
 }
 
 /// Runs the code of submissions, and puts what it recorded into their logs. What reaches a limit is a fault.
