@@ -17,9 +17,9 @@ pub use evidence::{Finding, Witness};
 
 use crate::elasticity::{Control, Stopped};
 use crate::voxel::Structure;
-use accuracy::{material, shape, size};
-use planning::{dependency, efficiency};
-use safety::{plausibility, stability};
+use accuracy::{blocks, material, shape, size};
+use planning::{dependency, efficiency, layers};
+use safety::{equilibrium, plausibility, stability};
 
 /// Version of the published rules as coded here. A change that can alter a score raises it.
 ///
@@ -200,6 +200,12 @@ impl Evaluate for stability::StressScore {
     }
 }
 
+impl Evaluate for equilibrium::EquilibriumScore {
+    fn run(&self, subject: &Subject<'_>) -> Result<Finding, Stopped> {
+        self.evaluate(subject)
+    }
+}
+
 catalogue! {
     Material {
         "material.is_block_cnt_equal_to" => BlockCountEqualTo(material::BlockCountEqualTo):
@@ -225,6 +231,12 @@ catalogue! {
         "material.is_highest_block_material_equal_to" =>
             HighestBlockMaterialEqualTo(material::HighestBlockMaterialEqualTo):
             "Enough of the highest blocks are of the material",
+        "material.are_blocks_known" => BlocksKnown(blocks::BlocksKnown):
+            "Every block is one of the game's, and none is air (strict)",
+        "material.count_is_within" => CountWithin(blocks::CountWithin):
+            "So many blocks of a kind or a family stand (strict)",
+        "material.is_made_of" => MadeOf(blocks::MadeOf):
+            "Enough of a part of the build is of a kind or a family (strict)",
     }
     Size {
         "size.is_equal" => SizeEqual(size::Equal):
@@ -273,6 +285,18 @@ catalogue! {
             "It is not its own mirror image along any axis",
         "shape.is_reachable_by_stairs" => ReachableByStairs(shape::stairs::ReachableByStairs):
             "Steps lead from the ground up to a level",
+        "shape.has_enclosed_rooms" => EnclosedRooms(shape::enclosed::EnclosedRooms):
+            "So many rooms have walls, a roof, head room and a door that leads in from outside (strict)",
+        "shape.doors_lead_through" => DoorsLeadThrough(shape::enclosed::DoorsLeadThrough):
+            "There are doors, and through each one walks straight (strict)",
+        "shape.walks_out" => WalksOut(shape::ways::WalksOut):
+            "From beside every block of a kind one walks outside on floors (strict)",
+        "shape.climbs_to" => ClimbsTo(shape::ways::ClimbsTo):
+            "From the ground around it one climbs to a level (strict)",
+        "shape.has_clear_span" => ClearSpan(shape::spans::HasClearSpan):
+            "Two supports leave so many free cells between them, and a deck crosses them (strict)",
+        "shape.is_vault" => Vault(shape::vaults::IsVault):
+            "A hollow is closed above, and the cover rises from all sides to its middle (strict)",
     }
     PhysicalPlausibility {
         "physical_plausibility.is_ground_connected" => GroundConnected(plausibility::GroundConnected):
@@ -281,6 +305,8 @@ catalogue! {
     StructuralStability {
         "structural_stability.stress_score" => StressScore(stability::StressScore):
             "The greatest von Mises stress stays within a reference",
+        "structural_stability.equilibrium_score" => EquilibriumScore(equilibrium::EquilibriumScore):
+            "The greatest von Mises stress in equilibrium stays within a reference (strict)",
     }
     Efficiency {
         "efficiency.l1_dist" => L1Distance(efficiency::L1Distance):
@@ -289,5 +315,7 @@ catalogue! {
     Dependency {
         "dependency.material_sequence_order" => MaterialSequenceOrder(dependency::MaterialSequenceOrder):
             "Materials first come in the given order",
+        "dependency.layers_follow" => LayersFollow(layers::LayersFollow):
+            "Each layer is finished before the next begins (strict)",
     }
 }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::report::TurnReport;
 use crate::checks::Check;
 use crate::tasks::Instruction;
-use crate::voxel::Structure;
+use crate::voxel::{Structure, blocks};
 
 /// One thing to know about a graded structure.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -43,6 +43,8 @@ pub enum AdvisoryCode {
     EntirelyInGround,
     /// A wanted material matched only as part of another block's name.
     LookalikeMaterial,
+    /// The game has no block of a name.
+    UnknownBlock,
 }
 
 /// Pairs of a wanted word and a block family that contains it by accident of spelling.
@@ -80,6 +82,11 @@ pub fn advise(structure: &Structure, instruction: &Instruction, report: &TurnRep
     let prefixed = standing.iter().filter(|name| name.starts_with("minecraft:")).count();
     if prefixed > 0 {
         add(AdvisoryCode::NamespacedNames, None, format!("{prefixed} material names start with \"minecraft:\""));
+    }
+    let unknown: Vec<&str> = standing.iter().copied().filter(|name| !blocks::is_known(name)).collect();
+    if !unknown.is_empty() {
+        let detail = format!("Minecraft {} has no block called {}", blocks::GAME_VERSION, unknown.join(", "));
+        add(AdvisoryCode::UnknownBlock, None, detail);
     }
     for (i, check) in report.checks.iter().enumerate() {
         if check.finding.vacuous {

@@ -17,7 +17,8 @@ pub struct ProblemScores {
 
 impl ProblemScores {
     /// Whether every check that `wanted` picks scored 1; `None` where it picks none.
-    pub(super) fn holds(&self, wanted: impl Fn(Criterion) -> bool) -> Option<bool> {
+    #[must_use]
+    pub fn holds(&self, wanted: impl Fn(Criterion) -> bool) -> Option<bool> {
         let mut picked = self.rows.iter().filter(|(criterion, _)| wanted(*criterion)).peekable();
         picked.peek().is_some().then(|| picked.all(|(_, score)| *score >= 1.0))
     }
@@ -32,7 +33,9 @@ impl ProblemScores {
         self.holds(|c| c.dimension() == Dimension::Accuracy)
     }
 
-    pub(super) fn overall(&self) -> bool {
+    /// Whether the problem passes as a whole (SPEC 5).
+    #[must_use]
+    pub fn overall(&self) -> bool {
         let parts = [
             self.accuracy(),
             self.holds(|c| c == Criterion::PhysicalPlausibility),

@@ -25,7 +25,7 @@ pub struct TrueArch {
 
 /// An axis of the plane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Axis {
+pub(super) enum Axis {
     X,
     Z,
 }
@@ -45,14 +45,14 @@ impl Axis {
         }
     }
 
-    const fn cell(self, along: i32, across: i32, y: i32) -> Cell {
+    pub(super) const fn cell(self, along: i32, across: i32, y: i32) -> Cell {
         match self {
             Self::X => Cell::new(along, y, across),
             Self::Z => Cell::new(across, y, along),
         }
     }
 
-    const fn name(self) -> &'static str {
+    pub(super) const fn name(self) -> &'static str {
         match self {
             Self::X => "x",
             Self::Z => "z",
@@ -62,15 +62,15 @@ impl Axis {
 
 /// The free columns between two supports.
 #[derive(Debug, Clone, Copy)]
-struct ClearSpan {
-    axis: Axis,
-    first: i32,
-    last: i32,
+pub(super) struct ClearSpan {
+    pub(super) axis: Axis,
+    pub(super) first: i32,
+    pub(super) last: i32,
 }
 
 impl ClearSpan {
     /// Between the two clusters of a level, along the axis that parts them most; none where neither parts them.
-    fn between(cells: &[PlaneCell], clusters: &Clusters) -> Option<Self> {
+    pub(super) fn between(cells: &[PlaneCell], clusters: &Clusters) -> Option<Self> {
         let extent = |axis: Axis, cluster: u32| {
             let own = cells.iter().zip(&clusters.label).filter(|(_, label)| **label == cluster);
             let along = own.map(|(cell, _)| axis.along(*cell));
@@ -84,21 +84,21 @@ impl ClearSpan {
         [gap(Axis::X), gap(Axis::Z)].into_iter().flatten().max_by_key(|span| span.last - span.first)
     }
 
-    const fn length(&self) -> usize {
+    pub(super) const fn length(&self) -> usize {
         self.last.abs_diff(self.first) as usize + 1
     }
 }
 
 /// Lowest and highest block above the supports' level, for each column of a cut over the whole clear span.
 #[derive(Debug)]
-struct Cut {
-    across: i32,
-    underside: Vec<i32>,
-    upper: Vec<i32>,
+pub(super) struct Cut {
+    pub(super) across: i32,
+    pub(super) underside: Vec<i32>,
+    pub(super) upper: Vec<i32>,
 }
 
 /// The cuts that have a block over every column of the clear span.
-fn cuts(structure: &Structure, span: ClearSpan, support_y: i32) -> Vec<Cut> {
+pub(super) fn cuts(structure: &Structure, span: ClearSpan, support_y: i32) -> Vec<Cut> {
     let mut columns: BTreeMap<(i32, i32), (i32, i32)> = BTreeMap::new();
     for cell in structure.cells().iter().filter(|cell| cell.y > support_y) {
         let (along, across) = (span.axis.along((cell.x, cell.z)), span.axis.across((cell.x, cell.z)));

@@ -1,0 +1,141 @@
+//! Strict rules for materials: blocks by their names in the game, and families instead of substrings (SPEC 7).
+
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use crate::checks::{Finding, Rule, Subject};
+use crate::voxel::blocks::{BlockSet, GAME_VERSION, is_air, is_known};
+use crate::voxel::{Cell, Structure};
+
+/// Every block is one of the game's, and none is air.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BlocksKnown {}
+
+/// At least and at most so many blocks of a kind or a family.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CountWithin {
+    /// Which blocks; null counts all.
+    #[serde(default)]
+    pub of: Option<BlockSet>,
+    /// At least so many.
+    #[serde(default)]
+    pub min: u32,
+    /// At most so many; null for any number.
+    #[serde(default)]
+    pub max: Option<u32>,
+}
+
+/// Part of a build.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Part {
+    /// Every block.
+    All,
+    /// The blocks of a level that lie at two of its four extremes.
+    Corners,
+    /// Each of the four sides of a level, without its corners.
+    Sides,
+    /// The blocks that have none above them.
+    Roof,
+}
+
+/// Enough of a part of the build is of a kind or a family; of the sides each one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MadeOf {
+    /// Which blocks.
+    pub of: BlockSet,
+    /// Of which part.
+    pub part: Part,
+    /// Level of corners and sides.
+    #[serde(default)]
+    pub y: i32,
+    /// Least share of the part's blocks, from 0 to 1.
+    #[serde(default = "whole")]
+    pub min_share: f64,
+}
+
+const fn whole() -> f64 {
+    1.0
+}
+
+impl Rule for BlocksKnown {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        let structure = subject.structure;
+        let required = json!({ "unknown": 0 });
+        if structure.is_empty() {
+            return Finding::nothing_stands(false, required);
+        }
+        let unknown = structure.cells_of(|name| !is_known(name) || is_air(name));
+        let summary = format!("{} blocks are none that Minecraft {GAME_VERSION} has", unknown.len());
+        Finding::binary(unknown.is_empty(), unknown.len(), required, summary).with_witnesses(unknown, "no such block")
+    }
+}
+
+impl Rule for CountWithin {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        let structure = subject.structure;
+        let found = structure.palette().mask(|name| self.of.is_none_or(|of| of.has(name)));
+        let count = structure.material_ids().iter().filter(|id| found[**id as usize]).count();
+        let holds = count >= self.min as usize && self.max.is_none_or(|max| count <= max as usize);
+        let what = self.of.map_or_else(|| "blocks".to_owned(), |of| of.to_string());
+        let required = json!({ ">=": self.min, "<=": self.max });
+        Finding::binary(holds, count, required, format!("{count} of {what}")).vacuous_if(holds && structure.is_empty())
+    }
+}
+
+/// The sets of entries that a part consists of; each must be of the material.
+fn entries_of(part: Part, y: i32, structure: &Structure) -> Vec<Vec<usize>> {
+    let cells = structure.cells();
+    let level = || (0..cells.len()).filter(|&i| cells[i].y == y);
+    let bounds = crate::voxel::Bounds::of(level().map(|i| cells[i]));
+    let Some(bounds) = bounds.filter(|_| matches!(part, Part::Corners | Part::Sides)) else {
+        let is_roof = |cell: Cell| !structure.contains(cell.offset(0, 1, 0));
+        return match part {
+            Part::All => vec![(0..cells.len()).collect()],
+            Part::Roof => {
+                let top = cells.iter().map(|cell| cell.y).max().unwrap_or(0);
+                // Of what has nothing above it, the roof is what lies in the upper half: ledges and doors do not count.
+                vec![(0..cells.len()).filter(|&i| is_roof(cells[i]) && 2 * cells[i].y >= top).collect()]
+            }
+            Part::Corners | Part::Sides => vec![Vec::new()],
+        };
+    };
+    let on_x = |c: Cell| c.x == bounds.min.x || c.x == bounds.max.x;
+    let on_z = |c: Cell| c.z == bounds.min.z || c.z == bounds.max.z;
+    if part == Part::Corners {
+        return vec![level().filter(|&i| on_x(cells[i]) && on_z(cells[i])).collect()];
+    }
+    let side = |is_on: &dyn Fn(Cell) -> bool| level().filter(|&i| is_on(cells[i])).collect();
+    vec![
+        side(&|c| c.x == bounds.min.x && !on_z(c)),
+        side(&|c| c.x == bounds.max.x && !on_z(c)),
+        side(&|c| c.z == bounds.min.z && !on_x(c)),
+        side(&|c| c.z == bounds.max.z && !on_x(c)),
+    ]
+}
+
+impl Rule for MadeOf {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        let structure = subject.structure;
+        let required = json!({ "of": self.of, "share >=": self.min_share });
+        if structure.is_empty() {
+            return Finding::nothing_stands(false, required);
+        }
+        let own = structure.palette().mask(|name| self.of.has(name));
+        let is_own = |&i: &usize| own[structure.material_ids()[i] as usize];
+        let parts = entries_of(self.part, self.y, structure);
+        // Four corners, or it is no level with corners; a part of nothing is not of the material.
+        let is_whole = |part: &[usize]| if self.part == Part::Corners { part.len() >= 4 } else { !part.is_empty() };
+        let share = |part: &Vec<usize>| {
+            let own = part.iter().filter(|i| is_own(i)).count();
+            if is_whole(part) { own as f64 / part.len() as f64 } else { 0.0 }
+        };
+        let least = parts.iter().map(share).fold(1.0, f64::min);
+        let summary = format!("{:.0} % of the part is of {}", 100.0 * least, self.of);
+        let others = parts.iter().flatten().filter(|i| !is_own(i)).map(|&i| structure.cells()[i]);
+        Finding::binary(least >= self.min_share, least, required, summary).with_witnesses(others, "of something else")
+    }
+}

@@ -1,0 +1,89 @@
+//! Strict rules for rooms and doors: a room has walls, a roof, head room and a door, on any storey (SPEC 7).
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use crate::checks::{Finding, Rule, Subject};
+use crate::voxel::terrain::{MAX_EXTENT, Terrain};
+
+/// At least so many pieces of enclosed air in which one can stand, and into which doors lead from outside.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EnclosedRooms {
+    /// Least number of rooms.
+    pub min_rooms: u32,
+    /// Least number of cells of a room in which one can stand.
+    #[serde(default = "four")]
+    pub min_floor_cells: u32,
+}
+
+/// At least so many doors, each with free standing room on two opposite sides.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DoorsLeadThrough {
+    /// Least number of doors.
+    #[serde(default = "one")]
+    pub min_doors: u32,
+}
+
+const fn four() -> u32 {
+    4
+}
+
+const fn one() -> u32 {
+    1
+}
+
+/// The finding on what is nothing, or too large for these rules.
+pub(super) fn without_terrain(subject: &Subject<'_>, required: Value) -> Finding {
+    if subject.structure.is_empty() {
+        return Finding::nothing_stands(false, required);
+    }
+    let summary = format!("the build measures more than {MAX_EXTENT} blocks along an axis");
+    Finding::binary(false, Value::Null, required, summary)
+}
+
+impl Rule for EnclosedRooms {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        let required = json!({ ">=": self.min_rooms });
+        let Some(terrain) = Terrain::of(subject.structure) else { return without_terrain(subject, required) };
+        let spaces = terrain.spaces();
+        let joints: Vec<[usize; 2]> = terrain.doors().iter().filter_map(|door| terrain.joins(*door, &spaces)).collect();
+        // From outside through door after door.
+        let mut is_entered = vec![false; spaces.pieces.len()];
+        let mut open = vec![0];
+        while let Some(piece) = open.pop() {
+            if !std::mem::replace(&mut is_entered[piece], true) {
+                let beyond = |ends: &[usize; 2]| [[ends[0], ends[1]], [ends[1], ends[0]]];
+                open.extend(joints.iter().flat_map(beyond).filter(|ends| ends[0] == piece).map(|ends| ends[1]));
+            }
+        }
+        let rooms: Vec<usize> = (1..spaces.pieces.len())
+            .filter(|&piece| is_entered[piece] && spaces.pieces[piece].floor_cells >= self.min_floor_cells)
+            .collect();
+        let closed = spaces.pieces.len() - 1 - rooms.len();
+        let holds = rooms.len() >= self.min_rooms as usize;
+        let summary = format!(
+            "{} rooms with a roof, a door and head room; {closed} more hollows; required {}",
+            rooms.len(),
+            self.min_rooms
+        );
+        Finding::binary(holds, rooms.len(), required, summary)
+            .with_witnesses(rooms.iter().map(|&room| spaces.pieces[room].first), "room")
+    }
+}
+
+impl Rule for DoorsLeadThrough {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        let required = json!({ "doors": { ">=": self.min_doors }, "blocked": 0 });
+        let Some(terrain) = Terrain::of(subject.structure) else { return without_terrain(subject, required) };
+        let spaces = terrain.spaces();
+        let doors = terrain.doors();
+        let blocked: Vec<_> = doors.iter().copied().filter(|door| terrain.joins(*door, &spaces).is_none()).collect();
+        let holds = blocked.is_empty() && doors.len() >= self.min_doors as usize;
+        let summary =
+            format!("{} of {} doors are blocked; required {} doors", blocked.len(), doors.len(), self.min_doors);
+        Finding::binary(holds, json!({ "doors": doors.len(), "blocked": blocked.len() }), required, summary)
+            .with_witnesses(blocked, "blocked")
+    }
+}

@@ -1,0 +1,59 @@
+//! Strict rule for bridges: two supports, free cells between them, and a deck across (SPEC 7).
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use super::arch::{ClearSpan, cuts};
+use crate::checks::{Finding, Rule, Subject};
+use crate::voxel::planar::{Clusters, Touch, level};
+
+/// On every level from 0 up to a height there are two supports with so many free cells between them; above, a deck without
+/// gaps or steps of more than one block crosses these cells.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HasClearSpan {
+    /// Levels that are clear between the supports, from y = 0.
+    pub height: u32,
+    /// Least number of free cells between the supports, in a straight line.
+    pub min_free: u32,
+}
+
+impl Rule for HasClearSpan {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        let structure = subject.structure;
+        let required = json!({ "free": { ">=": self.min_free }, "height": self.height, "deck": true });
+        if structure.is_empty() {
+            return Finding::nothing_stands(false, required);
+        }
+        let fails = |measured: Value, summary: String| Finding::binary(false, measured, required.clone(), summary);
+        let mut span: Option<ClearSpan> = None;
+        for y in 0..self.height.clamp(1, 256) as i32 {
+            let cells = level(structure, y);
+            // Supports that touch in an edge are one.
+            let clusters = Clusters::of(&cells, Touch::SidesAndCorners);
+            if clusters.count != 2 {
+                return fails(
+                    json!(null),
+                    format!("{} separate supports at y = {y}; a bridge has two", clusters.count),
+                );
+            }
+            let here = ClearSpan::between(&cells, &clusters);
+            let free = here.map_or(0, |here| here.length());
+            if free < self.min_free as usize {
+                let summary = format!("{free} free cells between the supports at y = {y}; required {}", self.min_free);
+                return fails(json!({ "free": free }), summary);
+            }
+            span = span.or(here);
+        }
+        let Some(span) = span else { return fails(json!(null), "nothing is spanned".to_owned()) };
+        let is_deck = |heights: &[i32]| heights.windows(2).all(|pair| pair[0].abs_diff(pair[1]) <= 1);
+        let crossing = cuts(structure, span, self.height as i32 - 1).into_iter().find(|cut| is_deck(&cut.upper));
+        let measured = json!({ "free": span.length(), "deck": crossing.is_some() });
+        let summary = match &crossing {
+            Some(_) => format!("{} free cells along {}, and a deck across", span.length(), span.axis.name()),
+            None => format!("no deck crosses the {} free cells along {}", span.length(), span.axis.name()),
+        };
+        Finding::binary(crossing.is_some(), measured, required, summary)
+            .with_witnesses(crossing.map(|cut| span.axis.cell(span.first, cut.across, cut.upper[0])), "deck")
+    }
+}

@@ -1,0 +1,92 @@
+//! Strict rules for ways: out on floors, and up by steps from any ground (SPEC 7).
+
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use super::enclosed::without_terrain;
+use crate::checks::{Finding, Rule, Subject};
+use crate::voxel::blocks::BlockSet;
+use crate::voxel::terrain::Terrain;
+use crate::voxel::{Cell, CellSet};
+
+/// From beside each block of a kind one walks to the outside, standing on something at every step.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WalksOut {
+    /// From which blocks.
+    pub from: BlockSet,
+    /// Least number of them.
+    #[serde(default = "one")]
+    pub min_starts: u32,
+    /// Greatest step up or down, in blocks: 0 for a way without any.
+    #[serde(default = "one")]
+    pub max_step: u32,
+    /// Width of the way, in cells.
+    #[serde(default = "one")]
+    pub width: u32,
+}
+
+/// From the ground around the build one climbs, one block at a time, to a block at a level.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClimbsTo {
+    /// The level of the block that one stands on in the end.
+    pub min_y: i32,
+}
+
+const fn one() -> u32 {
+    1
+}
+
+impl Rule for WalksOut {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        let required = json!({ "starts": { ">=": self.min_starts }, "stuck": 0 });
+        let Some(terrain) = Terrain::of(subject.structure) else { return without_terrain(subject, required) };
+        let starts = subject.structure.cells_of(|name| self.from.has(name));
+        let (step, width) = (self.max_step.min(1) as i32, self.width.clamp(1, 8) as i32);
+        let square = || (0..width).flat_map(move |dx| (0..width).map(move |dz| (dx, dz)));
+        // Squares that hold one of the cells beside the block.
+        let beside = |start: &Cell| {
+            let sides = start.side_neighbours().into_iter();
+            sides.flat_map(move |side| square().map(move |(dx, dz)| side.offset(-dx, 0, -dz))).collect::<Vec<_>>()
+        };
+        let is_out = |at: &Cell| square().all(|(dx, dz)| terrain.is_outside(at.offset(dx, 0, dz)));
+        let mut gets_out = CellSet::default();
+        let mut is_tried = CellSet::default();
+        for start in &starts {
+            if beside(start).iter().any(|at| is_tried.contains(at)) {
+                continue;
+            }
+            // Steps lead both ways, so all that is reached gets out, or none of it.
+            let reached = terrain.reached(beside(start), step, width);
+            let leads_out = reached.iter().any(is_out);
+            is_tried.extend(&reached);
+            if leads_out {
+                gets_out.extend(reached);
+            }
+        }
+        let stuck: Vec<Cell> =
+            starts.iter().copied().filter(|start| !beside(start).iter().any(|at| gets_out.contains(at))).collect();
+        let holds = stuck.is_empty() && starts.len() >= self.min_starts as usize;
+        let summary = format!(
+            "from {} of {} blocks of {} no way {width} wide leads out; required {} of them",
+            stuck.len(),
+            starts.len(),
+            self.from,
+            self.min_starts
+        );
+        Finding::binary(holds, json!({ "starts": starts.len(), "stuck": stuck.len() }), required, summary)
+            .with_witnesses(stuck, "no way out")
+    }
+}
+
+impl Rule for ClimbsTo {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        let required = json!({ ">=": self.min_y });
+        let Some(terrain) = Terrain::of(subject.structure) else { return without_terrain(subject, required) };
+        let highest = terrain.highest_climbed();
+        let y = highest.map_or(i32::MIN, |block| block.y);
+        let summary = format!("one climbs to a block at y={y}; required {}", self.min_y);
+        Finding::binary(y >= self.min_y, y, required, summary).with_witnesses(highest, "highest block reached")
+    }
+}

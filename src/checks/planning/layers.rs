@@ -1,0 +1,57 @@
+//! Strict rule for dependency: layers follow one another without overlap (SPEC 7).
+
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use crate::checks::{Finding, Rule, Subject};
+use crate::voxel::blocks::BlockSet;
+
+/// Every layer has blocks, and none of a later layer comes before the last of an earlier one.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LayersFollow {
+    /// What the layers are of, in order.
+    pub layers: Vec<BlockSet>,
+    /// Least number of blocks of each.
+    #[serde(default = "one")]
+    pub min_blocks: u32,
+}
+
+const fn one() -> u32 {
+    1
+}
+
+impl Rule for LayersFollow {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        let structure = subject.structure;
+        let required = json!({ "sequence": self.layers, "overlap": false });
+        if structure.is_empty() {
+            return Finding::nothing_stands(false, required);
+        }
+        let mut last_end = None;
+        for (i, layer) in self.layers.iter().enumerate() {
+            let own = structure.palette().mask(|name| layer.has(name));
+            let mut count = 0;
+            let (mut first, mut last) = (None, None);
+            let ids = structure.material_ids().iter();
+            for (at, _) in ids.enumerate().filter(|(_, id)| own[**id as usize]) {
+                count += 1;
+                first = first.or(Some(at));
+                last = Some(at);
+            }
+            if count < self.min_blocks as usize {
+                let summary = format!("{count} blocks of {layer}; required {}", self.min_blocks);
+                return Finding::binary(false, i, required, summary);
+            }
+            if let (Some(first), Some(end)) = (first, last_end)
+                && first < end
+            {
+                let summary = format!("{layer} begins before {} is finished", self.layers[i - 1]);
+                return Finding::binary(false, i, required, summary)
+                    .with_witnesses([structure.cells()[first]], "begins too early");
+            }
+            last_end = last.or(last_end);
+        }
+        Finding::binary(true, self.layers.len(), required, format!("{} layers one after another", self.layers.len()))
+    }
+}
