@@ -10,6 +10,7 @@ pub mod cli;
 pub mod client;
 pub mod clock;
 pub mod elasticity;
+pub mod epochs;
 pub mod grading;
 pub mod http;
 pub mod store;

@@ -20,13 +20,14 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("tasks", &["voxel", "checks"]),
     ("builders", &["voxel", "elasticity", "tasks"]),
     ("grading", &["voxel", "elasticity", "checks", "tasks"]),
-    ("store", &["clock", "voxel", "checks", "tasks", "grading"]),
+    ("epochs", &["voxel", "elasticity", "checks", "tasks", "builders", "grading"]),
+    ("store", &["clock", "voxel", "checks", "tasks", "grading", "epochs"]),
     ("actions", &["voxel"]),
-    ("worker", &["clock", "elasticity", "tasks", "grading", "store"]),
-    ("http", &["actions", "clock", "voxel", "elasticity", "checks", "tasks", "grading", "builders", "store"]),
+    ("worker", &["clock", "elasticity", "tasks", "grading", "epochs", "store"]),
+    ("http", &["actions", "clock", "voxel", "elasticity", "checks", "tasks", "grading", "builders", "epochs", "store"]),
 ];
 /// Rooms that know no runtime, log, clock, thread, file or network, and the words that would show one.
-const PURE: [&str; 6] = ["voxel", "elasticity", "checks", "tasks", "builders", "grading"];
+const PURE: [&str; 7] = ["voxel", "elasticity", "checks", "tasks", "builders", "grading", "epochs"];
 const IMPURE_WORDS: [&str; 9] =
     ["tokio::", "tracing::", "std::fs", "std::net", "std::thread", "SystemTime", "Instant", "rayon::", "std::process"];
 /// Crates that only one room may name.

@@ -2,80 +2,112 @@
 
 use serde::Deserialize;
 
+use super::materials;
 use super::site::Site;
 use crate::voxel::Cell;
 
-const STONE: &str = "stone_bricks";
-/// Bridges are three wide.
-const WIDTH: std::ops::RangeInclusive<i32> = 0..=2;
-
-/// Parameters of a bridge: width of the river and height of the boats, in blocks.
-#[derive(Debug, Clone, Copy, Deserialize)]
+/// Parameters of a bridge: from support to support, height of the boats, width across, and of an arch its rise, in blocks.
+#[derive(Debug, Clone, Deserialize)]
 pub struct River {
     w: i32,
     boat: i32,
+    #[serde(default = "three")]
+    width: i32,
+    #[serde(default = "two")]
+    crown: i32,
+    #[serde(default = "materials::stone_bricks")]
+    material: String,
+}
+
+const fn three() -> i32 {
+    3
+}
+
+const fn two() -> i32 {
+    2
 }
 
 /// A flat deck between two piers, with posts at its ends.
 pub fn bridge(site: &mut Site, river: &River) {
-    let (span, clear) = (river.w, river.boat);
+    let (span, clear, across) = (river.w, river.boat, 0..=river.width - 1);
     for x in [0, span] {
-        site.fill(&(x..=x), &(0..=clear - 1), &WIDTH, STONE);
+        site.fill(&(x..=x), &(0..=clear - 1), &across, &river.material);
     }
-    site.fill(&(0..=span), &(clear..=clear), &WIDTH, STONE);
+    site.fill(&(0..=span), &(clear..=clear), &across, &river.material);
     let top = clear + 1;
     for x in [0, span] {
-        for z in [0, 2] {
-            site.fill(&(x..=x), &(clear + 1..=top), &(z..=z), STONE);
+        for z in [0, river.width - 1] {
+            site.fill(&(x..=x), &(clear + 1..=top), &(z..=z), &river.material);
         }
     }
 }
 
 /// An arch between two piers: both surfaces rise from the supports and level out over the river.
 pub fn arch_bridge(site: &mut Site, river: &River) {
-    /// Levels from the springing to the crown.
-    const CROWN: i32 = 2;
-    let (span, clear) = (river.w, river.boat);
+    let (span, clear, across) = (river.w, river.boat, 0..=river.width - 1);
     for x in [0, span] {
-        site.fill(&(x..=x), &(0..=clear - 1), &WIDTH, STONE);
+        site.fill(&(x..=x), &(0..=clear - 1), &across, &river.material);
     }
-    let rise = |x: i32| x.min(span - x).min(CROWN);
+    let rise = |x: i32| x.min(span - x).min(river.crown);
     for x in 0..=span {
         // Down to the level of the neighbour nearer to the support, so that faces touch.
         let below = rise(x - 1).min(rise(x + 1)).max(0).min(rise(x));
-        site.fill(&(x..=x), &(clear + below..=clear + rise(x)), &WIDTH, STONE);
+        site.fill(&(x..=x), &(clear + below..=clear + rise(x)), &across, &river.material);
     }
 }
 
+/// Parameters of a gateway: width and height of its opening, thickness, in blocks.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Gateway {
+    free: i32,
+    clear: i32,
+    thickness: i32,
+    pillar: String,
+    lintel: String,
+}
+
+/// Two pillars and a lintel over them.
+pub fn gateway(site: &mut Site, gateway: &Gateway) {
+    let Gateway { free, clear, thickness, ref pillar, ref lintel } = *gateway;
+    let through = 0..=thickness - 1;
+    for x in [0, free + 1] {
+        site.fill(&(x..=x), &(0..=clear - 1), &through, pillar);
+    }
+    site.fill(&(0..=free + 1), &(clear..=clear), &through, lintel);
+}
+
 /// Parameters of an arch under stress: width across, length of its legs, height of the crown (3 or 4), in blocks.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub struct StressedArch {
     width: i32,
     leg: i32,
     height: i32,
+    #[serde(default = "materials::stone")]
+    material: String,
 }
 
 /// The reference arches of SPEC 4: leaning legs that meet under a crown, over a span of five.
 pub fn arch_under_stress(site: &mut Site, arch: &StressedArch) {
-    let StressedArch { width, leg, height } = *arch;
+    let StressedArch { width, leg, height, ref material } = *arch;
     let across = 0..=width - 1;
     for y in 0..height {
         let from = y - 2 - leg;
-        site.fill(&(from..=from + leg - 1), &(y..=y), &across, "stone");
-        site.fill(&(1 - from - leg..=-from), &(y..=y), &across, "stone");
+        site.fill(&(from..=from + leg - 1), &(y..=y), &across, material);
+        site.fill(&(1 - from - leg..=-from), &(y..=y), &across, material);
     }
-    site.fill(&(-1..=1), &(height..=height), &across, "stone");
+    site.fill(&(-1..=1), &(height..=height), &across, material);
 }
 
 /// Parameters of a dome: its diameter, in blocks.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub struct Dome {
     d: i32,
+    material: Option<String>,
 }
 
 /// A dome of concrete.
 pub fn dome(site: &mut Site, dome: &Dome) {
-    shell(site, dome.d, "white_concrete");
+    shell(site, dome.d, dome.material.as_deref().unwrap_or("white_concrete"));
 }
 
 /// A dome of snow.

@@ -2,39 +2,62 @@
 
 use serde::Deserialize;
 
+use super::materials;
 use super::site::Site;
 use crate::voxel::Cell;
 
-/// From one dividing wall to the next.
-const ROOM_PITCH: i32 = 5;
-/// The back wall's z; the front wall stands at z = 0.
-const BACK: i32 = 5;
-/// Level of the roof; walls reach up to it from y = 0.
-const ROOF_Y: i32 = 3;
-
 /// What a house is made of.
-struct Fabric<'a> {
-    floor: Option<&'a str>,
-    pillars: &'a str,
-    walls: &'a str,
-    roof: &'a str,
-    doors_wide: i32,
+pub(super) struct Fabric<'a> {
+    pub(super) floor: Option<&'a str>,
+    pub(super) pillars: &'a str,
+    pub(super) walls: &'a str,
+    pub(super) roof: &'a str,
+    pub(super) door: &'a str,
+    pub(super) bed: &'a str,
+    pub(super) doors_wide: i32,
 }
 
-const PLAIN: Fabric<'static> =
-    Fabric { floor: None, pillars: "stone_bricks", walls: "stone_bricks", roof: "spruce_planks", doors_wide: 1 };
+pub(super) const PLAIN: Fabric<'static> = Fabric {
+    floor: None,
+    pillars: "stone_bricks",
+    walls: "stone_bricks",
+    roof: "spruce_planks",
+    door: "oak_door",
+    bed: "white_bed",
+    doors_wide: 1,
+};
+
+/// How large a house is.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Measures {
+    /// From one dividing wall to the next.
+    pub(super) pitch: i32,
+    /// The back wall's z; the front wall stands at z = 0.
+    pub(super) back: i32,
+    /// Level of the roof over the ground floor, up to which walls reach from y = 0.
+    pub(super) height: i32,
+}
+
+impl Default for Measures {
+    fn default() -> Self {
+        Self { pitch: 5, back: 5, height: 3 }
+    }
+}
 
 /// What a house shall have.
 #[derive(Debug, Clone, Copy, Default)]
-struct Wants {
-    rooms: i32,
-    beds: i32,
+pub(super) struct Wants {
+    pub(super) rooms: i32,
+    pub(super) beds: i32,
+    pub(super) measures: Measures,
+    /// Whether a second story of one room stands on the first, its door at the head of the stairs.
+    pub(super) has_upper_story: bool,
     /// Level that stairs lead to.
-    stairs_to_y: Option<i32>,
+    pub(super) stairs_to_y: Option<i32>,
     /// Level that a chimney reaches.
-    chimney_to_y: Option<i32>,
+    pub(super) chimney_to_y: Option<i32>,
     /// Steps that the roof rises by, two blocks apart.
-    roof_steps: i32,
+    pub(super) roof_steps: i32,
 }
 
 /// Parameters of a house by its rooms.
@@ -64,7 +87,7 @@ pub struct Revision {
 pub fn revised(site: &mut Site, revision: &Revision, turn: usize) {
     let rooms = if turn == 1 { revision.first } else { revision.second };
     // The wall between two rooms becomes the outer wall.
-    site.remove(|cell| cell.x > rooms * ROOM_PITCH);
+    site.remove(|cell| cell.x > rooms * Measures::default().pitch);
     raise(site, Wants { rooms, ..Wants::default() }, &PLAIN);
 }
 
@@ -101,7 +124,7 @@ impl House {
             beds: self.beds,
             stairs_to_y: (self.stories == 2).then_some(4),
             chimney_to_y,
-            roof_steps: 0,
+            ..Wants::default()
         }
     }
 }
@@ -113,7 +136,7 @@ pub fn accessible(site: &mut Site, house: &House) {
 
 /// With a chimney in one corner, so that it is no mirror image of itself.
 pub fn asymmetric(site: &mut Site, house: &House) {
-    raise(site, house.wants(Some(ROOF_Y + 1)), &PLAIN);
+    raise(site, house.wants(Some(Measures::default().height + 1)), &PLAIN);
 }
 
 /// With ceilings of three heights: the roof rises in two steps towards the back.
@@ -134,70 +157,88 @@ pub fn two_story(site: &mut Site) {
     raise(site, Wants { stairs_to_y: Some(3), ..Wants::default() }, &fabric);
 }
 
-fn raise(site: &mut Site, wants: Wants, fabric: &Fabric<'_>) {
+pub(super) fn raise(site: &mut Site, wants: Wants, fabric: &Fabric<'_>) {
     let rooms = wants.rooms.max(1);
-    let right = rooms * ROOM_PITCH;
+    let Measures { pitch, back, height } = wants.measures;
+    let right = rooms * pitch;
     let is_opening = |cell: Cell| {
-        let in_room = cell.x.rem_euclid(ROOM_PITCH);
+        let in_room = cell.x.rem_euclid(pitch);
         cell.z == 0 && cell.y <= 1 && (2..2 + fabric.doors_wide).contains(&in_room)
     };
     if let Some(floor) = fabric.floor {
-        site.fill(&(0..=right), &(-1..=-1), &(0..=BACK), floor);
+        site.fill(&(0..=right), &(-1..=-1), &(0..=back), floor);
     }
-    for (x, z) in [(0, 0), (right, 0), (right, BACK), (0, BACK)] {
-        site.fill(&(x..=x), &(0..=ROOF_Y - 1), &(z..=z), fabric.pillars);
+    let pillar_top = if wants.has_upper_story { 2 * height } else { height - 1 };
+    for (x, z) in [(0, 0), (right, 0), (right, back), (0, back)] {
+        site.fill(&(x..=x), &(0..=pillar_top), &(z..=z), fabric.pillars);
     }
-    site.ring(&(0..=right), &(0..=ROOF_Y - 1), &(0..=BACK), fabric.walls, &is_opening);
+    site.ring(&(0..=right), &(0..=height - 1), &(0..=back), fabric.walls, &is_opening);
     for wall in 1..rooms {
-        let x = wall * ROOM_PITCH;
-        site.fill(&(x..=x), &(0..=ROOF_Y - 1), &(1..=BACK - 1), fabric.walls);
+        let x = wall * pitch;
+        site.fill(&(x..=x), &(0..=height - 1), &(1..=back - 1), fabric.walls);
     }
     for room in 0..rooms {
         for door in 0..fabric.doors_wide {
-            site.place(Cell::new(room * ROOM_PITCH + 2 + door, 0, 0), "oak_door");
+            site.place(Cell::new(room * pitch + 2 + door, 0, 0), fabric.door);
         }
     }
     for bed in 0..wants.beds {
         let (room, row) = (bed % rooms, bed / rooms);
-        site.place(Cell::new(room * ROOM_PITCH + 1, 0, BACK - 1 - 2 * row), "white_bed");
+        site.place(Cell::new(room * pitch + 1, 0, back - 1 - 2 * row), fabric.bed);
     }
     if let Some(top) = wants.stairs_to_y {
-        outer_stairs(site, top, fabric.walls);
+        outer_stairs(site, back + 2, top, fabric.walls);
     }
-    lay_roof(site, right, wants.roof_steps, fabric);
+    if wants.has_upper_story {
+        upper_story(site, right, wants.measures, fabric);
+        site.fill(&(0..=right), &(2 * height + 1..=2 * height + 1), &(0..=back), fabric.roof);
+    } else {
+        lay_roof(site, right, wants, fabric);
+    }
     for room in 0..rooms {
-        site.place(Cell::new(room * ROOM_PITCH + 3, ROOF_Y - 1, 2), "lantern");
+        site.place(Cell::new(room * pitch + 3, height - 1, 2), "lantern");
     }
     if let Some(top) = wants.chimney_to_y {
-        site.fill(&(1..=1), &(ROOF_Y + 1..=top), &(1..=1), "bricks");
+        site.fill(&(1..=1), &(height + 1..=top), &(1..=1), "bricks");
     }
 }
 
 /// A roof over all rooms; where it steps up, walls close the steps.
-fn lay_roof(site: &mut Site, right: i32, steps: i32, fabric: &Fabric<'_>) {
-    site.fill(&(0..=right), &(ROOF_Y..=ROOF_Y), &(0..=if steps == 0 { BACK } else { 1 }), fabric.roof);
+fn lay_roof(site: &mut Site, right: i32, wants: Wants, fabric: &Fabric<'_>) {
+    let (steps, Measures { back, height, .. }) = (wants.roof_steps, wants.measures);
+    site.fill(&(0..=right), &(height..=height), &(0..=if steps == 0 { back } else { 1 }), fabric.roof);
     for step in 1..=steps {
-        let (front, level) = (2 * step, ROOF_Y + step);
-        let last = if step == steps { BACK } else { front + 1 };
+        let (front, level) = (2 * step, height + step);
+        let last = if step == steps { back } else { front + 1 };
         site.fill(&(0..=right), &(level - 1..=level - 1), &(front..=front), fabric.walls);
         for x in [0, right] {
-            site.fill(&(x..=x), &(ROOF_Y..=level - 1), &(front..=last), fabric.walls);
+            site.fill(&(x..=x), &(height..=level - 1), &(front..=last), fabric.walls);
         }
-        if last == BACK {
-            site.fill(&(0..=right), &(ROOF_Y..=level - 1), &(BACK..=BACK), fabric.walls);
+        if last == back {
+            site.fill(&(0..=right), &(height..=level - 1), &(back..=back), fabric.walls);
         }
         site.fill(&(0..=right), &(level..=level), &(front..=last), fabric.roof);
     }
 }
 
 /// Straight stairs behind the house, each step on a block.
-fn outer_stairs(site: &mut Site, top: i32, material: &str) {
+fn outer_stairs(site: &mut Site, z: i32, top: i32, material: &str) {
     for y in 0..=top {
         if y > 0 {
-            site.place(Cell::new(y, y - 1, BACK + 2), material);
+            site.place(Cell::new(y, y - 1, z), material);
         }
-        site.place(Cell::new(y, y, BACK + 2), material);
+        site.place(Cell::new(y, y, z), material);
     }
+}
+
+/// The floor and the walls of a second story, and stairs behind the house to a landing before its door.
+fn upper_story(site: &mut Site, right: i32, Measures { back, height, .. }: Measures, fabric: &Fabric<'_>) {
+    site.fill(&(0..=right), &(height..=height), &(0..=back), fabric.walls);
+    outer_stairs(site, back + 2, height, fabric.walls);
+    site.place(Cell::new(height, height, back + 1), fabric.walls);
+    let is_opening = |cell: Cell| cell.z == back && cell.x == height && cell.y <= height + 2;
+    site.ring(&(0..=right), &(height + 1..=2 * height), &(0..=back), fabric.walls, &is_opening);
+    site.place(Cell::new(height, height + 1, back), fabric.door);
 }
 
 /// Parameters of a cabin: its extent along each axis, in blocks.
@@ -215,10 +256,16 @@ pub fn cabin(site: &mut Site, cabin: &Cabin) {
     site.fill(&whole, &(last..=last), &whole, "oak_planks");
 }
 
-/// Parameters of a theatre: its seats.
-#[derive(Debug, Clone, Copy, Deserialize)]
+/// Parameters of a theatre: its seats, and what seats and walls are made of.
+#[derive(Debug, Clone, Deserialize)]
 pub struct Theatre {
     seats: usize,
+    #[serde(default = "materials::oak_stairs")]
+    seat: String,
+    #[serde(default = "materials::gray_concrete")]
+    walls: String,
+    #[serde(default = "materials::oak_door")]
+    door: String,
 }
 
 /// Seats in rows beside an aisle, double doors at both ends of it, lanterns beside the doors.
@@ -231,15 +278,15 @@ pub fn theatre(site: &mut Site, theatre: &Theatre) {
         site.place(Cell::new(5, 0, z), "sea_lantern");
         site.place(Cell::new(8, 0, z), "sea_lantern");
     }
-    site.ring(&(0..=LAST), &(0..=CEILING - 1), &(0..=LAST), "gray_concrete", &is_opening);
+    site.ring(&(0..=LAST), &(0..=CEILING - 1), &(0..=LAST), &theatre.walls, &is_opening);
     for z in [0, LAST] {
         for x in [6, 7] {
-            site.place(Cell::new(x, 0, z), "oak_door");
+            site.place(Cell::new(x, 0, z), &theatre.door);
         }
     }
     let seats = (2..LAST).step_by(2).flat_map(|z| [2, 3, 4, 5, 8, 9, 10, 11].map(|x| Cell::new(x, 0, z)));
     for seat in seats.take(theatre.seats) {
-        site.place(seat, "oak_stairs");
+        site.place(seat, &theatre.seat);
     }
-    site.fill(&(0..=LAST), &(CEILING..=CEILING), &(0..=LAST), "gray_concrete");
+    site.fill(&(0..=LAST), &(CEILING..=CEILING), &(0..=LAST), &theatre.walls);
 }

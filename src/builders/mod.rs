@@ -5,7 +5,9 @@
 //! (SPEC 3), and a true arch is what these builders make.
 
 pub mod civil;
+pub mod drawn;
 pub mod houses;
+mod materials;
 pub mod saboteurs;
 pub mod site;
 pub mod structural;
@@ -13,7 +15,7 @@ pub mod structural;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use crate::elasticity::{Control, Stopped, sph};
+use crate::elasticity::{Control, Stopped, fem, sph};
 use crate::tasks::Task;
 use crate::tasks::family::Parameters;
 use crate::voxel::BlockLog;
@@ -37,10 +39,7 @@ const BUILDERS: &[(&str, Builder)] = &[
     ("basic-buildings", |site, p, _| with(p, |p| houses::basic(site, p))),
     ("rooms", |site, p, _| with(p, |p| houses::rooms(site, p))),
     ("bedrooms", |site, p, _| with(p, |p| houses::bedrooms(site, p))),
-    ("second-floors", |site, _, _| {
-        structural::second_floor(site);
-        Ok(())
-    }),
+    ("second-floors", |site, p, _| with(p, |p| structural::platform(site, p))),
     ("accessible-houses", |site, p, _| with(p, |p| houses::accessible(site, p))),
     ("theatres", |site, p, _| with(p, |p| houses::theatre(site, p))),
     ("asymmetric-buildings", |site, p, _| with(p, |p| houses::asymmetric(site, p))),
@@ -64,6 +63,31 @@ const BUILDERS: &[(&str, Builder)] = &[
     ("arch-bridges", |site, p, _| with(p, |p| civil::arch_bridge(site, p))),
     ("domes", |site, p, _| with(p, |p| civil::dome(site, p))),
     ("igloos", |site, p, _| with(p, |p| civil::igloo(site, p))),
+    // Of the hidden suite.
+    ("slabs", |site, p, _| with(p, |p| structural::foundation(site, p))),
+    ("pile-foundations", |site, p, _| with(p, |p| structural::deep_foundation(site, p))),
+    ("solid-walls", |site, p, _| with(p, |p| structural::wall(site, p))),
+    ("canopies", |site, p, _| with(p, |p| structural::roof_on_columns(site, p))),
+    ("loaded-roofs", |site, p, _| with(p, |p| structural::roof_under_stress(site, p, &[]))),
+    ("towers", |site, p, _| with(p, |p| structural::frame(site, p))),
+    ("cottages", |site, p, _| with(p, |p| drawn::house(site, p))),
+    ("dwellings", |site, p, _| with(p, |p| drawn::house(site, p))),
+    ("sleeping-houses", |site, p, _| with(p, |p| drawn::house(site, p))),
+    ("platforms", |site, p, _| with(p, |p| structural::platform(site, p))),
+    ("step-free-houses", |site, p, _| with(p, |p| drawn::house(site, p))),
+    ("halls", |site, p, _| with(p, |p| houses::theatre(site, p))),
+    ("irregular-houses", |site, p, _| with(p, |p| drawn::house(site, p))),
+    ("tall-houses", |site, p, _| with(p, |p| drawn::house(site, p))),
+    ("stock-cabins", |site, p, _| with(p, |p| drawn::stock_cabin(site, p))),
+    ("work-plans", |site, p, _| with(p, |p| drawn::house(site, p))),
+    ("rebuilt-houses", |site, p, turn| with(p, |p| drawn::phased(site, p, turn))),
+    ("phased-houses", |site, p, turn| with(p, |p| drawn::phased(site, p, turn))),
+    ("river-bridges", |site, p, _| with(p, |p| civil::bridge(site, p))),
+    ("canal-arches", |site, p, _| with(p, |p| civil::arch_under_stress(site, p))),
+    ("river-arches", |site, p, _| with(p, |p| civil::arch_bridge(site, p))),
+    ("vaults", |site, p, _| with(p, |p| civil::dome(site, p))),
+    ("gateways", |site, p, _| with(p, |p| civil::gateway(site, p))),
+    ("terraces", |site, p, _| with(p, |p| structural::terraces(site, p))),
 ];
 
 /// Reads the parameters and builds with them.
@@ -119,6 +143,16 @@ pub fn build_instance(family: &str, parameters: &Parameters, turns: usize) -> Re
 pub fn reference_stress_pa(build: &BlockLog, control: &Control<'_>) -> Result<f64, Stopped> {
     let standing = Replay::new(build).last();
     Ok(sph::simulate(standing.as_ref().map_or(&[], |structure| structure.cells()), control)?.max_von_mises_pa)
+}
+
+/// Greatest von Mises stress of a build in equilibrium, Pa: the reference of hidden tasks.
+///
+/// # Errors
+/// Where `control` says to stop.
+pub fn equilibrium_stress_pa(build: &BlockLog, control: &Control<'_>) -> Result<Option<f64>, Stopped> {
+    let standing = Replay::new(build).last();
+    let cells = standing.as_ref().map_or(&[][..], |structure| structure.cells());
+    Ok(fem::solve_equilibrium(cells, control)?.max_von_mises_pa)
 }
 
 #[cfg(test)]

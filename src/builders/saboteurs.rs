@@ -1,6 +1,6 @@
 //! Saboteurs: each spoils a good build in one named way, so that checks can be seen to fail where they should.
 
-use crate::voxel::{BlockLog, Bounds, Cell, CellSet, Event};
+use crate::voxel::{BlockLog, Bounds, Cell, CellSet, Event, Palette};
 
 /// One way to spoil a build.
 #[derive(Debug, Clone, Copy)]
@@ -37,6 +37,7 @@ pub const SABOTEURS: &[Saboteur] = &[
     saboteur("drop-fittings", "leaves out doors, beds, stairs and all else that is rare", drop_fittings),
     saboteur("drop-common", "leaves out all but the rare materials", drop_common),
     saboteur("wrong-material", "uses sponge for everything", wrong_material),
+    saboteur("misname", "uses names that contain the right ones and are no blocks of the game", misname),
     saboteur("raise", "builds everything two higher", raise),
     saboteur("sink", "builds everything ten lower", sink),
     saboteur("widen", "adds a row of blocks beyond the greatest x and z", widen),
@@ -165,6 +166,14 @@ fn wrong_material(log: &mut BlockLog) {
             *material = sponge;
         }
     }
+}
+
+fn misname(log: &mut BlockLog) {
+    let mut palette = Palette::new();
+    for name in log.palette.names() {
+        palette.intern(&format!("my_{name}s"));
+    }
+    log.palette = palette;
 }
 
 fn raise(log: &mut BlockLog) {

@@ -2,71 +2,87 @@
 
 use serde::Deserialize;
 
+use super::materials;
 use super::site::Site;
 use crate::voxel::Cell;
 
 /// Parameters of a slab: plan and depth, in blocks.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub struct Slab {
     a: i32,
     b: i32,
     d: i32,
+    #[serde(default = "materials::stone")]
+    material: String,
 }
 
 /// A slab in the ground, its top at y = -1.
 pub fn foundation(site: &mut Site, slab: &Slab) {
-    site.fill(&(0..=slab.a - 1), &(-slab.d..=-1), &(0..=slab.b - 1), "stone");
+    site.fill(&(0..=slab.a - 1), &(-slab.d..=-1), &(0..=slab.b - 1), &slab.material);
 }
 
-/// Parameters of a deep foundation: plan and thickness of the cap, number of piles.
-#[derive(Debug, Clone, Copy, Deserialize)]
+/// Parameters of a deep foundation: plan and thickness of the cap, number and depth of the piles.
+#[derive(Debug, Clone, Deserialize)]
 pub struct DeepFoundation {
     a: i32,
     b: i32,
     t: i32,
     p: usize,
+    #[serde(default = "five")]
+    depth: i32,
+    #[serde(default = "materials::stone")]
+    material: String,
 }
 
-/// A cap whose top is at y = 0, on piles five deep.
+const fn five() -> i32 {
+    5
+}
+
+/// A cap whose top is at y = 0, on piles.
 pub fn deep_foundation(site: &mut Site, foundation: &DeepFoundation) {
-    const PILE_DEPTH: i32 = 5;
-    let DeepFoundation { a, b, t, p } = *foundation;
-    let lowest = 1 - t - PILE_DEPTH;
+    let DeepFoundation { a, b, t, p, depth, ref material } = *foundation;
+    let lowest = 1 - t - depth;
     let places = [(1, 1), (a / 2, 1), (a - 2, 1), (a - 2, b - 2), (a / 2, b - 2), (1, b - 2)];
     // Four stand in the corners, a fifth in the middle of a side, a sixth across from it.
     let order: &[usize] = if p == 4 { &[0, 2, 3, 5] } else { &[0, 1, 2, 3, 4, 5] };
     let order = if p == 5 { &[0, 1, 2, 3, 5] } else { order };
     for (x, z) in order.iter().filter_map(|&i| places.get(i)).copied() {
-        site.fill(&(x..=x), &(lowest..=lowest + PILE_DEPTH - 1), &(z..=z), "stone");
+        site.fill(&(x..=x), &(lowest..=lowest + depth - 1), &(z..=z), material);
     }
-    site.fill(&(0..=a - 1), &(1 - t..=0), &(0..=b - 1), "stone");
+    site.fill(&(0..=a - 1), &(1 - t..=0), &(0..=b - 1), material);
 }
 
 /// Parameters of a wall: width, thickness and height, in blocks.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub struct Wall {
     w: i32,
     t: i32,
     h: i32,
+    #[serde(default = "materials::stone")]
+    material: String,
 }
 
 /// A wall on the ground.
 pub fn wall(site: &mut Site, wall: &Wall) {
-    site.fill(&(0..=wall.t - 1), &(0..=wall.h - 1), &(0..=wall.w - 1), "stone");
+    site.fill(&(0..=wall.t - 1), &(0..=wall.h - 1), &(0..=wall.w - 1), &wall.material);
 }
 
 /// Parameters of a roof: plan, height of its columns and their number.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub struct Roof {
     a: i32,
     b: i32,
     h: i32,
     n: usize,
+    #[serde(default = "materials::stone")]
+    column: String,
+    #[serde(default = "materials::oak_planks")]
+    cover: String,
 }
 
 /// A flat roof of one layer on columns one block thick.
 pub fn roof_on_columns(site: &mut Site, roof: &Roof) {
-    let Roof { a, b, h, n } = *roof;
+    let Roof { a, b, h, n, ref column, ref cover } = *roof;
     let places: &[(i32, i32)] = match n {
         2 => &[(0, 0), (a - 1, b - 1)],
         3 => &[(0, 0), (a - 1, b - 1), (0, b - 1)],
@@ -74,53 +90,83 @@ pub fn roof_on_columns(site: &mut Site, roof: &Roof) {
         _ => &[(0, 0), (a - 1, 0), (a / 2, b / 2), (a - 1, b - 1), (0, b - 1)],
     };
     for (x, z) in places.iter().copied() {
-        site.fill(&(x..=x), &(0..=h - 1), &(z..=z), "stone");
+        site.fill(&(x..=x), &(0..=h - 1), &(z..=z), column);
     }
-    site.fill(&(0..=a - 1), &(h..=h), &(0..=b - 1), "oak_planks");
+    site.fill(&(0..=a - 1), &(h..=h), &(0..=b - 1), cover);
 }
 
-/// Parameters of a roof under stress: the number of its columns.
-#[derive(Debug, Clone, Copy, Deserialize)]
+/// Parameters of a roof under stress: number and height of its columns, length of its sides.
+#[derive(Debug, Clone, Deserialize)]
 pub struct Columns {
     n: usize,
+    #[serde(default = "two")]
+    height: i32,
+    #[serde(default = "ten")]
+    side: i32,
+    /// Of the columns, then of each layer.
+    #[serde(default)]
+    materials: Vec<String>,
 }
 
-/// A roof of ten by ten on balanced columns of two by two by two: the reference structures of SPEC 4. Of `materials` the
-/// first makes the columns, each further one a layer.
+const fn two() -> i32 {
+    2
+}
+
+const fn ten() -> i32 {
+    10
+}
+
+/// A square roof on balanced columns of two by two: ten by ten on columns two high are the reference structures of SPEC 4. Of
+/// the materials the first makes the columns, each further one a layer; `materials` are those where none are asked for.
 pub fn roof_under_stress(site: &mut Site, columns: &Columns, materials: &[&str]) {
-    let Some((column, layers)) = materials.split_first() else { return };
-    let places = [(1, 1), (1, 7), (7, 7), (7, 1), (4, 4)];
-    for (x, z) in places.into_iter().take(columns.n) {
-        site.fill(&(x..=x + 1), &(0..=1), &(z..=z + 1), column);
+    let Columns { n, height, side, materials: ref own } = *columns;
+    let own: Vec<&str> = own.iter().map(String::as_str).collect();
+    let Some((column, layers)) = (if own.is_empty() { materials } else { &own }).split_first() else { return };
+    let (far, middle) = (side - 3, side / 2 - 1);
+    let places = [(1, 1), (1, far), (far, far), (far, 1), (middle, middle)];
+    for (x, z) in places.into_iter().take(n) {
+        site.fill(&(x..=x + 1), &(0..=height - 1), &(z..=z + 1), column);
     }
-    for (y, layer) in (2..).zip(layers) {
-        site.fill(&(0..=9), &(y..=y), &(0..=9), layer);
+    for (y, layer) in (height..).zip(layers) {
+        site.fill(&(0..=side - 1), &(y..=y), &(0..=side - 1), layer);
     }
 }
 
-const CONCRETE: &str = "white_concrete";
-
-/// Parameters of a frame: its stories.
-#[derive(Debug, Clone, Copy, Deserialize)]
+/// Parameters of a frame: its stories, their height, and the distance of its columns.
+#[derive(Debug, Clone, Deserialize)]
 pub struct Frame {
     n: i32,
+    #[serde(default = "four")]
+    story: i32,
+    #[serde(default = "eight")]
+    bay: i32,
+    #[serde(default = "materials::white_concrete")]
+    material: String,
+}
+
+const fn four() -> i32 {
+    4
+}
+
+const fn eight() -> i32 {
+    8
 }
 
 /// Four columns, beams at every floor, and stairs that wind up inside.
 pub fn frame(site: &mut Site, frame: &Frame) {
-    let top = 4 * frame.n;
-    let last = 8;
+    let Frame { n, story, bay: last, ref material } = *frame;
+    let top = story * n;
     for (x, z) in [(0, 0), (last, 0), (last, last), (0, last)] {
-        site.fill(&(x..=x), &(0..=top), &(z..=z), CONCRETE);
+        site.fill(&(x..=x), &(0..=top), &(z..=z), material);
     }
-    for floor in (4..=top).step_by(4) {
-        site.ring(&(0..=last), &(floor..=floor), &(0..=last), CONCRETE, &|_| false);
+    for floor in (1..=n).map(|floor| floor * story) {
+        site.ring(&(0..=last), &(floor..=floor), &(0..=last), material, &|_| false);
     }
-    winding_stairs(site, 4 * (frame.n - 1));
+    winding_stairs(site, story * (n - 1), material);
 }
 
 /// Stairs round a square of five by five, each step on a block of its own, up to `top`.
-fn winding_stairs(site: &mut Site, top: i32) {
+fn winding_stairs(site: &mut Site, top: i32, material: &str) {
     let side = |from: (i32, i32), step: (i32, i32)| (0..4).map(move |i| (from.0 + i * step.0, from.1 + i * step.1));
     let round: Vec<(i32, i32)> = side((2, 2), (1, 0))
         .chain(side((6, 2), (0, 1)))
@@ -129,16 +175,58 @@ fn winding_stairs(site: &mut Site, top: i32) {
         .collect();
     for (y, (x, z)) in (0..=top).zip(round.into_iter().cycle()) {
         if y > 0 {
-            site.place(Cell::new(x, y - 1, z), CONCRETE);
+            site.place(Cell::new(x, y - 1, z), material);
         }
-        site.place(Cell::new(x, y, z), CONCRETE);
+        site.place(Cell::new(x, y, z), material);
     }
 }
 
-/// Four columns and the slab of a second floor at y = 5.
-pub fn second_floor(site: &mut Site) {
-    for (x, z) in [(0, 0), (8, 0), (8, 8), (0, 8)] {
-        site.fill(&(x..=x), &(0..=4), &(z..=z), CONCRETE);
+/// Parameters of a slab on columns: their number, four to six, and the slab's plan and level.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Platform {
+    #[serde(default = "four_columns")]
+    n: usize,
+    #[serde(default = "nine")]
+    a: i32,
+    #[serde(default = "nine")]
+    b: i32,
+    #[serde(default = "five")]
+    h: i32,
+    #[serde(default = "materials::white_concrete")]
+    material: String,
+}
+
+const fn four_columns() -> usize {
+    4
+}
+
+const fn nine() -> i32 {
+    9
+}
+
+/// Columns in the corners, a fifth and a sixth in the middle of two sides, and the slab of a second floor over them.
+pub fn platform(site: &mut Site, platform: &Platform) {
+    let Platform { n, a, b, h, ref material } = *platform;
+    let (x, z) = (a - 1, b - 1);
+    for (x, z) in [(0, 0), (x, 0), (x, z), (0, z), (x / 2, 0), (x / 2, z)].into_iter().take(n) {
+        site.fill(&(x..=x), &(0..=h - 1), &(z..=z), material);
     }
-    site.fill(&(0..=8), &(5..=5), &(0..=8), CONCRETE);
+    site.fill(&(0..=x), &(h..=h), &(0..=z), material);
+}
+
+/// Parameters of a solid flight of terraces: their number, the depth of each, the width of all.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Terraces {
+    steps: i32,
+    tread: i32,
+    width: i32,
+    material: String,
+}
+
+/// Terraces, each one block higher than the one before, solid down to the ground.
+pub fn terraces(site: &mut Site, terraces: &Terraces) {
+    let Terraces { steps, tread, width, ref material } = *terraces;
+    for y in 0..steps {
+        site.fill(&(y * tread..=steps * tread - 1), &(y..=y), &(0..=width - 1), material);
+    }
 }

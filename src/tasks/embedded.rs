@@ -28,8 +28,13 @@ struct Files;
 /// # Errors
 /// Faults of the files; a test shows that there are none.
 pub fn source() -> Result<SuiteSource, Vec<TaskFileFault>> {
+    read_source::<Files>()
+}
+
+/// The files of a folder of families.
+pub(super) fn read_source<F: RustEmbed>() -> Result<SuiteSource, Vec<TaskFileFault>> {
     let files: Vec<(Cow<'_, str>, Cow<'_, [u8]>)> =
-        Files::iter().filter_map(|name| Files::get(&name).map(|file| (name, file.data))).collect();
+        F::iter().filter_map(|name| F::get(&name).map(|file| (name, file.data))).collect();
     let texts: Vec<TaskFile<'_>> = files
         .iter()
         .map(|(name, data)| TaskFile { name, text: std::str::from_utf8(data).unwrap_or_default() })

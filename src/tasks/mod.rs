@@ -3,6 +3,7 @@
 pub mod catalogue;
 pub mod embedded;
 pub mod family;
+pub mod hidden;
 pub mod lite;
 pub mod published;
 pub mod reported;

@@ -83,7 +83,7 @@ impl Family {
         if found.is_empty() { Ok(tasks) } else { Err(found) }
     }
 
-    fn fault(&self, misfit: &Misfit) -> TaskFileFault {
+    pub(super) fn fault(&self, misfit: &Misfit) -> TaskFileFault {
         faults::at(&self.file, &self.text, &misfit.place.span, &misfit.place.field, &misfit.detail)
     }
 
@@ -246,7 +246,7 @@ fn add_words(context: &mut Context, words: &[(&str, Text<'_>)]) -> Result<(), Mi
     Ok(())
 }
 
-fn is_true(when: &Datum<'_>, context: &Context) -> Result<bool, Misfit> {
+pub(super) fn is_true(when: &Datum<'_>, context: &Context) -> Result<bool, Misfit> {
     let value = when.value(context)?;
     value
         .as_bool()

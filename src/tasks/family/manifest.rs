@@ -22,7 +22,7 @@ pub struct Version {
 }
 
 /// The Lite draw that the suite keeps.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Lite {
     /// Seed of the draw.
@@ -39,6 +39,7 @@ struct Manifest {
     families: Vec<String>,
     #[serde(default)]
     words: BTreeMap<String, String>,
+    #[serde(default)]
     lite: Lite,
 }
 

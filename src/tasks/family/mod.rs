@@ -3,6 +3,7 @@
 //! A file gives a grid of parameters, wordings, and checks whose arguments are expressions of the parameters. Each
 //! point of the grid is an item, each wording of an item a task. `tasks/README.md` explains the format to its writers.
 
+mod draw;
 mod expand;
 mod faults;
 mod manifest;
@@ -101,6 +102,47 @@ pub struct FamilyFile {
     pub wordings: Vec<Wording>,
     /// The checks of every turn.
     pub checks: Vec<CheckEntry>,
+    /// How parameters are drawn, where a hidden suite has the family; it has no grid then.
+    #[serde(default)]
+    pub draw: Option<DrawRules>,
+}
+
+/// How the parameters of a hidden family's instances are drawn.
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DrawRules {
+    /// Families of the public suite whose difficulty it keeps: a draw takes as many instances. None for a family of which the
+    /// public suite has nothing; a draw takes one of those.
+    #[serde(default)]
+    pub stands_for: Vec<String>,
+    /// The parameters, in the order in which they are drawn.
+    pub parameters: Vec<DrawnParameter>,
+    /// Expressions: what is drawn counts where all are true; else it is drawn again.
+    #[serde(default)]
+    #[schemars(with = "Vec<String>")]
+    pub only: Vec<Spanned<String>>,
+    /// Whether the stress in equilibrium of the reference build becomes the parameter `reference_pa`.
+    #[serde(default)]
+    pub needs_reference: bool,
+}
+
+/// A parameter: drawn from whole numbers or from a list, or computed.
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DrawnParameter {
+    /// Its name.
+    pub name: String,
+    /// The least and the greatest whole number.
+    #[serde(default)]
+    pub from: Option<[i64; 2]>,
+    /// The list.
+    #[serde(default)]
+    #[schemars(with = "Option<Vec<Value>>")]
+    pub of: Option<Vec<toml::Value>>,
+    /// A value with expressions of the parameters before it.
+    #[serde(default)]
+    #[schemars(with = "Option<Value>")]
+    pub is: Option<Spanned<toml::Value>>,
 }
 
 /// One way to word the instructions.
