@@ -12,8 +12,11 @@ pub mod canonical;
 pub mod commitment;
 pub mod feedback;
 pub mod issue;
+pub mod ladder;
 pub mod merkle;
 pub mod pool;
+pub mod receipts;
+pub mod reveal;
 pub mod secret;
 
 /// Version of the generator: families, ranges, strata and how they are drawn. A change that draws other specifications from
