@@ -19,9 +19,9 @@ use crate::http::limits::LIMITS;
 use crate::http::rates::Rates;
 use crate::http::server::Connections;
 use crate::http::{self, Around, HttpSettings};
-use crate::store::Store;
 use crate::store::keys::Scope;
 use crate::store::suites::SuiteStored;
+use crate::store::{Store, StoreResult};
 use crate::tasks::embedded;
 use crate::worker::{WorkerSettings, Workers};
 
@@ -80,7 +80,8 @@ impl App {
             lease: config.lease,
             deadline: Duration::from_secs(LIMITS.grading_seconds),
         };
-        let workers = Workers::start(&store, settings, &wake);
+        let signer = Arc::new(store.secrets().signer().context("cannot have the key that signs receipts")?);
+        let workers = Workers::start(&store, settings, &signer, &wake);
         let stop = CancellationToken::new();
         let connections = Connections::default();
         let rates = Arc::new(Rates::new(config.http.rates));
@@ -94,6 +95,7 @@ impl App {
             connections: connections.clone(),
             rates,
             actions,
+            receipt_key: signer.public_key(),
             stop: stop.clone(),
         };
         let router = http::router(around, &config.http)?;
@@ -120,18 +122,17 @@ impl App {
     /// Stops: takes no more requests, lets answers finish, gives unfinished jobs back, closes the database.
     pub async fn shut_down(self) {
         self.stop.cancel();
-        match self.serving.await {
-            Ok(Ok(())) => {}
-            Ok(Err(error)) => tracing::error!(%error, "serving ended badly"),
-            Err(error) => tracing::error!(%error, "serving ended badly"),
+        if let Err(error) = self.serving.await.map_err(std::io::Error::other).flatten() {
+            tracing::error!(%error, "serving ended badly");
         }
         self.workers.shut_down().await;
         self.store.close().await;
     }
 }
 
-/// What is done every few seconds: who was quiet is forgotten by the rate limits, samples of histograms are folded together, which would pile up where nobody reads the
-/// metrics, and suites that another process has added are read.
+/// What is done every few seconds: who was quiet is forgotten by the rate limits; samples of histograms are folded together,
+/// which would pile up where nobody reads the metrics; suites that another process has added are read; entries of epochs that
+/// are over are finalized.
 async fn keep_up(metrics: PrometheusHandle, store: Store, rates: Arc<Rates>, stop: CancellationToken) {
     const EVERY: Duration = Duration::from_secs(5);
     while stop.run_until_cancelled(tokio::time::sleep(EVERY)).await.is_some() {
@@ -140,7 +141,17 @@ async fn keep_up(metrics: PrometheusHandle, store: Store, rates: Arc<Rates>, sto
         if let Err(error) = store.current_catalogue().await {
             tracing::warn!(%error, "could not look for new suites");
         }
+        if let Err(error) = finalize_what_is_over(&store).await {
+            tracing::warn!(%error, "could not finalize entries of epochs that are over");
+        }
     }
+}
+
+async fn finalize_what_is_over(store: &Store) -> StoreResult<()> {
+    for epoch in store.epochs().await? {
+        store.finalize_what_is_over(&epoch, now_ms()).await?;
+    }
+    Ok(())
 }
 
 async fn store_suites(store: &Store) -> anyhow::Result<()> {

@@ -9,6 +9,7 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 
 use crate::store::copies::{Contents, Exported, copy, export, inspect};
+use crate::store::secrets::Secrets;
 
 /// Arguments of `backup` and `restore`.
 #[derive(Debug, Args)]
@@ -18,6 +19,9 @@ pub struct CopyArgs {
     /// The service's database.
     #[arg(long, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
     database: PathBuf,
+    /// Copy the keys too, of epochs and of receipts: the folder FILE.secrets. Whoever has it can draw what is still hidden.
+    #[arg(long)]
+    with_secrets: bool,
 }
 
 /// Arguments of `export`.
@@ -37,6 +41,9 @@ pub struct ExportArgs {
 pub fn back_up(args: &CopyArgs) -> anyhow::Result<ExitCode> {
     must_exist(&args.database)?;
     let contents = copy_checked(&args.database, &args.file)?;
+    if args.with_secrets {
+        Secrets::beside(&args.database).copy_to(&Secrets::beside(&args.file))?;
+    }
     tell("backed up to", &args.file, contents);
     Ok(ExitCode::SUCCESS)
 }
@@ -54,6 +61,9 @@ pub fn restore(args: &CopyArgs) -> anyhow::Result<ExitCode> {
         }
     }
     run(inspect(&args.file))?.with_context(|| args.file.display().to_string())?;
+    if args.with_secrets {
+        Secrets::beside(&args.file).copy_to(&Secrets::beside(&args.database))?;
+    }
     let contents = copy_checked(&args.file, &args.database)?;
     tell("restored to", &args.database, contents);
     Ok(ExitCode::SUCCESS)

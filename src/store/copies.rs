@@ -96,10 +96,11 @@ impl Exported {
             Self::Submissions => {
                 "SELECT id, run_id, suite_id, task_number, task_hash, log_hash, state, error, superseded, created_at_ms,
                         ended_at_ms, log
-                 FROM submissions ORDER BY id"
+                 FROM submissions WHERE instance_id IS NULL ORDER BY id"
             }
             Self::Reports => {
                 "SELECT submission_id, attempt, grader, graded_at_ms, grading_us, body FROM reports
+                 WHERE submission_id IN (SELECT id FROM submissions WHERE instance_id IS NULL)
                  ORDER BY submission_id, attempt"
             }
         }

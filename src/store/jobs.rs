@@ -13,6 +13,7 @@ use super::runs::{count, end_if_complete};
 use super::submissions::SubmissionState;
 use super::{Store, StoreError, StoreResult, commit, decompress};
 use crate::clock::now_ms;
+use crate::tasks::Task;
 use crate::voxel::BlockLog;
 
 /// Attempts before a submission ends as `grader_error`.
@@ -33,7 +34,35 @@ pub struct Claim {
     pub task_number: u32,
     /// Who posted it.
     pub owner: Option<String>,
+    /// Hash of its log.
+    pub log_hash: String,
+    /// Of an answer to a hidden instance: what nobody is shown yet.
+    pub hidden: Option<HiddenJob>,
     log: Vec<u8>,
+}
+
+/// What a job needs beside the suites' tasks to grade the answer to a hidden instance.
+#[derive(Debug, Clone)]
+pub struct HiddenJob {
+    /// The instance.
+    pub instance_id: String,
+    /// Its epoch.
+    pub epoch_id: String,
+    /// Salt of its receipt.
+    pub salt: String,
+    task_hash: String,
+    task: String,
+}
+
+impl HiddenJob {
+    /// The task with its hash.
+    ///
+    /// # Errors
+    /// Where it does not read back.
+    pub fn read_task(&self) -> StoreResult<(Task, &str)> {
+        let task = serde_json::from_str(&self.task).map_err(|error| StoreError::corrupt("tasks", error))?;
+        Ok((task, &self.task_hash))
+    }
 }
 
 impl Claim {
@@ -105,8 +134,12 @@ impl Store {
         let mut update = QueryBuilder::new("UPDATE submissions SET state = 'grading' WHERE id IN ");
         push_ids(&mut update, taken.iter().map(|(id, _)| id.as_str()));
         update.build().execute(&mut *tx).await?;
-        let mut select =
-            QueryBuilder::new("SELECT id, run_id, suite_id, task_number, log, owner FROM submissions WHERE id IN ");
+        let mut select = QueryBuilder::new(
+            "SELECT s.id, s.run_id, s.suite_id, s.task_number, s.log, s.owner, s.log_hash, i.id, i.epoch_id, i.salt,
+                    i.task_hash, CASE WHEN i.id IS NULL THEN NULL ELSE t.body END
+             FROM submissions s LEFT JOIN instances i ON i.id = s.instance_id LEFT JOIN tasks t ON t.hash = i.task_hash
+             WHERE s.id IN ",
+        );
         push_ids(&mut select, taken.iter().map(|(id, _)| id.as_str()));
         let rows = select.build().fetch_all(&mut *tx).await?;
         commit(tx, "claim").await?;
@@ -122,6 +155,17 @@ impl Store {
                 task_number: u32::try_from(row.try_get::<i64, _>(3)?).unwrap_or_default(),
                 log: row.try_get(4)?,
                 owner: row.try_get(5)?,
+                log_hash: row.try_get(6)?,
+                hidden: match row.try_get::<Option<String>, _>(7)? {
+                    None => None,
+                    Some(instance_id) => Some(HiddenJob {
+                        instance_id,
+                        epoch_id: row.try_get(8)?,
+                        salt: row.try_get(9)?,
+                        task_hash: row.try_get(10)?,
+                        task: row.try_get(11)?,
+                    }),
+                },
             });
         }
         Ok(Claimed::Jobs(claims))
@@ -178,7 +222,8 @@ impl Store {
     pub async fn cancel(&self, submission_id: &str, now_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
         let found: Option<(Option<String>, String)> = sqlx::query_as(
-            "SELECT s.run_id, s.suite_id FROM submissions s JOIN jobs j ON j.submission_id = s.id WHERE s.id = $1",
+            "SELECT s.run_id, s.suite_id FROM submissions s JOIN jobs j ON j.submission_id = s.id
+             WHERE s.id = $1 AND s.instance_id IS NULL",
         )
         .bind(submission_id)
         .fetch_optional(&mut *tx)
@@ -281,8 +326,8 @@ impl End<'_> {
         suite_id: &str,
         now_ms: i64,
     ) -> StoreResult<bool> {
-        let owner: Option<String> = sqlx::query_scalar(
-            "UPDATE submissions SET state = $2, error = $3, ended_at_ms = $4 WHERE id = $1 RETURNING owner",
+        let (owner, instance): (Option<String>, Option<String>) = sqlx::query_as(
+            "UPDATE submissions SET state = $2, error = $3, ended_at_ms = $4 WHERE id = $1 RETURNING owner, instance_id",
         )
         .bind(self.submission_id)
         .bind(self.state.name())
@@ -299,7 +344,10 @@ impl End<'_> {
             state: self.state.name(),
             overall: None,
         };
-        events::enter(tx, &[ended], now_ms).await?;
+        // Of hidden instances nobody is told.
+        if instance.is_none() {
+            events::enter(tx, &[ended], now_ms).await?;
+        }
         sqlx::query("DELETE FROM jobs WHERE submission_id = $1").bind(self.submission_id).execute(&mut *tx).await?;
         if let Some(run_id) = self.run_id {
             let errors = i64::from(self.state == SubmissionState::GraderError);

@@ -6,16 +6,21 @@
 pub mod boards;
 pub mod copies;
 mod crash_points;
+pub mod entries;
+pub mod epochs;
 pub mod events;
 mod group_commit;
 pub mod idempotency;
+pub mod instances;
 pub mod jobs;
 pub mod keys;
 mod pace;
 pub mod quota;
+pub mod receipts;
 pub mod regrades;
 pub mod reports;
 pub mod runs;
+pub mod secrets;
 pub mod submissions;
 pub mod suites;
 
@@ -29,8 +34,10 @@ use sqlx::{Sqlite, SqlitePool, Transaction};
 use tokio::sync::Notify;
 
 use crate::tasks::catalogue::Catalogue;
+use epochs::SecretsRead;
 use group_commit::Acceptances;
 use pace::Pace;
+use secrets::Secrets;
 
 static MIGRATOR: sqlx::migrate::Migrator = sqlx::migrate!();
 
@@ -54,6 +61,14 @@ pub enum StoreError {
     /// The file is a database of another program.
     #[error("the file holds tables of another program")]
     Foreign,
+    /// A file of secrets cannot be read or written.
+    #[error("{}: {detail}", path.display())]
+    Secret {
+        /// The file.
+        path: std::path::PathBuf,
+        /// What is wrong with it.
+        detail: String,
+    },
     /// A stored row does not read back as what was written.
     #[error("row of {table}: {detail}")]
     Corrupt {
@@ -94,6 +109,8 @@ pub struct Store {
     ends: Arc<Notify>,
     pace: Arc<Pace>,
     catalogue: Arc<RwLock<Arc<Catalogue>>>,
+    secrets: Secrets,
+    secrets_read: Arc<SecretsRead>,
 }
 
 impl Store {
@@ -136,9 +153,17 @@ impl Store {
             ends: Arc::default(),
             pace: Arc::default(),
             catalogue: Arc::default(),
+            secrets: Secrets::beside(file),
+            secrets_read: Arc::default(),
         };
         store.refresh_catalogue().await?;
         Ok(store)
+    }
+
+    /// Secrets beside the database.
+    #[must_use]
+    pub const fn secrets(&self) -> &Secrets {
+        &self.secrets
     }
 
     /// Begins a write transaction; waits for the one before it.

@@ -1,16 +1,21 @@
 //! Reports: what grading found. Written once, by the attempt that holds the job.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use sqlx::query_builder::Separated;
+use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row as _, Sqlite};
 
+use super::entries::complete_if_graded;
 use super::events::{self, NewEvent};
+use super::instances::entries_of;
 use super::jobs::{Claim, push_ids};
 use super::quota;
+use super::receipts::{self, NewReceipt};
 use super::runs::{count, end_if_complete};
 use super::submissions::SubmissionState;
 use super::{Store, StoreError, StoreResult, commit, compress, decompress};
+use crate::epochs::receipts::Signed;
 use crate::grading::Report;
 
 /// A stored report with where it came from.
@@ -37,6 +42,7 @@ pub struct PackedReport {
     scores: String,
     body: Vec<u8>,
     grading_us: i64,
+    receipt: Option<Signed>,
 }
 
 impl PackedReport {
@@ -53,7 +59,15 @@ impl PackedReport {
             scores: serde_json::to_string(&report.scores()).map_err(json)?,
             body: compress(&serde_json::to_vec(report).map_err(json)?)?,
             grading_us,
+            receipt: None,
         })
+    }
+
+    /// With its receipt, which is entered in the log with it.
+    #[must_use]
+    pub fn with_receipt(mut self, receipt: Signed) -> Self {
+        self.receipt = Some(receipt);
+        self
     }
 }
 
@@ -119,8 +133,22 @@ impl Store {
             .filter_map(|(claim, _)| Some((claim.owner.as_deref()?, claim.submission_id.as_str())))
             .collect();
         quota::charge(&mut tx, &charged, now_ms).await?;
+        let receipts: Vec<NewReceipt<'_>> = ours
+            .iter()
+            .filter_map(|(claim, report)| {
+                Some(NewReceipt {
+                    submission_id: &claim.submission_id,
+                    attempt: claim.attempt,
+                    epoch_id: claim.hidden.as_ref().map(|hidden| hidden.epoch_id.as_str()),
+                    signed: report.receipt.as_ref()?,
+                })
+            })
+            .collect();
+        receipts::enter(&mut tx, &receipts).await?;
+        // Of hidden instances nobody is told.
         let ended: Vec<NewEvent<'_>> = ours
             .iter()
+            .filter(|(claim, _)| claim.hidden.is_none())
             .map(|(claim, report)| NewEvent {
                 run_id: claim.run_id.as_deref(),
                 submission_id: Some(&claim.submission_id),
@@ -128,7 +156,14 @@ impl Store {
                 overall: Some(report.overall),
             })
             .collect();
-        events::enter(&mut tx, &ended, now_ms).await?;
+        if !ended.is_empty() {
+            events::enter(&mut tx, &ended, now_ms).await?;
+        }
+        let hidden: BTreeSet<&str> =
+            ours.iter().filter_map(|(claim, _)| Some(claim.hidden.as_ref()?.instance_id.as_str())).collect();
+        for entry in entries_of(&mut tx, &hidden).await? {
+            complete_if_graded(&mut tx, &entry, now_ms).await?;
+        }
         let mut runs: BTreeMap<(&str, &str), i64> = BTreeMap::new();
         for (claim, _) in &ours {
             if let Some(run_id) = &claim.run_id {
@@ -151,23 +186,44 @@ impl Store {
     /// Where the database fails or the report does not read back.
     pub async fn report(&self, submission_id: &str, attempt: Option<i64>) -> StoreResult<Option<ReportRow>> {
         let row = sqlx::query(
-            "SELECT attempt, grader, graded_at_ms, grading_us, body FROM reports
-             WHERE submission_id = $1 AND ($2 IS NULL OR attempt = $2) ORDER BY attempt DESC LIMIT 1",
+            "SELECT r.attempt, r.grader, r.graded_at_ms, r.grading_us, r.body
+             FROM reports r JOIN submissions s ON s.id = r.submission_id
+             WHERE r.submission_id = $1 AND ($2 IS NULL OR r.attempt = $2) AND s.instance_id IS NULL
+             ORDER BY r.attempt DESC LIMIT 1",
         )
         .bind(submission_id)
         .bind(attempt)
         .fetch_optional(&self.readers)
         .await?;
-        let Some(row) = row else { return Ok(None) };
-        let body = decompress("reports", row.try_get(4)?)?;
-        Ok(Some(ReportRow {
-            report: serde_json::from_slice(&body).map_err(|error| StoreError::corrupt("reports", error))?,
-            attempt: row.try_get(0)?,
-            grader: row.try_get(1)?,
-            graded_at_ms: row.try_get(2)?,
-            grading_us: row.try_get(3)?,
-        }))
+        row.as_ref().map(read_report).transpose()
     }
+
+    /// The report on the answer to a hidden instance: for those who have made sure that its epoch is over.
+    ///
+    /// # Errors
+    /// Where the database fails or the report does not read back.
+    pub async fn report_of_instance(&self, instance_id: &str) -> StoreResult<Option<ReportRow>> {
+        let row = sqlx::query(
+            "SELECT r.attempt, r.grader, r.graded_at_ms, r.grading_us, r.body
+             FROM reports r JOIN submissions s ON s.id = r.submission_id AND s.superseded = 0
+             WHERE s.instance_id = $1 ORDER BY r.attempt DESC LIMIT 1",
+        )
+        .bind(instance_id)
+        .fetch_optional(&self.readers)
+        .await?;
+        row.as_ref().map(read_report).transpose()
+    }
+}
+
+fn read_report(row: &SqliteRow) -> StoreResult<ReportRow> {
+    let body = decompress("reports", row.try_get(4)?)?;
+    Ok(ReportRow {
+        report: serde_json::from_slice(&body).map_err(|error| StoreError::corrupt("reports", error))?,
+        attempt: row.try_get(0)?,
+        grader: row.try_get(1)?,
+        graded_at_ms: row.try_get(2)?,
+        grading_us: row.try_get(3)?,
+    })
 }
 
 /// Name and version of this program, stored with each report.

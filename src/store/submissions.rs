@@ -226,12 +226,15 @@ impl Store {
         Ok(answers)
     }
 
-    /// The submission with this id.
+    /// The submission with this id; none where it answers a hidden instance, which `instances` alone speaks of.
     ///
     /// # Errors
     /// Where the database fails or the row does not read back.
     pub async fn submission(&self, id: &str) -> StoreResult<Option<SubmissionRow>> {
-        let row = sqlx::query(select_submission!("WHERE s.id = $1")).bind(id).fetch_optional(&self.readers).await?;
+        let row = sqlx::query(select_submission!("WHERE s.id = $1 AND s.instance_id IS NULL"))
+            .bind(id)
+            .fetch_optional(&self.readers)
+            .await?;
         row.as_ref().map(read_submission).transpose()
     }
 
@@ -251,15 +254,13 @@ impl Store {
         rows.iter().map(read_submission).collect()
     }
 
-    /// The log of a submission as canonical JSON.
+    /// The log of a submission as canonical JSON; none where it answers a hidden instance.
     ///
     /// # Errors
     /// Where the database fails or the log does not read back.
     pub async fn log_json(&self, id: &str) -> StoreResult<Option<Vec<u8>>> {
-        let log: Option<Vec<u8>> = sqlx::query_scalar("SELECT log FROM submissions WHERE id = $1")
-            .bind(id)
-            .fetch_optional(&self.readers)
-            .await?;
+        let sql = "SELECT log FROM submissions WHERE id = $1 AND instance_id IS NULL";
+        let log: Option<Vec<u8>> = sqlx::query_scalar(sql).bind(id).fetch_optional(&self.readers).await?;
         let Some(log) = log else { return Ok(None) };
         let unpacked = tokio::task::spawn_blocking(move || decompress("submissions", &log));
         unpacked.await.map_err(|error| StoreError::corrupt("submissions", error))?.map(Some)

@@ -84,7 +84,8 @@ impl Store {
     pub async fn current_catalogue(&self) -> StoreResult<Arc<Catalogue>> {
         let held = self.catalogue();
         // Suites are never changed or dropped, so their number tells.
-        let stored: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM suites").fetch_one(&self.readers).await?;
+        let stored: i64 =
+            sqlx::query_scalar("SELECT COUNT(*) FROM suites WHERE task_count > 0").fetch_one(&self.readers).await?;
         if held.suites().len() as i64 == stored { Ok(held) } else { self.refresh_catalogue().await }
     }
 

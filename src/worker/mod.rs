@@ -13,9 +13,10 @@ use tokio_util::task::TaskTracker;
 
 use crate::clock::now_ms;
 use crate::elasticity::Control;
-use crate::grading::grade_hashed;
-use crate::store::jobs::{Claim, Claimed, MAX_ATTEMPTS};
-use crate::store::reports::PackedReport;
+use crate::epochs::receipts::{Graded, Signed, Signer, receipt};
+use crate::grading::{Report, grade_hashed};
+use crate::store::jobs::{Claim, Claimed, HiddenJob, MAX_ATTEMPTS};
+use crate::store::reports::{GRADER, PackedReport};
 use crate::store::submissions::SubmissionState;
 use crate::store::{Store, StoreResult};
 use crate::tasks::catalogue::Catalogue;
@@ -46,13 +47,14 @@ pub struct Workers {
 }
 
 impl Workers {
-    /// Starts the workers. `wake` tells them that there may be work.
+    /// Starts the workers. `signer` signs a receipt of every grade; `wake` tells them that there may be work.
     #[must_use]
-    pub fn start(store: &Store, settings: WorkerSettings, wake: &Arc<Notify>) -> Self {
+    pub fn start(store: &Store, settings: WorkerSettings, signer: &Arc<Signer>, wake: &Arc<Notify>) -> Self {
         let stop = CancellationToken::new();
         let running = TaskTracker::new();
         for _ in 0..settings.workers {
-            let worker = Worker { store: store.clone(), settings, wake: Arc::clone(wake), stop: stop.clone() };
+            let (signer, wake) = (Arc::clone(signer), Arc::clone(wake));
+            let worker = Worker { store: store.clone(), settings, signer, wake, stop: stop.clone() };
             running.spawn(worker.keep_running());
         }
         running.close();
@@ -70,6 +72,7 @@ impl Workers {
 struct Worker {
     store: Store,
     settings: WorkerSettings,
+    signer: Arc<Signer>,
     wake: Arc<Notify>,
     stop: CancellationToken,
 }
@@ -201,16 +204,17 @@ impl Worker {
     /// Where the database fails; the jobs are taken again when their leases have run out.
     async fn grade(&self, claims: &Arc<[Claim]>, is_lost: Arc<AtomicBool>) -> StoreResult<Vec<Ending>> {
         let mut catalogue = self.store.catalogue();
-        if claims.iter().any(|claim| catalogue.suite(&claim.suite_id).is_none()) {
+        if claims.iter().any(|claim| claim.hidden.is_none() && catalogue.suite(&claim.suite_id).is_none()) {
             // Another process may have added the suite.
             catalogue = self.store.current_catalogue().await?;
         }
         let jobs = Arc::clone(claims);
         let stop = self.stop.clone();
         let deadline = self.settings.deadline;
+        let signer = Arc::clone(&self.signer);
         let work = tokio::task::spawn_blocking(move || {
             let asked = || is_lost.load(Ordering::Relaxed) || stop.is_cancelled();
-            jobs.iter().map(|job| grade_one(job, &catalogue, &asked, deadline)).collect()
+            jobs.iter().map(|job| grade_one(job, &catalogue, &signer, &asked, deadline)).collect()
         });
         Ok(work.await.unwrap_or_else(|error| {
             tracing::error!(%error, "a grading thread broke");
@@ -219,8 +223,14 @@ impl Worker {
     }
 }
 
-/// Grades one job.
-fn grade_one(job: &Claim, catalogue: &Catalogue, asked: &(dyn Fn() -> bool + Sync), deadline: Duration) -> Ending {
+/// Grades one job, and signs what was found.
+fn grade_one(
+    job: &Claim,
+    catalogue: &Catalogue,
+    signer: &Signer,
+    asked: &(dyn Fn() -> bool + Sync),
+    deadline: Duration,
+) -> Ending {
     let begun = Instant::now();
     let stop = || asked() || begun.elapsed() >= deadline;
     let control = Control { join: Some(&both_at_once), ..Control::until(&stop) };
@@ -231,8 +241,15 @@ fn grade_one(job: &Claim, catalogue: &Catalogue, asked: &(dyn Fn() -> bool + Syn
         Ok(log) => log,
         Err(error) => return Ending::Unreadable(error.to_string()),
     };
-    let task = catalogue.suite(&job.suite_id).and_then(|entry| entry.task_numbered(job.task_number));
-    let Some((task, hash)) = task else {
+    let hidden = match job.hidden.as_ref().map(HiddenJob::read_task).transpose() {
+        Ok(hidden) => hidden,
+        Err(error) => return Ending::Unreadable(error.to_string()),
+    };
+    let found = match &hidden {
+        Some((task, hash)) => Some((task, *hash)),
+        None => catalogue.suite(&job.suite_id).and_then(|entry| entry.task_numbered(job.task_number)),
+    };
+    let Some((task, hash)) = found else {
         return Ending::Unreadable(format!("no task {} in {:?}", job.task_number, job.suite_id));
     };
     // One that panics must not take the others along.
@@ -240,7 +257,7 @@ fn grade_one(job: &Claim, catalogue: &Catalogue, asked: &(dyn Fn() -> bool + Syn
     let took = begun.elapsed();
     match graded {
         Ok(Ok(report)) => match PackedReport::of(&report, i64::try_from(took.as_micros()).unwrap_or(i64::MAX)) {
-            Ok(packed) => Ending::Graded(Box::new(packed), took),
+            Ok(packed) => Ending::Graded(Box::new(packed.with_receipt(sign(job, &report, signer))), took),
             Err(error) => Ending::Unreadable(error.to_string()),
         },
         Ok(Err(_stopped)) => Ending::Stopped,
@@ -249,6 +266,19 @@ fn grade_one(job: &Claim, catalogue: &Catalogue, asked: &(dyn Fn() -> bool + Syn
             Ending::Panicked
         }
     }
+}
+
+fn sign(job: &Claim, report: &Report, signer: &Signer) -> Signed {
+    let graded = Graded {
+        submission: &job.submission_id,
+        attempt: job.attempt,
+        suite: &job.suite_id,
+        log_hash: &job.log_hash,
+        grader: GRADER,
+        graded_at_ms: now_ms(),
+        hidden: job.hidden.as_ref().map(|hidden| (hidden.instance_id.as_str(), hidden.salt.as_str())),
+    };
+    signer.sign(&receipt(&graded, report))
 }
 
 /// Two jobs on the cores that are idle; large structures are shared out with it.

@@ -1,0 +1,225 @@
+//! Epochs: what was promised, and when they are over.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use sqlx::{Row as _, SqliteConnection};
+
+use super::secrets::EpochSecret;
+use super::{Store, StoreError, StoreResult, commit};
+use crate::epochs::commitment::Commitment;
+
+/// Suite under which answers to hidden instances are kept; it has no tasks of its own, so no catalogue lists it.
+pub const HIDDEN_SUITE: &str = "hidden@1";
+
+/// What was decided about an epoch beside its commitment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EpochRules {
+    /// How long an instance may be answered.
+    pub instance_ms: i64,
+    /// Entries of an owner to the dev tier.
+    pub dev_entries: i64,
+    /// Entries of an owner to the official tier.
+    pub official_entries: i64,
+    /// Bits that may be released before it closes.
+    pub budget_bits: f64,
+}
+
+/// A stored epoch.
+#[derive(Debug, Clone)]
+pub struct EpochRow {
+    /// What it promised.
+    pub commitment: Commitment,
+    /// What was decided beside.
+    pub rules: EpochRules,
+    /// Bits released so far.
+    pub released_bits: f64,
+    /// When it was made.
+    pub created_at_ms: i64,
+    /// When it was closed before its time, and why.
+    pub closed: Option<(i64, String)>,
+}
+
+impl EpochRow {
+    /// Its name.
+    #[must_use]
+    pub fn id(&self) -> &str {
+        &self.commitment.epoch
+    }
+
+    /// Whether it is over, at its time or before.
+    #[must_use]
+    pub fn is_over(&self, now_ms: i64) -> bool {
+        self.closed.is_some() || now_ms >= self.commitment.closes_at_ms
+    }
+
+    /// Whether it takes entries and issues instances.
+    #[must_use]
+    pub fn is_open(&self, now_ms: i64) -> bool {
+        now_ms >= self.commitment.opens_at_ms && !self.is_over(now_ms)
+    }
+
+    /// `committed`, `open` or `closed`.
+    #[must_use]
+    pub fn state(&self, now_ms: i64) -> &'static str {
+        match (self.is_over(now_ms), self.is_open(now_ms)) {
+            (true, _) => "closed",
+            (false, true) => "open",
+            (false, false) => "committed",
+        }
+    }
+}
+
+/// What epochs draw from, read once.
+#[derive(Debug, Default)]
+pub(super) struct SecretsRead(Mutex<HashMap<String, Arc<EpochSecret>>>);
+
+macro_rules! select_epoch {
+    ($rest:literal) => {
+        concat!(
+            "SELECT commitment, instance_ms, dev_entries, official_entries, budget_bits, released_bits, created_at_ms,
+                    closed_at_ms, closed_reason FROM epochs ",
+            $rest
+        )
+    };
+}
+
+fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<EpochRow> {
+    let closed_at_ms: Option<i64> = row.try_get(7)?;
+    let reason: Option<String> = row.try_get(8)?;
+    Ok(EpochRow {
+        commitment: serde_json::from_str(row.try_get(0)?).map_err(|error| StoreError::corrupt("epochs", error))?,
+        rules: EpochRules {
+            instance_ms: row.try_get(1)?,
+            dev_entries: row.try_get(2)?,
+            official_entries: row.try_get(3)?,
+            budget_bits: row.try_get(4)?,
+        },
+        released_bits: row.try_get(5)?,
+        created_at_ms: row.try_get(6)?,
+        closed: closed_at_ms.zip(reason),
+    })
+}
+
+/// The epoch as the transaction sees it.
+pub(super) async fn epoch_in(tx: &mut SqliteConnection, id: &str) -> StoreResult<Option<EpochRow>> {
+    let row = sqlx::query(select_epoch!("WHERE id = $1")).bind(id).fetch_optional(tx).await?;
+    row.as_ref().map(read).transpose()
+}
+
+/// Closes an epoch that is not closed yet.
+pub(super) async fn close_in(tx: &mut SqliteConnection, id: &str, reason: &str, now_ms: i64) -> StoreResult<bool> {
+    let closed = sqlx::query(
+        "UPDATE epochs SET closed_at_ms = $2, closed_reason = $3 WHERE id = $1 AND closed_at_ms IS NULL AND closes_at_ms > $2",
+    )
+    .bind(id)
+    .bind(now_ms)
+    .bind(reason)
+    .execute(tx)
+    .await?;
+    Ok(closed.rows_affected() > 0)
+}
+
+impl Store {
+    /// Announces an epoch: keeps what it draws from beside the database first, then stores its commitment. False where one of
+    /// this name is there.
+    ///
+    /// # Errors
+    /// Where a file or the database fails.
+    pub async fn create_epoch(
+        &self,
+        commitment: &Commitment,
+        rules: &EpochRules,
+        secret: &EpochSecret,
+        now_ms: i64,
+    ) -> StoreResult<bool> {
+        if self.epoch(&commitment.epoch).await?.is_some() || !self.secrets.put_epoch(&commitment.epoch, secret)? {
+            return Ok(false);
+        }
+        let text = serde_json::to_string(commitment).map_err(|error| StoreError::corrupt("epochs", error))?;
+        let mut tx = self.begin().await?;
+        sqlx::query(
+            "INSERT INTO suites (id, name, version, task_count, content_hash, created_at_ms)
+             VALUES ($1, 'hidden', 1, 0, '', $2) ON CONFLICT (id) DO NOTHING",
+        )
+        .bind(HIDDEN_SUITE)
+        .bind(now_ms)
+        .execute(&mut *tx)
+        .await?;
+        sqlx::query(
+            "INSERT INTO epochs (id, commitment, opens_at_ms, closes_at_ms, instance_ms, dev_entries, official_entries,
+                                 budget_bits, created_at_ms)
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)",
+        )
+        .bind(&commitment.epoch)
+        .bind(text)
+        .bind(commitment.opens_at_ms)
+        .bind(commitment.closes_at_ms)
+        .bind(rules.instance_ms)
+        .bind(rules.dev_entries)
+        .bind(rules.official_entries)
+        .bind(rules.budget_bits)
+        .bind(now_ms)
+        .execute(&mut *tx)
+        .await?;
+        commit(tx, "create_epoch").await?;
+        Ok(true)
+    }
+
+    /// The epoch of this name.
+    ///
+    /// # Errors
+    /// Where the database fails or the row does not read back.
+    pub async fn epoch(&self, id: &str) -> StoreResult<Option<EpochRow>> {
+        let row = sqlx::query(select_epoch!("WHERE id = $1")).bind(id).fetch_optional(&self.readers).await?;
+        row.as_ref().map(read).transpose()
+    }
+
+    /// All epochs, the last to open first.
+    ///
+    /// # Errors
+    /// Where the database fails or a row does not read back.
+    pub async fn epochs(&self) -> StoreResult<Vec<EpochRow>> {
+        let rows = sqlx::query(select_epoch!("ORDER BY opens_at_ms DESC, id")).fetch_all(&self.readers).await?;
+        rows.iter().map(read).collect()
+    }
+
+    /// Closes an epoch before its time. False where it is over.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn close_epoch(&self, id: &str, reason: &str, now_ms: i64) -> StoreResult<bool> {
+        let mut tx = self.begin().await?;
+        let is_closed = close_in(&mut tx, id, reason, now_ms).await?;
+        commit(tx, "close_epoch").await?;
+        Ok(is_closed)
+    }
+
+    /// What an epoch draws from. Where that is lost, the epoch is closed, with the reason for all to read, and there is none.
+    ///
+    /// # Errors
+    /// Where the database or the file fails.
+    pub async fn epoch_secret(&self, epoch: &EpochRow, now_ms: i64) -> StoreResult<Option<Arc<EpochSecret>>> {
+        let held = || self.secrets_read.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(secret) = held().get(epoch.id()) {
+            return Ok(Some(Arc::clone(secret)));
+        }
+        let (secrets, commitment) = (self.secrets.clone(), epoch.commitment.clone());
+        let read = tokio::task::spawn_blocking(move || secrets.epoch(&commitment.epoch, &commitment));
+        let read = read.await.map_err(|error| StoreError::corrupt("secrets", error))??;
+        let Some(secret) = read else {
+            if self.close_epoch(epoch.id(), LOST_KEY, now_ms).await? {
+                tracing::error!(epoch = epoch.id(), "the key of an epoch is lost, or not the one committed to: closed");
+            }
+            return Ok(None);
+        };
+        let secret = Arc::new(secret);
+        held().insert(epoch.id().to_owned(), Arc::clone(&secret));
+        Ok(Some(secret))
+    }
+}
+
+/// Why an epoch without its key is closed.
+pub const LOST_KEY: &str = "the key was lost, or is not the one committed to: nothing can be drawn or revealed";
+/// Why an epoch that told enough is closed.
+pub const BUDGET_SPENT: &str = "the budget of released information is spent";

@@ -1,0 +1,389 @@
+//! Instances: specifications issued to entries, each answered once.
+
+use std::collections::{BTreeSet, HashSet};
+
+use sqlx::{Row as _, SqliteConnection};
+
+use super::entries::entry_in;
+use super::epochs::epoch_in;
+use super::secrets::EpochSecret;
+use super::submissions::{Accepted, NewSubmission, accept_one};
+use super::{Store, StoreError, StoreResult, commit, decompress};
+use crate::epochs::issue::{Draw, leaf};
+use crate::tasks::{Task, hex};
+
+/// A stored instance with its answer's state.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct InstanceRow {
+    /// Its id.
+    pub id: String,
+    /// The entry that it belongs to.
+    pub entry_id: String,
+    /// Its epoch.
+    pub epoch_id: String,
+    /// Its place in the order of issue, from 1.
+    pub ordinal: i64,
+    /// Run of the entry, from 1.
+    pub run: u32,
+    /// The family: hidden until the epoch is over.
+    pub family: String,
+    /// Which of the family's instances in the run.
+    pub family_index: u32,
+    /// The entrant's nonce.
+    pub nonce: String,
+    /// The specification issued: hidden until the epoch is over.
+    pub leaf: u32,
+    /// Hash of its task: hidden until the epoch is over.
+    pub task_hash: String,
+    /// When it was issued.
+    pub issued_at_ms: i64,
+    /// Until when it may be answered.
+    pub expires_at_ms: i64,
+    /// What was promised of the agent's transcript.
+    pub transcript_hash: Option<String>,
+    /// When a transcript with that hash was shown.
+    pub transcript_checked_ms: Option<i64>,
+    /// The submission that answered it.
+    pub submission_id: Option<String>,
+    /// Hash of the log that answered it.
+    pub log_hash: Option<String>,
+}
+
+/// What came of a draw.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Issued {
+    /// The instances of the run.
+    Instances(Vec<InstanceRow>),
+    /// The run was drawn with another nonce.
+    OtherNonce,
+    /// The entry was not registered for so many runs.
+    NoSuchRun,
+    /// The entry is finalized, or its epoch not open.
+    Closed,
+    /// The pool has no specification left of a family.
+    Exhausted,
+}
+
+/// What came of an answer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Answered {
+    /// It is stored and queued under this id.
+    New(String),
+    /// The same log answered it before.
+    Same(String),
+    /// Another log answered it.
+    Other,
+    /// It was to be answered until a time that has passed.
+    Expired,
+    /// The entry is finalized, or its epoch over.
+    Closed,
+    /// The owner's quota is used up.
+    QuotaUsedUp,
+}
+
+macro_rules! select_instance {
+    ($rest:literal) => {
+        concat!(
+            "SELECT i.id, i.entry_id, i.epoch_id, i.ordinal, i.run, i.family, i.family_index, i.nonce, i.leaf, i.task_hash,
+                    i.issued_at_ms, i.expires_at_ms, i.transcript_hash, i.transcript_checked_ms, s.id, s.log_hash
+             FROM instances i LEFT JOIN submissions s ON s.instance_id = i.id AND s.superseded = 0 ",
+            $rest
+        )
+    };
+}
+
+fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<InstanceRow> {
+    let small = |number: i64| u32::try_from(number).map_err(|error| StoreError::corrupt("instances", error));
+    Ok(InstanceRow {
+        id: row.try_get(0)?,
+        entry_id: row.try_get(1)?,
+        epoch_id: row.try_get(2)?,
+        ordinal: row.try_get(3)?,
+        run: small(row.try_get(4)?)?,
+        family: row.try_get(5)?,
+        family_index: small(row.try_get(6)?)?,
+        nonce: row.try_get(7)?,
+        leaf: small(row.try_get(8)?)?,
+        task_hash: row.try_get(9)?,
+        issued_at_ms: row.try_get(10)?,
+        expires_at_ms: row.try_get(11)?,
+        transcript_hash: row.try_get(12)?,
+        transcript_checked_ms: row.try_get(13)?,
+        submission_id: row.try_get(14)?,
+        log_hash: row.try_get(15)?,
+    })
+}
+
+async fn of_run(tx: &mut SqliteConnection, entry_id: &str, run: u32) -> StoreResult<Vec<InstanceRow>> {
+    let rows = sqlx::query(select_instance!("WHERE i.entry_id = $1 AND i.run = $2 ORDER BY i.ordinal"))
+        .bind(entry_id)
+        .bind(i64::from(run))
+        .fetch_all(tx)
+        .await?;
+    rows.iter().map(read).collect()
+}
+
+impl Store {
+    /// Issues the instances of an entry's run, or gives them again where the same nonce drew them.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn issue_instances(
+        &self,
+        entry_id: &str,
+        run: u32,
+        nonce: &str,
+        secret: &EpochSecret,
+        now_ms: i64,
+    ) -> StoreResult<Issued> {
+        let mut tx = self.begin().await?;
+        let Some(entry) = entry_in(&mut tx, entry_id).await? else { return Ok(Issued::Closed) };
+        let Some(epoch) = epoch_in(&mut tx, &entry.epoch_id).await? else { return Ok(Issued::Closed) };
+        if run == 0 || i64::from(run) > entry.runs {
+            return Ok(Issued::NoSuchRun);
+        }
+        let before = of_run(&mut tx, entry_id, run).await?;
+        if let Some(first) = before.first() {
+            return Ok(if first.nonce == nonce { Issued::Instances(before) } else { Issued::OtherNonce });
+        }
+        if entry.finalized_at_ms.is_some() || !epoch.is_open(now_ms) {
+            return Ok(Issued::Closed);
+        }
+        let issued: Vec<i64> = sqlx::query_scalar("SELECT leaf FROM instances WHERE epoch_id = $1")
+            .bind(epoch.id())
+            .fetch_all(&mut *tx)
+            .await?;
+        let mut ordinal = issued.len() as i64;
+        let mut gone: HashSet<u32> = issued.into_iter().filter_map(|leaf| u32::try_from(leaf).ok()).collect();
+        for stratum in &secret.strata {
+            for index in 0..stratum.instances {
+                let draw = Draw { entry: entry_id, nonce, run, index };
+                let Some(leaf) = leaf(&secret.key, stratum, &draw, |leaf| gone.contains(&leaf)) else {
+                    return Ok(Issued::Exhausted);
+                };
+                gone.insert(leaf);
+                ordinal += 1;
+                let Some(specification) = secret.specifications.get(leaf as usize) else {
+                    return Err(StoreError::corrupt("secrets", format!("the pool has no leaf {leaf}")));
+                };
+                let hash = put_task(&mut tx, &specification.task).await?;
+                let id = uuid::Uuid::new_v4().to_string();
+                let expires_at_ms = (now_ms + epoch.rules.instance_ms).min(epoch.commitment.closes_at_ms);
+                let salt = hex(&secret.key.derive("receipt", &[id.as_bytes()]));
+                sqlx::query(
+                    "INSERT INTO instances (id, entry_id, epoch_id, ordinal, run, family, family_index, nonce, leaf, task_hash,
+                                            issued_at_ms, expires_at_ms, salt)
+                     VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13)",
+                )
+                .bind(id)
+                .bind(entry_id)
+                .bind(epoch.id())
+                .bind(ordinal)
+                .bind(i64::from(run))
+                .bind(&stratum.family)
+                .bind(i64::from(index))
+                .bind(nonce)
+                .bind(i64::from(leaf))
+                .bind(hash)
+                .bind(now_ms)
+                .bind(expires_at_ms)
+                .bind(salt)
+                .execute(&mut *tx)
+                .await?;
+            }
+        }
+        let instances = of_run(&mut tx, entry_id, run).await?;
+        commit(tx, "issue_instances").await?;
+        Ok(Issued::Instances(instances))
+    }
+
+    /// Stores the answer to an instance: one log, once. The same log again is the same answer.
+    ///
+    /// # Errors
+    /// Where the database fails; nothing is stored then.
+    pub async fn answer_instance(
+        &self,
+        instance_id: &str,
+        new: &NewSubmission,
+        transcript_hash: Option<&str>,
+        now_ms: i64,
+    ) -> StoreResult<Answered> {
+        let mut tx = self.begin().await?;
+        let row = sqlx::query(select_instance!("WHERE i.id = $1")).bind(instance_id).fetch_one(&mut *tx).await?;
+        let instance = read(&row)?;
+        let before: Option<(String, String, String)> =
+            sqlx::query_as("SELECT id, log_hash, state FROM submissions WHERE instance_id = $1 AND superseded = 0")
+                .bind(instance_id)
+                .fetch_optional(&mut *tx)
+                .await?;
+        match &before {
+            Some((_, log_hash, _)) if *log_hash != new.log_hash => return Ok(Answered::Other),
+            // What a failure of ours ended is graded again where the same log comes again.
+            Some((id, _, state)) if state != "grader_error" => return Ok(Answered::Same(id.clone())),
+            _ => {}
+        }
+        let entry = entry_in(&mut tx, &instance.entry_id).await?;
+        let epoch = epoch_in(&mut tx, &instance.epoch_id).await?;
+        if before.is_none() {
+            let is_finalized = entry.is_none_or(|entry| entry.finalized_at_ms.is_some());
+            if is_finalized || epoch.is_none_or(|epoch| epoch.is_over(now_ms)) {
+                return Ok(Answered::Closed);
+            }
+            if now_ms >= instance.expires_at_ms {
+                return Ok(Answered::Expired);
+            }
+        }
+        if let Some((id, _, _)) = &before {
+            sqlx::query("UPDATE submissions SET superseded = 1 WHERE id = $1").bind(id).execute(&mut *tx).await?;
+        }
+        let turn: i64 = sqlx::query_scalar("SELECT COALESCE(MIN(turn), 0) FROM jobs").fetch_one(&mut *tx).await?;
+        if accept_one(&mut tx, new, turn, now_ms).await? == Accepted::QuotaUsedUp {
+            return Ok(Answered::QuotaUsedUp);
+        }
+        sqlx::query("UPDATE submissions SET instance_id = $2 WHERE id = $1")
+            .bind(&new.id)
+            .bind(instance_id)
+            .execute(&mut *tx)
+            .await?;
+        sqlx::query("UPDATE instances SET transcript_hash = COALESCE(transcript_hash, $2) WHERE id = $1")
+            .bind(instance_id)
+            .bind(transcript_hash)
+            .execute(&mut *tx)
+            .await?;
+        commit(tx, "answer_instance").await?;
+        Ok(Answered::New(new.id.clone()))
+    }
+
+    /// The instance with this id.
+    ///
+    /// # Errors
+    /// Where the database fails or the row does not read back.
+    pub async fn instance(&self, id: &str) -> StoreResult<Option<InstanceRow>> {
+        let row = sqlx::query(select_instance!("WHERE i.id = $1")).bind(id).fetch_optional(&self.readers).await?;
+        row.as_ref().map(read).transpose()
+    }
+
+    /// The instances of an entry, in the order of issue.
+    ///
+    /// # Errors
+    /// Where the database fails or a row does not read back.
+    pub async fn instances_of_entry(&self, entry_id: &str) -> StoreResult<Vec<InstanceRow>> {
+        let rows = sqlx::query(select_instance!("WHERE i.entry_id = $1 ORDER BY i.ordinal"))
+            .bind(entry_id)
+            .fetch_all(&self.readers)
+            .await?;
+        rows.iter().map(read).collect()
+    }
+
+    /// All instances of an epoch, in the order of issue.
+    ///
+    /// # Errors
+    /// Where the database fails or a row does not read back.
+    pub async fn instances_of_epoch(&self, epoch_id: &str) -> StoreResult<Vec<InstanceRow>> {
+        let rows = sqlx::query(select_instance!("WHERE i.epoch_id = $1 ORDER BY i.ordinal"))
+            .bind(epoch_id)
+            .fetch_all(&self.readers)
+            .await?;
+        rows.iter().map(read).collect()
+    }
+
+    /// The task with this hash, of any suite.
+    ///
+    /// # Errors
+    /// Where the database fails or it does not read back.
+    pub async fn task(&self, hash: &str) -> StoreResult<Task> {
+        let body: String =
+            sqlx::query_scalar("SELECT body FROM tasks WHERE hash = $1").bind(hash).fetch_one(&self.readers).await?;
+        serde_json::from_str(&body).map_err(|error| StoreError::corrupt("tasks", error))
+    }
+
+    /// Notes that a transcript with the promised hash was shown.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn note_transcript(&self, instance_id: &str, now_ms: i64) -> StoreResult<()> {
+        let mut tx = self.begin().await?;
+        sqlx::query("UPDATE instances SET transcript_checked_ms = $2 WHERE id = $1 AND transcript_checked_ms IS NULL")
+            .bind(instance_id)
+            .bind(now_ms)
+            .execute(&mut *tx)
+            .await?;
+        commit(tx, "note_transcript").await
+    }
+
+    /// Answers of an epoch after an instance's place in the order of issue: place, instance, and the log as canonical JSON.
+    ///
+    /// # Errors
+    /// Where the database fails or a log does not read back.
+    pub async fn answers(&self, epoch_id: &str, after: i64, limit: i64) -> StoreResult<Vec<(i64, String, Vec<u8>)>> {
+        let rows: Vec<(i64, String, Vec<u8>)> = sqlx::query_as(
+            "SELECT i.ordinal, i.id, s.log FROM instances i JOIN submissions s ON s.instance_id = i.id AND s.superseded = 0
+             WHERE i.epoch_id = $1 AND i.ordinal > $2 ORDER BY i.ordinal LIMIT $3",
+        )
+        .bind(epoch_id)
+        .bind(after)
+        .bind(limit)
+        .fetch_all(&self.readers)
+        .await?;
+        let unpack = |(ordinal, id, log): (i64, String, Vec<u8>)| Ok((ordinal, id, decompress("submissions", &log)?));
+        rows.into_iter().map(unpack).collect()
+    }
+
+    /// How many instances of an epoch are answered, and by how many entries of each tier it was entered.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn epoch_counts(&self, epoch_id: &str) -> StoreResult<EpochCounts> {
+        let (issued, answered, dev, official): (i64, i64, i64, i64) = sqlx::query_as(
+            "SELECT (SELECT COUNT(*) FROM instances WHERE epoch_id = $1),
+                    (SELECT COUNT(*) FROM instances i JOIN submissions s ON s.instance_id = i.id AND s.superseded = 0
+                     WHERE i.epoch_id = $1),
+                    (SELECT COUNT(*) FROM entries WHERE epoch_id = $1 AND tier = 'dev'),
+                    (SELECT COUNT(*) FROM entries WHERE epoch_id = $1 AND tier = 'official')",
+        )
+        .bind(epoch_id)
+        .fetch_one(&self.readers)
+        .await?;
+        Ok(EpochCounts { issued, answered, dev, official })
+    }
+}
+
+/// What an epoch has come to so far.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct EpochCounts {
+    /// Instances issued.
+    pub issued: i64,
+    /// Instances answered.
+    pub answered: i64,
+    /// Entries of the dev tier.
+    pub dev: i64,
+    /// Entries of the official tier.
+    pub official: i64,
+}
+
+/// Keeps a task under its hash.
+async fn put_task(tx: &mut SqliteConnection, task: &Task) -> StoreResult<String> {
+    let hash = task.content_hash();
+    let body = serde_json::to_string(task).map_err(|error| StoreError::corrupt("tasks", error))?;
+    sqlx::query("INSERT INTO tasks (hash, id, family, body) VALUES ($1, $2, $3, $4) ON CONFLICT (hash) DO NOTHING")
+        .bind(&hash)
+        .bind(&task.id)
+        .bind(task.family())
+        .bind(body)
+        .execute(tx)
+        .await?;
+    Ok(hash)
+}
+
+/// Entries whose hidden answers these submissions are.
+pub(super) async fn entries_of(tx: &mut SqliteConnection, instances: &BTreeSet<&str>) -> StoreResult<BTreeSet<String>> {
+    let mut entries = BTreeSet::new();
+    for instance in instances {
+        let entry: String = sqlx::query_scalar("SELECT entry_id FROM instances WHERE id = $1")
+            .bind(*instance)
+            .fetch_one(&mut *tx)
+            .await?;
+        entries.insert(entry);
+    }
+    Ok(entries)
+}

@@ -1,0 +1,124 @@
+//! Receipts: signed by whoever grades, linked to each other in the transaction that stores the report.
+
+use sqlx::{QueryBuilder, Row as _, SqliteConnection};
+
+use super::{Store, StoreError, StoreResult};
+use crate::epochs::canonical::{Hash, unhex};
+use crate::epochs::receipts::{FIRST_LINK, ReceiptFile, Signed, link};
+use crate::tasks::hex;
+
+/// A receipt to enter.
+pub(super) struct NewReceipt<'a> {
+    pub submission_id: &'a str,
+    pub attempt: i64,
+    pub epoch_id: Option<&'a str>,
+    pub signed: &'a Signed,
+}
+
+/// Enters receipts at the end of the log.
+pub(super) async fn enter(tx: &mut SqliteConnection, receipts: &[NewReceipt<'_>]) -> StoreResult<()> {
+    if receipts.is_empty() {
+        return Ok(());
+    }
+    let last: Option<(i64, String)> =
+        sqlx::query_as("SELECT seq, link FROM receipts ORDER BY seq DESC LIMIT 1").fetch_optional(&mut *tx).await?;
+    let (mut seq, mut previous): (i64, Hash) = match last {
+        None => (0, FIRST_LINK),
+        Some((seq, link)) => {
+            (seq, unhex(&link).ok_or_else(|| StoreError::corrupt("receipts", format!("link of {seq}")))?)
+        }
+    };
+    let links: Vec<(i64, Hash, Hash)> = receipts
+        .iter()
+        .map(|receipt| {
+            seq += 1;
+            let next = link(&previous, &receipt.signed.hash);
+            let before = std::mem::replace(&mut previous, next);
+            (seq, before, next)
+        })
+        .collect();
+    let mut query = QueryBuilder::new(
+        "INSERT INTO receipts (seq, submission_id, attempt, epoch_id, body, hash, signature, public_key, previous, link) ",
+    );
+    query.push_values(receipts.iter().zip(&links), |mut row, (receipt, (seq, before, next))| {
+        row.push_bind(*seq)
+            .push_bind(receipt.submission_id.to_owned())
+            .push_bind(receipt.attempt)
+            .push_bind(receipt.epoch_id.map(str::to_owned))
+            .push_bind(receipt.signed.body.clone())
+            .push_bind(hex(&receipt.signed.hash))
+            .push_bind(receipt.signed.signature.clone())
+            .push_bind(receipt.signed.public_key.clone())
+            .push_bind(hex(before))
+            .push_bind(hex(next));
+    });
+    query.build().execute(tx).await?;
+    Ok(())
+}
+
+macro_rules! select_receipt {
+    ($rest:literal) => {
+        concat!(
+            "SELECT r.seq, r.body, r.hash, r.signature, r.public_key, r.previous, r.link,
+                    e.id IS NULL OR e.closed_at_ms IS NOT NULL OR e.closes_at_ms <= $1
+             FROM receipts r LEFT JOIN epochs e ON e.id = r.epoch_id ",
+            $rest
+        )
+    };
+}
+
+/// A receipt as everybody may see it now: of a hidden instance its body and signature only once the epoch is over.
+fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<ReceiptFile> {
+    let is_released: bool = row.try_get(7)?;
+    let body: &str = row.try_get(1)?;
+    let receipt = serde_json::from_str(body).map_err(|error| StoreError::corrupt("receipts", error))?;
+    let signature: String = row.try_get(3)?;
+    Ok(ReceiptFile {
+        seq: row.try_get(0)?,
+        receipt: Some(receipt).filter(|_| is_released),
+        hash: row.try_get(2)?,
+        signature: Some(signature).filter(|_| is_released),
+        public_key: row.try_get(4)?,
+        previous: row.try_get(5)?,
+        link: row.try_get(6)?,
+    })
+}
+
+impl Store {
+    /// Receipts after a place in the log, at most `limit`.
+    ///
+    /// # Errors
+    /// Where the database fails or a row does not read back.
+    pub async fn receipts(&self, after: i64, limit: i64, now_ms: i64) -> StoreResult<Vec<ReceiptFile>> {
+        let rows = sqlx::query(select_receipt!("WHERE r.seq > $2 ORDER BY r.seq LIMIT $3"))
+            .bind(now_ms)
+            .bind(after)
+            .bind(limit)
+            .fetch_all(&self.readers)
+            .await?;
+        rows.iter().map(read).collect()
+    }
+
+    /// The receipt of a submission's latest grade.
+    ///
+    /// # Errors
+    /// Where the database fails or the row does not read back.
+    pub async fn receipt_of(&self, submission_id: &str, now_ms: i64) -> StoreResult<Option<ReceiptFile>> {
+        let row = sqlx::query(select_receipt!("WHERE r.submission_id = $2 ORDER BY r.attempt DESC LIMIT 1"))
+            .bind(now_ms)
+            .bind(submission_id)
+            .fetch_optional(&self.readers)
+            .await?;
+        row.as_ref().map(read).transpose()
+    }
+
+    /// The public keys that receipts were signed with, the first first.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn receipt_keys(&self) -> StoreResult<Vec<String>> {
+        Ok(sqlx::query_scalar("SELECT public_key FROM receipts GROUP BY public_key ORDER BY MIN(seq)")
+            .fetch_all(&self.readers)
+            .await?)
+    }
+}

@@ -1,0 +1,177 @@
+//! Secrets beside the database: keys of epochs with their pools, and the key that signs receipts. A folder that the service's
+//! user alone may read; copies of the database do not hold it.
+
+use std::io::{ErrorKind, Write as _};
+use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::{StoreError, StoreResult};
+use crate::epochs::canonical::unhex;
+use crate::epochs::commitment::{Commitment, leaf_hash};
+use crate::epochs::merkle;
+use crate::epochs::pool::{Specification, Stratum};
+use crate::epochs::receipts::Signer;
+use crate::epochs::secret::EpochKey;
+use crate::tasks::hex;
+
+/// What an epoch draws from.
+#[derive(Debug)]
+pub struct EpochSecret {
+    /// Its key.
+    pub key: EpochKey,
+    /// Its strata.
+    pub strata: Vec<Stratum>,
+    /// Its pool, by leaf.
+    pub specifications: Vec<Specification>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct SecretFile {
+    key: String,
+    strata: Vec<Stratum>,
+    specifications: Vec<Specification>,
+}
+
+impl EpochSecret {
+    /// Whether it is what the epoch committed to.
+    #[must_use]
+    pub fn keeps(&self, commitment: &Commitment) -> bool {
+        let leaves: Vec<_> = self.specifications.iter().map(|own| leaf_hash(&self.key, own)).collect();
+        hex(&self.key.hash()) == commitment.key_hash && hex(&merkle::root(&leaves)) == commitment.root
+    }
+}
+
+/// The folder.
+#[derive(Debug, Clone)]
+pub struct Secrets {
+    folder: PathBuf,
+}
+
+fn failed(path: &Path, error: &std::io::Error) -> StoreError {
+    StoreError::Secret { path: path.to_owned(), detail: error.to_string() }
+}
+
+impl Secrets {
+    /// Beside this database.
+    #[must_use]
+    pub fn beside(database: &Path) -> Self {
+        let mut name = database.as_os_str().to_owned();
+        name.push(".secrets");
+        Self { folder: name.into() }
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+
+    /// Writes a new file, whole or not at all, durably; one that is there stays as it is, and then false.
+    fn put(&self, name: &str, content: &[u8]) -> StoreResult<bool> {
+        let path = self.file(name);
+        let write = || -> std::io::Result<bool> {
+            std::fs::DirBuilder::new().recursive(true).mode(0o700).create(&self.folder)?;
+            let draft = self.file(&format!(".{name}.{}", std::process::id()));
+            let _ = std::fs::remove_file(&draft);
+            let mut file = std::fs::OpenOptions::new().write(true).create_new(true).mode(0o600).open(&draft)?;
+            file.write_all(content)?;
+            file.sync_all()?;
+            // A link, unlike a renaming, never takes the place of a file that is there.
+            let linked = std::fs::hard_link(&draft, &path);
+            std::fs::remove_file(&draft)?;
+            std::fs::File::open(&self.folder)?.sync_all()?;
+            match linked {
+                Ok(()) => Ok(true),
+                Err(error) if error.kind() == ErrorKind::AlreadyExists => Ok(false),
+                Err(error) => Err(error),
+            }
+        };
+        write().map_err(|error| failed(&path, &error))
+    }
+
+    fn get(&self, name: &str) -> StoreResult<Option<Vec<u8>>> {
+        let path = self.file(name);
+        match std::fs::read(&path) {
+            Ok(bytes) => Ok(Some(bytes)),
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(failed(&path, &error)),
+        }
+    }
+
+    /// Keeps what an epoch draws from. False where one of this name is kept already.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub fn put_epoch(&self, id: &str, secret: &EpochSecret) -> StoreResult<bool> {
+        let file = SecretFile {
+            key: secret.key.expose(),
+            strata: secret.strata.clone(),
+            specifications: secret.specifications.clone(),
+        };
+        let content = serde_json::to_vec(&file).map_err(|error| StoreError::corrupt("secrets", error))?;
+        self.put(&format!("epoch-{id}.json"), &content)
+    }
+
+    /// What an epoch draws from; none where it is lost, or is no longer what it was.
+    ///
+    /// # Errors
+    /// Where the file is there and cannot be read.
+    pub fn epoch(&self, id: &str, commitment: &Commitment) -> StoreResult<Option<EpochSecret>> {
+        let Some(content) = self.get(&format!("epoch-{id}.json"))? else { return Ok(None) };
+        let Ok(file) = serde_json::from_slice::<SecretFile>(&content) else { return Ok(None) };
+        let Some(key) = EpochKey::from_hex(&file.key) else { return Ok(None) };
+        let secret = EpochSecret { key, strata: file.strata, specifications: file.specifications };
+        Ok(Some(secret).filter(|secret| secret.keeps(commitment)))
+    }
+
+    /// Copies every secret to another folder; what is there stays.
+    ///
+    /// # Errors
+    /// Where a file cannot be read or written, or another secret of the same name is there.
+    pub fn copy_to(&self, other: &Self) -> StoreResult<()> {
+        let entries = std::fs::read_dir(&self.folder).map_err(|error| failed(&self.folder, &error))?;
+        for entry in entries {
+            let name = entry.map_err(|error| failed(&self.folder, &error))?.file_name();
+            let Some(name) = name.to_str().filter(|name| !name.starts_with('.')) else { continue };
+            let content = self.get(name)?.unwrap_or_default();
+            if !other.put(name, &content)? && other.get(name)?.as_ref() != Some(&content) {
+                let detail = "another secret of this name is there".to_owned();
+                return Err(StoreError::Secret { path: other.file(name), detail });
+            }
+        }
+        Ok(())
+    }
+
+    /// The key that signs receipts, made where there is none.
+    ///
+    /// # Errors
+    /// Where it cannot be read, written or made.
+    pub fn signer(&self) -> StoreResult<Signer> {
+        const NAME: &str = "receipts.key";
+        if self.get(NAME)?.is_none() {
+            self.put(NAME, hex(&random_key()?).as_bytes())?;
+        }
+        let kept = self.get(NAME)?.unwrap_or_default();
+        let secret = std::str::from_utf8(&kept).ok().and_then(|text| unhex(text.trim()));
+        let unreadable =
+            || StoreError::Secret { path: self.file(NAME), detail: "is not 32 bytes of hexadecimal".to_owned() };
+        Ok(Signer::new(&secret.ok_or_else(unreadable)?))
+    }
+}
+
+/// 32 bytes from the operating system.
+///
+/// # Errors
+/// Where it has none.
+pub fn random_key() -> StoreResult<[u8; 32]> {
+    let mut bytes = [0; 32];
+    getrandom::fill(&mut bytes)
+        .map_err(|error| StoreError::Secret { path: PathBuf::new(), detail: error.to_string() })?;
+    Ok(bytes)
+}
