@@ -93,10 +93,19 @@ fn official_scores_are_true_and_the_ladder_resists_400_queries() {
     let mut random = Mt64::new(20_261_121);
     let random = &mut random;
     let rows: Vec<(&str, f64, f64)> = [
-        ("open: best of 20 runs of the public suite", (0..EPOCHS).map(|_| best(random, 20, PUBLIC_TASKS)).collect::<Vec<_>>()),
-        ("dev, had it no Ladder: best of 400 entries", (0..EPOCHS).map(|_| best(random, QUERIES, PER_RUN * DEV_RUNS)).collect()),
+        (
+            "open: best of 20 runs of the public suite",
+            (0..EPOCHS).map(|_| best(random, 20, PUBLIC_TASKS)).collect::<Vec<_>>(),
+        ),
+        (
+            "dev, had it no Ladder: best of 400 entries",
+            (0..EPOCHS).map(|_| best(random, QUERIES, PER_RUN * DEV_RUNS)).collect(),
+        ),
         ("dev: the Ladder's board after 400 entries", (0..EPOCHS).map(|_| ladder(random, 2.0)).collect()),
-        ("dev: the same, stopping where it shows 5 points too much", (0..EPOCHS / 4).map(|_| ladder(random, TRUTH + 0.05)).collect()),
+        (
+            "dev: the same, stopping where it shows 5 points too much",
+            (0..EPOCHS / 4).map(|_| ladder(random, TRUTH + 0.05)).collect(),
+        ),
         ("official: three entries, taken together", (0..25 * EPOCHS).map(|_| official(random)).collect()),
     ]
     .into_iter()

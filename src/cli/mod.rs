@@ -4,10 +4,12 @@ pub mod build;
 pub mod conformance;
 pub mod copies;
 pub mod demo;
+pub mod epochs;
 pub mod grade;
 pub mod keys;
 pub mod progress;
 pub mod quota;
+pub mod receipts;
 pub mod regrade;
 pub mod replay;
 pub mod saboteur_table;
@@ -56,6 +58,13 @@ pub enum Command {
     Quota(quota::QuotaArgs),
     /// Grade a suite's submissions again with this program's checks, look at what changes, and apply or discard it.
     Regrade(regrade::RegradeArgs),
+    /// Announce, list and close epochs of hidden evaluation.
+    Epochs(epochs::EpochsArgs),
+    /// Check what a closed epoch revealed: specifications, draws and grades, all made again from its key; exit 1 where anything
+    /// does not hold.
+    VerifyEpoch(epochs::VerifyEpochArgs),
+    /// Check signed receipts, and the log that chains them; exit 1 where anything does not hold.
+    VerifyReceipt(receipts::VerifyReceiptArgs),
     /// Copy the database to a file, consistently, also while the service runs.
     Backup(copies::CopyArgs),
     /// Put a backup where the database shall be.
@@ -86,6 +95,9 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Keys(args) => keys::run(&args),
         Command::Quota(args) => quota::run(&args),
         Command::Regrade(args) => regrade::run(&args),
+        Command::Epochs(args) => epochs::run(&args),
+        Command::VerifyEpoch(args) => epochs::run_verify(&args),
+        Command::VerifyReceipt(args) => receipts::run(&args),
         Command::Backup(args) => copies::back_up(&args),
         Command::Restore(args) => copies::restore(&args),
         Command::Export(args) => copies::export_lines(&args),

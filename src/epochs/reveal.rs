@@ -155,7 +155,9 @@ pub fn verify(
     ];
     for (what, theirs, ours) in versions {
         if theirs != ours {
-            let detail = format!("the epoch used version {theirs} of the {what}; this program has {ours}, so verify with that one");
+            let detail = format!(
+                "the epoch used version {theirs} of the {what}; this program has {ours}, so verify with that one"
+            );
             found.breach(what, detail);
             return Ok(found);
         }
@@ -227,8 +229,7 @@ fn draws(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, found: &mut V
             found.breach(place(), format!("the epoch has no family {:?}", instance.family));
             continue;
         };
-        let draw =
-            Draw { entry: &instance.entry, nonce: &instance.nonce, run: instance.run, index: instance.index };
+        let draw = Draw { entry: &instance.entry, nonce: &instance.nonce, run: instance.run, index: instance.index };
         let drawn = drawn_leaf(key, stratum, &draw, |leaf| issued.contains(&leaf));
         if drawn == Some(instance.leaf) {
             found.draws += 1;

@@ -92,6 +92,8 @@ pub struct Limits {
     pub action_body_events: usize,
     /// Requests whose action code runs or waits; more are asked to come back (429).
     pub action_requests: usize,
+    /// Runs of an entry to an epoch.
+    pub entry_runs: u32,
     /// Seconds that one grading may take.
     pub grading_seconds: u64,
     /// Times that grading is begun before a submission ends as `grader_error`.
@@ -141,6 +143,7 @@ pub const LIMITS: Limits = Limits {
     action_memory_bytes: ACTION_LIMITS.memory_bytes,
     action_body_events: 2_000_000,
     action_requests: 256,
+    entry_runs: 16,
     grading_seconds: 3_600,
     grading_attempts: MAX_ATTEMPTS,
 };

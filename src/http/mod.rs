@@ -53,6 +53,8 @@ pub struct Around {
     pub rates: Arc<rates::Rates>,
     /// Runs action code.
     pub actions: Pool,
+    /// The public key that verifies receipts, in hex.
+    pub receipt_key: String,
     /// Cancelled when the service stops.
     pub stop: CancellationToken,
 }
@@ -62,7 +64,7 @@ pub struct Around {
 /// # Errors
 /// Where there are no threads to be had.
 pub fn router(
-    Around { store, wake, metrics, connections, rates, actions, stop }: Around,
+    Around { store, wake, metrics, connections, rates, actions, receipt_key, stop }: Around,
     settings: &HttpSettings,
 ) -> anyhow::Result<Router> {
     let (routes, mut openapi) = api::routes().split_for_parts();
@@ -88,6 +90,7 @@ pub fn router(
         event_streams: Arc::new(Semaphore::new(limits.event_streams)),
         limits,
         rates,
+        receipt_key,
         stop,
         metrics,
         openapi: openapi.to_json().unwrap_or_default().into(),

@@ -69,6 +69,8 @@ pub struct Shared {
     pub rates: Arc<Rates>,
     /// Runs action code.
     pub actions: Pool,
+    /// The public key that verifies receipts, in hex.
+    pub receipt_key: String,
     /// Places for requests whose action code runs or waits.
     pub action_requests: Arc<Semaphore>,
     /// Cancelled when the service stops.

@@ -2,9 +2,12 @@
 
 #![allow(dead_code, reason = "each test crate uses a part of this")]
 
+pub mod epoch;
+
 use std::io::{BufRead as _, BufReader};
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
+use std::sync::{Arc, Mutex};
 
 use plumbline::builders::build;
 use plumbline::tasks::{Task, embedded};
@@ -24,6 +27,8 @@ pub struct Service {
     process: Child,
     pub url: String,
     pub http: Client,
+    /// What it wrote to its standard error, line by line.
+    pub said: Arc<Mutex<Vec<String>>>,
 }
 
 /// An answer, read to its end.
@@ -88,6 +93,7 @@ impl Service {
             .spawn()
             .unwrap();
         let mut lines = BufReader::new(process.stderr.take().unwrap()).lines();
+        let said: Arc<Mutex<Vec<String>>> = Arc::default();
         let mut seen = Vec::new();
         let url = loop {
             let line = lines.next().unwrap_or_else(|| panic!("the service did not start: {seen:#?}")).unwrap();
@@ -97,8 +103,9 @@ impl Service {
             seen.push(line);
         };
         // Whatever it says later must be read, or it would block.
-        std::thread::spawn(move || lines.for_each(drop));
-        Self { process, url, http: Client::new() }
+        let kept = Arc::clone(&said);
+        std::thread::spawn(move || lines.for_each(|line| kept.lock().unwrap().extend(line)));
+        Self { process, url, http: Client::new(), said }
     }
 
     pub async fn send(&self, request: RequestBuilder) -> Answer {

@@ -3,18 +3,24 @@
 #![expect(clippy::missing_errors_doc, reason = "each handler lists its errors as responses of the OpenAPI document")]
 
 pub mod adapters;
+pub mod answer_body;
 pub mod board_actions;
 pub mod board_formats;
 pub mod comparisons;
 pub mod documents;
+pub mod entries;
+pub mod epoch_boards;
+pub mod epochs;
 pub mod events;
 pub mod grade;
 pub mod grade_batch;
 pub mod grade_body;
 pub mod health;
+pub mod instances;
 pub mod leaderboards;
 pub mod limits;
 pub mod quota;
+pub mod receipts;
 pub mod replay;
 pub mod reports;
 pub mod runs;
@@ -53,6 +59,8 @@ use super::state::AppState;
         (name = "rewards", description = "Grading within the request, for trainers. Nothing is stored."),
         (name = "tasks", description = "Suites and their tasks."),
         (name = "leaderboards", description = "Finished runs, compared."),
+        (name = "hidden evaluation", description = "Epochs: committed to, drawn fresh, answered once, revealed."),
+        (name = "receipts", description = "Signed grades in a public log."),
         (name = "service", description = "Limits, health, metrics, and this document."),
     )
 )]
@@ -88,6 +96,23 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(board_actions::list_board_actions))
         .routes(routes!(board_actions::create_board_action))
         .routes(routes!(board_actions::get_board_feed))
+        .routes(routes!(epochs::list_epochs))
+        .routes(routes!(epochs::get_epoch))
+        .routes(routes!(epochs::get_epoch_reveal))
+        .routes(routes!(epochs::get_epoch_answers))
+        .routes(routes!(epoch_boards::get_epoch_leaderboard))
+        .routes(routes!(entries::create_entry))
+        .routes(routes!(entries::get_entry))
+        .routes(routes!(entries::create_instances))
+        .routes(routes!(entries::finalize_entry))
+        .routes(routes!(instances::get_instance))
+        .routes(routes!(instances::answer_instance))
+        .routes(routes!(instances::check_transcript))
+        .routes(routes!(instances::get_instance_report))
+        .routes(routes!(instances::get_instance_receipt))
+        .routes(routes!(receipts::list_receipts))
+        .routes(routes!(receipts::get_receipt))
+        .routes(routes!(receipts::get_receipt_keys))
         .routes(routes!(events::get_events))
         .routes(routes!(quota::get_quota))
         .routes(routes!(limits::get_limits))

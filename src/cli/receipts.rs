@@ -1,0 +1,65 @@
+//! `plumbline verify-receipt`: checks receipts, and the log that chains them, without the service.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context as _, bail};
+use clap::Args;
+use serde_json::Value;
+
+use crate::epochs::receipts::{ReceiptFault, ReceiptFile, verify, verify_chain};
+
+/// Arguments of `verify-receipt`.
+#[derive(Debug, Args)]
+pub struct VerifyReceiptArgs {
+    /// Receipts (`GET /v1/submissions/ID/receipt`), or pages of the log (`GET /v1/receipts`) in order.
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// The public key to trust, in hex: `public_key` of `/.well-known/plumbline-receipts.json`.
+    #[arg(long)]
+    key: String,
+}
+
+fn read(path: &Path) -> anyhow::Result<Vec<ReceiptFile>> {
+    let place = || path.display().to_string();
+    let text = std::fs::read(path).with_context(place)?;
+    let value: Value = serde_json::from_slice(&text).with_context(place)?;
+    match value.get("receipts") {
+        Some(page) => serde_json::from_value(page.clone()).with_context(place),
+        None => Ok(vec![serde_json::from_value(value).with_context(place)?]),
+    }
+}
+
+/// Runs the command: exit 1 where a receipt or the chain does not hold.
+///
+/// # Errors
+/// Where a file cannot be read.
+pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
+    let mut all = Vec::new();
+    for file in &args.files {
+        all.extend(read(file)?);
+    }
+    if all.is_empty() {
+        bail!("no receipts in these files");
+    }
+    let mut is_good = true;
+    let mut withheld = 0;
+    for receipt in &all {
+        match verify(receipt, args.key.trim()) {
+            Ok(()) => {}
+            Err(ReceiptFault::Withheld) => withheld += 1,
+            Err(fault) => {
+                is_good = false;
+                println!("BROKEN  receipt {}: {fault}", receipt.seq);
+            }
+        }
+    }
+    let follow_each_other = all.windows(2).all(|pair| pair[1].seq == pair[0].seq + 1);
+    if follow_each_other && let Err(fault) = verify_chain(&all) {
+        is_good = false;
+        println!("BROKEN  {fault}");
+    }
+    let chain = if follow_each_other { ", each linked to the one before" } else { "" };
+    println!("{} receipts{chain}; {withheld} of them not released yet", all.len());
+    Ok(if is_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}

@@ -1,0 +1,342 @@
+//! Entries to an epoch: registered before anything is seen, then drawn, answered and finalized.
+
+use axum::Json;
+use axum::extract::{Path, State};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use uuid::Uuid;
+
+use super::super::body::{JsonBody, read_json};
+use super::super::caller::Caller;
+use super::super::limits::LIMITS;
+use super::super::problem::{ApiError, ApiResult, Problem};
+use super::super::state::AppState;
+use super::epochs::stored_epoch;
+use super::instances::InstanceBody;
+use crate::clock::{now_ms, rfc3339};
+use crate::epochs::canonical::unhex;
+use crate::epochs::feedback::{Outcome, Tier, told};
+use crate::store::entries::{EntryRow, NewEntry, Registered};
+use crate::store::epochs::EpochRow;
+use crate::store::instances::Issued;
+use crate::store::keys::Scope;
+use crate::voxel::Faults;
+
+/// What registers an entry.
+#[derive(Debug, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({ "agent": "my-agent 1.2", "tier": "official", "runs": 2,
+                           "configuration_sha256": "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08" }))]
+pub struct NewEntryBody {
+    /// Who is evaluated, as boards shall show it.
+    #[schema(min_length = 1, max_length = 100)]
+    agent: String,
+    /// SHA-256 of whatever fixes the agent: weights, prompts, sampling. Keep what it is over.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
+    configuration_sha256: String,
+    /// `dev` or `official`. The open tier, with everything told, is the public suite: `POST /v1/runs`.
+    tier: Tier,
+    /// Runs; each is a draw of its own.
+    #[schema(minimum = 1, maximum = 16)]
+    runs: u32,
+}
+
+/// An entry. What it came to is told as its tier's feedback allows.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct EntryBody {
+    /// Its id.
+    pub id: String,
+    /// Its epoch.
+    pub epoch: String,
+    /// Who is evaluated.
+    pub agent: String,
+    /// SHA-256 of the configuration.
+    pub configuration_sha256: String,
+    /// Its tier.
+    pub tier: Tier,
+    /// Runs registered.
+    pub runs: i64,
+    /// `registered`, `finalized` (answers are being graded) or `complete`.
+    #[schema(example = "registered")]
+    pub state: &'static str,
+    /// When it was registered.
+    pub registered_at: String,
+    /// When it was finalized.
+    pub finalized_at: Option<String>,
+    /// Instances issued.
+    pub issued: usize,
+    /// Instances answered.
+    pub answered: usize,
+    /// What it came to, as far as it is told; null before it is complete, and where nothing is told before the epoch closes.
+    #[schema(value_type = Option<Object>)]
+    pub result: Value,
+}
+
+/// The outcomes of an entry with those of runs that were never drawn: they failed.
+pub fn with_undrawn(mut outcomes: Vec<Outcome>, entry: &EntryRow, epoch: &EpochRow) -> Vec<Outcome> {
+    let all = entry.runs as usize * epoch.commitment.instances_per_run as usize;
+    while outcomes.len() < all {
+        outcomes.push(Outcome { instance: String::new(), scores: None });
+    }
+    outcomes
+}
+
+async fn entry_body(state: &AppState, id: &str) -> ApiResult<EntryBody> {
+    let row = stored_entry(state, id).await?;
+    let epoch = stored_epoch(state, &row.epoch_id).await?;
+    let now = now_ms();
+    state.store.finalize_what_is_over(&epoch, now).await?;
+    let row = if epoch.is_over(now) { stored_entry(state, id).await? } else { row };
+    let instances = state.store.instances_of_entry(id).await?;
+    let mut result = Value::Null;
+    if row.completed_at_ms.is_some() {
+        let outcomes = with_undrawn(state.store.outcomes_of_entry(id).await?, &row, &epoch);
+        result = told(row.tier.feedback(epoch.commitment.dev_feedback), epoch.is_over(now), &outcomes);
+    }
+    Ok(EntryBody {
+        state: match (row.finalized_at_ms, row.completed_at_ms) {
+            (_, Some(_)) => "complete",
+            (Some(_), None) => "finalized",
+            (None, None) => "registered",
+        },
+        issued: instances.len(),
+        answered: instances.iter().filter(|own| own.submission_id.is_some()).count(),
+        registered_at: rfc3339(row.registered_at_ms),
+        finalized_at: row.finalized_at_ms.map(rfc3339),
+        id: row.id,
+        epoch: row.epoch_id,
+        agent: row.agent,
+        configuration_sha256: row.configuration_hash,
+        tier: row.tier,
+        runs: row.runs,
+        result,
+    })
+}
+
+async fn stored_entry(state: &AppState, id: &str) -> ApiResult<EntryRow> {
+    let row = state.store.entry(id).await?;
+    row.ok_or_else(|| ApiError::not_found(format!("there is no entry {id:?}")))
+}
+
+/// The entry, where it is the caller's.
+async fn own_entry(state: &AppState, caller: &Caller, id: &str) -> ApiResult<EntryRow> {
+    let row = stored_entry(state, id).await?;
+    caller.require_own(Some(row.owner.as_str()).filter(|owner| !owner.is_empty()), "entry")?;
+    Ok(row)
+}
+
+/// Register an entry before seeing anything: who is evaluated, in which configuration, in how many runs. All official entries of an
+/// owner in an epoch are of one agent in one configuration, and are taken together.
+#[utoipa::path(
+    post, path = "/v1/epochs/{epoch}/entries", operation_id = "create_entry", tag = "hidden evaluation",
+    summary = "Register an entry",
+    params(("epoch" = String, Path, description = "The epoch's name", example = "2026-11")),
+    request_body(content = NewEntryBody, content_type = "application/json"),
+    responses(
+        (status = 201, description = "The entry", body = EntryBody, headers(("Location" = String, description = "The entry")),
+         example = json!({ "id": "0198c0de-0000-7000-8000-000000000003", "epoch": "2026-11", "tier": "official", "state": "registered" })),
+        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "There is no such epoch", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "It is not open, the owner has no entries left, or an official entry of another configuration", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "Faults, all of them", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn create_entry(
+    State(state): State<AppState>,
+    caller: Caller,
+    Path(epoch): Path<String>,
+    body: JsonBody,
+) -> ApiResult<Response> {
+    caller.require(Scope::Submit)?;
+    let new: NewEntryBody = read_json(&body)?;
+    let row = stored_epoch(&state, &epoch).await?;
+    let mut faults = Faults::new();
+    let agent = new.agent.trim();
+    if agent.is_empty() || agent.chars().count() > LIMITS.agent_chars {
+        faults.add_at("agent", format!("expected 1 to {} characters", LIMITS.agent_chars));
+    }
+    let has_upper = new.configuration_sha256.bytes().any(|byte| byte.is_ascii_uppercase());
+    if has_upper || unhex::<32>(&new.configuration_sha256).is_none() {
+        faults.add_at("configuration_sha256", "expected 64 lower-case hexadecimal digits");
+    }
+    if new.runs == 0 || new.runs > LIMITS.entry_runs {
+        faults.add_at("runs", format!("expected 1 to {}", LIMITS.entry_runs));
+    }
+    if !faults.is_empty() {
+        return Err(ApiError::faulty(faults));
+    }
+    let id = Uuid::now_v7().to_string();
+    let entry = NewEntry {
+        id: &id,
+        epoch_id: row.id(),
+        owner: caller.owner().unwrap_or_default(),
+        agent,
+        configuration_hash: &new.configuration_sha256,
+        tier: new.tier,
+        runs: new.runs,
+    };
+    match state.store.register_entry(&entry, now_ms()).await? {
+        Registered::New => {}
+        Registered::NotOpen => return Err(not_open(&row)),
+        Registered::TooMany(most) => {
+            let detail = format!(
+                "the owner has {most} entries of the tier {:?} in this epoch, and no more are allowed",
+                new.tier.name()
+            );
+            return Err(ApiError::conflict("no-entries-left", detail));
+        }
+        Registered::OtherConfiguration(agent) => {
+            let detail = format!(
+                "the owner's official entries in this epoch are of {agent:?} in another configuration; they are one attempt after \
+                 another of the same, and taken together"
+            );
+            return Err(ApiError::conflict("another-configuration", detail));
+        }
+    }
+    let location = format!("/v1/entries/{id}");
+    Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(entry_body(&state, &id).await?)).into_response())
+}
+
+/// 409: the epoch is not open, and why.
+pub fn not_open(epoch: &EpochRow) -> ApiError {
+    let detail = match &epoch.closed {
+        Some((_, reason)) => format!("the epoch is closed: {reason}"),
+        None => format!(
+            "the epoch is open from {} to {}",
+            rfc3339(epoch.commitment.opens_at_ms),
+            rfc3339(epoch.commitment.closes_at_ms)
+        ),
+    };
+    ApiError::conflict("epoch-not-open", detail)
+}
+
+/// An entry: how far it is, and what it came to as far as that is told.
+#[utoipa::path(
+    get, path = "/v1/entries/{id}", operation_id = "get_entry", tag = "hidden evaluation", summary = "Get an entry",
+    params(("id" = String, Path, description = "The entry's id")),
+    responses(
+        (status = 200, description = "The entry", body = EntryBody,
+         example = json!({ "id": "0198c0de-0000-7000-8000-000000000003", "state": "complete", "result": { "passed": 20, "of": 26 } })),
+        (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_entry(State(state): State<AppState>, Path(id): Path<String>) -> ApiResult<Json<EntryBody>> {
+    Ok(Json(entry_body(&state, &id).await?))
+}
+
+/// What draws the instances of a run.
+#[derive(Debug, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({ "run": 1, "nonce": "8c1f0d3e5b7a4f6d9e2c" }))]
+pub struct NewDraw {
+    /// Which of the entry's runs, from 1.
+    #[schema(minimum = 1)]
+    run: u32,
+    /// Random characters of your own: with the epoch's key they decide what is drawn, so neither side alone can.
+    #[schema(min_length = 16, max_length = 128)]
+    nonce: String,
+}
+
+/// The instances of a run.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct InstanceList {
+    /// In the order of issue.
+    pub instances: Vec<InstanceBody>,
+}
+
+/// Draw the instances of a run. The same nonce again gives the same instances; another one is refused. Each is to be answered by
+/// one log before it expires.
+#[utoipa::path(
+    post, path = "/v1/entries/{id}/instances", operation_id = "create_instances", tag = "hidden evaluation",
+    summary = "Draw a run's instances",
+    params(("id" = String, Path, description = "The entry's id")),
+    request_body(content = NewDraw, content_type = "application/json"),
+    responses(
+        (status = 200, description = "The instances: prompts, and nothing of the checks", body = InstanceList,
+         example = json!({ "instances": [{ "id": "5f0c…", "prompts": ["You stand at (0, 0, 0) …"], "expires_at": "2026-11-22T10:00:00.000Z" }] })),
+        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "There is no such entry", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "Drawn with another nonce, finalized, the epoch not open, or its pool used up", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "Faults, all of them", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn create_instances(
+    State(state): State<AppState>,
+    caller: Caller,
+    Path(id): Path<String>,
+    body: JsonBody,
+) -> ApiResult<Json<InstanceList>> {
+    caller.require(Scope::Submit)?;
+    let new: NewDraw = read_json(&body)?;
+    let entry = own_entry(&state, &caller, &id).await?;
+    if !(16..=128).contains(&new.nonce.chars().count()) || new.nonce.chars().any(char::is_control) {
+        let mut faults = Faults::new();
+        faults.add_at("nonce", "expected 16 to 128 characters");
+        return Err(ApiError::faulty(faults));
+    }
+    let epoch = stored_epoch(&state, &entry.epoch_id).await?;
+    let now = now_ms();
+    let Some(secret) = state.store.epoch_secret(&epoch, now).await? else {
+        return Err(ApiError::conflict("key-lost", crate::store::epochs::LOST_KEY));
+    };
+    match state.store.issue_instances(&id, new.run, &new.nonce, &secret, now).await? {
+        Issued::Instances(rows) => {
+            let mut instances = Vec::with_capacity(rows.len());
+            for row in rows {
+                instances.push(InstanceBody::of(&state, row).await?);
+            }
+            Ok(Json(InstanceList { instances }))
+        }
+        Issued::NoSuchRun => {
+            let mut faults = Faults::new();
+            faults.add_at("run", format!("the entry was registered for {} runs", entry.runs));
+            Err(ApiError::faulty(faults))
+        }
+        Issued::OtherNonce => {
+            Err(ApiError::conflict("already-drawn", "the run was drawn with another nonce, and is drawn once"))
+        }
+        Issued::Closed if entry.finalized_at_ms.is_some() => {
+            Err(ApiError::conflict("finalized", "the entry is finalized"))
+        }
+        Issued::Closed => Err(not_open(&epoch)),
+        Issued::Exhausted => {
+            let detail = "the epoch has issued all its specifications of a family; nothing was issued to this run";
+            Err(ApiError::conflict("pool-used-up", detail))
+        }
+    }
+}
+
+/// Say that no more answers will come. Instances without one count as failed, and so do runs that were not drawn. Nothing can be
+/// taken back or done again.
+#[utoipa::path(
+    post, path = "/v1/entries/{id}/finalize", operation_id = "finalize_entry", tag = "hidden evaluation",
+    summary = "Finalize an entry",
+    params(("id" = String, Path, description = "The entry's id")),
+    responses(
+        (status = 200, description = "The entry", body = EntryBody,
+         example = json!({ "id": "0198c0de-0000-7000-8000-000000000003", "state": "finalized", "result": null })),
+        (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn finalize_entry(
+    State(state): State<AppState>,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> ApiResult<Json<EntryBody>> {
+    caller.require(Scope::Submit)?;
+    own_entry(&state, &caller, &id).await?;
+    state.store.finalize_entry(&id, now_ms()).await?;
+    Ok(Json(entry_body(&state, &id).await?))
+}

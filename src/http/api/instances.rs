@@ -1,0 +1,348 @@
+//! Hidden instances: prompts out, one log in.
+
+use axum::Json;
+use axum::extract::{Path, State};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse as _, Response};
+use serde::Serialize;
+use serde_json::Value;
+use sha2::{Digest as _, Sha256};
+use uuid::Uuid;
+
+use super::super::body::{Format, JsonBody};
+use super::super::caller::Caller;
+use super::super::grader::is_quick;
+use super::super::limits::LIMITS;
+use super::super::problem::{ApiError, ApiResult, Problem};
+use super::super::state::AppState;
+use super::answer_body::{AnswerShape, NewAnswerBody, PostedAnswer};
+use super::entries::not_open;
+use super::epochs::stored_epoch;
+use super::replay::run_codes;
+use crate::clock::{now_ms, rfc3339};
+use crate::epochs::receipts::ReceiptFile;
+use crate::store::epochs::HIDDEN_SUITE;
+use crate::store::instances::{Answered, InstanceRow};
+use crate::store::keys::Scope;
+use crate::store::submissions::{NewSubmission, PackedLog};
+use crate::tasks::{Task, hex};
+use crate::voxel::replay::Replay;
+use crate::voxel::tolerant::read_document;
+use crate::voxel::{BlockLog, Faults};
+
+/// An instance as its entrant sees it: what to build, and nothing of how it is checked.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct InstanceBody {
+    /// Its id.
+    pub id: String,
+    /// The entry that it belongs to.
+    pub entry: String,
+    /// Run of the entry.
+    pub run: u32,
+    /// What is to be built, one instruction per turn.
+    pub prompts: Vec<String>,
+    /// When it was issued.
+    pub issued_at: String,
+    /// Until when it may be answered.
+    pub expires_at: String,
+    /// Whether it is answered.
+    pub answered: bool,
+    /// SHA-256 of the log that answered it.
+    pub log_sha256: Option<String>,
+    /// What was promised of the agent's transcript.
+    pub transcript_sha256: Option<String>,
+    /// When a transcript with that hash was shown.
+    pub transcript_checked_at: Option<String>,
+}
+
+impl InstanceBody {
+    /// Of a stored one.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn of(state: &AppState, row: InstanceRow) -> ApiResult<Self> {
+        let task = state.store.task(&row.task_hash).await?;
+        Ok(Self {
+            id: row.id,
+            entry: row.entry_id,
+            run: row.run,
+            prompts: task.turns.into_iter().map(|turn| turn.prompt).collect(),
+            issued_at: rfc3339(row.issued_at_ms),
+            expires_at: rfc3339(row.expires_at_ms),
+            answered: row.submission_id.is_some(),
+            log_sha256: row.log_hash,
+            transcript_sha256: row.transcript_hash,
+            transcript_checked_at: row.transcript_checked_ms.map(rfc3339),
+        })
+    }
+}
+
+/// The instance, where it is the caller's.
+async fn own_instance(state: &AppState, caller: &Caller, id: &str) -> ApiResult<InstanceRow> {
+    let missing = || ApiError::not_found(format!("there is no instance {id:?}"));
+    let row = state.store.instance(id).await?.ok_or_else(missing)?;
+    let entry = state.store.entry(&row.entry_id).await?.ok_or_else(missing)?;
+    caller.require_own(Some(entry.owner.as_str()).filter(|owner| !owner.is_empty()), "instance")?;
+    Ok(row)
+}
+
+/// An instance. Needs the key of its owner until its epoch is revealed.
+#[utoipa::path(
+    get, path = "/v1/instances/{id}", operation_id = "get_instance", tag = "hidden evaluation", summary = "Get an instance",
+    params(("id" = String, Path, description = "The instance's id")),
+    responses(
+        (status = 200, description = "The instance", body = InstanceBody,
+         example = json!({ "id": "5f0c…", "prompts": ["You stand at (0, 0, 0) …"], "answered": false })),
+        (status = 401, description = "No key", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "It is another owner's", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    ),
+    security(("key" = []))
+)]
+pub async fn get_instance(
+    State(state): State<AppState>,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> ApiResult<Json<InstanceBody>> {
+    let row = own_instance(&state, &caller, &id).await?;
+    Ok(Json(InstanceBody::of(&state, row).await?))
+}
+
+/// That an answer was taken.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct AnswerTaken {
+    /// The instance.
+    pub instance: String,
+    /// SHA-256 of the log's canonical JSON: the receipt will hold it.
+    pub log_sha256: String,
+    /// Whether the same log had answered it before.
+    pub repeated: bool,
+    /// What action code did, where a turn brought some.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub action_code: Vec<super::replay::TurnReplay>,
+}
+
+/// Answer an instance with one log. Format errors are told in full and cost nothing; once a log is taken, another one is refused.
+#[utoipa::path(
+    post, path = "/v1/instances/{id}/answer", operation_id = "answer_instance", tag = "hidden evaluation",
+    summary = "Answer an instance",
+    params(("id" = String, Path, description = "The instance's id")),
+    request_body(content = NewAnswerBody, content_type = "application/json"),
+    responses(
+        (status = 202, description = "Taken, durably; grading follows", body = AnswerTaken,
+         example = json!({ "instance": "5f0c…", "log_sha256": "9f86d081…", "repeated": false })),
+        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
+        (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "Answered by another log, expired, or closed", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "Faults, all of them", body = Problem, content_type = "application/problem+json"),
+        (status = 429, description = "Too much action code waits; come back", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn answer_instance(
+    State(state): State<AppState>,
+    caller: Caller,
+    Path(id): Path<String>,
+    body: JsonBody,
+) -> ApiResult<Response> {
+    caller.require(Scope::Submit)?;
+    if body.format == Format::NdJson {
+        return Err(ApiError::not_ndjson("an instance is answered alone"));
+    }
+    let instance = own_instance(&state, &caller, &id).await?;
+    let task = state.store.task(&instance.task_hash).await?;
+    let JsonBody { bytes, share: _share, .. } = body;
+    let read = tokio::task::spawn_blocking(move || {
+        let mut faults = Faults::new();
+        let posted = read_document(&bytes, AnswerShape { faults: &mut faults });
+        (posted, faults)
+    });
+    let (posted, mut faults) = read.await.map_err(|error| ApiError::internal(&error))?;
+    let posted = match posted {
+        Ok(posted) => posted,
+        Err(error) => {
+            faults.add(error.to_string());
+            return Err(ApiError::malformed(faults));
+        }
+    };
+    let Some(PostedAnswer { mut submission, transcript_sha256 }) = posted.filter(|_| faults.is_empty()) else {
+        return Err(ApiError::faulty(faults));
+    };
+    run_codes(&state, std::slice::from_mut(&mut submission), &mut faults).await?;
+    let replays = std::mem::take(&mut submission.replays);
+    let told = (!replays.is_empty()).then(|| serde_json::to_string(&replays).unwrap_or_default());
+    let (issued, by) = (instance.clone(), caller.clone());
+    let prepared = tokio::task::spawn_blocking(move || {
+        check_form(&submission.log, &task, &mut faults);
+        if !faults.is_empty() {
+            return Err(ApiError::faulty(faults));
+        }
+        new_submission(&submission.log, &task, &issued, &by, told)
+    });
+    let new = prepared.await.map_err(|error| ApiError::internal(&error))??;
+    let answered = state.store.answer_instance(&id, &new, transcript_sha256.as_deref(), now_ms()).await?;
+    let is_repeated = matches!(answered, Answered::Same(_));
+    match answered {
+        Answered::New(_) => state.wake.notify_waiters(),
+        Answered::Same(_) => {}
+        Answered::Other => {
+            return Err(ApiError::conflict(
+                "already-answered",
+                "the instance was answered with another log; it takes one",
+            ));
+        }
+        Answered::Expired => {
+            let detail = format!("the instance was to be answered until {}", rfc3339(instance.expires_at_ms));
+            return Err(ApiError::conflict("expired", detail));
+        }
+        Answered::Closed => {
+            let epoch = stored_epoch(&state, &instance.epoch_id).await?;
+            let is_over = epoch.is_over(now_ms());
+            return Err(if is_over {
+                not_open(&epoch)
+            } else {
+                ApiError::conflict("finalized", "the entry is finalized")
+            });
+        }
+        Answered::QuotaUsedUp => {
+            let detail = "the quota is used up: GET /v1/quota tells what it went to";
+            return Err(ApiError::new(StatusCode::FORBIDDEN, "quota-used-up", "The quota is used up", detail));
+        }
+    }
+    let taken = AnswerTaken { instance: id, log_sha256: new.log_hash, repeated: is_repeated, action_code: replays };
+    Ok((StatusCode::ACCEPTED, Json(taken)).into_response())
+}
+
+/// What is wrong with a log by its form alone. It says the same of every task with so many turns, whatever its checks are.
+fn check_form(log: &BlockLog, task: &Task, faults: &mut Faults) {
+    if log.turns.len() != task.turns.len() {
+        let (found, wanted) = (log.turns.len(), task.turns.len());
+        faults.add_at("turns", format!("{found} turns; the instance has {wanted} prompts, each answered by a turn"));
+        return;
+    }
+    let most = LIMITS.blocks_with_stress;
+    if log.event_count() > most
+        && let Some(blocks) = Replay::new(log).map(|structure| structure.len()).find(|blocks| *blocks > most)
+    {
+        faults.add_at("turns", format!("{blocks} blocks stand after a turn; at most {most} are allowed"));
+    }
+}
+
+fn new_submission(
+    log: &BlockLog,
+    task: &Task,
+    instance: &InstanceRow,
+    caller: &Caller,
+    replays: Option<String>,
+) -> ApiResult<NewSubmission> {
+    let json = log.canonical_json();
+    Ok(NewSubmission {
+        id: Uuid::now_v7().to_string(),
+        run_id: None,
+        suite_id: HIDDEN_SUITE.to_owned(),
+        task_hash: instance.task_hash.clone(),
+        task_number: task.number,
+        log_hash: hex(&Sha256::digest(&json)),
+        turns: log.turns.len(),
+        events: log.event_count(),
+        owner: caller.owner().map(str::to_owned),
+        quick: is_quick(task, log),
+        log: PackedLog::of(&json)?,
+        replays,
+    })
+}
+
+/// Show the transcript that was promised with an answer: its SHA-256 is compared, and nothing of it is kept.
+#[utoipa::path(
+    post, path = "/v1/instances/{id}/transcript", operation_id = "check_transcript", tag = "hidden evaluation",
+    summary = "Show a promised transcript",
+    params(("id" = String, Path, description = "The instance's id")),
+    request_body(content = Object, content_type = "application/json", description = "The transcript, byte for byte as it was hashed"),
+    responses(
+        (status = 200, description = "It is the one promised", body = InstanceBody,
+         example = json!({ "id": "5f0c…", "transcript_checked_at": "2026-11-22T10:00:00.000Z" })),
+        (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "None was promised, or another", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn check_transcript(
+    State(state): State<AppState>,
+    caller: Caller,
+    Path(id): Path<String>,
+    body: JsonBody,
+) -> ApiResult<Json<InstanceBody>> {
+    caller.require(Scope::Submit)?;
+    let instance = own_instance(&state, &caller, &id).await?;
+    let found = hex(&Sha256::digest(&body.bytes));
+    match &instance.transcript_hash {
+        None => return Err(ApiError::conflict("no-transcript-promised", "the answer came without transcript_sha256")),
+        Some(promised) if *promised != found => {
+            let detail = format!("the body has the SHA-256 {found}; promised was {promised}");
+            return Err(ApiError::conflict("another-transcript", detail));
+        }
+        Some(_) => {}
+    }
+    state.store.note_transcript(&id, now_ms()).await?;
+    let row = own_instance(&state, &caller, &id).await?;
+    Ok(Json(InstanceBody::of(&state, row).await?))
+}
+
+/// What an instance came to: its specification and its report. After its epoch is over.
+#[utoipa::path(
+    get, path = "/v1/instances/{id}/report", operation_id = "get_instance_report", tag = "hidden evaluation",
+    summary = "Get a revealed instance's report",
+    params(("id" = String, Path, description = "The instance's id")),
+    responses(
+        (status = 200, description = "Task and report", body = Object,
+         example = json!({ "task": { "id": "slabs/00017" }, "report": { "overall": true } })),
+        (status = 404, description = "There is none with this id, or no answer was graded", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "Its epoch is not over", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_instance_report(State(state): State<AppState>, Path(id): Path<String>) -> ApiResult<Json<Value>> {
+    let missing = || ApiError::not_found(format!("there is no instance {id:?}"));
+    let row = state.store.instance(&id).await?.ok_or_else(missing)?;
+    let epoch = stored_epoch(&state, &row.epoch_id).await?;
+    if !epoch.is_over(now_ms()) {
+        let detail = format!("reports are shown when the epoch is over, at {}", rfc3339(epoch.commitment.closes_at_ms));
+        return Err(ApiError::conflict("epoch-not-over", detail));
+    }
+    let task = state.store.task(&row.task_hash).await?;
+    let graded = state.store.report_of_instance(&id).await?;
+    let graded = graded.ok_or_else(|| ApiError::not_found("no answer to this instance was graded"))?;
+    Ok(Json(serde_json::json!({ "task": task, "report": graded.report, "grader": graded.grader,
+                                "graded_at": rfc3339(graded.graded_at_ms) })))
+}
+
+/// The receipt of an instance's grade: its hash and place in the log at once, all of it when its epoch is over.
+#[utoipa::path(
+    get, path = "/v1/instances/{id}/receipt", operation_id = "get_instance_receipt", tag = "hidden evaluation",
+    summary = "Get an instance's receipt",
+    params(("id" = String, Path, description = "The instance's id")),
+    responses(
+        (status = 200, description = "The receipt", body = ReceiptFile,
+         example = json!({ "seq": 12, "receipt": null, "hash": "2c26b46b…", "link": "fcde2b2e…" })),
+        (status = 404, description = "There is none with this id, or its entry is not complete", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_instance_receipt(
+    State(state): State<AppState>,
+    Path(id): Path<String>,
+) -> ApiResult<Json<ReceiptFile>> {
+    let missing = || ApiError::not_found(format!("there is no receipt for the instance {id:?} yet"));
+    let row = state.store.instance(&id).await?.ok_or_else(missing)?;
+    // When an instance was graded is told with its entry, not before.
+    let entry = state.store.entry(&row.entry_id).await?.filter(|entry| entry.completed_at_ms.is_some());
+    let submission = entry.and(row.submission_id).ok_or_else(missing)?;
+    Ok(Json(state.store.receipt_of(&submission, now_ms()).await?.ok_or_else(missing)?))
+}

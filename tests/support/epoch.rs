@@ -1,0 +1,125 @@
+//! A service with an epoch, for tests of hidden evaluation.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use plumbline::tasks::Task;
+use reqwest::StatusCode;
+use serde_json::{Value, json};
+
+use super::{Answer, PROGRAM, Service};
+
+pub const CONFIGURATION: &str = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08";
+
+/// A service with an epoch that closes in an hour, a clock that the test sets, and labs with keys.
+pub struct Scene {
+    pub folder: tempfile::TempDir,
+    pub service: Service,
+}
+
+pub fn run(arguments: &[&str], database: Option<&Path>) -> Output {
+    let mut command = Command::new(PROGRAM);
+    command.args(arguments);
+    if let Some(database) = database {
+        command.arg("--database").arg(database);
+    }
+    command.output().unwrap()
+}
+
+pub fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
+}
+
+impl Scene {
+    pub fn new(options: &[&str]) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let database = folder.path().join("p.db");
+        let closes = jiff::Timestamp::now() + jiff::SignedDuration::from_hours(1);
+        let closes = closes.to_string();
+        let create = ["epochs", "create", "autumn", "--closes", &closes, "--per-instance", "3"];
+        let made = run(&[&create, options].concat(), Some(&database));
+        assert!(made.status.success(), "{}", said(&made));
+        std::fs::write(folder.path().join("clock"), "0").unwrap();
+        let mut command = Command::new(PROGRAM);
+        command.env("PLUMBLINE_TEST_CLOCK", folder.path().join("clock"));
+        let service = Service::start_by(command, &database, &[]);
+        Self { folder, service }
+    }
+
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    pub fn key(&self, owner: &str) -> String {
+        let made = run(&["keys", "create", "--name", owner], Some(&self.file("p.db")));
+        String::from_utf8(made.stdout).unwrap().trim().to_owned()
+    }
+
+    pub fn set_clock(&self, ms: i64) {
+        std::fs::write(self.file("clock"), ms.to_string()).unwrap();
+    }
+
+    pub async fn post(&self, key: &str, path: &str, body: &Value) -> Answer {
+        let request = self.service.http.post(format!("{}{path}", self.service.url)).bearer_auth(key);
+        self.service.send(request.json(body)).await
+    }
+
+    pub async fn made(&self, key: &str, path: &str, body: &Value) -> Value {
+        let answer = self.post(key, path, body).await;
+        assert!(answer.status.is_success(), "{path}: {}", answer.text);
+        answer.json()
+    }
+
+    pub async fn refused(&self, key: &str, path: &str, body: &Value, kind: &str) {
+        let answer = self.post(key, path, body).await;
+        let found = answer.json()["type"].as_str().unwrap_or_default().to_owned();
+        assert_eq!(
+            (answer.status, found),
+            (StatusCode::CONFLICT, format!("urn:plumbline:problem:{kind}")),
+            "{}",
+            answer.text
+        );
+    }
+
+    pub async fn register(&self, key: &str, tier: &str, runs: u32) -> String {
+        let new = json!({ "agent": "builder 1", "configuration_sha256": CONFIGURATION, "tier": tier, "runs": runs });
+        self.made(key, "/v1/epochs/autumn/entries", &new).await["id"].as_str().unwrap().to_owned()
+    }
+
+    pub async fn draw(&self, key: &str, entry: &str, run: u32) -> Vec<Value> {
+        let draw = json!({ "run": run, "nonce": format!("a nonce of our own {run}") });
+        let drawn = self.made(key, &format!("/v1/entries/{entry}/instances"), &draw).await;
+        drawn["instances"].as_array().unwrap().clone()
+    }
+
+    /// The tasks of the pool by their prompts: what the operator could look up, and a lab cannot.
+    pub fn pool(&self) -> BTreeMap<Vec<String>, Task> {
+        let text = std::fs::read(self.file("p.db.secrets/epoch-autumn.json")).unwrap();
+        let secret: Value = serde_json::from_slice(&text).unwrap();
+        let tasks = secret["specifications"].as_array().unwrap().iter();
+        let task = |own: &Value| serde_json::from_value::<Task>(own["task"].clone()).unwrap();
+        tasks.map(task).map(|task| (task.turns.iter().map(|turn| turn.prompt.clone()).collect(), task)).collect()
+    }
+
+    /// Answers instances with the reference builds, but for the first so many, which are answered with nothing.
+    pub async fn answer(&self, key: &str, instances: &[Value], spoiled: usize) {
+        let pool = self.pool();
+        for (i, instance) in instances.iter().enumerate() {
+            let body = answer_to(instance, &pool, i < spoiled);
+            let taken = self.made(key, &format!("/v1/instances/{}/answer", id(instance)), &body).await;
+            assert_eq!(taken["repeated"], false, "{taken}");
+        }
+    }
+}
+
+pub fn id(of: &Value) -> &str {
+    of["id"].as_str().unwrap()
+}
+
+pub fn answer_to(instance: &Value, pool: &BTreeMap<Vec<String>, Task>, is_spoiled: bool) -> Value {
+    let prompts: Vec<String> = serde_json::from_value(instance["prompts"].clone()).unwrap();
+    let mut body = super::good_build(&pool[&prompts], is_spoiled, None);
+    body.as_object_mut().unwrap().remove("task");
+    body
+}
