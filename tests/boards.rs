@@ -143,3 +143,51 @@ async fn what_is_done_to_a_row_is_told_for_ever() {
         assert!(sqlx::query(statement).execute(&mut connection).await.unwrap_err().to_string().contains("permanent"));
     }
 }
+
+/// A client that sends an owner's key.
+fn client_of(database: &std::path::Path, owner: &str) -> reqwest::Client {
+    let made = Command::new(PROGRAM)
+        .args(["keys", "create", "--scopes", "admin", "--name", owner, "--database"])
+        .arg(database)
+        .output()
+        .unwrap();
+    let key = String::from_utf8(made.stdout).unwrap();
+    let mut headers = reqwest::header::HeaderMap::new();
+    headers.insert("authorization", format!("Bearer {}", key.trim()).parse().unwrap());
+    reqwest::Client::builder().default_headers(headers).build().unwrap()
+}
+
+#[tokio::test]
+async fn near_identical_runs_of_two_owners_are_flagged_and_the_host_may_run_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = folder.path().join("p.db");
+    let mut service = Service::start_as_told(&database, &[]);
+    let mut runs = Vec::new();
+    for (owner, unsolved) in [("first", 0), ("copier", 0), ("other", 18)] {
+        service.http = client_of(&database, owner);
+        runs.push(service.finished_run(owner, unsolved).await);
+        if owner == "first" {
+            // The same again by the same owner is no copy.
+            service.finished_run("first again", 0).await;
+        }
+    }
+    let board = service.get("/v1/leaderboards/mineceraft-lite").await.json();
+    let similar = |run: &str| {
+        let row = board["rows"].as_array().unwrap().iter().find(|row| row["run"] == run).unwrap();
+        row["similar_to"].as_array().unwrap().iter().map(|run| run.as_str().unwrap().to_owned()).collect::<Vec<_>>()
+    };
+    assert_eq!(similar(&runs[0]), [runs[1].clone()]);
+    assert_eq!(similar(&runs[1]).len(), 2, "both runs of the first owner");
+    assert!(similar(&runs[2]).is_empty());
+    assert!(service.get("/boards/mineceraft-lite").await.text.contains("copied?"));
+    assert!(service.get(&format!("/runs/{}", runs[0])).await.text.contains("near-identical"));
+
+    let new = json!({ "agent": "first", "suite": "mineceraft-lite", "provenance": "re-run-by-host" });
+    let again = service.post_json("/v1/runs", &new).await;
+    assert_eq!(again.json()["provenance"], "re-run-by-host", "{}", again.text);
+    let wrong = json!({ "agent": "first", "suite": "mineceraft-lite", "provenance": "sworn" });
+    assert_eq!(service.post_json("/v1/runs", &wrong).await.faults(422), ["null /provenance"]);
+    let rows = |filter: &str| format!("/v1/leaderboards/mineceraft-lite?provenance={filter}");
+    assert_eq!(service.get(&rows("self-reported")).await.json()["total"], 4);
+    assert_eq!(service.get(&rows("re-run-by-host")).await.json()["total"], 0);
+}

@@ -187,7 +187,7 @@ async fn ranks(store: &Store, id: &str, entry: &Entry, differences: &[Difference
     let before: BTreeMap<String, (String, f64)> = news
         .results
         .into_iter()
-        .map(|row| (row.run_id, (row.agent, row.summary.problem_level.overall.rate.unwrap_or(-1.0))))
+        .map(|row| (row.run, (row.agent, row.summary.problem_level.overall.rate.unwrap_or(-1.0))))
         .collect();
     let mut after: BTreeMap<&String, f64> = before.iter().map(|(run, (_, rate))| (run, *rate)).collect();
     for run in differences.iter().filter_map(|difference| difference.run_id.as_ref()) {

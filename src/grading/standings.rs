@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use super::fingerprints::Fingerprint;
 use super::outcomes::{Outcomes, Places};
 use super::statistics::comparison::McNemar;
 use super::statistics::interval::{Interval, clustered};
@@ -141,18 +142,7 @@ fn common_head(ids: &[&str]) -> Option<usize> {
 /// A finished run, ready to be compared.
 #[derive(Debug)]
 pub struct Standing {
-    /// The run.
-    pub run: String,
-    /// Who built.
-    pub agent: String,
-    /// When this result came to hold.
-    pub since_ms: i64,
-    /// When the run finished.
-    pub finished_at_ms: i64,
-    /// Its summary.
-    pub summary: Summary,
-    /// What it came to on each task.
-    pub outcomes: Outcomes,
+    finished: Finished,
     /// The interval of its overall rate.
     pub interval: Option<Interval>,
     solved: Places,
@@ -176,32 +166,50 @@ pub struct Finished {
     pub summary: Summary,
     /// What it came to on each task.
     pub outcomes: Outcomes,
+    /// Who began it; none where the service was open to everybody.
+    pub owner: Option<String>,
+    /// How its logs came about.
+    pub provenance: String,
+    /// What it built and in which order; none of runs that finished before fingerprints were kept.
+    pub fingerprint: Option<Fingerprint>,
+}
+
+impl Finished {
+    /// Whether it is near-identical with a run of another owner.
+    #[must_use]
+    pub fn resembles(&self, other: &Self) -> bool {
+        let are_near = || self.fingerprint.as_ref().zip(other.fingerprint.as_ref()).is_some_and(|(a, b)| a.is_near(b));
+        self.owner != other.owner && are_near()
+    }
+}
+
+impl std::ops::Deref for Standing {
+    type Target = Finished;
+
+    fn deref(&self) -> &Finished {
+        &self.finished
+    }
 }
 
 impl Standing {
     /// Of a finished run.
     #[must_use]
     pub fn of(field: &Field, finished: Finished) -> Self {
-        let Finished { run, agent, since_ms, finished_at_ms, summary, outcomes } = finished;
+        let outcomes = &finished.outcomes;
         let tasks = outcomes.len();
         Self {
-            interval: field.interval(&outcomes),
+            interval: field.interval(outcomes),
             solved: Places::picked(tasks, |place| outcomes.is_solved(place)),
             answered: Places::picked(tasks, |place| outcomes.is_answered(place)),
             solved_count: (0..tasks).filter(|place| outcomes.is_solved(*place)).count(),
             is_whole: (0..tasks).all(|place| outcomes.is_answered(place)),
-            run,
-            agent,
-            since_ms,
-            finished_at_ms,
-            summary,
-            outcomes,
+            finished,
         }
     }
 
     /// Share of tasks that is solved; none without tasks.
     #[must_use]
-    pub const fn rate(&self) -> Option<f64> {
+    pub fn rate(&self) -> Option<f64> {
         self.summary.problem_level.overall.rate
     }
 
@@ -261,6 +269,9 @@ mod tests {
                 finished_at_ms: 0,
                 summary: Summary::of(&problems),
                 outcomes: Outcomes::of(tasks, &problems),
+                owner: None,
+                provenance: String::new(),
+                fingerprint: None,
             };
             let outcomes = finished.outcomes.clone();
             assert_eq!(Outcomes::from_bytes(&outcomes.to_bytes(), tasks.len()), Some(outcomes));

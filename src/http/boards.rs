@@ -1,6 +1,6 @@
 //! Boards in memory: read once, then only what is new; sorted, filtered and compared when they are asked for.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::{Arc, LazyLock, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
@@ -8,7 +8,7 @@ use uuid::Uuid;
 
 use super::problem::ApiResult;
 use super::state::AppState;
-use crate::grading::standings::{Field, Finished, Standing, order};
+use crate::grading::standings::{Field, Standing, order};
 use crate::grading::statistics::ranks::{Comparisons, RankRange};
 use crate::store::boards::{ActionRow, News, Read};
 use crate::tasks::catalogue::Entry;
@@ -83,6 +83,8 @@ pub struct Board {
     pub actions: Vec<ActionRow>,
     /// Results of each run, in the order in which they came to hold.
     results: HashMap<String, Vec<Arc<Standing>>>,
+    /// Runs of other owners that are near-identical with a run.
+    similar: HashMap<String, BTreeSet<String>>,
     /// Runs begun by each agent.
     begun: HashMap<String, usize>,
     read: Read,
@@ -99,6 +101,12 @@ impl Board {
     #[must_use]
     pub fn standing(&self, run: &str) -> Option<&Arc<Standing>> {
         self.results.get(run)?.last()
+    }
+
+    /// Finished runs of other owners whose logs are near-identical with those of a run.
+    #[must_use]
+    pub fn similar_to(&self, run: &str) -> Vec<String> {
+        self.similar.get(run).into_iter().flatten().cloned().collect()
     }
 
     /// Whether a run's row is hidden now.
@@ -128,16 +136,10 @@ impl Board {
             return Arc::clone(self);
         }
         let (mut results, mut actions, mut begun) = (self.results.clone(), self.actions.clone(), self.begun.clone());
-        for row in news.results {
-            let finished = Finished {
-                run: row.run_id,
-                agent: row.agent,
-                since_ms: row.since_ms,
-                finished_at_ms: row.finished_at_ms,
-                summary: row.summary,
-                outcomes: row.outcomes,
-            };
+        let mut similar = self.similar.clone();
+        for finished in news.results {
             let standing = Arc::new(Standing::of(&self.field, finished));
+            note_similar(&mut similar, &results, &standing);
             results.entry(standing.run.clone()).or_default().push(standing);
         }
         actions.extend(news.actions);
@@ -151,11 +153,25 @@ impl Board {
             rows: Rows::default(),
             actions,
             results,
+            similar,
             begun,
             read: news.read,
         };
         board.rows = self.rows.changed_to(board.showing(i64::MAX), &self.field);
         Arc::new(board)
+    }
+}
+
+/// Notes which runs a new one resembles, on both sides.
+fn note_similar(
+    similar: &mut HashMap<String, BTreeSet<String>>,
+    results: &HashMap<String, Vec<Arc<Standing>>>,
+    new: &Standing,
+) {
+    let others = results.values().filter_map(|results| results.last()).filter(|other| other.run != new.run);
+    for other in others.filter(|other| new.resembles(other)) {
+        similar.entry(new.run.clone()).or_default().insert(other.run.clone());
+        similar.entry(other.run.clone()).or_default().insert(new.run.clone());
     }
 }
 
@@ -222,6 +238,7 @@ fn empty(entry: &Arc<Entry>) -> Board {
         rows: Rows::default(),
         actions: Vec::new(),
         results: HashMap::new(),
+        similar: HashMap::new(),
         begun: HashMap::new(),
         read: Read::default(),
     }

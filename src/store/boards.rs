@@ -5,8 +5,9 @@ use sqlx::{Row as _, SqliteConnection};
 
 use super::runs::problems_of;
 use super::{Store, StoreError, StoreResult, commit};
-use crate::grading::Summary;
+use crate::grading::fingerprints::Fingerprint;
 use crate::grading::outcomes::Outcomes;
+use crate::grading::standings::Finished;
 use crate::tasks::Task;
 
 /// How far a reader has read.
@@ -18,23 +19,6 @@ pub struct Read {
     pub action: i64,
     /// The last run that was begun.
     pub run: i64,
-}
-
-/// A result of a finished run.
-#[derive(Debug)]
-pub struct ResultRow {
-    /// The run.
-    pub run_id: String,
-    /// Who built.
-    pub agent: String,
-    /// When the run finished.
-    pub finished_at_ms: i64,
-    /// When this result came to hold.
-    pub since_ms: i64,
-    /// Its summary.
-    pub summary: Summary,
-    /// What it came to on each task.
-    pub outcomes: Outcomes,
 }
 
 /// What was done to a row of a board.
@@ -58,7 +42,7 @@ pub struct ActionRow {
 #[derive(Debug, Default)]
 pub struct News {
     /// Results, in order.
-    pub results: Vec<ResultRow>,
+    pub results: Vec<Finished>,
     /// Actions, in order.
     pub actions: Vec<ActionRow>,
     /// Agents of the runs that were begun.
@@ -87,7 +71,8 @@ impl Store {
         let mut connection = self.readers.acquire().await?;
         // From what is new to its runs, never from all runs of the suite: the plus keeps the planner from their index.
         let rows = sqlx::query(
-            "SELECT s.id, s.run_id, r.agent, r.finished_at_ms, s.since_ms, s.summary, s.outcomes
+            "SELECT s.id, s.run_id, r.agent, r.finished_at_ms, s.since_ms, s.summary, s.outcomes, r.owner, r.provenance,
+                    s.fingerprint
              FROM results s CROSS JOIN runs r ON r.id = s.run_id WHERE s.id > $1 AND +r.suite_id = $2 ORDER BY s.id",
         )
         .bind(read.result)
@@ -190,19 +175,21 @@ pub(super) async fn enter_result(
     run_id: &str,
     summary: &str,
     outcomes: &Outcomes,
+    fingerprint: &Fingerprint,
     now_ms: i64,
 ) -> StoreResult<()> {
-    sqlx::query("INSERT INTO results (run_id, since_ms, summary, outcomes) VALUES ($1, $2, $3, $4)")
+    sqlx::query("INSERT INTO results (run_id, since_ms, summary, outcomes, fingerprint) VALUES ($1, $2, $3, $4, $5)")
         .bind(run_id)
         .bind(now_ms)
         .bind(summary)
         .bind(outcomes.to_bytes())
+        .bind(fingerprint.to_bytes())
         .execute(tx)
         .await?;
     Ok(())
 }
 
-async fn read_result(connection: &mut SqliteConnection, row: &SqliteRow, tasks: &[Task]) -> StoreResult<ResultRow> {
+async fn read_result(connection: &mut SqliteConnection, row: &SqliteRow, tasks: &[Task]) -> StoreResult<Finished> {
     let run_id: String = row.try_get(1)?;
     let summary: &str = row.try_get(5)?;
     let stored: Option<&[u8]> = row.try_get(6)?;
@@ -212,12 +199,16 @@ async fn read_result(connection: &mut SqliteConnection, row: &SqliteRow, tasks: 
         // Of a run that finished before outcomes were kept.
         None => Outcomes::of(tasks, &problems_of(connection, &run_id).await?),
     };
-    Ok(ResultRow {
+    let sketch: Option<&[u8]> = row.try_get(9)?;
+    Ok(Finished {
+        owner: row.try_get(7)?,
+        provenance: row.try_get(8)?,
+        fingerprint: sketch.and_then(Fingerprint::from_bytes),
         agent: row.try_get(2)?,
         finished_at_ms: row.try_get(3)?,
         since_ms: row.try_get(4)?,
         summary: serde_json::from_str(summary).map_err(|error| StoreError::corrupt("results", error))?,
         outcomes,
-        run_id,
+        run: run_id,
     })
 }

@@ -1,14 +1,13 @@
 //! Grading again: computed beside what holds, looked at, then applied or discarded as a whole.
 
-use sqlx::{QueryBuilder, Row as _, SqliteConnection};
+use sqlx::{QueryBuilder, Row as _};
 
-use super::boards::{enter_action, enter_result};
+use super::boards::enter_action;
 use super::reports::{GRADER, PackedReport};
-use super::runs::{problems_of, summarise};
+use super::runs::{problems_of, set_result};
 use super::{Store, StoreError, StoreResult, commit, decompress};
 use crate::checks::CHECKS_VERSION;
 use crate::grading::ProblemScores;
-use crate::grading::outcomes::Outcomes;
 use crate::tasks::Task;
 use crate::voxel::BlockLog;
 
@@ -257,10 +256,11 @@ impl Store {
         .await?;
         sqlx::query(
             "INSERT INTO reports (submission_id, attempt, checks_version, grader, overall, accuracy, scores, body,
-                                  graded_at_ms, grading_us)
+                                  graded_at_ms, grading_us, fingerprint)
              SELECT g.submission_id,
                     (SELECT MAX(l.attempt) + 1 FROM reports l WHERE l.submission_id = g.submission_id),
-                    q.checks_version, q.grader, g.overall, g.accuracy, g.scores, g.body, $2, g.grading_us
+                    q.checks_version, q.grader, g.overall, g.accuracy, g.scores, g.body, $2, g.grading_us,
+                    r.fingerprint
              FROM regraded g JOIN regrades q ON q.id = g.regrade_id
              JOIN reports r ON r.submission_id = g.submission_id
               AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = g.submission_id)
@@ -284,13 +284,4 @@ impl Store {
         self.note_ends(true);
         Ok(Some(runs.len()))
     }
-}
-
-/// What a finished run comes to now, from its latest reports.
-async fn set_result(tx: &mut SqliteConnection, run_id: &str, tasks: &[Task], now_ms: i64) -> StoreResult<()> {
-    let problems = problems_of(tx, run_id).await?;
-    let summary = serde_json::to_string(&summarise(&problems, tasks));
-    let summary = summary.map_err(|error| StoreError::corrupt("runs", error))?;
-    sqlx::query("UPDATE runs SET summary = $2 WHERE id = $1").bind(run_id).bind(&summary).execute(&mut *tx).await?;
-    enter_result(tx, run_id, &summary, &Outcomes::of(tasks, &problems), now_ms).await
 }

@@ -17,6 +17,7 @@ use super::submissions::SubmissionState;
 use super::{Store, StoreError, StoreResult, commit, compress, decompress};
 use crate::epochs::receipts::Signed;
 use crate::grading::Report;
+use crate::grading::fingerprints::Fingerprint;
 
 /// A stored report with where it came from.
 #[derive(Debug, Clone)]
@@ -43,6 +44,7 @@ pub struct PackedReport {
     body: Vec<u8>,
     grading_us: i64,
     receipt: Option<Signed>,
+    fingerprint: Option<Vec<u8>>,
 }
 
 impl PackedReport {
@@ -60,7 +62,15 @@ impl PackedReport {
             body: compress(&serde_json::to_vec(report).map_err(json)?)?,
             grading_us,
             receipt: None,
+            fingerprint: None,
         })
+    }
+
+    /// With the fingerprint of the log.
+    #[must_use]
+    pub fn with_fingerprint(mut self, fingerprint: &Fingerprint) -> Self {
+        self.fingerprint = Some(fingerprint.to_bytes());
+        self
     }
 
     /// With its receipt, which is entered in the log with it.
@@ -101,7 +111,7 @@ impl Store {
         }
         let mut query = QueryBuilder::new(
             "INSERT INTO reports (submission_id, attempt, checks_version, grader, overall, accuracy, scores, body,
-                                  graded_at_ms, grading_us) ",
+                                  graded_at_ms, grading_us, fingerprint) ",
         );
         query.push_values(&ours, |mut row, (claim, report)| {
             row.push_bind(claim.submission_id.clone())
@@ -113,7 +123,8 @@ impl Store {
                 .push_bind(report.scores.clone())
                 .push_bind(report.body.clone())
                 .push_bind(now_ms)
-                .push_bind(report.grading_us);
+                .push_bind(report.grading_us)
+                .push_bind(report.fingerprint.clone());
         });
         query.build().execute(&mut *tx).await?;
         let ids = || ours.iter().map(|(claim, _)| claim.submission_id.as_str());

@@ -11,6 +11,7 @@ use super::events::{self, NewEvent};
 use super::idempotency::{Before, Once};
 use super::suites::tasks_of;
 use super::{Store, StoreError, StoreResult, commit};
+use crate::grading::fingerprints::Fingerprint;
 use crate::grading::outcomes::Outcomes;
 use crate::grading::{ProblemScores, Summary};
 use crate::tasks::Task;
@@ -74,6 +75,8 @@ pub struct RunRow {
     pub summary: Option<Summary>,
     /// Who began it; none where the service was open to everybody.
     pub owner: Option<String>,
+    /// How its logs came about.
+    pub provenance: String,
 }
 
 /// A run to store.
@@ -89,6 +92,8 @@ pub struct NewRun<'a> {
     pub metadata: &'a serde_json::Value,
     /// Whose key begins it.
     pub owner: Option<&'a str>,
+    /// How its logs come about.
+    pub provenance: &'a str,
 }
 
 /// Columns of a run, for every query that reads one.
@@ -96,7 +101,7 @@ macro_rules! select_run {
     ($rest:literal) => {
         concat!(
             "SELECT r.id, r.agent, r.suite_id, r.metadata, r.state, r.pending, r.graded, r.grader_errors,
-                    s.task_count, r.created_at_ms, r.finished_at_ms, r.summary, r.owner
+                    s.task_count, r.created_at_ms, r.finished_at_ms, r.summary, r.owner, r.provenance
              FROM runs r JOIN suites s ON s.id = r.suite_id ",
             $rest
         )
@@ -120,6 +125,7 @@ pub(super) fn read_run(row: &SqliteRow) -> StoreResult<RunRow> {
         finished_at_ms: row.try_get(10)?,
         summary: summary.map(serde_json::from_str).transpose().map_err(corrupt)?,
         owner: row.try_get(12)?,
+        provenance: row.try_get(13)?,
     })
 }
 
@@ -138,8 +144,8 @@ impl Store {
             once.keep(&mut tx, run.id, now_ms).await?;
         }
         sqlx::query(
-            "INSERT INTO runs (id, agent, suite_id, metadata, state, created_at_ms, owner)
-             VALUES ($1, $2, $3, $4, 'open', $5, $6)",
+            "INSERT INTO runs (id, agent, suite_id, metadata, state, created_at_ms, owner, provenance)
+             VALUES ($1, $2, $3, $4, 'open', $5, $6, $7)",
         )
         .bind(run.id)
         .bind(run.agent)
@@ -147,6 +153,7 @@ impl Store {
         .bind(run.metadata.to_string())
         .bind(now_ms)
         .bind(run.owner)
+        .bind(run.provenance)
         .execute(&mut *tx)
         .await?;
         commit(tx, "create_run").await?;
@@ -222,20 +229,42 @@ pub(super) async fn end_if_complete(
         return Ok(false);
     }
     let tasks = tasks_of(tx, suite_id).await?;
-    let problems = problems_of(tx, id).await?;
-    let outcomes = Outcomes::of(&tasks, &problems);
-    let summary = summarise(&problems, &tasks);
-    let summary = serde_json::to_string(&summary).map_err(|error| StoreError::corrupt("runs", error))?;
-    sqlx::query("UPDATE runs SET state = 'finished', finished_at_ms = $2, summary = $3 WHERE id = $1")
-        .bind(id)
-        .bind(now_ms)
-        .bind(&summary)
-        .execute(&mut *tx)
-        .await?;
-    enter_result(tx, id, &summary, &outcomes, now_ms).await?;
+    set_result(tx, id, &tasks, now_ms).await?;
     let ended = NewEvent { run_id: Some(id), submission_id: None, state: RunState::Finished.name(), overall: None };
     events::enter(tx, &[ended], now_ms).await?;
     Ok(true)
+}
+
+/// Finishes a run with what its latest reports come to, or changes what a finished one came to.
+pub(super) async fn set_result(tx: &mut SqliteConnection, id: &str, tasks: &[Task], now_ms: i64) -> StoreResult<()> {
+    let problems = problems_of(tx, id).await?;
+    let summary = serde_json::to_string(&summarise(&problems, tasks));
+    let summary = summary.map_err(|error| StoreError::corrupt("runs", error))?;
+    sqlx::query(
+        "UPDATE runs SET state = 'finished', finished_at_ms = COALESCE(finished_at_ms, $2), summary = $3 WHERE id = $1",
+    )
+    .bind(id)
+    .bind(now_ms)
+    .bind(&summary)
+    .execute(&mut *tx)
+    .await?;
+    let fingerprint = fingerprint_of(tx, id).await?;
+    enter_result(tx, id, &summary, &Outcomes::of(tasks, &problems), &fingerprint, now_ms).await
+}
+
+/// What a run built and in which order, over its latest reports.
+async fn fingerprint_of(tx: &mut SqliteConnection, id: &str) -> StoreResult<Fingerprint> {
+    let parts: Vec<Vec<u8>> = sqlx::query_scalar(
+        "SELECT r.fingerprint FROM submissions s JOIN reports r ON r.submission_id = s.id
+         WHERE s.run_id = $1 AND s.state = 'graded' AND s.superseded = 0 AND r.fingerprint IS NOT NULL
+           AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = s.id)",
+    )
+    .bind(id)
+    .fetch_all(tx)
+    .await?;
+    let mut whole = Fingerprint::default();
+    parts.iter().filter_map(|bytes| Fingerprint::from_bytes(bytes)).for_each(|part| whole.merge(&part));
+    Ok(whole)
 }
 
 /// Scores of a run's reports, the latest of each submission.

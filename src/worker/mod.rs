@@ -14,6 +14,7 @@ use tokio_util::task::TaskTracker;
 use crate::clock::now_ms;
 use crate::elasticity::Control;
 use crate::epochs::receipts::{Graded, Signed, Signer, receipt};
+use crate::grading::fingerprints::Fingerprint;
 use crate::grading::{Report, grade_hashed};
 use crate::store::jobs::{Claim, Claimed, HiddenJob, MAX_ATTEMPTS};
 use crate::store::reports::{GRADER, PackedReport};
@@ -257,7 +258,10 @@ fn grade_one(
     let took = begun.elapsed();
     match graded {
         Ok(Ok(report)) => match PackedReport::of(&report, i64::try_from(took.as_micros()).unwrap_or(i64::MAX)) {
-            Ok(packed) => Ending::Graded(Box::new(packed.with_receipt(sign(job, &report, signer))), took),
+            Ok(packed) => {
+                let packed = packed.with_receipt(sign(job, &report, signer));
+                Ending::Graded(Box::new(packed.with_fingerprint(&Fingerprint::of(hash, &log))), took)
+            }
             Err(error) => Ending::Unreadable(error.to_string()),
         },
         Ok(Err(_stopped)) => Ending::Stopped,

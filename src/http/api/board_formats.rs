@@ -44,6 +44,7 @@ struct Line<'a> {
     coverage: Option<f64>,
     attempts: usize,
     provenance: &'a str,
+    similar_to: String,
     finished_at: &'a str,
 }
 
@@ -70,7 +71,8 @@ impl<'a> From<&'a BoardRow> for Line<'a> {
             efficiency_mean_accurate: row.graded.efficiency_accurate.mean,
             coverage: row.coverage.rate,
             attempts: row.attempts,
-            provenance: row.provenance,
+            provenance: &row.provenance,
+            similar_to: row.similar_to.join(" "),
             finished_at: &row.finished_at,
         }
     }

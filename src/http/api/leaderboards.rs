@@ -49,7 +49,9 @@ pub struct BoardRow {
     pub attempts: usize,
     /// Where the logs come from.
     #[schema(example = "self-reported")]
-    pub provenance: &'static str,
+    pub provenance: String,
+    /// Finished runs of other owners whose logs are near-identical with this one's: nearly the same blocks in nearly the same order.
+    pub similar_to: Vec<String>,
     /// When the run finished.
     pub finished_at: String,
 }
@@ -129,7 +131,7 @@ pub struct BoardQuery {
     pub order: Direction,
     /// Only agents whose names hold this text, in whatever case.
     pub agent: Option<String>,
-    /// Only rows of this provenance.
+    /// Only rows of this provenance: self-reported, or re-run-by-host.
     pub provenance: Option<String>,
     /// The board as it was at this time (RFC 3339).
     pub as_of: Option<String>,
@@ -143,9 +145,6 @@ pub struct BoardQuery {
     #[param(inline)]
     pub format: Format,
 }
-
-/// Where the logs of a run come from that was posted as any.
-const SELF_REPORTED: &str = "self-reported";
 
 fn bad(detail: String) -> ApiError {
     ApiError::new(StatusCode::BAD_REQUEST, "bad-request", "Bad request", detail)
@@ -167,7 +166,7 @@ pub fn page(board: &Board, query: &BoardQuery) -> ApiResult<BoardBody> {
     let wanted = query.agent.as_ref().map(|agent| agent.to_lowercase());
     let lets_through = |row: &&Arc<Standing>| {
         wanted.as_ref().is_none_or(|text| row.agent.to_lowercase().contains(text))
-            && query.provenance.as_ref().is_none_or(|wanted| wanted == SELF_REPORTED)
+            && query.provenance.as_ref().is_none_or(|wanted| *wanted == row.provenance)
     };
     let mut rows: Vec<&Arc<Standing>> = all.iter().filter(lets_through).collect();
     if (query.sort, query.order) != (SortBy::Overall, Direction::Desc) {
@@ -214,7 +213,8 @@ pub fn row_of(board: &Board, standing: &Standing, rows: &Rows) -> BoardRow {
         graded: standing.summary.graded,
         coverage: ProblemRate { pass, of, rate: (of > 0).then(|| pass as f64 / of as f64) },
         attempts: board.attempts(&standing.agent),
-        provenance: SELF_REPORTED,
+        provenance: standing.provenance.clone(),
+        similar_to: board.similar_to(&standing.run),
         finished_at: rfc3339(standing.finished_at_ms),
     }
 }

@@ -23,7 +23,7 @@ use crate::store::idempotency::Before;
 use crate::store::keys::Scope;
 use crate::store::runs::{NewRun, RunRow};
 use crate::voxel::Faults;
-use crate::voxel::tolerant::{Read, Shape, Text, read_document};
+use crate::voxel::tolerant::{OrNull, Read, Shape, Text, read_document};
 
 /// What makes a run.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
@@ -38,6 +38,8 @@ pub struct NewRunBody {
     /// Anything else worth keeping; an object.
     #[schema(value_type = Option<Object>)]
     metadata: Option<Value>,
+    /// `self-reported`, which is taken where nothing is said; `re-run-by-host` needs the scope admin.
+    provenance: Option<String>,
 }
 
 /// A run.
@@ -71,6 +73,9 @@ pub struct RunBody {
     pub summary: Option<Summary>,
     /// Whose key began it; null where the service is open to everybody.
     pub owner: Option<String>,
+    /// How its logs come about: `self-reported`, or `re-run-by-host`.
+    #[schema(example = "self-reported")]
+    pub provenance: String,
 }
 
 impl From<RunRow> for RunBody {
@@ -89,6 +94,7 @@ impl From<RunRow> for RunBody {
             finished_at: run.finished_at_ms.map(rfc3339),
             summary: run.summary,
             owner: run.owner,
+            provenance: run.provenance,
         }
     }
 }
@@ -98,7 +104,11 @@ struct ParsedRun {
     agent: Option<String>,
     suite: Option<String>,
     metadata: Value,
+    provenance: Option<String>,
 }
+
+/// How the logs of a run may come about: as its owner says, or in a run by whoever runs the service.
+const PROVENANCES: [&str; 2] = ["self-reported", "re-run-by-host"];
 
 struct NewRunShape<'f> {
     faults: &'f mut Faults,
@@ -117,7 +127,7 @@ impl<'de> Shape<'de> for NewRunShape<'_> {
 
     fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<ParsedRun>, A::Error> {
         let faults = self.faults;
-        let (mut agent, mut suite, mut metadata) = (None, None, None);
+        let (mut agent, mut suite, mut metadata, mut provenance) = (None, None, None, None);
         while let Some(key) = members.next_key::<String>()? {
             faults.enter_key(&key);
             match key.as_str() {
@@ -141,12 +151,20 @@ impl<'de> Shape<'de> for NewRunShape<'_> {
                     }
                     metadata = Some(value);
                 }
-                "agent" | "suite" | "metadata" => {
+                "provenance" if provenance.is_none() => {
+                    let text = Text { faults, min_chars: 1, max_chars: 100 };
+                    let named: Option<String> = members.next_value_seed(Read(OrNull(text)))?.flatten().flatten();
+                    if named.as_ref().is_some_and(|named| !PROVENANCES.contains(&named.as_str())) {
+                        faults.add(format!("expected one of {}", PROVENANCES.join(", ")));
+                    }
+                    provenance = Some(named);
+                }
+                "agent" | "suite" | "metadata" | "provenance" => {
                     faults.add("given twice");
                     members.next_value::<IgnoredAny>()?;
                 }
                 _ => {
-                    faults.add("unknown field; a run has agent, suite and metadata");
+                    faults.add("unknown field; a run has agent, suite, metadata and provenance");
                     members.next_value::<IgnoredAny>()?;
                 }
             }
@@ -158,7 +176,8 @@ impl<'de> Shape<'de> for NewRunShape<'_> {
             }
         }
         let metadata = metadata.filter(|value| !value.is_null()).unwrap_or_else(|| serde_json::json!({}));
-        Ok(Some(ParsedRun { agent: agent.flatten(), suite: suite.flatten(), metadata }))
+        let provenance = provenance.flatten();
+        Ok(Some(ParsedRun { agent: agent.flatten(), suite: suite.flatten(), metadata, provenance }))
     }
 }
 
@@ -211,7 +230,12 @@ pub async fn create_run(
         return Err(ApiError::faulty(faults));
     };
     let id = Uuid::now_v7().to_string();
-    let new = NewRun { id: &id, agent: &agent, suite_id: &suite_id, metadata: &parsed.metadata, owner: caller.owner() };
+    let provenance = parsed.provenance.as_deref().unwrap_or(PROVENANCES[0]);
+    if provenance != PROVENANCES[0] {
+        caller.require(Scope::Admin)?;
+    }
+    let (metadata, owner) = (&parsed.metadata, caller.owner());
+    let new = NewRun { id: &id, agent: &agent, suite_id: &suite_id, metadata, owner, provenance };
     let once = underway.as_ref().map(|underway| &underway.once);
     let (id, is_replayed) = match state.store.create_run(&new, once, now_ms()).await? {
         Before::Never => (id, false),
