@@ -14,6 +14,7 @@ use fantoccini::{Client, ClientBuilder, Locator};
 use plumbline::checks::Criterion;
 use plumbline::tasks::embedded;
 use serde_json::{Value, json};
+use support::epoch::Scene;
 use support::{Service, good_build, repository};
 
 /// A browser, driven. Both end with it.
@@ -270,5 +271,44 @@ async fn a_build_is_looked_at_from_all_sides() {
     // Without scripts there is a picture.
     let picture = service.get(&format!("/submissions/{id}/view.svg")).await;
     assert!(picture.kind == "image/svg+xml" && picture.text.matches("<path").count() > 50);
+    page.close_window().await.unwrap();
+}
+
+#[tokio::test]
+async fn a_reader_sees_epochs_their_clocks_and_what_they_revealed() {
+    let scene = Scene::new(&[]);
+    let lab = scene.key("lab");
+    let entry = scene.register(&lab, "official", 1).await;
+    let drawn = scene.draw(&lab, &entry, 1).await;
+    scene.answer(&lab, &drawn, 2).await;
+    scene.made(&lab, &format!("/v1/entries/{entry}/finalize"), &json!({})).await;
+    scene.service.wait_for(&format!("/v1/entries/{entry}"), |entry| entry["state"] == "complete").await;
+    let service = &scene.service;
+    let browser = Browser::open().await;
+    let page = &browser.page;
+    page.set_window_size(390, 844).await.unwrap();
+    page.goto(&format!("{}/epochs", service.url)).await.unwrap();
+    browser.see("epochs-phone").await;
+    browser.is_well(service).await;
+    browser.click("td a[href='/epochs/autumn']").await;
+    // The clock runs.
+    let left = "return document.querySelector('time[data-until]').textContent";
+    let first = browser.wait(left, |told| told.as_str().is_some_and(|told| told.contains("min"))).await;
+    browser.wait(left, |told| *told != first).await;
+    let told = browser.run("return document.body.textContent").await;
+    assert!(
+        told.as_str().unwrap().contains("1 entries are registered; scores are told when the epoch is over"),
+        "{told}"
+    );
+    page.set_window_size(1280, 1000).await.unwrap();
+    browser.see("epoch").await;
+    browser.is_well(service).await;
+    scene.set_clock(7_200_000);
+    page.refresh().await.unwrap();
+    browser.wait(ROWS, |rows| *rows == 1).await;
+    let told = browser.run("return document.querySelector('tbody').textContent").await;
+    assert!(told.as_str().unwrap().contains("24 of 26"), "{told}");
+    browser.see("epoch-over").await;
+    browser.is_well(service).await;
     page.close_window().await.unwrap();
 }

@@ -218,3 +218,67 @@ async fn a_promised_transcript_is_checked_on_request() {
     let shown = scene.made(&lab, &format!("{path}/transcript"), &transcript).await;
     assert!(shown["transcript_checked_at"].is_string(), "{shown}");
 }
+
+/// Sends a request again until it is answered: the service may die under it, and is started again then.
+async fn insist(scene: &mut Scene, key: &str, path: &str, body: &Value) -> Value {
+    for _ in 0..5 {
+        let request = scene.service.http.post(format!("{}{path}", scene.service.url)).bearer_auth(key).json(body);
+        match request.send().await {
+            Ok(answer) => {
+                let (status, text) = (answer.status(), answer.text().await.unwrap());
+                assert!(status.is_success(), "{path}: {status} {text}");
+                return serde_json::from_str(&text).unwrap();
+            }
+            Err(_died) => scene.restart(None),
+        }
+    }
+    panic!("{path} is never answered");
+}
+
+#[tokio::test]
+async fn whenever_the_service_dies_nothing_is_drawn_or_answered_twice_and_the_books_agree() {
+    for (commit, n) in [("issue_instances", 1), ("answer_instance", 3), ("record", 1), ("finalize_entry", 1)] {
+        for side in ["before", "after"] {
+            let mut scene = Scene::new(&[]);
+            let lab = scene.key("lab");
+            let entry = scene.register(&lab, "dev", 1).await;
+            scene.restart(Some(&format!("{side} {commit} {n}")));
+            let draw = json!({ "run": 1, "nonce": "a nonce of our own 1" });
+            let drawn = insist(&mut scene, &lab, &format!("/v1/entries/{entry}/instances"), &draw).await;
+            let pool = scene.pool();
+            for (i, instance) in drawn["instances"].as_array().unwrap().iter().enumerate() {
+                let body = answer_to(instance, &pool, i < 6);
+                insist(&mut scene, &lab, &format!("/v1/instances/{}/answer", id(instance)), &body).await;
+            }
+            insist(&mut scene, &lab, &format!("/v1/entries/{entry}/finalize"), &json!({})).await;
+            let mut result = Value::Null;
+            for _ in 0..600 {
+                match scene.service.http.get(format!("{}/v1/entries/{entry}", scene.service.url)).send().await {
+                    Ok(answer) => result = serde_json::from_str::<Value>(&answer.text().await.unwrap()).unwrap(),
+                    Err(_died) => scene.restart(None),
+                }
+                if result["state"] == "complete" {
+                    break;
+                }
+                tokio::time::sleep(std::time::Duration::from_millis(50)).await;
+            }
+            let what = format!("{side} {commit}");
+            assert_eq!(result["result"], json!({ "passed": 20, "of": 26, "overall": 20.0 / 26.0 }), "{what}: {result}");
+            let epoch = scene.service.get("/v1/epochs/autumn").await.json();
+            assert_eq!(
+                (&epoch["issued"], &epoch["answered"], &epoch["released_bits"]),
+                (&json!(26), &json!(26), &json!(4.8)),
+                "{what}"
+            );
+            std::fs::write(scene.file("log.json"), scene.service.get("/v1/receipts?limit=1000").await.text).unwrap();
+            let key = scene.service.get("/.well-known/plumbline-receipts.json").await.json()["public_key"].clone();
+            let log = scene.file("log.json");
+            let checked = run(&["verify-receipt", log.to_str().unwrap(), "--key", key.as_str().unwrap()], None);
+            assert!(
+                checked.status.success() && said(&checked).starts_with("26 receipts"),
+                "{what}: {}",
+                said(&checked)
+            );
+        }
+    }
+}

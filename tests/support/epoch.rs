@@ -41,10 +41,23 @@ impl Scene {
         let made = run(&[&create, options].concat(), Some(&database));
         assert!(made.status.success(), "{}", said(&made));
         std::fs::write(folder.path().join("clock"), "0").unwrap();
-        let mut command = Command::new(PROGRAM);
-        command.env("PLUMBLINE_TEST_CLOCK", folder.path().join("clock"));
-        let service = Service::start_by(command, &database, &[]);
+        let service = Self::serve(folder.path(), None);
         Self { folder, service }
+    }
+
+    /// Starts the service in a scene's folder; at a crash point it shall die.
+    fn serve(folder: &Path, dies_at: Option<&str>) -> Service {
+        let mut command = Command::new(PROGRAM);
+        command.env("PLUMBLINE_TEST_CLOCK", folder.join("clock"));
+        if let Some(point) = dies_at {
+            command.env("PLUMBLINE_TEST_KILL", point);
+        }
+        Service::start_by(command, &folder.join("p.db"), &["--lease-seconds", "1"])
+    }
+
+    /// Ends the service and starts it again.
+    pub fn restart(&mut self, dies_at: Option<&str>) {
+        self.service = Self::serve(self.folder.path(), dies_at);
     }
 
     pub fn file(&self, name: &str) -> PathBuf {

@@ -10,6 +10,8 @@ use super::super::problem::{ApiError, ApiResult};
 pub const STYLE: &str = include_str!("assets/style.css");
 /// The 3D view.
 pub const VIEWER: &str = include_str!("assets/viewer.js");
+/// Clocks that run.
+pub const COUNTDOWN: &str = include_str!("assets/countdown.js");
 /// Part of the addresses of assets, so that browsers may keep them for long.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
@@ -20,6 +22,7 @@ pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 pub async fn get(Path(name): Path<String>) -> ApiResult<Response> {
     let (kind, text) = match name.as_str() {
         "style.css" => ("text/css; charset=utf-8", STYLE),
+        "countdown.js" => ("text/javascript; charset=utf-8", COUNTDOWN),
         "viewer.js" => ("text/javascript; charset=utf-8", VIEWER),
         _ => return Err(ApiError::not_found(format!("there is no asset {name:?}"))),
     };

@@ -1,8 +1,10 @@
-//! Web pages, rendered here. They need no network but this service; scripts add the 3D view, and nothing else needs them.
+//! Web pages, rendered here. They need no network but this service; scripts add the 3D view and let clocks run, and nothing else
+//! needs them.
 
 pub mod assets;
 mod board;
 mod colours;
+mod epochs;
 mod html;
 mod isometric;
 mod run;
@@ -34,6 +36,8 @@ pub fn routes() -> Router<AppState> {
         .route("/submissions/{id}", get(submission::submission))
         .route("/submissions/{id}/view.svg", get(submission::picture))
         .route("/submissions/{id}/evidence.html", get(submission::evidence))
+        .route("/epochs", get(epochs::epochs))
+        .route("/epochs/{id}", get(epochs::epoch))
         .route("/compare", get(submission::beside))
         .route("/suites/{suite}/tasks", get(task::tasks))
         .route("/suites/{suite}/tasks/{number}", get(task::task))

@@ -1,0 +1,128 @@
+//! Pages of hidden evaluation: epochs with their commitments, their boards, how to enter and how to verify.
+
+use askama::Template;
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, header};
+
+use super::super::api::epoch_boards::{EpochBoard, board_of};
+use super::super::api::epochs::{EpochBody, epoch_body, stored_epoch};
+use super::super::state::AppState;
+use super::html::{self, PageResult};
+use crate::clock::{milliseconds, now_ms};
+use crate::epochs::feedback::Tier;
+use crate::grading::statistics::interval::Interval;
+
+/// An epoch as a page shows it.
+struct Shown {
+    body: EpochBody,
+    /// What comes next, and how far away it is.
+    next: Option<Next>,
+    /// Share of its time that has passed.
+    passed: f64,
+}
+
+struct Next {
+    what: &'static str,
+    at: String,
+    left: String,
+}
+
+impl Shown {
+    fn of(body: EpochBody, now_ms: i64) -> Self {
+        let at = |time: &str| milliseconds(time).unwrap_or(now_ms);
+        let (opens, closes) = (at(&body.opens_at), at(&body.closes_at));
+        let next = match body.state {
+            "committed" => Some(("opens", &body.opens_at, opens)),
+            "open" => Some(("closes", &body.closes_at, closes)),
+            _ => None,
+        };
+        Self {
+            next: next.map(|(what, time, at)| Next { what, at: time.clone(), left: span(at - now_ms) }),
+            passed: if body.state == "closed" {
+                1.0
+            } else {
+                ((now_ms - opens) as f64 / (closes - opens).max(1) as f64).clamp(0.0, 1.0)
+            },
+            body,
+        }
+    }
+
+    /// Share of the budget of information that is spent.
+    fn spent(&self) -> f64 {
+        (self.body.released_bits / self.body.budget_bits.max(1.0)).min(1.0)
+    }
+}
+
+/// Time in words, to two units.
+fn span(ms: i64) -> String {
+    let seconds = (ms / 1_000).max(0);
+    let units = [(seconds / 86_400, "d"), (seconds / 3_600 % 24, "h"), (seconds / 60 % 60, "min"), (seconds % 60, "s")];
+    let told = units.iter().skip_while(|(count, _)| *count == 0).take(2);
+    let told: Vec<String> = told.map(|(count, unit)| format!("{count} {unit}")).collect();
+    if told.is_empty() { "0 s".to_owned() } else { told.join(" ") }
+}
+
+#[derive(Template)]
+#[template(path = "epochs.html")]
+struct EpochsPage {
+    epochs: Vec<Shown>,
+    host: String,
+    key: String,
+}
+
+/// All epochs, how to enter one, and how to verify what was.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn epochs(State(state): State<AppState>, headers: HeaderMap) -> PageResult {
+    let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
+    let mut epochs = Vec::new();
+    for row in state.store.epochs().await? {
+        epochs.push(Shown::of(epoch_body(&state, &row).await?, now_ms()));
+    }
+    html::page(&EpochsPage {
+        epochs,
+        host: named.unwrap_or("localhost:8080").to_owned(),
+        key: state.receipt_key.clone(),
+    })
+}
+
+#[derive(Template)]
+#[template(path = "epoch.html")]
+struct EpochPage {
+    epoch: Shown,
+    boards: [(&'static str, EpochBoard); 2],
+}
+
+impl EpochPage {
+    #[expect(clippy::unused_self, reason = "templates call methods")]
+    const fn interval(&self, bounds: &[f64; 2]) -> Option<Interval> {
+        Some(Interval { low: bounds[0], high: bounds[1] })
+    }
+}
+
+/// An epoch: its promise, its clock, its boards.
+///
+/// # Errors
+/// 404 where there is none of this name.
+pub async fn epoch(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
+    let row = stored_epoch(&state, &id).await?;
+    let boards = [
+        ("Official board", board_of(&state, &row, Tier::Official).await?),
+        ("Development board", board_of(&state, &row, Tier::Dev).await?),
+    ];
+    html::page(&EpochPage { epoch: Shown::of(epoch_body(&state, &row).await?, now_ms()), boards })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::span;
+
+    #[test]
+    fn time_is_told_to_two_units() {
+        assert_eq!(span(90_061_000), "1 d 1 h");
+        assert_eq!(span(3_600_000 + 120_000), "1 h 2 min");
+        assert_eq!(span(-5), "0 s");
+        assert_eq!(span(59_999), "59 s");
+    }
+}
