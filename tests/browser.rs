@@ -296,10 +296,7 @@ async fn a_reader_sees_epochs_their_clocks_and_what_they_revealed() {
     let first = browser.wait(left, |told| told.as_str().is_some_and(|told| told.contains("min"))).await;
     browser.wait(left, |told| *told != first).await;
     let told = browser.run("return document.body.textContent").await;
-    assert!(
-        told.as_str().unwrap().contains("1 entries are registered; scores are told when the epoch is over"),
-        "{told}"
-    );
+    assert!(told.as_str().unwrap().contains("Entries registered: 1. Scores are told when the epoch is over"), "{told}");
     page.set_window_size(1280, 1000).await.unwrap();
     browser.see("epoch").await;
     browser.is_well(service).await;

@@ -21,6 +21,16 @@ fn checks() -> Vec<Check> {
             "material.is_block_cnt_larger_than" => json!({ "cnt": 5 }),
             "material.is_block_cnt_geq" => json!({ "min_count": 5 }),
             "material.is_block_cnt_leq" => json!({ "max_count": 5 }),
+            "material.are_blocks_known" => json!({}),
+            "material.count_is_within" => json!({ "of": "#doors", "min": 5 }),
+            "material.is_made_of" => json!({ "of": "stone", "part": "roof" }),
+            "shape.has_enclosed_rooms" => json!({ "min_rooms": 2 }),
+            "shape.walks_out" => json!({ "from": "stone", "width": 2 }),
+            "shape.climbs_to" => json!({ "min_y": 3 }),
+            "shape.has_clear_span" => json!({ "height": 200, "min_free": 5 }),
+            "shape.is_vault" => json!({ "min_clear": 2 }),
+            "dependency.layers_follow" => json!({ "layers": ["stone", "#doors"] }),
+            "structural_stability.equilibrium_score" => continue,
             name if name.starts_with("material.") => json!({ "expected_material": "stone" }),
             "size.is_equal" | "size.is_leq" => json!({ "xz": [5, 5], "y": 5 }),
             "size.min_y_is_equal" => json!({ "expected_y": 0 }),
@@ -58,6 +68,15 @@ fn structure(cell: impl Fn(i32) -> Cell) -> Structure {
 #[test]
 fn a_solid_slab() {
     run_all(&structure(|i| Cell::new(i % 317, i / (317 * 317), i / 317 % 317)));
+}
+
+/// As large as builds may be that one walks in: cells of one block of air each, with floors, walls and doors.
+#[test]
+fn a_honeycomb() {
+    let cells = (0..120).flat_map(|x| (0..60).flat_map(move |y| (0..120).map(move |z| Cell::new(x, y, z))));
+    let walls = cells.filter(|cell| cell.x % 2 == 0 || cell.z % 2 == 0 || cell.y % 3 == 2).take(BLOCKS as usize);
+    let name = |cell: Cell| if cell.y % 3 == 0 && cell.x % 4 == 1 && cell.z % 2 == 0 { "oak_door" } else { "stone" };
+    run_all(&Structure::from_named(walls.map(|cell| (cell, name(cell)))));
 }
 
 #[test]

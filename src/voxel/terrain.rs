@@ -124,18 +124,13 @@ impl Terrain {
         (0..width).all(|dx| (0..width).all(|dz| self.can_stand(feet.offset(dx, 0, dz))))
     }
 
-    /// Whether a cell lies beside the build, seen from above.
+    /// Squares of so many cells, at most the margin, that lie beside the build on natural ground; by their least x and z.
     #[must_use]
-    pub const fn is_outside(&self, cell: Cell) -> bool {
-        self.bounds.is_outside_in_plan(cell.x, cell.z)
-    }
-
-    /// Where feet can go beside the build, on natural ground.
-    fn around(&self) -> Vec<Cell> {
+    pub fn around(&self, width: i32) -> Vec<Cell> {
         let ring = (0..self.size[0]).flat_map(|x| (0..self.size[2]).map(move |z| (x, z)));
-        ring.map(|(x, z)| self.min.offset(x, 0, z))
-            .filter(|feet| self.is_outside(*feet) && self.can_stand(*feet))
-            .collect()
+        let is_outside =
+            |at: &Cell| (0..width).all(|dx| (0..width).all(|dz| self.bounds.is_outside_in_plan(at.x + dx, at.z + dz)));
+        ring.map(|(x, z)| self.min.offset(x, 0, z)).filter(is_outside).collect()
     }
 
     /// All cells that feet reach from `starts` by steps to the sides, each up or down by at most `step`, as a square of
@@ -174,7 +169,7 @@ impl Terrain {
     /// The highest block that one stands on who comes from the ground around the build, stepping one up or down at a time.
     #[must_use]
     pub fn highest_climbed(&self) -> Option<Cell> {
-        let reached = self.reached(self.around(), 1, 1);
+        let reached = self.reached(self.around(1), 1, 1);
         reached.into_iter().map(|feet| feet.offset(0, -1, 0)).max_by_key(|block| (block.y, *block))
     }
 

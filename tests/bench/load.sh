@@ -13,7 +13,7 @@ stop() { if [ -n "$server" ]; then kill "$server" 2>/dev/null || true; wait "$se
 trap 'stop; rm -rf "$work"' EXIT
 start() { # arguments of serve
     stop
-    rm -f "$work"/p.db*
+    rm -rf "$work"/p.db*
     "$program" serve --open --listen 127.0.0.1:8099 --database "$work/p.db" "$@" 2>"$work/log" &
     server=$!
     until curl -sf localhost:8099/healthz >/dev/null; do sleep 0.1; done

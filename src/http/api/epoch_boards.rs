@@ -13,7 +13,7 @@ use super::epochs::stored_epoch;
 use crate::clock::now_ms;
 use crate::epochs::feedback::{Feedback, Outcome, Tier};
 use crate::epochs::ladder::{Attempt, climb};
-use crate::grading::statistics::interval::wilson;
+use crate::grading::statistics::interval::{Interval, wilson};
 use crate::store::entries::EntryRow;
 use crate::store::epochs::EpochRow;
 
@@ -42,7 +42,7 @@ pub struct EpochRowBody {
     /// Share of instances that pass.
     pub overall: f64,
     /// Wilson interval of that share, 95 %.
-    pub interval: [f64; 2],
+    pub interval: Option<Interval>,
     /// Instances that pass.
     pub passed: u32,
     /// Instances that count.
@@ -115,14 +115,13 @@ fn row(tier: Tier, own: &[Own], attempts: usize) -> Option<EpochRowBody> {
     };
     let (passed, of) = shown;
     let overall = f64::from(passed) / f64::from(of.max(1));
-    let interval = wilson(overall, f64::from(of)).map_or([0.0, 1.0], |bounds| [bounds.low, bounds.high]);
     Some(EpochRowBody {
         rank: 0,
         owner: first.entry.owner.clone(),
         agent: named.entry.agent.clone(),
         configuration_sha256: named.entry.configuration_hash.clone(),
         overall,
-        interval,
+        interval: wilson(overall, f64::from(of)),
         passed,
         of,
         attempts,
@@ -162,7 +161,7 @@ pub async fn board_of(state: &AppState, epoch: &EpochRow, tier: Tier) -> ApiResu
         .collect();
     rows.sort_by(|a, b| b.overall.total_cmp(&a.overall).then_with(|| a.owner.cmp(&b.owner)));
     for i in 0..rows.len() {
-        let ties = i > 0 && rows[i].interval[1] >= rows[rows[i - 1].rank - 1].overall;
+        let ties = i > 0 && rows[i].interval.is_some_and(|own| own.high >= rows[rows[i - 1].rank - 1].overall);
         rows[i].rank = if ties { rows[i - 1].rank } else { i + 1 };
     }
     Ok(EpochBoard { epoch: epoch.id().to_owned(), tier, is_released, registered, rows })

@@ -10,7 +10,6 @@ use super::super::state::AppState;
 use super::html::{self, PageResult};
 use crate::clock::{milliseconds, now_ms};
 use crate::epochs::feedback::Tier;
-use crate::grading::statistics::interval::Interval;
 
 /// An epoch as a page shows it.
 struct Shown {
@@ -92,13 +91,6 @@ pub async fn epochs(State(state): State<AppState>, headers: HeaderMap) -> PageRe
 struct EpochPage {
     epoch: Shown,
     boards: [(&'static str, EpochBoard); 2],
-}
-
-impl EpochPage {
-    #[expect(clippy::unused_self, reason = "templates call methods")]
-    const fn interval(&self, bounds: &[f64; 2]) -> Option<Interval> {
-        Some(Interval { low: bounds[0], high: bounds[1] })
-    }
 }
 
 /// An epoch: its promise, its clock, its boards.

@@ -48,14 +48,17 @@ impl Rule for EnclosedRooms {
         let required = json!({ ">=": self.min_rooms });
         let Some(terrain) = Terrain::of(subject.structure) else { return without_terrain(subject, required) };
         let spaces = terrain.spaces();
-        let joints: Vec<[usize; 2]> = terrain.doors().iter().filter_map(|door| terrain.joins(*door, &spaces)).collect();
+        let mut beyond: Vec<Vec<usize>> = vec![Vec::new(); spaces.pieces.len()];
+        for [one, other] in terrain.doors().iter().filter_map(|door| terrain.joins(*door, &spaces)) {
+            beyond[one].push(other);
+            beyond[other].push(one);
+        }
         // From outside through door after door.
         let mut is_entered = vec![false; spaces.pieces.len()];
         let mut open = vec![0];
         while let Some(piece) = open.pop() {
             if !std::mem::replace(&mut is_entered[piece], true) {
-                let beyond = |ends: &[usize; 2]| [[ends[0], ends[1]], [ends[1], ends[0]]];
-                open.extend(joints.iter().flat_map(beyond).filter(|ends| ends[0] == piece).map(|ends| ends[1]));
+                open.extend(&beyond[piece]);
             }
         }
         let rooms: Vec<usize> = (1..spaces.pieces.len())

@@ -21,7 +21,7 @@ pub struct WalksOut {
     /// Greatest step up or down, in blocks: 0 for a way without any.
     #[serde(default = "one")]
     pub max_step: u32,
-    /// Width of the way, in cells.
+    /// Width of the way, in cells: 1 or 2.
     #[serde(default = "one")]
     pub width: u32,
 }
@@ -38,35 +38,26 @@ const fn one() -> u32 {
     1
 }
 
+/// Widest way that is asked for, in cells.
+const MAX_WIDTH: u32 = 2;
+
 impl Rule for WalksOut {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let required = json!({ "starts": { ">=": self.min_starts }, "stuck": 0 });
         let Some(terrain) = Terrain::of(subject.structure) else { return without_terrain(subject, required) };
         let starts = subject.structure.cells_of(|name| self.from.has(name));
-        let (step, width) = (self.max_step.min(1) as i32, self.width.clamp(1, 8) as i32);
+        let (step, width) = (self.max_step.min(1) as i32, self.width.clamp(1, MAX_WIDTH) as i32);
+        // Steps lead both ways, so one gets out from where one gets in.
+        let ways_out: CellSet = terrain.reached(terrain.around(width), step, width).into_iter().collect();
         let square = || (0..width).flat_map(move |dx| (0..width).map(move |dz| (dx, dz)));
         // Squares that hold one of the cells beside the block.
-        let beside = |start: &Cell| {
+        let gets_out = |start: &Cell| {
             let sides = start.side_neighbours().into_iter();
-            sides.flat_map(move |side| square().map(move |(dx, dz)| side.offset(-dx, 0, -dz))).collect::<Vec<_>>()
+            sides
+                .flat_map(|side| square().map(move |(dx, dz)| side.offset(-dx, 0, -dz)))
+                .any(|at| ways_out.contains(&at))
         };
-        let is_out = |at: &Cell| square().all(|(dx, dz)| terrain.is_outside(at.offset(dx, 0, dz)));
-        let mut gets_out = CellSet::default();
-        let mut is_tried = CellSet::default();
-        for start in &starts {
-            if beside(start).iter().any(|at| is_tried.contains(at)) {
-                continue;
-            }
-            // Steps lead both ways, so all that is reached gets out, or none of it.
-            let reached = terrain.reached(beside(start), step, width);
-            let leads_out = reached.iter().any(is_out);
-            is_tried.extend(&reached);
-            if leads_out {
-                gets_out.extend(reached);
-            }
-        }
-        let stuck: Vec<Cell> =
-            starts.iter().copied().filter(|start| !beside(start).iter().any(|at| gets_out.contains(at))).collect();
+        let stuck: Vec<Cell> = starts.iter().copied().filter(|start| !gets_out(start)).collect();
         let holds = stuck.is_empty() && starts.len() >= self.min_starts as usize;
         let summary = format!(
             "from {} of {} blocks of {} no way {width} wide leads out; required {} of them",
