@@ -30,6 +30,10 @@ impl Difficulty {
         sum as f64 / self.tasks as f64
     }
 
+    fn checks_a_turn(&self) -> f64 {
+        self.checks as f64 / self.turns as f64
+    }
+
     fn median_blocks(&mut self) -> usize {
         self.blocks.sort_unstable();
         self.blocks[self.blocks.len() / 2]
@@ -58,9 +62,12 @@ fn ten_thousand_draws_are_certified_new_and_as_hard_as_the_public_suite() {
     let mut drawn: BTreeMap<String, Difficulty> = BTreeMap::new();
     let mut distinct: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     for key in &keys {
+        let mut seen: BTreeSet<Vec<String>> = BTreeSet::new();
         for stratum in generator.strata(key, per_instance) {
-            for leaf in stratum.first..stratum.first + stratum.size {
-                let task = generator.specification(key, &stratum, leaf).unwrap().task;
+            for specification in generator.specifications(key, &stratum, &|| ()).unwrap() {
+                let task = specification.task;
+                let prompts = task.turns.iter().map(|turn| turn.prompt.clone()).collect();
+                assert!(seen.insert(prompts), "{} says what another one of its pool says", task.id);
                 certify(&task, &build(&task).unwrap()).unwrap();
                 assert!(task.turns.iter().all(|turn| !public_prompts.contains(turn.prompt.as_str())), "{}", task.id);
                 distinct
@@ -72,7 +79,7 @@ fn ten_thousand_draws_are_certified_new_and_as_hard_as_the_public_suite() {
         }
     }
     println!(
-        "| family | stands for | drawn | distinct | blocks: median, public | checks: mean, public | turns: mean, public |"
+        "| family | stands for | drawn | distinct | blocks: median, public | checks a turn: mean, public | turns: mean, public |"
     );
     println!("|---|---|---|---|---|---|---|");
     for family in generator.families() {
@@ -86,13 +93,13 @@ fn ten_thousand_draws_are_certified_new_and_as_hard_as_the_public_suite() {
             public.checks += part.checks;
             public.turns += part.turns;
         }
-        let (checks, turns, blocks) = (own.mean(own.checks), own.mean(own.turns), own.median_blocks());
+        let (checks, turns, blocks) = (own.checks_a_turn(), own.mean(own.turns), own.median_blocks());
         let (tasks, name, kinds) = (own.tasks, family.name(), distinct[family.name()].len());
         if stands_for.is_empty() {
             println!("| {name} | – | {tasks} | {kinds} | {blocks} | {checks:.1} | {turns:.1} |");
             continue;
         }
-        let (public_checks, public_turns) = (public.mean(public.checks), public.mean(public.turns));
+        let (public_checks, public_turns) = (public.checks_a_turn(), public.mean(public.turns));
         let public_blocks = public.median_blocks();
         println!(
             "| {name} | {} | {tasks} | {kinds} | {blocks}, {public_blocks} | {checks:.1}, {public_checks:.1} | {turns:.1}, {public_turns:.1} |",
@@ -103,8 +110,8 @@ fn ten_thousand_draws_are_certified_new_and_as_hard_as_the_public_suite() {
         assert!((0.5..=2.0).contains(&ratio), "{name}: {blocks} blocks against {public_blocks}");
         assert!((-2.0..=4.0).contains(&(checks - public_checks)), "{name}: {checks} checks against {public_checks}");
         assert!((turns - public_turns).abs() <= 1.5, "{name}: {turns} turns against {public_turns}");
-        // Second guesses must not help: a family has many more instances than a draw takes.
-        assert!(kinds >= tasks / 3, "{name}: {kinds} kinds in {tasks}");
+        // Within a pool all are distinct; two keys may draw the same.
+        assert!(2 * kinds >= tasks, "{name}: {kinds} kinds in {tasks}");
     }
     let total: usize = drawn.values().map(|own| own.tasks).sum();
     assert!(total >= wanted() as usize, "{total}");

@@ -20,8 +20,8 @@ fn specifications() -> Vec<Task> {
     let mut tasks: Vec<Task> = Vec::new();
     for key in [EpochKey::new([1; 32]), EpochKey::new([2; 32])] {
         for stratum in generator.strata(&key, 3) {
-            let leaves = stratum.first..stratum.first + stratum.size;
-            tasks.extend(leaves.map(|leaf| generator.specification(&key, &stratum, leaf).unwrap().task));
+            let drawn = generator.specifications(&key, &stratum, &|| ()).unwrap();
+            tasks.extend(drawn.into_iter().map(|specification| specification.task));
         }
     }
     let families: BTreeSet<&str> = tasks.iter().map(Task::family).collect();

@@ -146,19 +146,12 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
     let key = EpochKey::new(random_key()?);
     let generator = Generator::new()?;
     let strata = generator.strata(&key, new.per_instance);
-    let leaves: Vec<_> =
-        strata.iter().flat_map(|own| (own.first..own.first + own.size).map(move |leaf| (own, leaf))).collect();
-    let bar = progress::bar(leaves.len(), "drawing and certifying");
-    let drawn: Result<Vec<Specification>, PoolError> = leaves
-        .par_iter()
-        .map(|(stratum, leaf)| {
-            let made = generator.specification(&key, stratum, *leaf);
-            bar.inc(1);
-            made
-        })
-        .collect();
+    let total: u32 = strata.iter().map(|stratum| stratum.size).sum();
+    let bar = progress::bar(total as usize, "drawing and certifying");
+    let drawn: Result<Vec<Vec<Specification>>, PoolError> =
+        strata.par_iter().map(|stratum| generator.specifications(&key, stratum, &|| bar.inc(1))).collect();
     bar.finish_and_clear();
-    let specifications = drawn?;
+    let specifications = drawn?.concat();
     let hashes: Vec<_> = specifications.iter().map(|own| leaf_hash(&key, own)).collect();
     let terms = Terms {
         epoch: new.name.clone(),

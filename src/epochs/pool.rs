@@ -28,8 +28,8 @@ pub enum PoolError {
     /// The files of a suite are faulty.
     #[error("the task files are faulty: {0}")]
     Files(String),
-    /// Nothing fits the rules of a family.
-    #[error("the family {family:?} draws nothing that fits: {last}")]
+    /// Nothing new fits the rules of a family.
+    #[error("the family {family:?} draws nothing new that fits: {last}")]
     Family {
         /// The family.
         family: String,
@@ -142,24 +142,55 @@ impl Generator {
             .collect()
     }
 
-    /// The specification of a leaf.
+    /// The specifications of a family's part of the pool, by leaf; no two have the same parameters or the same prompts.
+    /// `drawn` is told of each.
     ///
     /// # Errors
-    /// Where nothing that fits is drawn, which is a fault of the family's rules.
-    pub fn specification(&self, key: &EpochKey, stratum: &Stratum, leaf: u32) -> Result<Specification, PoolError> {
+    /// Where nothing new that fits is drawn: a fault of the family's rules, or more is asked for than the family has.
+    pub fn specifications(
+        &self,
+        key: &EpochKey,
+        stratum: &Stratum,
+        drawn: &dyn Fn(),
+    ) -> Result<Vec<Specification>, PoolError> {
         let unknown = || PoolError::Files(format!("there is no hidden family {:?}", stratum.family));
         let family = self.source.family(&stratum.family).ok_or_else(unknown)?;
+        let mut taken = HashSet::default();
+        let mut specifications = Vec::with_capacity(stratum.size as usize);
+        for leaf in stratum.first..stratum.first + stratum.size {
+            specifications.push(self.specification(key, family, leaf, &mut taken)?);
+            drawn();
+        }
+        Ok(specifications)
+    }
+
+    /// The specification of a leaf, of which nothing is taken yet.
+    fn specification(
+        &self,
+        key: &EpochKey,
+        family: &Family,
+        leaf: u32,
+        taken: &mut HashSet<Hash, foldhash::fast::RandomState>,
+    ) -> Result<Specification, PoolError> {
         let mut last = "nothing was drawn".to_owned();
         for draw in 0..MAX_DRAWS {
-            let parts = [stratum.family.as_bytes(), &leaf.to_be_bytes(), &draw.to_be_bytes()];
+            let parts = [family.name().as_bytes(), &leaf.to_be_bytes(), &draw.to_be_bytes()];
             let mut choices = Choices::new(key, "specification", &parts);
             match self.drawn(family, leaf, &mut choices) {
-                Ok(task) => return Ok(Specification { leaf, task }),
+                Ok(task) => {
+                    let prompts: Vec<&str> = task.turns.iter().map(|turn| turn.prompt.as_str()).collect();
+                    let own = [hash_of(&task.parameters), hash_of(&prompts)];
+                    if own.iter().all(|hash| !taken.contains(hash)) {
+                        taken.extend(own);
+                        return Ok(Specification { leaf, task });
+                    }
+                    "another one of the pool is the same".clone_into(&mut last);
+                }
                 Err(Unfit::Again(why)) => last = why,
                 Err(Unfit::Broken(error)) => return Err(error),
             }
         }
-        Err(PoolError::Family { family: stratum.family.clone(), last })
+        Err(PoolError::Family { family: family.name().to_owned(), last })
     }
 
     /// One draw, with everything that it must fulfil.

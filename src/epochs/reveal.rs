@@ -188,8 +188,8 @@ fn specifications(
     let by_leaf: BTreeMap<u32, &RevealedSpecification> =
         reveal.specifications.iter().map(|revealed| (revealed.specification.leaf, revealed)).collect();
     for stratum in generator.strata(key, commitment.per_instance) {
-        for leaf in stratum.first..stratum.first + stratum.size {
-            let made = generator.specification(key, &stratum, leaf)?;
+        for made in generator.specifications(key, &stratum, &|| ())? {
+            let leaf = made.leaf;
             let place = || format!("leaf {leaf} ({})", made.task.id);
             let Some(revealed) = by_leaf.get(&leaf) else {
                 found.breach(place(), "missing from the reveal");
