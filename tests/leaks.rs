@@ -36,7 +36,8 @@ fn class(word: &str) -> String {
     }
     let hex = |text: &str| text.chars().all(|c| c.is_ascii_hexdigit());
     let is_id = word.len() == 36 && word.split('-').map(str::len).eq([8, 4, 4, 4, 12]) && hex(&word.replace('-', ""));
-    let is_hash = (word.len() == 64 || word.len() == 128) && hex(word);
+    // Pages show the beginning of one.
+    let is_hash = [16, 64, 128].contains(&word.len()) && hex(word);
     let is_time = word.len() >= 20 && word.starts_with("20") && word.contains('T') && word.ends_with('Z');
     let is_milliseconds = word.len() == 13 && word.chars().all(|c| c.is_ascii_digit());
     let is_fraction = word.contains('.') && word.parse::<f64>().is_ok();
@@ -81,6 +82,13 @@ impl Observed {
                 value.to_string()
             },
         );
+        // What a clock shows, between its tags.
+        let body: Vec<&str> = body
+            .split("data-until>")
+            .enumerate()
+            .map(|(i, part)| if i == 0 { part } else { &part[part.find('<').unwrap()..] })
+            .collect();
+        let body = body.concat();
         // The length of a body follows from what is in it, and the date from the clock.
         let own =
             |name: &str| !["date", "content-length", "x-request-id", "etag", "ratelimit-remaining"].contains(&name);
@@ -151,6 +159,7 @@ async fn observe(solves: bool) -> Observed {
         "/health",
         "/",
         "/epochs",
+        "/epochs/autumn",
     ] {
         seen.note(path, &service.get(path).await);
     }
