@@ -156,7 +156,17 @@ async fn a_run_that_was_drawn_is_answered_in_time_or_failed_and_budgets_end() {
         "criteria",
     ]);
     let lab = scene.key("lab");
-    let entry = scene.register(&lab, "dev", 1).await;
+    // Registered once, however often it is sent.
+    let new = json!({ "agent": "a", "configuration_sha256": CONFIGURATION, "tier": "dev", "runs": 1 });
+    let register = || {
+        let request =
+            scene.service.http.post(format!("{}/v1/epochs/autumn/entries", scene.service.url)).bearer_auth(&lab);
+        scene.service.send(request.header("idempotency-key", "first").json(&new))
+    };
+    let (first, again) = (register().await, register().await);
+    assert_eq!((first.status, &first.json()["id"]), (again.status, &again.json()["id"]), "{}", again.text);
+    assert_eq!(again.headers["idempotency-replayed"], "true");
+    let entry = first.json()["id"].as_str().unwrap().to_owned();
     let drawn = scene.draw(&lab, &entry, 1).await;
     scene.set_clock(61_000);
     let body = answer_to(&drawn[0], &scene.pool(), false);

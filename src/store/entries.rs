@@ -3,6 +3,7 @@
 use sqlx::{Row as _, SqliteConnection};
 
 use super::epochs::{BUDGET_SPENT, EpochRow, close_in, epoch_in};
+use super::idempotency::{Before, Once};
 use super::{Store, StoreError, StoreResult, commit};
 use crate::epochs::feedback::{Outcome, Tier, released_bits};
 
@@ -50,11 +51,32 @@ pub struct NewEntry<'a> {
     pub runs: u32,
 }
 
+/// What a board needs of an instance.
+#[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+pub struct BoardOutcome {
+    /// Its entry.
+    pub entry_id: String,
+    /// The instance.
+    pub instance: String,
+    /// Whether its answer passes.
+    pub passes: bool,
+    /// Whether it has one.
+    pub is_answered: bool,
+    /// Whether a transcript was promised with it.
+    pub has_transcript: bool,
+    /// Whether that was shown.
+    pub is_checked: bool,
+}
+
 /// What came of registering.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Registered {
     /// It is registered.
     New,
+    /// The same request registered it before, under this id.
+    Before(String),
+    /// The request's key was used for another one.
+    KeyUsedOtherwise,
     /// The epoch is not open.
     NotOpen,
     /// The owner has as many entries of this tier as are allowed.
@@ -157,8 +179,20 @@ impl Store {
     ///
     /// # Errors
     /// Where the database fails.
-    pub async fn register_entry(&self, new: &NewEntry<'_>, now_ms: i64) -> StoreResult<Registered> {
+    pub async fn register_entry(
+        &self,
+        new: &NewEntry<'_>,
+        once: Option<&Once>,
+        now_ms: i64,
+    ) -> StoreResult<Registered> {
         let mut tx = self.begin().await?;
+        if let Some(once) = once {
+            match once.before(&mut tx, now_ms).await? {
+                Before::Never => once.keep(&mut tx, new.id, now_ms).await?,
+                Before::Done(id) => return Ok(Registered::Before(id)),
+                Before::OtherBody => return Ok(Registered::KeyUsedOtherwise),
+            }
+        }
         let epoch = epoch_in(&mut tx, new.epoch_id).await?;
         let Some(epoch) = epoch.filter(|epoch| epoch.is_open(now_ms)) else { return Ok(Registered::NotOpen) };
         let rows = sqlx::query(select_entry!(
@@ -247,6 +281,26 @@ impl Store {
         outcomes_in(&mut *self.readers.acquire().await?, id).await
     }
 
+    /// What boards need of the instances of a tier's complete entries, in the order of issue.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn board_outcomes(&self, epoch_id: &str, tier: Tier) -> StoreResult<Vec<BoardOutcome>> {
+        Ok(sqlx::query_as(
+            "SELECT e.id AS entry_id, i.id AS instance, COALESCE(r.overall, 0) AS passes, s.id IS NOT NULL AS is_answered,
+                    i.transcript_hash IS NOT NULL AS has_transcript, i.transcript_checked_ms IS NOT NULL AS is_checked
+             FROM entries e JOIN instances i ON i.entry_id = e.id
+             LEFT JOIN submissions s ON s.instance_id = i.id AND s.superseded = 0
+             LEFT JOIN reports r ON r.submission_id = s.id
+              AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = s.id)
+             WHERE e.epoch_id = $1 AND e.tier = $2 AND e.completed_at_ms IS NOT NULL ORDER BY i.ordinal",
+        )
+        .bind(epoch_id)
+        .bind(tier.name())
+        .fetch_all(&self.readers)
+        .await?)
+    }
+
     /// Finalizes what is left open of epochs that are over: unanswered instances count as failed.
     ///
     /// # Errors
@@ -255,8 +309,13 @@ impl Store {
         if !epoch.is_over(now_ms) {
             return Ok(());
         }
-        for entry in self.entries(epoch.id()).await?.iter().filter(|entry| entry.finalized_at_ms.is_none()) {
-            self.finalize_entry(&entry.id, now_ms).await?;
+        let open: Vec<String> =
+            sqlx::query_scalar("SELECT id FROM entries WHERE epoch_id = $1 AND finalized_at_ms IS NULL ORDER BY id")
+                .bind(epoch.id())
+                .fetch_all(&self.readers)
+                .await?;
+        for entry in open {
+            self.finalize_entry(&entry, now_ms).await?;
         }
         Ok(())
     }

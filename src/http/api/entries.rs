@@ -2,7 +2,7 @@
 
 use axum::Json;
 use axum::extract::{Path, State};
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -10,6 +10,7 @@ use uuid::Uuid;
 
 use super::super::body::{JsonBody, read_json};
 use super::super::caller::Caller;
+use super::super::idempotency;
 use super::super::limits::LIMITS;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
@@ -75,7 +76,7 @@ pub struct EntryBody {
 }
 
 /// The outcomes of an entry with those of runs that were never drawn: they failed.
-pub fn with_undrawn(mut outcomes: Vec<Outcome>, entry: &EntryRow, epoch: &EpochRow) -> Vec<Outcome> {
+fn with_undrawn(mut outcomes: Vec<Outcome>, entry: &EntryRow, epoch: &EpochRow) -> Vec<Outcome> {
     let all = entry.runs as usize * epoch.commitment.instances_per_run as usize;
     while outcomes.len() < all {
         outcomes.push(Outcome { instance: String::new(), scores: None });
@@ -132,7 +133,8 @@ async fn own_entry(state: &AppState, caller: &Caller, id: &str) -> ApiResult<Ent
 #[utoipa::path(
     post, path = "/v1/epochs/{epoch}/entries", operation_id = "create_entry", tag = "hidden evaluation",
     summary = "Register an entry",
-    params(("epoch" = String, Path, description = "The epoch's name", example = "2026-11")),
+    params(("epoch" = String, Path, description = "The epoch's name", example = "2026-11"),
+           ("Idempotency-Key" = Option<String>, Header, description = "The same request with the same key is carried out once, for 24 hours: its answer is repeated")),
     request_body(content = NewEntryBody, content_type = "application/json"),
     responses(
         (status = 201, description = "The entry", body = EntryBody, headers(("Location" = String, description = "The entry")),
@@ -151,9 +153,11 @@ pub async fn create_entry(
     State(state): State<AppState>,
     caller: Caller,
     Path(epoch): Path<String>,
+    headers: HeaderMap,
     body: JsonBody,
 ) -> ApiResult<Response> {
     caller.require(Scope::Submit)?;
+    let underway = state.in_flight.begin(&headers, &caller, &format!("create_entry {epoch}"), &body.bytes)?;
     let new: NewEntryBody = read_json(&body)?;
     let row = stored_epoch(&state, &epoch).await?;
     let mut faults = Faults::new();
@@ -181,8 +185,12 @@ pub async fn create_entry(
         tier: new.tier,
         runs: new.runs,
     };
-    match state.store.register_entry(&entry, now_ms()).await? {
+    let once = underway.as_ref().map(|underway| &underway.once);
+    let mut registered = id.clone();
+    match state.store.register_entry(&entry, once, now_ms()).await? {
         Registered::New => {}
+        Registered::Before(before) => registered = before,
+        Registered::KeyUsedOtherwise => return Err(idempotency::other_body()),
         Registered::NotOpen => return Err(not_open(&row)),
         Registered::TooMany(most) => {
             let detail = format!(
@@ -199,8 +207,13 @@ pub async fn create_entry(
             return Err(ApiError::conflict("another-configuration", detail));
         }
     }
-    let location = format!("/v1/entries/{id}");
-    Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(entry_body(&state, &id).await?)).into_response())
+    let location = format!("/v1/entries/{registered}");
+    let body = entry_body(&state, &registered).await?;
+    let mut response = (StatusCode::CREATED, [(header::LOCATION, location)], Json(body)).into_response();
+    if registered != id {
+        response.headers_mut().extend([idempotency::REPLAYED]);
+    }
+    Ok(response)
 }
 
 /// 409: the epoch is not open, and why.

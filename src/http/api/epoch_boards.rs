@@ -8,13 +8,12 @@ use serde::{Deserialize, Serialize};
 
 use super::super::problem::{ApiResult, Problem};
 use super::super::state::AppState;
-use super::entries::with_undrawn;
 use super::epochs::stored_epoch;
 use crate::clock::now_ms;
-use crate::epochs::feedback::{Feedback, Outcome, Tier};
-use crate::epochs::ladder::{Attempt, climb};
+use crate::epochs::feedback::{Feedback, Tier};
+use crate::epochs::ladder::{Attempt, Tally, climb};
 use crate::grading::statistics::interval::{Interval, wilson};
-use crate::store::entries::EntryRow;
+use crate::store::entries::{BoardOutcome, EntryRow};
 use crate::store::epochs::EpochRow;
 
 /// Which board.
@@ -72,61 +71,60 @@ pub struct EpochBoard {
     pub rows: Vec<EpochRowBody>,
 }
 
-/// What the board's row of one owner is made from.
+/// An entry with what its instances came to.
 struct Own {
     entry: EntryRow,
-    outcomes: Vec<Outcome>,
-    has_transcripts: bool,
-    checked: usize,
+    outcomes: Vec<BoardOutcome>,
 }
 
-async fn own_of(state: &AppState, entry: EntryRow, epoch: &EpochRow) -> ApiResult<Own> {
-    let outcomes = with_undrawn(state.store.outcomes_of_entry(&entry.id).await?, &entry, epoch);
-    let instances = state.store.instances_of_entry(&entry.id).await?;
-    let answered = || instances.iter().filter(|own| own.submission_id.is_some());
-    Ok(Own {
-        has_transcripts: answered().next().is_some() && answered().all(|own| own.transcript_hash.is_some()),
-        checked: instances.iter().filter(|own| own.transcript_checked_ms.is_some()).count(),
-        entry,
-        outcomes,
-    })
+impl Own {
+    /// Instances of the entry, those of runs that were never drawn too.
+    const fn instances(&self, epoch: &EpochRow) -> u32 {
+        self.entry.runs as u32 * epoch.commitment.instances_per_run
+    }
+
+    fn has_transcripts(&self) -> bool {
+        let mut answered = self.outcomes.iter().filter(|outcome| outcome.is_answered).peekable();
+        answered.peek().is_some() && answered.all(|outcome| outcome.has_transcript)
+    }
+
+    /// The entry as the Ladder sees it. What was not drawn failed, in equal parts of what decides and what is shown.
+    fn attempt(&self, epoch: &EpochRow) -> Attempt<'_> {
+        let outcomes = self.outcomes.iter().map(|outcome| (outcome.instance.as_str(), outcome.passes));
+        let mut attempt = Attempt::of(&self.entry.configuration_hash, outcomes);
+        let undrawn = self.instances(epoch).saturating_sub(self.outcomes.len() as u32);
+        attempt.deciding.of += undrawn.div_ceil(2);
+        attempt.shown.of += undrawn / 2;
+        attempt
+    }
 }
 
 /// The row of an owner's complete entries, in the order in which they ended.
-fn row(tier: Tier, own: &[Own], attempts: usize) -> Option<EpochRowBody> {
+fn row(epoch: &EpochRow, tier: Tier, own: &[Own], attempts: usize) -> Option<EpochRowBody> {
     let first = own.first()?;
     let (shown, named) = match tier {
         Tier::Official => {
-            let all = || own.iter().flat_map(|own| &own.outcomes);
-            let passed = all().filter(|outcome| outcome.passes()).count();
-            ((passed as u32, all().count() as u32), first)
+            let passed = own.iter().flat_map(|own| &own.outcomes).filter(|outcome| outcome.passes).count() as u32;
+            (Tally { passed, of: own.iter().map(|own| own.instances(epoch)).sum() }, first)
         }
         Tier::Dev => {
-            let attempts: Vec<Attempt<'_>> = own
-                .iter()
-                .map(|own| {
-                    let outcomes = own.outcomes.iter().map(|outcome| (outcome.instance.as_str(), outcome.passes()));
-                    Attempt::of(&own.entry.configuration_hash, outcomes)
-                })
-                .collect();
+            let attempts: Vec<Attempt<'_>> = own.iter().map(|own| own.attempt(epoch)).collect();
             let rung = climb(&attempts)?;
-            ((rung.shown.passed, rung.shown.of), own.get(rung.attempt)?)
+            (rung.shown, own.get(rung.attempt)?)
         }
     };
-    let (passed, of) = shown;
-    let overall = f64::from(passed) / f64::from(of.max(1));
     Some(EpochRowBody {
         rank: 0,
         owner: first.entry.owner.clone(),
         agent: named.entry.agent.clone(),
         configuration_sha256: named.entry.configuration_hash.clone(),
-        overall,
-        interval: wilson(overall, f64::from(of)),
-        passed,
-        of,
+        overall: shown.rate(),
+        interval: wilson(shown.rate(), f64::from(shown.of)),
+        passed: shown.passed,
+        of: shown.of,
         attempts,
-        provenance: if own.iter().all(|own| own.has_transcripts) { "transcript-committed" } else { "nonce-bound" },
-        transcripts_checked: own.iter().map(|own| own.checked).sum(),
+        provenance: if own.iter().all(Own::has_transcripts) { "transcript-committed" } else { "nonce-bound" },
+        transcripts_checked: own.iter().flat_map(|own| &own.outcomes).filter(|outcome| outcome.is_checked).count(),
         entries: own.iter().map(|own| own.entry.id.clone()).collect(),
     })
 }
@@ -141,22 +139,27 @@ pub async fn board_of(state: &AppState, epoch: &EpochRow, tier: Tier) -> ApiResu
     state.store.finalize_what_is_over(epoch, now).await?;
     let entries: Vec<EntryRow> =
         state.store.entries(epoch.id()).await?.into_iter().filter(|entry| entry.tier == tier).collect();
-    let mut by_owner: BTreeMap<String, (usize, Vec<Own>)> = BTreeMap::new();
     let registered = entries.len();
+    let mut by_owner: BTreeMap<String, (usize, Vec<Own>)> = BTreeMap::new();
     if is_released {
+        let mut of_entry: BTreeMap<String, Vec<BoardOutcome>> = BTreeMap::new();
+        for outcome in state.store.board_outcomes(epoch.id(), tier).await? {
+            of_entry.entry(outcome.entry_id.clone()).or_default().push(outcome);
+        }
         for entry in entries {
             let slot = by_owner.entry(entry.owner.clone()).or_default();
             slot.0 += 1;
             if entry.completed_at_ms.is_some() {
-                slot.1.push(own_of(state, entry, epoch).await?);
+                let outcomes = of_entry.remove(&entry.id).unwrap_or_default();
+                slot.1.push(Own { entry, outcomes });
             }
         }
     }
     let mut rows: Vec<EpochRowBody> = by_owner
         .into_values()
         .filter_map(|(attempts, mut own)| {
-            own.sort_by_key(|own| (own.entry.completed_at_ms, own.entry.id.clone()));
-            row(tier, &own, attempts)
+            own.sort_by(|a, b| (a.entry.completed_at_ms, &a.entry.id).cmp(&(b.entry.completed_at_ms, &b.entry.id)));
+            row(epoch, tier, &own, attempts)
         })
         .collect();
     rows.sort_by(|a, b| b.overall.total_cmp(&a.overall).then_with(|| a.owner.cmp(&b.owner)));
