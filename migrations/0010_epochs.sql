@@ -70,6 +70,7 @@ CREATE TABLE receipts (
     previous      TEXT    NOT NULL,
     link          TEXT    NOT NULL
 ) STRICT;
+CREATE INDEX receipts_by_key ON receipts (public_key, seq);
 CREATE UNIQUE INDEX receipts_of_submission ON receipts (submission_id, attempt);
 CREATE TRIGGER receipts_stay BEFORE DELETE ON receipts BEGIN SELECT RAISE(ABORT, 'receipts are permanent'); END;
 CREATE TRIGGER receipts_stand BEFORE UPDATE ON receipts BEGIN SELECT RAISE(ABORT, 'receipts are permanent'); END;

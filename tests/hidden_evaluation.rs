@@ -115,7 +115,11 @@ async fn a_lab_goes_through_an_epoch_and_checks_what_it_revealed() {
 fn verify_offline(scene: &Scene, key: &str) {
     let checked = run(&["verify-receipt", scene.file("log.json").to_str().unwrap(), "--key", key], None);
     assert!(checked.status.success(), "{}", said(&checked));
-    assert!(said(&checked).contains("77 receipts, each linked to the one before; 0 of them"), "{}", said(&checked));
+    assert!(
+        said(&checked).contains("77 receipts, each of the log linked to the one before; 0 of them"),
+        "{}",
+        said(&checked)
+    );
     let verify = |reveal: &str| {
         let file = |name: &str| scene.file(name).to_str().unwrap().to_owned();
         let arguments = ["--answers", &file("answers.ndjson"), "--commitment", &file("kept.json")];
@@ -135,6 +139,20 @@ fn verify_offline(scene: &Scene, key: &str) {
     assert_eq!(bad.status.code(), Some(1), "{}", said(&bad));
     assert!(said(&bad).contains("BROKEN  leaf 17 ("), "{}", said(&bad));
     assert!(said(&bad).contains("BROKEN  root: "), "{}", said(&bad));
+
+    // An instance taken out, and one drawn again.
+    let text = std::fs::read_to_string(scene.file("reveal.json")).unwrap();
+    for (name, change) in [("lacks instance", 0), ("was drawn before", 1)] {
+        let mut reveal: Value = serde_json::from_str(&text).unwrap();
+        let instances = reveal["instances"].as_array_mut().unwrap();
+        let last = instances.pop().unwrap();
+        if change == 1 {
+            instances.extend([last.clone(), last]);
+        }
+        std::fs::write(scene.file("changed.json"), reveal.to_string()).unwrap();
+        let bad = verify("changed.json");
+        assert!(bad.status.code() == Some(1) && said(&bad).contains(name), "{}", said(&bad));
+    }
 
     // And a grade made better than it was.
     let text = std::fs::read_to_string(scene.file("reveal.json")).unwrap();
@@ -168,6 +186,7 @@ async fn a_run_that_was_drawn_is_answered_in_time_or_failed_and_budgets_end() {
     assert_eq!(again.headers["idempotency-replayed"], "true");
     let entry = first.json()["id"].as_str().unwrap().to_owned();
     let drawn = scene.draw(&lab, &entry, 1).await;
+    scene.answer(&lab, &drawn[1..6], 5).await;
     scene.set_clock(61_000);
     let body = answer_to(&drawn[0], &scene.pool(), false);
     scene.refused(&lab, &format!("/v1/instances/{}/answer", id(&drawn[0])), &body, "expired").await;
@@ -175,8 +194,10 @@ async fn a_run_that_was_drawn_is_answered_in_time_or_failed_and_budgets_end() {
     let new = json!({ "agent": "b", "configuration_sha256": CONFIGURATION, "tier": "dev", "runs": 1 });
     scene.refused(&lab, "/v1/epochs/autumn/entries", &new, "no-entries-left").await;
     let finalized = scene.made(&lab, &format!("/v1/entries/{entry}/finalize"), &json!({})).await;
-    // Nothing answered: nothing to wait for, all failed; and what that told spent the budget.
-    assert_eq!((&finalized["state"], &finalized["result"]["passed"]), (&json!("complete"), &json!(0)), "{finalized}");
+    assert_eq!(finalized["runs"], 1);
+    let ended = scene.service.wait_for(&format!("/v1/entries/{entry}"), |entry| entry["state"] == "complete").await;
+    // Five answered, all failed; what that told spent the budget.
+    assert_eq!((&ended["result"]["passed"], &ended["result"]["of"]), (&json!(0), &json!(26)), "{ended}");
     let epoch = scene.service.get("/v1/epochs/autumn").await.json();
     assert_eq!(epoch["state"], "closed", "{epoch}");
     assert!(epoch["closed_reason"].as_str().unwrap().contains("budget"), "{epoch}");
@@ -277,7 +298,7 @@ async fn whenever_the_service_dies_nothing_is_drawn_or_answered_twice_and_the_bo
             let epoch = scene.service.get("/v1/epochs/autumn").await.json();
             assert_eq!(
                 (&epoch["issued"], &epoch["answered"], &epoch["released_bits"]),
-                (&json!(26), &json!(26), &json!(4.8)),
+                (&json!(26), &json!(26), &json!(7.6)),
                 "{what}"
             );
             std::fs::write(scene.file("log.json"), scene.service.get("/v1/receipts?limit=1000").await.text).unwrap();

@@ -134,6 +134,9 @@ async fn observe(solves: bool) -> Observed {
             let get = service.http.get(format!("{}{path}", service.url)).bearer_auth(&lab);
             seen.note(&format!("{what} itself"), &service.send(get).await);
         }
+        // Whether all are graded by now is chance; the ledger must not tell.
+        let get = service.http.get(format!("{}/v1/quota?limit=1000", service.url)).bearer_auth(&lab);
+        seen.note("quota", &service.send(get).await);
         seen.note("before finalizing", &service.get(&format!("/v1/entries/{entry}")).await);
         scene.made(&lab, &format!("/v1/entries/{entry}/finalize"), &json!({})).await;
         service.wait_for(&format!("/v1/entries/{entry}"), |entry| entry["state"] == "complete").await;

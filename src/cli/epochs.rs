@@ -70,7 +70,7 @@ struct CreateArgs {
     #[arg(long)]
     closes: Timestamp,
     /// Specifications for each instance of a draw: so many runs can be drawn before the pool is used up.
-    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1_000))]
     per_instance: u32,
     /// What entries of the dev tier are told.
     #[arg(long, value_enum, default_value_t = DevFeedback::ScoreOnly)]
@@ -134,10 +134,11 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
     if new.name.is_empty() || new.name.len() > 64 || !new.name.bytes().all(is_slug) {
         bail!("{:?} is not a name of lower-case letters, digits and dashes, 64 at most", new.name);
     }
-    let now = now_ms();
-    let opens_at_ms = new.opens.map_or(now, Timestamp::as_millisecond);
     let closes_at_ms = new.closes.as_millisecond();
-    if closes_at_ms <= opens_at_ms.max(now) {
+    if new.opens.is_some_and(|opens| opens.as_millisecond() < now_ms()) {
+        bail!("it would open in the past, before anybody has seen its commitment");
+    }
+    if closes_at_ms <= new.opens.map_or_else(now_ms, Timestamp::as_millisecond) {
         bail!("it would close at {}, before it opens or in the past", rfc3339(closes_at_ms));
     }
     if store.epoch(&new.name).await?.is_some() {
@@ -152,6 +153,9 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
         strata.par_iter().map(|stratum| generator.specifications(&key, stratum, &|| bar.inc(1))).collect();
     bar.finish_and_clear();
     let specifications = drawn?.concat();
+    // Drawing takes its time; the epoch opens after it, whatever was asked for.
+    let now = now_ms();
+    let opens_at_ms = new.opens.map_or(now, Timestamp::as_millisecond).max(now);
     let hashes: Vec<_> = specifications.iter().map(|own| leaf_hash(&key, own)).collect();
     let terms = Terms {
         epoch: new.name.clone(),
@@ -245,7 +249,7 @@ pub fn run_verify(args: &VerifyEpochArgs) -> anyhow::Result<ExitCode> {
     if logs.is_none() {
         eprintln!("without --answers the {graded} grades are not checked");
         for instance in &mut reveal.instances {
-            instance.log_sha256 = None;
+            (instance.log_sha256, instance.overall, instance.scores) = (None, None, None);
         }
     }
     if promised.is_none() {
@@ -261,6 +265,9 @@ pub fn run_verify(args: &VerifyEpochArgs) -> anyhow::Result<ExitCode> {
         reveal.instances.len(),
         found.grades
     );
+    if found.ungraded > 0 {
+        println!("{} answers were not graded, through failures of the service, and count as failed", found.ungraded);
+    }
     for breach in &found.breaches {
         println!("BROKEN  {breach}");
     }

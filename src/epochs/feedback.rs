@@ -100,16 +100,17 @@ pub fn told(feedback: Feedback, is_epoch_over: bool, outcomes: &[Outcome]) -> Va
     told
 }
 
-/// Bits that telling an entry's result releases at most: the logarithm of the number of answers that there can be.
+/// Bits that telling what an entry with so many answers came to releases at most: the logarithm of the number of results that
+/// there can be. The board tells the score of one half beside that of the whole, so both halves count.
 #[must_use]
-pub fn released_bits(feedback: Feedback, instances: usize) -> f64 {
-    let score = ((instances + 1) as f64).log2();
+pub fn released_bits(feedback: Feedback, answered: usize) -> f64 {
+    let score = 2.0 * (answered as f64 / 2.0 + 1.0).log2();
     match feedback {
         Feedback::AfterEpoch => 0.0,
         Feedback::ScoreOnly => score,
         Feedback::Criteria => score * (1 + Criterion::ALL.len()) as f64,
         // At least what passes of each instance; its evidence is more than can be counted.
-        Feedback::Full => instances as f64 * 64.0,
+        Feedback::Full => answered as f64 * 64.0,
     }
 }
 

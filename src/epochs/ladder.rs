@@ -2,16 +2,17 @@
 //! learning competitions", 2015), with draws that are fresh for every entry.
 //!
 //! The Ladder moves a board only where an entry beats the best before it by more than the standard error of the difference, so
-//! that small luck tells nothing. Here luck cannot accumulate either: half of an entry's instances, picked by the hash of
-//! their ids, decide whether it moves the board, and the other half is what the board then shows. What is shown was not
+//! that small luck tells nothing. Here luck cannot accumulate either: half of an entry's instances, picked by secret
+//! salts that the epoch's key gives them, decide whether it moves the board, and the other half is what the board then shows. What is shown was not
 //! looked at to choose, so the best of many entries shows no better than it is.
 
 use sha2::{Digest as _, Sha256};
 
-/// Whether instances of this id decide; the others are shown.
+/// Whether the instance with this salt decides; the others are shown. Nobody knows salts before the epoch is over, so nobody
+/// can answer the one half better than the other.
 #[must_use]
-pub fn decides(instance: &str) -> bool {
-    Sha256::digest(instance)[0] & 1 == 0
+pub fn decides(salt: &str) -> bool {
+    Sha256::digest(salt)[0] & 1 == 0
 }
 
 /// Instances that pass, of so many.
@@ -55,12 +56,12 @@ pub struct Attempt<'a> {
 }
 
 impl<'a> Attempt<'a> {
-    /// Of an entry's instances: ids, and whether each passes.
+    /// Of an entry's instances: salts, and whether each passes.
     #[must_use]
     pub fn of<'i>(configuration: &'a str, outcomes: impl IntoIterator<Item = (&'i str, bool)>) -> Self {
         let (mut deciding, mut shown) = (Tally::default(), Tally::default());
-        for (instance, passes) in outcomes {
-            if decides(instance) { deciding.add(passes) } else { shown.add(passes) }
+        for (salt, passes) in outcomes {
+            if decides(salt) { deciding.add(passes) } else { shown.add(passes) }
         }
         Self { configuration, deciding, shown }
     }

@@ -124,6 +124,8 @@ pub struct Verified {
     pub draws: usize,
     /// Grades computed again from the logs.
     pub grades: usize,
+    /// Answers that the service failed to grade: they count as failed.
+    pub ungraded: usize,
     /// What does not hold.
     pub breaches: Vec<Breach>,
 }
@@ -206,8 +208,9 @@ fn specifications(
             leaves.push(hash);
         }
     }
-    if by_leaf.len() != leaves.len() {
-        found.breach("specifications", format!("{} are revealed, the key draws {}", by_leaf.len(), leaves.len()));
+    if by_leaf.len() != leaves.len() || reveal.specifications.len() != leaves.len() {
+        let count = reveal.specifications.len();
+        found.breach("specifications", format!("{count} are revealed, the key draws {}", leaves.len()));
     }
     let root = hex(&merkle::root(&leaves));
     if root != commitment.root {
@@ -220,8 +223,18 @@ fn specifications(
 fn draws(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, found: &mut Verified) -> Result<(), PoolError> {
     let strata = Generator::new()?.strata(key, commitment.per_instance);
     let mut issued: BTreeSet<u32> = BTreeSet::new();
+    let runs_of: BTreeMap<&str, u32> = reveal.entries.iter().map(|entry| (entry.id.as_str(), entry.runs)).collect();
+    let mut drawn_for: BTreeMap<(&str, u32), BTreeSet<(&str, u32)>> = BTreeMap::new();
     for (ordinal, instance) in (1..).zip(&reveal.instances) {
         let place = || format!("instance {}", instance.id);
+        let runs = runs_of.get(instance.entry.as_str()).copied().unwrap_or_default();
+        if !(1..=runs).contains(&instance.run) {
+            found.breach(place(), format!("is of run {} of an entry that was registered for {runs}", instance.run));
+        }
+        let of_run = drawn_for.entry((&instance.entry, instance.run)).or_default();
+        if !of_run.insert((&instance.family, instance.index)) {
+            found.breach(place(), "was drawn before, for the same place of the same run");
+        }
         if instance.ordinal != ordinal {
             found.breach(place(), format!("is number {} of the draws, where {ordinal} is next", instance.ordinal));
         }
@@ -238,6 +251,19 @@ fn draws(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, found: &mut V
         }
         issued.insert(instance.leaf);
     }
+    // A run is drawn as a whole.
+    for ((entry, run), of_run) in &drawn_for {
+        let missing = strata.iter().flat_map(|own| (0..own.instances).map(move |index| (own.family.as_str(), index)));
+        for (family, index) in missing.filter(|place| !of_run.contains(place)) {
+            found.breach(format!("entry {entry}"), format!("run {run} lacks instance {index} of {family}"));
+        }
+        if of_run
+            .iter()
+            .any(|(family, index)| strata.iter().all(|own| own.family != *family || *index >= own.instances))
+        {
+            found.breach(format!("entry {entry}"), format!("run {run} has more instances than a draw"));
+        }
+    }
     Ok(())
 }
 
@@ -245,8 +271,20 @@ fn draws(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, found: &mut V
 fn grades(reveal: &Reveal, logs: &BTreeMap<String, BlockLog>, found: &mut Verified) {
     let tasks: BTreeMap<u32, &Specification> =
         reveal.specifications.iter().map(|revealed| (revealed.specification.leaf, &revealed.specification)).collect();
-    for instance in reveal.instances.iter().filter(|instance| instance.log_sha256.is_some()) {
+    for instance in &reveal.instances {
         let place = format!("instance {}", instance.id);
+        let is_graded = instance.overall.is_some() || instance.scores.is_some();
+        if instance.log_sha256.is_none() {
+            if is_graded {
+                found.breach(place, "has a grade and no answer");
+            }
+            continue;
+        }
+        // What a failure of the service ended has failed, and says so by having no grade.
+        if !is_graded {
+            found.ungraded += 1;
+            continue;
+        }
         let (Some(log), Some(specification)) = (logs.get(&instance.id), tasks.get(&instance.leaf)) else {
             found.breach(place, "its log is missing from the answers");
             continue;

@@ -12,7 +12,7 @@ use tokio_util::sync::CancellationToken;
 use super::limits::LIMITS;
 use super::problem::{ApiError, ApiResult};
 use super::server::Connections;
-use crate::checks::Criterion;
+use crate::checks::{Check, Criterion};
 use crate::elasticity::Control;
 use crate::grading::{Report, grade_hashed};
 use crate::tasks::Task;
@@ -264,8 +264,9 @@ fn too_late() -> ApiError {
     ApiError::new(StatusCode::GATEWAY_TIMEOUT, "deadline", "Deadline passed", detail).retry_after(1)
 }
 
-/// Whether grading takes less than a millisecond or so: few events, no stress simulation.
+/// Whether grading takes less than a millisecond or so: few events, no stress simulation, no walk through the space around them.
 #[must_use]
 pub fn is_quick(task: &Task, log: &BlockLog) -> bool {
-    log.event_count() <= QUICK_EVENTS && !task.checks().any(|c| c.criterion() == Criterion::StructuralStability)
+    let takes_long = |check: &Check| check.criterion() == Criterion::StructuralStability || check.walks();
+    log.event_count() <= QUICK_EVENTS && !task.checks().any(takes_long)
 }

@@ -4,7 +4,7 @@ use sqlx::{Row as _, SqliteConnection};
 
 use super::epochs::{BUDGET_SPENT, EpochRow, close_in, epoch_in};
 use super::idempotency::{Before, Once};
-use super::{Store, StoreError, StoreResult, commit};
+use super::{Store, StoreError, StoreResult, commit, quota};
 use crate::epochs::feedback::{Outcome, Tier, released_bits};
 
 /// A stored entry.
@@ -53,11 +53,12 @@ pub struct NewEntry<'a> {
 
 /// What a board needs of an instance.
 #[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+#[expect(clippy::struct_excessive_bools, reason = "a row, as the query gives it")]
 pub struct BoardOutcome {
     /// Its entry.
     pub entry_id: String,
-    /// The instance.
-    pub instance: String,
+    /// The instance's salt.
+    pub salt: String,
     /// Whether its answer passes.
     pub passes: bool,
     /// Whether it has one.
@@ -81,6 +82,8 @@ pub enum Registered {
     NotOpen,
     /// The owner has as many entries of this tier as are allowed.
     TooMany(i64),
+    /// The epoch has not so many specifications left.
+    PoolUsedUp,
     /// The owner's official entries are of another agent or configuration, named here.
     OtherConfiguration(String),
 }
@@ -140,11 +143,15 @@ async fn outcomes_in(connection: &mut SqliteConnection, entry_id: &str) -> Store
 /// Ends an entry that was finalized and all of whose answers are graded, and counts what its owner is told; an epoch that has
 /// told enough is closed.
 pub(super) async fn complete_if_graded(tx: &mut SqliteConnection, entry_id: &str, now_ms: i64) -> StoreResult<()> {
-    let ungraded: i64 = sqlx::query_scalar(
-        "SELECT COUNT(*) FROM instances i JOIN submissions s ON s.instance_id = i.id AND s.superseded = 0
-         WHERE i.entry_id = $1 AND s.state != 'graded'",
+    let Some(entry) = entry_in(tx, entry_id).await? else { return Ok(()) };
+    let Some(epoch) = epoch_in(tx, &entry.epoch_id).await? else { return Ok(()) };
+    // What a failure of ours ended may be answered again until the epoch is over; then it has failed.
+    let (answered, ungraded): (i64, i64) = sqlx::query_as(
+        "SELECT COUNT(*), COALESCE(SUM(s.state != 'graded' AND NOT ($2 AND s.state = 'grader_error')), 0)
+         FROM instances i JOIN submissions s ON s.instance_id = i.id AND s.superseded = 0 WHERE i.entry_id = $1",
     )
     .bind(entry_id)
+    .bind(epoch.is_over(now_ms))
     .fetch_one(&mut *tx)
     .await?;
     let completed = sqlx::query(
@@ -159,10 +166,8 @@ pub(super) async fn complete_if_graded(tx: &mut SqliteConnection, entry_id: &str
     if completed.rows_affected() == 0 {
         return Ok(());
     }
-    let Some(entry) = entry_in(tx, entry_id).await? else { return Ok(()) };
-    let Some(epoch) = epoch_in(tx, &entry.epoch_id).await? else { return Ok(()) };
-    let instances = entry.runs as usize * epoch.commitment.instances_per_run as usize;
-    let bits = released_bits(entry.tier.feedback(epoch.commitment.dev_feedback), instances);
+    settle_quota(tx, entry_id, now_ms).await?;
+    let bits = released_bits(entry.tier.feedback(epoch.commitment.dev_feedback), answered as usize);
     sqlx::query("UPDATE epochs SET released_bits = released_bits + $2 WHERE id = $1")
         .bind(epoch.id())
         .bind(bits)
@@ -170,6 +175,26 @@ pub(super) async fn complete_if_graded(tx: &mut SqliteConnection, entry_id: &str
         .await?;
     if bits > 0.0 && epoch.released_bits + bits >= epoch.rules.budget_bits {
         close_in(tx, epoch.id(), BUDGET_SPENT, now_ms).await?;
+    }
+    Ok(())
+}
+
+/// Charges the answers of an entry that were graded, and gives back the others: when the entry ends and not before, so that the
+/// ledger does not tell when an answer was graded or how.
+async fn settle_quota(tx: &mut SqliteConnection, entry_id: &str, now_ms: i64) -> StoreResult<()> {
+    let rows: Vec<(String, String, bool)> = sqlx::query_as(
+        "SELECT s.id, s.owner, s.state = 'graded' AND s.superseded = 0
+         FROM submissions s JOIN instances i ON i.id = s.instance_id
+         WHERE i.entry_id = $1 AND s.owner IS NOT NULL ORDER BY s.id",
+    )
+    .bind(entry_id)
+    .fetch_all(&mut *tx)
+    .await?;
+    let charged: Vec<(&str, &str)> =
+        rows.iter().filter(|(_, _, graded)| *graded).map(|(id, owner, _)| (owner.as_str(), id.as_str())).collect();
+    quota::charge(tx, &charged, now_ms).await?;
+    for (id, owner, _) in rows.iter().filter(|(_, _, graded)| !graded) {
+        quota::refund(tx, owner, id, "not graded", now_ms).await?;
     }
     Ok(())
 }
@@ -210,6 +235,20 @@ impl Store {
         };
         if own.len() as i64 >= most {
             return Ok(Registered::TooMany(most));
+        }
+        // What is registered can be drawn; half of the pool is kept for the official tier.
+        let (dev, official): (i64, i64) = sqlx::query_as(
+            "SELECT COALESCE(SUM(CASE WHEN tier = 'dev' THEN runs END), 0),
+                    COALESCE(SUM(CASE WHEN tier = 'official' THEN runs END), 0)
+             FROM entries WHERE epoch_id = $1",
+        )
+        .bind(new.epoch_id)
+        .fetch_one(&mut *tx)
+        .await?;
+        let (runs, all) = (i64::from(new.runs), i64::from(epoch.commitment.per_instance));
+        let is_dev_full = new.tier == Tier::Dev && dev + runs > all - all / 2;
+        if dev + official + runs > all || is_dev_full {
+            return Ok(Registered::PoolUsedUp);
         }
         if let Some(first) = own.first().filter(|_| new.tier == Tier::Official)
             && (first.agent != new.agent || first.configuration_hash != new.configuration_hash)
@@ -287,7 +326,7 @@ impl Store {
     /// Where the database fails.
     pub async fn board_outcomes(&self, epoch_id: &str, tier: Tier) -> StoreResult<Vec<BoardOutcome>> {
         Ok(sqlx::query_as(
-            "SELECT e.id AS entry_id, i.id AS instance, COALESCE(r.overall, 0) AS passes, s.id IS NOT NULL AS is_answered,
+            "SELECT e.id AS entry_id, i.salt, COALESCE(r.overall, 0) AS passes, s.id IS NOT NULL AS is_answered,
                     i.transcript_hash IS NOT NULL AS has_transcript, i.transcript_checked_ms IS NOT NULL AS is_checked
              FROM entries e JOIN instances i ON i.entry_id = e.id
              LEFT JOIN submissions s ON s.instance_id = i.id AND s.superseded = 0
@@ -301,22 +340,25 @@ impl Store {
         .await?)
     }
 
-    /// Finalizes what is left open of epochs that are over: unanswered instances count as failed.
+    /// Finalizes what is left open of an epoch that is over: unanswered instances count as failed, and those that a failure of
+    /// ours ended too. Says whether all is graded.
     ///
     /// # Errors
     /// Where the database fails.
-    pub async fn finalize_what_is_over(&self, epoch: &EpochRow, now_ms: i64) -> StoreResult<()> {
+    pub async fn finalize_what_is_over(&self, epoch: &EpochRow, now_ms: i64) -> StoreResult<bool> {
         if !epoch.is_over(now_ms) {
-            return Ok(());
+            return Ok(false);
         }
         let open: Vec<String> =
-            sqlx::query_scalar("SELECT id FROM entries WHERE epoch_id = $1 AND finalized_at_ms IS NULL ORDER BY id")
+            sqlx::query_scalar("SELECT id FROM entries WHERE epoch_id = $1 AND completed_at_ms IS NULL ORDER BY id")
                 .bind(epoch.id())
                 .fetch_all(&self.readers)
                 .await?;
+        let mut is_complete = true;
         for entry in open {
             self.finalize_entry(&entry, now_ms).await?;
+            is_complete &= self.entry(&entry).await?.is_none_or(|entry| entry.completed_at_ms.is_some());
         }
-        Ok(())
+        Ok(is_complete)
     }
 }

@@ -195,6 +195,22 @@ impl Store {
         Ok(is_closed)
     }
 
+    /// Makes an epoch that is over at its time stay so, whatever clocks say later: before its key is shown.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn seal_epoch(&self, id: &str) -> StoreResult<()> {
+        let mut tx = self.begin().await?;
+        sqlx::query(
+            "UPDATE epochs SET closed_at_ms = closes_at_ms, closed_reason = 'its time is over'
+             WHERE id = $1 AND closed_at_ms IS NULL",
+        )
+        .bind(id)
+        .execute(&mut *tx)
+        .await?;
+        commit(tx, "seal_epoch").await
+    }
+
     /// What an epoch draws from. Where that is lost, the epoch is closed, with the reason for all to read, and there is none.
     ///
     /// # Errors

@@ -335,7 +335,8 @@ impl End<'_> {
         .bind(now_ms)
         .fetch_one(&mut *tx)
         .await?;
-        if let Some(owner) = owner {
+        // Of hidden instances the ledger is settled when their entry ends.
+        if let Some(owner) = owner.filter(|_| instance.is_none()) {
             quota::refund(tx, &owner, self.submission_id, why.unwrap_or(self.state.name()), now_ms).await?;
         }
         let ended = NewEvent {

@@ -141,6 +141,7 @@ impl Store {
         query.build().execute(&mut *tx).await?;
         let charged: Vec<(&str, &str)> = ours
             .iter()
+            .filter(|(claim, _)| claim.hidden.is_none())
             .filter_map(|(claim, _)| Some((claim.owner.as_deref()?, claim.submission_id.as_str())))
             .collect();
         quota::charge(&mut tx, &charged, now_ms).await?;

@@ -7,7 +7,7 @@ use super::blocks::{is_door, is_passable};
 use super::cell::{Bounds, Cell};
 use super::structure::Structure;
 
-/// Greatest extent of a build along an axis, in blocks, of which a terrain is made.
+/// Greatest extent of a build along an axis, and greatest height, in blocks, of which a terrain is made.
 pub const MAX_EXTENT: i64 = 128;
 
 const SOLID: u8 = 1;
@@ -50,7 +50,8 @@ impl Terrain {
     #[must_use]
     pub fn of(structure: &Structure) -> Option<Self> {
         let bounds = structure.bounds()?;
-        if bounds.extent().iter().any(|extent| *extent >= MAX_EXTENT) {
+        // The grid begins at the ground, wherever the build does.
+        if bounds.extent().iter().any(|extent| *extent >= MAX_EXTENT) || i64::from(bounds.max.y) >= MAX_EXTENT {
             return None;
         }
         let min = Cell::new(bounds.min.x - MARGIN, 0, bounds.min.z - MARGIN);
@@ -210,6 +211,13 @@ impl Terrain {
         Space { first: self.cell(start), floor_cells }
     }
 
+    /// Whether a cell is air inside, parted from the outside.
+    #[must_use]
+    pub fn is_enclosed(&self, cell: Cell, spaces: &Spaces) -> bool {
+        // 0 is no air, 1 is outside.
+        self.index(cell).is_some_and(|index| spaces.label[index] > 1)
+    }
+
     /// The pieces of air that a door joins, one on each of two opposite sides where feet can stand; none where one cannot walk
     /// through it.
     #[must_use]
@@ -220,7 +228,7 @@ impl Terrain {
             spaces.label[index].checked_sub(1).map(|piece| piece as usize)
         };
         let through = |dx: i32, dz: i32| Some([piece(door.offset(-dx, 0, -dz))?, piece(door.offset(dx, 0, dz))?]);
-        through(1, 0).or_else(|| through(0, 1))
+        through(1, 0).or_else(|| through(0, 1)).filter(|_| self.can_stand(door))
     }
 }
 

@@ -141,7 +141,7 @@ async fn own_entry(state: &AppState, caller: &Caller, id: &str) -> ApiResult<Ent
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000003", "epoch": "2026-11", "tier": "official", "state": "registered" })),
         (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "There is no such epoch", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "It is not open, the owner has no entries left, or an official entry of another configuration", body = Problem,
+        (status = 409, description = "It is not open, its pool is used up, the owner has no entries left, or an official entry of another configuration", body = Problem,
          content_type = "application/problem+json"),
         (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
         (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
@@ -198,6 +198,10 @@ pub async fn create_entry(
                 new.tier.name()
             );
             return Err(ApiError::conflict("no-entries-left", detail));
+        }
+        Registered::PoolUsedUp => {
+            let detail = "the epoch has not so many specifications left; half of them are kept for official entries";
+            return Err(ApiError::conflict("pool-used-up", detail));
         }
         Registered::OtherConfiguration(agent) => {
             let detail = format!(

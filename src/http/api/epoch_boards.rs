@@ -90,7 +90,7 @@ impl Own {
 
     /// The entry as the Ladder sees it. What was not drawn failed, in equal parts of what decides and what is shown.
     fn attempt(&self, epoch: &EpochRow) -> Attempt<'_> {
-        let outcomes = self.outcomes.iter().map(|outcome| (outcome.instance.as_str(), outcome.passes));
+        let outcomes = self.outcomes.iter().map(|outcome| (outcome.salt.as_str(), outcome.passes));
         let mut attempt = Attempt::of(&self.entry.configuration_hash, outcomes);
         let undrawn = self.instances(epoch).saturating_sub(self.outcomes.len() as u32);
         attempt.deciding.of += undrawn.div_ceil(2);

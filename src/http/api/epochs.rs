@@ -97,14 +97,15 @@ pub struct EpochList {
 pub async fn epoch_body(state: &AppState, row: &EpochRow) -> ApiResult<EpochBody> {
     let counts = state.store.epoch_counts(row.id()).await?;
     let commitment = &row.commitment;
+    let early = row.closed.as_ref().filter(|(at, _)| *at < commitment.closes_at_ms);
     Ok(EpochBody {
         id: row.id().to_owned(),
         state: row.state(now_ms()),
         opens_at: rfc3339(commitment.opens_at_ms),
         closes_at: rfc3339(commitment.closes_at_ms),
         committed_at: rfc3339(row.created_at_ms),
-        closed_early_at: row.closed.as_ref().map(|(at, _)| rfc3339(*at)),
-        closed_reason: row.closed.as_ref().map(|(_, reason)| reason.clone()),
+        closed_early_at: early.map(|(at, _)| rfc3339(*at)),
+        closed_reason: early.map(|(_, reason)| reason.clone()),
         instance_seconds: row.rules.instance_ms / 1_000,
         dev_entries_per_owner: row.rules.dev_entries,
         official_entries_per_owner: row.rules.official_entries,
@@ -172,7 +173,11 @@ async fn over(state: &AppState, id: &str) -> ApiResult<(EpochRow, Arc<EpochSecre
             format!("the epoch closes at {}; nothing is revealed before", rfc3339(row.commitment.closes_at_ms));
         return Err(ApiError::conflict("epoch-not-over", detail));
     }
-    state.store.finalize_what_is_over(&row, now).await?;
+    state.store.seal_epoch(id).await?;
+    if !state.store.finalize_what_is_over(&row, now).await? {
+        let detail = "the epoch is over, and its last answers are being graded";
+        return Err(ApiError::conflict("still-grading", detail).retry_after(5));
+    }
     let secret = state.store.epoch_secret(&row, now).await?;
     let lost = || ApiError::conflict("key-lost", crate::store::epochs::LOST_KEY);
     Ok((row, secret.ok_or_else(lost)?))
@@ -200,7 +205,7 @@ fn revealed_entry(row: EntryRow) -> RevealedEntry {
         (status = 200, description = "The reveal", body = Object,
          example = json!({ "key": "6f1e…", "specifications": [{ "leaf": 0, "salt": "9a0c…", "hash": "77de…" }] })),
         (status = 404, description = "There is none of this name", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "It is not over, or its key was lost", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "It is not over, its last answers are being graded, or its key was lost", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
@@ -255,7 +260,7 @@ pub async fn get_epoch_reveal(State(state): State<AppState>, Path(epoch): Path<S
     )
 )]
 pub async fn get_epoch_answers(State(state): State<AppState>, Path(epoch): Path<String>) -> ApiResult<Response> {
-    const AT_ONCE: i64 = 100;
+    const AT_ONCE: i64 = 10;
     let (row, _secret) = over(&state, &epoch).await?;
     let lines = stream::try_unfold((state, row, 0), |(state, row, after)| async move {
         let page = state.store.answers(row.id(), after, AT_ONCE).await?;

@@ -86,7 +86,7 @@ async fn own_instance(state: &AppState, caller: &Caller, id: &str) -> ApiResult<
     Ok(row)
 }
 
-/// An instance. Needs the key of its owner until its epoch is revealed.
+/// An instance. Needs the key of its owner.
 #[utoipa::path(
     get, path = "/v1/instances/{id}", operation_id = "get_instance", tag = "hidden evaluation", summary = "Get an instance",
     params(("id" = String, Path, description = "The instance's id")),
@@ -188,8 +188,7 @@ pub async fn answer_instance(
     let answered = state.store.answer_instance(&id, &new, transcript_sha256.as_deref(), now_ms()).await?;
     let is_repeated = matches!(answered, Answered::Same(_));
     match answered {
-        Answered::New(_) => state.wake.notify_waiters(),
-        Answered::Same(_) => {}
+        Answered::New(_) | Answered::Same(_) => state.wake.notify_waiters(),
         Answered::Other => {
             return Err(ApiError::conflict(
                 "already-answered",

@@ -8,7 +8,7 @@ use serde_json::json;
 use crate::checks::{Finding, Rule, Subject};
 use crate::voxel::Cell;
 
-/// Over the middle there is head room and a cover, and along both axes through the middle the upper surface falls to either
+/// Every row of its plan is covered, over the middle there is head room, and along both axes through the middle the upper surface falls to either
 /// side without rising again, by at least two blocks.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -38,8 +38,15 @@ impl Rule for IsVault {
             tops.iter().filter(|(at, _)| on_line(at)).map(|(_, top)| *top).collect()
         };
         let lines = [line(true), line(false)];
-        let holds = clear >= self.min_clear as i32 && lines.iter().all(|line| falls_to_both_ends(line));
-        let measured = json!({ "clear": clear, "along_x": lines[0], "along_z": lines[1] });
+        // Every row of the plan is covered from one end to the other.
+        let mut rows: BTreeMap<i32, (i32, i32, i32)> = BTreeMap::new();
+        for (x, z) in tops.keys() {
+            let (low, high, count) = rows.entry(*z).or_insert((*x, *x, 0));
+            (*low, *high, *count) = ((*low).min(*x), (*high).max(*x), *count + 1);
+        }
+        let is_closed = rows.values().all(|(low, high, count)| high - low + 1 == *count);
+        let holds = is_closed && clear >= self.min_clear as i32 && lines.iter().all(|line| falls_to_both_ends(line));
+        let measured = json!({ "clear": clear, "closed": is_closed, "along_x": lines[0], "along_z": lines[1] });
         let summary = if holds {
             format!("{clear} free cells under the cover")
         } else {

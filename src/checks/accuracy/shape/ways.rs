@@ -9,7 +9,7 @@ use crate::voxel::blocks::BlockSet;
 use crate::voxel::terrain::Terrain;
 use crate::voxel::{Cell, CellSet};
 
-/// From beside each block of a kind one walks to the outside, standing on something at every step.
+/// From beside each block of a kind, which stands inside, one walks to the outside, standing on something at every step.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WalksOut {
@@ -50,9 +50,10 @@ impl Rule for WalksOut {
         // Steps lead both ways, so one gets out from where one gets in.
         let ways_out: CellSet = terrain.reached(terrain.around(width), step, width).into_iter().collect();
         let square = || (0..width).flat_map(move |dx| (0..width).map(move |dz| (dx, dz)));
-        // Squares that hold one of the cells beside the block.
+        let spaces = terrain.spaces();
+        // Squares that hold one of the cells beside the block, inside.
         let gets_out = |start: &Cell| {
-            let sides = start.side_neighbours().into_iter();
+            let sides = start.side_neighbours().into_iter().filter(|side| terrain.is_enclosed(*side, &spaces));
             sides
                 .flat_map(|side| square().map(move |(dx, dz)| side.offset(-dx, 0, -dz)))
                 .any(|at| ways_out.contains(&at))
