@@ -5,6 +5,7 @@ use serde::Serialize;
 use crate::actions::ACTION_LIMITS;
 use crate::store::jobs::MAX_ATTEMPTS;
 use crate::voxel::log_reader::LogLimits;
+use crate::voxel::terrain::MAX_EXTENT;
 use crate::voxel::{Faults, cell};
 
 /// The limits. Sizes are of the decompressed body.
@@ -94,6 +95,13 @@ pub struct Limits {
     pub action_requests: usize,
     /// Runs of an entry to an epoch.
     pub entry_runs: u32,
+    /// Least characters of the nonce that draws a run.
+    pub nonce_min_chars: usize,
+    /// Most characters of it.
+    pub nonce_max_chars: usize,
+    /// Extent along an axis, and height, in blocks, up to which strict checks of rooms and ways look at a build; a larger one
+    /// fails them.
+    pub strict_extent: i64,
     /// Seconds that one grading may take.
     pub grading_seconds: u64,
     /// Times that grading is begun before a submission ends as `grader_error`.
@@ -144,6 +152,9 @@ pub const LIMITS: Limits = Limits {
     action_body_events: 2_000_000,
     action_requests: 256,
     entry_runs: 16,
+    nonce_min_chars: 16,
+    nonce_max_chars: 128,
+    strict_extent: MAX_EXTENT,
     grading_seconds: 3_600,
     grading_attempts: MAX_ATTEMPTS,
 };

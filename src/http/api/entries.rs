@@ -297,9 +297,10 @@ pub async fn create_instances(
     caller.require(Scope::Submit)?;
     let new: NewDraw = read_json(&body)?;
     let entry = own_entry(&state, &caller, &id).await?;
-    if !(16..=128).contains(&new.nonce.chars().count()) || new.nonce.chars().any(char::is_control) {
+    let (least, most) = (LIMITS.nonce_min_chars, LIMITS.nonce_max_chars);
+    if !(least..=most).contains(&new.nonce.chars().count()) || new.nonce.chars().any(char::is_control) {
         let mut faults = Faults::new();
-        faults.add_at("nonce", "expected 16 to 128 characters");
+        faults.add_at("nonce", format!("expected {least} to {most} characters"));
         return Err(ApiError::faulty(faults));
     }
     let epoch = stored_epoch(&state, &entry.epoch_id).await?;

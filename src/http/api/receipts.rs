@@ -54,7 +54,7 @@ pub async fn list_receipts(
     Ok(Json(ReceiptPage { receipts, next_after }))
 }
 
-/// The receipt of a submission's latest grade: `plumbline verify-receipt` checks it without the service.
+/// The receipt of a submission's latest grade by a worker (a regrade makes none): `plumbline verify-receipt` checks it without the service.
 #[utoipa::path(
     get, path = "/v1/submissions/{id}/receipt", operation_id = "get_receipt", tag = "receipts", summary = "Get a submission's receipt",
     params(("id" = String, Path, description = "The submission's id")),
