@@ -13,6 +13,7 @@ pub mod elasticity;
 pub mod epochs;
 pub mod grading;
 pub mod http;
+pub mod near;
 pub mod store;
 pub mod tasks;
 pub mod telemetry;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::rc::Rc;
 
 use rquickjs::context::{EvalOptions, intrinsic};
-use rquickjs::function::{Func, Opt};
+use rquickjs::function::{Func, Opt, This};
 use rquickjs::{CaughtError, Context, Ctx, Function, Object, Runtime, Value};
 use rustix::time::{ClockId, clock_gettime};
 
@@ -19,6 +19,7 @@ const FILE: &str = "action.js";
 const STACK_BYTES: usize = 512 << 10;
 
 type Intrinsics = (
+    intrinsic::Date,
     intrinsic::Eval,
     intrinsic::RegExpCompiler,
     intrinsic::RegExp,
@@ -32,6 +33,10 @@ type Intrinsics = (
 /// What was recorded, and why it ended.
 #[derive(Default)]
 struct Recorder {
+    /// Whether the script's value was a function, and so was called.
+    has_main: bool,
+    /// Functions that a script without such a value defines.
+    functions: Vec<String>,
     palette: Vec<String>,
     index: BTreeMap<String, u32>,
     events: Vec<RecordedEvent>,
@@ -107,6 +112,12 @@ pub fn run(code: &str, limits: &ActionLimits) -> Replayed {
     });
     let dropped =
         recorder.dropped.into_iter().map(|(reason, count)| Dropped { reason: reason.to_owned(), count }).collect();
+    let error_or_unheard = error.is_some() || !recorder.unheard.is_empty();
+    let notes = if events == 0 && !error_or_unheard && stopped.is_none() {
+        vec![nothing_recorded(recorder.has_main, &recorder.functions)]
+    } else {
+        Vec::new()
+    };
     let unheard = (!recorder.unheard.is_empty()).then(|| recorder.unheard.swap_remove(0));
     Replayed {
         palette: recorder.palette,
@@ -115,6 +126,19 @@ pub fn run(code: &str, limits: &ActionLimits) -> Replayed {
         // What ends because of a limit is not an error of the script.
         error: if stopped.is_some() { None } else { error.or(unheard) },
         stopped,
+        notes,
+    }
+}
+
+/// Why a script that ended well recorded nothing, as far as that can be told.
+fn nothing_recorded(has_main: bool, functions: &[String]) -> String {
+    match functions {
+        _ if has_main => "the script ended without placing or removing a block".to_owned(),
+        [] => "the script recorded nothing, and neither its value nor module.exports is a function to call".to_owned(),
+        [first, ..] => format!(
+            "the script defines {} and recorded nothing: nobody called it. End the script with (async (bot) => {{ await {first}(bot); }})",
+            functions.join(", ")
+        ),
     }
 }
 
@@ -207,14 +231,24 @@ fn begin<'js>(ctx: &Ctx<'js>, code: &str, limits: &ActionLimits, recorder: &Rc<R
         options.filename = Some(FILE.to_owned());
         let value: Value<'js> = ctx.eval_with_options(script, options)?;
         let module: Object<'js> = given.get("module")?;
-        let main = match value.into_function() {
-            Some(main) => Some(main),
-            None => module.get::<_, Value<'js>>("exports")?.into_function(),
-        };
-        if let Some(main) = main {
-            // Its promise, where nobody waits for it, is reported as any other.
-            main.call::<_, Value<'js>>((given.get::<_, Value<'js>>("bot")?,))?;
+        let bot: Value<'js> = given.get("bot")?;
+        for candidate in [value, module.get("exports")?] {
+            // A promise that it gives, where nobody waits for it, is reported as any other.
+            if let Some(main) = candidate.as_function() {
+                recorder.borrow_mut().has_main = true;
+                main.call::<_, Value<'js>>((bot,))?;
+                return Ok(());
+            }
+            if let Some(object) = candidate.as_object()
+                && let Some(main) = object.get::<_, Value<'js>>("default")?.into_function()
+            {
+                recorder.borrow_mut().has_main = true;
+                main.call::<_, Value<'js>>((This(object.clone()), bot))?;
+                return Ok(());
+            }
         }
+        let functions = functions_of(ctx, code);
+        recorder.borrow_mut().functions = functions;
         Ok(())
     };
     match run() {
@@ -224,6 +258,32 @@ fn begin<'js>(ctx: &Ctx<'js>, code: &str, limits: &ActionLimits, recorder: &Rc<R
             Err((Some(rquickjs::Persistent::save(ctx, fire)), told))
         }
     }
+}
+
+/// Names of the functions that the code defines at its top level, the first few.
+fn functions_of(ctx: &Ctx<'_>, code: &str) -> Vec<String> {
+    const MOST: usize = 3;
+    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '$';
+    let mut words = code.split(|c| !is_part(c)).filter(|word| !word.is_empty());
+    let mut found: Vec<String> = Vec::new();
+    while let Some(word) = words.next() {
+        if !matches!(word, "function" | "const" | "let" | "var") {
+            continue;
+        }
+        let Some(name) = words.next().filter(|name| !name.starts_with(|c: char| c.is_ascii_digit())) else { continue };
+        // A name that is a function's own, not a global one, has no type here.
+        let kind = ctx.eval::<String, _>(format!("typeof {name}"));
+        match kind {
+            Ok(kind) if kind == "function" && !found.iter().any(|known| known == name) => found.push(name.to_owned()),
+            Ok(_) => {}
+            // A reserved word; the exception must not stay with the engine.
+            Err(_) => drop(ctx.catch()),
+        }
+        if found.len() == MOST {
+            break;
+        }
+    }
+    found
 }
 
 /// A coordinate: a number, or a text of one; nothing is asked of the script's own objects.

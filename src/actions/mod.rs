@@ -56,11 +56,20 @@ pub struct Replayed {
     pub dropped: Vec<Dropped>,
     /// The error that ended the script or that nobody waited for.
     pub error: Option<CodeError>,
+    /// What its author may want to know although nothing failed, such as that a function was defined and never called.
+    #[serde(default)]
+    pub notes: Vec<String>,
     /// The limit at which it was stopped; then its events are not all that it would have recorded.
     pub stopped: Option<LimitReached>,
 }
 
 impl Replayed {
+    /// Whether the code is not JavaScript, so that none of it was run.
+    #[must_use]
+    pub fn is_unreadable(&self) -> bool {
+        self.events.is_empty() && self.error.as_ref().is_some_and(|error| error.message.starts_with("SyntaxError"))
+    }
+
     /// Whether its events are such as can be: cells of the world, materials of the palette.
     #[must_use]
     pub fn is_sound(&self) -> bool {

@@ -97,6 +97,8 @@ fn start() -> anyhow::Result<Child> {
     let child = Command::new(std::env::current_exe()?)
         .arg(COMMAND)
         .env_clear()
+        // Local time is the same on every machine.
+        .env("TZ", "UTC0")
         .current_dir("/")
         // What is sent to the service's group, such as Ctrl-C, is not meant for it.
         .process_group(0)

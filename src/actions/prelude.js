@@ -1,14 +1,20 @@
 // Stand-ins for what action code is given (SPEC 8). Evaluated with the recording function and the clock of the timers.
 (function (record) {
   "use strict";
-  class Vec3 {
-    constructor(x, y, z) { this.x = x; this.y = y; this.z = z; }
-    floored() { return new Vec3(Math.floor(this.x), Math.floor(this.y), Math.floor(this.z)); }
-    floor() { this.x = Math.floor(this.x); this.y = Math.floor(this.y); this.z = Math.floor(this.z); return this; }
-    clone() { return new Vec3(this.x, this.y, this.z); }
-    offset(dx, dy, dz) { return new Vec3(this.x + dx, this.y + dy, this.z + dz); }
-    distanceTo(other) { return Math.hypot(other.x - this.x, other.y - this.y, other.z - this.z); }
+  // Also called without `new`, as the game's own library allows it.
+  function Vec3(x, y, z) {
+    if (!new.target) return new Vec3(x, y, z);
+    this.x = x; this.y = y; this.z = z;
   }
+  const methods = {
+    floored() { return new Vec3(Math.floor(this.x), Math.floor(this.y), Math.floor(this.z)); },
+    floor() { this.x = Math.floor(this.x); this.y = Math.floor(this.y); this.z = Math.floor(this.z); return this; },
+    clone() { return new Vec3(this.x, this.y, this.z); },
+    offset(dx, dy, dz) { return new Vec3(this.x + dx, this.y + dy, this.z + dz); },
+    distanceTo(other) { return Math.hypot(other.x - this.x, other.y - this.y, other.z - this.z); },
+  };
+  for (const [name, value] of Object.entries(methods))
+    Object.defineProperty(Vec3.prototype, name, { value, writable: true, configurable: true });
   const air = () => ({ name: "air", type: 0 });
 
   // Timers fire in the order of virtual time, and of their setting where that is the same. Nothing sleeps.
@@ -47,6 +53,22 @@
     t = (t + Math.imul(t ^ (t >>> 7), 61 | t)) ^ t;
     return ((t ^ (t >>> 14)) >>> 0) / 4294967296;
   };
+
+  // The clock is that of the timers, from 1970 on. Each look at it takes a millisecond, so that waiting for it in a loop ends.
+  let looks = 0;
+  const clock = () => now + looks++;
+  const RealDate = Date;
+  function VirtualDate(...args) {
+    if (!new.target) return new RealDate(clock()).toString();
+    return Reflect.construct(RealDate, args.length ? args : [clock()], new.target);
+  }
+  VirtualDate.prototype = RealDate.prototype;
+  RealDate.prototype.constructor = VirtualDate;
+  for (const name of ["parse", "UTC"])
+    Object.defineProperty(VirtualDate, name, { value: RealDate[name], writable: true, configurable: true });
+  Object.defineProperty(VirtualDate, "now", { value: clock, writable: true, configurable: true });
+  Object.defineProperty(VirtualDate, "name", { value: "Date" });
+  globalThis.Date = VirtualDate;
 
   const position = new Vec3(0, 0, 0);
   const silent = () => {};

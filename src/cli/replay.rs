@@ -10,6 +10,7 @@ use clap::Args;
 use crate::actions::pool::Pool;
 use crate::actions::{ACTION_LIMITS, Replayed};
 use crate::http::api::replay::told;
+use crate::voxel::log_reader::code::without_fences;
 
 /// Arguments of `replay`.
 #[derive(Debug, Args)]
@@ -39,8 +40,8 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
                 "{name}: more than {} bytes",
                 ACTION_LIMITS.code_bytes
             );
-            let replayed = pool.run(&code).await?;
-            is_whole &= replayed.stopped.is_none();
+            let replayed = pool.run(&without_fences(&code)).await?;
+            is_whole &= replayed.stopped.is_none() && !replayed.is_unreadable();
             print(&name, &replayed)?;
         }
         Ok(if is_whole { ExitCode::SUCCESS } else { ExitCode::FAILURE })
@@ -55,6 +56,9 @@ fn print(name: &str, replayed: &Replayed) -> anyhow::Result<()> {
     out.flush()?;
     for dropped in &replayed.dropped {
         eprintln!("{name}: {} calls dropped: {}", dropped.count, dropped.reason);
+    }
+    for note in &replayed.notes {
+        eprintln!("{name}: {note}");
     }
     if let Some(error) = &replayed.error {
         let place = error.line.map(|line| format!(":{line}:{}", error.column.unwrap_or(1))).unwrap_or_default();

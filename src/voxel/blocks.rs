@@ -132,6 +132,15 @@ impl BlockSet {
         }
     }
 
+    /// A block that belongs to it: the first of them by name.
+    #[must_use]
+    pub fn example(self) -> &'static str {
+        match self.0 {
+            Members::One(name) => name,
+            Members::Family(_) => BLOCKS.keys().filter(|name| self.has(name)).min().map_or("stone", |name| *name),
+        }
+    }
+
     /// The names of all families.
     pub fn families() -> impl Iterator<Item = &'static str> {
         FAMILIES.iter().map(|(name, _)| *name)

@@ -144,13 +144,37 @@ pub fn read_document<'de, S: Shape<'de>>(text: &'de [u8], shape: S) -> Result<Op
     Ok(value)
 }
 
+/// Why a text is no JSON, in words, with the place.
+#[must_use]
+pub fn why_not_json(text: &[u8], error: &serde_json::Error) -> String {
+    if let Err(bad) = std::str::from_utf8(text) {
+        let at = bad.valid_up_to();
+        let line = text[..at].split(|byte| *byte == b'\n').count();
+        return format!("not UTF-8: byte {:#04x} at offset {at}, in line {line}; JSON is sent in UTF-8", text[at]);
+    }
+    let line = text.split(|byte| *byte == b'\n').nth(error.line().saturating_sub(1)).unwrap_or_default();
+    // The parser stops at the first letter that it does not expect, or behind it.
+    let around = &line[error.column().saturating_sub(2).min(line.len())..];
+    for word in ["NaN", "Infinity", "-Infinity", "undefined", "None", "True", "False"] {
+        if around.starts_with(word.as_bytes()) || around.get(1..).is_some_and(|rest| rest.starts_with(word.as_bytes()))
+        {
+            return format!("{error}: JSON has no {word}");
+        }
+    }
+    error.to_string()
+}
+
 /// What is wrong with one line of an NDJSON text, with its column: within a line the parser's own line number is always
 /// 1, and the line in the text is told elsewhere.
 #[must_use]
-pub fn on_its_line(error: &serde_json::Error) -> String {
-    let text = error.to_string();
-    let what = text.rfind(" at line ").map_or(text.as_str(), |end| &text[..end]);
-    format!("{what} at column {}", error.column())
+pub fn on_its_line(line: &[u8], error: &serde_json::Error) -> String {
+    let text = why_not_json(line, error);
+    if !text.contains(" at line ") {
+        return text;
+    }
+    let (what, rest) = text.split_once(" at line ").unwrap_or((&text, ""));
+    let hint = rest.split_once(": ").map(|(_, hint)| format!(": {hint}")).unwrap_or_default();
+    format!("{what} at column {}{hint}", error.column())
 }
 
 /// Wants what another shape wants, or `null`, which is the same as leaving the member out.
@@ -220,6 +244,33 @@ impl Shape<'_> for Text<'_> {
         } else {
             Some((*text).to_owned())
         }
+    }
+}
+
+/// Wants a string of any characters, such as a script: line breaks and tabs belong to it.
+#[derive(Debug)]
+pub struct Verbatim<'f> {
+    /// Where faults go.
+    pub faults: &'f mut Faults,
+}
+
+impl Shape<'_> for Verbatim<'_> {
+    type Out = String;
+
+    fn wanted(&self) -> &'static str {
+        "a string"
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn scalar(self, value: &Scalar<'_>) -> Option<String> {
+        if let Scalar::Text(text) = value {
+            return Some((*text).to_owned());
+        }
+        self.faults.add(format!("expected a string, found {value}"));
+        None
     }
 }
 

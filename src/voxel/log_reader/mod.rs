@@ -9,7 +9,7 @@ use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess};
 use super::block_log::{BlockLog, Event, Turn};
 use super::faults::Faults;
 use super::palette::{MaterialId, Palette};
-use super::tolerant::{OrNull, Read, Shape, Text};
+use super::tolerant::{OrNull, Read, Shape, Verbatim};
 
 /// Reads the value of the member just named, with faults placed at it. Text that is not JSON leaves the place entered, so
 /// that it can be told.
@@ -20,16 +20,6 @@ macro_rules! member {
         $reader.faults.leave();
         // `null` is as good as absent.
         value.flatten()
-    }};
-}
-
-/// The same for a member that is a text; that it is there is told apart from what it holds.
-macro_rules! code_member {
-    ($members:expr, $reader:expr, $shape:expr) => {{
-        $reader.faults.enter_key("action_code");
-        let value = $members.next_value_seed(Read($shape))?;
-        $reader.faults.leave();
-        Some(value)
     }};
 }
 
@@ -51,9 +41,10 @@ macro_rules! array_of {
 pub mod code;
 mod events;
 mod rows;
+pub mod stored;
 pub mod text;
 
-use code::TurnCode;
+use code::{SentLog, TurnCode, without_fences};
 use events::EventsShape;
 use rows::{PaletteShape, Row, RowsShape};
 
@@ -77,12 +68,10 @@ pub struct Turns<'f> {
     pub faults: &'f mut Faults,
     /// What the log may hold.
     pub limits: LogLimits,
-    /// Where the action code of turns goes, which stay empty until it has been run; none where code is not taken.
-    pub codes: Option<&'f mut Vec<TurnCode>>,
 }
 
 impl<'de> Shape<'de> for Turns<'_> {
-    type Out = BlockLog;
+    type Out = SentLog;
 
     fn wanted(&self) -> &'static str {
         "an array of turns"
@@ -92,9 +81,8 @@ impl<'de> Shape<'de> for Turns<'_> {
         self.faults
     }
 
-    fn array<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Option<BlockLog>, A::Error> {
-        let mut reader =
-            Reader { faults: self.faults, limits: self.limits, codes: self.codes, palette: Palette::new(), events: 0 };
+    fn array<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Option<SentLog>, A::Error> {
+        let mut reader = Reader::new(self.faults, self.limits);
         let mut turns = Vec::new();
         loop {
             reader.faults.enter_index(turns.len());
@@ -109,7 +97,7 @@ impl<'de> Shape<'de> for Turns<'_> {
             }
         }
         reader.check_totals();
-        Ok(Some(BlockLog { palette: reader.palette, turns }))
+        Ok(Some(SentLog { log: BlockLog { palette: reader.palette, turns }, codes: reader.codes }))
     }
 }
 
@@ -117,12 +105,16 @@ impl<'de> Shape<'de> for Turns<'_> {
 struct Reader<'f> {
     faults: &'f mut Faults,
     limits: LogLimits,
-    codes: Option<&'f mut Vec<TurnCode>>,
+    codes: Vec<TurnCode>,
     palette: Palette,
     events: usize,
 }
 
-impl Reader<'_> {
+impl<'f> Reader<'f> {
+    fn new(faults: &'f mut Faults, limits: LogLimits) -> Self {
+        Self { faults, limits, codes: Vec::new(), palette: Palette::new(), events: 0 }
+    }
+
     /// Counts an event; false where it is one too many and need not be kept.
     fn count_event(&mut self) -> bool {
         self.events += 1;
@@ -154,7 +146,7 @@ impl<'de> Shape<'de> for TurnShape<'_, '_> {
     type Out = Turn;
 
     fn wanted(&self) -> &'static str {
-        "a turn: an object with \"events\", or with \"palette\" and \"rows\""
+        "a turn: an object with \"events\", with \"palette\" and \"rows\", or with \"action_code\""
     }
 
     fn faults(&mut self) -> &mut Faults {
@@ -176,11 +168,7 @@ impl<'de> Shape<'de> for TurnShape<'_, '_> {
                     rows = member!(members, reader, "rows", RowsShape { reader: &mut *reader });
                 }
                 "action_code" if code.is_none() => {
-                    code = code_member!(
-                        members,
-                        reader,
-                        Text { faults: &mut *reader.faults, min_chars: 0, max_chars: usize::MAX }
-                    );
+                    code = member!(members, reader, "action_code", Verbatim { faults: &mut *reader.faults });
                 }
                 known @ ("events" | "palette" | "rows" | "action_code") => {
                     reader.faults.add_at(known, "given twice");
@@ -199,18 +187,19 @@ impl<'de> Shape<'de> for TurnShape<'_, '_> {
                 reader.faults.add("give either events, or palette and rows, or action_code");
                 return Ok(None);
             }
-            match (&mut reader.codes, code) {
-                (Some(codes), Some(code)) => codes.push(TurnCode { turn, code }),
-                (Some(_), None) => {}
-                (None, _) => reader.faults.add_at("action_code", "not taken here; POST /v1/replay makes events of it"),
-            }
+            reader.codes.extend(code.map(|code| TurnCode { turn, code: without_fences(&code).into_owned() }));
             return Ok(Some(Turn::new()));
         }
         Ok(match (events, palette, rows) {
             (Some(events), None, None) => events,
             (None, palette, Some(rows)) => rows.and_then(|rows| {
                 let names = palette.unwrap_or_else(|| Some(Vec::new()));
-                names.map(|names| resolve_rows(reader, rows, &names))
+                names.map(|names| {
+                    reader.faults.enter_key("rows");
+                    let turn = resolve_rows(reader, rows, &names);
+                    reader.faults.leave();
+                    turn
+                })
             }),
             (None, Some(_), None) => {
                 reader.faults.add_at("rows", "missing");
@@ -228,10 +217,9 @@ impl<'de> Shape<'de> for TurnShape<'_, '_> {
     }
 }
 
-/// Rows name materials by their place in the turn's palette; the log has one palette for all turns.
+/// Rows name materials by their place in the palette they came with; the log has one palette for all turns.
 fn resolve_rows(reader: &mut Reader<'_>, rows: Vec<Row>, names: &[MaterialId]) -> Turn {
     let mut turn = Turn::with_capacity(rows.len());
-    reader.faults.enter_key("rows");
     for Row { index, cell, material } in rows {
         match material.map(|i| usize::try_from(i).ok().and_then(|i| names.get(i)).ok_or(i)) {
             None => turn.push(Event::Remove { cell }),
@@ -245,19 +233,22 @@ fn resolve_rows(reader: &mut Reader<'_>, rows: Vec<Row>, names: &[MaterialId]) -
             }
         }
     }
-    reader.faults.leave();
     turn
 }
 
-/// Reads the array of turns of a log from a whole JSON document.
+/// Reads the array of turns of a log from a whole JSON document. Action code is not run here, and so is a fault.
 ///
 /// # Errors
 /// Where the text is not JSON. Faults of a well-formed text go to `faults`.
 pub fn read_turns(text: &[u8], limits: LogLimits, faults: &mut Faults) -> Result<Option<BlockLog>, serde_json::Error> {
     let mut deserializer = serde_json::Deserializer::from_slice(text);
-    let log = Read(Turns { faults, limits, codes: None }).deserialize(&mut deserializer)?;
+    let sent = Read(Turns { faults, limits }).deserialize(&mut deserializer)?;
     deserializer.end()?;
-    Ok(log)
+    let Some(SentLog { log, codes }) = sent else { return Ok(None) };
+    if !codes.is_empty() {
+        faults.add("action code is not run here");
+    }
+    Ok(Some(log))
 }
 
 #[cfg(test)]

@@ -1,0 +1,50 @@
+//! What a misspelt name was probably meant to be.
+
+/// The name that is nearest to `given` (Damerau-Levenshtein), if it is near enough to have been meant: a third of its letters may
+/// be wrong. A name that begins with what was given is near too.
+pub fn nearest<'n>(given: &str, names: impl IntoIterator<Item = &'n str>) -> Option<&'n str> {
+    near(given, names, 1).into_iter().next()
+}
+
+/// The names nearest to `given`, at most `most`, the nearest first.
+pub fn near<'n>(given: &str, names: impl IntoIterator<Item = &'n str>, most: usize) -> Vec<&'n str> {
+    let given: String = given.to_lowercase().chars().take(100).collect();
+    let allowed = 1 + given.chars().count() / 3;
+    let mut found: Vec<(usize, &str)> = names
+        .into_iter()
+        .filter_map(|name| {
+            let distance = strsim::osa_distance(&given, &name.to_lowercase());
+            let begins = given.chars().count() >= 3 && name.to_lowercase().starts_with(&given);
+            (distance <= allowed || begins).then_some((distance, name))
+        })
+        .collect();
+    found.sort_unstable();
+    found.dedup();
+    found.truncate(most);
+    found.into_iter().map(|(_, name)| name).collect()
+}
+
+/// The same as words to append to a fault: `; did you mean a, b?`, or nothing.
+pub fn did_you_mean<'n>(given: &str, names: impl IntoIterator<Item = &'n str>) -> String {
+    match near(given, names, 3).as_slice() {
+        [] => String::new(),
+        found => format!("; did you mean {}?", found.join(", ")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn near_names_are_found_and_far_ones_not() {
+        let names = ["reward_scheme", "task", "suite"];
+        assert_eq!(nearest("reward_schem", names), Some("reward_scheme"));
+        assert_eq!(nearest("tsak", names), Some("task"));
+        assert_eq!(nearest("Suites", names), Some("suite"));
+        assert_eq!(nearest("reward", names), Some("reward_scheme"));
+        assert_eq!(nearest("image", names), None);
+        assert_eq!(did_you_mean("wals", ["walls", "halls", "roofs"]), "; did you mean walls, halls?");
+        assert_eq!(did_you_mean("nothing", names), "");
+    }
+}
