@@ -1,6 +1,7 @@
 //! Grading: a task and a log give a report; reports give the summary of a run.
 
 pub mod advisories;
+pub mod baseline;
 pub mod fingerprints;
 pub mod outcomes;
 pub mod raw_records;

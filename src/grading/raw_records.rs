@@ -97,7 +97,7 @@ pub fn read_records(text: &str) -> Result<Vec<RawRecord>, Vec<Fault>> {
             Err(error) => {
                 let path = error.path().to_string();
                 let place = if path == "." { String::new() } else { format!("{path}: ") };
-                faults.add(format!("{place}{}", on_its_line(&error.into_inner())));
+                faults.add(format!("{place}{}", on_its_line(line.as_bytes(), &error.into_inner())));
             }
             Ok(line) => records.extend(record(line, number, &mut faults)),
         }

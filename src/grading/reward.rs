@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::Report;
+use super::baseline::Baseline;
 use crate::checks::Criterion;
 
 /// How a report becomes a number in [0, 1].
@@ -11,8 +12,10 @@ pub enum Scheme {
     /// 1 where the problem passes overall (SPEC 5), else 0.
     #[default]
     Strict,
-    /// The mean over the criteria that apply, each the mean score of its checks.
+    /// The mean over the criteria that apply, each the mean score of its checks. A log that does nothing earns much of it.
     Mean,
+    /// What is earned beyond a log that does nothing ([`Baseline::shaped`]): for training.
+    Shaped,
     /// The weighted mean of the same, over the criteria that apply and have a weight.
     Weighted(Vec<(Criterion, f64)>),
 }
@@ -24,21 +27,26 @@ impl Scheme {
         match self {
             Self::Strict => "strict",
             Self::Mean => "mean",
+            Self::Shaped => "shaped",
             Self::Weighted(_) => "weighted",
         }
     }
 
-    /// The reward; none where no criterion that applies has a weight.
+    /// The reward; none where no criterion that applies has a weight. `baseline` is that of the task, for [`Self::Shaped`]; none where
+    /// each check is passed by a log that does nothing.
     #[must_use]
-    pub fn reward(&self, report: &Report) -> Option<f64> {
+    pub fn reward(&self, report: &Report, baseline: Option<&Baseline>) -> Option<f64> {
         let weight = |criterion: Criterion| match self {
-            Self::Strict | Self::Mean => 1.0,
+            Self::Strict | Self::Mean | Self::Shaped => 1.0,
             Self::Weighted(weights) => {
                 weights.iter().find(|(of, _)| *of == criterion).map_or(0.0, |(_, weight)| *weight)
             }
         };
         if *self == Self::Strict {
             return Some(f64::from(report.overall));
+        }
+        if *self == Self::Shaped {
+            return baseline.filter(|baseline| baseline.can_be_beaten()).map(|baseline| baseline.shaped(report));
         }
         let total: f64 = report.criteria.iter().map(|c| weight(c.criterion)).sum();
         let sum: f64 = report.criteria.iter().map(|c| weight(c.criterion) * c.mean).sum();
@@ -50,31 +58,55 @@ impl Scheme {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct RewardComponents {
     /// 1 where the problem passes overall, else 0.
+    #[schema(minimum = 0, maximum = 1)]
     pub overall: f64,
     /// Material; absent where it does not apply, as the others.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
     pub material: Option<f64>,
     /// Shape.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
     pub shape: Option<f64>,
     /// Size.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
     pub size: Option<f64>,
     /// Physical plausibility.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
     pub physical_plausibility: Option<f64>,
     /// Structural stability.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
     pub structural_stability: Option<f64>,
     /// Efficiency.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
     pub efficiency: Option<f64>,
     /// Dependency.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
     pub dependency: Option<f64>,
 }
 
 impl RewardComponents {
+    /// Of nothing that could be graded: 0 for each criterion that applies.
+    #[must_use]
+    pub fn none_of(criteria: &[Criterion]) -> Self {
+        let none = |wanted| criteria.contains(&wanted).then_some(0.0);
+        Self {
+            overall: 0.0,
+            material: none(Criterion::Material),
+            shape: none(Criterion::Shape),
+            size: none(Criterion::Size),
+            physical_plausibility: none(Criterion::PhysicalPlausibility),
+            structural_stability: none(Criterion::StructuralStability),
+            efficiency: none(Criterion::Efficiency),
+            dependency: none(Criterion::Dependency),
+        }
+    }
+
     /// Of a report.
     #[must_use]
     pub fn of(report: &Report) -> Self {
@@ -113,15 +145,15 @@ mod tests {
         let efficiency = wide.criteria.iter().find(|c| c.criterion == Criterion::Efficiency).unwrap().mean;
         let weights = |of: &[(Criterion, f64)]| Scheme::Weighted(of.to_vec());
         for scheme in [Scheme::Strict, Scheme::Mean, weights(&[(Criterion::Size, 2.0)])] {
-            assert_eq!(scheme.reward(&good), Some(1.0));
+            assert_eq!(scheme.reward(&good, None), Some(1.0));
         }
-        assert_eq!(Scheme::Strict.reward(&wide), Some(0.0));
-        assert_eq!(Scheme::Mean.reward(&wide), Some((0.5 + 0.5 + 1.0 + efficiency) / 4.0));
+        assert_eq!(Scheme::Strict.reward(&wide, None), Some(0.0));
+        assert_eq!(Scheme::Mean.reward(&wide, None), Some((0.5 + 0.5 + 1.0 + efficiency) / 4.0));
         assert_eq!(
-            weights(&[(Criterion::Material, 3.0), (Criterion::PhysicalPlausibility, 1.0)]).reward(&wide),
+            weights(&[(Criterion::Material, 3.0), (Criterion::PhysicalPlausibility, 1.0)]).reward(&wide, None),
             Some(2.5 / 4.0)
         );
-        assert_eq!(weights(&[(Criterion::Dependency, 1.0)]).reward(&wide), None, "walls have no order");
+        assert_eq!(weights(&[(Criterion::Dependency, 1.0)]).reward(&wide, None), None, "walls have no order");
         assert_eq!(RewardComponents::of(&wide).size, Some(0.5));
         assert_eq!(RewardComponents::of(&wide).dependency, None);
     }
