@@ -61,10 +61,15 @@ async fn rows_are_ordered_compared_and_told_in_every_form() {
     }
     assert_eq!(seen, ["=best, \"1\"", "next", "last"]);
     assert_eq!(names(&service.get(&format!("{path}?agent=NEX")).await.json()), ["next"]);
-    assert!(names(&service.get(&format!("{path}?provenance=nonce-bound")).await.json()).is_empty());
-    for wrong in ["sort=beauty", "limit=0", "after=nobody", "as_of=yesterday", "colour=red"] {
-        service.get(&format!("{path}?{wrong}")).await.faults(400);
+    assert!(names(&service.get(&format!("{path}?provenance=re-run-by-host")).await.json()).is_empty());
+    for wrong in ["sort=beauty", "limit=0", "after=nobody", "as_of=yesterday", "colour=red", "provenance=nonce-bound"] {
+        let answer = service.get(&format!("{path}?{wrong}")).await;
+        answer.faults(400);
+        assert_eq!(answer.json()["faults"][0]["parameter"], wrong.split('=').next().unwrap(), "{}", answer.text);
     }
+    let wrong = service.get(&format!("{path}?sort=beauty&limit=x&agnet=a")).await.json();
+    let names: Vec<&Value> = wrong["faults"].as_array().unwrap().iter().map(|fault| &fault["parameter"]).collect();
+    assert_eq!(names, ["sort", "limit", "agnet"], "{wrong}");
 
     let table = service.get(&format!("{path}?format=csv")).await;
     assert_eq!(table.kind, "text/csv; charset=utf-8");
@@ -142,6 +147,116 @@ async fn what_is_done_to_a_row_is_told_for_ever() {
     for statement in ["DELETE FROM board_actions", "UPDATE board_actions SET reason = ''"] {
         assert!(sqlx::query(statement).execute(&mut connection).await.unwrap_err().to_string().contains("permanent"));
     }
+}
+
+/// Runs without answers are listed apart, and move nobody's place; what is skipped on purpose counts as failed.
+#[tokio::test]
+async fn empty_runs_spoil_no_places() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &[]);
+    service.finished_run("best", 0).await;
+    service.finished_run("good", 20).await;
+    let path = format!("/v1/leaderboards/{SUITE}");
+    let before = service.get(&path).await.json();
+    assert_eq!(before["rows"][0]["places"], json!({ "first": 1, "last": 1 }));
+    for i in 0..20 {
+        let run = service.begin_run(&format!("empty {i}"), SUITE).await;
+        // With a body, with none, and with an empty form, as clients happen to send it.
+        match i % 3 {
+            0 => service.post_json(&format!("/v1/runs/{run}/finish"), &json!({})).await,
+            1 => service.send(service.http.post(format!("{}/v1/runs/{run}/finish", service.url))).await,
+            _ => service.post(&format!("/v1/runs/{run}/finish"), "application/x-www-form-urlencoded", "").await,
+        };
+        service.wait_for(&format!("/v1/runs/{run}"), |run| run["state"] == "finished").await;
+    }
+    let after = service.get(&path).await.json();
+    assert_eq!(after["rows"], before["rows"]);
+    assert_eq!(
+        (&after["total"], &after["incomplete"], &after["minimum_coverage"]),
+        (&json!(2), &json!(20), &json!(1.0))
+    );
+    let apart = service.get(&format!("{path}?coverage=incomplete&limit=3")).await.json();
+    assert_eq!(
+        (&apart["total"], &apart["rows"][0]["rank"], &apart["rows"][0]["places"]),
+        (&json!(20), &Value::Null, &Value::Null)
+    );
+    assert!(service.get(&format!("/boards/{SUITE}")).await.text.contains("Incomplete runs"));
+
+    // Whoever says that the rest is left out on purpose is compared, and has failed it.
+    let run = service.begin_run("honest", SUITE).await;
+    let suite = plumbline::tasks::embedded::lite(&plumbline::tasks::embedded::latest().unwrap(), 42);
+    let one = support::good_build(&suite.tasks[0], false, Some(&run));
+    service.post_json("/v1/submissions", &one).await;
+    let finish = format!("/v1/runs/{run}/finish");
+    let answered = json!({ "skip": [suite.tasks[0].id] });
+    assert_eq!(service.post_json(&finish, &answered).await.faults(422), ["null /skip"]);
+    let wrong = json!({ "skip": [suite.tasks[1].number, "walls/nine"] });
+    assert_eq!(service.post_json(&finish, &wrong).await.faults(422), ["null /skip/1/task"]);
+    assert_eq!(service.post_json(&finish, &json!({ "skip": "all" })).await.status, StatusCode::UNPROCESSABLE_ENTITY);
+    assert_eq!(service.post_json(&finish, &json!({ "skip": "unanswered" })).await.json()["skipped"], 24);
+    service.wait_for(&format!("/v1/runs/{run}"), |run| run["state"] == "finished").await;
+    assert_eq!(service.post_json(&finish, &json!({ "skip": "unanswered" })).await.status, StatusCode::CONFLICT);
+    assert_eq!(service.post_json(&finish, &json!({})).await.status, StatusCode::OK, "finishing again is nothing");
+    let board = service.get(&path).await.json();
+    assert_eq!(names(&board), ["best", "good", "honest"]);
+    let row = &board["rows"][2];
+    assert_eq!(
+        (&row["skipped"], &row["coverage"]["pass"], &row["overall"]["pass"]),
+        (&json!(24), &json!(1), &json!(1))
+    );
+    assert_eq!(board["rows"][0]["places"], json!({ "first": 1, "last": 1 }));
+}
+
+#[tokio::test]
+async fn runs_are_listed_and_open_ones_deleted() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = folder.path().join("p.db");
+    let mut service = Service::start_as_told(&database, &[]);
+    service.http = client_of(&database, "first");
+    let own: Vec<String> =
+        [service.begin_run("Alpha 1", "mineceraft").await, service.begin_run("beta", SUITE).await].into();
+    let log = json!({ "run": own[1], "task": 15, "turns": [{ "events": [] }] });
+    let submission = service.post_json("/v1/submissions", &log).await.json()["id"].as_str().unwrap().to_owned();
+    service.http = client_of(&database, "second");
+    let other = service.finished_run("gamma", 0).await;
+    let listed = async |query: &str| {
+        let page = service.get(&format!("/v1/runs{query}")).await.json();
+        page["runs"]
+            .as_array()
+            .unwrap_or_else(|| panic!("{page}"))
+            .iter()
+            .map(|run| run["id"].as_str().unwrap().to_owned())
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(listed("").await, [other.clone(), own[1].clone(), own[0].clone()]);
+    let only_other = vec![other.clone()];
+    assert_eq!(listed("?mine=true").await, only_other);
+    assert_eq!(listed("?state=open&agent=ALPHA").await, [own[0].clone()]);
+    assert_eq!(listed("?state=finished&suite=mineceraft-lite@2").await, only_other);
+    assert_eq!(listed("?limit=1").await, only_other);
+    assert_eq!(listed(&format!("?after={other}&limit=1")).await, [own[1].clone()]);
+    assert!(
+        listed("?until=2020-01-01T00:00:00Z").await.is_empty()
+            && listed("?since=2020-01-01T00:00:00Z").await.len() == 3
+    );
+    service.get("/v1/runs?state=fine&since=once").await.faults(400);
+
+    let delete = |run: &str| service.send(service.http.delete(format!("{}/v1/runs/{run}", service.url)));
+    assert_eq!(delete(&own[1]).await.status, StatusCode::OK, "the operator's key may");
+    assert_eq!(service.get(&format!("/v1/runs/{}", own[1])).await.json()["state"], "deleted");
+    assert_eq!(listed("").await, [other.clone(), own[0].clone()]);
+    assert_eq!(listed("?state=deleted").await, [own[1].clone()]);
+    assert_eq!(delete(&own[1]).await.status, StatusCode::CONFLICT);
+    assert_eq!(delete(&other).await.status, StatusCode::CONFLICT, "a finished run stays");
+    assert_eq!(delete("none").await.status, StatusCode::NOT_FOUND);
+    assert_eq!(service.post_json("/v1/submissions", &log).await.status, StatusCode::CONFLICT);
+    let ended = service.get(&format!("/v1/submissions/{submission}")).await.json();
+    assert!(["graded", "cancelled"].contains(&ended["state"].as_str().unwrap()), "{ended}");
+    let finish = service.post_json(&format!("/v1/runs/{}/finish", own[1]), &json!({})).await;
+    assert_eq!(finish.status, StatusCode::CONFLICT);
+    // Who follows it is told, with the task.
+    let events = service.get(&format!("/v1/events?run={}", own[1])).await.text;
+    assert!(events.contains("\"state\":\"deleted\"") && events.contains("\"task\":\"foundations/"), "{events}");
 }
 
 /// A client that sends an owner's key.

@@ -9,6 +9,8 @@ const OVERALL: u16 = 1 << 1;
 const ACCURATE: u16 = 1 << 2;
 /// Bit of the first criterion; the others follow in the paper's order.
 const FIRST_CRITERION: usize = 3;
+/// The run's owner said that the task is left out on purpose.
+const SKIPPED: u16 = 1 << 10;
 
 /// What passes, per task in the order of the suite.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -17,12 +19,16 @@ pub struct Outcomes {
 }
 
 impl Outcomes {
-    /// Of the problems of a run.
+    /// Of the problems of a run, and the numbers of the tasks that it skips.
     #[must_use]
-    pub fn of(tasks: &[Task], problems: &[ProblemScores]) -> Self {
+    pub fn of(tasks: &[Task], problems: &[ProblemScores], skipped: &[u32]) -> Self {
         let by_number: std::collections::HashMap<u32, &ProblemScores> =
             problems.iter().map(|problem| (problem.number, problem)).collect();
-        let code = |task: &Task| by_number.get(&task.number).map_or(0, |problem| code(problem));
+        let code = |task: &Task| match by_number.get(&task.number) {
+            Some(problem) => code(problem),
+            None if skipped.contains(&task.number) => SKIPPED,
+            None => 0,
+        };
         Self { codes: tasks.iter().map(code).collect() }
     }
 
@@ -43,6 +49,18 @@ impl Outcomes {
     #[must_use]
     pub fn is_answered(&self, place: usize) -> bool {
         self.codes[place] & ANSWERED != 0
+    }
+
+    /// Whether the run skips it, and so has failed it.
+    #[must_use]
+    pub fn is_skipped(&self, place: usize) -> bool {
+        self.codes[place] & SKIPPED != 0
+    }
+
+    /// Number of tasks that were answered, or skipped on purpose.
+    #[must_use]
+    pub fn covered(&self) -> usize {
+        self.codes.iter().filter(|code| **code & (ANSWERED | SKIPPED) != 0).count()
     }
 
     /// Whether it passes overall.
@@ -111,6 +129,12 @@ impl Places {
             words[place / 64] |= 1 << (place % 64);
         }
         Self { words }
+    }
+
+    /// How many places are in both.
+    #[must_use]
+    pub fn common(&self, other: &Self) -> usize {
+        self.words.iter().zip(&other.words).map(|(a, b)| (a & b).count_ones() as usize).sum()
     }
 
     /// How many tasks that both answered only the one solves, and only the other.

@@ -50,6 +50,7 @@ pub struct CriterionReport {
     /// Whether every check of it scored 1.
     pub holds: bool,
     /// Mean score of its checks.
+    #[schema(minimum = 0, maximum = 1)]
     pub mean: f64,
     /// Number of its checks.
     pub checks: u32,
@@ -65,6 +66,7 @@ pub struct Report {
     /// The task's number in its suite.
     pub number: u32,
     /// SHA-256 of the task, in hex.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
     pub task_hash: String,
     /// Version of the rules that scored it.
     pub checks_version: u32,

@@ -77,7 +77,8 @@ impl Field {
     /// The places that a run may have among others, where p-values up to the threshold show a difference.
     #[must_use]
     pub fn places(&self, one: &Standing, all: &[Arc<Standing>], threshold: f64) -> RankRange {
-        let others = all.iter().filter(|other| other.run != one.run).map(|other| {
+        let tested = all.iter().filter(|other| other.run != one.run && one.can_be_compared(other));
+        let others = tested.map(|other| {
             if let Some(p) = self.decided(one, other, threshold) {
                 return (other.solved_count > one.solved_count, p);
             }
@@ -107,7 +108,7 @@ impl Field {
 
     /// Adds a run's comparisons with others, or takes them back.
     pub fn count(&self, comparisons: &mut Comparisons, one: &Standing, others: &[Arc<Standing>], is_new: bool) {
-        for other in others {
+        for other in others.iter().filter(|other| one.can_be_compared(other)) {
             let (_, only_one, only_other) = self.compare(one, other);
             comparisons.count(&self.test, only_one, only_other, is_new);
         }
@@ -200,11 +201,28 @@ impl Standing {
         Self {
             interval: field.interval(outcomes),
             solved: Places::picked(tasks, |place| outcomes.is_solved(place)),
-            answered: Places::picked(tasks, |place| outcomes.is_answered(place)),
+            answered: Places::picked(tasks, |place| outcomes.is_answered(place) || outcomes.is_skipped(place)),
             solved_count: (0..tasks).filter(|place| outcomes.is_solved(*place)).count(),
-            is_whole: (0..tasks).all(|place| outcomes.is_answered(place)),
+            is_whole: outcomes.covered() == tasks,
             finished,
         }
+    }
+
+    /// Whether there are tasks that both answered or skipped: without any, nothing is known of which one is better.
+    fn can_be_compared(&self, other: &Self) -> bool {
+        (self.is_whole && other.is_whole && !self.outcomes.is_empty()) || self.answered.common(&other.answered) > 0
+    }
+
+    /// Whether at least this share of the tasks was answered, or skipped on purpose.
+    #[must_use]
+    pub fn covers(&self, share: f64) -> bool {
+        self.outcomes.covered() as f64 >= share * self.outcomes.len() as f64
+    }
+
+    /// Number of tasks that the run skips.
+    #[must_use]
+    pub fn skipped(&self) -> usize {
+        (0..self.outcomes.len()).filter(|place| self.outcomes.is_skipped(*place)).count()
     }
 
     /// Share of tasks that is solved; none without tasks.
@@ -268,7 +286,7 @@ mod tests {
                 since_ms: 0,
                 finished_at_ms: 0,
                 summary: Summary::of(&problems),
-                outcomes: Outcomes::of(tasks, &problems),
+                outcomes: Outcomes::of(tasks, &problems, &[]),
                 owner: None,
                 provenance: String::new(),
                 fingerprint: None,

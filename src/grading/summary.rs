@@ -55,6 +55,7 @@ pub struct CheckRate {
     /// How many scored 1.
     pub rows_at_1: u64,
     /// Mean score; null without checks.
+    #[schema(minimum = 0, maximum = 1)]
     pub mean: Option<f64>,
 }
 
@@ -66,6 +67,7 @@ pub struct ProblemRate {
     /// Problems to which it applies.
     pub of: u64,
     /// Pass over of; null where it applies to none.
+    #[schema(minimum = 0, maximum = 1)]
     pub rate: Option<f64>,
 }
 
@@ -75,6 +77,7 @@ pub struct GradedMean {
     /// Number of problems.
     pub n: u64,
     /// Mean of their scores; null without problems.
+    #[schema(minimum = 0, maximum = 1)]
     pub mean: Option<f64>,
 }
 

@@ -35,15 +35,19 @@ struct Kept {
 /// Rows of a board, the best first, compared with each other.
 #[derive(Debug, Clone, Default)]
 pub struct Rows {
-    /// The rows.
+    /// The rows that cover enough of the suite to be compared.
     pub all: Vec<Arc<Standing>>,
+    /// The others, listed apart.
+    pub incomplete: Vec<Arc<Standing>>,
     comparisons: Comparisons,
     threshold: f64,
 }
 
 impl Rows {
-    /// Other rows; what they have in common with these was compared.
-    fn changed_to(&self, mut rows: Vec<Arc<Standing>>, field: &Field) -> Self {
+    /// Other rows; what they have in common with these was compared. Those that cover less than this share of the suite are apart.
+    fn changed_to(&self, rows: Vec<Arc<Standing>>, field: &Field, least_coverage: f64) -> Self {
+        let (mut rows, mut incomplete): (Vec<_>, Vec<_>) = rows.into_iter().partition(|row| row.covers(least_coverage));
+        order(&mut incomplete);
         let is_in = |rows: &[Arc<Standing>]| rows.iter().map(Arc::as_ptr).collect::<HashSet<_>>();
         let (before, after) = (is_in(&self.all), is_in(&rows));
         let (mut compared, gone): (Vec<_>, Vec<_>) =
@@ -58,7 +62,7 @@ impl Rows {
             compared.push(Arc::clone(row));
         }
         order(&mut rows);
-        Self { threshold: field.threshold(&comparisons), all: rows, comparisons }
+        Self { threshold: field.threshold(&comparisons), all: rows, incomplete, comparisons }
     }
 
     /// The places that a run may have among them.
@@ -77,6 +81,8 @@ pub struct Board {
     pub entry: Arc<Entry>,
     /// What comparing needs to know of its tasks.
     pub field: Arc<Field>,
+    /// The share of the suite that a run must have answered, or skipped on purpose, to be compared.
+    pub least_coverage: f64,
     /// Rows that show, the best first.
     pub rows: Rows,
     /// What was done to rows, in order.
@@ -118,7 +124,7 @@ impl Board {
     /// Rows as they showed at a time, the best first.
     #[must_use]
     pub fn as_of(&self, at_ms: i64) -> Rows {
-        Rows::default().changed_to(self.showing(at_ms), &self.field)
+        Rows::default().changed_to(self.showing(at_ms), &self.field, self.least_coverage)
     }
 
     fn showing(&self, at_ms: i64) -> Vec<Arc<Standing>> {
@@ -150,6 +156,7 @@ impl Board {
             version: version(&self.entry, news.read),
             entry: Arc::clone(&self.entry),
             field: Arc::clone(&self.field),
+            least_coverage: self.least_coverage,
             rows: Rows::default(),
             actions,
             results,
@@ -157,7 +164,7 @@ impl Board {
             begun,
             read: news.read,
         };
-        board.rows = self.rows.changed_to(board.showing(i64::MAX), &self.field);
+        board.rows = self.rows.changed_to(board.showing(i64::MAX), &self.field, self.least_coverage);
         Arc::new(board)
     }
 }
@@ -208,7 +215,7 @@ impl Boards {
         }
         let runs_ended = state.store.runs_ended();
         let known = self.kept.read().unwrap_or_else(PoisonError::into_inner).get(&suite_id).cloned();
-        let board = known.map_or_else(|| Arc::new(empty(entry)), |kept| kept.board);
+        let board = known.map_or_else(|| Arc::new(empty(entry, state.least_coverage)), |kept| kept.board);
         let news = state.store.board_news(&suite_id, &entry.suite.tasks, board.read).await?;
         let board = board.with(news);
         let kept = Kept { board: Arc::clone(&board), runs_ended, since: Instant::now() };
@@ -230,10 +237,11 @@ fn version(entry: &Entry, Read { result, action, run }: Read) -> String {
     format!("{}:{result}:{action}:{run}:{}", entry.suite.id(), *PROCESS)
 }
 
-fn empty(entry: &Arc<Entry>) -> Board {
+fn empty(entry: &Arc<Entry>, least_coverage: f64) -> Board {
     Board {
         version: version(entry, Read::default()),
         field: Arc::new(Field::of(&entry.suite.tasks)),
+        least_coverage,
         entry: Arc::clone(entry),
         rows: Rows::default(),
         actions: Vec::new(),

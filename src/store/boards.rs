@@ -3,7 +3,7 @@
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row as _, SqliteConnection};
 
-use super::runs::problems_of;
+use super::run_ends::problems_of;
 use super::{Store, StoreError, StoreResult, commit};
 use crate::grading::fingerprints::Fingerprint;
 use crate::grading::outcomes::Outcomes;
@@ -197,7 +197,7 @@ async fn read_result(connection: &mut SqliteConnection, row: &SqliteRow, tasks: 
         Some(bytes) => Outcomes::from_bytes(bytes, tasks.len())
             .ok_or_else(|| StoreError::corrupt("results", format!("outcomes of {run_id}")))?,
         // Of a run that finished before outcomes were kept.
-        None => Outcomes::of(tasks, &problems_of(connection, &run_id).await?),
+        None => Outcomes::of(tasks, &problems_of(connection, &run_id).await?, &[]),
     };
     let sketch: Option<&[u8]> = row.try_get(9)?;
     Ok(Finished {

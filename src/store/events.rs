@@ -19,6 +19,10 @@ pub struct EventRow {
     pub state: String,
     /// Verdict of a graded submission.
     pub overall: Option<bool>,
+    /// `name@version` of the suite of submission or run.
+    pub suite_id: Option<String>,
+    /// Number of the submission's task in it.
+    pub task_number: Option<i64>,
 }
 
 /// Which events.
@@ -62,18 +66,23 @@ impl Store {
     /// Where the database fails.
     pub async fn events(&self, of: &EventsOf, after: i64, limit: i64) -> StoreResult<Vec<EventRow>> {
         let mut query =
-            QueryBuilder::new("SELECT id, at_ms, run_id, submission_id, state, overall FROM events WHERE id > ");
+            QueryBuilder::new(
+            "SELECT e.id, e.at_ms, e.run_id, e.submission_id, e.state, e.overall, COALESCE(s.suite_id, r.suite_id) AS suite_id,
+                    s.task_number
+             FROM events e LEFT JOIN submissions s ON s.id = e.submission_id LEFT JOIN runs r ON r.id = e.run_id
+             WHERE e.id > ",
+        );
         query.push_bind(after);
         match of {
             EventsOf::Everything => {}
             EventsOf::Run(id) => {
-                query.push(" AND run_id = ").push_bind(id.clone());
+                query.push(" AND e.run_id = ").push_bind(id.clone());
             }
             EventsOf::Submission(id) => {
-                query.push(" AND submission_id = ").push_bind(id.clone());
+                query.push(" AND e.submission_id = ").push_bind(id.clone());
             }
         }
-        query.push(" ORDER BY id LIMIT ").push_bind(limit);
+        query.push(" ORDER BY e.id LIMIT ").push_bind(limit);
         Ok(query.build_query_as().fetch_all(&self.readers).await?)
     }
 

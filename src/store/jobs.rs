@@ -9,7 +9,8 @@ use sqlx::{QueryBuilder, Row as _, Sqlite, SqliteConnection};
 
 use super::events::{self, NewEvent};
 use super::quota;
-use super::runs::{count, end_if_complete};
+use super::run_ends::end_if_complete;
+use super::runs::count;
 use super::submissions::SubmissionState;
 use super::{Store, StoreError, StoreResult, commit, decompress};
 use crate::clock::now_ms;

@@ -4,7 +4,7 @@ use sqlx::{QueryBuilder, Row as _};
 
 use super::boards::enter_action;
 use super::reports::{GRADER, PackedReport};
-use super::runs::{problems_of, set_result};
+use super::run_ends::{problems_of, set_result};
 use super::{Store, StoreError, StoreResult, commit, decompress};
 use crate::checks::CHECKS_VERSION;
 use crate::grading::ProblemScores;

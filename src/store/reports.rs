@@ -12,7 +12,8 @@ use super::instances::entries_of;
 use super::jobs::{Claim, push_ids};
 use super::quota;
 use super::receipts::{self, NewReceipt};
-use super::runs::{count, end_if_complete};
+use super::run_ends::end_if_complete;
+use super::runs::count;
 use super::submissions::SubmissionState;
 use super::{Store, StoreError, StoreResult, commit, compress, decompress};
 use crate::epochs::receipts::Signed;
@@ -149,8 +150,7 @@ impl Store {
             .iter()
             .filter_map(|(claim, report)| {
                 Some(NewReceipt {
-                    submission_id: &claim.submission_id,
-                    attempt: claim.attempt,
+                    of: Some((claim.submission_id.as_str(), claim.attempt)),
                     epoch_id: claim.hidden.as_ref().map(|hidden| hidden.epoch_id.as_str()),
                     signed: report.receipt.as_ref()?,
                 })

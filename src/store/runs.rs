@@ -3,21 +3,21 @@
 //! A run ends by itself when every task of its suite has been graded, or when its owner says that no more will come
 //! and nothing is pending. A failure of ours keeps it from ending until the task is posted again.
 
+use serde::{Deserialize, Serialize};
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Row as _, SqliteConnection};
+use sqlx::{QueryBuilder, Row as _, SqliteConnection};
 
-use super::boards::enter_result;
 use super::events::{self, NewEvent};
 use super::idempotency::{Before, Once};
-use super::suites::tasks_of;
+use super::jobs::End;
+use super::run_ends::{end_if_complete, skip_tasks};
+use super::submissions::SubmissionState;
 use super::{Store, StoreError, StoreResult, commit};
-use crate::grading::fingerprints::Fingerprint;
-use crate::grading::outcomes::Outcomes;
-use crate::grading::{ProblemScores, Summary};
-use crate::tasks::Task;
+use crate::grading::Summary;
 
 /// State of a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
 pub enum RunState {
     /// Takes submissions.
     Open,
@@ -25,6 +25,49 @@ pub enum RunState {
     Finishing,
     /// Ended, with a summary.
     Finished,
+    /// Deleted by its owner while it was open.
+    Deleted,
+}
+
+/// Which runs are listed.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct RunsWanted {
+    /// In this state; without one all but deleted ones.
+    pub state: Option<RunState>,
+    /// Of this suite.
+    pub suite_id: Option<String>,
+    /// Of agents whose names hold this, in whatever case.
+    pub agent: Option<String>,
+    /// Of this owner.
+    pub owner: Option<String>,
+    /// Begun then or after.
+    pub since_ms: Option<i64>,
+    /// Begun before.
+    pub until_ms: Option<i64>,
+    /// Begun before this run.
+    pub after: Option<String>,
+}
+
+/// Which tasks a run leaves out on purpose.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Skip {
+    /// All that have no submission.
+    Unanswered,
+    /// Those with these numbers.
+    Tasks(Vec<u32>),
+}
+
+/// What came of finishing or deleting a run.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum RunChanged {
+    /// It is so now.
+    Done,
+    /// There is no such run.
+    NoSuchRun,
+    /// It is not open any more.
+    NotOpen(RunState),
+    /// These tasks were answered, and so cannot be skipped.
+    Answered(Vec<u32>),
 }
 
 impl RunState {
@@ -35,6 +78,7 @@ impl RunState {
             Self::Open => "open",
             Self::Finishing => "finishing",
             Self::Finished => "finished",
+            Self::Deleted => "deleted",
         }
     }
 
@@ -77,6 +121,8 @@ pub struct RunRow {
     pub owner: Option<String>,
     /// How its logs came about.
     pub provenance: String,
+    /// Tasks that it skips.
+    pub skipped: i64,
 }
 
 /// A run to store.
@@ -101,7 +147,8 @@ macro_rules! select_run {
     ($rest:literal) => {
         concat!(
             "SELECT r.id, r.agent, r.suite_id, r.metadata, r.state, r.pending, r.graded, r.grader_errors,
-                    s.task_count, r.created_at_ms, r.finished_at_ms, r.summary, r.owner, r.provenance
+                    s.task_count, r.created_at_ms, r.finished_at_ms, r.summary, r.owner, r.provenance,
+                    r.deleted_at_ms, (SELECT COUNT(*) FROM skipped_tasks k WHERE k.run_id = r.id)
              FROM runs r JOIN suites s ON s.id = r.suite_id ",
             $rest
         )
@@ -116,7 +163,10 @@ pub(super) fn read_run(row: &SqliteRow) -> StoreResult<RunRow> {
         agent: row.try_get(1)?,
         suite_id: row.try_get(2)?,
         metadata: serde_json::from_str(row.try_get(3)?).map_err(corrupt)?,
-        state: RunState::read(row.try_get(4)?)?,
+        state: match row.try_get::<Option<i64>, _>(14)? {
+            Some(_) => RunState::Deleted,
+            None => RunState::read(row.try_get(4)?)?,
+        },
         pending: row.try_get(5)?,
         graded: row.try_get(6)?,
         grader_errors: row.try_get(7)?,
@@ -126,6 +176,7 @@ pub(super) fn read_run(row: &SqliteRow) -> StoreResult<RunRow> {
         summary: summary.map(serde_json::from_str).transpose().map_err(corrupt)?,
         owner: row.try_get(12)?,
         provenance: row.try_get(13)?,
+        skipped: row.try_get(15)?,
     })
 }
 
@@ -169,23 +220,94 @@ impl Store {
         row.as_ref().map(read_run).transpose()
     }
 
-    /// Says that no more submissions will come; ends the run where nothing is pending. False where there is no such
-    /// run.
+    /// Runs, the latest first, at most `limit`.
+    ///
+    /// # Errors
+    /// Where the database fails or a row does not read back.
+    pub async fn runs(&self, wanted: &RunsWanted, limit: i64) -> StoreResult<Vec<RunRow>> {
+        let mut query = QueryBuilder::new(select_run!("WHERE "));
+        match wanted.state {
+            None => query.push("r.deleted_at_ms IS NULL"),
+            Some(RunState::Deleted) => query.push("r.deleted_at_ms IS NOT NULL"),
+            Some(state) => query.push("r.deleted_at_ms IS NULL AND r.state = ").push_bind(state.name()),
+        };
+        if let Some(suite) = &wanted.suite_id {
+            query.push(" AND r.suite_id = ").push_bind(suite.clone());
+        }
+        if let Some(owner) = &wanted.owner {
+            query.push(" AND r.owner = ").push_bind(owner.clone());
+        }
+        if let Some(agent) = &wanted.agent {
+            query.push(" AND instr(lower(r.agent), ").push_bind(agent.to_lowercase()).push(") > 0");
+        }
+        if let Some(since) = wanted.since_ms {
+            query.push(" AND r.created_at_ms >= ").push_bind(since);
+        }
+        if let Some(until) = wanted.until_ms {
+            query.push(" AND r.created_at_ms < ").push_bind(until);
+        }
+        if let Some(after) = &wanted.after {
+            query.push(" AND (r.created_at_ms, r.id) < (SELECT created_at_ms, id FROM runs WHERE id = ");
+            query.push_bind(after.clone()).push(")");
+        }
+        query.push(" ORDER BY r.created_at_ms DESC, r.id DESC LIMIT ").push_bind(limit);
+        query.build().fetch_all(&self.readers).await?.iter().map(read_run).collect()
+    }
+
+    /// Deletes a run that is open: cancels what waits of it, and takes nothing more.
     ///
     /// # Errors
     /// Where the database fails.
-    pub async fn finish_run(&self, id: &str, now_ms: i64) -> StoreResult<bool> {
+    pub async fn delete_run(&self, id: &str, now_ms: i64) -> StoreResult<RunChanged> {
         let mut tx = self.begin().await?;
+        let Some(run) = run_in(&mut tx, id).await? else { return Ok(RunChanged::NoSuchRun) };
+        if run.state != RunState::Open {
+            return Ok(RunChanged::NotOpen(run.state));
+        }
+        sqlx::query("UPDATE runs SET deleted_at_ms = $2 WHERE id = $1").bind(id).bind(now_ms).execute(&mut *tx).await?;
+        let waiting: Vec<String> = sqlx::query_scalar(
+            "SELECT s.id FROM submissions s JOIN jobs j ON j.submission_id = s.id WHERE s.run_id = $1 ORDER BY s.id",
+        )
+        .bind(id)
+        .fetch_all(&mut *tx)
+        .await?;
+        for submission_id in &waiting {
+            let end = End { submission_id, run_id: Some(id), state: SubmissionState::Cancelled };
+            end.record(&mut tx, Some("its run was deleted by its owner"), &run.suite_id, now_ms).await?;
+        }
+        let ended = NewEvent { run_id: Some(id), submission_id: None, state: RunState::Deleted.name(), overall: None };
+        events::enter(&mut tx, &[ended], now_ms).await?;
+        commit(tx, "delete_run").await?;
+        self.note_ends(false);
+        Ok(RunChanged::Done)
+    }
+
+    /// Says that no more submissions will come, and which tasks are left out on purpose; ends the run where nothing is pending. A run
+    /// that is finished, or will be, stays as it is; then nothing can be skipped.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn finish_run(&self, id: &str, skip: Option<&Skip>, now_ms: i64) -> StoreResult<RunChanged> {
+        let mut tx = self.begin().await?;
+        let Some(run) = run_in(&mut tx, id).await? else { return Ok(RunChanged::NoSuchRun) };
+        if run.state == RunState::Deleted || (run.state != RunState::Open && skip.is_some()) {
+            return Ok(RunChanged::NotOpen(run.state));
+        }
+        if let Some(skip) = skip {
+            let answered = skip_tasks(&mut tx, &run, skip).await?;
+            if !answered.is_empty() {
+                return Ok(RunChanged::Answered(answered));
+            }
+        }
         let found = sqlx::query("UPDATE runs SET state = 'finishing' WHERE id = $1 AND state = 'open'")
             .bind(id)
             .execute(&mut *tx)
             .await?
             .rows_affected();
-        let Some(run) = run_in(&mut tx, id).await? else { return Ok(false) };
         let has_ended = found > 0 && end_if_complete(&mut tx, id, &run.suite_id, now_ms).await?;
         commit(tx, "finish_run").await?;
         self.note_ends(has_ended);
-        Ok(true)
+        Ok(RunChanged::Done)
     }
 }
 
@@ -213,91 +335,4 @@ pub(super) async fn count(
     .execute(&mut *tx)
     .await?;
     Ok(())
-}
-
-/// Ends the run where nothing is left to wait for, with its summary over the tasks of its suite.
-pub(super) async fn end_if_complete(
-    tx: &mut SqliteConnection,
-    id: &str,
-    suite_id: &str,
-    now_ms: i64,
-) -> StoreResult<bool> {
-    let Some(run) = run_in(tx, id).await? else { return Ok(false) };
-    let is_quiet = run.pending == 0 && run.grader_errors == 0;
-    let is_complete = run.state == RunState::Finishing || run.graded >= run.tasks;
-    if run.state == RunState::Finished || !is_quiet || !is_complete {
-        return Ok(false);
-    }
-    let tasks = tasks_of(tx, suite_id).await?;
-    set_result(tx, id, &tasks, now_ms).await?;
-    let ended = NewEvent { run_id: Some(id), submission_id: None, state: RunState::Finished.name(), overall: None };
-    events::enter(tx, &[ended], now_ms).await?;
-    Ok(true)
-}
-
-/// Finishes a run with what its latest reports come to, or changes what a finished one came to.
-pub(super) async fn set_result(tx: &mut SqliteConnection, id: &str, tasks: &[Task], now_ms: i64) -> StoreResult<()> {
-    let problems = problems_of(tx, id).await?;
-    let summary = serde_json::to_string(&summarise(&problems, tasks));
-    let summary = summary.map_err(|error| StoreError::corrupt("runs", error))?;
-    sqlx::query(
-        "UPDATE runs SET state = 'finished', finished_at_ms = COALESCE(finished_at_ms, $2), summary = $3 WHERE id = $1",
-    )
-    .bind(id)
-    .bind(now_ms)
-    .bind(&summary)
-    .execute(&mut *tx)
-    .await?;
-    let fingerprint = fingerprint_of(tx, id).await?;
-    enter_result(tx, id, &summary, &Outcomes::of(tasks, &problems), &fingerprint, now_ms).await
-}
-
-/// What a run built and in which order, over its latest reports.
-async fn fingerprint_of(tx: &mut SqliteConnection, id: &str) -> StoreResult<Fingerprint> {
-    let parts: Vec<Vec<u8>> = sqlx::query_scalar(
-        "SELECT r.fingerprint FROM submissions s JOIN reports r ON r.submission_id = s.id
-         WHERE s.run_id = $1 AND s.state = 'graded' AND s.superseded = 0 AND r.fingerprint IS NOT NULL
-           AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = s.id)",
-    )
-    .bind(id)
-    .fetch_all(tx)
-    .await?;
-    let mut whole = Fingerprint::default();
-    parts.iter().filter_map(|bytes| Fingerprint::from_bytes(bytes)).for_each(|part| whole.merge(&part));
-    Ok(whole)
-}
-
-/// Scores of a run's reports, the latest of each submission.
-pub(super) async fn problems_of(tx: &mut SqliteConnection, id: &str) -> StoreResult<Vec<ProblemScores>> {
-    let rows = sqlx::query(
-        "SELECT s.task_number, r.scores
-         FROM submissions s JOIN reports r ON r.submission_id = s.id
-         WHERE s.run_id = $1 AND s.state = 'graded' AND s.superseded = 0
-           AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = s.id)
-         ORDER BY s.task_number",
-    )
-    .bind(id)
-    .fetch_all(&mut *tx)
-    .await?;
-    let mut problems = Vec::with_capacity(rows.len());
-    for row in &rows {
-        let scores: ProblemScores =
-            serde_json::from_str(row.try_get(1)?).map_err(|error| StoreError::corrupt("reports", error))?;
-        problems.push(scores);
-    }
-    Ok(problems)
-}
-
-/// Summary of a run's problems; tasks without one count as failed.
-pub(super) fn summarise(problems: &[ProblemScores], tasks: &[Task]) -> Summary {
-    let answered: std::collections::HashSet<u32> = problems.iter().map(|problem| problem.number).collect();
-    let unanswered: Vec<ProblemScores> = tasks
-        .iter()
-        .filter(|task| !answered.contains(&task.number))
-        .map(|task| ProblemScores {
-            number: task.number,
-            rows: task.checks().map(|check| (check.criterion(), 0.0)).collect(),
-        })
-        .collect();
-    Summary::with_unanswered(problems, &unanswered)
 }

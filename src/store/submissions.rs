@@ -11,7 +11,8 @@ use super::runs::{RunState, count, run_in};
 use super::{Store, StoreError, StoreResult, compress, decompress};
 
 /// State of a submission.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
 pub enum SubmissionState {
     /// Waits for a worker.
     Queued,
@@ -300,11 +301,12 @@ pub(super) async fn accept_one(
             Some((id, _, ended))
                 if [SubmissionState::GraderError, SubmissionState::Cancelled].iter().any(|s| s.name() == ended) =>
             {
-                if state.is_none_or(|state| state == RunState::Finished) {
+                if state.is_none_or(|state| matches!(state, RunState::Finished | RunState::Deleted)) {
                     return Ok(Accepted::RunClosed);
                 }
                 superseded = Some((id, i64::from(ended == SubmissionState::GraderError.name())));
             }
+            Some(_) if state == Some(RunState::Deleted) => return Ok(Accepted::RunClosed),
             Some((id, log_hash, _)) if log_hash == new.log_hash => return Ok(Accepted::Same(id)),
             Some((id, _, _)) => return Ok(Accepted::Other(id)),
             None if state != Some(RunState::Open) => return Ok(Accepted::RunClosed),

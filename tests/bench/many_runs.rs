@@ -45,7 +45,7 @@ async fn main() -> anyhow::Result<()> {
             .bind(&id)
             .bind(i64::from(number))
             .bind(&summary)
-            .bind(Outcomes::of(&suite.tasks, &problems).to_bytes())
+            .bind(Outcomes::of(&suite.tasks, &problems, &[]).to_bytes())
             .execute(&mut connection)
             .await?;
     }

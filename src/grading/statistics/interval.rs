@@ -13,10 +13,10 @@ const Z: f64 = 1.959_963_984_540_054;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Interval {
     /// Lower bound.
-    #[schema(example = 0.36)]
+    #[schema(minimum = 0, maximum = 1, example = 0.36)]
     pub low: f64,
     /// Upper bound.
-    #[schema(example = 0.43)]
+    #[schema(minimum = 0, maximum = 1, example = 0.43)]
     pub high: f64,
 }
 

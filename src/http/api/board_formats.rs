@@ -23,9 +23,9 @@ pub enum Format {
 /// A row of the table.
 #[derive(Serialize)]
 struct Line<'a> {
-    rank: usize,
-    first_place: usize,
-    last_place: usize,
+    rank: Option<usize>,
+    first_place: Option<usize>,
+    last_place: Option<usize>,
     run: &'a str,
     agent: &'a str,
     overall: Option<f64>,
@@ -42,6 +42,7 @@ struct Line<'a> {
     efficiency_mean: Option<f64>,
     efficiency_mean_accurate: Option<f64>,
     coverage: Option<f64>,
+    skipped: usize,
     attempts: usize,
     provenance: &'a str,
     similar_to: String,
@@ -52,8 +53,8 @@ impl<'a> From<&'a BoardRow> for Line<'a> {
     fn from(row: &'a BoardRow) -> Self {
         Self {
             rank: row.rank,
-            first_place: row.places.first,
-            last_place: row.places.last,
+            first_place: row.places.map(|places| places.first),
+            last_place: row.places.map(|places| places.last),
             run: &row.run,
             agent: &row.agent,
             overall: row.overall.rate,
@@ -70,6 +71,7 @@ impl<'a> From<&'a BoardRow> for Line<'a> {
             efficiency_mean: row.graded.efficiency.mean,
             efficiency_mean_accurate: row.graded.efficiency_accurate.mean,
             coverage: row.coverage.rate,
+            skipped: row.skipped,
             attempts: row.attempts,
             provenance: &row.provenance,
             similar_to: row.similar_to.join(" "),

@@ -5,13 +5,14 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::extract::{Query, State};
+use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
 use tokio::sync::OwnedSemaphorePermit;
 
+use super::super::params::{self, Params};
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use crate::clock::rfc3339;
@@ -33,26 +34,58 @@ const ALIVE: Duration = Duration::from_secs(15);
 #[into_params(parameter_in = Query)]
 pub struct EventsQuery {
     /// Of this run and its submissions, from its beginning.
+    #[param(format = Uuid)]
     run: Option<String>,
     /// Of this submission.
+    #[param(format = Uuid)]
     submission: Option<String>,
     /// Only events after this one, as the header `Last-Event-ID` says it too.
     after: Option<i64>,
+}
+
+/// A state in which a submission or a run ends.
+#[derive(Debug, utoipa::ToSchema, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EndState {
+    /// Of a submission.
+    Graded,
+    /// Of a submission.
+    Rejected,
+    /// Of a submission: a failure of ours.
+    GraderError,
+    /// Of a submission.
+    Cancelled,
+    /// Of a run.
+    Finished,
+    /// Of a run.
+    Deleted,
 }
 
 /// Data of an event. Its name is `submission` or `run`: what ended.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct EventBody {
     /// The run, where there is one.
+    #[schema(format = Uuid)]
     pub run: Option<String>,
     /// The submission; null where it is the run that ended.
+    #[schema(format = Uuid)]
     pub submission: Option<String>,
+    /// `name@version` of its suite.
+    #[schema(example = "mineceraft@2")]
+    pub suite: Option<String>,
+    /// Id of the submission's task; null where it is the run that ended.
+    #[schema(example = "walls/5x1x5-raise")]
+    pub task: Option<String>,
+    /// Number of the task in the suite.
+    #[schema(example = 113)]
+    pub number: Option<u32>,
     /// The state in which it ended.
-    #[schema(example = "graded")]
+    #[schema(value_type = EndState, example = "graded")]
     pub state: String,
     /// Verdict of a graded submission.
     pub overall: Option<bool>,
     /// When.
+    #[schema(format = DateTime)]
     pub at: String,
 }
 
@@ -74,7 +107,7 @@ pub struct EventBody {
 )]
 pub async fn get_events(
     State(state): State<AppState>,
-    Query(query): Query<EventsQuery>,
+    Params(query): Params<EventsQuery>,
     headers: HeaderMap,
 ) -> ApiResult<Response> {
     let bad = |detail: &str| ApiError::new(StatusCode::BAD_REQUEST, "bad-request", "Bad request", detail);
@@ -86,7 +119,7 @@ pub async fn get_events(
         }
     };
     let of = match (query.run, query.submission) {
-        (Some(_), Some(_)) => return Err(bad("expected run or submission, not both")),
+        (Some(_), Some(_)) => return Err(params::wrong("submission", "expected run or submission, not both")),
         (Some(id), None) if state.store.run(&id).await?.is_none() => {
             return Err(ApiError::not_found(format!("there is no run {id:?}")));
         }
@@ -152,7 +185,18 @@ impl Following {
             EventsOf::Submission(_) => true,
         };
         let name = if row.submission_id.is_some() { "submission" } else { "run" };
+        let number = row.task_number.and_then(|number| u32::try_from(number).ok());
+        let task = match row.suite_id.as_deref().zip(number) {
+            Some((suite, number)) => {
+                let entry = self.state.find_suite(suite).await.ok().flatten();
+                entry.and_then(|entry| Some(entry.task_numbered(number)?.0.id.clone()))
+            }
+            None => None,
+        };
         let body = EventBody {
+            suite: row.suite_id,
+            task,
+            number,
             run: row.run_id,
             submission: row.submission_id,
             state: row.state,

@@ -2,15 +2,17 @@
 
 use std::sync::Arc;
 
-use axum::extract::{Path, Query, RawQuery, State};
-use axum::http::{HeaderMap, StatusCode};
+use axum::extract::{Path, RawQuery, State};
+use axum::http::HeaderMap;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
 use super::super::boards::{Board, Rows};
+use super::super::params::{Params, wrong};
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use super::board_formats::{Format, render};
+use super::run_body::RunProvenance;
 use super::tasks::page_items;
 use crate::clock::{milliseconds, rfc3339};
 use crate::grading::standings::Standing;
@@ -22,12 +24,14 @@ use crate::tasks::reported::{self, ReportedRow};
 /// A row: a finished run.
 #[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 pub struct BoardRow {
-    /// Place by overall rate; runs with the same rate share one.
-    pub rank: usize,
+    /// Place by overall rate; runs with the same rate share one. Null for a run that covers too little of the suite.
+    pub rank: Option<usize>,
     /// The places that it may have as far as the data tell: runs that McNemar's exact test shows to be better or worse on the
-    /// common problems, by Holm's procedure over all pairs of the board at 5 %, come before or after it.
-    pub places: RankRange,
+    /// common problems, by Holm's procedure over all pairs of the board at 5 %, come before or after it. Null for a run that covers
+    /// too little of the suite.
+    pub places: Option<RankRange>,
     /// The run.
+    #[schema(format = Uuid)]
     pub run: String,
     /// Who built.
     pub agent: String,
@@ -45,14 +49,18 @@ pub struct BoardRow {
     pub graded: Graded,
     /// Problems graded.
     pub coverage: ProblemRate,
+    /// Problems that the run skips on purpose; they count as failed.
+    pub skipped: usize,
     /// Runs of this suite that the agent has begun, whatever became of them.
     pub attempts: usize,
     /// Where the logs come from.
-    #[schema(example = "self-reported")]
+    #[schema(value_type = RunProvenance, example = "self-reported")]
     pub provenance: String,
     /// Finished runs of other owners whose logs are near-identical with this one's: nearly the same blocks in nearly the same order.
+    #[schema(value_type = Vec<uuid::Uuid>)]
     pub similar_to: Vec<String>,
     /// When the run finished.
+    #[schema(format = DateTime)]
     pub finished_at: String,
 }
 
@@ -68,9 +76,16 @@ pub struct BoardBody {
     /// Rows that the filters let through, on all pages.
     #[schema(example = 3)]
     pub total: usize,
+    /// The share of the suite that a run must have answered, or skipped on purpose, to be compared with others.
+    #[schema(example = 1.0, minimum = 0, maximum = 1)]
+    pub minimum_coverage: f64,
+    /// Finished runs that cover less; `coverage=incomplete` lists them.
+    #[schema(example = 0)]
+    pub incomplete: usize,
     /// The rows of this page.
     pub rows: Vec<BoardRow>,
     /// `after` of the next page; null on the last.
+    #[schema(format = Uuid)]
     pub next_after: Option<String>,
     /// Results that others report on this suite; not graded here.
     pub reported: Vec<ReportedRow>,
@@ -116,6 +131,17 @@ pub enum Direction {
     Asc,
 }
 
+/// Which runs a board lists.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum CoverageFilter {
+    /// Those that cover enough of the suite to be compared.
+    #[default]
+    Complete,
+    /// The others, without ranks.
+    Incomplete,
+}
+
 /// Which rows, in which order.
 #[derive(Debug, Clone, Default, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
@@ -131,11 +157,18 @@ pub struct BoardQuery {
     pub order: Direction,
     /// Only agents whose names hold this text, in whatever case.
     pub agent: Option<String>,
-    /// Only rows of this provenance: self-reported, or re-run-by-host.
-    pub provenance: Option<String>,
+    /// Only rows of this provenance.
+    #[param(inline)]
+    pub provenance: Option<RunProvenance>,
+    /// Runs that cover enough of the suite to be compared, or the others.
+    #[serde(default)]
+    #[param(inline)]
+    pub coverage: CoverageFilter,
     /// The board as it was at this time (RFC 3339).
+    #[param(format = DateTime)]
     pub as_of: Option<String>,
     /// Only rows after that of this run: the page after.
+    #[param(format = Uuid)]
     pub after: Option<String>,
     /// Rows on a page.
     #[param(minimum = 1, maximum = 1000)]
@@ -146,10 +179,6 @@ pub struct BoardQuery {
     pub format: Format,
 }
 
-fn bad(detail: String) -> ApiError {
-    ApiError::new(StatusCode::BAD_REQUEST, "bad-request", "Bad request", detail)
-}
-
 /// A page of a board.
 ///
 /// # Errors
@@ -158,15 +187,20 @@ pub fn page(board: &Board, query: &BoardQuery) -> ApiResult<BoardBody> {
     let items = page_items(query.limit, 100)?;
     let as_of = match &query.as_of {
         None => None,
-        Some(text) => Some(milliseconds(text).ok_or_else(|| bad(format!("as_of: {text:?} is not a time (RFC 3339)")))?),
+        Some(text) => {
+            Some(milliseconds(text).ok_or_else(|| wrong("as_of", format!("{text:?} is not a time (RFC 3339)")))?)
+        }
     };
     let then = as_of.map(|at| board.as_of(at));
     let compared = then.as_ref().unwrap_or(&board.rows);
-    let all = &compared.all;
+    let all = match query.coverage {
+        CoverageFilter::Complete => &compared.all,
+        CoverageFilter::Incomplete => &compared.incomplete,
+    };
     let wanted = query.agent.as_ref().map(|agent| agent.to_lowercase());
     let lets_through = |row: &&Arc<Standing>| {
         wanted.as_ref().is_none_or(|text| row.agent.to_lowercase().contains(text))
-            && query.provenance.as_ref().is_none_or(|wanted| *wanted == row.provenance)
+            && query.provenance.is_none_or(|wanted| wanted.name() == row.provenance)
     };
     let mut rows: Vec<&Arc<Standing>> = all.iter().filter(lets_through).collect();
     if (query.sort, query.order) != (SortBy::Overall, Direction::Desc) {
@@ -177,7 +211,7 @@ pub fn page(board: &Board, query: &BoardQuery) -> ApiResult<BoardBody> {
         None => 0,
         Some(run) => {
             let place = rows.iter().position(|row| row.run == *run);
-            1 + place.ok_or_else(|| bad(format!("after: no row of this board is of a run {run:?}")))?
+            1 + place.ok_or_else(|| wrong("after", format!("no row of this board is of a run {run:?}")))?
         }
     };
     let end = (begin + items).min(total);
@@ -187,6 +221,8 @@ pub fn page(board: &Board, query: &BoardQuery) -> ApiResult<BoardBody> {
         suite: suite.id(),
         tasks: suite.tasks.len(),
         total,
+        minimum_coverage: board.least_coverage,
+        incomplete: compared.incomplete.len(),
         rows: rows[begin..end].iter().map(|row| row_of(board, row, compared)).collect(),
         next_after: (end < total).then(|| rows[end - 1].run.clone()),
         reported,
@@ -199,10 +235,11 @@ pub fn row_of(board: &Board, standing: &Standing, rows: &Rows) -> BoardRow {
     let rate = |row: &Standing| row.rate().unwrap_or(-1.0);
     let levels = &standing.summary.problem_level;
     let (pass, of) = (standing.answered() as u64, standing.outcomes.len() as u64);
+    let is_compared = standing.covers(board.least_coverage);
     BoardRow {
         // All are sorted by rate, the greatest first.
-        rank: 1 + rows.all.partition_point(|row| rate(row) > rate(standing)),
-        places: rows.places(standing, &board.field),
+        rank: is_compared.then(|| 1 + rows.all.partition_point(|row| rate(row) > rate(standing))),
+        places: is_compared.then(|| rows.places(standing, &board.field)),
         run: standing.run.clone(),
         agent: standing.agent.clone(),
         overall: levels.overall,
@@ -212,6 +249,7 @@ pub fn row_of(board: &Board, standing: &Standing, rows: &Rows) -> BoardRow {
         checks: standing.summary.check_level,
         graded: standing.summary.graded,
         coverage: ProblemRate { pass, of, rate: (of > 0).then(|| pass as f64 / of as f64) },
+        skipped: standing.skipped(),
         attempts: board.attempts(&standing.agent),
         provenance: standing.provenance.clone(),
         similar_to: board.similar_to(&standing.run),
@@ -251,9 +289,10 @@ fn by_value(a: Option<f64>, b: Option<f64>, order: Direction) -> std::cmp::Order
     summary = "Get a leaderboard",
     params(("suite" = String, Path, description = "Name, or name@version", example = "mineceraft"), BoardQuery),
     responses(
-        (status = 200, description = "A page of the board; also as text/csv and application/x-ndjson", body = BoardBody,
-         headers(("ETag" = String, description = "Of these very bytes")),
-         example = json!({ "suite": "mineceraft@2", "tasks": 723, "total": 0, "rows": [], "next_after": null, "reported": [] })),
+        (status = 200, description = "A page of the board, as `format` asks for it", content((BoardBody = "application/json",
+         example = json!({ "suite": "mineceraft@2", "tasks": 723, "total": 0, "minimum_coverage": 1.0, "incomplete": 0, "rows": [], "next_after": null, "reported": [] })),
+         (String = "text/csv", example = "rank,first_place,last_place,run,agent\n"), (String = "application/x-ndjson", example = "{\"rank\":1}\n")),
+         headers(("ETag" = String, description = "Of these very bytes"))),
         (status = 304, description = "The rows are those of If-None-Match"),
         (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "There is no such suite", body = Problem, content_type = "application/problem+json"),
@@ -264,7 +303,7 @@ pub async fn get_leaderboard(
     State(state): State<AppState>,
     Path(suite): Path<String>,
     RawQuery(raw): RawQuery,
-    Query(query): Query<BoardQuery>,
+    Params(query): Params<BoardQuery>,
     asked: HeaderMap,
 ) -> ApiResult<Response> {
     let entry = state.suite(&suite).await?;

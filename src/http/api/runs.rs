@@ -1,10 +1,9 @@
 //! Runs.
 
 use axum::Json;
-use axum::extract::{Path, Query, State};
+use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
-use serde::de::{IgnoredAny, MapAccess};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use uuid::Uuid;
@@ -12,40 +11,25 @@ use uuid::Uuid;
 use super::super::body::{Format, JsonBody};
 use super::super::caller::Caller;
 use super::super::idempotency;
-use super::super::limits::LIMITS;
+use super::super::params::{Params, wrong};
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
+use super::run_body::{NewRunBody, NewRunShape, RunProvenance};
 use super::submission_schema::SubmissionBody;
 use super::tasks::page_items;
-use crate::clock::{now_ms, rfc3339};
+use crate::clock::{milliseconds, now_ms, rfc3339};
 use crate::grading::Summary;
 use crate::store::idempotency::Before;
 use crate::store::keys::Scope;
-use crate::store::runs::{NewRun, RunRow};
+use crate::store::runs::{NewRun, RunRow, RunState, RunsWanted};
 use crate::voxel::Faults;
-use crate::voxel::tolerant::{OrNull, Read, Shape, Text, read_document};
-
-/// What makes a run.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[schema(example = json!({ "agent": "my-agent 1.2", "suite": "mineceraft", "metadata": { "model": "m-7b" } }))]
-#[expect(dead_code, reason = "describes the body that NewRunShape reads")]
-pub struct NewRunBody {
-    /// Who builds, as the board shall show it.
-    #[schema(min_length = 1, max_length = 100)]
-    agent: String,
-    /// Suite: name, or name@version.
-    suite: String,
-    /// Anything else worth keeping; an object.
-    #[schema(value_type = Option<Object>)]
-    metadata: Option<Value>,
-    /// `self-reported`, which is taken where nothing is said; `re-run-by-host` needs the scope admin.
-    provenance: Option<String>,
-}
+use crate::voxel::tolerant::{read_document, why_not_json};
 
 /// A run.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct RunBody {
     /// Its id.
+    #[schema(format = Uuid)]
     pub id: String,
     /// Who builds.
     pub agent: String,
@@ -54,28 +38,36 @@ pub struct RunBody {
     /// What its owner said about it.
     #[schema(value_type = Object)]
     pub metadata: Value,
-    /// `open`: takes submissions; `finishing`: takes no more, some are being graded; `finished`: on the board.
-    #[schema(example = "open")]
-    pub state: &'static str,
+    /// How far it is.
+    pub state: RunState,
     /// Tasks of its suite.
+    #[schema(minimum = 0)]
     pub tasks: i64,
     /// Submissions queued or being graded.
+    #[schema(minimum = 0)]
     pub pending: i64,
     /// Submissions graded.
+    #[schema(minimum = 0)]
     pub graded: i64,
     /// Submissions ended by a failure of ours. Post their tasks again; the run does not finish before.
+    #[schema(minimum = 0)]
     pub grader_errors: i64,
     /// When it was made.
+    #[schema(format = DateTime)]
     pub created_at: String,
     /// When it finished.
+    #[schema(format = DateTime)]
     pub finished_at: Option<String>,
     /// Its summary, once finished.
     pub summary: Option<Summary>,
     /// Whose key began it; null where the service is open to everybody.
     pub owner: Option<String>,
-    /// How its logs come about: `self-reported`, or `re-run-by-host`.
-    #[schema(example = "self-reported")]
+    /// How its logs come about.
+    #[schema(value_type = RunProvenance)]
     pub provenance: String,
+    /// Tasks that it skips on purpose; they count as failed.
+    #[schema(minimum = 0)]
+    pub skipped: i64,
 }
 
 impl From<RunRow> for RunBody {
@@ -85,7 +77,7 @@ impl From<RunRow> for RunBody {
             agent: run.agent,
             suite: run.suite_id,
             metadata: run.metadata,
-            state: run.state.name(),
+            state: run.state,
             tasks: run.tasks,
             pending: run.pending,
             graded: run.graded,
@@ -95,89 +87,8 @@ impl From<RunRow> for RunBody {
             summary: run.summary,
             owner: run.owner,
             provenance: run.provenance,
+            skipped: run.skipped,
         }
-    }
-}
-
-#[derive(Debug)]
-struct ParsedRun {
-    agent: Option<String>,
-    suite: Option<String>,
-    metadata: Value,
-    provenance: Option<String>,
-}
-
-/// How the logs of a run may come about: as its owner says, or in a run by whoever runs the service.
-const PROVENANCES: [&str; 2] = ["self-reported", "re-run-by-host"];
-
-struct NewRunShape<'f> {
-    faults: &'f mut Faults,
-}
-
-impl<'de> Shape<'de> for NewRunShape<'_> {
-    type Out = ParsedRun;
-
-    fn wanted(&self) -> &'static str {
-        "an object with \"agent\" and \"suite\""
-    }
-
-    fn faults(&mut self) -> &mut Faults {
-        self.faults
-    }
-
-    fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<ParsedRun>, A::Error> {
-        let faults = self.faults;
-        let (mut agent, mut suite, mut metadata, mut provenance) = (None, None, None, None);
-        while let Some(key) = members.next_key::<String>()? {
-            faults.enter_key(&key);
-            match key.as_str() {
-                "agent" if agent.is_none() => {
-                    let text = Text { faults, min_chars: 1, max_chars: LIMITS.agent_chars };
-                    let name = members.next_value_seed(Read(text))?;
-                    if name.as_ref().is_some_and(|name| name.trim().is_empty() && !name.is_empty()) {
-                        faults.add("a name of nothing but spaces");
-                    }
-                    agent = Some(name);
-                }
-                "suite" if suite.is_none() => {
-                    suite = Some(members.next_value_seed(Read(Text { faults, min_chars: 1, max_chars: 100 }))?);
-                }
-                "metadata" if metadata.is_none() => {
-                    let value: Value = members.next_value()?;
-                    if !value.is_object() && !value.is_null() {
-                        faults.add("expected an object");
-                    } else if value.to_string().len() > LIMITS.metadata_bytes {
-                        faults.add(format!("larger than {} bytes", LIMITS.metadata_bytes));
-                    }
-                    metadata = Some(value);
-                }
-                "provenance" if provenance.is_none() => {
-                    let text = Text { faults, min_chars: 1, max_chars: 100 };
-                    let named: Option<String> = members.next_value_seed(Read(OrNull(text)))?.flatten().flatten();
-                    if named.as_ref().is_some_and(|named| !PROVENANCES.contains(&named.as_str())) {
-                        faults.add(format!("expected one of {}", PROVENANCES.join(", ")));
-                    }
-                    provenance = Some(named);
-                }
-                "agent" | "suite" | "metadata" | "provenance" => {
-                    faults.add("given twice");
-                    members.next_value::<IgnoredAny>()?;
-                }
-                _ => {
-                    faults.add("unknown field; a run has agent, suite, metadata and provenance");
-                    members.next_value::<IgnoredAny>()?;
-                }
-            }
-            faults.leave();
-        }
-        for (key, is_missing) in [("agent", agent.is_none()), ("suite", suite.is_none())] {
-            if is_missing {
-                faults.add_at(key, "missing");
-            }
-        }
-        let metadata = metadata.filter(|value| !value.is_null()).unwrap_or_else(|| serde_json::json!({}));
-        let provenance = provenance.flatten();
-        Ok(Some(ParsedRun { agent: agent.flatten(), suite: suite.flatten(), metadata, provenance }))
     }
 }
 
@@ -214,7 +125,7 @@ pub async fn create_run(
     let parsed = match read_document(&body.bytes, NewRunShape { faults: &mut faults }) {
         Ok(parsed) => parsed,
         Err(error) => {
-            faults.add(error.to_string());
+            faults.add(why_not_json(&body.bytes, &error));
             return Err(ApiError::malformed(faults));
         }
     };
@@ -230,12 +141,12 @@ pub async fn create_run(
         return Err(ApiError::faulty(faults));
     };
     let id = Uuid::now_v7().to_string();
-    let provenance = parsed.provenance.as_deref().unwrap_or(PROVENANCES[0]);
-    if provenance != PROVENANCES[0] {
+    let provenance = parsed.provenance.unwrap_or(RunProvenance::SelfReported);
+    if provenance == RunProvenance::ReRunByHost {
         caller.require(Scope::Admin)?;
     }
     let (metadata, owner) = (&parsed.metadata, caller.owner());
-    let new = NewRun { id: &id, agent: &agent, suite_id: &suite_id, metadata, owner, provenance };
+    let new = NewRun { id: &id, agent: &agent, suite_id: &suite_id, metadata, owner, provenance: provenance.name() };
     let once = underway.as_ref().map(|underway| &underway.once);
     let (id, is_replayed) = match state.store.create_run(&new, once, now_ms()).await? {
         Before::Never => (id, false),
@@ -244,8 +155,15 @@ pub async fn create_run(
     };
     let run = run_body(&state, &id).await?;
     // As it was when it was made, also where the answer is repeated.
-    let run =
-        RunBody { state: "open", pending: 0, graded: 0, grader_errors: 0, finished_at: None, summary: None, ..run };
+    let run = RunBody {
+        state: RunState::Open,
+        pending: 0,
+        graded: 0,
+        grader_errors: 0,
+        finished_at: None,
+        summary: None,
+        ..run
+    };
     let mut response = (StatusCode::CREATED, [(header::LOCATION, format!("/v1/runs/{id}"))], Json(run)).into_response();
     if is_replayed {
         response.headers_mut().extend([idempotency::REPLAYED]);
@@ -253,7 +171,11 @@ pub async fn create_run(
     Ok(response)
 }
 
-async fn run_body(state: &AppState, id: &str) -> ApiResult<RunBody> {
+/// A run as the API shows it.
+///
+/// # Errors
+/// 404 where there is none.
+pub async fn run_body(state: &AppState, id: &str) -> ApiResult<RunBody> {
     let run = state.store.run(id).await?;
     run.map(RunBody::from).ok_or_else(|| ApiError::not_found(format!("there is no run {id:?}")))
 }
@@ -273,29 +195,90 @@ pub async fn get_run(State(state): State<AppState>, Path(id): Path<String>) -> A
     Ok(Json(run_body(&state, &id).await?))
 }
 
-/// Say that no more submissions will come. Tasks without one count as failed. The run finishes when all that was
-/// posted has been graded.
+/// Which runs.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct RunsQuery {
+    /// Only runs in this state. Deleted ones are listed only so.
+    #[param(inline)]
+    state: Option<RunState>,
+    /// Only of this suite: name@version.
+    suite: Option<String>,
+    /// Only agents whose names hold this text, in whatever case.
+    agent: Option<String>,
+    /// Only runs of the key's owner.
+    #[serde(default)]
+    mine: bool,
+    /// Only runs begun at this time or after (RFC 3339).
+    #[param(format = DateTime)]
+    since: Option<String>,
+    /// Only runs begun before this time (RFC 3339).
+    #[param(format = DateTime)]
+    until: Option<String>,
+    /// Only runs begun before this one: the page after.
+    #[param(format = Uuid)]
+    after: Option<String>,
+    /// Runs on a page.
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<u32>,
+}
+
+/// A page of runs.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct RunPage {
+    /// The latest first, without their summaries.
+    pub runs: Vec<RunBody>,
+    /// `after` of the next page; null on the last.
+    #[schema(format = Uuid)]
+    pub next_after: Option<String>,
+}
+
+/// The runs, the latest first, filtered and in pages. `mine=true` lists those of the owner whose key is sent.
 #[utoipa::path(
-    post, path = "/v1/runs/{id}/finish", operation_id = "finish_run", tag = "runs", summary = "Finish a run",
-    params(("id" = String, Path, description = "The run's id")),
+    get, path = "/v1/runs", operation_id = "list_runs", tag = "runs", summary = "List runs",
+    params(RunsQuery),
     responses(
-        (status = 200, description = "The run; its state is finishing or finished", body = RunBody,
-         example = json!({ "id": "0198c0de-0000-7000-8000-000000000000", "state": "finishing", "pending": 2 })),
-        (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
+        (status = 200, description = "A page of runs", body = RunPage, example = json!({ "runs": [], "next_after": null })),
+        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 401, description = "Whose are mine? No key was sent", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub async fn finish_run(
+pub async fn list_runs(
     State(state): State<AppState>,
-    caller: Caller,
-    Path(id): Path<String>,
-) -> ApiResult<Json<RunBody>> {
-    caller.require(Scope::Submit)?;
-    if let Some(run) = state.store.run(&id).await? {
-        caller.require_own(run.owner.as_deref(), "run")?;
-    }
-    state.store.finish_run(&id, now_ms()).await?;
-    Ok(Json(run_body(&state, &id).await?))
+    caller: Result<Caller, ApiError>,
+    Params(query): Params<RunsQuery>,
+) -> ApiResult<Json<RunPage>> {
+    let items = page_items(query.limit, 100)?;
+    let time = |name: &str, text: Option<&String>| {
+        let read =
+            |text: &String| milliseconds(text).ok_or_else(|| wrong(name, format!("{text:?} is not a time (RFC 3339)")));
+        text.map(read).transpose()
+    };
+    let owner = if query.mine {
+        let caller = caller?;
+        let owner = caller.owner().map(str::to_owned);
+        Some(owner.ok_or_else(|| wrong("mine", "no key was sent that tells whose they are"))?)
+    } else {
+        None
+    };
+    let (since_ms, until_ms) = (time("since", query.since.as_ref())?, time("until", query.until.as_ref())?);
+    let wanted = RunsWanted {
+        state: query.state,
+        suite_id: query.suite,
+        agent: query.agent,
+        owner,
+        since_ms,
+        until_ms,
+        after: query.after,
+    };
+    let mut rows = state.store.runs(&wanted, items as i64 + 1).await?;
+    let has_more = rows.len() > items;
+    rows.truncate(items);
+    let next_after = rows.last().filter(|_| has_more).map(|last| last.id.clone());
+    let runs = rows.into_iter().map(|row| RunBody { summary: None, ..RunBody::from(row) }).collect();
+    Ok(Json(RunPage { runs, next_after }))
 }
 
 /// Which submissions.
@@ -335,7 +318,7 @@ pub struct SubmissionPage {
 pub async fn list_run_submissions(
     State(state): State<AppState>,
     Path(id): Path<String>,
-    Query(query): Query<PageQuery>,
+    Params(query): Params<PageQuery>,
 ) -> ApiResult<Json<SubmissionPage>> {
     let items = page_items(query.limit, 100)?;
     let run = run_body(&state, &id).await?;

@@ -1,11 +1,12 @@
 //! The page of a board, and that of two of its runs.
 
 use askama::Template;
-use axum::extract::{Path, Query, RawQuery, State};
+use axum::extract::{Path, RawQuery, State};
 use serde::Deserialize;
 
 use super::super::api::comparisons::{Breakdown, ComparedTask, Comparison, GroupBy, breakdown, compare};
-use super::super::api::leaderboards::{BoardBody, BoardQuery, Direction, page as rows_of};
+use super::super::api::leaderboards::{BoardBody, BoardQuery, BoardRow, CoverageFilter, Direction, page as rows_of};
+use super::super::params;
 use super::super::problem::ApiError;
 use super::super::state::AppState;
 use super::html::{self, PageResult};
@@ -54,6 +55,7 @@ struct Reported {
 #[template(path = "board.html")]
 struct BoardPage {
     body: BoardBody,
+    incomplete: Vec<BoardRow>,
     columns: Vec<Column>,
     sort: String,
     is_ascending: bool,
@@ -69,7 +71,7 @@ struct BoardPage {
 impl BoardPage {
     /// Whether a row begins another group than the one before: it may not have a place that the one before may have.
     fn begins_group(&self, row: usize) -> bool {
-        let places = |row: usize| self.body.rows.get(row).map(|row| row.places);
+        let places = |row: usize| self.body.rows.get(row).and_then(|row| row.places);
         let before = row.checked_sub(1).and_then(places);
         self.sort == "overall" && before.zip(places(row)).is_some_and(|(before, own)| own.first > before.first)
     }
@@ -79,22 +81,23 @@ impl BoardPage {
 ///
 /// # Errors
 /// 404 where there is no such suite; 400 where a parameter is wrong.
-pub async fn board(
-    State(state): State<AppState>,
-    Path(suite): Path<String>,
-    RawQuery(raw): RawQuery,
-    query: Result<Query<BoardQuery>, axum::extract::rejection::QueryRejection>,
-) -> PageResult {
-    let Query(mut query) = query.map_err(|error| {
-        ApiError::new(axum::http::StatusCode::BAD_REQUEST, "bad-request", "Bad request", error.body_text())
-    })?;
+pub async fn board(State(state): State<AppState>, Path(suite): Path<String>, RawQuery(raw): RawQuery) -> PageResult {
     // An empty field of the form is a filter that is not set.
-    query.agent = query.agent.filter(|text| !text.is_empty());
-    query.as_of = query.as_of.filter(|text| !text.is_empty());
+    let set: Vec<(String, String)> = form_urlencoded::parse(raw.as_deref().unwrap_or_default().as_bytes())
+        .into_owned()
+        .filter(|(_, value)| !value.is_empty())
+        .collect();
+    let filled = form_urlencoded::Serializer::new(String::new()).extend_pairs(set).finish();
+    let mut query: BoardQuery = params::read(&filled)?;
     query.limit = query.limit.or(Some(ROWS));
     let entry = state.suite(&suite).await?;
     let board = state.boards.of(&state, &entry).await?;
     let body = rows_of(&board, &query)?;
+    let apart = BoardQuery { coverage: CoverageFilter::Incomplete, after: None, ..query.clone() };
+    let incomplete = match query.coverage {
+        CoverageFilter::Complete => rows_of(&board, &apart)?.rows,
+        CoverageFilter::Incomplete => Vec::new(),
+    };
     let raw = raw.unwrap_or_default();
     let named = form_urlencoded::parse(raw.as_bytes()).find(|(name, _)| name == "sort");
     let sort = named.map_or_else(|| "overall".to_owned(), |(_, value)| value.into_owned());
@@ -136,6 +139,7 @@ pub async fn board(
         next,
         tables,
         sort,
+        incomplete,
         body,
     })
 }
@@ -150,7 +154,7 @@ fn reported(rows: &[ReportedRow]) -> Vec<Reported> {
     let place = |row: &ReportedRow| {
         let Some(own) = solved(row) else { return "n/a".to_owned() };
         let others = known.iter().filter(|other| **other != own);
-        html::places(range(others.map(|other| (other.0 * own.1 > own.0 * other.1, p(other, &own))), level))
+        html::places(Some(range(others.map(|other| (other.0 * own.1 > own.0 * other.1, p(other, &own))), level)))
     };
     let overall = |row: &ReportedRow| match (solved(row), row.overall) {
         (Some((pass, of)), _) => format!("{:.1} % ({pass} of {of})", pass as f64 / of as f64 * 100.0),
@@ -203,8 +207,9 @@ struct ComparePage {
 pub async fn compare_runs(
     State(state): State<AppState>,
     Path(suite): Path<String>,
-    Query(two): Query<Two>,
+    RawQuery(raw): RawQuery,
 ) -> PageResult {
+    let two: Two = params::read(raw.as_deref().unwrap_or_default())?;
     let entry = state.suite(&suite).await?;
     let board = state.boards.of(&state, &entry).await?;
     let standing = |run: &str| {

@@ -73,9 +73,10 @@ pub fn bounds(interval: Option<Interval>) -> String {
     interval.map_or_else(String::new, |i| format!("{:.1} to {:.1}", i.low * 100.0, i.high * 100.0))
 }
 
-/// A place, or from which to which.
+/// A place, or from which to which; a dash for a run that is not compared.
 #[must_use]
-pub fn places(range: RankRange) -> String {
+pub fn places(range: Option<RankRange>) -> String {
+    let Some(range) = range else { return "–".to_owned() };
     if range.first == range.last { range.first.to_string() } else { format!("{}–{}", range.first, range.last) }
 }
 

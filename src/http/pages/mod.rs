@@ -18,6 +18,7 @@ use axum::http::{HeaderMap, header};
 use axum::routing::get;
 
 use super::api::leaderboards::{BoardBody, BoardQuery, page};
+use super::caller::Openness;
 use super::state::AppState;
 use html::PageResult;
 
@@ -56,7 +57,7 @@ struct Home {
 /// What the service is, its boards, and how to submit.
 async fn home(State(state): State<AppState>, headers: HeaderMap) -> PageResult {
     let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
-    let host = named.unwrap_or("localhost:8080").to_owned();
+    let host = named.unwrap_or("localhost:7586").to_owned();
     let catalogue = state.store.catalogue();
     let mut entries: Vec<_> = catalogue.suites().to_vec();
     // What new runs take comes first.
@@ -66,5 +67,5 @@ async fn home(State(state): State<AppState>, headers: HeaderMap) -> PageResult {
         let board = state.boards.of(&state, &entry).await?;
         boards.push(page(&board, &BoardQuery { limit: Some(ROWS), ..BoardQuery::default() })?);
     }
-    html::page(&Home { boards, host, is_open: state.keys.is_open })
+    html::page(&Home { boards, host, is_open: state.keys.open == Openness::Open })
 }

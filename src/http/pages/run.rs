@@ -54,6 +54,7 @@ pub async fn run(State(state): State<AppState>, Path(id): Path<String>) -> PageR
             .enumerate()
             .map(|(place, task)| {
                 let (class, told) = match &standing.outcomes {
+                    o if o.is_skipped(place) => ("", "skipped"),
                     o if !o.is_answered(place) => ("", "not answered"),
                     o if o.is_solved(place) => ("solved", "solved"),
                     o if o.is_accurate(place) => ("accurate", "accurate, but not solved"),

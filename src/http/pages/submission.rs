@@ -1,7 +1,7 @@
 //! The page of a submission: its report with evidence, and the build; two of them side by side; one as a file.
 
 use askama::Template;
-use axum::extract::{Path, Query, State};
+use axum::extract::{Path, RawQuery, State};
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::{IntoResponse as _, Response};
 use base64::Engine as _;
@@ -11,6 +11,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::super::api::stress::{StressQuery, get_stress};
 use super::super::api::submission::stored;
+use super::super::params::{self, Params};
 use super::super::problem::ApiError;
 use super::super::state::AppState;
 use super::html::{self, PageResult, json_in_markup};
@@ -183,7 +184,8 @@ pub struct Two {
 ///
 /// # Errors
 /// 400 where they are not named; 404 where there are none.
-pub async fn beside(State(state): State<AppState>, Query(two): Query<Two>) -> PageResult {
+pub async fn beside(State(state): State<AppState>, RawQuery(raw): RawQuery) -> PageResult {
+    let two: Two = params::read(raw.as_deref().unwrap_or_default())?;
     let rows = match two {
         Two { a: Some(a), b: Some(b), .. } => [stored(&state, &a).await?, stored(&state, &b).await?],
         Two { run_a: Some(a), run_b: Some(b), task: Some(task), .. } => {
@@ -235,7 +237,7 @@ pub async fn evidence(State(state): State<AppState>, Path(id): Path<String>) -> 
     if one.view.has_stress {
         let query = StressQuery::equilibrium_as_arrays();
         // Where the field cannot be had, the file is whole without it; the report's figures are in it all the same.
-        if let Ok(answer) = get_stress(State(state), Path(id.clone()), Query(query), HeaderMap::new()).await
+        if let Ok(answer) = get_stress(State(state), Path(id.clone()), Params(query), HeaderMap::new()).await
             && let Ok(bytes) = axum::body::to_bytes(answer.into_body(), usize::MAX).await
         {
             stress = json!({ "fem": serde_json::from_slice::<Value>(&bytes).unwrap_or_default() });

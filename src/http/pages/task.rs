@@ -3,10 +3,11 @@
 use std::sync::Arc;
 
 use askama::Template;
-use axum::extract::{Path, Query, State};
+use axum::extract::{Path, RawQuery, State};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
+use super::super::params;
 use super::super::problem::ApiError;
 use super::super::state::AppState;
 use super::html::{self, PageResult, json_in_markup};
@@ -51,11 +52,8 @@ struct TasksPage {
 ///
 /// # Errors
 /// 404 where there is no such suite.
-pub async fn tasks(
-    State(state): State<AppState>,
-    Path(suite): Path<String>,
-    Query(query): Query<TasksQuery>,
-) -> PageResult {
+pub async fn tasks(State(state): State<AppState>, Path(suite): Path<String>, RawQuery(raw): RawQuery) -> PageResult {
+    let query: TasksQuery = params::read(raw.as_deref().unwrap_or_default())?;
     let entry = state.suite(&suite).await?;
     let board = state.boards.of(&state, &entry).await?;
     let text = query.text.trim().to_lowercase();

@@ -1,0 +1,136 @@
+//! How runs end: what they skip, their summary and result, and the moment when nothing is left to wait for.
+
+use sqlx::{Row as _, SqliteConnection};
+
+use super::boards::enter_result;
+use super::events::{self, NewEvent};
+use super::runs::{RunRow, RunState, Skip, run_in};
+use super::suites::tasks_of;
+use super::{StoreError, StoreResult};
+use crate::grading::fingerprints::Fingerprint;
+use crate::grading::outcomes::Outcomes;
+use crate::grading::{ProblemScores, Summary};
+use crate::tasks::Task;
+
+/// Notes which tasks a run skips. Gives those that were answered and cannot be.
+pub(super) async fn skip_tasks(tx: &mut SqliteConnection, run: &RunRow, skip: &Skip) -> StoreResult<Vec<u32>> {
+    let answered: Vec<i64> = sqlx::query_scalar(
+        "SELECT task_number FROM submissions
+         WHERE run_id = $1 AND superseded = 0 AND state IN ('queued', 'grading', 'graded') ORDER BY task_number",
+    )
+    .bind(&run.id)
+    .fetch_all(&mut *tx)
+    .await?;
+    let is_answered = |number: &u32| answered.binary_search(&i64::from(*number)).is_ok();
+    let numbers = match skip {
+        Skip::Tasks(numbers) => numbers.clone(),
+        Skip::Unanswered => {
+            let all = tasks_of(tx, &run.suite_id).await?;
+            all.iter().map(|task| task.number).filter(|number| !is_answered(number)).collect()
+        }
+    };
+    let conflicts: Vec<u32> = numbers.iter().copied().filter(is_answered).collect();
+    if conflicts.is_empty() {
+        for number in numbers {
+            sqlx::query("INSERT INTO skipped_tasks (run_id, task_number) VALUES ($1, $2) ON CONFLICT DO NOTHING")
+                .bind(&run.id)
+                .bind(number)
+                .execute(&mut *tx)
+                .await?;
+        }
+    }
+    Ok(conflicts)
+}
+
+/// Numbers of the tasks that a run skips.
+async fn skipped_by(tx: &mut SqliteConnection, id: &str) -> StoreResult<Vec<u32>> {
+    Ok(sqlx::query_scalar("SELECT task_number FROM skipped_tasks WHERE run_id = $1").bind(id).fetch_all(tx).await?)
+}
+
+/// Ends the run where nothing is left to wait for, with its summary over the tasks of its suite.
+pub(super) async fn end_if_complete(
+    tx: &mut SqliteConnection,
+    id: &str,
+    suite_id: &str,
+    now_ms: i64,
+) -> StoreResult<bool> {
+    let Some(run) = run_in(tx, id).await? else { return Ok(false) };
+    let is_quiet = run.pending == 0 && run.grader_errors == 0;
+    let is_complete = run.state == RunState::Finishing || run.graded >= run.tasks;
+    if matches!(run.state, RunState::Finished | RunState::Deleted) || !is_quiet || !is_complete {
+        return Ok(false);
+    }
+    let tasks = tasks_of(tx, suite_id).await?;
+    set_result(tx, id, &tasks, now_ms).await?;
+    let ended = NewEvent { run_id: Some(id), submission_id: None, state: RunState::Finished.name(), overall: None };
+    events::enter(tx, &[ended], now_ms).await?;
+    Ok(true)
+}
+
+/// Finishes a run with what its latest reports come to, or changes what a finished one came to.
+pub(super) async fn set_result(tx: &mut SqliteConnection, id: &str, tasks: &[Task], now_ms: i64) -> StoreResult<()> {
+    let problems = problems_of(tx, id).await?;
+    let summary = serde_json::to_string(&summarise(&problems, tasks));
+    let summary = summary.map_err(|error| StoreError::corrupt("runs", error))?;
+    sqlx::query(
+        "UPDATE runs SET state = 'finished', finished_at_ms = COALESCE(finished_at_ms, $2), summary = $3 WHERE id = $1",
+    )
+    .bind(id)
+    .bind(now_ms)
+    .bind(&summary)
+    .execute(&mut *tx)
+    .await?;
+    let fingerprint = fingerprint_of(tx, id).await?;
+    let outcomes = Outcomes::of(tasks, &problems, &skipped_by(tx, id).await?);
+    enter_result(tx, id, &summary, &outcomes, &fingerprint, now_ms).await
+}
+
+/// What a run built and in which order, over its latest reports.
+async fn fingerprint_of(tx: &mut SqliteConnection, id: &str) -> StoreResult<Fingerprint> {
+    let parts: Vec<Vec<u8>> = sqlx::query_scalar(
+        "SELECT r.fingerprint FROM submissions s JOIN reports r ON r.submission_id = s.id
+         WHERE s.run_id = $1 AND s.state = 'graded' AND s.superseded = 0 AND r.fingerprint IS NOT NULL
+           AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = s.id)",
+    )
+    .bind(id)
+    .fetch_all(tx)
+    .await?;
+    let mut whole = Fingerprint::default();
+    parts.iter().filter_map(|bytes| Fingerprint::from_bytes(bytes)).for_each(|part| whole.merge(&part));
+    Ok(whole)
+}
+
+/// Scores of a run's reports, the latest of each submission.
+pub(super) async fn problems_of(tx: &mut SqliteConnection, id: &str) -> StoreResult<Vec<ProblemScores>> {
+    let rows = sqlx::query(
+        "SELECT s.task_number, r.scores
+         FROM submissions s JOIN reports r ON r.submission_id = s.id
+         WHERE s.run_id = $1 AND s.state = 'graded' AND s.superseded = 0
+           AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = s.id)
+         ORDER BY s.task_number",
+    )
+    .bind(id)
+    .fetch_all(&mut *tx)
+    .await?;
+    let mut problems = Vec::with_capacity(rows.len());
+    for row in &rows {
+        let scores: ProblemScores =
+            serde_json::from_str(row.try_get(1)?).map_err(|error| StoreError::corrupt("reports", error))?;
+        problems.push(scores);
+    }
+    Ok(problems)
+}
+
+/// Summary of a run's problems; tasks without one count as failed.
+pub(super) fn summarise(problems: &[ProblemScores], tasks: &[Task]) -> Summary {
+    let answered: std::collections::HashSet<u32> = problems.iter().map(|problem| problem.number).collect();
+    let unanswered: Vec<ProblemScores> = tasks
+        .iter()
+        .filter(|task| !answered.contains(&task.number))
+        .map(|task| ProblemScores {
+            number: task.number,
+            rows: task.checks().map(|check| (check.criterion(), 0.0)).collect(),
+        })
+        .collect();
+    Summary::with_unanswered(problems, &unanswered)
+}
