@@ -7,6 +7,7 @@ mod support;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
+use futures_util::StreamExt as _;
 use futures_util::future::join_all;
 use reqwest::StatusCode;
 use serde_json::{Value, json};
@@ -26,7 +27,9 @@ fn files_replay_to_the_published_events() {
             assert!(!output.status.success() && told.contains("stopped: more than"), "{name}: {told}");
             continue;
         }
-        assert!(output.status.success(), "{name}: {told}");
+        // A script that is no JavaScript did nothing, and a shell must see that.
+        let is_readable = !told.contains("SyntaxError");
+        assert_eq!(output.status.success(), is_readable, "{name}: {told}");
         let text = String::from_utf8(output.stdout).unwrap();
         let events: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
         assert_eq!(events, *wanted["events"].as_array().unwrap(), "{name}");
@@ -53,6 +56,7 @@ async fn a_script_keeps_what_it_did_and_is_told_what_went_wrong() {
             .json();
     assert_eq!(told["events"], json!([{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }]));
     assert_eq!(told["dropped"], json!([{ "reason": "a coordinate is not an integer", "count": 1 }]));
+    assert_eq!(told["notes"], json!([]), "{told}");
     assert_eq!([&told["error"]["line"], &told["error"]["column"]], [&json!(4), &json!(3)], "{told}");
     assert!(told["error"]["message"].as_str().unwrap().starts_with("ReferenceError"), "{told}");
     // Timers in virtual time: an hour passes at once, and in its order; what nobody awaits is reported.
@@ -65,11 +69,10 @@ async fn a_script_keeps_what_it_did_and_is_told_what_went_wrong() {
     assert_eq!(order, [1, 3, 2]);
     assert!(told["error"]["message"].as_str().unwrap().contains("nobody listens"), "{told}");
     // The same numbers each time, and no clock.
-    let random = format!(
-        "for (let i = 0; i < 9; i++) {place} Math.floor(Math.random() * 1000), 0, typeof Date === 'undefined' ? 1 : 2)"
-    );
+    let random =
+        format!("for (let i = 0; i < 9; i++) {place} Math.floor(Math.random() * 1000), 0, new Date(0).getHours())");
     let (one, other) = (replay(&service, &random).await.json(), replay(&service, &random).await.json());
-    assert_eq!((&one["events"], one["events"][0]["z"].as_i64()), (&other["events"], Some(1)));
+    assert_eq!((&one["events"], one["events"][0]["z"].as_i64()), (&other["events"], Some(0)));
     replay(&service, &"x".repeat(600_000)).await.faults(422);
     service.post("/v1/replay", "application/json", "{\"action_code\": 3}").await.faults(422);
 }
@@ -94,14 +97,111 @@ async fn a_submission_may_bring_code() {
         .post_json("/v1/validate", &json!({ "task": "walls/5x1x5-raise", "turns": [{ "events": events }] }))
         .await;
     assert_eq!(validated.json()["submissions"][0]["log_hash"], graded["log_hash"]);
-    // What reaches a limit is refused, with its place; both kinds in one turn too; grading at once takes events.
+    // What reaches a limit is refused, with its place; both kinds in one turn too; grading at once says the same.
     let endless = json!({ "task": 113, "turns": [{ "action_code": "while (true) {}" }] });
     let refused = service.post_json("/v1/submissions", &endless).await;
     assert_eq!(refused.faults(422), ["null /turns/0/action_code"]);
     assert!(refused.text.contains("stopped at a limit (time)"), "{}", refused.text);
+    let nulls = json!({ "task": 113, "run": null, "suite": null, "log": null,
+                        "turns": [{ "action_code": null, "palette": null, "rows": null, "events": [] }] });
+    assert_eq!(service.post_json("/v1/validate", &nulls).await.status, StatusCode::OK);
     let both = json!({ "task": 113, "turns": [{ "action_code": "", "events": [] }] });
     assert_eq!(service.post_json("/v1/submissions", &both).await.faults(422), ["null /turns/0"]);
     assert_eq!(service.post_json("/v1/grade", &endless).await.faults(422), ["null /turns/0/action_code"]);
+}
+
+/// What a model would have written around a script.
+fn fenced(code: &str) -> String {
+    format!(
+        "<think>Perhaps ```js\nskills.placeBlock(bot, 'dirt', 9, 9, 9)\n```</think>\nI use a loop [0..4]:\n\n```javascript\n{code}\n```\nDone!"
+    )
+}
+
+/// Every script of the published pipeline, as it is, through every door that takes one, and each says the same of it.
+#[tokio::test]
+async fn every_published_script_goes_through_every_door() {
+    let (_folder, service) = service();
+    let folder = repository("tests/conformance");
+    let expected: Value =
+        serde_json::from_slice(&std::fs::read(folder.join("actions_expected.json")).unwrap()).unwrap();
+    let doors = expected.as_object().unwrap().iter().filter(|(_, wanted)| wanted["expect"] != "timeout");
+    let checks = doors.map(|(name, wanted)| {
+        let code = std::fs::read_to_string(folder.join("actions").join(name)).unwrap();
+        let (service, events) = (&service, wanted["events"].as_array().unwrap().len());
+        async move {
+            let hash_of = |answer: &support::Answer, pointer: &str| {
+                assert!(answer.status.is_success(), "{name}: {}", answer.text);
+                answer.json().pointer(pointer).and_then(Value::as_str).unwrap_or_else(|| panic!("{name}: {}", answer.text)).to_owned()
+            };
+            let plain = json!({ "task": 113, "turns": [{ "action_code": code }] });
+            let validated = service.post_json("/v1/validate", &plain).await;
+            let hash = hash_of(&validated, "/submissions/0/log_hash");
+            assert_eq!(validated.json()["submissions"][0]["events"], events, "{name}");
+            for body in [
+                plain.clone(),
+                json!({ "task": 113, "turns": [{ "action_code": fenced(&code) }] }),
+                json!({ "task": 113, "answer": fenced(&code) }),
+                json!({ "task": 113, "answer": json!({ "turns": [{ "action_code": code }] }).to_string() }),
+            ] {
+                let graded = service.post_json("/v1/grade", &body).await;
+                assert_eq!(hash_of(&graded, "/log_hash"), hash, "{name}: {body}");
+                assert_eq!(graded.json()["action_code"][0]["events"], events, "{name}");
+                let batch = service.post("/v1/grade:batch", "application/x-ndjson", body.to_string()).await;
+                assert_eq!(hash_of(&batch, "/result/log_hash"), hash, "{name}: {body}");
+            }
+            for kind in ["application/json", "application/x-ndjson"] {
+                let accepted = service.post("/v1/submissions", kind, plain.to_string()).await;
+                let place = if kind.ends_with("x-ndjson") { "/submissions/0/id" } else { "/id" };
+                let stored = service.get(&format!("/v1/submissions/{}", hash_of(&accepted, place))).await;
+                assert_eq!(hash_of(&stored, "/log_hash"), hash, "{name}");
+            }
+            let error = |answer: &Value| answer["action_code"][0]["error"].is_null();
+            let reward = service.post_json("/v1/grade", &json!({ "task": 113, "answer": fenced(&code), "reward": "shaped" })).await.json();
+            let said = json!({ "task": "walls/5x1x5-raise", "reward_scheme": "shaped", "response": { "output": [
+                { "type": "message", "role": "assistant", "content": [{ "type": "output_text", "text": fenced(&code) }] }] } });
+            let verified = service.post_json("/verify", &said).await.json();
+            assert_eq!((&verified["reward"], verified.get("failure_reason")), (&reward["reward"], None), "{name}: {verified}");
+            let label = json!({ "task": 113, "reward": "shaped" });
+            let asked = json!({ "query": [format!("Build! {}", fenced(&code))], "prompts": ["Build! "], "labels": [label] });
+            let rewarded = service.post_json("/get_reward", &asked).await.json();
+            assert_eq!((&rewarded["rewards"][0], &rewarded["extra_logs"]["readable"][0]), (&reward["reward"], &json!(1.0)), "{name}");
+            assert_eq!(error(&reward), wanted["expect"] != "upstream_error" || events > 0 || error(&reward), "{name}");
+        }
+    });
+    futures_util::stream::iter(checks).buffer_unordered(4).collect::<()>().await;
+}
+
+#[tokio::test]
+async fn scripts_that_record_nothing_are_told_why() {
+    let (_folder, service) = service();
+    let place = "await skills.placeBlock(bot, 'stone', 0, 0, 0);";
+    for (code, events, note) in [
+        (format!("async function build(bot) {{\n\t{place}\n}}"), 0, "defines build and recorded nothing"),
+        (format!("const tower = async (bot) => {{ {place} }};\nlet x = 1"), 0, "defines tower and recorded nothing"),
+        (format!("({{ helper() {{ return this.x }}, x: 2, async default(bot) {{ if (this.helper() === 2) {{ {place} }} }} }})"), 1, ""),
+        (format!("module.exports = {{ default: async function (bot) {{ {place} }} }};"), 1, ""),
+        ("(async (bot) => { const p = Vec3(1, 2, 3).offset(0, 1, 0); await skills.placeBlock(bot, 'stone', p.x, p.y, p.z); })".to_owned(), 1, ""),
+        ("(async () => {})".to_owned(), 0, "ended without placing or removing"),
+        ("const a = 1".to_owned(), 0, "neither its value nor module.exports is a function"),
+        (format!("(async (bot) => {{ const end = Date.now() + 50; while (Date.now() < end) {{}}\n if (new Date() instanceof Date && new Date(0).toISOString() === '1970-01-01T00:00:00.000Z') {{ {place} }} }})"), 1, ""),
+    ] {
+        let told = replay(&service, &code).await.json();
+        assert_eq!(told["events"].as_array().map(Vec::len), Some(events), "{code}: {told}");
+        let notes = told["notes"].as_array().unwrap();
+        assert!(if note.is_empty() { notes.is_empty() } else { notes[0].as_str().unwrap().contains(note) }, "{code}: {told}");
+    }
+    // The command says it too, and a script that is no JavaScript ends with 1.
+    let folder = tempfile::tempdir().unwrap();
+    let run = |code: &str| {
+        let file = folder.path().join("a.js");
+        std::fs::write(&file, code).unwrap();
+        let done = Command::new(PROGRAM).arg("replay").arg(&file).output().unwrap();
+        (done.status.code(), String::from_utf8(done.stderr).unwrap())
+    };
+    let (code, told) = run("function build() {}");
+    assert!(code == Some(0) && told.contains("defines build"), "{told}");
+    let (code, told) = run("(async (bot) => {\n  for (;; {\n})");
+    assert!(code == Some(1) && told.contains("a.js:3:"), "{told}");
 }
 
 /// Code that means harm, by what it tries.

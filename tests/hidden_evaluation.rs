@@ -313,3 +313,27 @@ async fn whenever_the_service_dies_nothing_is_drawn_or_answered_twice_and_the_bo
         }
     }
 }
+
+/// An answer may be what an agent wrote, with all its lines, in a fence or without.
+#[tokio::test]
+async fn answers_may_be_scripts_as_agents_write_them() {
+    let scene = Scene::new(&[]);
+    let lab = scene.key("lab");
+    let entry = scene.register(&lab, "dev", 1).await;
+    let drawn = scene.draw(&lab, &entry, 1).await;
+    let folder = support::repository("tests/conformance");
+    let expected: Value =
+        serde_json::from_slice(&std::fs::read(folder.join("actions_expected.json")).unwrap()).unwrap();
+    let scripts = expected.as_object().unwrap().iter().filter(|(_, wanted)| wanted["expect"] != "timeout");
+    for (i, ((name, wanted), instance)) in scripts.zip(&drawn).enumerate() {
+        let code = std::fs::read_to_string(folder.join("actions").join(name)).unwrap();
+        let code = if i % 2 == 0 { code } else { format!("Here you are:\n```js\n{code}```\n") };
+        let mut turns = vec![json!({ "action_code": code })];
+        turns.resize(instance["prompts"].as_array().unwrap().len(), json!({ "events": [] }));
+        let path = format!("/v1/instances/{}/answer", id(instance));
+        let answer = scene.post(&lab, &path, &json!({ "turns": turns, "transcript_sha256": null })).await;
+        assert_eq!(answer.status, StatusCode::ACCEPTED, "{name}: {}", answer.text);
+        let events = wanted["events"].as_array().unwrap().len();
+        assert_eq!(answer.json()["action_code"][0]["events"], events, "{name}: {}", answer.text);
+    }
+}

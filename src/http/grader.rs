@@ -14,6 +14,7 @@ use super::problem::{ApiError, ApiResult};
 use super::server::Connections;
 use crate::checks::{Check, Criterion};
 use crate::elasticity::Control;
+use crate::grading::baseline::Baseline;
 use crate::grading::{Report, grade_hashed};
 use crate::tasks::Task;
 use crate::tasks::catalogue::Entry;
@@ -27,6 +28,8 @@ const QUICK_EVENTS: usize = 1_000;
 const FEW_CONNECTIONS: usize = 256;
 /// How much the threads that grade yield to those that serve (niceness).
 const GRADING_NICENESS: i32 = 5;
+/// Baselines kept: those of all tasks of a few suites.
+const BASELINES: usize = 4_096;
 /// Memory that a report takes beside its checks, roughly.
 const REPORT_BYTES: u64 = 512;
 /// Memory that a check of a report takes, roughly: names, arguments, a sentence, witnesses.
@@ -85,6 +88,8 @@ pub struct Grader {
     quick: rayon::ThreadPool,
     connections: Connections,
     cache: Option<Cache<Key, Arc<Report>, ByMemory>>,
+    /// By hash of the task.
+    baselines: Cache<Box<str>, Arc<Baseline>>,
     stop: CancellationToken,
 }
 
@@ -115,8 +120,32 @@ impl Grader {
             quick: quick.thread_name(|index| format!("grade-{index}")).build()?,
             connections: connections.clone(),
             cache,
+            baselines: Cache::new(BASELINES),
             stop,
         })
+    }
+
+    /// Whether that was computed before.
+    #[must_use]
+    pub fn knows_baseline(&self, given: &GivenTask) -> bool {
+        given.task().is_ok_and(|(_, hash)| self.baselines.contains_key(hash))
+    }
+
+    /// What a log that does nothing earns on a task.
+    ///
+    /// # Errors
+    /// 504 where the deadline passes, 503 where the service stops.
+    pub fn baseline(&self, given: &GivenTask, deadline: Duration) -> ApiResult<Arc<Baseline>> {
+        let (task, hash) = given.task()?;
+        if let Some(known) = self.baselines.get(hash) {
+            return Ok(known);
+        }
+        let end = Instant::now() + deadline;
+        let stop = || self.stop.is_cancelled() || Instant::now() >= end;
+        let baseline = Baseline::of(task, &Control::until(&stop)).map_err(|_stopped| too_late())?;
+        let baseline = Arc::new(baseline);
+        self.baselines.insert(Box::from(hash), Arc::clone(&baseline));
+        Ok(baseline)
     }
 
     /// A place among those that are graded or wait.

@@ -2,24 +2,27 @@
 
 use serde::de::{IgnoredAny, MapAccess};
 
-use super::super::limits::LIMITS;
+use super::log_member::LogMember;
 use super::submission_body::{PostedSubmission, TaskRef};
-use super::submission_schema::NewTurn;
+use super::submission_schema::{NewTurn, StoredLogBody};
 use crate::epochs::canonical::unhex;
 use crate::voxel::Faults;
-use crate::voxel::log_reader::Turns;
 use crate::voxel::tolerant::{OrNull, Read, Shape, Text};
 
 /// The answer to a hidden instance.
 #[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
 #[schema(example = json!({ "turns": [{ "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }] }],
                            "transcript_sha256": "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08" }))]
 #[expect(dead_code, reason = "describes the body that AnswerShape reads")]
 pub struct NewAnswerBody {
-    /// What was done in each turn, in any of the forms of a submission's.
-    turns: Vec<NewTurn>,
+    /// What was done in each turn, in any of the forms of a submission's. Either this or `log` is needed.
+    #[schema(max_items = 64)]
+    turns: Option<Vec<NewTurn>>,
+    /// The same in the stored form, as `/v1/submissions/{id}/log` shows it.
+    log: Option<StoredLogBody>,
     /// SHA-256 of the agent's transcript, to be shown on request.
-    #[schema(pattern = "^[0-9a-f]{64}$")]
+    #[schema(pattern = "^[0-9a-fA-F]{64}$")]
     transcript_sha256: Option<String>,
 }
 
@@ -52,15 +55,12 @@ impl<'de> Shape<'de> for AnswerShape<'_> {
 
     fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<PostedAnswer>, A::Error> {
         let faults = self.faults;
-        let (mut log, mut transcript) = (None, None);
-        let mut codes = Vec::new();
+        let (mut log, mut transcript) = (LogMember::default(), None);
         while let Some(key) = members.next_key::<String>()? {
             faults.enter_key(&key);
             match key.as_str() {
-                "turns" if log.is_none() => {
-                    let turns = Turns { faults, limits: LIMITS.log(), codes: Some(&mut codes) };
-                    log = Some(members.next_value_seed(Read(turns))?);
-                }
+                "turns" | "log" if !log.is_given() => log.read(&key, &mut members, faults)?,
+                "turns" | "log" => log.refuse_second(&key, &mut members, faults)?,
                 "transcript_sha256" if transcript.is_none() => {
                     let text = Text { faults, min_chars: 64, max_chars: 64 };
                     let hash: Option<String> = members.next_value_seed(Read(OrNull(text)))?.flatten().flatten();
@@ -69,28 +69,27 @@ impl<'de> Shape<'de> for AnswerShape<'_> {
                     }
                     transcript = Some(hash.map(|hash| hash.to_lowercase()));
                 }
-                "turns" | "transcript_sha256" => {
+                "transcript_sha256" => {
                     faults.add("given twice");
                     members.next_value::<IgnoredAny>()?;
                 }
                 _ => {
-                    faults.add("unknown field; an answer has turns and transcript_sha256");
+                    faults.add("unknown field; an answer has turns or log, and transcript_sha256");
                     members.next_value::<IgnoredAny>()?;
                 }
             }
             faults.leave();
         }
-        if log.is_none() {
+        if !log.is_given() {
             faults.add_at("turns", "missing");
         }
-        let Some(Some(log)) = log else { return Ok(None) };
+        let Some(sent) = log.sent() else { return Ok(None) };
         let submission = PostedSubmission {
             line: None,
             run: None,
             suite: None,
             task: TaskRef::Number(0),
-            log,
-            codes,
+            sent,
             replays: Vec::new(),
         };
         Ok(Some(PostedAnswer { submission, transcript_sha256: transcript.flatten() }))

@@ -1,7 +1,6 @@
 //! Grading within the request: one log, or many whose results stream back.
 
 use std::sync::Arc;
-use std::time::Instant;
 
 use axum::Json;
 use axum::extract::State;
@@ -9,29 +8,26 @@ use axum::http::{HeaderName, HeaderValue};
 use axum::response::{IntoResponse as _, Response};
 use serde::Serialize;
 use serde_json::Value;
-use sha2::{Digest as _, Sha256};
+use tokio::runtime::Handle;
 
 use super::super::body::{Format, JsonBody};
 use super::super::caller::Caller;
-use super::super::grader::{GivenTask, Graded};
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
-use super::grade_body::{Detail, GradeRequest, GradeShape, NamedTask};
-use super::submission_body::check_against_task;
-use super::submission_schema::{NewTurn, TaskName};
-use crate::checks::{CHECKS_VERSION, Criterion};
+use super::grade_answer::AnswerBody;
+use super::grade_body::Detail;
+use super::grade_request::ReadRequest;
+use super::replay::TurnReplay;
+use super::submission_schema::{NewTurn, StoredLogBody};
+use crate::checks::Criterion;
 use crate::grading::Report;
 use crate::grading::report::CriterionReport;
 use crate::grading::reward::RewardComponents;
 use crate::store::keys::Scope;
-use crate::tasks::catalogue::Catalogue;
-use crate::tasks::embedded::FULL;
-use crate::tasks::hex;
-use crate::voxel::tolerant::read_document;
-use crate::voxel::{BlockLog, Faults};
 
 /// A log to grade at once.
 #[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
 #[schema(example = json!({
     "task": "walls/5x1x5-raise", "reward": "mean",
     "turns": [{ "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }] }]
@@ -39,20 +35,126 @@ use crate::voxel::{BlockLog, Faults};
 #[expect(dead_code, reason = "describes the body that GradeShape reads")]
 pub struct NewGrade {
     /// The task: its id, its number, or a whole task: an object with `turns`, each with `checks` of `fn` and `args`.
-    #[schema(value_type = TaskName)]
+    #[schema(value_type = GivenTaskBody)]
     task: Value,
     /// Suite of the task, where it is named: name, or name@version.
+    #[schema(min_length = 1, max_length = 100)]
     suite: Option<String>,
-    /// What was done in each turn; as many as the task has.
-    turns: Vec<NewTurn>,
-    /// `strict` (1 where the problem passes, else 0; the default), `mean` (of the criteria that apply), or
-    /// `{"weights": {"material": 1, …}}`.
-    #[schema(value_type = Option<Object>)]
+    /// What was done in each turn; as many as the task has. One of this, `log` and `answer` is needed.
+    #[schema(max_items = 64)]
+    turns: Option<Vec<NewTurn>>,
+    /// The same in the stored form, as `/v1/submissions/{id}/log` shows it.
+    log: Option<StoredLogBody>,
+    /// What a language model wrote, a text or a list of them: the last complete answer outside thinking tags counts, a log as JSON
+    /// or action code, in a code fence or bare. Of several texts each answers a turn.
+    #[schema(value_type = Option<AnswerTextsBody>)]
+    answer: Option<Value>,
+    /// How the reward is made; `strict` where nothing is said.
+    #[schema(value_type = Option<SchemeBody>)]
     reward: Option<Value>,
-    /// `scores` (the default) or `report`: with the whole report.
-    detail: Option<String>,
+    /// How much is answered; `scores` where nothing is said.
+    detail: Option<Detail>,
     /// Milliseconds that grading may take; default and maximum are in `/v1/limits`.
+    #[schema(minimum = 1, maximum = 50_000)]
     deadline_ms: Option<u64>,
+}
+
+/// The scheme that made a reward.
+#[derive(Debug, utoipa::ToSchema, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SchemeUsed {
+    /// As asked for.
+    Strict,
+    /// As asked for.
+    Shaped,
+    /// As asked for.
+    Mean,
+    /// By weights.
+    Weighted,
+}
+
+/// A task that is named, or brought along.
+#[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
+#[serde(untagged)]
+pub enum GivenTaskBody {
+    /// Its id.
+    Id(String),
+    /// Its number in the suite.
+    Number(u32),
+    /// A whole task.
+    Whole(InlineTask),
+}
+
+/// A task that a request brings, as `GET /v1/tasks/{family}/{instance}` shows one; what else it says is not needed.
+#[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
+pub struct InlineTask {
+    /// What it is called in the answer.
+    pub id: Option<String>,
+    /// Its turns.
+    #[schema(min_items = 1, max_items = 64)]
+    pub turns: Vec<InlineTurn>,
+}
+
+/// A turn of such a task.
+#[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
+pub struct InlineTurn {
+    /// The instruction, for the record.
+    pub prompt: Option<String>,
+    /// What is checked after it.
+    #[schema(max_items = 64)]
+    pub checks: Vec<InlineCheck>,
+}
+
+/// A check of such a task.
+#[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
+pub struct InlineCheck {
+    /// Its name.
+    #[serde(rename = "fn")]
+    #[schema(example = "shape.has_rooms")]
+    pub name: String,
+    /// Its arguments.
+    #[schema(value_type = Option<Object>, example = json!({ "room_cnt": 2 }))]
+    pub args: Option<serde_json::Map<String, Value>>,
+}
+
+/// How a reward is made of a report.
+#[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
+#[serde(untagged)]
+pub enum SchemeBody {
+    /// By a scheme of this name.
+    Named(SchemeName),
+    /// By weights: the weighted mean over the criteria that apply.
+    Weighted(WeightsBody),
+}
+
+/// A scheme.
+#[derive(Debug, Clone, Copy, serde::Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SchemeName {
+    /// 1 where the problem passes, else 0.
+    Strict,
+    /// What is earned beyond a log that does nothing: 0 for an empty log or a single block, 1 where all checks pass. For training.
+    Shaped,
+    /// The mean of the criteria that apply. An empty log earns 0.44 of it on average over Lite, so a model may learn to do nothing.
+    Mean,
+}
+
+/// Weights of criteria.
+#[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
+pub struct WeightsBody {
+    /// 0 or more for each; those that are not named have 0.
+    #[schema(example = json!({ "material": 1, "shape": 2 }))]
+    pub weights: std::collections::BTreeMap<Criterion, f64>,
+}
+
+/// What a model wrote.
+#[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
+#[serde(untagged)]
+pub enum AnswerTextsBody {
+    /// One text.
+    One(String),
+    /// Several, in order.
+    Several(Vec<String>),
 }
 
 /// The score of one check.
@@ -66,6 +168,7 @@ pub struct CheckScore {
     /// The criterion it counts for.
     pub criterion: Criterion,
     /// In [0, 1].
+    #[schema(minimum = 0, maximum = 1)]
     pub score: f64,
 }
 
@@ -84,15 +187,18 @@ pub struct GradeBody {
     /// The task's id.
     pub task: String,
     /// SHA-256 of the task, in hex.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
     pub task_hash: String,
     /// SHA-256 of the log's canonical JSON, in hex.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
     pub log_hash: String,
     /// Version of the rules that scored it.
     pub checks_version: u32,
     /// The reward, in [0, 1].
+    #[schema(minimum = 0, maximum = 1)]
     pub reward: f64,
     /// The scheme that made it.
-    #[schema(example = "strict")]
+    #[schema(value_type = SchemeUsed, example = "strict")]
     pub scheme: &'static str,
     /// Whether the problem passes.
     pub overall: bool,
@@ -108,136 +214,14 @@ pub struct GradeBody {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Report>)]
     pub report: Option<Arc<Report>>,
+    /// What the action code of its turns did, where it brought some.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub action_code: Vec<TurnReplay>,
+    /// What was found in the model's texts, where the request brought `answer`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub answer: Option<AnswerBody>,
     /// How long it took.
     pub timings: Timings,
-}
-
-/// A request that was read and whose task was found.
-#[derive(Debug)]
-pub struct Prepared {
-    request: GradeRequest,
-    given: GivenTask,
-    log_hash: String,
-    begun: Instant,
-    read_us: u64,
-}
-
-/// Reads a request and finds its task among the suites held.
-///
-/// # Errors
-/// 400 where it is not JSON, 422 with all its faults.
-pub fn prepare(text: &[u8], catalogue: &Catalogue) -> ApiResult<Prepared> {
-    prepare_with(text, None, catalogue)
-}
-
-/// The same, with a log that was found elsewhere in place of the request's own.
-///
-/// # Errors
-/// The same.
-pub fn prepare_with(text: &[u8], log: Option<BlockLog>, catalogue: &Catalogue) -> ApiResult<Prepared> {
-    let begun = Instant::now();
-    let mut faults = Faults::new();
-    let mut request = match read_document(text, GradeShape { faults: &mut faults }) {
-        Ok(request) => request,
-        Err(error) => {
-            faults.add(error.to_string());
-            return Err(ApiError::malformed(faults));
-        }
-    };
-    if let (Some(request), Some(log)) = (&mut request, log) {
-        request.log = log;
-    }
-    let given = request.as_ref().and_then(|request| find(request, catalogue, &mut faults));
-    if let (Some(request), Some(given)) = (&request, &given) {
-        check_against_task(&request.log, given.task()?.0, &mut faults);
-    }
-    let (Some(request), Some(given), true) = (request, given, faults.is_empty()) else {
-        return Err(ApiError::faulty(faults));
-    };
-    let log_hash = hex(&Sha256::digest(request.log.canonical_json()));
-    Ok(Prepared { request, given, log_hash, begun, read_us: micros(begun) })
-}
-
-fn find(request: &GradeRequest, catalogue: &Catalogue, faults: &mut Faults) -> Option<GivenTask> {
-    let task = match &request.task {
-        NamedTask::Inline(task) => return Some(GivenTask::inline((**task).clone())),
-        NamedTask::Listed(task) => task,
-    };
-    let name = request.suite.as_deref().unwrap_or(FULL);
-    let Some(entry) = catalogue.suite(name) else {
-        faults.add_at("suite", format!("there is no suite {name:?}; /v1/suites lists them"));
-        return None;
-    };
-    task.number_in(entry, faults).map(|number| GivenTask::Listed(Arc::clone(entry), number))
-}
-
-fn micros(since: Instant) -> u64 {
-    u64::try_from(since.elapsed().as_micros()).unwrap_or(u64::MAX)
-}
-
-impl Prepared {
-    /// Grades it, and says whether the result was kept from before.
-    ///
-    /// # Errors
-    /// As [`super::super::grader::Grader::grade`]; 422 where no criterion that applies has a weight.
-    pub async fn grade(self, state: &AppState) -> ApiResult<(GradeBody, bool)> {
-        let Self { request: GradeRequest { log, scheme, detail, deadline, .. }, given, log_hash, begun, read_us } =
-            self;
-        let graded = state.grader.grade(given, log, &log_hash, deadline).await.map_err(ApiError::without_reward)?;
-        let is_cached = graded.is_cached;
-        Ok((answer(graded, &scheme, detail, log_hash, begun, read_us)?, is_cached))
-    }
-
-    /// The same on this thread.
-    ///
-    /// # Errors
-    /// The same.
-    pub fn grade_here(self, state: &AppState) -> ApiResult<GradeBody> {
-        let Self { request: GradeRequest { log, scheme, detail, deadline, .. }, given, log_hash, begun, read_us } =
-            self;
-        let graded = state.grader.grade_here(&given, &log, &log_hash, deadline).map_err(ApiError::without_reward)?;
-        answer(graded, &scheme, detail, log_hash, begun, read_us)
-    }
-}
-
-fn answer(
-    graded: Graded,
-    scheme: &crate::grading::reward::Scheme,
-    detail: Detail,
-    log_hash: String,
-    begun: Instant,
-    read_us: u64,
-) -> ApiResult<GradeBody> {
-    let report = graded.report;
-    let Some(reward) = scheme.reward(&report) else {
-        let mut faults = Faults::new();
-        faults.enter_key("reward");
-        faults.add_at("weights", "none of these criteria applies to the task");
-        return Err(ApiError::faulty(faults));
-    };
-    let checks = report.turns.iter().flat_map(|turn| turn.checks.iter().map(|check| (turn.turn, check)));
-    Ok(GradeBody {
-        task: report.task.clone(),
-        task_hash: report.task_hash.clone(),
-        log_hash,
-        checks_version: CHECKS_VERSION,
-        reward,
-        scheme: scheme.name(),
-        overall: report.overall,
-        accuracy: report.accuracy,
-        components: RewardComponents::of(&report),
-        criteria: report.criteria.clone(),
-        checks: checks
-            .map(|(turn, check)| CheckScore {
-                turn,
-                name: check.name.clone(),
-                criterion: check.criterion,
-                score: check.finding.score,
-            })
-            .collect(),
-        report: (detail == Detail::Report).then(|| Arc::clone(&report)),
-        timings: Timings { read_us, grade_us: micros(begun).saturating_sub(read_us) },
-    })
 }
 
 /// Header that tells whether a result was computed or kept from before.
@@ -275,12 +259,20 @@ pub async fn grade(State(state): State<AppState>, caller: Caller, body: JsonBody
     }
     let _place = state.grader.admit().map_err(ApiError::without_reward)?;
     let catalogue = state.store.catalogue();
-    let prepared = if bytes.len() <= QUICK_BYTES {
-        prepare(&bytes, &catalogue)?
+    let request = if bytes.len() <= QUICK_BYTES {
+        ReadRequest::read(&bytes, &catalogue)?
     } else {
-        let reading = tokio::task::spawn_blocking(move || prepare(&bytes, &catalogue));
+        let reading = tokio::task::spawn_blocking(move || ReadRequest::read(&bytes, &catalogue));
         reading.await.map_err(|error| ApiError::internal(&error))??
     };
+    let prepared = if request.takes_long() {
+        let (state, runtime) = (state.clone(), Handle::current());
+        let preparing = tokio::task::spawn_blocking(move || runtime.block_on(request.prepare(&state)));
+        preparing.await.map_err(|error| ApiError::internal(&error))?
+    } else {
+        request.prepare(&state).await
+    };
+    let prepared = prepared.map_err(ApiError::without_reward_where_ours)?;
     let (graded, is_cached) = prepared.grade(&state).await?;
     let outcome = HeaderValue::from_static(if is_cached { "hit" } else { "miss" });
     Ok(([(CACHE_HEADER, outcome)], Json(graded)).into_response())

@@ -14,6 +14,7 @@ use bytes::Bytes;
 use hyper::body::Frame;
 use serde::Serialize;
 use serde_json::value::RawValue;
+use tokio::runtime::Handle;
 use tokio::sync::mpsc;
 
 use super::super::body::{Format, JsonBody};
@@ -21,7 +22,8 @@ use super::super::caller::Caller;
 use super::super::limits::LIMITS;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
-use super::grade::{GradeBody, NewGrade, prepare};
+use super::grade::{GradeBody, NewGrade};
+use super::grade_request::ReadRequest;
 use crate::store::keys::Scope;
 use crate::tasks::catalogue::Catalogue;
 use crate::voxel::Faults;
@@ -37,9 +39,10 @@ pub struct BatchItem {
     /// Place of the log in the request, from 0.
     pub index: usize,
     /// The HTTP status that the log would have had alone.
-    #[schema(example = 200)]
+    #[schema(minimum = 200, maximum = 599, example = 200)]
     pub status: u16,
     /// The reward; null where there is none.
+    #[schema(minimum = 0, maximum = 1)]
     pub reward: Option<f64>,
     /// Scores, where it was graded.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -55,8 +58,8 @@ pub struct BatchItem {
     post, path = "/v1/grade:batch", operation_id = "grade_batch", tag = "rewards", summary = "Grade many logs at once",
     request_body(content((Vec<NewGrade> = "application/json"), (String = "application/x-ndjson"))),
     responses(
-        (status = 200, description = "A line a log", body = BatchItem, content_type = "application/x-ndjson",
-         example = json!({ "index": 0, "status": 200, "reward": 1.0 })),
+        (status = 200, description = "A line a log: `BatchItem`", body = String, content_type = "application/x-ndjson",
+         example = "{\"index\":0,\"status\":200,\"reward\":1.0}\n"),
         (status = 400, description = "Not JSON as a whole", body = Problem, content_type = "application/problem+json"),
         (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
@@ -75,7 +78,8 @@ pub async fn grade_batch(State(state): State<AppState>, caller: Caller, body: Js
     let splitting = tokio::task::spawn_blocking(move || split(&bytes, format).map(|items| (bytes, items)));
     let (bytes, items) = splitting.await.map_err(|error| ApiError::internal(&error))??;
     let (sender, receiver) = mpsc::channel(WAITING);
-    let batch = Arc::new(Batch { state, catalogue, bytes, items, next: AtomicUsize::new(0) });
+    let batch =
+        Arc::new(Batch { state, catalogue, bytes, items, next: AtomicUsize::new(0), runtime: Handle::current() });
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     let held = Arc::new((place, share));
     for _ in 0..cores.min(batch.items.len().div_ceil(CHUNK)) {
@@ -124,6 +128,7 @@ struct Batch {
     bytes: Bytes,
     items: Vec<Range<usize>>,
     next: AtomicUsize,
+    runtime: Handle,
 }
 
 impl Batch {
@@ -149,7 +154,11 @@ impl Batch {
 
     fn grade(&self, index: usize) -> BatchItem {
         let text = &self.bytes[self.items[index].clone()];
-        match prepare(text, &self.catalogue).and_then(|prepared| prepared.grade_here(&self.state)) {
+        let graded = ReadRequest::read(text, &self.catalogue).and_then(|request| {
+            let prepared = self.runtime.block_on(request.prepare(&self.state));
+            prepared.map_err(ApiError::without_reward_where_ours)?.grade_here(&self.state)
+        });
+        match graded {
             Ok(result) => {
                 BatchItem { index, status: 200, reward: Some(result.reward), result: Some(result), error: None }
             }

@@ -2,21 +2,23 @@
 
 use std::time::Duration;
 
-use serde::de::{IgnoredAny, MapAccess};
+use serde::de::{IgnoredAny, MapAccess, SeqAccess};
 use serde_json::{Map, Value};
 
 use super::super::limits::LIMITS;
+use super::log_member::LogMember;
 use super::submission_body::{TaskRef, TaskShape};
 use crate::checks::Criterion;
 use crate::grading::reward::Scheme;
 use crate::tasks::published::read_checks;
 use crate::tasks::{Instruction, Task};
-use crate::voxel::log_reader::Turns;
-use crate::voxel::tolerant::{OrNull, Read, Scalar, Shape, Text};
-use crate::voxel::{BlockLog, Faults};
+use crate::voxel::Faults;
+use crate::voxel::log_reader::code::SentLog;
+use crate::voxel::tolerant::{OrNull, Read, Scalar, Shape, Text, Verbatim};
 
 /// How much of the report is answered.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
 pub enum Detail {
     /// Reward, verdicts, and a score per criterion and check.
     #[default]
@@ -34,6 +36,15 @@ pub enum NamedTask {
     Inline(Box<Task>),
 }
 
+/// What a request says was done.
+#[derive(Debug)]
+pub enum GivenWork {
+    /// A log, with action code that is yet to be run.
+    Log(SentLog),
+    /// What a language model wrote, a text or several in order, in which a log or code is yet to be found.
+    Answer(Vec<String>),
+}
+
 /// A request to grade a log.
 #[derive(Debug)]
 pub struct GradeRequest {
@@ -42,7 +53,7 @@ pub struct GradeRequest {
     /// Its suite, where it is of one.
     pub suite: Option<String>,
     /// What was done.
-    pub log: BlockLog,
+    pub work: GivenWork,
     /// How the reward is made.
     pub scheme: Scheme,
     /// How much is answered.
@@ -58,13 +69,13 @@ pub struct GradeShape<'f> {
     pub faults: &'f mut Faults,
 }
 
-const MEMBERS: &str = "a request has task, suite, turns, reward, detail and deadline_ms";
+const MEMBERS: &str = "a request has task, suite, turns or log or answer, reward, detail and deadline_ms";
 
 impl<'de> Shape<'de> for GradeShape<'_> {
     type Out = GradeRequest;
 
     fn wanted(&self) -> &'static str {
-        "an object with \"task\" and \"turns\""
+        "an object with \"task\" and \"turns\" or \"answer\""
     }
 
     fn faults(&mut self) -> &mut Faults {
@@ -73,7 +84,7 @@ impl<'de> Shape<'de> for GradeShape<'_> {
 
     fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<GradeRequest>, A::Error> {
         let faults = self.faults;
-        let (mut task, mut suite, mut log) = (None, None, None);
+        let (mut task, mut suite, mut log, mut answer) = (None, None, LogMember::default(), None);
         let (mut scheme, mut detail, mut deadline_ms) = (None, None, None);
         while let Some(key) = members.next_key::<String>()? {
             faults.enter_key(&key);
@@ -83,15 +94,20 @@ impl<'de> Shape<'de> for GradeShape<'_> {
                     let text = Text { faults, min_chars: 1, max_chars: 100 };
                     suite = Some(members.next_value_seed(Read(OrNull(text)))?.flatten());
                 }
-                "turns" if log.is_none() => {
-                    log = Some(members.next_value_seed(Read(Turns { faults, limits: LIMITS.log(), codes: None }))?);
+                "turns" | "log" if !log.is_given() && answer.is_none() => log.read(&key, &mut members, faults)?,
+                "answer" if !log.is_given() && answer.is_none() => {
+                    answer = Some(members.next_value_seed(Read(AnswerTexts { faults }))?);
+                }
+                "turns" | "log" | "answer" => {
+                    faults.add("what was done is given twice; give it once, as turns, as log or as answer");
+                    members.next_value::<IgnoredAny>()?;
                 }
                 "reward" if scheme.is_none() => scheme = Some(read_scheme(&members.next_value()?, faults)),
                 "detail" if detail.is_none() => detail = Some(read_detail(&members.next_value()?, faults)),
                 "deadline_ms" if deadline_ms.is_none() => {
                     deadline_ms = Some(read_deadline(&members.next_value()?, faults));
                 }
-                "task" | "suite" | "turns" | "reward" | "detail" | "deadline_ms" => {
+                "task" | "suite" | "reward" | "detail" | "deadline_ms" => {
                     faults.add("given twice");
                     members.next_value::<IgnoredAny>()?;
                 }
@@ -102,7 +118,7 @@ impl<'de> Shape<'de> for GradeShape<'_> {
             }
             faults.leave();
         }
-        for (key, is_missing) in [("task", task.is_none()), ("turns", log.is_none())] {
+        for (key, is_missing) in [("task", task.is_none()), ("turns", !log.is_given() && answer.is_none())] {
             if is_missing {
                 faults.add_at(key, "missing");
             }
@@ -110,12 +126,13 @@ impl<'de> Shape<'de> for GradeShape<'_> {
         if matches!(task, Some(Some(NamedTask::Inline(_)))) && suite.as_ref().is_some_and(Option::is_some) {
             faults.add_at("suite", "a task that the request brings is of no suite; leave it out");
         }
-        let (Some(Some(task)), Some(Some(log))) = (task, log) else { return Ok(None) };
+        let work = answer.flatten().map(GivenWork::Answer).or_else(|| log.sent().map(GivenWork::Log));
+        let (Some(Some(task)), Some(work)) = (task, work) else { return Ok(None) };
         let deadline_ms = deadline_ms.unwrap_or(LIMITS.grade_default_deadline_ms);
         Ok(Some(GradeRequest {
             task,
             suite: suite.flatten().flatten(),
-            log,
+            work,
             scheme: scheme.unwrap_or_default(),
             detail: detail.unwrap_or_default(),
             deadline: Duration::from_millis(deadline_ms),
@@ -123,15 +140,53 @@ impl<'de> Shape<'de> for GradeShape<'_> {
     }
 }
 
-/// `"strict"`, `"mean"`, or `{"weights": {criterion: weight}}`.
+/// Wants what a model wrote: a text, or a list of texts.
+struct AnswerTexts<'f> {
+    faults: &'f mut Faults,
+}
+
+impl<'de> Shape<'de> for AnswerTexts<'_> {
+    type Out = Vec<String>;
+
+    fn wanted(&self) -> &'static str {
+        "what the model wrote: a string, or a list of strings"
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn scalar(self, value: &Scalar<'_>) -> Option<Vec<String>> {
+        Verbatim { faults: self.faults }.scalar(value).map(|text| vec![text])
+    }
+
+    fn array<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Option<Vec<String>>, A::Error> {
+        let faults = self.faults;
+        let mut texts = Vec::new();
+        loop {
+            faults.enter_index(texts.len());
+            let text = elements.next_element_seed(Read(Verbatim { faults }))?;
+            faults.leave();
+            let Some(text) = text else { break };
+            texts.push(text.unwrap_or_default());
+        }
+        if texts.is_empty() {
+            faults.add("expected at least one string");
+        }
+        Ok(Some(texts))
+    }
+}
+
+/// `"strict"`, `"shaped"`, `"mean"`, or `{"weights": {criterion: weight}}`.
 pub fn read_scheme(value: &Value, faults: &mut Faults) -> Scheme {
     match value {
         Value::Null => return Scheme::Strict,
         Value::String(name) if name == "strict" => return Scheme::Strict,
         Value::String(name) if name == "mean" => return Scheme::Mean,
+        Value::String(name) if name == "shaped" => return Scheme::Shaped,
         Value::Object(members) if members.len() == 1 && members.get("weights").is_some_and(Value::is_object) => {}
         _ => {
-            faults.add("expected \"strict\", \"mean\" or {\"weights\": {\"material\": 1, …}}");
+            faults.add("expected \"strict\", \"shaped\", \"mean\" or {\"weights\": {\"material\": 1, …}}");
             return Scheme::Strict;
         }
     }
@@ -230,6 +285,9 @@ fn inline_task(object: &Map<String, Value>, faults: &mut Faults) -> Task {
                 faults.leave();
             }
         }
+    }
+    if !turns.is_empty() && turns.iter().all(|turn| turn.checks.is_empty()) {
+        faults.add("a task needs a check; one without any would be passed by every log");
     }
     faults.leave();
     Task::foreign(id.to_owned(), 0, turns)

@@ -27,31 +27,38 @@ use crate::store::keys::Scope;
 use crate::store::submissions::{NewSubmission, PackedLog};
 use crate::tasks::{Task, hex};
 use crate::voxel::replay::Replay;
-use crate::voxel::tolerant::read_document;
+use crate::voxel::tolerant::{read_document, why_not_json};
 use crate::voxel::{BlockLog, Faults};
 
 /// An instance as its entrant sees it: what to build, and nothing of how it is checked.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct InstanceBody {
     /// Its id.
+    #[schema(format = Uuid)]
     pub id: String,
     /// The entry that it belongs to.
+    #[schema(format = Uuid)]
     pub entry: String,
     /// Run of the entry.
     pub run: u32,
     /// What is to be built, one instruction per turn.
     pub prompts: Vec<String>,
     /// When it was issued.
+    #[schema(format = DateTime)]
     pub issued_at: String,
     /// Until when it may be answered.
+    #[schema(format = DateTime)]
     pub expires_at: String,
     /// Whether it is answered.
     pub answered: bool,
     /// SHA-256 of the log that answered it.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
     pub log_sha256: Option<String>,
     /// What was promised of the agent's transcript.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
     pub transcript_sha256: Option<String>,
     /// When a transcript with that hash was shown.
+    #[schema(format = DateTime)]
     pub transcript_checked_at: Option<String>,
 }
 
@@ -113,8 +120,10 @@ pub async fn get_instance(
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct AnswerTaken {
     /// The instance.
+    #[schema(format = Uuid)]
     pub instance: String,
     /// SHA-256 of the log's canonical JSON: the receipt will hold it.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
     pub log_sha256: String,
     /// Whether the same log had answered it before.
     pub repeated: bool,
@@ -157,6 +166,7 @@ pub async fn answer_instance(
     let instance = own_instance(&state, &caller, &id).await?;
     let task = state.store.task(&instance.task_hash).await?;
     let JsonBody { bytes, share: _share, .. } = body;
+    let text = bytes.clone();
     let read = tokio::task::spawn_blocking(move || {
         let mut faults = Faults::new();
         let posted = read_document(&bytes, AnswerShape { faults: &mut faults });
@@ -166,7 +176,7 @@ pub async fn answer_instance(
     let posted = match posted {
         Ok(posted) => posted,
         Err(error) => {
-            faults.add(error.to_string());
+            faults.add(why_not_json(&text, &error));
             return Err(ApiError::malformed(faults));
         }
     };
@@ -178,11 +188,11 @@ pub async fn answer_instance(
     let told = (!replays.is_empty()).then(|| serde_json::to_string(&replays).unwrap_or_default());
     let (issued, by) = (instance.clone(), caller.clone());
     let prepared = tokio::task::spawn_blocking(move || {
-        check_form(&submission.log, &task, &mut faults);
+        check_form(&submission.sent.log, &task, &mut faults);
         if !faults.is_empty() {
             return Err(ApiError::faulty(faults));
         }
-        new_submission(&submission.log, &task, &issued, &by, told)
+        new_submission(&submission.sent.log, &task, &issued, &by, told)
     });
     let new = prepared.await.map_err(|error| ApiError::internal(&error))??;
     let answered = state.store.answer_instance(&id, &new, transcript_sha256.as_deref(), now_ms()).await?;

@@ -12,9 +12,11 @@ use super::super::caller::Caller;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use super::submission_body::PostedSubmission;
+use super::submission_schema::EventAction;
 use crate::actions::{CodeError, Dropped, Replayed};
 use crate::store::keys::Scope;
-use crate::voxel::{Cell, Faults};
+use crate::voxel::log_reader::code::{SentLog, without_fences};
+use crate::voxel::{BlockLog, Cell, Faults};
 
 /// Bytes of an event in an answer, about, without the material's name.
 const EVENT_BYTES: usize = 60;
@@ -34,7 +36,7 @@ pub struct NewReplay {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct ReplayedEvent {
     /// `place` or `remove`.
-    #[schema(example = "place")]
+    #[schema(value_type = EventAction, example = "place")]
     pub action: &'static str,
     /// East.
     pub x: i32,
@@ -56,6 +58,8 @@ pub struct ReplayBody {
     pub dropped: Vec<Dropped>,
     /// The error that ended it, or that nobody waited for; what came before it counts.
     pub error: Option<CodeError>,
+    /// What its author may want to know although nothing failed, such as that a function was defined and never called.
+    pub notes: Vec<String>,
 }
 
 /// What the code of a submission's turn did.
@@ -71,10 +75,16 @@ pub struct TurnReplay {
     /// The error that ended it, or that nobody waited for; what came before it counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<CodeError>,
+    /// What its author may want to know although nothing failed, such as that a function was defined and never called.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
 }
 
 /// A place among the requests whose code runs or waits.
-fn place(state: &AppState) -> ApiResult<OwnedSemaphorePermit> {
+///
+/// # Errors
+/// 429 where there is none.
+pub fn place(state: &AppState) -> ApiResult<OwnedSemaphorePermit> {
     let place = Arc::clone(&state.action_requests).try_acquire_owned();
     place.map_err(|_| ApiError::too_many("much action code is waiting to be run; come back in a moment"))
 }
@@ -116,7 +126,7 @@ fn add_stopped(replayed: &Replayed, faults: &mut Faults) -> bool {
     responses(
         (status = 200, description = "What it did", body = ReplayBody,
          example = json!({ "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }], "dropped": [],
-                           "error": null })),
+                           "error": null, "notes": [] })),
         (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
         (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
@@ -141,7 +151,7 @@ pub async fn replay_action_code(
         return Err(ApiError::faulty(faults));
     }
     let _place = place(&state)?;
-    let done = replayed(&state, &new.action_code).await?;
+    let done = replayed(&state, &without_fences(&new.action_code)).await?;
     if add_stopped(&done, &mut faults) {
         return Err(ApiError::faulty(faults));
     }
@@ -152,7 +162,21 @@ pub async fn replay_action_code(
         faults.add_at("action_code", format!("its events take more than {ANSWER_BYTES} bytes to tell"));
         return Err(ApiError::faulty(faults));
     }
-    Ok(Json(ReplayBody { events: told(&done).collect(), dropped: done.dropped, error: done.error }))
+    Ok(Json(ReplayBody { events: told(&done).collect(), dropped: done.dropped, error: done.error, notes: done.notes }))
+}
+
+/// Events that the code of one body may still record.
+#[derive(Debug)]
+pub struct EventBudget {
+    left: usize,
+}
+
+impl EventBudget {
+    /// All of them.
+    #[must_use]
+    pub fn whole(state: &AppState) -> Self {
+        Self { left: state.limits.action_body_events }
+    }
 }
 
 /// Runs the code of submissions, and puts what it recorded into their logs. What reaches a limit is a fault.
@@ -160,65 +184,92 @@ pub async fn replay_action_code(
 /// # Errors
 /// 429 where too much waits; 500 where code cannot be run.
 pub async fn run_codes(state: &AppState, posted: &mut [PostedSubmission], faults: &mut Faults) -> ApiResult<()> {
-    if posted.iter().all(|submission| submission.codes.is_empty()) {
+    if posted.iter().all(|submission| submission.sent.codes.is_empty()) {
         return Ok(());
     }
     let _place = place(state)?;
-    let mut total = 0;
-    for submission in posted.iter_mut().filter(|submission| !submission.codes.is_empty()) {
+    let mut budget = EventBudget::whole(state);
+    for submission in posted {
         if let Some(line) = submission.line {
             faults.enter_line(line);
         }
-        faults.enter_key("turns");
-        let codes = std::mem::take(&mut submission.codes);
-        let mut is_refused = false;
-        for code in &codes {
-            faults.enter_index(code.turn);
-            is_refused |= add_too_long(&code.code, state, faults);
-            faults.leave();
-        }
-        // One after another: what all of them record at the same time might not fit into memory.
-        for code in &codes {
-            if is_refused {
-                break;
-            }
-            let done = replayed(state, &code.code).await?;
-            faults.enter_index(code.turn);
-            let events = done.events.len();
-            let is_stopped = add_stopped(&done, faults);
-            if submission.log.event_count() + events > state.limits.events {
-                faults.add_at("action_code", format!("more than {} events in the log", state.limits.events));
-                is_refused = true;
-            } else if total + events > state.limits.action_body_events {
-                let most = state.limits.action_body_events;
-                faults.add_at(
-                    "action_code",
-                    format!("the code of this body recorded more than {most} events; send it in parts"),
-                );
-                is_refused = true;
-            } else if !is_stopped {
-                total += events;
-                for event in &done.events {
-                    let [x, y, z] = event.cell;
-                    let material = event.material.and_then(|index| done.palette.get(index as usize));
-                    submission.log.add_event(code.turn, Cell { x, y, z }, material.map(String::as_str));
-                }
-                let turn = code.turn + 1;
-                submission.replays.push(TurnReplay { turn, events, dropped: done.dropped, error: done.error });
-            }
-            if submission.log.palette.len() > state.limits.materials {
-                faults.add_at(
-                    "action_code",
-                    format!("more than {} different materials in the log", state.limits.materials),
-                );
-                is_refused = true;
-            }
-            faults.leave();
-        }
-        faults.leave();
-        if is_refused {
+        submission.replays = run_sent(state, &mut submission.sent, &mut budget, faults).await?;
+        if !faults.is_empty() {
             break;
         }
     }
     Ok(())
+}
+
+/// Runs the code of one log, and puts what it recorded into it. Nothing more is run after a fault.
+///
+/// # Errors
+/// 500 where code cannot be run.
+pub async fn run_sent(
+    state: &AppState,
+    sent: &mut SentLog,
+    budget: &mut EventBudget,
+    faults: &mut Faults,
+) -> ApiResult<Vec<TurnReplay>> {
+    let codes = std::mem::take(&mut sent.codes);
+    let mut replays = Vec::with_capacity(codes.len());
+    faults.enter_key("turns");
+    let mut is_too_long = false;
+    for code in &codes {
+        faults.enter_index(code.turn);
+        is_too_long |= add_too_long(&code.code, state, faults);
+        faults.leave();
+    }
+    if !is_too_long {
+        // One after another: what all of them record at the same time might not fit into memory.
+        for code in &codes {
+            let done = replayed(state, &code.code).await?;
+            faults.enter_index(code.turn);
+            let is_taken = take_events(state, &mut sent.log, code.turn, &done, budget, faults);
+            faults.leave();
+            if !is_taken {
+                break;
+            }
+            let Replayed { events, dropped, error, notes, .. } = done;
+            replays.push(TurnReplay { turn: code.turn + 1, events: events.len(), dropped, error, notes });
+        }
+    }
+    faults.leave();
+    Ok(replays)
+}
+
+/// Puts what a script recorded into its turn. False where it reached a limit, which is a fault.
+fn take_events(
+    state: &AppState,
+    log: &mut BlockLog,
+    turn: usize,
+    done: &Replayed,
+    budget: &mut EventBudget,
+    faults: &mut Faults,
+) -> bool {
+    if add_stopped(done, faults) {
+        return false;
+    }
+    let (events, limits) = (done.events.len(), &state.limits);
+    if log.event_count() + events > limits.events {
+        faults.add_at("action_code", format!("more than {} events in the log", limits.events));
+        return false;
+    }
+    if events > budget.left {
+        let most = limits.action_body_events;
+        let detail = format!("the code of this body recorded more than {most} events; send it in parts");
+        faults.add_at("action_code", detail);
+        return false;
+    }
+    budget.left -= events;
+    for event in &done.events {
+        let [x, y, z] = event.cell;
+        let material = event.material.and_then(|index| done.palette.get(index as usize));
+        log.add_event(turn, Cell { x, y, z }, material.map(String::as_str));
+    }
+    if log.palette.len() > limits.materials {
+        faults.add_at("action_code", format!("more than {} different materials in the log", limits.materials));
+        return false;
+    }
+    true
 }

@@ -4,14 +4,15 @@ use serde::de::{IgnoredAny, MapAccess};
 
 use super::super::body::Format;
 use super::super::limits::LIMITS;
+use super::log_member::LogMember;
 use super::replay::TurnReplay;
 use crate::checks::Criterion;
+use crate::near::did_you_mean;
 use crate::tasks::Task;
 use crate::tasks::catalogue::Entry;
-use crate::voxel::log_reader::Turns;
-use crate::voxel::log_reader::code::TurnCode;
+use crate::voxel::log_reader::code::SentLog;
 use crate::voxel::replay::Replay;
-use crate::voxel::tolerant::{OrNull, Read, Scalar, Shape, Text, on_its_line, read_document};
+use crate::voxel::tolerant::{OrNull, Read, Scalar, Shape, Text, on_its_line, read_document, why_not_json};
 use crate::voxel::{BlockLog, Event, Faults};
 
 /// How a submission names its task.
@@ -31,10 +32,25 @@ impl TaskRef {
             Self::Number(number) => (entry.task_numbered(*number), format!("number {number}")),
         };
         if found.is_none() {
-            faults.add_at("task", format!("{} has no task {named}; /v1/tasks lists them", entry.suite.id()));
+            let near = match self {
+                Self::Id(id) => near_tasks(entry, id),
+                Self::Number(_) => String::new(),
+            };
+            faults.add_at("task", format!("{} has no task {named}; /v1/tasks lists them{near}", entry.suite.id()));
         }
         found.map(|(task, _)| task.number)
     }
+}
+
+/// Tasks, or families, that a wrong id may have meant, in words.
+#[must_use]
+pub fn near_tasks(entry: &Entry, id: &str) -> String {
+    let family = id.split('/').next().unwrap_or_default();
+    let tasks = &entry.suite.tasks;
+    let of_family = tasks.iter().filter(|task| task.family() == family).map(|task| task.id.as_str());
+    let found = did_you_mean(id, of_family);
+    let families: std::collections::BTreeSet<&str> = tasks.iter().map(Task::family).collect();
+    if found.is_empty() && !families.contains(family) { did_you_mean(family, families) } else { found }
 }
 
 /// A submission as posted.
@@ -48,11 +64,9 @@ pub struct PostedSubmission {
     pub suite: Option<String>,
     /// The task.
     pub task: TaskRef,
-    /// What was done.
-    pub log: BlockLog,
-    /// Action code of turns that brought it, to be run.
-    pub codes: Vec<TurnCode>,
-    /// What it did, once it was run.
+    /// What was done, with action code that is yet to be run.
+    pub sent: SentLog,
+    /// What the code did, once it was run.
     pub replays: Vec<TurnReplay>,
 }
 
@@ -84,8 +98,8 @@ impl Posted {
             Err(error) => {
                 self.is_malformed = true;
                 faults.add(match line {
-                    None => error.to_string(),
-                    Some(_) => on_its_line(&error),
+                    None => why_not_json(text, &error),
+                    Some(_) => on_its_line(text, &error),
                 });
             }
         }
@@ -127,8 +141,7 @@ impl<'de> Shape<'de> for SubmissionShape<'_> {
 
     fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<PostedSubmission>, A::Error> {
         let faults = self.faults;
-        let (mut run, mut suite, mut task, mut log) = (None, None, None, None);
-        let mut codes = Vec::new();
+        let (mut run, mut suite, mut task, mut log) = (None, None, None, LogMember::default());
         while let Some(key) = members.next_key::<String>()? {
             faults.enter_key(&key);
             match key.as_str() {
@@ -141,29 +154,27 @@ impl<'de> Shape<'de> for SubmissionShape<'_> {
                         members.next_value_seed(Read(OrNull(Text { faults, min_chars: 1, max_chars: 100 })))?.flatten();
                 }
                 "task" if task.is_none() => task = Some(members.next_value_seed(Read(TaskShape { faults }))?),
-                "turns" if log.is_none() => {
-                    let turns = Turns { faults, limits: LIMITS.log(), codes: Some(&mut codes) };
-                    log = Some(members.next_value_seed(Read(turns))?);
-                }
-                "run" | "suite" | "task" | "turns" => {
+                "turns" | "log" if !log.is_given() => log.read(&key, &mut members, faults)?,
+                "turns" | "log" => log.refuse_second(&key, &mut members, faults)?,
+                "run" | "suite" | "task" => {
                     faults.add("given twice");
                     members.next_value::<IgnoredAny>()?;
                 }
                 _ => {
-                    faults.add("unknown field; a submission has run, suite, task and turns");
+                    faults.add("unknown field; a submission has run, suite, task and turns or log");
                     members.next_value::<IgnoredAny>()?;
                 }
             }
             faults.leave();
         }
-        for (key, is_missing) in [("task", task.is_none()), ("turns", log.is_none())] {
+        for (key, is_missing) in [("task", task.is_none()), ("turns", !log.is_given())] {
             if is_missing {
                 faults.add_at(key, "missing");
             }
         }
-        let (Some(Some(task)), Some(Some(log))) = (task, log) else { return Ok(None) };
+        let (Some(Some(task)), Some(sent)) = (task, log.sent()) else { return Ok(None) };
         let (run, suite) = (run.flatten(), suite.flatten());
-        Ok(Some(PostedSubmission { line: self.line, run, suite, task, log, codes, replays: Vec::new() }))
+        Ok(Some(PostedSubmission { line: self.line, run, suite, task, sent, replays: Vec::new() }))
     }
 }
 

@@ -4,11 +4,12 @@ use serde::{Deserialize, Serialize};
 
 use super::replay::TurnReplay;
 use crate::clock::rfc3339;
-use crate::store::submissions::{NewSubmission, SubmissionRow};
+use crate::store::submissions::{NewSubmission, SubmissionRow, SubmissionState};
 use crate::tasks::catalogue::Entry;
 
 /// What an agent did for one task.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
 #[schema(example = json!({
     "run": "0198c0de-0000-7000-8000-000000000000", "task": "walls/5x1x5-raise",
     "turns": [{ "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }] }]
@@ -16,13 +17,29 @@ use crate::tasks::catalogue::Entry;
 #[expect(dead_code, reason = "describes the body that SubmissionShape reads")]
 pub struct NewSubmissionBody {
     /// Run that it belongs to. Without one it is graded all the same, and is on no board.
+    #[schema(format = Uuid)]
     run: Option<String>,
     /// Suite of the task, where it belongs to no run: name, or name@version.
+    #[schema(min_length = 1, max_length = 100)]
     suite: Option<String>,
     /// The task: its id, or its number in the suite (the `run_idx` of published records).
     task: TaskName,
-    /// What was done in each turn; as many as the task has.
-    turns: Vec<NewTurn>,
+    /// What was done in each turn; as many as the task has. Either this or `log` is needed.
+    #[schema(max_items = 64)]
+    turns: Option<Vec<NewTurn>>,
+    /// The same in the stored form, as `/v1/submissions/{id}/log` shows it.
+    log: Option<StoredLogBody>,
+}
+
+/// A log in the stored form.
+#[derive(Debug, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({ "palette": ["stone"], "turns": [[[0, 0, 0, 0]]] }))]
+pub struct StoredLogBody {
+    /// Names of materials.
+    palette: Vec<String>,
+    /// Per turn its rows: `[x, y, z, i]` places palette entry i, `[x, y, z]` removes.
+    turns: Vec<Vec<Vec<i32>>>,
 }
 
 /// How a task is named.
@@ -38,25 +55,40 @@ pub enum TaskName {
 
 /// A turn: either plain events, or a palette and rows.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
 #[expect(dead_code, reason = "describes the body that the log reader reads")]
 pub struct NewTurn {
     /// Events in order.
+    #[schema(max_items = 400_000)]
     events: Option<Vec<NewEvent>>,
     /// Compact form: material names.
     palette: Option<Vec<String>>,
     /// Compact form: `[x, y, z, i]` places palette entry i, `[x, y, z]` removes.
+    #[schema(max_items = 400_000)]
     rows: Option<Vec<Vec<i32>>>,
-    /// Instead of events, in submissions: JavaScript as agents of the mindcraft framework write it. It is run, and what it places
-    /// and removes are the events.
+    /// Instead of events: JavaScript as agents of the mindcraft framework write it, bare or in a code fence. It is run, and what it
+    /// places and removes are the events.
+    #[schema(max_length = 524_288)]
     action_code: Option<String>,
+}
+
+/// What is done to a block.
+#[derive(Debug, utoipa::ToSchema, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EventAction {
+    /// Placed.
+    Place,
+    /// Removed.
+    Remove,
 }
 
 /// One action.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
 #[expect(dead_code, reason = "describes the body that the log reader reads")]
 pub struct NewEvent {
     /// `place` or `remove`.
-    #[schema(example = "place")]
+    #[schema(value_type = EventAction, example = "place")]
     action: String,
     /// East.
     #[schema(minimum = -30_000_000, maximum = 30_000_000)]
@@ -76,8 +108,10 @@ pub struct NewEvent {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct SubmissionBody {
     /// Its id.
+    #[schema(format = Uuid)]
     pub id: String,
     /// Run that it belongs to.
+    #[schema(format = Uuid)]
     pub run: Option<String>,
     /// `name@version` of the task's suite.
     pub suite: String,
@@ -86,7 +120,7 @@ pub struct SubmissionBody {
     /// The task's number in the suite.
     pub number: u32,
     /// `queued`, `grading`, `graded`, `rejected`, `grader_error` (a failure of ours; post it again) or `cancelled`.
-    #[schema(example = "graded")]
+    #[schema(value_type = SubmissionState, example = "graded")]
     pub state: &'static str,
     /// Why it ended without a report.
     pub error: Option<String>,
@@ -95,22 +129,29 @@ pub struct SubmissionBody {
     /// Whether its accuracy passes, once graded and where it applies.
     pub accuracy: Option<bool>,
     /// SHA-256 of the log's canonical JSON, in hex.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
     pub log_hash: String,
     /// Turns of the log.
+    #[schema(minimum = 0)]
     pub turns: i64,
     /// Events of the log.
+    #[schema(minimum = 0)]
     pub events: i64,
     /// When it was accepted.
+    #[schema(format = DateTime)]
     pub created_at: String,
     /// When it ended.
+    #[schema(format = DateTime)]
     pub ended_at: Option<String>,
     /// Whose key posted it; null where the service is open to everybody.
     pub owner: Option<String>,
     /// While it waits: how many are graded before it; counted up to 10,000.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0)]
     pub queued_before: Option<i64>,
     /// While it waits: seconds until it is begun, at the pace of the last gradings.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0)]
     pub estimated_seconds: Option<f64>,
     /// What the action code of its turns did, where it brought some.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -149,6 +190,7 @@ impl SubmissionBody {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct AcceptedBody {
     /// Its id.
+    #[schema(format = Uuid)]
     pub id: String,
     /// True where the run held this very log for the task already; nothing was stored again.
     pub repeated: bool,
@@ -188,6 +230,7 @@ pub struct Validated {
     /// Events of the log.
     pub events: usize,
     /// SHA-256 of the log's canonical JSON, in hex.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
     pub log_hash: String,
     /// Whether the run holds this very log for the task already.
     pub repeated: bool,

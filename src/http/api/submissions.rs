@@ -260,14 +260,15 @@ fn prepare(
         if let Some(line) = submission.line {
             faults.enter_line(line);
         }
-        check_against_task(&submission.log, task, faults);
+        check_against_task(&submission.sent.log, task, faults);
         placed.push((submission, entry.suite.id(), task, hash));
     }
     if !faults.is_empty() {
         return Ok(Vec::new());
     }
     let pack = |(submission, suite_id, task, hash): (PostedSubmission, String, &Task, &str)| {
-        let json = submission.log.canonical_json();
+        let log = &submission.sent.log;
+        let json = log.canonical_json();
         Ok(NewSubmission {
             id: Uuid::now_v7().to_string(),
             run_id: submission.run,
@@ -275,10 +276,10 @@ fn prepare(
             task_hash: hash.to_owned(),
             task_number: task.number,
             log_hash: hex(&Sha256::digest(&json)),
-            turns: submission.log.turns.len(),
-            events: submission.log.event_count(),
+            turns: log.turns.len(),
+            events: log.event_count(),
             owner: owner.map(str::to_owned),
-            quick: is_quick(task, &submission.log),
+            quick: is_quick(task, log),
             log: PackedLog::of(&json)?,
             replays: (!submission.replays.is_empty())
                 .then(|| serde_json::to_string(&submission.replays).unwrap_or_default()),

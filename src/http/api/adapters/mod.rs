@@ -1,76 +1,54 @@
 //! Adapters: the bodies that trainers of others already send for a reward.
 
 pub mod nemo_gym;
+pub mod nemo_metrics;
 pub mod openrlhf;
 
-use serde_json::Value;
+use serde_json::{Map, Value};
+use tokio::runtime::Handle;
 
-use super::super::limits::LIMITS;
 use super::super::problem::{ApiError, ApiResult};
 use super::super::state::AppState;
-use super::grade::{GradeBody, prepare_with};
+use super::grade::GradeBody;
+use super::grade_request::ReadRequest;
 use crate::tasks::catalogue::Catalogue;
-use crate::voxel::BlockLog;
-use crate::voxel::log_reader::text::read_log_in_text;
+use crate::voxel::Faults;
 
-/// What came of one answer of a model.
-#[derive(Debug)]
-pub enum Judged {
-    /// Its log was graded.
-    Graded(Box<GradeBody>),
-    /// It holds no log that fits the task: the model's own failure, so its reward is 0.
-    Unreadable(String),
-}
-
-impl Judged {
-    /// The reward.
-    #[must_use]
-    pub fn reward(&self) -> f64 {
-        match self {
-            Self::Graded(graded) => graded.reward,
-            Self::Unreadable(_) => 0.0,
-        }
-    }
-}
-
-/// Grades the log in a model's answer against the task that `naming` tells (`task`, `suite`, `reward`), on this thread.
+/// Grades what a model wrote against the task that `naming` tells (`task`, `suite`, `reward`), on this thread, which must not be one
+/// of the runtime's. An answer that cannot be graded has reward 0, and `answer.why` tells the reason.
 ///
 /// # Errors
 /// Where the task cannot be found (the trainer's fault) or grading failed (ours).
-pub fn judge(state: &AppState, catalogue: &Catalogue, naming: &Value, answer: &str) -> ApiResult<Judged> {
-    let (log, why) = match read_log_in_text(answer, LIMITS.log()) {
-        Ok(log) => (log, None),
-        // The task must be right all the same.
-        Err(why) => (BlockLog::default(), Some(why)),
-    };
-    match (prepare_with(request(naming).as_bytes(), Some(log), catalogue), why) {
-        (Ok(_), Some(why)) => Ok(Judged::Unreadable(why)),
-        (Ok(prepared), None) => Ok(Judged::Graded(Box::new(prepared.grade_here(state)?))),
-        (Err(error), why) => log_fault(error).map(|fault| Judged::Unreadable(why.unwrap_or(fault))),
-    }
+pub fn judge(
+    state: &AppState,
+    runtime: &Handle,
+    catalogue: &Catalogue,
+    naming: &Map<String, Value>,
+    texts: Vec<String>,
+) -> ApiResult<GradeBody> {
+    let request = ReadRequest::read(request(naming).as_bytes(), catalogue)?.about(texts);
+    let prepared = runtime.block_on(request.prepare(state));
+    prepared.map_err(ApiError::without_reward_where_ours)?.grade_here(state)
 }
 
-/// What is wrong with the log, where nothing else is wrong with a request.
-///
-/// # Errors
-/// The error itself, where something else is.
-fn log_fault(error: ApiError) -> ApiResult<String> {
-    let problem = error.problem();
-    let is_about_log = !problem.faults.is_empty() && problem.faults.iter().all(|f| f.pointer.starts_with("/turns"));
-    if !is_about_log {
-        return Err(error);
-    }
-    Ok(problem.faults.first().map(|fault| fault.detail.clone()).unwrap_or_default())
-}
-
-/// The request that names the task; its log comes from the answer.
-fn request(naming: &Value) -> String {
-    let mut request = serde_json::Map::new();
-    for key in ["task", "suite", "reward"] {
-        if let Some(value) = naming.get(key).filter(|value| !value.is_null()) {
-            request.insert(key.to_owned(), value.clone());
-        }
-    }
+/// The request that names the task; what was done comes from the model.
+fn request(naming: &Map<String, Value>) -> String {
+    let mut request = naming.clone();
+    request.retain(|_, value| !value.is_null());
     request.insert("turns".to_owned(), Value::Array(Vec::new()));
     Value::Object(request).to_string()
+}
+
+/// Names the members that look like one of these options misspelt, which was not given: what a trainer believes to have said, and has
+/// not. A dataset has fields of its own; a short name must be one letter off, a long one may be three.
+fn add_misspelt(object: &Map<String, Value>, missing: &[&str], faults: &mut Faults) {
+    for key in object.keys().filter(|key| !missing.contains(&key.as_str())) {
+        let meant = missing.iter().find(|option| {
+            let allowed = if option.len() > 8 { 3 } else { 1 };
+            strsim::osa_distance(&key.to_lowercase(), option) <= allowed
+        });
+        if let Some(meant) = meant {
+            faults.add_at(key, format!("unknown; did you mean {meant}?"));
+        }
+    }
 }

@@ -1,52 +1,153 @@
-//! NeMo Gym's resources server: `POST /verify`, and the session call before it, which needs nothing here.
+//! NeMo Gym's resources server: `POST /verify`, and the calls around it, which need nothing here.
 //!
-//! The request is that of `nemo_gym.base_resources_server`: `responses_create_params` and `response` (an OpenAI Responses
-//! object), with what the dataset adds. The task is named by `task`, `suite` and `reward_scheme`, at the top or under
-//! `verifier_metadata`. The answer repeats the request and adds `reward`, `reward_components` and `mask_sample`.
+//! Requests are those of `nemo_gym.base_resources_server` up to 0.7: flat (`responses_create_params`, `response` and what the dataset
+//! adds), or nested (`episode_id`, `task_id`, `verification_input`). The task is named by `task`, `suite` and `reward_scheme`, at the
+//! top, under `verifier_metadata` or under `verification_input`. The answer to a flat request repeats it.
 
 use axum::Json;
 use axum::extract::State;
+use axum::http::header;
+use axum::response::{IntoResponse as _, Response};
 use serde_json::{Map, Value, json};
+use tokio::runtime::Handle;
 
 use super::super::super::body::JsonBody;
 use super::super::super::caller::Caller;
 use super::super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::super::state::AppState;
-use super::{Judged, judge};
+use super::super::grade::SchemeBody;
+use super::super::submission_schema::TaskName;
+use super::{add_misspelt, judge};
+use crate::grading::reward::RewardComponents;
 use crate::store::keys::Scope;
 use crate::voxel::Faults;
+use crate::voxel::tolerant::why_not_json;
 
-/// Begin a session: nothing is kept between calls, so the answer is empty.
+/// What names the task.
+const OPTIONS: [&str; 3] = ["task", "suite", "reward_scheme"];
+/// What the framework reads of a verified response; the request's own members stand beside it.
+#[derive(Debug, serde::Serialize, utoipa::ToSchema)]
+pub struct VerifyAnswer {
+    /// The reward.
+    #[schema(minimum = 0, maximum = 1)]
+    reward: f64,
+    /// Whether the sample is to be left out: never, for a failure of ours is a problem.
+    mask_sample: bool,
+    /// What the reward is made of.
+    reward_components: RewardComponents,
+    /// Why nothing could be graded.
+    failure_reason: Option<String>,
+}
+
+/// A request to verify: of what the framework sends, what is read.
+#[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
+#[expect(dead_code, reason = "describes what is read piece by piece")]
+pub struct VerifyRequest {
+    /// The task: its id, or its number. It may stand under `verifier_metadata` too.
+    #[schema(value_type = Option<TaskName>)]
+    task: Option<Value>,
+    /// Suite of the task.
+    suite: Option<String>,
+    /// How the reward is made.
+    #[schema(value_type = Option<SchemeBody>)]
+    reward_scheme: Option<Value>,
+    /// What the dataset keeps for the verifier.
+    #[schema(value_type = Option<Object>)]
+    verifier_metadata: Option<Value>,
+    /// What the model was asked.
+    #[schema(value_type = Option<Object>)]
+    responses_create_params: Option<Value>,
+    /// What it answered: an object of the Responses API.
+    #[schema(value_type = Option<Object>)]
+    response: Option<Value>,
+}
+
+/// A request that begins or ends a session: what is read of it.
+#[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
+#[expect(dead_code, reason = "describes what is read piece by piece")]
+pub struct SessionRequest {
+    /// The session, in newer versions of the framework.
+    resources_session_id: Option<String>,
+}
+
+/// The answer to it.
+#[derive(Debug, serde::Serialize, utoipa::ToSchema)]
+pub struct SessionAnswer {
+    /// The session, where the request named one.
+    resources_session_id: Option<String>,
+}
+
+/// Begin a session: nothing is kept between calls, so the answer only repeats the session's id, where the request has one.
 #[utoipa::path(
     post, path = "/seed_session", operation_id = "seed_session", tag = "rewards", summary = "NeMo Gym: begin a session",
-    request_body(content = Object, content_type = "application/json"),
+    request_body(content = SessionRequest, content_type = "application/json"),
     responses(
-        (status = 200, description = "An empty object", body = Object, example = json!({})),
+        (status = 200, description = "The session's id, or an empty object", body = SessionAnswer, example = json!({})),
+        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub async fn seed_session(caller: Caller) -> ApiResult<Json<Value>> {
+pub async fn seed_session(caller: Caller, body: JsonBody) -> ApiResult<Response> {
     caller.require(Scope::Grade)?;
-    Ok(Json(json!({})))
+    session(&body)
 }
 
-/// Grade what a model answered, as NeMo Gym asks a resources server. The block log is looked for in the last text of the
-/// response: JSON, alone, in a code fence or among words. An answer without one that fits the task has reward 0; a failure of
-/// ours is a problem, never a reward.
+/// End a session. Nothing was kept; it may be ended again, and one that never began too.
+#[utoipa::path(
+    post, path = "/close_session", operation_id = "close_session", tag = "rewards", summary = "NeMo Gym: end a session",
+    request_body(content = SessionRequest, content_type = "application/json"),
+    responses(
+        (status = 200, description = "The session's id, or an empty object", body = SessionAnswer, example = json!({})),
+        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn close_session(caller: Caller, body: JsonBody) -> ApiResult<Response> {
+    caller.require(Scope::Grade)?;
+    session(&body)
+}
+
+fn session(body: &JsonBody) -> ApiResult<Response> {
+    let request = if body.bytes.is_empty() { Map::new() } else { object(&body.bytes)? };
+    let Some(id) = request.get("resources_session_id").and_then(Value::as_str) else {
+        return Ok(Json(json!({})).into_response());
+    };
+    // The framework asks for a cookie; it means nothing here.
+    let cookie = [(header::SET_COOKIE, "plumbline_session=stateless; Path=/; HttpOnly; SameSite=Lax")];
+    Ok((cookie, Json(json!({ "resources_session_id": id }))).into_response())
+}
+
+/// Whether an answer may be verified again: it may, with the same result.
+#[utoipa::path(
+    get, path = "/reverify_mode", operation_id = "reverify_mode", tag = "rewards", summary = "NeMo Gym: may answers be verified again",
+    responses(
+        (status = 200, description = "They may", body = String, content_type = "application/json", example = json!("stateless")),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn reverify_mode() -> Json<&'static str> {
+    Json("stateless")
+}
+
+/// Grade what a model answered, as NeMo Gym asks a resources server. In the assistant's messages the last complete answer counts, a
+/// block log as JSON or action code; of a task of several turns the last so many messages with an answer give a turn each. An answer
+/// that cannot be graded has reward 0 and a `failure_reason`; a failure of ours is a problem, never a reward. The criteria stand at
+/// the top as well (`reward_material`, …), where the framework makes means of them.
 #[utoipa::path(
     post, path = "/verify", operation_id = "verify", tag = "rewards", summary = "NeMo Gym: verify a response",
-    request_body(content = Object, content_type = "application/json", example = json!({
+    request_body(content = VerifyRequest, content_type = "application/json", example = json!({
         "task": "walls/5x1x5-raise", "responses_create_params": { "input": "Raise a wall." },
         "response": { "output": [{ "type": "message", "role": "assistant",
             "content": [{ "type": "output_text", "text": "{\"events\": []}" }] }] } })),
     responses(
-        (status = 200, description = "The request with its reward", body = Object,
-         example = json!({ "reward": 1.0, "reward_components": { "overall": 1.0, "material": 1.0 }, "mask_sample": false })),
+        (status = 200, description = "The request with its reward; a nested request is not repeated", body = VerifyAnswer,
+         example = json!({ "reward": 1.0, "reward_components": { "overall": 1.0, "material": 1.0 }, "reward_overall": 1.0,
+                           "reward_material": 1.0, "mask_sample": false })),
         (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
         (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
         (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "No task, or none of this name", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "No task, none of this name, or a misspelt option", body = Problem, content_type = "application/problem+json"),
         (status = 429, description = "Too much to do; come back", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
@@ -57,51 +158,89 @@ pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBod
     caller.require(Scope::Grade)?;
     let place = state.grader.admit().map_err(ApiError::without_reward)?;
     let catalogue = state.store.catalogue();
+    let runtime = Handle::current();
     let work = tokio::task::spawn_blocking(move || {
         let _place = place;
-        let mut request = object(&body.bytes)?;
-        let judged = judge(&state, &catalogue, &naming(&request), &answer_text(&request))?;
-        request.insert("reward".to_owned(), judged.reward().into());
-        request.insert("mask_sample".to_owned(), false.into());
-        let components = match judged {
-            Judged::Graded(graded) => serde_json::to_value(&graded.components),
-            Judged::Unreadable(why) => {
-                request.insert("failure_reason".to_owned(), why.into());
-                Ok(json!({ "overall": 0.0 }))
-            }
-        };
-        request.insert("reward_components".to_owned(), components.map_err(|error| ApiError::internal(&error))?);
-        Ok(Json(Value::Object(request)))
+        let request = object(&body.bytes)?;
+        let graded = judge(&state, &runtime, &catalogue, &naming(&request)?, texts(&request))
+            .map_err(|error| error.named(&[("/reward", "/reward_scheme")]))?;
+        // What is nested is not repeated: the framework refuses members that it does not know there.
+        let mut answer = if request.contains_key("verification_input") { Map::new() } else { request };
+        answer.insert("reward".to_owned(), graded.reward.into());
+        answer.insert("mask_sample".to_owned(), false.into());
+        let components = serde_json::to_value(&graded.components).map_err(|error| ApiError::internal(&error))?;
+        for (name, value) in components.as_object().into_iter().flatten() {
+            answer.insert(format!("reward_{name}"), value.clone());
+        }
+        answer.insert("reward_components".to_owned(), components);
+        if let Some(why) = graded.answer.and_then(|found| found.why) {
+            answer.insert("failure_reason".to_owned(), why.into());
+        }
+        Ok(Json(Value::Object(answer)))
     });
     work.await.map_err(|error| ApiError::internal(&error))?
 }
 
-fn object(text: &[u8]) -> ApiResult<Map<String, Value>> {
+pub(super) fn object(text: &[u8]) -> ApiResult<Map<String, Value>> {
     let mut faults = Faults::new();
     match serde_json::from_slice(text) {
         Ok(Value::Object(request)) => Ok(request),
         Ok(_) => {
-            faults.add("expected an object with response and task");
+            faults.add("expected an object");
             Err(ApiError::faulty(faults))
         }
         Err(error) => {
-            faults.add(error.to_string());
+            faults.add(why_not_json(text, &error));
             Err(ApiError::malformed(faults))
         }
     }
 }
 
 /// How the task is named, at the top or among what the dataset keeps for the verifier.
-fn naming(request: &Map<String, Value>) -> Value {
-    let kept = request.get("verifier_metadata");
-    let find = |key: &str| request.get(key).or_else(|| kept.and_then(|kept| kept.get(key))).cloned();
-    json!({ "task": find("task"), "suite": find("suite"), "reward": find("reward_scheme") })
+///
+/// # Errors
+/// 422 where an option is misspelt.
+fn naming(request: &Map<String, Value>) -> ApiResult<Map<String, Value>> {
+    let part = |key: &str| request.get(key).and_then(Value::as_object);
+    let parts: Vec<(&str, &Map<String, Value>)> = ["verifier_metadata", "task_data", "verification_input"]
+        .into_iter()
+        .filter_map(|key| part(key).map(|object| (key, object)))
+        .collect();
+    let find = |key: &str| {
+        let mut places = std::iter::once(request).chain(parts.iter().map(|(_, object)| *object));
+        places.find_map(|object| object.get(key).filter(|value| !value.is_null())).cloned()
+    };
+    let missing: Vec<&str> = OPTIONS.into_iter().filter(|option| find(option).is_none()).collect();
+    let mut faults = Faults::new();
+    // At the top a dataset has names of its own in any number; short ones are left alone there.
+    let long: Vec<&str> = missing.iter().copied().filter(|option| option.len() > 8).collect();
+    add_misspelt(request, &long, &mut faults);
+    for (key, object) in &parts {
+        faults.enter_key(key);
+        add_misspelt(object, &missing, &mut faults);
+        faults.leave();
+    }
+    if !faults.is_empty() {
+        return Err(ApiError::faulty(faults));
+    }
+    let task = find("task").or_else(|| part("task_id").and_then(|id| id.get("task_id")).cloned());
+    let naming = [("task", task), ("suite", find("suite")), ("reward", find("reward_scheme"))];
+    Ok(naming.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect())
 }
 
-/// The text of the response's last message.
-fn answer_text(request: &Map<String, Value>) -> String {
-    let output = request.get("response").and_then(|response| response.get("output")).and_then(Value::as_array);
-    let mut messages = output.into_iter().flatten().filter(|item| item["type"] == "message");
-    let content = messages.next_back().and_then(|message| message["content"].as_array());
-    content.into_iter().flatten().filter_map(|part| part["text"].as_str()).collect()
+/// The texts of the assistant's messages, in order.
+fn texts(request: &Map<String, Value>) -> Vec<String> {
+    let response = request.get("response").or_else(|| request.get("verification_input")?.get("response"));
+    let output = response.and_then(|response| response.get("output")).and_then(Value::as_array);
+    let is_said = |item: &&Value| {
+        let kind = item.get("type").and_then(Value::as_str);
+        let role = item.get("role").and_then(Value::as_str);
+        kind.is_none_or(|kind| kind == "message") && role.is_none_or(|role| role == "assistant")
+    };
+    let text_of = |item: &Value| match &item["content"] {
+        Value::String(text) => text.clone(),
+        parts => parts.as_array().into_iter().flatten().filter_map(|part| part["text"].as_str()).collect(),
+    };
+    let texts: Vec<String> = output.into_iter().flatten().filter(is_said).map(text_of).collect();
+    if texts.is_empty() { vec![String::new()] } else { texts }
 }

@@ -1,46 +1,70 @@
 //! OpenRLHF's remote reward model: `query`, `prompts` and `labels` in, `rewards`, `scores` and `extra_logs` out.
 //!
-//! `query` holds prompt and answer in one text each. A label names the task: its id, its number, or JSON with `task`, `suite`
-//! and `reward`.
+//! `query` holds prompt and answer in one text each. A label names the task: its id, its number, or JSON with `task`, `suite` and
+//! `reward`. The trainer makes tensors of what is answered, so every sample has a number under the same names, whatever became of it.
 
 use axum::Json;
 use axum::extract::State;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use serde_json::{Map, Value};
+use tokio::runtime::Handle;
 
-use super::super::super::body::JsonBody;
+use super::super::super::body::{JsonBody, read_json};
 use super::super::super::caller::Caller;
 use super::super::super::limits::LIMITS;
-use super::super::super::problem::{ApiError, ApiResult, Problem};
+use super::super::super::problem::{ApiError, ApiResult, FaultBody, Problem};
 use super::super::super::state::AppState;
-use super::{Judged, judge};
+use super::super::grade::GradeBody;
+use super::{add_misspelt, judge};
 use crate::store::keys::Scope;
 use crate::voxel::Faults;
+
+/// What a label may say.
+const OPTIONS: [&str; 3] = ["task", "suite", "reward"];
+/// Characters at the end of a prompt by which it is found in a query that lacks its beginning.
+const PROMPT_END_CHARS: usize = 200;
 
 /// What OpenRLHF posts.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[schema(example = json!({ "query": ["Raise a wall.{\"events\": []}"], "prompts": ["Raise a wall."], "labels": ["walls/5x1x5-raise"] }))]
 pub struct RewardQuery {
     /// Prompt and answer of each sample.
+    #[schema(max_items = 10_000)]
     pub query: Vec<String>,
-    /// The prompt of each sample, which is taken off the query where it begins with it.
+    /// The prompt of each sample, which is taken off the query.
     #[serde(default)]
-    pub prompts: Vec<String>,
-    /// The task of each sample: its id, its number, or JSON with `task`, `suite` and `reward`.
-    #[schema(value_type = Vec<String>)]
+    #[schema(max_items = 10_000)]
+    pub prompts: Option<Vec<Option<String>>>,
+    /// The task of each sample: its id, its number, or JSON with `task`, `suite` and `reward`, as text or not.
+    #[schema(max_items = 10_000, value_type = Vec<LabelBody>)]
     pub labels: Vec<Value>,
 }
 
+/// The task of a sample.
+#[derive(Debug, Deserialize, utoipa::ToSchema)]
+#[serde(untagged)]
+pub enum LabelBody {
+    /// Its id, or JSON as text.
+    Text(String),
+    /// Its number.
+    Number(u32),
+    /// Task, suite and reward, as `/v1/grade` takes them.
+    #[schema(value_type = Object)]
+    Whole(Map<String, Value>),
+}
+
 /// What OpenRLHF reads.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[derive(Debug, Default, Serialize, utoipa::ToSchema)]
 pub struct Rewards {
-    /// The reward of each sample.
+    /// The reward of each sample; 0 where it could not be graded.
     pub rewards: Vec<f64>,
     /// 1 where the sample passes, else 0; for filtering.
     pub scores: Vec<f64>,
     /// Figures to log, a value per sample.
     pub extra_logs: ExtraLogs,
+    /// Samples that could not be graded, and why.
+    pub problems: Vec<SampleProblem>,
 }
 
 /// Figures of samples.
@@ -50,12 +74,27 @@ pub struct ExtraLogs {
     pub overall: Vec<f64>,
     /// Mean over the criteria that apply; 0 where there is no log.
     pub criteria_mean: Vec<f64>,
-    /// 1 where the answer held a log that fits the task.
+    /// 1 where the answer held a log or code that fits the task.
     pub readable: Vec<f64>,
+    /// 1 where the label names no task: a fault of the dataset, not of the model.
+    pub mislabelled: Vec<f64>,
 }
 
-/// Grade what a model answered, as OpenRLHF asks a remote reward model. An answer without a log that fits the task has reward
-/// 0. Where grading one of them fails through us, the whole request fails with a retryable problem, never a reward.
+/// Why a sample could not be graded.
+#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
+pub struct SampleProblem {
+    /// Place of the sample, from 0.
+    pub index: usize,
+    /// Why, in words.
+    pub detail: String,
+    /// Faults of the label.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub faults: Vec<FaultBody>,
+}
+
+/// Grade what a model answered, as OpenRLHF asks a remote reward model. An answer that cannot be graded has reward
+/// 0, and so has a sample whose label names no task; `problems` tells why. Where all labels are wrong the request is refused. Where
+/// grading one of them fails through us, the whole request fails with a retryable problem, never a reward.
 #[utoipa::path(
     post, path = "/get_reward", operation_id = "get_reward", tag = "rewards", summary = "OpenRLHF: rewards of samples",
     request_body(content = RewardQuery, content_type = "application/json"),
@@ -67,7 +106,7 @@ pub struct ExtraLogs {
         (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
         (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "A label that names no task, or lists of different lengths", body = Problem,
+        (status = 422, description = "No label names a task, or lists of different lengths", body = Problem,
          content_type = "application/problem+json"),
         (status = 429, description = "Too much to do; come back", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
@@ -79,34 +118,44 @@ pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: Jso
     caller.require(Scope::Grade)?;
     let place = state.grader.admit_batch().map_err(ApiError::without_reward)?;
     let catalogue = state.store.current_catalogue().await?;
+    let runtime = Handle::current();
     let work = tokio::task::spawn_blocking(move || {
         let _place = place;
-        let query = read(&body.bytes)?;
+        let query = read(&body)?;
         let judge_one = |i: usize| {
-            let prompt = query.prompts.get(i).map_or("", String::as_str);
-            let answer = query.query[i].strip_prefix(prompt).unwrap_or(&query.query[i]);
-            judge(&state, &catalogue, &naming(&query.labels[i]), answer)
-                .map_err(|error| error.at(&format!("/labels/{i}")))
+            let prompt = query.prompts.as_ref().and_then(|prompts| prompts.get(i)?.as_deref());
+            let answer = without_prompt(&query.query[i], prompt.unwrap_or_default());
+            let graded = naming(&query.labels[i])
+                .and_then(|naming| judge(&state, &runtime, &catalogue, &naming, vec![answer.to_owned()]));
+            match graded {
+                Ok(graded) => Ok(Ok(graded)),
+                Err(error) if error.problem().status < 500 && !error.problem().retryable => {
+                    Ok(Err(error.at(&format!("/labels/{i}"))))
+                }
+                Err(error) => Err(error),
+            }
         };
         let judged: Vec<Judged> = (0..query.query.len()).into_par_iter().map(judge_one).collect::<ApiResult<_>>()?;
-        Ok(Json(rewards(&judged)))
+        answer(judged)
     });
     work.await.map_err(|error| ApiError::internal(&error))?
 }
 
-fn read(text: &[u8]) -> ApiResult<RewardQuery> {
+/// A sample's grade, or what is wrong with its label.
+type Judged = Result<GradeBody, ApiError>;
+
+fn read(body: &JsonBody) -> ApiResult<RewardQuery> {
+    let query: RewardQuery = read_json(body)?;
     let mut faults = Faults::new();
-    let query: RewardQuery = serde_json::from_slice(text).map_err(|error| {
-        let mut faults = Faults::new();
-        faults.add(error.to_string());
-        if error.is_data() { ApiError::faulty(faults) } else { ApiError::malformed(faults) }
-    })?;
     let samples = query.query.len();
     if query.labels.len() != samples {
         faults.add_at("labels", format!("{} labels for {samples} samples", query.labels.len()));
     }
-    if !query.prompts.is_empty() && query.prompts.len() != samples {
-        faults.add_at("prompts", format!("{} prompts for {samples} samples", query.prompts.len()));
+    if let Some(prompts) = &query.prompts
+        && !prompts.is_empty()
+        && prompts.len() != samples
+    {
+        faults.add_at("prompts", format!("{} prompts for {samples} samples", prompts.len()));
     }
     if samples > LIMITS.grade_batch_logs {
         faults.add_at("query", format!("{samples} samples; at most {} are allowed", LIMITS.grade_batch_logs));
@@ -114,34 +163,83 @@ fn read(text: &[u8]) -> ApiResult<RewardQuery> {
     if faults.is_empty() { Ok(query) } else { Err(ApiError::faulty(faults)) }
 }
 
-/// A label as JSON, or as the bare name of a task.
-fn naming(label: &Value) -> Value {
-    if label.is_object() {
-        return label.clone();
+/// The answer in a query. The trainer may have cut off the beginning of a long prompt, but never its end.
+fn without_prompt<'q>(query: &'q str, prompt: &str) -> &'q str {
+    if let Some(answer) = query.strip_prefix(prompt) {
+        return answer;
     }
-    let Some(text) = label.as_str() else { return json!({ "task": label }) };
-    match serde_json::from_str::<Value>(text) {
-        Ok(Value::Object(naming)) => Value::Object(naming),
-        Ok(number @ Value::Number(_)) => json!({ "task": number }),
-        _ => json!({ "task": text }),
-    }
+    let end = prompt.char_indices().rev().nth(PROMPT_END_CHARS - 1).map_or(0, |(at, _)| at);
+    query.find(&prompt[end..]).map_or(query, |at| &query[at + prompt.len() - end..])
 }
 
-fn rewards(judged: &[Judged]) -> Rewards {
-    let mut rewards = Rewards { rewards: Vec::new(), scores: Vec::new(), extra_logs: ExtraLogs::default() };
-    for one in judged {
-        let (overall, mean, readable) = match one {
-            Judged::Graded(graded) => {
+/// A label as JSON, or as the bare name of a task.
+///
+/// # Errors
+/// 422 where an option is misspelt.
+fn naming(label: &Value) -> ApiResult<Map<String, Value>> {
+    let parsed = label.as_str().and_then(|text| serde_json::from_str::<Value>(text).ok());
+    let object = match (label, parsed) {
+        (Value::Object(naming), _) => naming.clone(),
+        (_, Some(Value::Object(naming))) => naming,
+        (_, Some(number @ Value::Number(_))) => [("task".to_owned(), number)].into_iter().collect(),
+        (Value::Null, _) => Map::new(),
+        (Value::String(text), _) if text.trim().is_empty() => Map::new(),
+        (task, _) => [("task".to_owned(), task.clone())].into_iter().collect(),
+    };
+    let missing: Vec<&str> = OPTIONS.into_iter().filter(|option| !object.contains_key(*option)).collect();
+    let mut faults = Faults::new();
+    add_misspelt(&object, &missing, &mut faults);
+    if !faults.is_empty() {
+        return Err(ApiError::faulty(faults));
+    }
+    // What else a dataset says in a label is its own.
+    Ok(object.into_iter().filter(|(key, _)| OPTIONS.contains(&key.as_str())).collect())
+}
+
+/// Rewards of all samples.
+///
+/// # Errors
+/// The first fault, where no label names a task.
+fn answer(judged: Vec<Judged>) -> ApiResult<Json<Rewards>> {
+    let mut rewards = Rewards::default();
+    let is_any_labelled = judged.is_empty() || judged.iter().any(Result::is_ok);
+    for (index, one) in judged.into_iter().enumerate() {
+        let (reward, overall, mean, is_readable, problem) = match one {
+            Ok(graded) => {
                 let means = graded.criteria.iter().map(|criterion| criterion.mean);
-                (f64::from(graded.overall), means.sum::<f64>() / graded.criteria.len().max(1) as f64, 1.0)
+                let mean = means.sum::<f64>() / graded.criteria.len().max(1) as f64;
+                let why = graded.answer.and_then(|answer| answer.why);
+                let problem = why.map(|detail| SampleProblem { index, detail, faults: Vec::new() });
+                (graded.reward, f64::from(graded.overall), mean, problem.is_none(), problem)
             }
-            Judged::Unreadable(_) => (0.0, 0.0, 0.0),
+            Err(error) if !is_any_labelled => return Err(error),
+            Err(error) => {
+                let problem = error.into_problem();
+                (0.0, 0.0, 0.0, false, Some(SampleProblem { index, detail: problem.detail, faults: problem.faults }))
+            }
         };
-        rewards.rewards.push(one.reward());
+        rewards.rewards.push(reward);
         rewards.scores.push(overall);
         rewards.extra_logs.overall.push(overall);
         rewards.extra_logs.criteria_mean.push(mean);
-        rewards.extra_logs.readable.push(readable);
+        rewards.extra_logs.readable.push(f64::from(is_readable));
+        let is_mislabelled = problem.as_ref().is_some_and(|problem| !problem.faults.is_empty());
+        rewards.extra_logs.mislabelled.push(f64::from(is_mislabelled));
+        rewards.problems.extend(problem);
     }
-    rewards
+    Ok(Json(rewards))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_prompt_is_taken_off_also_where_its_beginning_is_lost() {
+        let prompt = format!("{} e.g. {{\"events\": []}} Go: ", "long ".repeat(100));
+        assert_eq!(without_prompt(&format!("{prompt}I go"), &prompt), "I go");
+        assert_eq!(without_prompt(&format!("{}I go", &prompt[300..]), &prompt), "I go");
+        assert_eq!(without_prompt("I go", "something else"), "I go");
+        assert_eq!(without_prompt("I go", ""), "I go");
+    }
 }

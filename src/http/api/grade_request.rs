@@ -1,0 +1,254 @@
+//! From a request to grade to its answer: read, made a log, graded. Shared by single requests, batches and adapters.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use sha2::{Digest as _, Sha256};
+
+use super::super::grader::{GivenTask, Graded};
+use super::super::problem::{ApiError, ApiResult};
+use super::super::state::AppState;
+use super::grade::{CheckScore, GradeBody, Timings};
+use super::grade_answer::{AnswerBody, log_in_texts};
+use super::grade_body::{Detail, GivenWork, GradeRequest, GradeShape, NamedTask};
+use super::replay::{EventBudget, TurnReplay, place, run_sent};
+use super::submission_body::check_against_task;
+use crate::checks::{CHECKS_VERSION, Dimension};
+use crate::grading::reward::{RewardComponents, Scheme};
+use crate::tasks::catalogue::Catalogue;
+use crate::tasks::embedded::FULL;
+use crate::tasks::{Task, hex};
+use crate::voxel::log_reader::code::SentLog;
+use crate::voxel::tolerant::{read_document, why_not_json};
+use crate::voxel::{BlockLog, Faults};
+
+/// A request that was read and whose task was found.
+#[derive(Debug)]
+pub struct ReadRequest {
+    request: GradeRequest,
+    given: GivenTask,
+    begun: Instant,
+}
+
+/// A request whose log is whole, or known to be none.
+#[derive(Debug)]
+pub struct Prepared {
+    request: GradeRequest,
+    given: GivenTask,
+    log: BlockLog,
+    replays: Vec<TurnReplay>,
+    answer: Option<AnswerBody>,
+    begun: Instant,
+    read_us: u64,
+}
+
+impl ReadRequest {
+    /// Reads a request and finds its task among the suites held.
+    ///
+    /// # Errors
+    /// 400 where it is not JSON, 422 with all its faults.
+    pub fn read(text: &[u8], catalogue: &Catalogue) -> ApiResult<Self> {
+        let begun = Instant::now();
+        let mut faults = Faults::new();
+        let request = match read_document(text, GradeShape { faults: &mut faults }) {
+            Ok(request) => request,
+            Err(error) => {
+                faults.add(why_not_json(text, &error));
+                return Err(ApiError::malformed(faults));
+            }
+        };
+        let given = request.as_ref().and_then(|request| find(request, catalogue, &mut faults));
+        let (Some(request), Some(given), true) = (request, given, faults.is_empty()) else {
+            return Err(ApiError::faulty(faults));
+        };
+        Ok(Self { request, given, begun })
+    }
+
+    /// The same request about what a model wrote instead of its own log.
+    #[must_use]
+    pub fn about(mut self, texts: Vec<String>) -> Self {
+        self.request.work = GivenWork::Answer(texts);
+        self
+    }
+
+    /// Whether preparing it takes long: text is to be looked through, or code to be run.
+    #[must_use]
+    pub fn takes_long(&self) -> bool {
+        match &self.request.work {
+            GivenWork::Log(sent) => !sent.codes.is_empty(),
+            GivenWork::Answer(_) => true,
+        }
+    }
+
+    /// Finds the log in what a model wrote, runs action code, and checks the log against its task.
+    ///
+    /// # Errors
+    /// 422 where the log does not fit the task, or its code reached a limit; 429 where too much waits, 500 where code cannot be run. What is wrong with what a
+    /// model wrote is no error, but a reward of 0.
+    pub async fn prepare(mut self, state: &AppState) -> ApiResult<Prepared> {
+        let task = self.given.task()?.0;
+        let work = std::mem::replace(&mut self.request.work, GivenWork::Answer(Vec::new()));
+        let (mut faults, mut answer) = (Faults::new(), None);
+        let mut sent = match work {
+            GivenWork::Log(sent) => sent,
+            GivenWork::Answer(texts) => match log_in_texts(&texts, task.turns.len()) {
+                Ok((sent, found)) => {
+                    answer = Some(AnswerBody { found, why: None });
+                    sent
+                }
+                Err(why) => {
+                    answer = Some(AnswerBody { found: Vec::new(), why: Some(why) });
+                    nothing(task)
+                }
+            },
+        };
+        let replays = if sent.codes.is_empty() {
+            Vec::new()
+        } else {
+            let _place = place(state)?;
+            run_sent(state, &mut sent, &mut EventBudget::whole(state), &mut faults).await?
+        };
+        check_against_task(&sent.log, task, &mut faults);
+        if !faults.is_empty() {
+            // A log that a model wrote is the model's own; the trainer has done nothing wrong.
+            let Some(answer) = &mut answer else { return Err(ApiError::faulty(faults)) };
+            answer.why = faults.list().first().map(ToString::to_string);
+            sent = nothing(task);
+        }
+        let Self { request, given, begun } = self;
+        Ok(Prepared { request, given, log: sent.log, replays, answer, begun, read_us: micros(begun) })
+    }
+}
+
+/// The log in which nothing is done.
+fn nothing(task: &Task) -> SentLog {
+    BlockLog { turns: vec![Vec::new(); task.turns.len()], ..BlockLog::default() }.into()
+}
+
+fn find(request: &GradeRequest, catalogue: &Catalogue, faults: &mut Faults) -> Option<GivenTask> {
+    let task = match &request.task {
+        NamedTask::Inline(task) => return Some(GivenTask::inline((**task).clone())),
+        NamedTask::Listed(task) => task,
+    };
+    let name = request.suite.as_deref().unwrap_or(FULL);
+    let Some(entry) = catalogue.suite(name) else {
+        faults.add_at("suite", format!("there is no suite {name:?}; /v1/suites lists them"));
+        return None;
+    };
+    task.number_in(entry, faults).map(|number| GivenTask::Listed(Arc::clone(entry), number))
+}
+
+fn micros(since: Instant) -> u64 {
+    u64::try_from(since.elapsed().as_micros()).unwrap_or(u64::MAX)
+}
+
+impl Prepared {
+    /// Grades it, and says whether the result was kept from before.
+    ///
+    /// # Errors
+    /// As [`super::super::grader::Grader::grade`]; 422 where no criterion that applies has a weight.
+    pub async fn grade(mut self, state: &AppState) -> ApiResult<(GradeBody, bool)> {
+        if self.is_unreadable() {
+            return Ok((self.unreadable()?, false));
+        }
+        let log = std::mem::take(&mut self.log);
+        let log_hash = hash(&log);
+        let deadline = self.request.deadline;
+        let graded = state.grader.grade(self.given.clone(), log, &log_hash, deadline).await;
+        let graded = graded.map_err(ApiError::without_reward)?;
+        let is_cached = graded.is_cached;
+        if self.request.scheme == Scheme::Shaped && !state.grader.knows_baseline(&self.given) {
+            let (state, given) = (state.clone(), self.given.clone());
+            let work = tokio::task::spawn_blocking(move || state.grader.baseline(&given, deadline));
+            work.await.map_err(|error| ApiError::internal(&error))??;
+        }
+        Ok((self.answer(state, graded, log_hash)?, is_cached))
+    }
+
+    /// The same on this thread.
+    ///
+    /// # Errors
+    /// The same.
+    pub fn grade_here(self, state: &AppState) -> ApiResult<GradeBody> {
+        if self.is_unreadable() {
+            return self.unreadable();
+        }
+        let log_hash = hash(&self.log);
+        let graded = state.grader.grade_here(&self.given, &self.log, &log_hash, self.request.deadline);
+        self.answer(state, graded.map_err(ApiError::without_reward)?, log_hash)
+    }
+
+    fn is_unreadable(&self) -> bool {
+        self.answer.as_ref().is_some_and(|answer| answer.why.is_some())
+    }
+
+    /// The answer to a model that wrote nothing that can be graded: nothing is earned.
+    fn unreadable(self) -> ApiResult<GradeBody> {
+        let (task, task_hash) = self.given.task()?;
+        let criteria = task.criteria();
+        Ok(GradeBody {
+            task: task.id.clone(),
+            task_hash: task_hash.to_owned(),
+            log_hash: hash(&self.log),
+            checks_version: CHECKS_VERSION,
+            reward: 0.0,
+            scheme: self.request.scheme.name(),
+            overall: false,
+            accuracy: criteria.iter().any(|c| c.dimension() == Dimension::Accuracy).then_some(false),
+            components: RewardComponents::none_of(&criteria),
+            criteria: Vec::new(),
+            checks: Vec::new(),
+            report: None,
+            action_code: self.replays,
+            answer: self.answer,
+            timings: Timings { read_us: self.read_us, grade_us: 0 },
+        })
+    }
+
+    fn answer(self, state: &AppState, graded: Graded, log_hash: String) -> ApiResult<GradeBody> {
+        let (report, scheme) = (graded.report, &self.request.scheme);
+        let baseline = match scheme {
+            Scheme::Shaped => Some(state.grader.baseline(&self.given, self.request.deadline)?),
+            _ => None,
+        };
+        let Some(reward) = scheme.reward(&report, baseline.as_deref()) else {
+            let mut faults = Faults::new();
+            faults.enter_key("reward");
+            if baseline.is_some() {
+                faults.add("an empty log or a single block passes every check of the task: there is nothing to shape");
+            } else {
+                faults.add_at("weights", "none of these criteria applies to the task");
+            }
+            return Err(ApiError::faulty(faults));
+        };
+        let checks = report.turns.iter().flat_map(|turn| turn.checks.iter().map(|check| (turn.turn, check)));
+        Ok(GradeBody {
+            task: report.task.clone(),
+            task_hash: report.task_hash.clone(),
+            log_hash,
+            checks_version: CHECKS_VERSION,
+            reward,
+            scheme: self.request.scheme.name(),
+            overall: report.overall,
+            accuracy: report.accuracy,
+            components: RewardComponents::of(&report),
+            criteria: report.criteria.clone(),
+            checks: checks
+                .map(|(turn, check)| CheckScore {
+                    turn,
+                    name: check.name.clone(),
+                    criterion: check.criterion,
+                    score: check.finding.score,
+                })
+                .collect(),
+            report: (self.request.detail == Detail::Report).then(|| Arc::clone(&report)),
+            action_code: self.replays,
+            answer: self.answer,
+            timings: Timings { read_us: self.read_us, grade_us: micros(self.begun).saturating_sub(self.read_us) },
+        })
+    }
+}
+
+fn hash(log: &BlockLog) -> String {
+    hex(&Sha256::digest(log.canonical_json()))
+}
