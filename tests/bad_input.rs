@@ -139,11 +139,39 @@ async fn unknown_places_and_methods_are_problems_too() {
     assert!(service.get("/v1/runs/none").await.faults(404).is_empty());
     assert!(service.get("/v1/leaderboards/none").await.faults(404).is_empty());
     assert!(service.get("/v1/tasks/none/none").await.faults(404).is_empty());
-    assert!(service.get("/v1/tasks?limit=0").await.faults(400).is_empty());
-    assert!(service.get("/v1/tasks?colour=red").await.faults(400).is_empty());
+    assert_eq!(service.get("/v1/tasks?limit=0").await.json()["faults"][0]["parameter"], "limit");
+    assert_eq!(service.get("/v1/tasks?colour=red").await.json()["faults"][0]["parameter"], "colour");
+    // A misspelt name is told with what it may have meant.
+    for (path, meant) in [
+        ("/v1/tasks?family=wals", "walls"),
+        ("/v1/tasks?type=frame", "frames"),
+        ("/v1/tasks?criterion=shap", "shape"),
+        ("/v1/tasks/walls/5x1x5-rais", "walls/5x1x5-raise"),
+        ("/v1/leaderboards/mineceraft?sort=overal", "overall"),
+    ] {
+        let text = service.get(path).await.text;
+        assert!(text.contains(&format!("did you mean {meant}")), "{path}: {text}");
+    }
+    let named = json!({ "task": "wall/5x1x5-raise", "turns": [] });
+    assert!(service.post_json("/v1/validate", &named).await.text.contains("did you mean walls"));
+    // Text that is no JSON is told with its place and the reason.
+    let turns = |x: &str| format!("{{\"task\":113,\"turns\":[{{\"events\":[{{\"action\":\"place\",\"x\":{x}}}]}}]}}");
+    for door in ["/v1/validate", "/v1/grade"] {
+        let answer = service.post(door, "application/json", turns("NaN")).await;
+        assert_eq!(answer.faults(400), ["null /turns/0/events/0/x"]);
+        assert!(answer.text.contains("JSON has no NaN"), "{}", answer.text);
+        let answer = service.post(door, "application/json", b"{\"task\": \"\xff\"}".to_vec()).await;
+        assert!(answer.status == 400 && answer.text.contains("not UTF-8: byte 0xff at offset 10"), "{}", answer.text);
+    }
+    // Bodies of plain data tell all their faults too.
+    let run = service.post_json("/v1/replay", &json!({ "action_cod": "x", "extra": 1 })).await;
+    let mut places = run.faults(422);
+    places.sort();
+    assert_eq!(places, ["null /action_cod", "null /action_code", "null /extra"]);
+    assert!(run.text.contains("did you mean action_code"), "{}", run.text);
     let delete = service.send(service.http.delete(format!("{}/v1/runs", service.url))).await;
     assert!(delete.faults(405).is_empty());
-    assert_eq!(delete.headers["allow"], "POST");
+    assert_eq!(delete.headers["allow"], "GET,HEAD,POST");
 }
 
 #[test]

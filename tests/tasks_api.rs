@@ -23,7 +23,6 @@ async fn tasks_are_found_by_category_type_criterion_and_text() {
         ("criterion=structural_stability&category=civil-engineering", 9),
         ("text=sea_lantern", 9),
         ("suite=mineceraft-lite&category=structural-elements", 7),
-        ("type=towers", 0),
     ] {
         let page = service.get(&format!("/v1/tasks?limit=1&{query}")).await.json();
         assert_eq!((&page["total"], page["suite"].as_str().unwrap().ends_with("@2")), (&json!(total), true), "{query}");

@@ -4,17 +4,21 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Body;
-use axum::extract::{FromRequest, Request};
+use axum::extract::{FromRequest, OptionalFromRequest, Request};
 use axum::http::{HeaderMap, StatusCode, header};
 use bytes::{Bytes, BytesMut};
 use http_body_util::BodyExt as _;
 use serde::de::DeserializeOwned;
+use serde_json::{Map, Value, json};
+use serde_path_to_error::Segment;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use super::limits::LIMITS;
 use super::problem::{ApiError, ApiResult};
 use super::state::AppState;
+use crate::near::did_you_mean;
 use crate::voxel::Faults;
+use crate::voxel::tolerant::why_not_json;
 
 /// Bytes that one permit of the shared budget stands for.
 const PERMIT_BYTES: usize = 64 << 10;
@@ -71,7 +75,22 @@ impl FromRequest<AppState> for JsonBody {
     }
 }
 
-/// A body of plain data; its first fault with its place.
+impl OptionalFromRequest<AppState> for JsonBody {
+    type Rejection = ApiError;
+
+    /// None where nothing was sent.
+    async fn from_request(request: Request, state: &AppState) -> ApiResult<Option<Self>> {
+        let headers = request.headers();
+        let is_empty =
+            !headers.contains_key(header::TRANSFER_ENCODING) && content_length(headers).is_none_or(|n| n == 0);
+        if is_empty {
+            return Ok(None);
+        }
+        <Self as FromRequest<AppState>>::from_request(request, state).await.map(Some)
+    }
+}
+
+/// A body of plain data, or all its faults with their places.
 ///
 /// # Errors
 /// 415 for NDJSON, 400 where it is not JSON, 422 where it is not such data.
@@ -79,29 +98,101 @@ pub fn read_json<T: DeserializeOwned>(body: &JsonBody) -> ApiResult<T> {
     if body.format == Format::NdJson {
         return Err(ApiError::not_ndjson("one at a time"));
     }
-    let mut faults = Faults::new();
     let mut document = serde_json::Deserializer::from_slice(&body.bytes);
     let read = serde_path_to_error::deserialize(&mut document);
+    let mut faults = Faults::new();
     match read.map(|value| document.end().map(|()| value)) {
         Ok(Ok(value)) => Ok(value),
         Ok(Err(error)) => {
-            faults.add(error.to_string());
+            faults.add(why_not_json(&body.bytes, &error));
             Err(ApiError::malformed(faults))
         }
         Err(error) if error.inner().is_data() => {
-            let place = error.path().to_string();
-            if place == "." {
-                faults.add(error.inner().to_string());
-            } else {
-                faults.add_at(&place, error.inner().to_string());
+            match serde_json::from_slice::<Value>(&body.bytes) {
+                Ok(Value::Object(members)) => add_faults::<T>(&members, &error, &mut faults),
+                _ => add_fault(&error, &mut faults),
             }
             Err(ApiError::faulty(faults))
         }
         Err(error) => {
-            faults.add(error.to_string());
+            faults.add(why_not_json(&body.bytes, error.inner()));
             Err(ApiError::malformed(faults))
         }
     }
+}
+
+type DataError = serde_path_to_error::Error<serde_json::Error>;
+
+/// The faults of an object: each member alone tells whether it is wrong, and without those that are what is missing shows, one by one.
+fn add_faults<T: DeserializeOwned>(members: &Map<String, Value>, first: &DataError, faults: &mut Faults) {
+    let read =
+        |members: &Map<String, Value>| serde_path_to_error::deserialize::<_, T>(Value::Object(members.clone())).err();
+    let mut sound = members.clone();
+    for (name, value) in members {
+        let alone: Map<String, Value> = std::iter::once((name.clone(), value.clone())).collect();
+        if let Some(error) = read(&alone).filter(|error| missing_of(error).is_none()) {
+            add_fault(&error, faults);
+            sound.remove(name);
+        }
+    }
+    let mut rest = sound;
+    // What is missing is told one at a time: something stands in for it, so that the next one is told.
+    let stand_ins = [Value::Null, json!(""), json!(1), json!(false), json!([]), json!({})];
+    while let Some(name) = read(&rest).as_ref().and_then(missing_of) {
+        if !members.contains_key(&name) {
+            faults.add_at(&name, "missing");
+        }
+        let stands_in = |value: &&Value| {
+            let mut with = rest.clone();
+            with.insert(name.clone(), (*value).clone());
+            read(&with).is_none_or(|error| missing_of(&error).is_some_and(|next| next != name))
+        };
+        let Some(value) = stand_ins.iter().find(stands_in) else { break };
+        rest.insert(name.clone(), value.clone());
+    }
+    if faults.is_empty() {
+        add_fault(first, faults);
+    }
+}
+
+/// The member that an error says is missing at the top.
+fn missing_of(error: &DataError) -> Option<String> {
+    let text = error.inner().to_string();
+    let is_at_top = error.path().iter().next().is_none();
+    text.strip_prefix("missing field `").filter(|_| is_at_top)?.split('`').next().map(str::to_owned)
+}
+
+fn add_fault(error: &DataError, faults: &mut Faults) {
+    let mut depth = 0;
+    for segment in error.path() {
+        match segment {
+            Segment::Seq { index } => faults.enter_index(*index),
+            Segment::Map { key } => faults.enter_key(key),
+            Segment::Enum { variant } => faults.enter_key(variant),
+            Segment::Unknown => continue,
+        }
+        depth += 1;
+    }
+    let text = error.inner().to_string();
+    // Of a value that was read before, the place in the text is no longer known.
+    let told = text.split(" at line ").next().unwrap_or(&text);
+    let known: Vec<&str> = told.split('`').skip(3).step_by(2).collect();
+    let name = told.split('`').nth(1).unwrap_or_default();
+    if told.starts_with("unknown field") {
+        // The path leads to the member itself where it is of the top, and to its object elsewhere.
+        if error.path().iter().next_back().is_none_or(|last| last.to_string() != name) {
+            faults.enter_key(name);
+            depth += 1;
+        }
+        faults.add(format!("unknown field{}", did_you_mean(name, known.iter().copied())));
+    } else if let Some(name) = told.strip_prefix("missing field `").map(|rest| rest.trim_end_matches('`')) {
+        faults.add_at(name, "missing");
+    } else if told.starts_with("unknown variant") {
+        faults.add(format!("{name:?} is none of {}{}", known.join(", "), did_you_mean(name, known.iter().copied())));
+    } else {
+        faults.add(told.to_owned());
+    }
+    (0..depth).for_each(|_| faults.leave());
 }
 
 fn too_large() -> ApiError {

@@ -14,15 +14,18 @@ use crate::voxel::{Fault, Faults};
 /// Media type of problems.
 pub const PROBLEM_JSON: &str = "application/problem+json";
 
-/// One fault of a request body.
+/// One fault of a request.
 #[derive(Debug, Clone, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct FaultBody {
     /// Line of an NDJSON body, from 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub line: Option<u64>,
-    /// JSON pointer (RFC 6901) to the value.
+    /// JSON pointer (RFC 6901) to the value; empty for the whole body, and for a parameter.
     #[schema(example = "/turns/0/events/3/x")]
     pub pointer: String,
+    /// Parameter of the query string, where it is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parameter: Option<String>,
     /// What is wrong with it.
     #[schema(example = "1.5 is not an integer")]
     pub detail: String,
@@ -121,6 +124,13 @@ impl ApiError {
         self
     }
 
+    /// The same, as they are told.
+    #[must_use]
+    pub fn with_fault_list(mut self, faults: Vec<FaultBody>) -> Self {
+        self.problem.faults = faults;
+        self
+    }
+
     /// With a `Retry-After` header.
     #[must_use]
     pub fn retry_after(mut self, seconds: u32) -> Self {
@@ -145,11 +155,31 @@ impl ApiError {
         self
     }
 
+    /// With pointers that begin with one name beginning with another, as the caller knows it.
+    #[must_use]
+    pub fn named(mut self, names: &[(&str, &str)]) -> Self {
+        for fault in &mut self.problem.faults {
+            for (inner, outer) in names {
+                if let Some(rest) = fault.pointer.strip_prefix(inner) {
+                    fault.pointer = format!("{outer}{rest}");
+                    break;
+                }
+            }
+        }
+        self
+    }
+
     /// With a reward that says that there is none.
     #[must_use]
     pub fn without_reward(mut self) -> Self {
         self.problem.reward = Some(serde_json::Value::Null);
         self
+    }
+
+    /// The same where the failure was ours, or there was too much to do.
+    #[must_use]
+    pub fn without_reward_where_ours(self) -> Self {
+        if self.problem.retryable { self.without_reward() } else { self }
     }
 
     /// 415: the body is NDJSON where one document is wanted.
@@ -185,7 +215,7 @@ impl ApiError {
 
 impl From<Fault> for FaultBody {
     fn from(fault: Fault) -> Self {
-        Self { line: fault.line, pointer: fault.pointer, detail: fault.detail }
+        Self { line: fault.line, pointer: fault.pointer, parameter: None, detail: fault.detail }
     }
 }
 

@@ -21,19 +21,33 @@ const REASON_CHARS: usize = 500;
 /// Entries of a feed at most.
 const FEED_ENTRIES: usize = 100;
 
+/// What can be done to a row.
+#[derive(Debug, utoipa::ToSchema, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ActionKind {
+    /// Taken off the board.
+    Hide,
+    /// Shown again.
+    Restore,
+    /// Graded again.
+    Regrade,
+}
+
 /// What was done to a row.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct BoardAction {
     /// The run.
+    #[schema(format = Uuid)]
     pub run: String,
     /// `hide`, `restore` or `regrade`.
-    #[schema(example = "hide")]
+    #[schema(value_type = ActionKind, example = "hide")]
     pub action: String,
     /// Owner of the key that did it.
     pub actor: String,
     /// Why.
     pub reason: String,
     /// When.
+    #[schema(format = DateTime)]
     pub at: String,
 }
 

@@ -3,13 +3,14 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use axum::extract::{Path, Query, State};
+use axum::extract::{Path, State};
 use axum::http::HeaderMap;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
 use super::super::boards::Board;
 use super::super::conditional::tagged_json;
+use super::super::params::Params;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use crate::checks::Criterion;
@@ -47,6 +48,7 @@ pub struct BreakdownQuery {
     #[param(inline)]
     by: GroupBy,
     /// Of this run alone; else of the best 50.
+    #[param(format = Uuid)]
     run: Option<String>,
 }
 
@@ -65,6 +67,7 @@ pub struct Breakdown {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct BreakdownRow {
     /// The run.
+    #[schema(format = Uuid)]
     pub run: String,
     /// Who built.
     pub agent: String,
@@ -147,7 +150,7 @@ fn standing<'b>(board: &'b Board, run: &str) -> ApiResult<&'b Arc<Standing>> {
 pub async fn get_breakdown(
     State(state): State<AppState>,
     Path(suite): Path<String>,
-    Query(query): Query<BreakdownQuery>,
+    Params(query): Params<BreakdownQuery>,
     asked: HeaderMap,
 ) -> ApiResult<Response> {
     let board = board_of(&state, &suite).await?;
@@ -164,8 +167,10 @@ pub async fn get_breakdown(
 #[into_params(parameter_in = Query)]
 pub struct CompareQuery {
     /// A run.
+    #[param(format = Uuid)]
     a: String,
     /// Another one.
+    #[param(format = Uuid)]
     b: String,
 }
 
@@ -187,7 +192,7 @@ pub struct Comparison {
     /// Problems that only `b` solves.
     pub only_b: Vec<ComparedTask>,
     /// McNemar's exact test, two-sided: how likely so uneven a split is between equals.
-    #[schema(example = 0.03)]
+    #[schema(minimum = 0, maximum = 1, example = 0.03)]
     pub p_value: f64,
 }
 
@@ -195,6 +200,7 @@ pub struct Comparison {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct Compared {
     /// The run.
+    #[schema(format = Uuid)]
     pub run: String,
     /// Who built.
     pub agent: String,
@@ -258,7 +264,7 @@ pub fn compare(board: &Board, a: &Standing, b: &Standing) -> Comparison {
 pub async fn get_comparison(
     State(state): State<AppState>,
     Path(suite): Path<String>,
-    Query(query): Query<CompareQuery>,
+    Params(query): Params<CompareQuery>,
     asked: HeaderMap,
 ) -> ApiResult<Response> {
     let board = board_of(&state, &suite).await?;

@@ -48,23 +48,28 @@ pub struct NewEntryBody {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct EntryBody {
     /// Its id.
+    #[schema(format = Uuid)]
     pub id: String,
     /// Its epoch.
     pub epoch: String,
     /// Who is evaluated.
     pub agent: String,
     /// SHA-256 of the configuration.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
     pub configuration_sha256: String,
     /// Its tier.
     pub tier: Tier,
     /// Runs registered.
+    #[schema(minimum = 0)]
     pub runs: i64,
     /// `registered`, `finalized` (answers are being graded) or `complete`.
-    #[schema(example = "registered")]
+    #[schema(value_type = EntryState, example = "registered")]
     pub state: &'static str,
     /// When it was registered.
+    #[schema(format = DateTime)]
     pub registered_at: String,
     /// When it was finalized.
+    #[schema(format = DateTime)]
     pub finalized_at: Option<String>,
     /// Instances issued.
     pub issued: usize,
@@ -73,6 +78,18 @@ pub struct EntryBody {
     /// What it came to, as far as it is told; null before it is complete, and where nothing is told before the epoch closes.
     #[schema(value_type = Option<Object>)]
     pub result: Value,
+}
+
+/// How far an entry is.
+#[derive(Debug, utoipa::ToSchema, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EntryState {
+    /// It may be drawn and answered.
+    Registered,
+    /// Its answers are being graded.
+    Finalized,
+    /// It has its result.
+    Complete,
 }
 
 /// The outcomes of an entry with those of runs that were never drawn: they failed.

@@ -3,9 +3,10 @@
 use std::collections::BTreeMap;
 
 use axum::Json;
-use axum::extract::{Path, Query, State};
+use axum::extract::{Path, State};
 use serde::{Deserialize, Serialize};
 
+use super::super::params::Params;
 use super::super::problem::{ApiResult, Problem};
 use super::super::state::AppState;
 use super::epochs::stored_epoch;
@@ -187,7 +188,7 @@ pub async fn board_of(state: &AppState, epoch: &EpochRow, tier: Tier) -> ApiResu
 pub async fn get_epoch_leaderboard(
     State(state): State<AppState>,
     Path(epoch): Path<String>,
-    Query(query): Query<EpochBoardQuery>,
+    Params(query): Params<EpochBoardQuery>,
 ) -> ApiResult<Json<EpochBoard>> {
     let epoch = stored_epoch(&state, &epoch).await?;
     let mut board = board_of(&state, &epoch, query.tier.unwrap_or(Tier::Official)).await?;

@@ -22,6 +22,18 @@ use crate::store::entries::EntryRow;
 use crate::store::epochs::EpochRow;
 use crate::store::secrets::EpochSecret;
 
+/// How far an epoch is.
+#[derive(Debug, utoipa::ToSchema, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EpochState {
+    /// Not open yet.
+    Committed,
+    /// Takes entries.
+    Open,
+    /// Over.
+    Closed,
+}
+
 /// An epoch.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct EpochBody {
@@ -29,17 +41,21 @@ pub struct EpochBody {
     #[schema(example = "2026-11")]
     pub id: String,
     /// `committed`: not open yet; `open`: takes entries; `closed`.
-    #[schema(example = "open")]
+    #[schema(value_type = EpochState, example = "open")]
     pub state: &'static str,
     /// When it opens.
+    #[schema(format = DateTime)]
     pub opens_at: String,
     /// When it closes.
+    #[schema(format = DateTime)]
     pub closes_at: String,
     /// What it promised before it opened. Keep it: with it the reveal is checked.
     pub commitment: Commitment,
     /// When it was published.
+    #[schema(format = DateTime)]
     pub committed_at: String,
     /// When it was closed before its time.
+    #[schema(format = DateTime)]
     pub closed_early_at: Option<String>,
     /// Why it was.
     pub closed_reason: Option<String>,

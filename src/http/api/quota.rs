@@ -1,10 +1,11 @@
 //! `/v1/quota`: what the caller may submit and has submitted.
 
 use axum::Json;
-use axum::extract::{Query, State};
+use axum::extract::State;
 use serde::{Deserialize, Serialize};
 
 use super::super::caller::Caller;
+use super::super::params::Params;
 use super::super::problem::{ApiResult, Problem};
 use super::super::state::AppState;
 use super::tasks::page_items;
@@ -33,16 +34,35 @@ pub struct QuotaBody {
     pub owner: Option<String>,
     /// Granted in all; null: as much as they like.
     pub granted: Option<i64>,
+    /// Reserved or charged before the first grant, which begins to count then.
+    pub used_before_first_grant: i64,
     /// Waiting or being graded. Becomes charged or is given back.
+    #[schema(minimum = 0)]
     pub reserved: i64,
     /// Graded and released.
+    #[schema(minimum = 0)]
     pub charged: i64,
     /// What may still be submitted; null: as much as they like.
+    #[schema(minimum = 0)]
     pub left: Option<i64>,
     /// The ledger, the newest first.
     pub entries: Vec<QuotaEntryBody>,
     /// `before` of the next page; null on the last.
     pub next_before: Option<i64>,
+}
+
+/// What a row of the ledger is.
+#[derive(Debug, utoipa::ToSchema, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LedgerKind {
+    /// More may be submitted, or less.
+    Grant,
+    /// A submission was accepted.
+    Reserve,
+    /// Its report was released.
+    Charge,
+    /// It ended without one.
+    Refund,
 }
 
 /// A row of the ledger.
@@ -51,16 +71,18 @@ pub struct QuotaEntryBody {
     /// Its id.
     pub id: i64,
     /// `grant`, `reserve`, `charge` or `refund`.
-    #[schema(example = "charge")]
+    #[schema(value_type = LedgerKind, example = "charge")]
     pub kind: String,
     /// How many submissions.
     pub units: i64,
     /// The submission; null for a grant.
+    #[schema(format = Uuid)]
     pub submission: Option<String>,
     /// Why.
     #[schema(example = "graded, and the report released")]
     pub reason: String,
     /// When.
+    #[schema(format = DateTime)]
     pub at: String,
 }
 
@@ -86,7 +108,7 @@ impl From<QuotaEntry> for QuotaEntryBody {
     params(QuotaQuery),
     responses(
         (status = 200, description = "The quota", body = QuotaBody,
-         example = json!({ "owner": "lab", "granted": 10_000, "reserved": 2, "charged": 723, "left": 9_275,
+         example = json!({ "owner": "lab", "granted": 10_000, "used_before_first_grant": 0, "reserved": 2, "charged": 723, "left": 9_275,
                            "entries": [], "next_before": null })),
         (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
         (status = 401, description = "No key, or none that is live", body = Problem, content_type = "application/problem+json"),
@@ -97,7 +119,7 @@ impl From<QuotaEntry> for QuotaEntryBody {
 pub async fn get_quota(
     State(state): State<AppState>,
     caller: Caller,
-    Query(query): Query<QuotaQuery>,
+    Params(query): Params<QuotaQuery>,
 ) -> ApiResult<Json<QuotaBody>> {
     let items = page_items(query.limit, 100)?;
     let own = caller.owner().map(str::to_owned);
@@ -108,6 +130,7 @@ pub async fn get_quota(
         let nothing = QuotaBody {
             owner: None,
             granted: None,
+            used_before_first_grant: 0,
             reserved: 0,
             charged: 0,
             left: None,
@@ -122,12 +145,14 @@ pub async fn get_quota(
     let has_more = entries.len() > items;
     entries.truncate(items);
     let next_before = entries.last().filter(|_| has_more).map(|entry| entry.id);
+    let left = quota.left();
     Ok(Json(QuotaBody {
         owner: Some(quota.owner),
         granted: quota.granted,
+        used_before_first_grant: quota.used_before,
         reserved: quota.reserved,
         charged: quota.charged,
-        left: quota.granted.map(|granted| (granted - quota.reserved - quota.charged).max(0)),
+        left,
         entries: entries.into_iter().map(QuotaEntryBody::from).collect(),
         next_before,
     }))

@@ -1,9 +1,10 @@
 //! Receipts: the public log of grades, and the key that verifies it.
 
 use axum::Json;
-use axum::extract::{Path, Query, State};
+use axum::extract::{Path, State};
 use serde::{Deserialize, Serialize};
 
+use super::super::params::Params;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use super::tasks::page_items;
@@ -44,7 +45,7 @@ pub struct ReceiptPage {
 )]
 pub async fn list_receipts(
     State(state): State<AppState>,
-    Query(query): Query<LogQuery>,
+    Params(query): Params<LogQuery>,
 ) -> ApiResult<Json<ReceiptPage>> {
     let items = page_items(query.limit, 100)?;
     let mut receipts = state.store.receipts(query.after.unwrap_or(0), items as i64 + 1, now_ms()).await?;

@@ -1,14 +1,16 @@
 //! Reports and logs of submissions.
 
 use axum::Json;
-use axum::extract::{Path, Query, State};
+use axum::extract::{Path, State};
 use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
 
+use super::super::params::Params;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use super::submission::stored;
+use super::submission_schema::StoredLogBody;
 use crate::clock::rfc3339;
 use crate::grading::Report;
 use crate::store::submissions::SubmissionState;
@@ -17,6 +19,7 @@ use crate::store::submissions::SubmissionState;
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct ReportBody {
     /// The submission.
+    #[schema(format = Uuid)]
     pub submission: String,
     /// Scores and evidence.
     #[serde(flatten)]
@@ -29,6 +32,7 @@ pub struct ReportBody {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct Provenance {
     /// SHA-256 of the log's canonical JSON, in hex.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
     pub log_hash: String,
     /// `name@version` of the task's suite.
     pub suite: String,
@@ -36,10 +40,13 @@ pub struct Provenance {
     #[schema(example = "plumbline 0.1.0")]
     pub grader: String,
     /// Attempt that made the report.
+    #[schema(minimum = 1)]
     pub attempt: i64,
     /// When.
+    #[schema(format = DateTime)]
     pub graded_at: String,
     /// How long grading took, in microseconds.
+    #[schema(minimum = 0)]
     pub grading_us: i64,
 }
 
@@ -70,7 +77,7 @@ pub struct ReportQuery {
 pub async fn get_report(
     State(state): State<AppState>,
     Path(id): Path<String>,
-    Query(query): Query<ReportQuery>,
+    Params(query): Params<ReportQuery>,
 ) -> ApiResult<Json<ReportBody>> {
     let row = stored(&state, &id).await?;
     let Some(stored) = state.store.report(&id, query.attempt).await? else {
@@ -100,7 +107,7 @@ pub async fn get_report(
     get, path = "/v1/submissions/{id}/log", operation_id = "get_log", tag = "submissions", summary = "Get a log",
     params(("id" = String, Path, description = "The submission's id")),
     responses(
-        (status = 200, description = "One palette; per turn rows [x, y, z, i] or [x, y, z]", body = Value,
+        (status = 200, description = "One palette; per turn rows [x, y, z, i] or [x, y, z]. What `log` of a submission takes", body = StoredLogBody,
          example = json!({ "palette": ["stone"], "turns": [[[0, 0, 0, 0]]] })),
         (status = 404, description = "There is no such submission", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use axum::extract::{Path, Query, State};
+use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
@@ -15,6 +15,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::super::conditional::has_tag;
 use super::super::limits::LIMITS;
+use super::super::params::Params;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use super::submission::stored;
@@ -69,6 +70,7 @@ pub struct StressQuery {
     #[param(minimum = 1, example = 1)]
     turn: Option<usize>,
     /// An object per block; a line per block; or an array per quantity. Without it what `Accept` asks for, else objects.
+    #[param(inline)]
     format: Option<StressFormat>,
 }
 
@@ -112,6 +114,7 @@ pub struct StressedBlock<'a> {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct StressBody<'a> {
     /// The submission.
+    #[schema(format = Uuid)]
     pub submission: &'a str,
     /// The turn after which the structure stands, from 1.
     pub turn: usize,
@@ -121,9 +124,44 @@ pub struct StressBody<'a> {
     pub max_von_mises_pa: Option<f64>,
     /// Why the field must be read with care.
     pub cautions: &'a [String],
-    /// The blocks, in the order of the structure. With `format=arrays` instead: `cells`, `von_mises_pa`,
-    /// `displacement_m`, and `materials` as indices into `palette`.
+    /// The blocks, in the order of the structure.
     pub blocks: Vec<StressedBlock<'a>>,
+}
+
+/// A stress field with an array per quantity, all in the order of the structure.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct StressArrays {
+    /// The submission.
+    #[schema(format = Uuid)]
+    submission: String,
+    /// The turn after which the structure stands, from 1.
+    turn: usize,
+    /// The method.
+    method: Method,
+    /// Greatest von Mises stress, Pa; null where there is no number.
+    max_von_mises_pa: Option<f64>,
+    /// Why the field must be read with care.
+    cautions: Vec<String>,
+    /// Names of materials.
+    palette: Vec<String>,
+    /// Cells, as `[x, y, z]`.
+    cells: Vec<[i32; 3]>,
+    /// Material of each block, as an index into the palette.
+    materials: Vec<u32>,
+    /// Von Mises stress, Pa.
+    von_mises_pa: Vec<Option<f64>>,
+    /// Displacement, m.
+    displacement_m: Vec<Option<[f64; 3]>>,
+}
+
+/// A stress field, as `format` asks for it.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[serde(untagged)]
+pub enum StressAnswer {
+    /// With an object per block.
+    Blocks(StressBody<'static>),
+    /// With an array per quantity.
+    Arrays(StressArrays),
 }
 
 /// Stress and displacement of each block of what a submission built, in Pa and m. Computed when asked for, from the log:
@@ -135,14 +173,12 @@ pub struct StressBody<'a> {
     responses(
         (status = 200, description = "The field",
          content(
-            (StressBody<'static> = "application/json",
+            (StressAnswer = "application/json",
              example = json!({ "submission": "0198c0de-0000-7000-8000-000000000001", "turn": 1, "method": "fem",
                                "max_von_mises_pa": 8177.7, "cautions": [],
                                "blocks": [{ "cell": [0, 0, 0], "material": "stone", "von_mises_pa": 8177.7,
                                             "displacement_m": [0.0, -1e-6, 0.0] }] })),
-            (StressedBlock<'static> = "application/x-ndjson",
-             example = json!({ "cell": [0, 0, 0], "material": "stone", "von_mises_pa": 8177.7,
-                               "displacement_m": [0.0, -1e-6, 0.0] })),
+            (String = "application/x-ndjson", example = "{\"cell\":[0,0,0],\"material\":\"stone\",\"von_mises_pa\":8177.7}\n"),
          ),
          headers(("ETag" = String, description = "Names log, method, turn, format and grader; for If-None-Match"))),
         (status = 304, description = "The client has it"),
@@ -159,7 +195,7 @@ pub struct StressBody<'a> {
 pub async fn get_stress(
     State(state): State<AppState>,
     Path(id): Path<String>,
-    Query(query): Query<StressQuery>,
+    Params(query): Params<StressQuery>,
     headers: HeaderMap,
 ) -> ApiResult<Response> {
     let row = stored(&state, &id).await?;

@@ -1,10 +1,11 @@
 //! Suites.
 
 use axum::Json;
-use axum::extract::{Path, Query, State};
+use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use serde::{Deserialize, Serialize};
 
+use super::super::params::Params;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use crate::checks::Criterion;
@@ -146,7 +147,7 @@ pub async fn list_suites(State(state): State<AppState>) -> ApiResult<Json<SuiteL
 pub async fn get_suite(
     State(state): State<AppState>,
     Path(suite): Path<String>,
-    Query(query): Query<DrawQuery>,
+    Params(query): Params<DrawQuery>,
 ) -> ApiResult<Json<SuiteBody>> {
     let entry = state.suite(&suite).await?;
     let Some(seed) = query.seed else { return Ok(Json(SuiteBody::of(&entry.suite))) };

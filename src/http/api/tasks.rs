@@ -1,6 +1,8 @@
 //! Tasks.
 
-use axum::extract::{Path, Query, State};
+use std::collections::BTreeSet;
+
+use axum::extract::{Path, State};
 use axum::http::HeaderMap;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
@@ -8,9 +10,12 @@ use serde_json::Value;
 
 use super::super::conditional::tagged_json;
 use super::super::limits::LIMITS;
+use super::super::params::{self, Params};
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
+use super::submission_body::near_tasks;
 use crate::checks::{Check, Criterion};
+use crate::near::did_you_mean;
 use crate::tasks::embedded::FULL;
 use crate::tasks::family::Category;
 use crate::tasks::{Suite, Task};
@@ -120,6 +125,7 @@ pub struct TaskBody {
     #[schema(example = "mineceraft@2")]
     pub suite: String,
     /// SHA-256 of its content, in hex.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
     pub hash: String,
     /// Criteria that apply.
     pub criteria: Vec<Criterion>,
@@ -173,8 +179,22 @@ pub fn page_items(limit: Option<u32>, default: u32) -> ApiResult<usize> {
     if (1..=LIMITS.page_items).contains(&items) {
         return Ok(items as usize);
     }
-    let detail = format!("limit is {items}; expected 1 to {}", LIMITS.page_items);
-    Err(ApiError::new(axum::http::StatusCode::BAD_REQUEST, "bad-request", "Bad request", detail))
+    Err(params::wrong("limit", format!("{items} is out of range: 1 to {}", LIMITS.page_items)))
+}
+
+/// Refuses a filter that no value of the suite has: it is misspelt, and an empty page would not tell.
+fn must_be_known<'t>(name: &str, wanted: Option<&str>, known: impl Iterator<Item = &'t str>) -> ApiResult<()> {
+    let Some(wanted) = wanted else { return Ok(()) };
+    let known: BTreeSet<&str> = known.collect();
+    if known.contains(wanted) {
+        return Ok(());
+    }
+    let near = did_you_mean(wanted, known.iter().copied());
+    let all: Vec<&str> = known.into_iter().collect();
+    Err(params::wrong(
+        name,
+        format!("the suite has none of {wanted:?}{near} It has {}", all.join(", ")).replace("\" It", "\". It"),
+    ))
 }
 
 fn lets_through(query: &TaskQuery, task: &Task) -> bool {
@@ -205,11 +225,13 @@ fn lets_through(query: &TaskQuery, task: &Task) -> bool {
 pub async fn list_tasks(
     State(state): State<AppState>,
     headers: HeaderMap,
-    Query(query): Query<TaskQuery>,
+    Params(query): Params<TaskQuery>,
 ) -> ApiResult<Response> {
     let items = page_items(query.limit, 100)?;
     let entry = state.suite(query.suite.as_deref().unwrap_or(FULL)).await?;
     let suite = &entry.suite;
+    must_be_known("family", query.family.as_deref(), suite.tasks.iter().map(Task::family))?;
+    must_be_known("type", query.kind.as_deref(), suite.tasks.iter().filter_map(|task| task.kind.as_deref()))?;
     let found: Vec<&Task> = suite.tasks.iter().filter(|task| lets_through(&query, task)).collect();
     let after = query.after.unwrap_or(0);
     let mut rest = found.iter().filter(|task| task.number > after);
@@ -252,11 +274,11 @@ pub async fn get_task(
     State(state): State<AppState>,
     Path((family, instance)): Path<(String, String)>,
     headers: HeaderMap,
-    Query(query): Query<SuiteQuery>,
+    Params(query): Params<SuiteQuery>,
 ) -> ApiResult<Response> {
     let entry = state.suite(query.suite.as_deref().unwrap_or(FULL)).await?;
     let id = format!("{family}/{instance}");
-    let missing = || ApiError::not_found(format!("{} has no task {id:?}", entry.suite.id()));
+    let missing = || ApiError::not_found(format!("{} has no task {id:?}{}", entry.suite.id(), near_tasks(&entry, &id)));
     let (task, hash) = entry.task(&id).ok_or_else(missing)?;
     tagged_json(&headers, &body(&entry.suite, task, hash))
 }
