@@ -15,6 +15,7 @@ use tokio_util::sync::CancellationToken;
 use crate::actions::ACTION_LIMITS;
 use crate::actions::pool::Pool;
 use crate::clock::now_ms;
+use crate::epochs::receipts::Signer;
 use crate::http::limits::LIMITS;
 use crate::http::rates::Rates;
 use crate::http::server::Connections;
@@ -30,6 +31,8 @@ use crate::worker::{WorkerSettings, Workers};
 pub struct Config {
     /// Host and port to listen on; port 0 takes a free one.
     pub listen: String,
+    /// Host and port for metrics and administration, where they have a listener of their own.
+    pub admin_listen: Option<String>,
     /// The database file.
     pub database: PathBuf,
     /// Submissions graded at the same time.
@@ -45,10 +48,14 @@ pub struct Config {
 pub struct App {
     /// Where it listens.
     pub address: SocketAddr,
+    /// Where it listens for administration.
+    pub admin_address: Option<SocketAddr>,
+    /// What whoever started it ought to know.
+    pub notices: Vec<String>,
     store: Store,
     workers: Workers,
     stop: CancellationToken,
-    serving: JoinHandle<std::io::Result<()>>,
+    serving: Vec<JoinHandle<std::io::Result<()>>>,
 }
 
 impl App {
@@ -58,10 +65,13 @@ impl App {
     /// Where the database or the address cannot be had.
     pub async fn start(config: &Config, metrics: PrometheusHandle) -> anyhow::Result<Self> {
         // The address first: where it is taken, no database is made.
-        let listener = TcpListener::bind(&config.listen)
-            .await
-            .with_context(|| format!("cannot listen on {:?} (expected host:port)", config.listen))?;
+        let listener = listen(&config.listen).await?;
         let address = listener.local_addr()?;
+        let admin_listener = match &config.admin_listen {
+            Some(place) => Some(listen(place).await?),
+            None => None,
+        };
+        let admin_address = admin_listener.as_ref().map(TcpListener::local_addr).transpose()?;
         let folder = config.database.parent().filter(|folder| !folder.as_os_str().is_empty());
         if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
             anyhow::bail!(
@@ -81,10 +91,15 @@ impl App {
             deadline: Duration::from_secs(LIMITS.grading_seconds),
         };
         let signer = Arc::new(store.secrets().signer().context("cannot have the key that signs receipts")?);
+        let notices: Vec<String> = receipt_key_notice(&store, &signer).await?.into_iter().collect();
+        for notice in &notices {
+            tracing::warn!("{notice}");
+        }
         let workers = Workers::start(&store, settings, &signer, &wake);
         let stop = CancellationToken::new();
         let connections = Connections::default();
         let rates = Arc::new(Rates::new(config.http.rates));
+        crate::telemetry::describe_metrics();
         tokio::spawn(keep_up(metrics.clone(), store.clone(), Arc::clone(&rates), stop.clone()));
         let actions = Pool::new(config.workers, ACTION_LIMITS);
         actions.refill();
@@ -98,10 +113,14 @@ impl App {
             receipt_key: signer.public_key(),
             stop: stop.clone(),
         };
-        let router = http::router(around, &config.http)?;
-        let serving = tokio::spawn(http::server::serve(listener, router, connections, stop.clone()));
-        tracing::info!(%address, database = %config.database.display(), workers = config.workers, "listening");
-        Ok(Self { address, store, workers, stop, serving })
+        let routers = http::routers(around, &config.http)?;
+        let mut serving = vec![tokio::spawn(http::server::serve(listener, routers.public, connections, stop.clone()))];
+        if let (Some(listener), Some(router)) = (admin_listener, routers.admin) {
+            let serve = http::server::serve(listener, router, Connections::default(), stop.clone());
+            serving.push(tokio::spawn(serve));
+        }
+        tracing::info!(%address, ?admin_address, database = %config.database.display(), workers = config.workers, "listening");
+        Ok(Self { address, admin_address, notices, store, workers, stop, serving })
     }
 
     /// A key for the demo agents, for a day; what they had before is revoked.
@@ -122,12 +141,30 @@ impl App {
     /// Stops: takes no more requests, lets answers finish, gives unfinished jobs back, closes the database.
     pub async fn shut_down(self) {
         self.stop.cancel();
-        if let Err(error) = self.serving.await.map_err(std::io::Error::other).flatten() {
-            tracing::error!(%error, "serving ended badly");
+        for serving in self.serving {
+            if let Err(error) = serving.await.map_err(std::io::Error::other).flatten() {
+                tracing::error!(%error, "serving ended badly");
+            }
         }
         self.workers.shut_down().await;
         self.store.close().await;
     }
+}
+
+async fn listen(place: &str) -> anyhow::Result<TcpListener> {
+    TcpListener::bind(place).await.with_context(|| format!("cannot listen on {place:?} (expected host:port)"))
+}
+
+/// Enters a change of the key that signs receipts into their log; gives what is to be said of it.
+async fn receipt_key_notice(store: &Store, signer: &Signer) -> anyhow::Result<Option<String>> {
+    let before = store.note_receipt_key(signer, now_ms()).await?;
+    Ok(before.map(|before| {
+        let (now, folder) = (signer.public_key(), store.secrets().folder().display().to_string());
+        format!(
+            "receipts are signed with another key from now on: {now}, before {before}. The change stands in the log at /v1/receipts. If the \
+             old key is not lost, stop the service, put it back into {folder}, and start again"
+        )
+    }))
 }
 
 /// What is done every few seconds: who was quiet is forgotten by the rate limits; samples of histograms are folded together,

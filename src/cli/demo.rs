@@ -20,7 +20,7 @@ const AGENTS: [(&str, Skill); 3] =
 /// Posts the demo agents to the service at `base`; agents that are on the board already are left out.
 pub async fn run(base: String, key: Option<String>) {
     match post_all(&base, key.as_deref()).await {
-        Ok(()) => eprintln!("the demo agents are on the board: {base}/"),
+        Ok(()) => tracing::info!("the demo agents are on the board: {base}/"),
         Err(error) => tracing::error!(error = format!("{error:#}"), "the demo agents could not be posted"),
     }
 }

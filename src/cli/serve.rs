@@ -10,16 +10,21 @@ use tokio::signal::unix::{SignalKind, signal};
 
 use crate::app::{App, Config};
 use crate::http::HttpSettings;
+use crate::http::caller::Openness;
 use crate::http::limits::LIMITS;
 use crate::http::rates::RateSettings;
 use crate::telemetry::{self, LogFormat};
 
 /// Arguments of `serve`; each can be given in the environment too.
 #[derive(Debug, Args)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a flag of its own")]
 pub struct ServeArgs {
     /// Where to listen.
-    #[arg(long, env = "PLUMBLINE_LISTEN", value_name = "HOST:PORT", default_value = "127.0.0.1:8080")]
+    #[arg(long, env = "PLUMBLINE_LISTEN", value_name = "HOST:PORT", default_value = "127.0.0.1:7586")]
     listen: String,
+    /// Where to listen for metrics and administration, which then are not on the first address.
+    #[arg(long, env = "PLUMBLINE_ADMIN_LISTEN", value_name = "HOST:PORT")]
+    admin_listen: Option<String>,
     /// Database file; made where it is missing.
     #[arg(long, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
     database: PathBuf,
@@ -42,12 +47,19 @@ pub struct ServeArgs {
     /// Take the address of a client from the last entry of X-Forwarded-For, which the proxy in front writes.
     #[arg(long, env = "PLUMBLINE_BEHIND_PROXY")]
     behind_proxy: bool,
+    /// Percent of a suite that a run must have answered, or skipped on purpose, to be compared on its board; others are listed apart.
+    #[arg(long, env = "PLUMBLINE_BOARD_COVERAGE", default_value_t = 100, value_name = "PERCENT", value_parser = clap::value_parser!(u8).range(0..=100))]
+    board_coverage: u8,
     /// How log lines are written.
     #[arg(long, env = "PLUMBLINE_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]
-    log_format: LogFormat,
+    pub log_format: LogFormat,
     /// Let everybody write without a key: for a laptop, not for a network.
     #[arg(long, env = "PLUMBLINE_OPEN")]
     open: bool,
+    /// Let everybody grade within a request without a key, of which nothing is stored: for trainers that can send no header. Everything
+    /// else needs a key.
+    #[arg(long, env = "PLUMBLINE_OPEN_GRADE")]
+    open_grade: bool,
     /// Post three demo agents of different skill through the API, so that the board has rows.
     #[arg(long)]
     demo: bool,
@@ -63,24 +75,50 @@ fn raise_open_files() {
     }
 }
 
+/// Says where the service is and what it needs.
+fn greet(args: &ServeArgs, app: &App) {
+    eprintln!("plumbline is at http://{}/ (API reference: /docs/); Ctrl-C stops it", app.address);
+    if let Some(address) = app.admin_address {
+        eprintln!("metrics and administration are at http://{address}/");
+    }
+    for notice in &app.notices {
+        eprintln!("NOTE: {notice}");
+    }
+    if args.open {
+        eprintln!("it is open: whoever reaches it may write, without a key");
+        return;
+    }
+    if args.open_grade {
+        eprintln!("whoever reaches it may grade (/v1/grade, /verify, /get_reward), without a key");
+    }
+    eprintln!("writing needs a key: plumbline keys create --name YOU --database {}", args.database.display());
+}
+
 /// Runs the command until the process is asked to stop.
 ///
 /// # Errors
 /// Where the service cannot start.
 pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
-    // Requests are logged at debug: at thousands a second their lines would hide the rest.
-    telemetry::init_logs(args.log_format, "info");
+    // Kept to the end: what is still to be written then is written when it goes.
+    let _logs = telemetry::init_logs(args.log_format, "info");
     let metrics = telemetry::init_metrics()?;
     raise_open_files();
     let processors = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     let config = Config {
         listen: args.listen.clone(),
+        admin_listen: args.admin_listen.clone(),
         database: args.database.clone(),
         workers: args.workers.map_or(processors, usize::from),
         lease: Duration::from_secs(args.lease_seconds),
         http: HttpSettings {
             grade_cache_bytes: args.grade_cache_mib << 20,
-            is_open: args.open,
+            open: match (args.open, args.open_grade) {
+                (true, _) => Openness::Open,
+                (false, true) => Openness::Grading,
+                (false, false) => Openness::Keyed,
+            },
+            has_admin_listener: args.admin_listen.is_some(),
+            least_coverage: f64::from(args.board_coverage) / 100.0,
             rates: RateSettings {
                 per_key: args.rate_per_key,
                 per_address: args.rate_per_address,
@@ -94,11 +132,9 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
         let mut interrupt = signal(SignalKind::interrupt())?;
         let mut terminate = signal(SignalKind::terminate())?;
         let app = App::start(&config, metrics).await?;
-        eprintln!("plumbline is at http://{}/ (API reference: /docs/); Ctrl-C stops it", app.address);
-        if args.open {
-            eprintln!("it is open: whoever reaches it may write, without a key");
-        } else {
-            eprintln!("writing needs a key: plumbline keys create --name YOU --database {}", args.database.display());
+        // Whoever reads JSON reads the same in the log.
+        if args.log_format == LogFormat::Text {
+            greet(args, &app);
         }
         let mut demo = None;
         if args.demo {

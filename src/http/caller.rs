@@ -1,7 +1,8 @@
 //! Who asks: the owner of the key that a request carries.
 //!
-//! Reading is public. Writing and grading need a key, unless the service was started open; a key that is sent is looked at
-//! all the same.
+//! Reading is public. Writing and grading need a key, unless the service was started open, or open for grading; a key that is sent is
+//! looked at all the same. Clients that can send no header may have a key in the path (`/with-key/KEY/…`), which then allows grading
+//! and nothing else, and stands in no log line.
 
 use std::collections::HashMap;
 use std::sync::{PoisonError, RwLock};
@@ -10,6 +11,8 @@ use std::time::{Duration, Instant};
 use axum::extract::{FromRequestParts, Request};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, StatusCode, header};
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
 
 use super::problem::{ApiError, ApiResult};
 use super::rates::{Left, Peer};
@@ -26,14 +29,28 @@ const MAX_HELD: usize = 10_000;
 #[derive(Debug)]
 pub struct Keys {
     held: RwLock<HashMap<String, (KeyRow, Instant)>>,
-    /// Whether writing needs no key.
-    pub is_open: bool,
+    /// What needs no key.
+    pub open: Openness,
+}
+
+/// What needs no key, beside reading.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Openness {
+    /// Nothing.
+    Keyed,
+    /// Grading within a request, of which nothing is stored.
+    Grading,
+    /// Everything but what an operator does.
+    Open,
 }
 
 /// Who asks.
 #[derive(Debug, Clone)]
 pub struct Caller {
     key: Option<KeyRow>,
+    open: Openness,
+    /// Why the key that was sent does not count.
+    refused: Option<&'static str>,
 }
 
 impl Caller {
@@ -54,7 +71,12 @@ impl Caller {
                 Err(ApiError::new(StatusCode::FORBIDDEN, "forbidden", "Forbidden", detail))
             }
             // What an operator does stands for ever, under a name.
-            None if scope == Scope::Admin => Err(unauthorized("this needs a key with the scope admin, here too")),
+            None if scope == Scope::Admin => {
+                Err(unauthorized(self.refused.unwrap_or("this needs a key with the scope admin, here too")))
+            }
+            None if self.open == Openness::Grading && !matches!(scope, Scope::Grade | Scope::Read) => Err(
+                unauthorized(self.refused.unwrap_or("this needs a key: Authorization: Bearer …; grading needs none")),
+            ),
             _ => Ok(()),
         }
     }
@@ -76,18 +98,48 @@ impl Caller {
 /// What the key of a request came to; kept with the request for the handler.
 #[derive(Debug, Clone)]
 enum Identified {
-    Caller(Caller),
+    Key(KeyRow),
     /// Refused, and why.
     Refused(&'static str),
 }
 
-/// Looks at a request's key, and counts the request among those of its sender. Gives what they may still send.
+/// What is known of a request's sender once its key was looked at.
+#[derive(Debug, Clone, Default)]
+pub struct Sender {
+    /// What they may still send.
+    pub left: Option<Left>,
+    /// The owner of the key.
+    pub owner: Option<String>,
+    /// Why the key does not count.
+    pub refused: Option<&'static str>,
+}
+
+/// Where a key may stand in a path.
+pub const KEY_PREFIX: &str = "/with-key/";
+/// Paths that probes and collectors ask for: never refused for being asked too often.
+pub const PROBES: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
+
+/// A path as it may be told and logged: without the key that stands in it.
+#[must_use]
+pub fn without_key(path: &str) -> String {
+    match path.strip_prefix(KEY_PREFIX) {
+        Some(rest) => format!("{KEY_PREFIX}…{}", rest.find('/').map_or("", |at| &rest[at..])),
+        None => path.to_owned(),
+    }
+}
+
+/// Looks at a request's key, and counts the request among those of its sender.
 ///
 /// # Errors
 /// The answer, where they sent too many, or the database fails.
-pub async fn identify(state: &AppState, request: &mut Request) -> ApiResult<Option<Left>> {
+pub async fn identify(state: &AppState, request: &mut Request) -> ApiResult<Sender> {
+    if PROBES.contains(&request.uri().path()) {
+        return Ok(Sender::default());
+    }
     let peer = request.extensions().get::<Peer>().copied();
-    let (identified, left) = match bearer(request.headers()) {
+    let is_in_path = request.uri().path().starts_with(KEY_PREFIX);
+    let sent = if is_in_path { in_path(request.uri().path()) } else { in_headers(request.headers()) };
+    let (identified, left) = match sent {
         Sent::Nothing => (None, state.rates.without_key(peer, request.headers())?),
         Sent::Unreadable => {
             let refused = Identified::Refused("expected Authorization: Bearer, then the key");
@@ -95,32 +147,54 @@ pub async fn identify(state: &AppState, request: &mut Request) -> ApiResult<Opti
         }
         Sent::Key(sent) => {
             // A key that was never found costs a read: who sends many that are none is stopped before it.
-            if !state.keys.knows(sent) {
+            if !state.keys.knows(&sent) {
                 state.rates.looking_up(peer, request.headers())?;
             }
-            if let Some(key) = state.keys.live(state, sent).await? {
-                let left = state.rates.with_key(&key.id)?;
-                (Some(Identified::Caller(Caller { key: Some(key) })), left)
-            } else {
-                let refused = Identified::Refused("the key is unknown, revoked or expired");
-                (Some(refused), state.rates.without_key(peer, request.headers())?)
+            match state.keys.live(state, &sent).await? {
+                Some(key)
+                    if is_in_path && key.scopes.iter().any(|scope| !matches!(scope, Scope::Grade | Scope::Read)) =>
+                {
+                    let left = state.rates.with_key(&key.id)?;
+                    let why = "a key in a path may have the scope grade alone, because addresses are written down by many: \
+                               make one with --scopes grade";
+                    (Some(Identified::Refused(why)), left)
+                }
+                Some(key) => {
+                    let left = state.rates.with_key(&key.id)?;
+                    (Some(Identified::Key(key)), left)
+                }
+                None => {
+                    let refused = Identified::Refused("the key is unknown, revoked or expired");
+                    (Some(refused), state.rates.without_key(peer, request.headers())?)
+                }
             }
         }
     };
+    let mut sender = Sender { left, ..Sender::default() };
+    match &identified {
+        Some(Identified::Key(key)) => sender.owner = Some(key.owner.clone()),
+        Some(Identified::Refused(why)) => sender.refused = Some(why),
+        None => {}
+    }
     if let Some(identified) = identified {
         request.extensions_mut().insert(identified);
     }
-    Ok(left)
+    Ok(sender)
 }
 
 impl FromRequestParts<AppState> for Caller {
     type Rejection = ApiError;
 
     async fn from_request_parts(request: &mut Parts, state: &AppState) -> ApiResult<Self> {
+        let open = state.keys.open;
         match request.extensions.remove::<Identified>() {
-            Some(Identified::Caller(caller)) => Ok(caller),
+            Some(Identified::Key(key)) => Ok(Self { key: Some(key), open, refused: None }),
+            // Where none is needed, one that does not count is as good as none; the answer says so in a header.
+            Some(Identified::Refused(why)) if open != Openness::Keyed => {
+                Ok(Self { key: None, open, refused: Some(why) })
+            }
             Some(Identified::Refused(why)) => Err(unauthorized(why)),
-            None if state.keys.is_open => Ok(Self { key: None }),
+            None if open != Openness::Keyed => Ok(Self { key: None, open, refused: None }),
             None => Err(unauthorized("this needs a key: Authorization: Bearer …; reading needs none")),
         }
     }
@@ -129,8 +203,8 @@ impl FromRequestParts<AppState> for Caller {
 impl Keys {
     /// None held yet.
     #[must_use]
-    pub fn new(is_open: bool) -> Self {
-        Self { held: RwLock::default(), is_open }
+    pub fn new(open: Openness) -> Self {
+        Self { held: RwLock::default(), open }
     }
 
     /// Whether a key of this public part was found before.
@@ -163,18 +237,30 @@ impl Keys {
 }
 
 /// What a request says about a key.
-enum Sent<'h> {
+enum Sent {
     Nothing,
     Unreadable,
-    Key(&'h str),
+    Key(String),
 }
 
-fn bearer(headers: &HeaderMap) -> Sent<'_> {
+/// The key in `Authorization`: after Bearer, or as name or password of Basic, which is what an address with `key@` becomes.
+fn in_headers(headers: &HeaderMap) -> Sent {
     let Some(value) = headers.get(header::AUTHORIZATION) else { return Sent::Nothing };
     match value.to_str().unwrap_or_default().split_once(' ') {
-        Some((scheme, key)) if scheme.eq_ignore_ascii_case("bearer") => Sent::Key(key.trim()),
+        Some((scheme, key)) if scheme.eq_ignore_ascii_case("bearer") => Sent::Key(key.trim().to_owned()),
+        Some((scheme, pair)) if scheme.eq_ignore_ascii_case("basic") => {
+            let decoded = BASE64_STANDARD.decode(pair.trim()).ok().and_then(|bytes| String::from_utf8(bytes).ok());
+            let key = decoded.as_deref().and_then(|pair| pair.split(':').find(|part| parts(part).is_some()));
+            key.map_or(Sent::Unreadable, |key| Sent::Key(key.to_owned()))
+        }
         _ => Sent::Unreadable,
     }
+}
+
+/// The key in a path.
+fn in_path(path: &str) -> Sent {
+    let key = path.strip_prefix(KEY_PREFIX).and_then(|rest| rest.split('/').next());
+    key.map_or(Sent::Nothing, |key| Sent::Key(key.to_owned()))
 }
 
 fn unauthorized(detail: &str) -> ApiError {

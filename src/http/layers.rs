@@ -6,7 +6,7 @@ use std::time::Duration;
 use axum::Router;
 use axum::body::{Body, to_bytes};
 use axum::extract::{Request, State};
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderName, HeaderValue, Method, StatusCode, header};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::{IntoResponse as _, Response};
 use tower::ServiceBuilder;
@@ -15,12 +15,14 @@ use tower_http::compression::CompressionLayer;
 use tower_http::decompression::RequestDecompressionLayer;
 use tower_http::timeout::TimeoutLayer;
 
-use super::caller::identify;
+use super::caller::{identify, without_key};
 use super::limits::LIMITS;
-use super::observe::observe;
+use super::observe::{Owner, observe};
 use super::problem::{ApiError, PROBLEM_JSON};
 use super::state::AppState;
 
+/// Header that says what was amiss although the request was served.
+const WARNING: HeaderName = HeaderName::from_static("x-plumbline-warning");
 /// Longest text of an error made by a library that is passed on.
 const MAX_DETAIL_BYTES: usize = 2_048;
 
@@ -47,20 +49,37 @@ fn on_panic(payload: Box<dyn std::any::Any + Send + 'static>) -> Response {
 /// Lets a request through where its sender has not sent too many, and makes problems of errors that come from libraries as
 /// plain text or without a body.
 async fn guard(State(state): State<AppState>, mut request: Request, next: Next) -> Response {
-    let left = match identify(&state, &mut request).await {
-        Ok(left) => left,
+    let sender = match identify(&state, &mut request).await {
+        Ok(sender) => sender,
         Err(refused) => return refused.into_response(),
     };
     let (method, uri) = (request.method().clone(), request.uri().clone());
     let mut response = next.run(request).await;
     let is_error = response.status().is_client_error() || response.status().is_server_error();
     if is_error {
-        response = as_problem(response, || format!("{method} {}", uri.path())).await;
+        response = as_problem(response, || format!("{method} {}", without_key(uri.path()))).await;
     }
-    if let Some(left) = left {
+    if let Some(left) = sender.left {
         left.tell(response.headers_mut());
     }
+    if let Some(why) = sender.refused.filter(|_| response.status() != StatusCode::UNAUTHORIZED) {
+        let told = HeaderValue::try_from(format!("{why}; the request was served without it"));
+        response.headers_mut().extend(told.ok().map(|told| (WARNING, told)));
+    }
+    if let Some(owner) = sender.owner {
+        response.extensions_mut().insert(Owner(owner));
+    }
     response
+}
+
+/// Hides what has a listener of its own: metrics, and what operators do to boards.
+pub async fn without_administration(request: Request, next: Next) -> Response {
+    let path = request.uri().path();
+    let is_board_action = request.method() == Method::POST && path.ends_with("/board-actions");
+    if path == "/metrics" || is_board_action {
+        return ApiError::not_found("this is served on the listener for administration").into_response();
+    }
+    next.run(request).await
 }
 
 async fn as_problem(response: Response, asked: impl Fn() -> String) -> Response {

@@ -11,6 +11,7 @@ pub mod layers;
 pub mod limits;
 mod observe;
 pub mod pages;
+pub mod params;
 pub mod problem;
 pub mod rates;
 pub mod server;
@@ -32,8 +33,12 @@ use state::{AppState, Shared};
 pub struct HttpSettings {
     /// Bytes of memory for results of `/v1/grade`; 0 for none.
     pub grade_cache_bytes: usize,
-    /// Whether everybody may write without a key.
-    pub is_open: bool,
+    /// What needs no key.
+    pub open: caller::Openness,
+    /// The share of a suite that a run must have answered, or skipped on purpose, to be compared on its board.
+    pub least_coverage: f64,
+    /// Whether metrics and administration have a listener of their own.
+    pub has_admin_listener: bool,
     /// How many requests a second.
     pub rates: rates::RateSettings,
 }
@@ -59,14 +64,23 @@ pub struct Around {
     pub stop: CancellationToken,
 }
 
-/// The whole service as a router.
+/// The routers of a service.
+#[derive(Debug)]
+pub struct Routers {
+    /// What everybody may ask for.
+    pub public: Router,
+    /// Everything, for a listener of its own; then metrics and what operators do are not on the public one.
+    pub admin: Option<Router>,
+}
+
+/// The whole service as routers.
 ///
 /// # Errors
 /// Where there are no threads to be had.
-pub fn router(
+pub fn routers(
     Around { store, wake, metrics, connections, rates, actions, receipt_key, stop }: Around,
     settings: &HttpSettings,
-) -> anyhow::Result<Router> {
+) -> anyhow::Result<Routers> {
     let (routes, mut openapi) = api::routes().split_for_parts();
     api::complete(&mut openapi);
     let limits = limits::Limits {
@@ -80,10 +94,11 @@ pub fn router(
         wake,
         bodies: Arc::new(body::budget()),
         grader: Arc::new(grader::Grader::new(settings.grade_cache_bytes, &connections, stop.clone())?),
+        least_coverage: settings.least_coverage,
         boards: boards::Boards::default(),
         documents: conditional::Documents::default(),
         in_flight: Arc::default(),
-        keys: caller::Keys::new(settings.is_open),
+        keys: caller::Keys::new(settings.open),
         stress_turns: Arc::new(api::stress::StressTurns::default()),
         actions,
         action_requests: Arc::new(Semaphore::new(limits.action_requests)),
@@ -95,6 +110,12 @@ pub fn router(
         metrics,
         openapi: openapi.to_json().unwrap_or_default().into(),
     });
-    let router = routes.merge(pages::routes()).with_state(state.clone()).merge(api::reference());
-    Ok(layers::around(router, state))
+    let routes = routes.merge(pages::routes()).merge(api::trainers_elsewhere());
+    let router = routes.with_state(state.clone()).merge(api::reference());
+    if !settings.has_admin_listener {
+        return Ok(Routers { public: layers::around(router, state), admin: None });
+    }
+    let admin = layers::around(router.clone(), state.clone());
+    let public = router.layer(axum::middleware::from_fn(layers::without_administration));
+    Ok(Routers { public: layers::around(public, state), admin: Some(admin) })
 }

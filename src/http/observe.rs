@@ -4,7 +4,7 @@
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, LazyLock, PoisonError, RwLock};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use axum::extract::{MatchedPath, Request};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
@@ -32,13 +32,30 @@ pub async fn observe(mut request: Request, next: Next) -> Response {
     let series = Series::of(route);
     series.seconds.record(took.as_secs_f64());
     series.count(&method, status, route).increment(1);
-    tracing::debug!(%method, route, status, took_us = took.as_micros() as u64, request_id = ?id, "request");
+    let owner = response.extensions_mut().remove::<Owner>();
+    log(&method, route, status, took, &id, owner.as_ref());
     let headers = response.headers_mut();
     headers.insert(REQUEST_ID, id);
     headers.entry(header::X_CONTENT_TYPE_OPTIONS).or_insert(HeaderValue::from_static("nosniff"));
     headers.insert(header::ACCESS_CONTROL_ALLOW_ORIGIN, HeaderValue::from_static("*"));
     headers.insert(header::ACCESS_CONTROL_EXPOSE_HEADERS, HeaderValue::from_static("*"));
     response
+}
+
+/// The owner of the key that a request came with, for its log line.
+#[derive(Debug, Clone)]
+pub(super) struct Owner(pub String);
+
+/// A line for each request: never its path, key or body. Of probes and of what is asked for again and again it is at debug.
+fn log(method: &Method, route: &str, status: u16, took: Duration, id: &HeaderValue, owner: Option<&Owner>) {
+    const QUIET: [&str; 4] = ["/healthz", "/readyz", "/metrics", "/assets/{name}"];
+    let owner = owner.map(|owner| owner.0.as_str());
+    let (id, ms) = (id.to_str().unwrap_or_default(), took.as_secs_f64() * 1e3);
+    if QUIET.contains(&route) {
+        tracing::debug!(target: "plumbline::request", request_id = id, %method, route, status, duration_ms = ms, owner, "request");
+    } else {
+        tracing::info!(target: "plumbline::request", request_id = id, %method, route, status, duration_ms = ms, owner, "request");
+    }
 }
 
 /// Whether a browser asks if a page of another origin may send something.

@@ -55,6 +55,8 @@ pub struct Shared {
     pub keys: Keys,
     /// Requests with an `Idempotency-Key` that are being carried out.
     pub in_flight: Arc<InFlight>,
+    /// The share of a suite that a run must cover to be compared on its board.
+    pub least_coverage: f64,
     /// Boards in memory.
     pub boards: Boards,
     /// Documents that were made.

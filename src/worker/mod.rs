@@ -59,6 +59,8 @@ impl Workers {
             running.spawn(worker.keep_running());
         }
         running.close();
+        metrics::gauge!("plumbline_workers").set(settings.workers as f64);
+        metrics::gauge!("plumbline_workers_busy").set(0.0);
         Self { stop, running }
     }
 
@@ -76,6 +78,22 @@ struct Worker {
     signer: Arc<Signer>,
     wake: Arc<Notify>,
     stop: CancellationToken,
+}
+
+/// A worker that has jobs, for the metric of those.
+struct Busy;
+
+impl Busy {
+    fn begin() -> Self {
+        metrics::gauge!("plumbline_workers_busy").increment(1.0);
+        Self
+    }
+}
+
+impl Drop for Busy {
+    fn drop(&mut self) {
+        metrics::gauge!("plumbline_workers_busy").decrement(1.0);
+    }
 }
 
 /// How a grading ended.
@@ -104,6 +122,7 @@ impl Worker {
             match self.store.claim(duration_ms(self.settings.lease), QUICK_JOBS).await {
                 Ok(Claimed::Jobs(claims)) => {
                     let first = claims.first().map(|claim| claim.submission_id.clone()).unwrap_or_default();
+                    let _busy = Busy::begin();
                     if let Err(error) = self.work(claims).await {
                         // The leases run out and the jobs are taken again.
                         tracing::error!(%error, first, "could not record the end of jobs");

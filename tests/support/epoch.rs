@@ -35,6 +35,7 @@ impl Scene {
     pub fn new(options: &[&str]) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let database = folder.path().join("p.db");
+        assert!(run(&["migrate", "--create"], Some(&database)).status.success());
         let closes = jiff::Timestamp::now() + jiff::SignedDuration::from_hours(1);
         let closes = closes.to_string();
         let create = ["epochs", "create", "autumn", "--closes", &closes, "--per-instance", "3"];

@@ -2,6 +2,7 @@
 
 #![allow(dead_code, reason = "each test crate uses a part of this")]
 
+pub mod commands;
 pub mod epoch;
 
 use std::io::{BufRead as _, BufReader};

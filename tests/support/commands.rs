@@ -1,0 +1,26 @@
+//! Commands of the program, run on a database, and what they say.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use super::PROGRAM;
+
+pub fn plumbline(arguments: &[&str], database: &Path) -> Output {
+    Command::new(PROGRAM).args(arguments).arg("--database").arg(database).output().unwrap()
+}
+
+pub fn told(output: &Output) -> String {
+    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
+}
+
+/// Asserts that a command did well, and gives what it prints.
+pub fn succeeded(output: &Output) -> String {
+    assert!(output.status.success(), "{}", told(output));
+    String::from_utf8(output.stdout.clone()).unwrap().trim().to_owned()
+}
+
+/// Asserts that a command refuses, and gives what it says.
+pub fn refused(output: &Output) -> String {
+    assert!(!output.status.success(), "{}", told(output));
+    told(output)
+}
