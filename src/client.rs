@@ -34,7 +34,7 @@ pub struct Answer {
 }
 
 impl Service {
-    /// The service at this address, such as `http://localhost:8080`, with the key that writing needs there.
+    /// The service at this address, such as `http://localhost:7586`, with the key that writing needs there.
     ///
     /// # Errors
     /// Where no client can be made.

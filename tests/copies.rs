@@ -65,6 +65,13 @@ async fn a_backup_of_a_running_service_restores_to_the_same_answers() {
     // What was queued at that moment is graded now.
     restored.wait_for("/readyz", |_| true).await;
     finished_run(&restored, "after").await;
+    let whole = restored.finished_run("whole", 3).await;
+    let hide = json!({ "action": "hide", "reason": "a trial" });
+    let admin = plumbline_key(&path("restored.db"), "admin");
+    for action in [&hide, &json!({ "action": "restore", "reason": "no trial" })] {
+        let request = restored.http.post(format!("{}/v1/runs/{whole}/board-actions", restored.url)).bearer_auth(&admin);
+        assert_eq!(restored.send(request.json(action)).await.status, 200);
+    }
 
     // Everything as lines, from the running service's file.
     let exported = succeeded(&plumbline("export", &path("lines"), &path("restored.db")));
@@ -81,6 +88,55 @@ async fn a_backup_of_a_running_service_restores_to_the_same_answers() {
     for part in ["overall", "criteria", "turns"] {
         assert_eq!(found["report"][part], shown[part]);
     }
+
+    // And into an empty service, which then has the same boards; once, and whole or not at all.
+    let imported = Service::start(&path("imported.db"), &[]);
+    let told = succeeded(&plumbline("import", &path("lines"), &path("imported.db")));
+    assert!(told.contains(&format!("runs: {}", runs.len())), "{told}");
+    for suite in ["mineceraft", "mineceraft-lite"] {
+        for part in ["", "/actions", "/breakdown", "?coverage=incomplete"] {
+            let place = format!("/v1/leaderboards/{suite}{part}");
+            assert_eq!(imported.get(&place).await.json(), restored.get(&place).await.json(), "{place}");
+        }
+    }
+    let place = format!("/v1/submissions/{first}");
+    for part in ["", "/report", "/log"] {
+        let place = format!("{place}{part}");
+        assert_eq!(imported.get(&place).await.text, restored.get(&place).await.text);
+    }
+    // A log is in a form that can be posted.
+    let again = json!({ "task": found_task(&logs, &first), "log": logs[0]["log"] });
+    assert_eq!(imported.post_json("/v1/validate", &again).await.status, 200);
+    let again = plumbline("import", &path("lines"), &path("imported.db"));
+    assert!(String::from_utf8_lossy(&again.stderr).contains("an import needs an empty one"));
+    finished_run(&imported, "later").await;
+
+    // A line that was tampered with is named, and nothing is taken.
+    let file = path("lines/submissions.ndjson");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let line = text.lines().position(|line| line.contains(&first)).unwrap() + 1;
+    std::fs::write(&file, text.replacen("[[[0,0,1,0],[1,0,1,0]]]", "[[[0,0,1,0],[2,0,1,0]]]", 1)).unwrap();
+    drop(Service::start(&path("tampered.db"), &[]));
+    let refused = plumbline("import", &path("lines"), &path("tampered.db"));
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(said.contains(&format!("submissions.ndjson, line {line}")) && said.contains("SHA-256"), "{said}");
+    std::fs::write(&file, text).unwrap();
+    succeeded(&plumbline("import", &path("lines"), &path("tampered.db")));
+}
+
+/// The id of a submission's task in an export.
+fn found_task(logs: &[Value], submission: &str) -> Value {
+    assert!(logs.iter().any(|line| line["id"] == submission && line["task"].is_string()), "{logs:?}");
+    logs[0]["task"].clone()
+}
+
+fn plumbline_key(database: &Path, scopes: &str) -> String {
+    let made = Command::new(PROGRAM)
+        .args(["keys", "create", "--name", "operator", "--scopes", scopes, "--database"])
+        .arg(database)
+        .output()
+        .unwrap();
+    succeeded(&made).trim().to_owned()
 }
 
 #[test]

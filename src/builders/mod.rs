@@ -112,6 +112,12 @@ pub enum BuildError {
     },
 }
 
+/// Whether a family, by its name, has a builder.
+#[must_use]
+pub fn has_builder(family: &str) -> bool {
+    BUILDERS.iter().any(|(name, _)| *name == family)
+}
+
 /// The log of a good build.
 ///
 /// # Errors

@@ -1,15 +1,18 @@
-//! `plumbline backup`, `restore` and `export`: the database as a file, back again, and as files of lines.
+//! `plumbline backup`, `restore`, `export` and `import`: the database as a file, as files of lines, and back again.
 
 use std::fs::{File, OpenOptions};
-use std::io::{BufWriter, Write as _};
+use std::io::{BufRead as _, BufReader, BufWriter, Lines, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context as _, bail};
 use clap::Args;
 
-use crate::store::copies::{Contents, Exported, copy, export, inspect};
+use super::database;
+use crate::store::copies::{Contents, copy, inspect};
 use crate::store::secrets::Secrets;
+use crate::store::transfer::export;
+use crate::store::transfer_tables::{KINDS, Kind};
 
 /// Arguments of `backup` and `restore`.
 #[derive(Debug, Args)]
@@ -24,10 +27,20 @@ pub struct CopyArgs {
     with_secrets: bool,
 }
 
-/// Arguments of `export`.
+/// Arguments of `restore`.
+#[derive(Debug, Args)]
+pub struct RestoreArgs {
+    #[command(flatten)]
+    copy: CopyArgs,
+    /// Only say what would be done.
+    #[arg(long)]
+    dry_run: bool,
+}
+
+/// Arguments of `export` and `import`.
 #[derive(Debug, Args)]
 pub struct ExportArgs {
-    /// Folder for `runs.ndjson`, `submissions.ndjson` and `reports.ndjson`; made where it is missing.
+    /// Folder of `runs.ndjson`, `submissions.ndjson`, `reports.ndjson` and the other files.
     folder: PathBuf,
     /// The service's database.
     #[arg(long, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
@@ -40,6 +53,7 @@ pub struct ExportArgs {
 /// Where the copy exists already, or cannot be written.
 pub fn back_up(args: &CopyArgs) -> anyhow::Result<ExitCode> {
     must_exist(&args.database)?;
+    database::name(&args.database);
     let contents = copy_checked(&args.database, &args.file)?;
     if args.with_secrets {
         Secrets::beside(&args.database).copy_to(&Secrets::beside(&args.file))?;
@@ -52,7 +66,18 @@ pub fn back_up(args: &CopyArgs) -> anyhow::Result<ExitCode> {
 ///
 /// # Errors
 /// Where there is a database already, or the copy is damaged or another program's.
-pub fn restore(args: &CopyArgs) -> anyhow::Result<ExitCode> {
+pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
+    let RestoreArgs { copy: args, dry_run } = args;
+    let (from, to) = (args.file.display(), std::path::absolute(&args.database)?);
+    let keys = Secrets::beside(&args.file);
+    println!("restores {from} to {}", to.display());
+    match (args.with_secrets, keys.folder().exists()) {
+        (true, _) => println!("with the keys in {}", keys.folder().display()),
+        (false, true) => println!("without the keys in {}; --with-secrets takes them along", keys.folder().display()),
+        (false, false) => {
+            println!("without keys: open epochs close, and receipts are signed with a new key, which their log says");
+        }
+    }
     must_exist(&args.file)?;
     let beside = |ending: &str| PathBuf::from(format!("{}{ending}", args.database.display()));
     for left in [args.database.clone(), beside("-wal"), beside("-shm")] {
@@ -60,7 +85,11 @@ pub fn restore(args: &CopyArgs) -> anyhow::Result<ExitCode> {
             bail!("{} is there; move it away first (and stop the service)", left.display());
         }
     }
-    run(inspect(&args.file))?.with_context(|| args.file.display().to_string())?;
+    let contents = run(inspect(&args.file))?.with_context(|| args.file.display().to_string())?;
+    if *dry_run {
+        tell("nothing was changed; it would hold", &args.file, contents);
+        return Ok(ExitCode::SUCCESS);
+    }
     if args.with_secrets {
         Secrets::beside(&args.file).copy_to(&Secrets::beside(&args.database))?;
     }
@@ -69,21 +98,22 @@ pub fn restore(args: &CopyArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Writes runs, submissions and reports as files of lines.
+/// Writes runs, submissions, reports and what else boards are made of as files of lines.
 ///
 /// # Errors
 /// Where a file exists already or cannot be written.
 pub fn export_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
     must_exist(&args.database)?;
+    database::name(&args.database);
     std::fs::create_dir_all(&args.folder).with_context(|| args.folder.display().to_string())?;
     let mut files = Vec::new();
-    for kind in Exported::ALL {
-        let path = args.folder.join(format!("{}.ndjson", kind.name()));
+    for kind in KINDS {
+        let path = lines_file(&args.folder, kind);
         let file = OpenOptions::new().write(true).create_new(true).open(&path);
         files.push((BufWriter::new(file.with_context(|| path.display().to_string())?), path, 0_u64));
     }
-    let write = |kind: Exported, line: &serde_json::Value| {
-        let at = Exported::ALL.iter().position(|known| *known == kind).unwrap_or_default();
+    let write = |kind: &'static Kind, line: &str| {
+        let at = KINDS.iter().position(|known| known.name == kind.name).unwrap_or_default();
         let (file, _, lines) = &mut files[at];
         *lines += 1;
         writeln!(file, "{line}")
@@ -94,6 +124,36 @@ pub fn export_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
         println!("{}: {lines} lines", path.display());
     }
     Ok(ExitCode::SUCCESS)
+}
+
+fn lines_file(folder: &Path, kind: &Kind) -> PathBuf {
+    folder.join(format!("{}.ndjson", kind.name))
+}
+
+/// Reads such files into a database that has no runs yet: the same boards, on another machine.
+///
+/// # Errors
+/// Where the database is not empty, or a line does not fit; then nothing was stored.
+pub fn import_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
+    if !lines_file(&args.folder, &KINDS[0]).is_file() {
+        bail!("{} holds no export: there is no {}.ndjson", args.folder.display(), KINDS[0].name);
+    }
+    run(async {
+        let store = database::open(&args.database).await?;
+        let lines = |kind: &'static Kind| -> std::io::Result<Option<Lines<BufReader<File>>>> {
+            match File::open(lines_file(&args.folder, kind)) {
+                Ok(file) => Ok(Some(BufReader::new(file).lines())),
+                Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+                Err(error) => Err(error),
+            }
+        };
+        let counts = store.import(lines).await;
+        store.close().await;
+        for (name, count) in counts? {
+            println!("{name}: {count}");
+        }
+        Ok(ExitCode::SUCCESS)
+    })?
 }
 
 /// Copies beside the target, looks through the copy, and only then gives it its name.

@@ -10,7 +10,7 @@ use jiff::Timestamp;
 use rayon::prelude::*;
 use serde_json::Value;
 
-use super::progress;
+use super::{database, progress};
 use crate::clock::{now_ms, rfc3339};
 use crate::epochs::commitment::{Commitment, Terms, leaf_hash};
 use crate::epochs::feedback::Feedback;
@@ -110,7 +110,7 @@ pub struct VerifyEpochArgs {
 pub fn run(args: &EpochsArgs) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
-        let store = Store::open(&args.database).await?;
+        let store = database::open(&args.database).await?;
         match &args.command {
             EpochsCommand::Create(new) => create(&store, new).await?,
             EpochsCommand::List => list(&store).await?,

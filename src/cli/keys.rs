@@ -3,13 +3,14 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Context as _, bail};
+use anyhow::bail;
 use clap::{Args, Subcommand};
 use comfy_table::{Table, presets};
 
+use super::database;
 use crate::clock::{now_ms, rfc3339};
 use crate::store::Store;
-use crate::store::keys::{LIVE_KEYS, Scope};
+use crate::store::keys::{KeyRow, LIVE_KEYS, Scope, parts};
 
 /// Arguments of `keys`.
 #[derive(Debug, Args)]
@@ -32,15 +33,26 @@ enum KeysCommand {
         /// What it allows: submit, grade, read, admin.
         #[arg(long, value_delimiter = ',', default_value = "submit,grade,read")]
         scopes: Vec<String>,
-        /// Days after which it ends; without this it does not.
-        #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u16).range(1..))]
-        expires: Option<u16>,
+        /// How long it lives, in days (30, 30d) or hours (12h); without this it does not end.
+        #[arg(long, value_name = "TIME", value_parser = lifetime)]
+        expires: Option<i64>,
+    },
+    /// Make a new key with the scopes of another one, which ends some hours later: time to change over.
+    Rotate {
+        /// The public part of the key to be replaced, as `list` shows it.
+        id: String,
+        /// Hours for which both keys work.
+        #[arg(long, value_name = "HOURS", default_value_t = 24, value_parser = clap::value_parser!(u32).range(0..=8_760))]
+        overlap: u32,
+        /// How long the new key lives, in days (30, 30d) or hours (12h); without this it does not end.
+        #[arg(long, value_name = "TIME", value_parser = lifetime)]
+        expires: Option<i64>,
     },
     /// List keys, without their secrets.
     List,
-    /// Revoke a key, by its public part. Running services follow within half a second.
+    /// Revoke a key. Running services follow within half a second.
     Revoke {
-        /// The public part, as `list` shows it.
+        /// The public part, as `list` shows it, or the whole key.
         id: String,
     },
 }
@@ -52,11 +64,12 @@ enum KeysCommand {
 pub fn run(args: &KeysArgs) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
-        let store = Store::open(&args.database).await.with_context(|| args.database.display().to_string())?;
+        let store = database::open(&args.database).await?;
         let done = match &args.command {
             KeysCommand::Create { name, scopes, expires } => create(&store, name, scopes, *expires).await,
             KeysCommand::List => list(&store).await,
             KeysCommand::Revoke { id } => revoke(&store, id).await,
+            KeysCommand::Rotate { id, overlap, expires } => rotate(&store, id, *overlap, *expires).await,
         };
         store.close().await;
         done
@@ -64,10 +77,12 @@ pub fn run(args: &KeysArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-async fn create(store: &Store, name: &str, scopes: &[String], expires: Option<u16>) -> anyhow::Result<()> {
-    const DAY_MS: i64 = 86_400_000;
+async fn create(store: &Store, name: &str, scopes: &[String], expires: Option<i64>) -> anyhow::Result<()> {
     if name.trim().is_empty() || name.chars().count() > 100 {
         bail!("--name: expected 1 to 100 characters");
+    }
+    if name.chars().any(char::is_control) || name.trim() != name {
+        bail!("--name: control characters, and spaces at its ends, are not allowed: {name:?}");
     }
     let mut allowed = Vec::new();
     for scope in scopes {
@@ -77,7 +92,7 @@ async fn create(store: &Store, name: &str, scopes: &[String], expires: Option<u1
         allowed.push(known);
     }
     let now = now_ms();
-    let end = expires.map(|days| now + i64::from(days) * DAY_MS);
+    let end = expires.map(|lifetime_ms| now + lifetime_ms);
     let Some(key) = store.create_key(name, &allowed, end, now).await? else {
         bail!("{name:?} has {LIVE_KEYS} live keys; revoke one first (plumbline keys list)");
     };
@@ -105,10 +120,59 @@ async fn list(store: &Store) -> anyhow::Result<()> {
     Ok(())
 }
 
-async fn revoke(store: &Store, id: &str) -> anyhow::Result<()> {
-    if !store.revoke_key(id, now_ms()).await? {
-        bail!("there is no key {id:?} that is not revoked");
+/// The public part of a key, which may be given whole; its secret is never told again.
+fn public_part(given: &str) -> &str {
+    parts(given.trim()).map_or(given.trim(), |(id, _)| id)
+}
+
+/// The live key with this public part.
+async fn live_key(store: &Store, given: &str) -> anyhow::Result<KeyRow> {
+    let id = public_part(given);
+    // What has not the form of a public part may be a secret, and is not repeated.
+    let is_public = id.len() <= 12 && id.chars().all(|c| c.is_ascii_hexdigit());
+    let Some(key) = store.key(id).await? else {
+        let shown = if is_public { format!("there is no key {id:?}") } else { "this is no key".to_owned() };
+        bail!("{shown}; plumbline keys list shows the public parts");
+    };
+    if !key.is_live(now_ms()) {
+        bail!("the key {id} is not live any more");
     }
-    println!("revoked {id}");
+    Ok(key)
+}
+
+async fn revoke(store: &Store, given: &str) -> anyhow::Result<()> {
+    let key = live_key(store, given).await?;
+    store.revoke_key(&key.id, now_ms()).await?;
+    println!("revoked {} of {}", key.id, key.owner);
     Ok(())
+}
+
+async fn rotate(store: &Store, given: &str, overlap_hours: u32, expires: Option<i64>) -> anyhow::Result<()> {
+    let old = live_key(store, given).await?;
+    let now = now_ms();
+    let end = now + i64::from(overlap_hours) * HOUR_MS;
+    let Some(key) = store.rotate_key(&old.id, end, expires.map(|lifetime_ms| now + lifetime_ms), now).await? else {
+        bail!("{:?} has {LIVE_KEYS} live keys; revoke the other one first (plumbline keys list)", old.owner);
+    };
+    println!("{key}");
+    eprintln!("this key is shown once; {} of {} works until {}", old.id, old.owner, rfc3339(end));
+    Ok(())
+}
+
+const HOUR_MS: i64 = 3_600_000;
+
+/// The milliseconds of `30`, `30d` (days) or `12h` (hours).
+fn lifetime(text: &str) -> Result<i64, String> {
+    const MOST_HOURS: i64 = 24 * 36_500;
+    let (number, hours) = match text.strip_suffix('h') {
+        Some(number) => (number, 1),
+        None => (text.strip_suffix('d').unwrap_or(text), 24),
+    };
+    let count: i64 =
+        number.trim().parse().map_err(|_| format!("{text:?} is neither days (30, 30d) nor hours (12h)"))?;
+    let total = count.saturating_mul(hours);
+    if !(1..=MOST_HOURS).contains(&total) {
+        return Err(format!("{text:?} is out of range: 1h to {}d", MOST_HOURS / 24));
+    }
+    Ok(total * HOUR_MS)
 }

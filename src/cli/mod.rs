@@ -3,6 +3,7 @@
 pub mod build;
 pub mod conformance;
 pub mod copies;
+pub mod database;
 pub mod demo;
 pub mod epochs;
 pub mod grade;
@@ -18,10 +19,13 @@ pub mod submit;
 pub mod tasks;
 pub mod validate;
 
+use std::io::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+
+use crate::telemetry::LogFormat;
 
 /// Grades what AI agents build as construction engineers in Minecraft (the MineCEraft benchmark).
 #[derive(Debug, Parser)]
@@ -65,12 +69,16 @@ pub enum Command {
     VerifyEpoch(epochs::VerifyEpochArgs),
     /// Check signed receipts, and the log that chains them; exit 1 where anything does not hold.
     VerifyReceipt(receipts::VerifyReceiptArgs),
+    /// Bring a database's schema up to date; a copy is made first.
+    Migrate(database::MigrateArgs),
     /// Copy the database to a file, consistently, also while the service runs.
     Backup(copies::CopyArgs),
     /// Put a backup where the database shall be.
-    Restore(copies::CopyArgs),
-    /// Write runs, submissions and reports as files of JSON lines, also while the service runs.
+    Restore(copies::RestoreArgs),
+    /// Write runs, submissions, reports and what else boards are made of as files of JSON lines, also while the service runs.
     Export(copies::ExportArgs),
+    /// Read such files into a database that has no runs yet.
+    Import(copies::ExportArgs),
     /// Run action code (JavaScript) against stand-ins and print one event a line.
     Replay(replay::ReplayArgs),
     /// Print the OpenAPI document.
@@ -78,6 +86,20 @@ pub enum Command {
     /// Run the one script that standard input brings, confined: a process that `serve` and `replay` start.
     #[command(name = crate::actions::child::COMMAND, hide = true)]
     RunActionCode,
+}
+
+impl Command {
+    /// Whether it goes on where nobody reads what it writes.
+    #[must_use]
+    pub const fn outlives_its_readers(&self) -> bool {
+        matches!(self, Self::Serve(_) | Self::Replay(_) | Self::RunActionCode)
+    }
+
+    /// Whether its log lines, and so its last words, are JSON.
+    #[must_use]
+    pub fn logs_json(&self) -> bool {
+        matches!(self, Self::Serve(args) if args.log_format == LogFormat::Json)
+    }
 }
 
 /// Runs a command to its end.
@@ -98,13 +120,15 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Epochs(args) => epochs::run(&args),
         Command::VerifyEpoch(args) => epochs::run_verify(&args),
         Command::VerifyReceipt(args) => receipts::run(&args),
+        Command::Migrate(args) => database::migrate(&args),
         Command::Backup(args) => copies::back_up(&args),
         Command::Restore(args) => copies::restore(&args),
         Command::Export(args) => copies::export_lines(&args),
+        Command::Import(args) => copies::import_lines(&args),
         Command::Replay(args) => replay::run(&args),
         Command::RunActionCode => crate::actions::child::run(&crate::actions::ACTION_LIMITS),
         Command::Openapi => {
-            print!("{}", crate::http::api::document());
+            std::io::stdout().lock().write_all(crate::http::api::document().as_bytes())?;
             Ok(ExitCode::SUCCESS)
         }
     }

@@ -3,10 +3,12 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Context as _, bail};
+use anyhow::bail;
 use clap::{Args, Subcommand};
 
+use super::database;
 use crate::clock::{now_ms, rfc3339};
+use crate::near::did_you_mean;
 use crate::store::Store;
 
 /// Arguments of `quota`.
@@ -33,6 +35,18 @@ enum QuotaCommand {
         /// Why; it stands in the ledger.
         #[arg(long)]
         reason: String,
+        /// Grant to a name that nobody has a key for yet.
+        #[arg(long)]
+        new_owner: bool,
+    },
+    /// Take the end off what an owner may submit: from now on as much as they like.
+    Lift {
+        /// Whose.
+        #[arg(long)]
+        name: String,
+        /// Why; it stands in the ledger.
+        #[arg(long)]
+        reason: String,
     },
     /// Show what an owner was granted and has used, with the latest of the ledger.
     Show {
@@ -49,15 +63,42 @@ enum QuotaCommand {
 pub fn run(args: &QuotaArgs) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
-        let store = Store::open(&args.database).await.with_context(|| args.database.display().to_string())?;
+        let store = database::open(&args.database).await?;
         let done = match &args.command {
-            QuotaCommand::Grant { name, submissions, reason } => grant(&store, name, *submissions, reason).await,
+            QuotaCommand::Grant { name, submissions, reason, new_owner } => {
+                if !new_owner {
+                    must_be_known(&store, name).await?;
+                }
+                grant(&store, name, *submissions, reason).await
+            }
+            QuotaCommand::Lift { name, reason } => lift(&store, name, reason).await,
             QuotaCommand::Show { name } => show(&store, name).await,
         };
         store.close().await;
         done
     })?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// Refuses a name that nobody has: it is misspelt, more likely than not.
+async fn must_be_known(store: &Store, name: &str) -> anyhow::Result<()> {
+    if store.knows_owner(name).await? {
+        return Ok(());
+    }
+    let owners = store.owners().await?;
+    let near = did_you_mean(name, owners.iter().map(String::as_str));
+    bail!("nobody is called {name:?}{near} (--new-owner grants to a name that has no key yet)");
+}
+
+async fn lift(store: &Store, name: &str, reason: &str) -> anyhow::Result<()> {
+    must_be_known(store, name).await?;
+    if reason.trim().is_empty() {
+        bail!("--reason: lifting a quota needs one; it stands in the ledger");
+    }
+    if !store.lift_quota(name, reason, now_ms()).await? {
+        bail!("{name} may submit as much as they like already");
+    }
+    show(store, name).await
 }
 
 async fn grant(store: &Store, name: &str, submissions: i64, reason: &str) -> anyhow::Result<()> {
@@ -74,9 +115,15 @@ async fn grant(store: &Store, name: &str, submissions: i64, reason: &str) -> any
 
 async fn show(store: &Store, name: &str) -> anyhow::Result<()> {
     const ENTRIES: i64 = 20;
+    must_be_known(store, name).await?;
     let quota = store.quota(name).await?;
     let granted = quota.granted.map_or_else(|| "as many as they like".to_owned(), |granted| granted.to_string());
-    println!("{name}: granted {granted}, reserved {}, charged {}", quota.reserved, quota.charged);
+    let before = match quota.used_before {
+        0 => String::new(),
+        before => format!(" ({before} of these before the first grant)"),
+    };
+    let left = quota.left().map(|left| format!(", left {left}")).unwrap_or_default();
+    println!("{name}: granted {granted}{left}; reserved {}, charged {}{before}", quota.reserved, quota.charged);
     for entry in store.quota_entries(name, i64::MAX, ENTRIES).await? {
         let of = entry.submission_id.unwrap_or_default();
         println!("{}  {:7} {:>6}  {of:36}  {}", rfc3339(entry.at_ms), entry.kind, entry.units, entry.reason);

@@ -7,7 +7,7 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::Value;
 
-use crate::epochs::receipts::{ReceiptFault, ReceiptFile, verify, verify_chain};
+use crate::epochs::receipts::{ReceiptFault, ReceiptFile, verify, verify_chain, verify_keys};
 
 /// Arguments of `verify-receipt`.
 #[derive(Debug, Args)]
@@ -15,9 +15,9 @@ pub struct VerifyReceiptArgs {
     /// Receipts (`GET /v1/submissions/ID/receipt`), or pages of the log (`GET /v1/receipts`) in order.
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// The public key to trust, in hex: `public_key` of `/.well-known/plumbline-receipts.json`.
-    #[arg(long)]
-    key: String,
+    /// A public key to trust, in hex: `public_key` of `/.well-known/plumbline-receipts.json`. Give each one where the key changed.
+    #[arg(long = "key", required = true, value_name = "HEX")]
+    keys: Vec<String>,
 }
 
 /// The receipts of a file, and whether it is a page of the log.
@@ -48,10 +48,11 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
     if all.is_empty() {
         bail!("no receipts in these files");
     }
+    let trusted: Vec<&str> = args.keys.iter().map(|key| key.trim()).collect();
     let mut is_good = true;
     let mut withheld = 0;
     for receipt in &all {
-        match verify(receipt, args.key.trim()) {
+        match verify(receipt, &trusted) {
             Ok(()) => {}
             Err(ReceiptFault::Withheld) => withheld += 1,
             Err(fault) => {
@@ -63,6 +64,16 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
     for fault in chains.iter().filter_map(|chain| verify_chain(chain.iter().copied()).err()) {
         is_good = false;
         println!("BROKEN  {fault}");
+    }
+    if let Err(fault) = verify_keys(&log) {
+        is_good = false;
+        println!("BROKEN  {fault}");
+    }
+    for receipt in &all {
+        let change = receipt.receipt.as_ref().and_then(|receipt| receipt.get("key_change"));
+        if let Some(change) = change {
+            println!("NOTE    receipt {}: the key changed from {} to {}", receipt.seq, change["before"], change["now"]);
+        }
     }
     let chain = if log.is_empty() { "" } else { ", each of the log linked to the one before" };
     println!("{} receipts{chain}; {withheld} of them not released yet", all.len());

@@ -11,6 +11,7 @@ use comfy_table::{Table, presets};
 use rayon::prelude::*;
 use uuid::Uuid;
 
+use super::database;
 use super::progress::bar;
 use crate::clock::{now_ms, rfc3339};
 use crate::elasticity::Control;
@@ -97,7 +98,7 @@ pub fn run(args: &RegradeArgs) -> anyhow::Result<ExitCode> {
     let _ = rustix::process::setpriority_process(None, NICENESS);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
-        let store = Store::open(database).await.with_context(|| database.display().to_string())?;
+        let store = database::open(database).await?;
         let done = match &args.command {
             None => compute(&store, &args.compute).await,
             Some(RegradeCommand::List(_)) => list(&store).await,

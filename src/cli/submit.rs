@@ -30,6 +30,9 @@ pub struct SubmitArgs {
     /// Leave the run open for more; without this it is finished, and tasks without a record count as failed.
     #[arg(long)]
     keep_open: bool,
+    /// Only say what would be posted, and where.
+    #[arg(long)]
+    dry_run: bool,
     /// Suite: name, or name@version. Its own checks count, not those in the records; version 1 has the published ones.
     #[arg(long, default_value = "mineceraft@1")]
     suite: String,
@@ -37,7 +40,7 @@ pub struct SubmitArgs {
     #[arg(long, env = "PLUMBLINE_KEY", hide_env_values = true)]
     key: Option<String>,
     /// Address of the service.
-    #[arg(long, env = "PLUMBLINE_SERVER", default_value = "http://localhost:8080")]
+    #[arg(long, env = "PLUMBLINE_SERVER", default_value = "http://localhost:7586")]
     server: String,
 }
 
@@ -46,6 +49,7 @@ pub struct SubmitArgs {
 /// # Errors
 /// Where the file is faulty, or the service cannot be reached or refuses.
 pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
+    eprintln!("server {}{}", args.server, if args.key.is_some() { ", with a key" } else { "" });
     let text = std::fs::read_to_string(&args.file).with_context(|| format!("cannot read {}", args.file.display()))?;
     let problems = grade::read_problems(&text).with_context(|| format!("{} is faulty", args.file.display()))?;
     let mut answers: Vec<Answer> = problems.iter().map(answer).collect();
@@ -65,6 +69,12 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
         if answers.len() < tasks.len() && !args.keep_open {
             let missing = tasks.len() - answers.len();
             eprintln!("{missing} of {} tasks have no record and will count as failed", tasks.len());
+        }
+        if args.dry_run {
+            let run =
+                args.run.as_ref().map_or_else(|| format!("a new run of {:?}", args.agent), |run| format!("run {run}"));
+            println!("would post {} answers to {run} in {}; nothing was posted", answers.len(), args.suite);
+            return Ok(ExitCode::SUCCESS);
         }
         let run = match &args.run {
             Some(run) => run.clone(),

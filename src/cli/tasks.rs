@@ -9,15 +9,17 @@ use anyhow::{Context as _, bail};
 use clap::Subcommand;
 use serde_json::Value;
 
-use super::saboteur_table;
 use super::validate::{self, ValidateArgs};
+use super::{database, saboteur_table};
 use crate::checks::Criterion;
 use crate::clock::now_ms;
-use crate::store::Store;
 use crate::store::suites::SuiteStored;
 use crate::tasks::family::json_schema;
 use crate::tasks::published::{TaskFile, read_task_files};
 use crate::tasks::{Suite, Task, embedded};
+
+/// Names that suites of others cannot have.
+const OWN_SUITES: [&str; 3] = [embedded::FULL, "mineceraft-lite", "hidden"];
 
 /// Commands on tasks and task files.
 #[derive(Debug, Subcommand)]
@@ -45,16 +47,17 @@ pub enum TasksCommand {
     Schema,
     /// Print the table that shows which saboteur makes which criteria fail, by family.
     Saboteurs,
-    /// Read task files in the published format, check them, and add them to a database as a suite.
+    /// Read task files in the published format (JSON), or a folder of family files (TOML), check them, and add them to a database as a
+    /// suite. A stored suite never changes; a change is a new version.
     Import {
-        /// Task files (JSON).
-        #[arg(required = true)]
+        /// Task files, or one folder with `suite.toml` and a file per family.
+        #[arg(required = true, value_name = "FILE|FOLDER")]
         files: Vec<PathBuf>,
-        /// Name and version of the suite that they make.
-        #[arg(long, default_value = "imported@1")]
-        suite: String,
-        /// Database that takes the suite; without it the files are only checked.
-        #[arg(long, env = "PLUMBLINE_DATABASE", value_name = "FILE")]
+        /// Name and version of the suite that task files make, by default imported@1; the files of a folder say it themselves.
+        #[arg(long)]
+        suite: Option<String>,
+        /// Database that takes the suite; without it the files are only checked. The service may run.
+        #[arg(long, value_name = "FILE")]
         database: Option<PathBuf>,
     },
 }
@@ -70,7 +73,7 @@ pub fn run(command: TasksCommand) -> anyhow::Result<ExitCode> {
         TasksCommand::Validate(args) => validate::run(&args),
         TasksCommand::Schema => print(&format!("{}\n", serde_json::to_string_pretty(&json_schema())?)),
         TasksCommand::Saboteurs => print(&saboteur_table::markdown(&suite()?)),
-        TasksCommand::Import { files, suite, database } => import(&files, &suite, database.as_deref()),
+        TasksCommand::Import { files, suite, database } => import(&files, suite.as_deref(), database.as_deref()),
     }
 }
 
@@ -135,19 +138,41 @@ fn show(wanted: &str, as_json: bool) -> anyhow::Result<ExitCode> {
     print(&text)
 }
 
-fn import(files: &[PathBuf], suite: &str, database: Option<&Path>) -> anyhow::Result<ExitCode> {
-    let (name, version) = parse_suite_id(suite)?;
-    let suite = Suite { name, version, tasks: read_files(files)? };
-    println!(
-        "{} files, {} problems, {} check rows over {} entries",
-        files.len(),
-        suite.tasks.len(),
-        suite.check_count(),
-        suite.instruction_count()
-    );
-    match database {
-        Some(database) => store(&suite, database)?,
-        None => println!("checked, not stored; --database FILE stores them as {}", suite.id()),
+fn import(files: &[PathBuf], suite: Option<&str>, database: Option<&Path>) -> anyhow::Result<ExitCode> {
+    let suites = match files {
+        [folder] if folder.is_dir() => {
+            if suite.is_some() {
+                bail!("--suite: {} says name and version itself, in suite.toml", folder.display());
+            }
+            validate::suites_of(&validate::read_folder(folder)?)?
+        }
+        files => {
+            let (name, version) = parse_suite_id(suite.unwrap_or("imported@1"))?;
+            vec![Suite { name, version, tasks: read_files(files)? }]
+        }
+    };
+    for suite in &suites {
+        if OWN_SUITES.contains(&suite.name.as_str()) {
+            bail!("{:?} is a suite of this program; give yours another name", suite.name);
+        }
+        let what = if files.iter().any(|file| file.is_dir()) { suite.id() } else { format!("{} files", files.len()) };
+        println!(
+            "{what}, {} problems, {} check rows over {} entries",
+            suite.tasks.len(),
+            suite.check_count(),
+            suite.instruction_count()
+        );
+        if files.iter().any(|file| file.is_dir()) {
+            for note in validate::not_certified(suite) {
+                println!("{note}");
+            }
+        }
+    }
+    for suite in &suites {
+        match database {
+            Some(database) => store(suite, database)?,
+            None => println!("checked, not stored; --database FILE stores it as {}", suite.id()),
+        }
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -155,14 +180,14 @@ fn import(files: &[PathBuf], suite: &str, database: Option<&Path>) -> anyhow::Re
 fn store(suite: &Suite, database: &Path) -> anyhow::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
-        let store = Store::open(database).await.with_context(|| database.display().to_string())?;
+        let store = database::open(database).await?;
         let stored = store.put_suite(suite, now_ms()).await?;
         store.close().await;
         match stored {
             SuiteStored::Added => println!("stored as {}", suite.id()),
             SuiteStored::Unchanged => println!("{} was stored before, with the same content", suite.id()),
             SuiteStored::Conflict => {
-                bail!("{} exists with another content; give a new version with --suite", suite.id())
+                bail!("{} exists with another content; a change is a new version", suite.id())
             }
         }
         Ok(())

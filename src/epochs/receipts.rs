@@ -67,6 +67,12 @@ pub fn receipt(graded: &Graded<'_>, report: &Report) -> Value {
     receipt
 }
 
+/// The entry that says that another key signs from now on. It is signed with that one: the old key may be lost.
+#[must_use]
+pub fn key_change(before: &str, now: &str, at_ms: i64) -> Value {
+    json!({ "plumbline_receipt": 1, "key_change": { "before": before, "now": now, "at_ms": at_ms } })
+}
+
 /// A receipt with its signature; hexadecimal.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Signed {
@@ -130,14 +136,18 @@ pub struct ReceiptFile {
     #[schema(value_type = Option<Object>)]
     pub receipt: Option<Value>,
     /// SHA-256 of the receipt's canonical JSON.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
     pub hash: String,
     /// Ed25519 signature over that JSON; null while the receipt is.
     pub signature: Option<String>,
     /// The public key that verifies it.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
     pub public_key: String,
     /// The link before it.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
     pub previous: String,
     /// SHA-256 over the link before it and its hash.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
     pub link: String,
 }
 
@@ -164,18 +174,22 @@ pub enum ReceiptFault {
     /// The signature does not verify.
     #[error("the signature does not verify: the receipt is not of this key")]
     BadSignature,
+    /// The key changed, and the log does not say so.
+    #[error("receipt {0} is signed with another key than the one before it, and no entry says that the key changed")]
+    UntoldKey(i64),
     /// The link does not follow.
     #[error("link {0} does not follow from the link before it and the hash")]
     BrokenLink(i64),
 }
 
-/// Checks a receipt against a public key.
+/// Checks a receipt against the public keys that are trusted.
 ///
 /// # Errors
 /// The first fault.
-pub fn verify(file: &ReceiptFile, public_key: &str) -> Result<(), ReceiptFault> {
-    if file.public_key != public_key {
-        return Err(ReceiptFault::OtherKey { found: file.public_key.clone(), wanted: public_key.to_owned() });
+pub fn verify(file: &ReceiptFile, trusted: &[&str]) -> Result<(), ReceiptFault> {
+    let public_key = file.public_key.as_str();
+    if !trusted.contains(&public_key) {
+        return Err(ReceiptFault::OtherKey { found: file.public_key.clone(), wanted: trusted.join(" or ") });
     }
     let (Some(receipt), Some(signature)) = (&file.receipt, &file.signature) else { return Err(ReceiptFault::Withheld) };
     let body = canonical_json(receipt);
@@ -190,6 +204,25 @@ pub fn verify(file: &ReceiptFile, public_key: &str) -> Result<(), ReceiptFault> 
     let previous = unhex(&file.previous).ok_or(ReceiptFault::Unreadable("previous"))?;
     if hex(&link(&previous, &hash)) != file.link {
         return Err(ReceiptFault::BrokenLink(file.seq));
+    }
+    Ok(())
+}
+
+/// Checks that the key of each entry of the log is that of the entry before it, or that it says itself that the key changed.
+///
+/// # Errors
+/// The first entry that does not.
+pub fn verify_keys<'a>(log: impl IntoIterator<Item = &'a ReceiptFile>) -> Result<(), ReceiptFault> {
+    let mut last: Option<&str> = None;
+    for file in log {
+        let is_told = |before: &str| {
+            let change = file.receipt.as_ref().and_then(|receipt| receipt.get("key_change"));
+            change.is_some_and(|change| change["before"] == before && change["now"] == file.public_key.as_str())
+        };
+        if last.is_some_and(|last| last != file.public_key && !is_told(last)) {
+            return Err(ReceiptFault::UntoldKey(file.seq));
+        }
+        last = Some(&file.public_key);
     }
     Ok(())
 }
@@ -235,19 +268,31 @@ mod tests {
     #[test]
     fn a_receipt_verifies_and_a_changed_one_does_not() {
         let signer = Signer::new(&[5; 32]);
+        let other = Signer::new(&[6; 32]).public_key();
         let good = file(&signer, 1, &FIRST_LINK, json!({ "overall": true, "submission": "s" }));
-        assert_eq!(verify(&good, &signer.public_key()), Ok(()));
+        assert_eq!(verify(&good, &[&other, &signer.public_key()]), Ok(()));
         let mut changed = good.clone();
         changed.receipt = Some(json!({ "overall": false, "submission": "s" }));
-        assert!(matches!(verify(&changed, &signer.public_key()), Err(ReceiptFault::OtherHash(_))));
+        assert!(matches!(verify(&changed, &[&signer.public_key()]), Err(ReceiptFault::OtherHash(_))));
         changed.hash = hex(&Sha256::digest(canonical_json(&changed.receipt)));
-        assert_eq!(verify(&changed, &signer.public_key()), Err(ReceiptFault::BadSignature));
-        let other = Signer::new(&[6; 32]).public_key();
-        assert!(matches!(verify(&good, &other), Err(ReceiptFault::OtherKey { .. })));
+        assert_eq!(verify(&changed, &[&signer.public_key()]), Err(ReceiptFault::BadSignature));
+        assert!(matches!(verify(&good, &[&other]), Err(ReceiptFault::OtherKey { .. })));
         let mut cut = good.clone();
         cut.previous = hex(&[1; 32]);
-        assert_eq!(verify(&cut, &signer.public_key()), Err(ReceiptFault::BrokenLink(1)));
+        assert_eq!(verify(&cut, &[&signer.public_key()]), Err(ReceiptFault::BrokenLink(1)));
         assert!(!format!("{signer:?}").contains(&hex(&[5; 32])));
+    }
+
+    #[test]
+    fn a_key_changes_only_where_the_log_says_so() {
+        let (old, new) = (Signer::new(&[5; 32]), Signer::new(&[6; 32]));
+        let first = file(&old, 1, &FIRST_LINK, json!({ "submission": 1 }));
+        let told = key_change(&old.public_key(), &new.public_key(), 3);
+        let change = file(&new, 2, &unhex(&first.link).unwrap(), told);
+        let after = file(&new, 3, &unhex(&change.link).unwrap(), json!({ "submission": 2 }));
+        assert_eq!(verify_keys([&first, &change, &after]), Ok(()));
+        assert_eq!(verify_keys([&first, &after]), Err(ReceiptFault::UntoldKey(3)));
+        assert_eq!(verify(&change, &[&new.public_key()]), Ok(()));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! API keys. The secret of a key is known to its owner alone; its hash is kept.
 
 use sha2::{Digest as _, Sha256};
+use sqlx::SqliteConnection;
 use uuid::Uuid;
 
 use super::{Store, StoreResult, commit};
@@ -117,6 +118,32 @@ macro_rules! select_key {
     };
 }
 
+/// Writes a new key and gives it whole.
+async fn enter_key(
+    tx: &mut SqliteConnection,
+    owner: &str,
+    scopes: &[Scope],
+    expires_at_ms: Option<i64>,
+    now_ms: i64,
+) -> StoreResult<String> {
+    let id = Uuid::new_v4().simple().to_string()[..12].to_owned();
+    // 244 random bits.
+    let secret = format!("{}{}", Uuid::new_v4().simple(), Uuid::new_v4().simple());
+    let scopes: Vec<&str> = scopes.iter().map(|scope| scope.name()).collect();
+    sqlx::query(
+        "INSERT INTO keys (id, owner, secret_hash, scopes, created_at_ms, expires_at_ms) VALUES ($1, $2, $3, $4, $5, $6)",
+    )
+    .bind(&id)
+    .bind(owner)
+    .bind(hash(&secret))
+    .bind(scopes.join(","))
+    .bind(now_ms)
+    .bind(expires_at_ms)
+    .execute(tx)
+    .await?;
+    Ok(format!("{PREFIX}_{id}_{secret}"))
+}
+
 impl Store {
     /// Makes a key and gives it whole, this once. None where the owner has as many live keys as may be.
     ///
@@ -141,23 +168,44 @@ impl Store {
         if live >= LIVE_KEYS {
             return Ok(None);
         }
-        let id = Uuid::new_v4().simple().to_string()[..12].to_owned();
-        // 244 random bits.
-        let secret = format!("{}{}", Uuid::new_v4().simple(), Uuid::new_v4().simple());
-        let scopes: Vec<&str> = scopes.iter().map(|scope| scope.name()).collect();
-        sqlx::query(
-            "INSERT INTO keys (id, owner, secret_hash, scopes, created_at_ms, expires_at_ms) VALUES ($1, $2, $3, $4, $5, $6)",
-        )
-        .bind(&id)
-        .bind(owner)
-        .bind(hash(&secret))
-        .bind(scopes.join(","))
-        .bind(now_ms)
-        .bind(expires_at_ms)
-        .execute(&mut *tx)
-        .await?;
+        let key = enter_key(&mut tx, owner, scopes, expires_at_ms, now_ms).await?;
         commit(tx, "create_key").await?;
-        Ok(Some(format!("{PREFIX}_{id}_{secret}")))
+        Ok(Some(key))
+    }
+
+    /// Makes a new key with owner and scopes of another one, which ends at a time. None where the owner has another live key beside it.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn rotate_key(
+        &self,
+        old_id: &str,
+        old_ends_at_ms: i64,
+        expires_at_ms: Option<i64>,
+        now_ms: i64,
+    ) -> StoreResult<Option<String>> {
+        let Some(old) = self.key(old_id).await? else { return Ok(None) };
+        let mut tx = self.begin().await?;
+        let others: i64 = sqlx::query_scalar(
+            "SELECT COUNT(*) FROM keys
+             WHERE owner = $1 AND id <> $3 AND revoked_at_ms IS NULL AND (expires_at_ms IS NULL OR expires_at_ms > $2)",
+        )
+        .bind(&old.owner)
+        .bind(now_ms)
+        .bind(old_id)
+        .fetch_one(&mut *tx)
+        .await?;
+        if others + 1 >= LIVE_KEYS {
+            return Ok(None);
+        }
+        sqlx::query("UPDATE keys SET expires_at_ms = MIN(COALESCE(expires_at_ms, $2), $2) WHERE id = $1")
+            .bind(old_id)
+            .bind(old_ends_at_ms)
+            .execute(&mut *tx)
+            .await?;
+        let key = enter_key(&mut tx, &old.owner, &old.scopes, expires_at_ms, now_ms).await?;
+        commit(tx, "rotate_key").await?;
+        Ok(Some(key))
     }
 
     /// The key with this public part.

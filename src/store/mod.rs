@@ -19,10 +19,14 @@ pub mod quota;
 pub mod receipts;
 pub mod regrades;
 pub mod reports;
+mod run_ends;
 pub mod runs;
+pub mod schema;
 pub mod secrets;
 pub mod submissions;
 pub mod suites;
+pub mod transfer;
+pub mod transfer_tables;
 
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -58,6 +62,40 @@ pub enum StoreError {
     /// The file's schema could not be brought up to date.
     #[error("migration: {0}")]
     Migration(#[from] sqlx::migrate::MigrateError),
+    /// There is no such file.
+    #[error("there is no database {}; `plumbline serve` makes one, and so does `plumbline migrate --create`", .0.display())]
+    Missing(std::path::PathBuf),
+    /// The file was written by a newer program.
+    #[error(
+        "the database {} was written by a newer plumbline (schema {found}, this one knows up to {known}): use that program, \
+         or a backup from before",
+        file.display()
+    )]
+    Newer {
+        /// The file.
+        file: std::path::PathBuf,
+        /// Its last migration.
+        found: i64,
+        /// The last one of this program.
+        known: i64,
+    },
+    /// The file's schema is older than this program's.
+    #[error(
+        "the database {} has schema {found}, and this plumbline needs {known}: `plumbline migrate` brings it up to date \
+         (with --dry-run it only says what it would do), and so does `plumbline serve`",
+        file.display()
+    )]
+    Older {
+        /// The file.
+        file: std::path::PathBuf,
+        /// Its last migration.
+        found: i64,
+        /// The last one of this program.
+        known: i64,
+    },
+    /// The library that the program was built with is too old.
+    #[error("SQLite {0} may corrupt a database with a write-ahead log; 3.51.3 or newer is needed")]
+    OldSqlite(String),
     /// The file is a database of another program.
     #[error("the file holds tables of another program")]
     Foreign,
@@ -109,6 +147,7 @@ pub struct Store {
     ends: Arc<Notify>,
     pace: Arc<Pace>,
     catalogue: Arc<RwLock<Arc<Catalogue>>>,
+    file: Arc<Path>,
     secrets: Secrets,
     secrets_read: Arc<SecretsRead>,
 }
@@ -117,11 +156,25 @@ impl Store {
     /// Opens the file, creates it where it is missing, and brings its schema up to date.
     ///
     /// # Errors
-    /// Where the file cannot be opened or migrated.
+    /// Where the file cannot be opened or migrated; where it was written by a newer program.
     pub async fn open(file: &Path) -> StoreResult<Self> {
+        Self::open_as(file, true).await
+    }
+
+    /// Opens a file that is there and has the schema of this program. Neither makes nor changes one.
+    ///
+    /// # Errors
+    /// Where there is no such file, its schema is another, or it cannot be opened.
+    pub async fn open_existing(file: &Path) -> StoreResult<Self> {
+        let state = schema::state(file).await?;
+        state.must_be_current(file)?;
+        Self::open_as(file, false).await
+    }
+
+    async fn open_as(file: &Path, may_change: bool) -> StoreResult<Self> {
         let options = SqliteConnectOptions::new()
             .filename(file)
-            .create_if_missing(true)
+            .create_if_missing(may_change)
             .journal_mode(SqliteJournalMode::Wal)
             .synchronous(SqliteSynchronous::Full)
             .foreign_keys(true)
@@ -136,7 +189,11 @@ impl Store {
         if holds_something_else(&writer).await? {
             return Err(StoreError::Foreign);
         }
-        MIGRATOR.run(&writer).await?;
+        must_be_sound(&writer).await?;
+        if may_change {
+            schema::state(file).await?.must_not_be_newer(file)?;
+            MIGRATOR.run(&writer).await?;
+        }
         let readers = SqlitePoolOptions::new()
             .max_connections(READERS)
             .test_before_acquire(false)
@@ -153,11 +210,21 @@ impl Store {
             ends: Arc::default(),
             pace: Arc::default(),
             catalogue: Arc::default(),
+            file: file.into(),
             secrets: Secrets::beside(file),
             secrets_read: Arc::default(),
         };
         store.refresh_catalogue().await?;
         Ok(store)
+    }
+
+    /// Bytes of the file and of its write-ahead log.
+    #[must_use]
+    pub fn file_bytes(&self) -> u64 {
+        let mut log = self.file.as_os_str().to_owned();
+        log.push("-wal");
+        let size = |path: &Path| std::fs::metadata(path).map_or(0, |data| data.len());
+        size(&self.file) + size(Path::new(&log))
     }
 
     /// Secrets beside the database.
@@ -228,6 +295,14 @@ async fn commit(tx: Tx, what: &'static str) -> StoreResult<()> {
     tx.commit().await?;
     crash_points::pass("after", what);
     Ok(())
+}
+
+/// Refuses an SQLite in which a writer and a checkpoint may corrupt the file (the WAL-reset bug that 3.51.3 mends).
+async fn must_be_sound(pool: &SqlitePool) -> StoreResult<()> {
+    const LEAST: [u32; 3] = [3, 51, 3];
+    let version: String = sqlx::query_scalar("SELECT sqlite_version()").fetch_one(pool).await?;
+    let parts: Vec<u32> = version.split('.').filter_map(|part| part.parse().ok()).collect();
+    if parts.as_slice() >= LEAST.as_slice() { Ok(()) } else { Err(StoreError::OldSqlite(version)) }
 }
 
 /// Whether the database has tables, and none of them is ours.

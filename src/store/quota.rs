@@ -17,6 +17,17 @@ pub struct QuotaRow {
     pub reserved: i64,
     /// Graded and released.
     pub charged: i64,
+    /// What they had used before the first grant, which begins to count then.
+    pub used_before: i64,
+}
+
+impl QuotaRow {
+    /// What they may still submit; none: as much as they like.
+    #[must_use]
+    pub fn left(&self) -> Option<i64> {
+        let used = (self.charged + self.reserved - self.used_before).max(0);
+        self.granted.map(|granted| (granted - used).max(0))
+    }
 }
 
 /// A row of the ledger.
@@ -42,7 +53,7 @@ pub(super) async fn reserve(tx: &mut SqliteConnection, owner: Option<&str>) -> S
     let reserved = sqlx::query(
         "INSERT INTO quotas (owner, reserved) VALUES ($1, 1)
          ON CONFLICT (owner) DO UPDATE SET reserved = reserved + 1
-         WHERE quotas.granted IS NULL OR quotas.granted > quotas.charged + quotas.reserved",
+         WHERE quotas.granted IS NULL OR quotas.granted > quotas.charged + quotas.reserved - quotas.used_before",
     )
     .bind(owner)
     .execute(tx)
@@ -114,9 +125,61 @@ async fn enter(
     Ok(())
 }
 
+/// Adds a grant to the ledger.
+async fn enter_grant(tx: &mut SqliteConnection, owner: &str, units: i64, reason: &str, now_ms: i64) -> StoreResult<()> {
+    sqlx::query("INSERT INTO quota_entries (owner, kind, units, reason, at_ms) VALUES ($1, 'grant', $2, $3, $4)")
+        .bind(owner)
+        .bind(units)
+        .bind(reason)
+        .bind(now_ms)
+        .execute(tx)
+        .await?;
+    Ok(())
+}
+
 impl Store {
+    /// Whether anything is known of an owner: a key, a run, a submission, a quota.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn knows_owner(&self, owner: &str) -> StoreResult<bool> {
+        let found = sqlx::query_scalar(
+            "SELECT EXISTS (SELECT 1 FROM keys WHERE owner = $1) OR EXISTS (SELECT 1 FROM runs WHERE owner = $1)
+                 OR EXISTS (SELECT 1 FROM quotas WHERE owner = $1)",
+        );
+        Ok(found.bind(owner).fetch_one(&self.readers).await?)
+    }
+
+    /// All owners that have a key.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn owners(&self) -> StoreResult<Vec<String>> {
+        Ok(sqlx::query_scalar("SELECT DISTINCT owner FROM keys ORDER BY owner").fetch_all(&self.readers).await?)
+    }
+
+    /// Takes the end off what an owner may submit: from now on as much as they like. False where there is none.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn lift_quota(&self, owner: &str, reason: &str, now_ms: i64) -> StoreResult<bool> {
+        let mut tx = self.begin().await?;
+        let granted: Option<Option<i64>> = sqlx::query_scalar("SELECT granted FROM quotas WHERE owner = $1")
+            .bind(owner)
+            .fetch_optional(&mut *tx)
+            .await?;
+        let Some(granted) = granted.flatten() else { return Ok(false) };
+        sqlx::query("UPDATE quotas SET granted = NULL, used_before = 0 WHERE owner = $1")
+            .bind(owner)
+            .execute(&mut *tx)
+            .await?;
+        enter_grant(&mut tx, owner, -granted, &format!("lifted: {reason}"), now_ms).await?;
+        commit(tx, "lift_quota").await?;
+        Ok(true)
+    }
+
     /// Grants an owner so many submissions more, or fewer where it is negative; with the first grant, what they may submit
-    /// has an end.
+    /// has an end, and what they used before does not count.
     ///
     /// # Errors
     /// Where the database fails.
@@ -124,19 +187,15 @@ impl Store {
         let mut tx = self.begin().await?;
         sqlx::query(
             "INSERT INTO quotas (owner, granted) VALUES ($1, $2)
-             ON CONFLICT (owner) DO UPDATE SET granted = COALESCE(quotas.granted, 0) + excluded.granted",
+             ON CONFLICT (owner) DO UPDATE SET
+                 used_before = CASE WHEN quotas.granted IS NULL THEN quotas.charged + quotas.reserved ELSE quotas.used_before END,
+                 granted = COALESCE(quotas.granted, 0) + excluded.granted",
         )
         .bind(owner)
         .bind(units)
         .execute(&mut *tx)
         .await?;
-        sqlx::query("INSERT INTO quota_entries (owner, kind, units, reason, at_ms) VALUES ($1, 'grant', $2, $3, $4)")
-            .bind(owner)
-            .bind(units)
-            .bind(reason)
-            .bind(now_ms)
-            .execute(&mut *tx)
-            .await?;
+        enter_grant(&mut tx, owner, units, reason, now_ms).await?;
         commit(tx, "grant").await?;
         self.quota(owner).await
     }
@@ -146,13 +205,13 @@ impl Store {
     /// # Errors
     /// Where the database fails.
     pub async fn quota(&self, owner: &str) -> StoreResult<QuotaRow> {
-        let found: Option<(Option<i64>, i64, i64)> =
-            sqlx::query_as("SELECT granted, reserved, charged FROM quotas WHERE owner = $1")
+        let found: Option<(Option<i64>, i64, i64, i64)> =
+            sqlx::query_as("SELECT granted, reserved, charged, used_before FROM quotas WHERE owner = $1")
                 .bind(owner)
                 .fetch_optional(&self.readers)
                 .await?;
-        let (granted, reserved, charged) = found.unwrap_or_default();
-        Ok(QuotaRow { owner: owner.to_owned(), granted, reserved, charged })
+        let (granted, reserved, charged, used_before) = found.unwrap_or_default();
+        Ok(QuotaRow { owner: owner.to_owned(), granted, reserved, charged, used_before })
     }
 
     /// Rows of an owner's ledger, the newest first, beginning before `before`, at most `limit`.

@@ -2,15 +2,15 @@
 
 use sqlx::{QueryBuilder, Row as _, SqliteConnection};
 
-use super::{Store, StoreError, StoreResult};
+use super::{Store, StoreError, StoreResult, commit};
 use crate::epochs::canonical::{Hash, unhex};
-use crate::epochs::receipts::{FIRST_LINK, ReceiptFile, Signed, link};
+use crate::epochs::receipts::{FIRST_LINK, ReceiptFile, Signed, Signer, key_change, link};
 use crate::tasks::hex;
 
 /// A receipt to enter.
 pub(super) struct NewReceipt<'a> {
-    pub submission_id: &'a str,
-    pub attempt: i64,
+    /// The submission and the attempt that graded it; none for a change of the key.
+    pub of: Option<(&'a str, i64)>,
     pub epoch_id: Option<&'a str>,
     pub signed: &'a Signed,
 }
@@ -42,8 +42,8 @@ pub(super) async fn enter(tx: &mut SqliteConnection, receipts: &[NewReceipt<'_>]
     );
     query.push_values(receipts.iter().zip(&links), |mut row, (receipt, (seq, before, next))| {
         row.push_bind(*seq)
-            .push_bind(receipt.submission_id.to_owned())
-            .push_bind(receipt.attempt)
+            .push_bind(receipt.of.map(|(submission_id, _)| submission_id.to_owned()))
+            .push_bind(receipt.of.map(|(_, attempt)| attempt))
             .push_bind(receipt.epoch_id.map(str::to_owned))
             .push_bind(receipt.signed.body.clone())
             .push_bind(hex(&receipt.signed.hash))
@@ -85,6 +85,27 @@ fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<ReceiptFile> {
 }
 
 impl Store {
+    /// Enters a change of the key that signs receipts, where the last one was signed with another, and gives that one.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn note_receipt_key(&self, signer: &Signer, now_ms: i64) -> StoreResult<Option<String>> {
+        const LAST: &str = "SELECT public_key FROM receipts ORDER BY seq DESC LIMIT 1";
+        let is_other = |last: &String| *last != signer.public_key();
+        // Nearly always there is nothing to write, and a start need not wait for another process that does.
+        let last: Option<String> = sqlx::query_scalar(LAST).fetch_optional(&self.readers).await?;
+        if !last.as_ref().is_some_and(is_other) {
+            return Ok(None);
+        }
+        let mut tx = self.begin().await?;
+        let last: Option<String> = sqlx::query_scalar(LAST).fetch_optional(&mut *tx).await?;
+        let Some(before) = last.filter(is_other) else { return Ok(None) };
+        let signed = signer.sign(&key_change(&before, &signer.public_key(), now_ms));
+        enter(&mut tx, &[NewReceipt { of: None, epoch_id: None, signed: &signed }]).await?;
+        commit(tx, "note_receipt_key").await?;
+        Ok(Some(before))
+    }
+
     /// Receipts after a place in the log, at most `limit`.
     ///
     /// # Errors

@@ -26,15 +26,21 @@ impl Store {
     /// # Errors
     /// Where the database fails.
     pub async fn put_suite(&self, suite: &Suite, now_ms: i64) -> StoreResult<SuiteStored> {
+        const STORED: &str = "SELECT content_hash FROM suites WHERE id = $1";
         let hashes: Vec<String> = suite.tasks.iter().map(Task::content_hash).collect();
         let content_hash = hex(&Sha256::digest(hashes.concat()));
-        let mut tx = self.begin().await?;
-        let stored: Option<String> = sqlx::query_scalar("SELECT content_hash FROM suites WHERE id = $1")
-            .bind(suite.id())
-            .fetch_optional(&mut *tx)
-            .await?;
+        let outcome = |stored: String| {
+            if stored == content_hash { SuiteStored::Unchanged } else { SuiteStored::Conflict }
+        };
+        // A suite never changes: where it is there, nothing is to be written, and nobody to be waited for.
+        let stored: Option<String> = sqlx::query_scalar(STORED).bind(suite.id()).fetch_optional(&self.readers).await?;
         if let Some(stored) = stored {
-            return Ok(if stored == content_hash { SuiteStored::Unchanged } else { SuiteStored::Conflict });
+            return Ok(outcome(stored));
+        }
+        let mut tx = self.begin().await?;
+        let stored: Option<String> = sqlx::query_scalar(STORED).bind(suite.id()).fetch_optional(&mut *tx).await?;
+        if let Some(stored) = stored {
+            return Ok(outcome(stored));
         }
         sqlx::query(
             "INSERT INTO suites (id, name, version, task_count, content_hash, created_at_ms)

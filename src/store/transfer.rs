@@ -1,0 +1,225 @@
+//! Export as files of JSON lines, and import into an empty database: everything that public boards are made of, in an open format.
+//!
+//! One list of tables and columns serves both ways. Hidden evaluation is left out, with receipts, keys and events; a backup keeps all.
+
+use std::path::Path;
+
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
+use futures_util::TryStreamExt as _;
+use serde::Serialize;
+use serde::ser::SerializeMap as _;
+use serde_json::value::{RawValue, to_raw_value};
+use sha2::{Digest as _, Sha256};
+use sqlx::sqlite::SqliteRow;
+use sqlx::{AssertSqlSafe, Connection as _, Row as _, SqliteConnection};
+
+use super::copies::read_only;
+use super::transfer_tables::{Form, KINDS, Kind, PUBLIC};
+use super::{Store, StoreError, StoreResult, commit, compress, decompress};
+use crate::tasks::hex;
+
+/// A line: the columns of a row in their order, and for submissions the id of the task.
+struct Line(Vec<(&'static str, Box<RawValue>)>);
+
+impl Serialize for Line {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(Some(self.0.len()))?;
+        for (name, value) in &self.0 {
+            map.serialize_entry(name, value)?;
+        }
+        map.end()
+    }
+}
+
+impl Kind {
+    fn line(&self, row: &SqliteRow) -> StoreResult<Line> {
+        let corrupt = |error: serde_json::Error| StoreError::corrupt(self.table, error);
+        let mut line = Vec::with_capacity(self.columns.len() + 1);
+        for (i, (_, name, form)) in self.columns.iter().enumerate() {
+            let value = match form {
+                Form::Text => to_raw_value(&row.try_get::<Option<String>, _>(i)?),
+                Form::Number => to_raw_value(&row.try_get::<Option<i64>, _>(i)?),
+                Form::Flag => to_raw_value(&row.try_get::<Option<i64>, _>(i)?.map(|flag| flag != 0)),
+                Form::Json => match row.try_get::<Option<String>, _>(i)? {
+                    None => to_raw_value(&()),
+                    Some(json) => RawValue::from_string(json),
+                },
+                Form::Packed => {
+                    let json = decompress(self.table, row.try_get(i)?)?;
+                    RawValue::from_string(String::from_utf8_lossy(&json).into_owned())
+                }
+                Form::Bytes => {
+                    let bytes: Option<Vec<u8>> = row.try_get(i)?;
+                    to_raw_value(&bytes.map(|bytes| BASE64_STANDARD.encode(bytes)))
+                }
+            };
+            line.push((*name, value.map_err(corrupt)?));
+        }
+        if self.table == "submissions" {
+            let task: Option<String> = row.try_get(self.columns.len())?;
+            line.push(("task", to_raw_value(&task).map_err(corrupt)?));
+        }
+        Ok(Line(line))
+    }
+
+    fn select(&self) -> String {
+        let columns: Vec<&str> = self.columns.iter().map(|(column, ..)| *column).collect();
+        let task = match self.table {
+            "submissions" => ", (SELECT t.id FROM tasks t WHERE t.hash = task_hash)",
+            _ => "",
+        };
+        format!("SELECT {}{task} FROM {} {}", columns.join(", "), self.table, self.rest.replace("PUBLIC", PUBLIC))
+    }
+
+    /// Adds a line's row.
+    async fn enter(&self, tx: &mut SqliteConnection, line: &str) -> StoreResult<()> {
+        let bad = |what: String| StoreError::corrupt(self.table, what);
+        let members: std::collections::HashMap<String, Box<RawValue>> =
+            serde_json::from_str(line).map_err(|error| bad(error.to_string()))?;
+        let columns: Vec<&str> = self.columns.iter().map(|(column, ..)| *column).collect();
+        let places: Vec<String> = (1..=columns.len()).map(|i| format!("${i}")).collect();
+        let conflict = if self.may_be_there { " ON CONFLICT DO NOTHING" } else { "" };
+        // Names come from the list above.
+        let sql =
+            format!("INSERT INTO {} ({}) VALUES ({}){conflict}", self.table, columns.join(", "), places.join(", "));
+        let mut query = sqlx::query(AssertSqlSafe(sql));
+        let null = RawValue::NULL;
+        for (_, name, form) in self.columns {
+            let raw = members.get(*name).map_or(null, |value| &**value);
+            let read = |error: serde_json::Error| bad(format!("{name}: {error}"));
+            let is_null = raw.get() == "null";
+            query = match form {
+                Form::Text => query.bind(serde_json::from_str::<Option<String>>(raw.get()).map_err(read)?),
+                Form::Number => query.bind(serde_json::from_str::<Option<i64>>(raw.get()).map_err(read)?),
+                Form::Flag => query.bind(serde_json::from_str::<Option<bool>>(raw.get()).map_err(read)?.map(i64::from)),
+                Form::Json => query.bind((!is_null).then(|| raw.get().to_owned())),
+                Form::Packed => {
+                    if *name == "log" {
+                        let wanted = members.get("log_hash").map(|hash| hash.get().trim_matches('"').to_owned());
+                        let found = hex(&Sha256::digest(raw.get()));
+                        if wanted.as_deref() != Some(found.as_str()) {
+                            return Err(bad(format!("log: its SHA-256 is {found}, and not its log_hash")));
+                        }
+                    }
+                    query.bind(compress(raw.get().as_bytes())?)
+                }
+                Form::Bytes => {
+                    let text: Option<String> = serde_json::from_str(raw.get()).map_err(read)?;
+                    let bytes = text.map(|text| BASE64_STANDARD.decode(text)).transpose();
+                    query.bind(bytes.map_err(|error| bad(format!("{name}: {error}")))?)
+                }
+            };
+        }
+        query.execute(tx).await?;
+        Ok(())
+    }
+}
+
+/// Hands every row of every kind to `write` as a line of JSON, all as of one moment.
+///
+/// # Errors
+/// Where the database fails, a row does not read back, or `write` fails.
+pub async fn export(
+    database: &Path,
+    mut write: impl FnMut(&'static Kind, &str) -> std::io::Result<()>,
+) -> StoreResult<()> {
+    let mut connection = read_only(database).await?;
+    let mut moment = connection.begin().await?;
+    for kind in KINDS {
+        let mut rows = sqlx::query(AssertSqlSafe(kind.select())).fetch(&mut *moment);
+        while let Some(row) = rows.try_next().await? {
+            let line = serde_json::to_string(&kind.line(&row)?).map_err(|e| StoreError::corrupt(kind.table, e))?;
+            write(kind, &line).map_err(|error| StoreError::Database(sqlx::Error::Io(error)))?;
+        }
+    }
+    moment.rollback().await?;
+    connection.close().await?;
+    Ok(())
+}
+
+/// What stands in the way of an import.
+#[derive(Debug, thiserror::Error)]
+pub enum ImportError {
+    /// There are runs, submissions or quotas already.
+    #[error("the database holds {0} runs, submissions and quotas already; an import needs an empty one")]
+    NotEmpty(i64),
+    /// A suite of the same name and version has another content.
+    #[error("the database has another {0} than the export; it cannot take its runs")]
+    OtherSuite(String),
+    /// A line cannot be entered.
+    #[error("{file}, line {line}: {error}")]
+    Line {
+        /// The file.
+        file: String,
+        /// The line, from 1.
+        line: usize,
+        /// What is wrong.
+        error: StoreError,
+    },
+    /// The database or a file fails.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+}
+
+impl Store {
+    /// Takes what was exported into this database, which must be empty but for suites; all of it, or nothing. What had not been graded
+    /// is queued. `lines` gives the lines of a file, or none where there is no such file.
+    ///
+    /// # Errors
+    /// Where the database is not empty, a suite differs, a line cannot be entered, or the database fails.
+    pub async fn import<I: Iterator<Item = std::io::Result<String>>>(
+        &self,
+        mut lines: impl FnMut(&'static Kind) -> std::io::Result<Option<I>>,
+    ) -> Result<Vec<(&'static str, usize)>, ImportError> {
+        let io = |error: std::io::Error| StoreError::Database(sqlx::Error::Io(error));
+        let mut tx = self.begin().await?;
+        let held: i64 = sqlx::query_scalar(
+            "SELECT (SELECT COUNT(*) FROM runs) + (SELECT COUNT(*) FROM submissions) + (SELECT COUNT(*) FROM quotas)",
+        )
+        .fetch_one(&mut *tx)
+        .await
+        .map_err(StoreError::from)?;
+        if held > 0 {
+            return Err(ImportError::NotEmpty(held));
+        }
+        let mut counts = Vec::new();
+        for kind in KINDS {
+            let mut count = 0;
+            for line in lines(kind).map_err(io)?.into_iter().flatten() {
+                let line = line.map_err(io)?;
+                count += 1;
+                if kind.table == "suites" {
+                    must_not_differ(&mut tx, &line).await?;
+                }
+                let place = |error| ImportError::Line { file: format!("{}.ndjson", kind.name), line: count, error };
+                kind.enter(&mut tx, &line).await.map_err(place)?;
+            }
+            counts.push((kind.name, count));
+        }
+        let requeue = [
+            "UPDATE submissions SET state = 'queued' WHERE state = 'grading'",
+            "INSERT INTO jobs (submission_id, queued_at_ms) SELECT id, created_at_ms FROM submissions WHERE ended_at_ms IS NULL",
+        ];
+        for statement in requeue {
+            sqlx::query(statement).execute(&mut *tx).await.map_err(StoreError::from)?;
+        }
+        commit(tx, "import").await?;
+        self.refresh_catalogue().await?;
+        Ok(counts)
+    }
+}
+
+async fn must_not_differ(tx: &mut SqliteConnection, line: &str) -> Result<(), ImportError> {
+    let suite: serde_json::Value = serde_json::from_str(line).map_err(|error| StoreError::corrupt("suites", error))?;
+    let id = suite["id"].as_str().unwrap_or_default();
+    let own: Option<String> = sqlx::query_scalar("SELECT content_hash FROM suites WHERE id = $1")
+        .bind(id)
+        .fetch_optional(tx)
+        .await
+        .map_err(StoreError::from)?;
+    match own {
+        Some(own) if suite["content_hash"] != own.as_str() => Err(ImportError::OtherSuite(id.to_owned())),
+        _ => Ok(()),
+    }
+}
