@@ -98,6 +98,7 @@ fn task_files_are_counted_and_stored_once() {
         .unwrap()
         .map(|entry| entry.unwrap().path().to_str().unwrap().to_owned())
         .collect();
+    run(&["migrate", "--create", "--database", database.to_str().unwrap()]);
     let import = |suite: &str, files: &[String]| {
         let mut arguments = vec!["tasks", "import", "--suite", suite, "--database", database.to_str().unwrap()];
         arguments.extend(files.iter().map(String::as_str));

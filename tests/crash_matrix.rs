@@ -33,6 +33,8 @@ impl Scene {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let database = folder.path().join("p.db");
+        let create = Command::new(PROGRAM).args(["migrate", "--create", "--database"]).arg(&database).output().unwrap();
+        assert!(create.status.success());
         let arguments = ["keys", "create", "--name", "lab", "--database"];
         let made = Command::new(PROGRAM).args(arguments).arg(&database).output().unwrap();
         assert!(made.status.success());
@@ -294,7 +296,8 @@ async fn corrupt_rows_harm_nobody_else() {
         let run = scene.send(begin).await.unwrap()["id"].as_str().unwrap().to_owned();
         let log = json!({ "palette": ["stone"], "rows": [[0, 0, 0, 0]] });
         scene.post(&service, json!({ "run": run, "task": 1, "turns": [log] })).await.unwrap();
-        scene.send(service.http.post(format!("{}/v1/runs/{run}/finish", service.url))).await.unwrap();
+        let finish = service.http.post(format!("{}/v1/runs/{run}/finish", service.url));
+        scene.send(finish.json(&json!({ "skip": "unanswered" }))).await.unwrap();
         service.wait_for(&format!("/v1/runs/{run}"), |run| run["state"] == "finished").await;
         if agent == "torn" {
             change(&scene.database, "UPDATE results SET summary = '{' WHERE run_id = $1", &run).await;

@@ -34,7 +34,7 @@ async fn what_is_granted_is_reserved_charged_and_given_back() {
     let service = Service::start_as_told(&database, &[]);
     let key = command(&database, &["keys", "create", "--name", "lab"]);
     let shown = command(&database, &["quota", "grant", "--name", "lab", "--submissions", "3", "--reason", "a trial"]);
-    assert!(shown.starts_with("lab: granted 3, reserved 0, charged 0"), "{shown}");
+    assert!(shown.starts_with("lab: granted 3, left 3; reserved 0, charged 0"), "{shown}");
     let mut ids = Vec::new();
     for x in 0..2 {
         let accepted = as_owner(&service, &key, "POST", "/v1/submissions", Some(block(x))).await;

@@ -24,7 +24,22 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("store", &["clock", "voxel", "checks", "tasks", "grading", "epochs"]),
     ("actions", &["voxel"]),
     ("worker", &["clock", "elasticity", "tasks", "grading", "epochs", "store"]),
-    ("http", &["actions", "clock", "voxel", "elasticity", "checks", "tasks", "grading", "builders", "epochs", "store"]),
+    (
+        "http",
+        &[
+            "actions",
+            "clock",
+            "near",
+            "voxel",
+            "elasticity",
+            "checks",
+            "tasks",
+            "grading",
+            "builders",
+            "epochs",
+            "store",
+        ],
+    ),
 ];
 /// Rooms that know no runtime, log, clock, thread, file or network, and the words that would show one.
 const PURE: [&str; 7] = ["voxel", "elasticity", "checks", "tasks", "builders", "grading", "epochs"];

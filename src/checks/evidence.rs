@@ -23,6 +23,7 @@ pub struct Witness {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Finding {
     /// In [0, 1]; binary checks give 0 or 1.
+    #[schema(minimum = 0, maximum = 1)]
     pub score: f64,
     /// What the structure has: a number, a list, a word or null.
     pub measured: Value,
