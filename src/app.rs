@@ -65,10 +65,10 @@ impl App {
     /// Where the database or the address cannot be had.
     pub async fn start(config: &Config, metrics: PrometheusHandle) -> anyhow::Result<Self> {
         // The address first: where it is taken, no database is made.
-        let listener = listen(&config.listen).await?;
+        let listener = listen("--listen", &config.listen).await?;
         let address = listener.local_addr()?;
         let admin_listener = match &config.admin_listen {
-            Some(place) => Some(listen(place).await?),
+            Some(place) => Some(listen("--admin-listen", place).await?),
             None => None,
         };
         let admin_address = admin_listener.as_ref().map(TcpListener::local_addr).transpose()?;
@@ -119,7 +119,8 @@ impl App {
             let serve = http::server::serve(listener, router, Connections::default(), stop.clone());
             serving.push(tokio::spawn(serve));
         }
-        tracing::info!(%address, ?admin_address, database = %config.database.display(), workers = config.workers, "listening");
+        let admin = admin_address.map(|address| address.to_string());
+        tracing::info!(%address, admin_address = admin, database = %config.database.display(), workers = config.workers, "listening");
         Ok(Self { address, admin_address, notices, store, workers, stop, serving })
     }
 
@@ -151,8 +152,9 @@ impl App {
     }
 }
 
-async fn listen(place: &str) -> anyhow::Result<TcpListener> {
-    TcpListener::bind(place).await.with_context(|| format!("cannot listen on {place:?} (expected host:port)"))
+async fn listen(option: &str, place: &str) -> anyhow::Result<TcpListener> {
+    let bound = TcpListener::bind(place).await;
+    bound.with_context(|| format!("cannot listen on {place:?} ({option} is a host and a port, such as 127.0.0.1:7586)"))
 }
 
 /// Enters a change of the key that signs receipts into their log; gives what is to be said of it.

@@ -123,12 +123,13 @@ impl Service {
         Ok(())
     }
 
-    /// Says that no more will come, waits until the run has finished, and gives it.
+    /// Says that no more will come, and whether the rest is left out on purpose; waits until the run has finished, and gives it.
     ///
     /// # Errors
     /// Where the service cannot be reached, refuses, or failed on a submission.
-    pub async fn finish_run(&self, run: &str, mut graded: impl FnMut(u64)) -> anyhow::Result<Value> {
-        self.post(&format!("/v1/runs/{run}/finish"), "application/json", String::new()).await?;
+    pub async fn finish_run(&self, run: &str, skips_rest: bool, mut graded: impl FnMut(u64)) -> anyhow::Result<Value> {
+        let body = if skips_rest { json!({ "skip": "unanswered" }) } else { json!({}) };
+        self.post(&format!("/v1/runs/{run}/finish"), "application/json", body.to_string()).await?;
         loop {
             let state = self.get(&format!("/v1/runs/{run}")).await?;
             graded(state["graded"].as_u64().unwrap_or_default());

@@ -18,19 +18,24 @@ fn main() -> ExitCode {
     }
     let is_json = cli.command.logs_json();
     run(cli).unwrap_or_else(|error| {
-        if is_broken_pipe(&error) {
-            return ExitCode::SUCCESS;
-        }
         if is_json {
-            eprintln!("{}", serde_json::json!({ "level": "ERROR", "message": format!("{error:#}") }));
+            let time = plumbline::clock::rfc3339(plumbline::clock::now_ms());
+            eprintln!("{}", serde_json::json!({ "timestamp": time, "level": "ERROR", "message": told(&error) }));
         } else {
-            eprintln!("plumbline: {error:#}");
+            eprintln!("plumbline: {}", told(&error));
         }
         ExitCode::FAILURE
     })
 }
 
-fn is_broken_pipe(error: &anyhow::Error) -> bool {
-    let kinds = error.chain().filter_map(|cause| cause.downcast_ref::<std::io::Error>()).map(std::io::Error::kind);
-    kinds.into_iter().any(|kind| kind == std::io::ErrorKind::BrokenPipe)
+/// An error with its causes, each once: many a library tells those of its own as well.
+fn told(error: &anyhow::Error) -> String {
+    let mut told = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if !told.contains(&cause) {
+            told.push_str(if told.is_empty() { "" } else { ": " });
+            told.push_str(&cause);
+        }
+    }
+    told
 }

@@ -1,4 +1,4 @@
-//! What a misspelt name was probably meant to be.
+//! Words for people: what a misspelt name was probably meant to be, and numbers of things.
 
 /// The name that is nearest to `given` (Damerau-Levenshtein), if it is near enough to have been meant: a third of its letters may
 /// be wrong. A name that begins with what was given is near too.
@@ -22,6 +22,12 @@ pub fn near<'n>(given: &str, names: impl IntoIterator<Item = &'n str>, most: usi
     found.dedup();
     found.truncate(most);
     found.into_iter().map(|(_, name)| name).collect()
+}
+
+/// So many of a thing, in words: `1 fault`, `2 faults`.
+#[must_use]
+pub fn counted(count: usize, thing: &str) -> String {
+    format!("{count} {thing}{}", if count == 1 { "" } else { "s" })
 }
 
 /// The same as words to append to a fault: `; did you mean a, b?`, or nothing.

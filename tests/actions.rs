@@ -160,12 +160,15 @@ async fn every_published_script_goes_through_every_door() {
             let said = json!({ "task": "walls/5x1x5-raise", "reward_scheme": "shaped", "response": { "output": [
                 { "type": "message", "role": "assistant", "content": [{ "type": "output_text", "text": fenced(&code) }] }] } });
             let verified = service.post_json("/verify", &said).await.json();
-            assert_eq!((&verified["reward"], verified.get("failure_reason")), (&reward["reward"], None), "{name}: {verified}");
+            let is_readable = name != "18_syntax_error.js";
+            assert_eq!(verified["reward"], reward["reward"], "{name}: {verified}");
+            assert_eq!(verified.get("failure_reason").is_none(), is_readable, "{name}: {verified}");
             let label = json!({ "task": 113, "reward": "shaped" });
             let asked = json!({ "query": [format!("Build! {}", fenced(&code))], "prompts": ["Build! "], "labels": [label] });
             let rewarded = service.post_json("/get_reward", &asked).await.json();
-            assert_eq!((&rewarded["rewards"][0], &rewarded["extra_logs"]["readable"][0]), (&reward["reward"], &json!(1.0)), "{name}");
-            assert_eq!(error(&reward), wanted["expect"] != "upstream_error" || events > 0 || error(&reward), "{name}");
+            assert_eq!((&rewarded["rewards"][0], &rewarded["extra_logs"]["readable"][0]), (&reward["reward"], &json!(f64::from(is_readable))), "{name}");
+            let fails = ["12_throws_midway.js", "13_unknown_skill.js", "18_syntax_error.js"].contains(&name.as_str());
+            assert!(!fails || !error(&reward), "{name}: its error is told");
         }
     });
     futures_util::stream::iter(checks).buffer_unordered(4).collect::<()>().await;

@@ -1,4 +1,4 @@
-//! Grading within the request, over a socket: single, batch, and the bodies of trainers.
+//! Grading within the request, over a socket: single and batch.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests fail by panicking")]
 
@@ -181,82 +181,6 @@ async fn a_batch_answers_each_log_for_itself() {
     }
 }
 
-#[tokio::test]
-async fn nemo_gym_verifies_the_last_message() {
-    let folder = tempfile::tempdir().unwrap();
-    let service = Service::start(&folder.path().join("p.db"), &[]);
-    let wall = build(task(&embedded::latest().unwrap(), "walls/5x1x5-raise")).unwrap();
-    let said = |text: &str| {
-        json!({ "responses_create_params": { "input": "Raise a wall." }, "verifier_metadata": { "task": "walls/5x1x5-raise" },
-                "response": { "id": "r", "output": [
-                    { "type": "reasoning", "summary": [] },
-                    { "type": "message", "role": "assistant", "content": [{ "type": "output_text", "text": text }] }] } })
-    };
-    let good = said(&format!("Done:\n```json\n{}\n```", json!({ "turns": turns(&wall) })));
-    let verified = service.post_json("/verify", &good).await;
-    assert_eq!(verified.status, StatusCode::OK, "{}", verified.text);
-    let verified = verified.json();
-    assert_eq!((&verified["reward"], &verified["mask_sample"]), (&json!(1.0), &json!(false)));
-    assert_eq!(verified["reward_components"]["efficiency"], json!(1.0));
-    assert_eq!(verified["reward_efficiency"], json!(1.0), "numbers at the top are what the framework makes means of");
-    assert_eq!(verified["response"], good["response"], "the request is repeated");
-    let refusal = service.post_json("/verify", &said("I cannot build.")).await.json();
-    assert_eq!(
-        (&refusal["reward"], &refusal["failure_reason"]),
-        (&json!(0.0), &json!("there is neither a block log as JSON nor action code in the answer"))
-    );
-    let mut unnamed = said("[]");
-    unnamed.as_object_mut().unwrap().remove("verifier_metadata");
-    assert_eq!(service.post_json("/verify", &unnamed).await.faults(422), ["null /task"]);
-    assert_eq!(service.post_json("/verify", &said("[]")).await.json()["reward"], json!(0.0));
-    let mut misspelt = said("[]");
-    misspelt["verifier_metadata"]["reward_schem"] = json!("mean");
-    assert_eq!(service.post_json("/verify", &misspelt).await.faults(422), ["null /verifier_metadata/reward_schem"]);
-    assert_eq!(service.post_json("/seed_session", &json!({})).await.json(), json!({}));
-    // The calls of the framework's environment servers, and what they must bring back.
-    let begun = json!({ "resources_session_id": "s1", "episode_id": { "rollout_id": "r", "attempt": 0 },
-                        "task_id": { "taskset": "t", "task_id": "walls/5x1x5-raise" }, "task_data": {} });
-    let seeded = service.post_json("/seed_session", &begun).await;
-    assert_eq!(seeded.json(), json!({ "resources_session_id": "s1" }));
-    assert!(seeded.headers.contains_key("set-cookie"));
-    for _ in 0..2 {
-        assert_eq!(service.post_json("/close_session", &begun).await.json()["resources_session_id"], "s1");
-    }
-    assert_eq!(service.get("/reverify_mode").await.json(), json!("stateless"));
-    let nested = json!({ "episode_id": begun["episode_id"], "task_id": begun["task_id"],
-                         "verification_input": { "response": good["response"] } });
-    let verified = service.post_json("/ng-rollout/r-1/verify", &nested).await.json();
-    assert_eq!((&verified["reward"], verified.get("verification_input")), (&json!(1.0), None), "{verified}");
-    let rows = json!({ "verify_responses": [{ "_ng_task_index": 1, "reward": 1.0, "reward_material": 0.5, "mask_sample": false }] });
-    let metrics = service.post_json("/aggregate_metrics", &rows).await.json();
-    assert_eq!(metrics["key_metrics"], json!({ "mean/reward": 1.0, "mean/reward_material": 0.5 }));
-}
-
-/// Several messages of an assistant answer a task of several turns; what others say between does not count.
-#[tokio::test]
-async fn messages_are_turns() {
-    let folder = tempfile::tempdir().unwrap();
-    let service = Service::start(&folder.path().join("p.db"), &[]);
-    let id = "revisions/r1-r3";
-    let log = build(task(&embedded::latest().unwrap(), id)).unwrap();
-    let turns = turns(&log);
-    let (first, second) = (&turns[0], &turns[1]);
-    let message = |role: &str, text: String| json!({ "type": "message", "role": role, "content": text });
-    let said = |output: Vec<Value>| json!({ "task": id, "response": { "output": output } });
-    let whole = said(vec![
-        message("assistant", format!("First: {first}")),
-        message("user", "{\"events\": []}".to_owned()),
-        message("assistant", format!("Then:\n```json\n{second}\n```")),
-    ]);
-    let verified = service.post_json("/verify", &whole).await.json();
-    assert_eq!((&verified["reward"], verified.get("failure_reason")), (&json!(1.0), None), "{verified}");
-    let half = service.post_json("/verify", &said(vec![message("assistant", first.to_string())])).await.json();
-    assert_eq!(half["failure_reason"], "1 of the 2 turns of the task are answered", "{half}");
-    let texts = json!({ "task": id, "answer": [first.to_string(), format!("<think>{first}</think>{second}")] });
-    let graded = service.post_json("/v1/grade", &texts).await.json();
-    assert_eq!((&graded["reward"], &graded["answer"]["found"][1]["text"]), (&json!(1.0), &json!(2)), "{graded}");
-}
-
 /// What earns nothing with `shaped` and what `mean` pays for it.
 #[tokio::test]
 async fn shaped_rewards_begin_above_nothing() {
@@ -301,52 +225,18 @@ async fn a_stored_log_can_be_posted_again() {
     assert_eq!(service.post_json("/v1/grade", &again).await.json()["log_hash"], *hash);
     let answer = json!({ "task": "revisions/r1-r3", "answer": format!("Here: {stored}") });
     assert_eq!(service.post_json("/v1/grade", &answer).await.json()["log_hash"], *hash);
+    // Clients that write all members that they know write null.
+    let nulls = json!({ "task": "revisions/r1-r3", "turns": null, "log": stored, "suite": null });
+    assert_eq!(service.post_json("/v1/validate", &nulls).await.status, StatusCode::OK);
+    let nulls = json!({ "task": "revisions/r1-r3", "turns": turns(&log), "log": null, "answer": null, "reward": null,
+                        "detail": null, "deadline_ms": null, "suite": null });
+    assert_eq!(service.post_json("/v1/grade", &nulls).await.status, StatusCode::OK);
     let twice = json!({ "task": "revisions/r1-r3", "log": stored, "turns": [] });
     assert_eq!(service.post_json("/v1/validate", &twice).await.status, StatusCode::UNPROCESSABLE_ENTITY);
     let faulty =
         json!({ "task": "revisions/r1-r3", "log": { "palette": ["stone"], "turns": [[[0, 0, 0, 7]], [[0.5, 0, 0]]] } });
     let faults = service.post_json("/v1/validate", &faulty).await.faults(422);
     assert_eq!(faults, ["null /log/turns/1/0/0", "null /log/turns/0/0/3"]);
-}
-
-#[tokio::test]
-async fn openrlhf_reads_rewards_scores_and_logs() {
-    let folder = tempfile::tempdir().unwrap();
-    let service = Service::start(&folder.path().join("p.db"), &[]);
-    let wall = build(task(&embedded::latest().unwrap(), "walls/5x1x5-raise")).unwrap();
-    let wide = find("widen").unwrap().spoil(wall.clone());
-    let prompt = "Raise a wall {5 wide}.";
-    let query = |log: &BlockLog| format!("{prompt}{}", turns(log));
-    let naming = json!({ "task": 113, "suite": "mineceraft@2", "reward": "mean" }).to_string();
-    let body = json!({ "query": [query(&wall), query(&wide), format!("{prompt}no"), query(&wide)], "prompts": [prompt, prompt, prompt, prompt],
-                       "labels": ["walls/5x1x5-raise", "113", "113", naming] });
-    let rewards = service.post_json("/get_reward", &body).await;
-    assert_eq!(rewards.status, StatusCode::OK, "{}", rewards.text);
-    let rewards = rewards.json();
-    assert_eq!(rewards["scores"], json!([1.0, 0.0, 0.0, 0.0]));
-    assert_eq!(rewards["extra_logs"]["readable"], json!([1.0, 1.0, 0.0, 1.0]));
-    let mean = rewards["rewards"][3].as_f64().unwrap();
-    assert!(0.5 < mean && mean < 1.0 && rewards["extra_logs"]["criteria_mean"][3] == json!(mean), "{rewards}");
-    // A label that is wrong is told, and spoils nobody else's reward; where all are, the request is refused.
-    let wrong =
-        json!({ "query": [query(&wall), "b", "c"], "labels": ["113", "tower", { "task": 113, "rewrd": "mean" }] });
-    let told = service.post_json("/get_reward", &wrong).await.json();
-    assert_eq!(
-        (&told["rewards"], &told["extra_logs"]["mislabelled"]),
-        (&json!([1.0, 0.0, 0.0]), &json!([0.0, 1.0, 1.0]))
-    );
-    let places: Vec<&Value> = told["problems"].as_array().unwrap().iter().map(|p| &p["faults"][0]["pointer"]).collect();
-    assert_eq!(places, ["/labels/1/task", "/labels/2/rewrd"], "{told}");
-    let all_wrong = json!({ "query": ["a", "b"], "labels": ["", "walls/5x1x5-rais"] });
-    let refused = service.post_json("/get_reward", &all_wrong).await;
-    assert_eq!(refused.faults(422)[0], "null /labels/0/task");
-    // Several endpoints of an older trainer get nothing to do, and must not fail.
-    let none = json!({ "query": [], "prompts": [], "labels": [] });
-    assert_eq!(service.post_json("/get_reward", &none).await.json()["rewards"], json!([]));
-    assert_eq!(
-        service.post_json("/get_reward", &json!({ "query": ["a"], "labels": [] })).await.faults(422),
-        ["null /labels"]
-    );
 }
 
 #[tokio::test]

@@ -37,6 +37,8 @@ struct Recorder {
     has_main: bool,
     /// Functions that a script without such a value defines.
     functions: Vec<String>,
+    /// Whether the script could not be parsed.
+    unreadable: bool,
     palette: Vec<String>,
     index: BTreeMap<String, u32>,
     events: Vec<RecordedEvent>,
@@ -118,6 +120,10 @@ pub fn run(code: &str, limits: &ActionLimits) -> Replayed {
     } else {
         Vec::new()
     };
+    let mut notes = notes;
+    if recorder.unreadable && code.contains("await") && !code.contains("async") {
+        notes.push("await is for async functions only: put the code into (async (bot) => { … })".to_owned());
+    }
     let unheard = (!recorder.unheard.is_empty()).then(|| recorder.unheard.swap_remove(0));
     Replayed {
         palette: recorder.palette,
@@ -127,6 +133,7 @@ pub fn run(code: &str, limits: &ActionLimits) -> Replayed {
         error: if stopped.is_some() { None } else { error.or(unheard) },
         stopped,
         notes,
+        unreadable: recorder.unreadable,
     }
 }
 
@@ -247,14 +254,18 @@ fn begin<'js>(ctx: &Ctx<'js>, code: &str, limits: &ActionLimits, recorder: &Rc<R
                 return Ok(());
             }
         }
-        let functions = functions_of(ctx, code);
-        recorder.borrow_mut().functions = functions;
+        if recorder.borrow().events.is_empty() {
+            let functions = functions_of(ctx, code);
+            recorder.borrow_mut().functions = functions;
+        }
         Ok(())
     };
     match run() {
         Ok(()) => Ok(fire),
         Err(error) => {
-            let told = told(CaughtError::from_error(ctx, error));
+            let caught = CaughtError::from_error(ctx, error);
+            recorder.borrow_mut().unreadable = is_parse_error(&caught);
+            let told = told(caught);
             Err((Some(rquickjs::Persistent::save(ctx, fire)), told))
         }
     }
@@ -307,6 +318,13 @@ fn material(value: &Value<'_>) -> Option<String> {
         return Some(number.to_string());
     }
     value.as_string()?.to_string().ok()
+}
+
+/// Whether an error is that the code is no JavaScript: no function had been entered yet, not even the script itself.
+fn is_parse_error(error: &CaughtError<'_>) -> bool {
+    let CaughtError::Exception(exception) = error else { return false };
+    let text = |name: &str| exception.get::<_, String>(name).unwrap_or_default();
+    text("name") == "SyntaxError" && !text("stack").contains('(')
 }
 
 /// What an error says, and where in the code it came from.

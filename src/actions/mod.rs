@@ -59,17 +59,14 @@ pub struct Replayed {
     /// What its author may want to know although nothing failed, such as that a function was defined and never called.
     #[serde(default)]
     pub notes: Vec<String>,
+    /// Whether the code is not JavaScript, so that none of it was run.
+    #[serde(default)]
+    pub unreadable: bool,
     /// The limit at which it was stopped; then its events are not all that it would have recorded.
     pub stopped: Option<LimitReached>,
 }
 
 impl Replayed {
-    /// Whether the code is not JavaScript, so that none of it was run.
-    #[must_use]
-    pub fn is_unreadable(&self) -> bool {
-        self.events.is_empty() && self.error.as_ref().is_some_and(|error| error.message.starts_with("SyntaxError"))
-    }
-
     /// Whether its events are such as can be: cells of the world, materials of the palette.
     #[must_use]
     pub fn is_sound(&self) -> bool {

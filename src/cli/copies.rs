@@ -71,6 +71,9 @@ pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
     let (from, to) = (args.file.display(), std::path::absolute(&args.database)?);
     let keys = Secrets::beside(&args.file);
     println!("restores {from} to {}", to.display());
+    if args.with_secrets && !keys.folder().is_dir() {
+        bail!("there are no keys beside {from}: it was made without --with-secrets");
+    }
     match (args.with_secrets, keys.folder().exists()) {
         (true, _) => println!("with the keys in {}", keys.folder().display()),
         (false, true) => println!("without the keys in {}; --with-secrets takes them along", keys.folder().display()),
@@ -110,7 +113,8 @@ pub fn export_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
     for kind in KINDS {
         let path = lines_file(&args.folder, kind);
         let file = OpenOptions::new().write(true).create_new(true).open(&path);
-        files.push((BufWriter::new(file.with_context(|| path.display().to_string())?), path, 0_u64));
+        let place = || format!("{} cannot be made; export into a folder that has no export yet", path.display());
+        files.push((BufWriter::new(file.with_context(place)?), path.clone(), 0_u64));
     }
     let write = |kind: &'static Kind, line: &str| {
         let at = KINDS.iter().position(|known| known.name == kind.name).unwrap_or_default();
@@ -135,8 +139,10 @@ fn lines_file(folder: &Path, kind: &Kind) -> PathBuf {
 /// # Errors
 /// Where the database is not empty, or a line does not fit; then nothing was stored.
 pub fn import_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
-    if !lines_file(&args.folder, &KINDS[0]).is_file() {
-        bail!("{} holds no export: there is no {}.ndjson", args.folder.display(), KINDS[0].name);
+    let is_missing = |kind: &&Kind| !lines_file(&args.folder, kind).is_file();
+    let missing: Vec<String> = KINDS.iter().filter(is_missing).map(|kind| format!("{}.ndjson", kind.name)).collect();
+    if !missing.is_empty() {
+        bail!("{} holds no whole export: {} missing", args.folder.display(), missing.join(", "));
     }
     run(async {
         let store = database::open(&args.database).await?;

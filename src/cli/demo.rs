@@ -45,7 +45,7 @@ async fn post(service: &Service, suite: &Suite, agent: &str, make: Skill) -> any
     let answers: Vec<Answer> = suite.tasks.iter().filter_map(answer).collect();
     let run = service.create_run(agent, &suite.id(), json!({ "source": "plumbline serve --demo" })).await?;
     service.post_answers(&run, &answers, |_| {}).await?;
-    service.finish_run(&run, |_| {}).await?;
+    service.finish_run(&run, false, |_| {}).await?;
     Ok(())
 }
 

@@ -44,7 +44,7 @@ enum KeysCommand {
         /// Hours for which both keys work.
         #[arg(long, value_name = "HOURS", default_value_t = 24, value_parser = clap::value_parser!(u32).range(0..=8_760))]
         overlap: u32,
-        /// How long the new key lives, in days (30, 30d) or hours (12h); without this it does not end.
+        /// How long the new key lives, in days (30, 30d) or hours (12h); by default as long as the old one was to.
         #[arg(long, value_name = "TIME", value_parser = lifetime)]
         expires: Option<i64>,
     },
@@ -131,7 +131,7 @@ async fn live_key(store: &Store, given: &str) -> anyhow::Result<KeyRow> {
     // What has not the form of a public part may be a secret, and is not repeated.
     let is_public = id.len() <= 12 && id.chars().all(|c| c.is_ascii_hexdigit());
     let Some(key) = store.key(id).await? else {
-        let shown = if is_public { format!("there is no key {id:?}") } else { "this is no key".to_owned() };
+        let shown = if is_public { format!("there is no key {id:?}") } else { "there is no such key".to_owned() };
         bail!("{shown}; plumbline keys list shows the public parts");
     };
     if !key.is_live(now_ms()) {
@@ -150,8 +150,11 @@ async fn revoke(store: &Store, given: &str) -> anyhow::Result<()> {
 async fn rotate(store: &Store, given: &str, overlap_hours: u32, expires: Option<i64>) -> anyhow::Result<()> {
     let old = live_key(store, given).await?;
     let now = now_ms();
-    let end = now + i64::from(overlap_hours) * HOUR_MS;
-    let Some(key) = store.rotate_key(&old.id, end, expires.map(|lifetime_ms| now + lifetime_ms), now).await? else {
+    let overlap_end = now + i64::from(overlap_hours) * HOUR_MS;
+    let end = old.expires_at_ms.map_or(overlap_end, |own| own.min(overlap_end));
+    // A key that was to end is followed by one that lives as long.
+    let lifetime_ms = expires.or_else(|| old.expires_at_ms.map(|own| own - old.created_at_ms));
+    let Some(key) = store.rotate_key(&old.id, end, lifetime_ms.map(|lifetime_ms| now + lifetime_ms), now).await? else {
         bail!("{:?} has {LIVE_KEYS} live keys; revoke the other one first (plumbline keys list)", old.owner);
     };
     println!("{key}");

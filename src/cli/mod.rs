@@ -56,9 +56,9 @@ pub enum Command {
     Tasks(tasks::TasksCommand),
     /// Print the log of a good build for a task.
     Build(build::BuildArgs),
-    /// Make, list and revoke API keys.
+    /// Make, rotate, list and revoke API keys.
     Keys(keys::KeysArgs),
-    /// Grant owners submissions, and look at what they used.
+    /// Grant owners submissions, lift their limit, and look at what they used.
     Quota(quota::QuotaArgs),
     /// Grade a suite's submissions again with this program's checks, look at what changes, and apply or discard it.
     Regrade(regrade::RegradeArgs),
@@ -92,7 +92,7 @@ impl Command {
     /// Whether it goes on where nobody reads what it writes.
     #[must_use]
     pub const fn outlives_its_readers(&self) -> bool {
-        matches!(self, Self::Serve(_) | Self::Replay(_) | Self::RunActionCode)
+        matches!(self, Self::Serve(_) | Self::Submit(_) | Self::Replay(_) | Self::RunActionCode)
     }
 
     /// Whether its log lines, and so its last words, are JSON.

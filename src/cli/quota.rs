@@ -87,7 +87,7 @@ async fn must_be_known(store: &Store, name: &str) -> anyhow::Result<()> {
     }
     let owners = store.owners().await?;
     let near = did_you_mean(name, owners.iter().map(String::as_str));
-    bail!("nobody is called {name:?}{near} (--new-owner grants to a name that has no key yet)");
+    bail!("there is no owner {name:?}{near} (`quota grant --new-owner` grants to a name that has no key yet)");
 }
 
 async fn lift(store: &Store, name: &str, reason: &str) -> anyhow::Result<()> {
@@ -96,7 +96,7 @@ async fn lift(store: &Store, name: &str, reason: &str) -> anyhow::Result<()> {
         bail!("--reason: lifting a quota needs one; it stands in the ledger");
     }
     if !store.lift_quota(name, reason, now_ms()).await? {
-        bail!("{name} may submit as much as they like already");
+        bail!("{name} has no limit already");
     }
     show(store, name).await
 }
@@ -109,6 +109,9 @@ async fn grant(store: &Store, name: &str, submissions: i64, reason: &str) -> any
     if submissions == 0 || submissions.abs() > MOST {
         bail!("--submissions: expected a number other than 0, at most {MOST}");
     }
+    if submissions < 0 && store.quota(name).await?.granted.is_none() {
+        bail!("--submissions: {name} has no grant to take from; a first grant is a number above 0");
+    }
     store.grant(name, submissions, reason, now_ms()).await?;
     show(store, name).await
 }
@@ -117,7 +120,7 @@ async fn show(store: &Store, name: &str) -> anyhow::Result<()> {
     const ENTRIES: i64 = 20;
     must_be_known(store, name).await?;
     let quota = store.quota(name).await?;
-    let granted = quota.granted.map_or_else(|| "as many as they like".to_owned(), |granted| granted.to_string());
+    let granted = quota.granted.map_or_else(|| "no limit".to_owned(), |granted| granted.to_string());
     let before = match quota.used_before {
         0 => String::new(),
         before => format!(" ({before} of these before the first grant)"),

@@ -41,14 +41,18 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
                 ACTION_LIMITS.code_bytes
             );
             let replayed = pool.run(&without_fences(&code)).await?;
-            is_whole &= replayed.stopped.is_none() && !replayed.is_unreadable();
-            print(&name, &replayed)?;
+            is_whole &= replayed.stopped.is_none() && !replayed.unreadable;
+            match print(&name, &replayed) {
+                // Whoever reads has seen enough.
+                Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => return Ok(ExitCode::SUCCESS),
+                printed => printed?,
+            }
         }
         Ok(if is_whole { ExitCode::SUCCESS } else { ExitCode::FAILURE })
     })
 }
 
-fn print(name: &str, replayed: &Replayed) -> anyhow::Result<()> {
+fn print(name: &str, replayed: &Replayed) -> std::io::Result<()> {
     let mut out = std::io::BufWriter::new(std::io::stdout().lock());
     for event in told(replayed) {
         writeln!(out, "{}", serde_json::to_string(&event)?)?;

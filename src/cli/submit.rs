@@ -15,6 +15,7 @@ use crate::voxel::{BlockLog, Structure};
 
 /// Arguments of `submit`.
 #[derive(Debug, Args)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a flag of its own")]
 pub struct SubmitArgs {
     /// Raw records, one JSON object a line.
     file: PathBuf,
@@ -27,6 +28,9 @@ pub struct SubmitArgs {
     /// Leave out problems that the suite does not have, such as those outside a Lite draw.
     #[arg(long)]
     only_suite: bool,
+    /// Say that tasks without a record are left out on purpose: they count as failed, and the run is compared with others on the board.
+    #[arg(long, conflicts_with = "keep_open")]
+    skip_rest: bool,
     /// Leave the run open for more; without this it is finished, and tasks without a record count as failed.
     #[arg(long)]
     keep_open: bool,
@@ -68,7 +72,12 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
         }
         if answers.len() < tasks.len() && !args.keep_open {
             let missing = tasks.len() - answers.len();
-            eprintln!("{missing} of {} tasks have no record and will count as failed", tasks.len());
+            let then = if args.skip_rest {
+                ""
+            } else {
+                ", and the run is not compared with others (--skip-rest says that it is on purpose)"
+            };
+            eprintln!("{missing} of {} tasks have no record and count as failed{then}", tasks.len());
         }
         if args.dry_run {
             let run =
@@ -89,7 +98,7 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
             println!("{}", serde_json::to_string_pretty(&service.get(&format!("/v1/runs/{run}")).await?)?);
             return Ok(ExitCode::SUCCESS);
         }
-        let finished = service.finish_run(&run, |graded| bar.set_position(graded)).await?;
+        let finished = service.finish_run(&run, args.skip_rest, |graded| bar.set_position(graded)).await?;
         bar.finish_and_clear();
         println!("{}", serde_json::to_string_pretty(&finished)?);
         Ok(ExitCode::SUCCESS)

@@ -13,6 +13,7 @@ use super::validate::{self, ValidateArgs};
 use super::{database, saboteur_table};
 use crate::checks::Criterion;
 use crate::clock::now_ms;
+use crate::near::{counted, did_you_mean};
 use crate::store::suites::SuiteStored;
 use crate::tasks::family::json_schema;
 use crate::tasks::published::{TaskFile, read_task_files};
@@ -84,7 +85,11 @@ pub fn run(command: TasksCommand) -> anyhow::Result<ExitCode> {
 pub fn find(wanted: &str) -> anyhow::Result<Task> {
     let is_wanted = |task: &Task| task.id == wanted || Ok(task.number) == wanted.parse();
     let found = suite()?.tasks.into_iter().find(is_wanted);
-    found.with_context(|| format!("there is no task {wanted:?}; `plumbline tasks list` lists them"))
+    found.with_context(|| {
+        let tasks = suite().map(|suite| suite.tasks).unwrap_or_default();
+        let near = did_you_mean(wanted, tasks.iter().map(|task| task.id.as_str()));
+        format!("there is no task {wanted:?}{near} (`plumbline tasks list` lists them)")
+    })
 }
 
 /// The latest version of the suite in this program.
@@ -152,6 +157,7 @@ fn import(files: &[PathBuf], suite: Option<&str>, database: Option<&Path>) -> an
         }
     };
     for suite in &suites {
+        must_be_a_name(&suite.name)?;
         if OWN_SUITES.contains(&suite.name.as_str()) {
             bail!("{:?} is a suite of this program; give yours another name", suite.name);
         }
@@ -204,16 +210,21 @@ fn read_files(files: &[PathBuf]) -> anyhow::Result<Vec<Task>> {
     let files: Vec<TaskFile<'_>> = texts.iter().map(|(name, text)| TaskFile { name, text }).collect();
     read_task_files(&files).map_err(|faults| {
         let told: Vec<String> = faults.iter().map(ToString::to_string).collect();
-        anyhow::anyhow!("{} faults:\n{}", told.len(), told.join("\n"))
+        anyhow::anyhow!("{}:\n{}", counted(told.len(), "fault"), told.join("\n"))
     })
 }
 
 fn parse_suite_id(id: &str) -> anyhow::Result<(String, u32)> {
     let Some((name, version)) = id.split_once('@') else { bail!("{id:?} is not a suite: expected name@version") };
     let version: u32 = version.parse().with_context(|| format!("{version:?} is not a version"))?;
+    must_be_a_name(name)?;
+    Ok((name.to_owned(), version))
+}
+
+fn must_be_a_name(name: &str) -> anyhow::Result<()> {
     let is_name = !name.is_empty() && name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-');
     if !is_name {
         bail!("{name:?} is not a suite name: lower-case letters, digits and dashes");
     }
-    Ok((name.to_owned(), version))
+    Ok(())
 }

@@ -16,6 +16,9 @@ use crate::tasks::family::SuiteSource;
 use crate::tasks::published::{TaskFile, TaskFileFault};
 use crate::tasks::{Suite, Task, embedded};
 
+/// Name of the hidden suite in its files.
+const HIDDEN: &str = "hidden";
+
 /// Arguments of `tasks validate`.
 #[derive(Debug, Args)]
 pub struct ValidateArgs {
@@ -79,10 +82,15 @@ pub fn suites_of(source: &SuiteSource) -> anyhow::Result<Vec<Suite>> {
 #[must_use]
 pub fn not_certified(suite: &Suite) -> Vec<String> {
     let families = suite.families().into_iter().filter_map(|tasks| tasks.first().map(Task::family));
-    let without = families.filter(|family| !has_builder(family));
+    let without = families.filter(|family| !is_certified(suite, family));
     without
         .map(|family| format!("{family}: not certified, no builder: nothing shows that its tasks can be solved"))
         .collect()
+}
+
+/// Whether a builder shows that a family can be solved: those of this program are for its own suites.
+fn is_certified(suite: &Suite, family: &str) -> bool {
+    [embedded::FULL, HIDDEN].contains(&suite.name.as_str()) && has_builder(family)
 }
 
 /// The files of a suite in a folder.
@@ -106,7 +114,7 @@ pub fn read_folder(folder: &Path) -> anyhow::Result<SuiteSource> {
 
 fn told(faults: &[TaskFileFault]) -> anyhow::Error {
     let lines: Vec<String> = faults.iter().map(ToString::to_string).collect();
-    anyhow::anyhow!("{} faults:\n{}", lines.len(), lines.join("\n"))
+    anyhow::anyhow!("{}:\n{}", crate::near::counted(lines.len(), "fault"), lines.join("\n"))
 }
 
 /// What keeps tasks from being solved by their builders, a line each.
@@ -123,7 +131,7 @@ fn unsolved(suite: &Suite) -> Vec<String> {
         bar.inc(1);
         found.map(|found| format!("{}: {found}", task.id))
     };
-    let unsolved = suite.tasks.par_iter().filter(|task| has_builder(task.family())).filter_map(fault).collect();
+    let unsolved = suite.tasks.par_iter().filter(|task| is_certified(suite, task.family())).filter_map(fault).collect();
     bar.finish_and_clear();
     unsolved
 }

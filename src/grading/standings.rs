@@ -110,6 +110,11 @@ impl Field {
     pub fn count(&self, comparisons: &mut Comparisons, one: &Standing, others: &[Arc<Standing>], is_new: bool) {
         for other in others.iter().filter(|other| one.can_be_compared(other)) {
             let (_, only_one, only_other) = self.compare(one, other);
+            // Runs that solve the same cannot be told apart by any test: such a pair is no hypothesis (Tarone, Biometrics 46, 1990,
+            // 515-522), and any number of empty runs makes it no harder to tell others apart.
+            if only_one + only_other == 0 {
+                continue;
+            }
             comparisons.count(&self.test, only_one, only_other, is_new);
         }
     }
@@ -216,7 +221,7 @@ impl Standing {
     /// Whether at least this share of the tasks was answered, or skipped on purpose.
     #[must_use]
     pub fn covers(&self, share: f64) -> bool {
-        self.outcomes.covered() as f64 >= share * self.outcomes.len() as f64
+        self.outcomes.covered() as f64 + 1e-9 >= share * self.outcomes.len() as f64
     }
 
     /// Number of tasks that the run skips.

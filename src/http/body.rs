@@ -8,6 +8,7 @@ use axum::extract::{FromRequest, OptionalFromRequest, Request};
 use axum::http::{HeaderMap, StatusCode, header};
 use bytes::{Bytes, BytesMut};
 use http_body_util::BodyExt as _;
+use hyper::body::Body as _;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 use serde_path_to_error::Segment;
@@ -20,6 +21,10 @@ use crate::near::did_you_mean;
 use crate::voxel::Faults;
 use crate::voxel::tolerant::why_not_json;
 
+/// Bodies of plain data up to this size are told all their faults; of larger ones the first.
+const ALL_FAULTS_BYTES: usize = 64 << 10;
+/// What UTF-8 may begin with.
+const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 /// Bytes that one permit of the shared budget stands for.
 const PERMIT_BYTES: usize = 64 << 10;
 
@@ -71,6 +76,8 @@ impl FromRequest<AppState> for JsonBody {
             return refuse(body, too_large());
         }
         let (bytes, share) = read(body, &state.bodies).await?;
+        // Some editors begin files with a mark of the byte order, which JSON does not know.
+        let bytes = if bytes.starts_with(BYTE_ORDER_MARK) { bytes.slice(BYTE_ORDER_MARK.len()..) } else { bytes };
         Ok(Self { bytes, format, share })
     }
 }
@@ -80,10 +87,8 @@ impl OptionalFromRequest<AppState> for JsonBody {
 
     /// None where nothing was sent.
     async fn from_request(request: Request, state: &AppState) -> ApiResult<Option<Self>> {
-        let headers = request.headers();
-        let is_empty =
-            !headers.contains_key(header::TRANSFER_ENCODING) && content_length(headers).is_none_or(|n| n == 0);
-        if is_empty {
+        // Not by its headers: a compressed body has lost its length by now.
+        if request.body().is_end_stream() || request.body().size_hint().exact() == Some(0) {
             return Ok(None);
         }
         <Self as FromRequest<AppState>>::from_request(request, state).await.map(Some)
@@ -109,7 +114,10 @@ pub fn read_json<T: DeserializeOwned>(body: &JsonBody) -> ApiResult<T> {
         }
         Err(error) if error.inner().is_data() => {
             match serde_json::from_slice::<Value>(&body.bytes) {
-                Ok(Value::Object(members)) => add_faults::<T>(&members, &error, &mut faults),
+                // Looking for all faults reads the members several times.
+                Ok(Value::Object(members)) if body.bytes.len() <= ALL_FAULTS_BYTES => {
+                    add_faults::<T>(&members, &error, &mut faults);
+                }
                 _ => add_fault(&error, &mut faults),
             }
             Err(ApiError::faulty(faults))
@@ -189,6 +197,14 @@ fn add_fault(error: &DataError, faults: &mut Faults) {
         faults.add_at(name, "missing");
     } else if told.starts_with("unknown variant") {
         faults.add(format!("{name:?} is none of {}{}", known.join(", "), did_you_mean(name, known.iter().copied())));
+    } else if told.contains("untagged enum SkipBody") {
+        faults.add("expected \"unanswered\", or a list of tasks");
+    } else if let Some((found, wanted)) =
+        told.strip_prefix("invalid type: ").and_then(|rest| rest.split_once(", expected "))
+    {
+        // What was sent is not repeated: it may be long.
+        let found = found.split(' ').next().unwrap_or(found);
+        faults.add(format!("expected {wanted}, found {found}").replace("a sequence", "a list"));
     } else {
         faults.add(told.to_owned());
     }

@@ -125,10 +125,23 @@ impl Grader {
         })
     }
 
-    /// Whether that was computed before.
-    #[must_use]
-    pub fn knows_baseline(&self, given: &GivenTask) -> bool {
-        given.task().is_ok_and(|(_, hash)| self.baselines.contains_key(hash))
+    /// The same where a request waits: among what takes long, a few at a time.
+    ///
+    /// # Errors
+    /// The same.
+    pub async fn baseline_in_turn(self: &Arc<Self>, given: &GivenTask, deadline: Duration) -> ApiResult<()> {
+        if given.task().is_ok_and(|(_, hash)| self.baselines.contains_key(hash)) {
+            return Ok(());
+        }
+        let end = Instant::now() + deadline;
+        let turn = tokio::time::timeout_at(end.into(), Arc::clone(&self.long).acquire_owned()).await;
+        let Ok(Ok(turn)) = turn else { return Err(too_late()) };
+        let (grader, given) = (Arc::clone(self), given.clone());
+        let work = tokio::task::spawn_blocking(move || {
+            let _turn = turn;
+            grader.baseline(&given, end.saturating_duration_since(Instant::now()))
+        });
+        work.await.map_err(|error| ApiError::internal(&error))?.map(|_| ())
     }
 
     /// What a log that does nothing earns on a task.
@@ -142,7 +155,10 @@ impl Grader {
         }
         let end = Instant::now() + deadline;
         let stop = || self.stop.is_cancelled() || Instant::now() >= end;
-        let baseline = Baseline::of(task, &Control::until(&stop)).map_err(|_stopped| too_late())?;
+        let work = std::panic::AssertUnwindSafe(|| Baseline::of(task, &Control::until(&stop)));
+        let baseline = std::panic::catch_unwind(work)
+            .map_err(|_panic| ApiError::internal(&format!("the baseline of {} panicked", task.id)))?
+            .map_err(|_stopped| too_late())?;
         let baseline = Arc::new(baseline);
         self.baselines.insert(Box::from(hash), Arc::clone(&baseline));
         Ok(baseline)

@@ -62,7 +62,7 @@ async fn guard(State(state): State<AppState>, mut request: Request, next: Next) 
     if let Some(left) = sender.left {
         left.tell(response.headers_mut());
     }
-    if let Some(why) = sender.refused.filter(|_| response.status() != StatusCode::UNAUTHORIZED) {
+    if let Some(why) = sender.refused.filter(|_| response.status().is_success()) {
         let told = HeaderValue::try_from(format!("{why}; the request was served without it"));
         response.headers_mut().extend(told.ok().map(|told| (WARNING, told)));
     }

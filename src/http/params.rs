@@ -7,6 +7,10 @@ use serde::de::DeserializeOwned;
 
 use super::problem::{ApiError, ApiResult, FaultBody};
 use crate::near::did_you_mean;
+use crate::voxel::Faults;
+
+/// Parameters of a query string that are looked at, to name those at fault.
+const MOST: usize = 200;
 
 /// The parameters of a query string.
 #[derive(Debug, Clone, Copy, Default)]
@@ -31,11 +35,11 @@ pub fn read<T: DeserializeOwned>(query: &str) -> ApiResult<T> {
     };
     // Each parameter alone tells whether it is at fault; what is missing or given twice only shows in the whole.
     let mut faults = Vec::new();
-    for (name, value) in form_urlencoded::parse(query.as_bytes()) {
+    for (name, value) in form_urlencoded::parse(query.as_bytes()).take(MOST) {
         let alone = form_urlencoded::Serializer::new(String::new()).append_pair(&name, &value).finish();
         if let Err(error) = serde_urlencoded::from_str::<T>(&alone) {
             let detail = error.to_string();
-            if !detail.starts_with("missing field") {
+            if faults.len() < Faults::KEPT && !detail.starts_with("missing field") {
                 faults.push(fault(&name, &value, &detail));
             }
         }
@@ -73,7 +77,7 @@ fn fault(name: &str, value: &str, detail: &str) -> FaultBody {
         let known = names(detail);
         let near = did_you_mean(name, known.iter().map(String::as_str));
         let stop = if near.is_empty() { "." } else { "" };
-        format!("there is no such parameter{near}{stop} There are {}", known.join(", "))
+        format!("there is no such parameter{near}{stop} The parameters are {}", known.join(", "))
     } else if detail.starts_with("unknown variant") {
         let known = names(detail);
         format!("{shown:?} is none of {}{}", known.join(", "), did_you_mean(value, known.iter().map(String::as_str)))
@@ -128,7 +132,7 @@ mod tests {
             [
                 "limit: \"x\" is not a whole number that fits",
                 "order: \"ascendin\" is none of ascending; did you mean ascending?",
-                "limits: there is no such parameter; did you mean limit? There are run, limit, order",
+                "limits: there is no such parameter; did you mean limit? The parameters are run, limit, order",
             ]
         );
         assert_eq!(faults("limit=1"), ["run: missing field `run`"]);

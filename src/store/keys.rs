@@ -173,7 +173,7 @@ impl Store {
         Ok(Some(key))
     }
 
-    /// Makes a new key with owner and scopes of another one, which ends at a time. None where the owner has another live key beside it.
+    /// Makes a new key with owner and scopes of another one, which ends at a time. None where the owner has two others.
     ///
     /// # Errors
     /// Where the database fails.
@@ -195,7 +195,8 @@ impl Store {
         .bind(old_id)
         .fetch_one(&mut *tx)
         .await?;
-        if others + 1 >= LIVE_KEYS {
+        // For the time of the overlap there may be one more than otherwise.
+        if others >= LIVE_KEYS {
             return Ok(None);
         }
         sqlx::query("UPDATE keys SET expires_at_ms = MIN(COALESCE(expires_at_ms, $2), $2) WHERE id = $1")

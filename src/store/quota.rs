@@ -100,7 +100,14 @@ pub(super) async fn refund(
     reason: &str,
     now_ms: i64,
 ) -> StoreResult<()> {
-    sqlx::query("UPDATE quotas SET reserved = reserved - 1 WHERE owner = $1").bind(owner).execute(&mut *tx).await?;
+    // What was used before the first grant cannot be more than what is left of it.
+    sqlx::query(
+        "UPDATE quotas SET reserved = reserved - 1, used_before = MAX(0, MIN(used_before, charged + reserved - 1))
+         WHERE owner = $1",
+    )
+    .bind(owner)
+    .execute(&mut *tx)
+    .await?;
     enter(tx, "refund", reason, now_ms, &[(owner, submission_id)]).await
 }
 

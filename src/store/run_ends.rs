@@ -4,7 +4,7 @@ use sqlx::{Row as _, SqliteConnection};
 
 use super::boards::enter_result;
 use super::events::{self, NewEvent};
-use super::runs::{RunRow, RunState, Skip, run_in};
+use super::runs::{RunRow, RunState, Skip, count, run_in};
 use super::suites::tasks_of;
 use super::{StoreError, StoreResult};
 use crate::grading::fingerprints::Fingerprint;
@@ -32,6 +32,13 @@ pub(super) async fn skip_tasks(tx: &mut SqliteConnection, run: &RunRow, skip: &S
     let conflicts: Vec<u32> = numbers.iter().copied().filter(is_answered).collect();
     if conflicts.is_empty() {
         for number in numbers {
+            // One that failed through us is no longer waited for.
+            let failed = sqlx::query(
+                "UPDATE submissions SET superseded = 1
+                 WHERE run_id = $1 AND task_number = $2 AND superseded = 0 AND state = 'grader_error'",
+            );
+            let failed = failed.bind(&run.id).bind(number).execute(&mut *tx).await?.rows_affected();
+            count(tx, &run.id, 0, 0, -(failed as i64)).await?;
             sqlx::query("INSERT INTO skipped_tasks (run_id, task_number) VALUES ($1, $2) ON CONFLICT DO NOTHING")
                 .bind(&run.id)
                 .bind(number)

@@ -232,13 +232,15 @@ impl Store {
             Some(state) => query.push("r.deleted_at_ms IS NULL AND r.state = ").push_bind(state.name()),
         };
         if let Some(suite) = &wanted.suite_id {
-            query.push(" AND r.suite_id = ").push_bind(suite.clone());
+            // A name without version means all of them.
+            query.push(" AND (r.suite_id = ").push_bind(suite.clone());
+            query.push(" OR s.name = ").push_bind(suite.clone()).push(")");
         }
         if let Some(owner) = &wanted.owner {
             query.push(" AND r.owner = ").push_bind(owner.clone());
         }
         if let Some(agent) = &wanted.agent {
-            query.push(" AND instr(lower(r.agent), ").push_bind(agent.to_lowercase()).push(") > 0");
+            query.push(" AND instr(lower(r.agent), ").push_bind(agent.to_ascii_lowercase()).push(") > 0");
         }
         if let Some(since) = wanted.since_ms {
             query.push(" AND r.created_at_ms >= ").push_bind(since);

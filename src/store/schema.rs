@@ -6,6 +6,7 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions as _, Connection as _};
 
 use super::{MIGRATOR, Store, StoreError, StoreResult, copies};
+use crate::clock::now_ms;
 
 /// Which migrations a file has had, and which it lacks.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -91,10 +92,12 @@ pub async fn migrate(file: &Path) -> StoreResult<Option<PathBuf>> {
     if before.lacking.is_empty() {
         return Ok(None);
     }
-    let copy = PathBuf::from(format!("{}.schema-{}", file.display(), before.found));
-    if !copy.exists() {
-        copies::copy(file, &copy).await?;
+    let mut copy = PathBuf::from(format!("{}.schema-{}", file.display(), before.found));
+    if copy.exists() {
+        // Of an earlier time, and not to be written over.
+        copy = PathBuf::from(format!("{}.{}", copy.display(), now_ms()));
     }
+    copies::copy(file, &copy).await?;
     Store::open(file).await?.close().await;
     Ok(Some(copy))
 }

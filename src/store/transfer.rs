@@ -16,8 +16,8 @@ use sqlx::{AssertSqlSafe, Connection as _, Row as _, SqliteConnection};
 
 use super::copies::read_only;
 use super::transfer_tables::{Form, KINDS, Kind, PUBLIC};
-use super::{Store, StoreError, StoreResult, commit, compress, decompress};
-use crate::tasks::hex;
+use super::{Store, StoreError, StoreResult, commit, compress, decompress, schema};
+use crate::tasks::{Task, hex};
 
 /// A line: the columns of a row in their order, and for submissions the id of the task.
 struct Line(Vec<(&'static str, Box<RawValue>)>);
@@ -77,6 +77,9 @@ impl Kind {
         let bad = |what: String| StoreError::corrupt(self.table, what);
         let members: std::collections::HashMap<String, Box<RawValue>> =
             serde_json::from_str(line).map_err(|error| bad(error.to_string()))?;
+        if self.table == "tasks" {
+            must_be_task(&members).map_err(bad)?;
+        }
         let columns: Vec<&str> = self.columns.iter().map(|(column, ..)| *column).collect();
         let places: Vec<String> = (1..=columns.len()).map(|i| format!("${i}")).collect();
         let conflict = if self.may_be_there { " ON CONFLICT DO NOTHING" } else { "" };
@@ -124,6 +127,7 @@ pub async fn export(
     database: &Path,
     mut write: impl FnMut(&'static Kind, &str) -> std::io::Result<()>,
 ) -> StoreResult<()> {
+    schema::state(database).await?.must_be_current(database)?;
     let mut connection = read_only(database).await?;
     let mut moment = connection.begin().await?;
     for kind in KINDS {
@@ -147,6 +151,9 @@ pub enum ImportError {
     /// A suite of the same name and version has another content.
     #[error("the database has another {0} than the export; it cannot take its runs")]
     OtherSuite(String),
+    /// Tasks of a suite are missing.
+    #[error("the export lacks tasks of {0}: its files are not whole")]
+    Cut(String),
     /// A line cannot be entered.
     #[error("{file}, line {line}: {error}")]
     Line {
@@ -197,9 +204,13 @@ impl Store {
             }
             counts.push((kind.name, count));
         }
+        must_be_whole(&mut tx).await?;
         let requeue = [
             "UPDATE submissions SET state = 'queued' WHERE state = 'grading'",
             "INSERT INTO jobs (submission_id, queued_at_ms) SELECT id, created_at_ms FROM submissions WHERE ended_at_ms IS NULL",
+            // Answers to hidden instances are not among what came.
+            "UPDATE quotas SET reserved =
+                 (SELECT COUNT(*) FROM submissions s WHERE s.owner = quotas.owner AND s.ended_at_ms IS NULL)",
         ];
         for statement in requeue {
             sqlx::query(statement).execute(&mut *tx).await.map_err(StoreError::from)?;
@@ -208,6 +219,36 @@ impl Store {
         self.refresh_catalogue().await?;
         Ok(counts)
     }
+}
+
+/// Refuses a task that this program cannot read, or that is not the one it is said to be.
+fn must_be_task(members: &std::collections::HashMap<String, Box<RawValue>>) -> Result<(), String> {
+    let raw = |name: &str| members.get(name).map_or("null", |value| value.get());
+    let task: Task = serde_json::from_str(raw("task")).map_err(|error| format!("task: {error}"))?;
+    if raw("hash").trim_matches('"') != task.content_hash() {
+        return Err(format!("task: its hash is {}, and not the one beside it", task.content_hash()));
+    }
+    Ok(())
+}
+
+/// Refuses suites some of whose tasks are missing.
+async fn must_be_whole(tx: &mut SqliteConnection) -> Result<(), ImportError> {
+    let suites: Vec<(String, String)> = sqlx::query_as("SELECT id, content_hash FROM suites WHERE task_count > 0")
+        .fetch_all(&mut *tx)
+        .await
+        .map_err(StoreError::from)?;
+    for (id, content_hash) in suites {
+        let hashes: Vec<String> =
+            sqlx::query_scalar("SELECT task_hash FROM suite_tasks WHERE suite_id = $1 ORDER BY number")
+                .bind(&id)
+                .fetch_all(&mut *tx)
+                .await
+                .map_err(StoreError::from)?;
+        if hex(&Sha256::digest(hashes.concat())) != content_hash {
+            return Err(ImportError::Cut(id));
+        }
+    }
+    Ok(())
 }
 
 async fn must_not_differ(tx: &mut SqliteConnection, line: &str) -> Result<(), ImportError> {

@@ -152,6 +152,9 @@ pub fn why_not_json(text: &[u8], error: &serde_json::Error) -> String {
         let line = text[..at].split(|byte| *byte == b'\n').count();
         return format!("not UTF-8: byte {:#04x} at offset {at}, in line {line}; JSON is sent in UTF-8", text[at]);
     }
+    if error.to_string().starts_with("trailing characters") && error.line() > 1 {
+        return format!("{error}: one document is expected; many, a line each, are sent as application/x-ndjson");
+    }
     let line = text.split(|byte| *byte == b'\n').nth(error.line().saturating_sub(1)).unwrap_or_default();
     // The parser stops at the first letter that it does not expect, or behind it.
     let around = &line[error.column().saturating_sub(2).min(line.len())..];

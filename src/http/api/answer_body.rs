@@ -60,7 +60,7 @@ impl<'de> Shape<'de> for AnswerShape<'_> {
             faults.enter_key(&key);
             match key.as_str() {
                 "turns" | "log" if !log.is_given() => log.read(&key, &mut members, faults)?,
-                "turns" | "log" => log.refuse_second(&key, &mut members, faults)?,
+                "turns" | "log" => log.refuse_second(&mut members, faults)?,
                 "transcript_sha256" if transcript.is_none() => {
                     let text = Text { faults, min_chars: 64, max_chars: 64 };
                     let hash: Option<String> = members.next_value_seed(Read(OrNull(text)))?.flatten().flatten();

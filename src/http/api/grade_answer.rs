@@ -62,7 +62,7 @@ pub fn log_in_texts(texts: &[String], turns: usize) -> Result<(SentLog, Vec<Foun
     } else if of_last != 1 {
         return Err(format!("the answer has {of_last} turns; the task has {turns}"));
     } else if found.len() < turns {
-        return Err(format!("{} of the {turns} turns of the task are answered", found.len()));
+        return Err(format!("the task has {turns} turns, and {} of them answered", found.len()));
     } else {
         found.drain(..found.len() - turns);
     }
@@ -107,7 +107,7 @@ mod tests {
         assert_eq!(found(&[one, "and", one], 2), Ok(vec![1, 3]));
         assert_eq!(found(&[one, one, one], 2), Ok(vec![2, 3]));
         assert_eq!(found(&[one, both], 2), Ok(vec![2]));
-        assert_eq!(found(&[one], 2), Err("1 of the 2 turns of the task are answered".to_owned()));
+        assert_eq!(found(&[one], 2), Err("the task has 2 turns, and 1 of them answered".to_owned()));
         assert_eq!(found(&[both], 3), Err("the answer has 2 turns; the task has 3".to_owned()));
         assert_eq!(found(&[both, one], 2), Err("text 1 has 2 turns; each text answers one".to_owned()));
         assert!(found(&["no"], 1).is_err());

@@ -108,7 +108,9 @@ fn split(bytes: &Bytes, format: Format) -> ApiResult<Vec<Range<usize>>> {
         Format::Json => {
             let parts: Vec<&RawValue> = serde_json::from_slice(bytes).map_err(|error| {
                 let mut faults = Faults::new();
-                faults.add(format!("expected an array of requests: {error}"));
+                faults.add(format!(
+                    "expected a list of requests ({error}); a request a line is sent as application/x-ndjson"
+                ));
                 ApiError::malformed(faults)
             })?;
             items.extend(parts.into_iter().map(|part| range_of(part.get().as_bytes())));

@@ -96,12 +96,9 @@ impl<'de> Shape<'de> for GradeShape<'_> {
                 }
                 "turns" | "log" if !log.is_given() && answer.is_none() => log.read(&key, &mut members, faults)?,
                 "answer" if !log.is_given() && answer.is_none() => {
-                    answer = Some(members.next_value_seed(Read(AnswerTexts { faults }))?);
+                    answer = members.next_value_seed(Read(OrNull(AnswerTexts { faults })))?.flatten();
                 }
-                "turns" | "log" | "answer" => {
-                    faults.add("what was done is given twice; give it once, as turns, as log or as answer");
-                    members.next_value::<IgnoredAny>()?;
-                }
+                "turns" | "log" | "answer" => log.refuse_second(&mut members, faults)?,
                 "reward" if scheme.is_none() => scheme = Some(read_scheme(&members.next_value()?, faults)),
                 "detail" if detail.is_none() => detail = Some(read_detail(&members.next_value()?, faults)),
                 "deadline_ms" if deadline_ms.is_none() => {

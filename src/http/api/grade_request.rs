@@ -109,6 +109,11 @@ impl ReadRequest {
             run_sent(state, &mut sent, &mut EventBudget::whole(state), &mut faults).await?
         };
         check_against_task(&sent.log, task, &mut faults);
+        // Code that is no JavaScript is as good as no answer, where nothing else was built.
+        let unreadable = replays.iter().find_map(unreadable_code).filter(|_| sent.log.event_count() == 0);
+        if let (Some(answer), Some(why)) = (&mut answer, unreadable) {
+            answer.why = Some(why);
+        }
         if !faults.is_empty() {
             // A log that a model wrote is the model's own; the trainer has done nothing wrong.
             let Some(answer) = &mut answer else { return Err(ApiError::faulty(faults)) };
@@ -118,6 +123,13 @@ impl ReadRequest {
         let Self { request, given, begun } = self;
         Ok(Prepared { request, given, log: sent.log, replays, answer, begun, read_us: micros(begun) })
     }
+}
+
+/// What is wrong with code that is not JavaScript, and so was not run.
+fn unreadable_code(replay: &TurnReplay) -> Option<String> {
+    let error = replay.error.as_ref().filter(|_| replay.unreadable)?;
+    let place = error.line.map(|line| format!(" in line {line}")).unwrap_or_default();
+    Some(format!("the code is no JavaScript: {}{place}", error.message))
 }
 
 /// The log in which nothing is done.
@@ -157,10 +169,9 @@ impl Prepared {
         let graded = state.grader.grade(self.given.clone(), log, &log_hash, deadline).await;
         let graded = graded.map_err(ApiError::without_reward)?;
         let is_cached = graded.is_cached;
-        if self.request.scheme == Scheme::Shaped && !state.grader.knows_baseline(&self.given) {
-            let (state, given) = (state.clone(), self.given.clone());
-            let work = tokio::task::spawn_blocking(move || state.grader.baseline(&given, deadline));
-            work.await.map_err(|error| ApiError::internal(&error))??;
+        if self.request.scheme == Scheme::Shaped {
+            let left = deadline.saturating_sub(self.begun.elapsed());
+            state.grader.baseline_in_turn(&self.given, left).await.map_err(ApiError::without_reward)?;
         }
         Ok((self.answer(state, graded, log_hash)?, is_cached))
     }

@@ -112,6 +112,7 @@ pub async fn get_instance(
     caller: Caller,
     Path(id): Path<String>,
 ) -> ApiResult<Json<InstanceBody>> {
+    caller.require(Scope::Submit)?;
     let row = own_instance(&state, &caller, &id).await?;
     Ok(Json(InstanceBody::of(&state, row).await?))
 }

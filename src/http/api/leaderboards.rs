@@ -187,9 +187,9 @@ pub fn page(board: &Board, query: &BoardQuery) -> ApiResult<BoardBody> {
     let items = page_items(query.limit, 100)?;
     let as_of = match &query.as_of {
         None => None,
-        Some(text) => {
-            Some(milliseconds(text).ok_or_else(|| wrong("as_of", format!("{text:?} is not a time (RFC 3339)")))?)
-        }
+        Some(text) => Some(milliseconds(text).ok_or_else(|| {
+            wrong("as_of", format!("{text:?} is not a time (RFC 3339, such as 2026-11-22T00:00:00Z)"))
+        })?),
     };
     let then = as_of.map(|at| board.as_of(at));
     let compared = then.as_ref().unwrap_or(&board.rows);

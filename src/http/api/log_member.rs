@@ -44,18 +44,14 @@ impl LogMember {
         Ok(())
     }
 
-    /// Says that it was given before.
+    /// Says that it was given before. Null is as good as absent.
     ///
     /// # Errors
     /// Only where the text is not JSON.
-    pub fn refuse_second<'de, A: MapAccess<'de>>(
-        &self,
-        key: &str,
-        members: &mut A,
-        faults: &mut Faults,
-    ) -> Result<(), A::Error> {
-        faults.add(format!("{key}: what was done is given twice; give it once, as turns or as log"));
-        members.next_value::<IgnoredAny>()?;
+    pub fn refuse_second<'de, A: MapAccess<'de>>(&self, members: &mut A, faults: &mut Faults) -> Result<(), A::Error> {
+        if members.next_value::<Option<IgnoredAny>>()?.is_some() {
+            faults.add("given twice: what was done is given once, as turns, as log or (to grade it) as answer");
+        }
         Ok(())
     }
 

@@ -78,6 +78,9 @@ pub struct TurnReplay {
     /// What its author may want to know although nothing failed, such as that a function was defined and never called.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
+    /// Whether the code is not JavaScript, so that none of it was run.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub unreadable: bool,
 }
 
 /// A place among the requests whose code runs or waits.
@@ -230,8 +233,9 @@ pub async fn run_sent(
             if !is_taken {
                 break;
             }
-            let Replayed { events, dropped, error, notes, .. } = done;
-            replays.push(TurnReplay { turn: code.turn + 1, events: events.len(), dropped, error, notes });
+            let Replayed { events, dropped, error, notes, unreadable, .. } = done;
+            let (turn, events) = (code.turn + 1, events.len());
+            replays.push(TurnReplay { turn, events, dropped, error, notes, unreadable });
         }
     }
     faults.leave();

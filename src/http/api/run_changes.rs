@@ -77,8 +77,10 @@ pub async fn finish_run(
     match state.store.finish_run(&id, skip.as_ref(), now_ms()).await? {
         RunChanged::Answered(numbers) => {
             let mut faults = Faults::new();
-            let numbers: Vec<String> = numbers.iter().map(u32::to_string).collect();
-            faults.add_at("skip", format!("answered, and so not to be skipped: tasks {}", numbers.join(", ")));
+            let entry = state.suite(&run.suite_id).await?;
+            let ids = numbers.iter().filter_map(|number| Some(entry.task_numbered(*number)?.0.id.as_str()));
+            let ids: Vec<&str> = ids.collect();
+            faults.add_at("skip", format!("already answered, so they cannot be skipped: {}", ids.join(", ")));
             Err(ApiError::faulty(faults))
         }
         changed => {
@@ -101,6 +103,10 @@ async fn numbers_of(state: &AppState, run: &RunRow, names: Vec<TaskName>) -> Api
     let entry = state.suite(&run.suite_id).await?;
     let mut faults = Faults::new();
     faults.enter_key("skip");
+    if names.len() > entry.suite.tasks.len() {
+        faults.add(format!("{} tasks; {} has {}", names.len(), entry.suite.id(), entry.suite.tasks.len()));
+        return Err(ApiError::faulty(faults));
+    }
     let mut numbers = Vec::with_capacity(names.len());
     for (i, name) in names.into_iter().enumerate() {
         let named = match name {
@@ -108,9 +114,14 @@ async fn numbers_of(state: &AppState, run: &RunRow, names: Vec<TaskName>) -> Api
             TaskName::Number(number) => TaskRef::Number(number),
         };
         faults.enter_index(i);
-        numbers.extend(named.number_in(&entry, &mut faults));
+        match named.find_in(&entry) {
+            Ok(number) => numbers.push(number),
+            Err(why) => faults.add(why),
+        }
         faults.leave();
     }
+    numbers.sort_unstable();
+    numbers.dedup();
     if faults.is_empty() { Ok(numbers) } else { Err(ApiError::faulty(faults)) }
 }
 
@@ -119,12 +130,12 @@ fn refuse_unless_done(changed: &RunChanged, id: &str) -> ApiResult<()> {
         RunChanged::Done | RunChanged::Answered(_) => Ok(()),
         RunChanged::NoSuchRun => Err(ApiError::not_found(format!("there is no run {id:?}"))),
         RunChanged::NotOpen(state) => {
-            Err(ApiError::conflict("run-not-open", format!("the run is {}, and not open any more", state.name())))
+            Err(ApiError::conflict("run-not-open", format!("the run is already {}", state.name())))
         }
     }
 }
 
-/// Delete a run that is still open: what waits of it is cancelled, and it is on no list. A finished run stays, and so do reports
+/// Delete a run that is still open: what waits of it is cancelled, and only `state=deleted` lists it. A finished run stays, and so do reports
 /// and receipts of what was graded. The board goes on counting it among the runs that the agent has begun.
 #[utoipa::path(
     delete, path = "/v1/runs/{id}", operation_id = "delete_run", tag = "runs", summary = "Delete an open run",

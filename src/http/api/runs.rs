@@ -160,6 +160,7 @@ pub async fn create_run(
         pending: 0,
         graded: 0,
         grader_errors: 0,
+        skipped: 0,
         finished_at: None,
         summary: None,
         ..run
@@ -203,7 +204,7 @@ pub struct RunsQuery {
     /// Only runs in this state. Deleted ones are listed only so.
     #[param(inline)]
     state: Option<RunState>,
-    /// Only of this suite: name@version.
+    /// Only of this suite: name@version, or a name for all its versions.
     suite: Option<String>,
     /// Only agents whose names hold this text, in whatever case.
     agent: Option<String>,
@@ -252,8 +253,10 @@ pub async fn list_runs(
 ) -> ApiResult<Json<RunPage>> {
     let items = page_items(query.limit, 100)?;
     let time = |name: &str, text: Option<&String>| {
-        let read =
-            |text: &String| milliseconds(text).ok_or_else(|| wrong(name, format!("{text:?} is not a time (RFC 3339)")));
+        let read = |text: &String| {
+            milliseconds(text)
+                .ok_or_else(|| wrong(name, format!("{text:?} is not a time (RFC 3339, such as 2026-11-22T00:00:00Z)")))
+        };
         text.map(read).transpose()
     };
     let owner = if query.mine {
@@ -263,6 +266,16 @@ pub async fn list_runs(
     } else {
         None
     };
+    if let Some(suite) = query.suite.as_deref()
+        && state.find_suite(suite).await?.is_none()
+    {
+        return Err(wrong("suite", format!("there is no suite {suite:?}; /v1/suites lists them")));
+    }
+    if let Some(after) = query.after.as_deref()
+        && state.store.run(after).await?.is_none()
+    {
+        return Err(wrong("after", format!("there is no run {after:?}")));
+    }
     let (since_ms, until_ms) = (time("since", query.since.as_ref())?, time("until", query.until.as_ref())?);
     let wanted = RunsWanted {
         state: query.state,

@@ -27,18 +27,25 @@ pub enum TaskRef {
 impl TaskRef {
     /// Number of the task in a suite; a fault at `task` where there is none.
     pub fn number_in(&self, entry: &Entry, faults: &mut Faults) -> Option<u32> {
+        self.find_in(entry).map_err(|why| faults.add_at("task", why)).ok()
+    }
+
+    /// Number of the task in a suite.
+    ///
+    /// # Errors
+    /// Why there is none, in words.
+    pub fn find_in(&self, entry: &Entry) -> Result<u32, String> {
         let (found, named) = match self {
             Self::Id(id) => (entry.task(id), format!("{id:?}")),
             Self::Number(number) => (entry.task_numbered(*number), format!("number {number}")),
         };
-        if found.is_none() {
+        found.map(|(task, _)| task.number).ok_or_else(|| {
             let near = match self {
                 Self::Id(id) => near_tasks(entry, id),
                 Self::Number(_) => String::new(),
             };
-            faults.add_at("task", format!("{} has no task {named}; /v1/tasks lists them{near}", entry.suite.id()));
-        }
-        found.map(|(task, _)| task.number)
+            format!("{} has no task {named}; /v1/tasks lists them{near}", entry.suite.id())
+        })
     }
 }
 
@@ -155,13 +162,19 @@ impl<'de> Shape<'de> for SubmissionShape<'_> {
                 }
                 "task" if task.is_none() => task = Some(members.next_value_seed(Read(TaskShape { faults }))?),
                 "turns" | "log" if !log.is_given() => log.read(&key, &mut members, faults)?,
-                "turns" | "log" => log.refuse_second(&key, &mut members, faults)?,
+                "turns" | "log" => log.refuse_second(&mut members, faults)?,
                 "run" | "suite" | "task" => {
                     faults.add("given twice");
                     members.next_value::<IgnoredAny>()?;
                 }
                 _ => {
-                    faults.add("unknown field; a submission has run, suite, task and turns or log");
+                    faults.add(match key.as_str() {
+                        "action_code" | "events" | "palette" | "rows" => {
+                            "unknown field; it belongs into a turn: \"turns\": [{…}]"
+                        }
+                        "answer" => "unknown field; /v1/grade takes what a model wrote as answer, a submission takes turns or log",
+                        _ => "unknown field; a submission has run, suite, task and turns or log",
+                    });
                     members.next_value::<IgnoredAny>()?;
                 }
             }

@@ -234,6 +234,9 @@ pub struct Validated {
     pub log_hash: String,
     /// Whether the run holds this very log for the task already.
     pub repeated: bool,
+    /// What the action code of its turns did, where it brought some.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub action_code: Vec<TurnReplay>,
 }
 
 impl Validated {
@@ -247,6 +250,7 @@ impl Validated {
             events: new.events,
             log_hash: new.log_hash.clone(),
             repeated: false,
+            action_code: new.replays.as_ref().and_then(|json| serde_json::from_str(json).ok()).unwrap_or_default(),
         }
     }
 }

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use super::super::block_log::{BlockLog, Event};
 use super::super::cell::Cell;
-use super::text::fences::fences;
+use super::text::fences::{Fence, fences};
 use super::text::thinking::without_thoughts;
 
 /// A log as it was sent: what was done in each turn, and the code of turns that are empty until it has been run.
@@ -80,10 +80,17 @@ pub fn without_fences(code: &str) -> Cow<'_, str> {
         return Cow::Borrowed(code);
     }
     let (shown, _) = without_thoughts(code);
-    match fences(&shown).last() {
-        None => Cow::Owned(shown),
-        Some(fence) => Cow::Owned(on_its_lines(&shown, fence.content.clone())),
-    }
+    let fences = fences(&shown);
+    let is_filled = |fence: &&Fence| !shown[fence.content.clone()].trim().is_empty();
+    Cow::Owned(match (fences.iter().rev().find(is_filled), fences.first()) {
+        (Some(fence), _) => on_its_lines(&shown, fence.content.clone()),
+        // The closing fence alone, after an opening one that stands in the prompt: the code is what comes before.
+        (None, Some(fence)) => {
+            let mark = shown[..fence.content.start].trim_end().rfind('\n').unwrap_or(0);
+            shown[..mark].to_owned()
+        }
+        (None, None) => shown,
+    })
 }
 
 /// A part of a text after as many line breaks as come before it there.
@@ -93,4 +100,23 @@ pub fn on_its_lines(text: &str, part: std::ops::Range<usize>) -> String {
     let mut code = "\n".repeat(before);
     code.push_str(&text[part]);
     code
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn code_is_taken_out_of_its_fences() {
+        let code = "await skills.placeBlock(bot, 'stone', 0, 0, 0);";
+        for (sent, expected) in [
+            (code.to_owned(), code.to_owned()),
+            (format!("So:\n```js\n{code}\n```\n"), format!("\n\n{code}\n")),
+            (format!("{code}\n```"), code.to_owned()),
+            (format!("{code}\n```\n"), code.to_owned()),
+            (format!("<think>\n```\nno\n```\n</think>\n```\n{code}\n```"), format!("{}{code}\n", "\n".repeat(6))),
+        ] {
+            assert_eq!(without_fences(&sent), expected, "{sent}");
+        }
+    }
 }

@@ -16,8 +16,10 @@ use super::super::super::caller::Caller;
 use super::super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::super::state::AppState;
 use super::super::grade::SchemeBody;
+use super::super::replay::TurnReplay;
 use super::super::submission_schema::TaskName;
 use super::{add_misspelt, judge};
+use crate::checks::Criterion;
 use crate::grading::reward::RewardComponents;
 use crate::store::keys::Scope;
 use crate::voxel::Faults;
@@ -35,6 +37,8 @@ pub struct VerifyAnswer {
     mask_sample: bool,
     /// What the reward is made of.
     reward_components: RewardComponents,
+    /// What the action code did, where the model wrote some.
+    action_code: Option<Vec<TurnReplay>>,
     /// Why nothing could be graded.
     failure_reason: Option<String>,
 }
@@ -147,7 +151,7 @@ pub async fn reverify_mode() -> Json<&'static str> {
         (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
         (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "No task, none of this name, or a misspelt option", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "No task, none of this name, no response, or a misspelt option", body = Problem, content_type = "application/problem+json"),
         (status = 429, description = "Too much to do; come back", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
@@ -162,7 +166,7 @@ pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBod
     let work = tokio::task::spawn_blocking(move || {
         let _place = place;
         let request = object(&body.bytes)?;
-        let graded = judge(&state, &runtime, &catalogue, &naming(&request)?, texts(&request))
+        let graded = judge(&state, &runtime, &catalogue, &naming(&request)?, texts(&request)?)
             .map_err(|error| error.named(&[("/reward", "/reward_scheme")]))?;
         // What is nested is not repeated: the framework refuses members that it does not know there.
         let mut answer = if request.contains_key("verification_input") { Map::new() } else { request };
@@ -173,6 +177,10 @@ pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBod
             answer.insert(format!("reward_{name}"), value.clone());
         }
         answer.insert("reward_components".to_owned(), components);
+        if !graded.action_code.is_empty() {
+            let told = serde_json::to_value(&graded.action_code).map_err(|error| ApiError::internal(&error))?;
+            answer.insert("action_code".to_owned(), told);
+        }
         if let Some(why) = graded.answer.and_then(|found| found.why) {
             answer.insert("failure_reason".to_owned(), why.into());
         }
@@ -214,7 +222,9 @@ fn naming(request: &Map<String, Value>) -> ApiResult<Map<String, Value>> {
     let mut faults = Faults::new();
     // At the top a dataset has names of its own in any number; short ones are left alone there.
     let long: Vec<&str> = missing.iter().copied().filter(|option| option.len() > 8).collect();
-    add_misspelt(request, &long, &mut faults);
+    let sent: Map<String, Value> =
+        request.iter().filter(|(key, _)| !is_own(key)).map(|(key, value)| (key.clone(), value.clone())).collect();
+    add_misspelt(&sent, &long, &mut faults);
     for (key, object) in &parts {
         faults.enter_key(key);
         add_misspelt(object, &missing, &mut faults);
@@ -228,19 +238,52 @@ fn naming(request: &Map<String, Value>) -> ApiResult<Map<String, Value>> {
     Ok(naming.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect())
 }
 
-/// The texts of the assistant's messages, in order.
-fn texts(request: &Map<String, Value>) -> Vec<String> {
+/// Whether a member is one that an answer of ours adds: an answer may be verified again.
+fn is_own(key: &str) -> bool {
+    let component = |name: &str| name == "overall" || Criterion::ALL.iter().any(|criterion| criterion.name() == name);
+    key == "response" || key == "responses_create_params" || key.strip_prefix("reward_").is_some_and(component)
+}
+
+/// The texts of the assistant's messages, in order: of a Responses object, or of a chat completion.
+///
+/// # Errors
+/// 422 where there are none to be read: then the trainer is wired wrongly, and the model is not to blame.
+fn texts(request: &Map<String, Value>) -> ApiResult<Vec<String>> {
     let response = request.get("response").or_else(|| request.get("verification_input")?.get("response"));
-    let output = response.and_then(|response| response.get("output")).and_then(Value::as_array);
+    let wrong = |place: &str, what: &str| {
+        let mut faults = Faults::new();
+        faults.enter_key("response");
+        if place.is_empty() {
+            faults.add(what);
+        } else {
+            faults.add_at(place, what);
+        }
+        ApiError::faulty(faults)
+    };
+    let Some(response) = response.filter(|response| response.is_object()) else {
+        return Err(wrong("", "expected what the model answered: an object of the Responses API, with a list output"));
+    };
+    if let Some(choices) = response.get("choices").and_then(Value::as_array) {
+        return Ok(choices.iter().take(1).map(|choice| content_of(&choice["message"])).collect());
+    }
+    let Some(output) = response.get("output").and_then(Value::as_array) else {
+        let text = response.get("output_text").and_then(Value::as_str);
+        return text.map(|text| vec![text.to_owned()]).ok_or_else(|| wrong("output", "expected a list of items"));
+    };
     let is_said = |item: &&Value| {
         let kind = item.get("type").and_then(Value::as_str);
         let role = item.get("role").and_then(Value::as_str);
         kind.is_none_or(|kind| kind == "message") && role.is_none_or(|role| role == "assistant")
     };
-    let text_of = |item: &Value| match &item["content"] {
+    let texts: Vec<String> = output.iter().filter(is_said).map(content_of).collect();
+    // A model may end without a word, after tools or thoughts.
+    Ok(if texts.is_empty() { vec![String::new()] } else { texts })
+}
+
+/// The text of a message, whole or in parts.
+fn content_of(message: &Value) -> String {
+    match &message["content"] {
         Value::String(text) => text.clone(),
         parts => parts.as_array().into_iter().flatten().filter_map(|part| part["text"].as_str()).collect(),
-    };
-    let texts: Vec<String> = output.into_iter().flatten().filter(is_said).map(text_of).collect();
-    if texts.is_empty() { vec![String::new()] } else { texts }
+    }
 }

@@ -3,9 +3,10 @@
 //! Of each row the numbers at its top count (true is 1), but for names that begin with an underscore, and those of its
 //! `response.usage`. Rows of the same `_ng_task_index` are a group. Rows with `mask_sample` are left out.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use axum::Json;
+use axum::extract::State;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
@@ -13,9 +14,13 @@ use super::super::super::body::JsonBody;
 use super::super::super::caller::Caller;
 use super::super::super::limits::LIMITS;
 use super::super::super::problem::{ApiError, ApiResult, Problem};
+use super::super::super::state::AppState;
 use super::nemo_gym::object;
 use crate::store::keys::Scope;
 use crate::voxel::Faults;
+
+/// Different numbers in the rows at most.
+const MOST_NAMES: usize = 1_000;
 
 /// Figures over rows.
 #[derive(Debug, Default, Serialize, utoipa::ToSchema)]
@@ -46,15 +51,30 @@ pub struct AggregateMetrics {
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub async fn aggregate_metrics(caller: Caller, body: JsonBody) -> ApiResult<Json<AggregateMetrics>> {
+pub async fn aggregate_metrics(
+    State(state): State<AppState>,
+    caller: Caller,
+    body: JsonBody,
+) -> ApiResult<Json<AggregateMetrics>> {
     caller.require(Scope::Grade)?;
+    let place = state.grader.admit_batch()?;
     let work = tokio::task::spawn_blocking(move || {
+        let _place = place;
         let request = object(&body.bytes)?;
         let Some(rows) = request.get("verify_responses").and_then(Value::as_array) else {
             let mut faults = Faults::new();
             faults.add_at("verify_responses", "expected a list of rows");
             return Err(ApiError::faulty(faults));
         };
+        let names: BTreeSet<String> = rows.iter().flat_map(numbers).map(|(name, _)| name).collect();
+        if names.len() > MOST_NAMES {
+            let mut faults = Faults::new();
+            faults.add_at(
+                "verify_responses",
+                format!("{} different numbers; at most {MOST_NAMES} are allowed", names.len()),
+            );
+            return Err(ApiError::faulty(faults));
+        }
         Ok(Json(aggregate(rows)))
     });
     work.await.map_err(|error| ApiError::internal(&error))?

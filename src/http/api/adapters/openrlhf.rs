@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use tokio::runtime::Handle;
+use tokio_util::sync::CancellationToken;
 
 use super::super::super::body::{JsonBody, read_json};
 use super::super::super::caller::Caller;
@@ -63,7 +64,7 @@ pub struct Rewards {
     pub scores: Vec<f64>,
     /// Figures to log, a value per sample.
     pub extra_logs: ExtraLogs,
-    /// Samples that could not be graded, and why.
+    /// Samples that could not be graded, or whose code broke off, and why.
     pub problems: Vec<SampleProblem>,
 }
 
@@ -80,7 +81,7 @@ pub struct ExtraLogs {
     pub mislabelled: Vec<f64>,
 }
 
-/// Why a sample could not be graded.
+/// Why a sample could not be graded, or how its code broke off.
 #[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 pub struct SampleProblem {
     /// Place of the sample, from 0.
@@ -119,10 +120,16 @@ pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: Jso
     let place = state.grader.admit_batch().map_err(ApiError::without_reward)?;
     let catalogue = state.store.current_catalogue().await?;
     let runtime = Handle::current();
+    // Cancelled when this request is over, also because its client has gone or its time is up.
+    let gone = CancellationToken::new();
+    let _over = gone.clone().drop_guard();
     let work = tokio::task::spawn_blocking(move || {
         let _place = place;
         let query = read(&body)?;
         let judge_one = |i: usize| {
+            if gone.is_cancelled() {
+                return Err(ApiError::too_many("the request was over before all its samples were graded"));
+            }
             let prompt = query.prompts.as_ref().and_then(|prompts| prompts.get(i)?.as_deref());
             let answer = without_prompt(&query.query[i], prompt.unwrap_or_default());
             let graded = naming(&query.labels[i])
@@ -182,8 +189,8 @@ fn naming(label: &Value) -> ApiResult<Map<String, Value>> {
         (Value::Object(naming), _) => naming.clone(),
         (_, Some(Value::Object(naming))) => naming,
         (_, Some(number @ Value::Number(_))) => [("task".to_owned(), number)].into_iter().collect(),
-        (Value::Null, _) => Map::new(),
-        (Value::String(text), _) if text.trim().is_empty() => Map::new(),
+        (Value::Null, _) => return Err(no_task()),
+        (Value::String(text), _) if text.trim().is_empty() => return Err(no_task()),
         (task, _) => [("task".to_owned(), task.clone())].into_iter().collect(),
     };
     let missing: Vec<&str> = OPTIONS.into_iter().filter(|option| !object.contains_key(*option)).collect();
@@ -196,6 +203,13 @@ fn naming(label: &Value) -> ApiResult<Map<String, Value>> {
     Ok(object.into_iter().filter(|(key, _)| OPTIONS.contains(&key.as_str())).collect())
 }
 
+/// 422: a label is empty, as trainers leave it where nobody told them which column it is.
+fn no_task() -> ApiError {
+    let mut faults = Faults::new();
+    faults.add("empty: a label names a task by its id, by its number, or as JSON with task, suite and reward");
+    ApiError::faulty(faults)
+}
+
 /// Rewards of all samples.
 ///
 /// # Errors
@@ -206,11 +220,15 @@ fn answer(judged: Vec<Judged>) -> ApiResult<Json<Rewards>> {
     for (index, one) in judged.into_iter().enumerate() {
         let (reward, overall, mean, is_readable, problem) = match one {
             Ok(graded) => {
-                let means = graded.criteria.iter().map(|criterion| criterion.mean);
-                let mean = means.sum::<f64>() / graded.criteria.len().max(1) as f64;
+                // A sum of nothing is a negative zero.
+                let sum = graded.criteria.iter().fold(0.0, |sum, criterion| sum + criterion.mean);
+                let mean = sum / graded.criteria.len().max(1) as f64;
                 let why = graded.answer.and_then(|answer| answer.why);
-                let problem = why.map(|detail| SampleProblem { index, detail, faults: Vec::new() });
-                (graded.reward, f64::from(graded.overall), mean, problem.is_none(), problem)
+                let is_readable = why.is_none();
+                // Code that broke off is graded for what it did, and its error told.
+                let broke = graded.action_code.into_iter().find_map(|replay| replay.error).map(|error| error.message);
+                let problem = why.or(broke).map(|detail| SampleProblem { index, detail, faults: Vec::new() });
+                (graded.reward, f64::from(graded.overall), mean, is_readable, problem)
             }
             Err(error) if !is_any_labelled => return Err(error),
             Err(error) => {

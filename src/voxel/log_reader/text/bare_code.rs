@@ -66,14 +66,22 @@ pub(super) fn regions<'t>(
 }
 
 fn region(text: &str, part: Range<usize>, logs: &[Range<usize>]) -> Option<Range<usize>> {
+    let whole = part.clone();
     let mut at = part.start;
     let (mut first, mut last, mut is_called) = (None, None, false);
     for line in text[part].split_inclusive('\n') {
         let range = at..at + line.len();
         at = range.end;
-        // A log may be one line, or many; its lines are no code of their own.
-        if first.is_none() && logs.iter().any(|log| log.start < range.end && range.start < log.end) {
-            continue;
+        // Logs are in order and apart: the first that ends after this line began is the only one that may touch it.
+        let log = logs.get(logs.partition_point(|log| log.end <= range.start)).filter(|log| log.start < range.end);
+        if let Some(log) = log {
+            // A log may be one line, or many; its lines are no code of their own, unless it is data within a statement.
+            let begins_line = log.start <= range.start || text[range.start..log.start].trim().is_empty();
+            match first {
+                None => continue,
+                Some(begin) if begins_line && log.start > begin && log.start >= range.start => break,
+                Some(_) => {}
+            }
         }
         if first.is_none() && is_script_start(line) {
             first = Some(range.start);
@@ -85,5 +93,8 @@ fn region(text: &str, part: Range<usize>, logs: &[Range<usize>]) -> Option<Range
             }
         }
     }
-    Some(first?..last?).filter(|_| is_called)
+    let found = first?..last?;
+    // A script without a call of skills is one where nothing stands around it.
+    let is_alone = text[whole].trim() == &text[found.clone()];
+    Some(found).filter(|_| is_called || is_alone)
 }

@@ -11,10 +11,25 @@ pub struct Fence {
     pub content: Range<usize>,
 }
 
-/// The fenced blocks of a text, in order. A fence is a line that begins with at least three backticks or tildes; one that is never
-/// closed reaches to the end, as of a model that was stopped at the closing fence.
+/// The fenced blocks of a text, in order; of a block of Markdown, or of no language, the blocks in it where it has some.
 #[must_use]
 pub fn fences(text: &str) -> Vec<Fence> {
+    let within = |fence: Fence| {
+        let may_hold = matches!(fence.language.as_str(), "" | "markdown" | "md");
+        let inner = if may_hold { outermost(&text[fence.content.clone()]) } else { Vec::new() };
+        if inner.is_empty() {
+            return vec![fence];
+        }
+        let begin = fence.content.start;
+        let placed = |own: Fence| Fence { content: own.content.start + begin..own.content.end + begin, ..own };
+        inner.into_iter().map(placed).collect()
+    };
+    outermost(text).into_iter().flat_map(within).collect()
+}
+
+/// The fenced blocks that are in no other. A fence is a line that begins with at least three backticks or tildes; one that is never
+/// closed reaches to the end, as of a model that was stopped at the closing fence.
+fn outermost(text: &str) -> Vec<Fence> {
     let mut found = Vec::new();
     let mut open: Option<(Mark, String, usize)> = None;
     let mut at = 0;
@@ -69,8 +84,12 @@ mod tests {
         let text = "a\n```JS title\nx\n```\n~~~~\n```\ny\n~~~~\n``` inline ``` is none\n  ```json\nz";
         let told: Vec<(String, &str)> =
             fences(text).into_iter().map(|fence| (fence.language, &text[fence.content])).collect();
-        let expected = [("js", "x\n"), ("", "```\ny\n"), ("json", "z")];
+        let expected = [("js", "x\n"), ("", "y\n"), ("json", "z")];
         assert_eq!(told, expected.map(|(language, content)| (language.to_owned(), content)));
+        let nested = "````markdown\nSo:\n```js\ncode\n```\n````\n";
+        assert_eq!(fences(nested).iter().map(|f| &nested[f.content.clone()]).collect::<Vec<_>>(), ["code\n"]);
+        let nested = "```markdown\n```js\ncode\n```\n```\n";
+        assert_eq!(fences(nested).first().map(|f| &nested[f.content.clone()]), Some("code\n"));
         assert_eq!(fences("```js"), [Fence { language: "js".to_owned(), content: 5..5 }]);
         assert_eq!(fences("no fence, `code` alone"), []);
     }

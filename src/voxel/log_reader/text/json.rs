@@ -43,7 +43,8 @@ pub(super) fn logs_in(text: &str) -> Scanned {
                 continue;
             }
             Some(Ok(value)) => {
-                scanned.other_values += 1;
+                // Braces of a script, or a list in prose, are not meant as JSON.
+                scanned.other_values += usize::from(value.get().starts_with('{') && value.get().contains('"'));
                 value.get().len()
             }
             Some(Err(error)) => {
