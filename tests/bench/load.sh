@@ -14,7 +14,8 @@ trap 'stop; rm -rf "$work"' EXIT
 start() { # arguments of serve
     stop
     rm -rf "$work"/p.db*
-    "$program" serve --open --listen 127.0.0.1:8099 --database "$work/p.db" "$@" 2>"$work/log" &
+    # Without a line a request, which the figures in README.md were measured without too.
+    RUST_LOG=info,plumbline::request=warn "$program" serve --open --listen 127.0.0.1:8099 --database "$work/p.db" "$@" 2>"$work/log" &
     server=$!
     until curl -sf localhost:8099/healthz >/dev/null; do sleep 0.1; done
 }
