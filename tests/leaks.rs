@@ -200,8 +200,11 @@ async fn observe(solves: bool) -> Observed {
         .collect();
     seen.0.push(("metrics".to_owned(), format!("{names:?}")));
     let said = service.said.lock().unwrap().join("\n").replace(scene.folder.path().to_str().unwrap(), "FOLDER");
-    // How often was looked whether an entry is complete is chance.
-    let log: Vec<&str> = said.lines().filter(|line| !line.contains("method=GET route=\"/v1/entries/{id}\"")).collect();
+    // How often was looked whether an entry is complete is chance, and so is which of its first lines the program writes first.
+    let is_chance = |line: &&str| {
+        line.contains("method=GET route=\"/v1/entries/{id}\"") || line.contains("plumbline::app: listening")
+    };
+    let log: Vec<&str> = said.lines().filter(|line| !is_chance(line)).collect();
     seen.0.push(("log".to_owned(), plain(&log.join("\n"))));
     // No secret anywhere.
     let secret = std::fs::read_to_string(scene.file("p.db.secrets/epoch-autumn.json")).unwrap();
