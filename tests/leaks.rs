@@ -106,6 +106,11 @@ impl Observed {
     }
 }
 
+/// How often was looked whether an entry is complete is chance, and so is which of its first lines the program writes first.
+fn is_chance(line: &str) -> bool {
+    line.contains("method=GET route=\"/v1/entries/{id}\"") || line.contains("plumbline::app: listening")
+}
+
 /// Everything that an entrant and everybody else can look at, while one goes through a dev entry and an official one.
 async fn observe(solves: bool) -> Observed {
     let scene = Scene::new(&["--dev-feedback", "score-only"]);
@@ -200,10 +205,6 @@ async fn observe(solves: bool) -> Observed {
         .collect();
     seen.0.push(("metrics".to_owned(), format!("{names:?}")));
     let said = service.said.lock().unwrap().join("\n").replace(scene.folder.path().to_str().unwrap(), "FOLDER");
-    // How often was looked whether an entry is complete is chance, and so is which of its first lines the program writes first.
-    let is_chance = |line: &&str| {
-        line.contains("method=GET route=\"/v1/entries/{id}\"") || line.contains("plumbline::app: listening")
-    };
     let log: Vec<&str> = said.lines().filter(|line| !is_chance(line)).collect();
     seen.0.push(("log".to_owned(), plain(&log.join("\n"))));
     // No secret anywhere.
