@@ -10,6 +10,7 @@ use plumbline::checks::Criterion;
 use plumbline::elasticity::Control;
 use plumbline::epochs::pool::Generator;
 use plumbline::epochs::secret::EpochKey;
+use plumbline::grading::baseline::Baseline;
 use plumbline::grading::{Report, grade_log};
 use plumbline::tasks::{Task, embedded};
 use plumbline::voxel::{BlockLog, Cell};
@@ -130,4 +131,27 @@ fn saboteurs_fail_and_every_check_is_failed_by_one() {
     assert!(never.is_empty(), "no saboteur fails {never:#?}");
     let idle: Vec<&str> = SABOTEURS.iter().zip(is_idle).filter(|(_, idle)| *idle).map(|(s, _)| s.name).collect();
     assert!(idle.is_empty(), "{idle:?} spoil nothing");
+}
+
+/// The scheme for training, on every hidden family; `src/grading/baseline.rs` tests the public ones.
+#[test]
+fn shaped_rewards_pay_nothing_for_nothing_and_all_for_a_good_build() {
+    for mut task in specifications() {
+        // Stress takes long, and is the same to a block wherever it is.
+        for turn in &mut task.turns {
+            turn.checks.retain(|check| check.criterion() != Criterion::StructuralStability);
+        }
+        let baseline = Baseline::of(&task, &Control::unhurried()).unwrap();
+        let shaped = |log: &BlockLog| baseline.shaped(&grade(&task, log));
+        assert!(baseline.can_be_beaten(), "{}", task.id);
+        let turns = task.turns.len();
+        assert_eq!(shaped(&build(&task).unwrap()), 1.0, "{}", task.id);
+        assert_eq!(shaped(&log(turns, |_| Vec::new())), 0.0, "{}", task.id);
+        for material in ["stone", "oak_door", "red_bed", "oak_planks"] {
+            for y in [-4, -1, 0, 2, 5] {
+                let one = log(turns, |turn| if turn == 0 { vec![(Cell::new(4, y, 1), material)] } else { Vec::new() });
+                assert_eq!(shaped(&one), 0.0, "{}: {material} at {y}", task.id);
+            }
+        }
+    }
 }
