@@ -9,6 +9,13 @@ use crate::voxel::Cell;
 /// Witness cells kept at most; all are counted.
 pub const MAX_WITNESSES: usize = 20;
 
+/// Items of a list in `measured` kept at most.
+pub const MAX_ITEMS: usize = 64;
+/// Characters of what a witness shows kept at most.
+const MAX_WHY_CHARS: usize = 100;
+/// Characters of a text in a finding kept at most.
+pub const MAX_CHARS: usize = 1_000;
+
 /// A cell that shows why a check scored as it did.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Witness {
@@ -43,6 +50,9 @@ pub struct Finding {
     /// Why the score must be read with care, beside being vacuous.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub cautions: Vec<String>,
+    /// Lists in `measured` and `required` are cut to their first items, or texts to their first characters: the build is large.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub shortened: bool,
     /// Of a stress check: both methods' figures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stress: Option<Box<StressFigures>>,
@@ -73,6 +83,7 @@ impl Finding {
             witness_total: 0,
             vacuous: false,
             cautions: Vec::new(),
+            shortened: false,
             stress: None,
         }
     }
@@ -83,6 +94,34 @@ impl Finding {
         let mut finding = Self::binary(holds, Value::Null, required, "no blocks stand");
         finding.vacuous = holds;
         finding
+    }
+
+    /// With lists and texts no longer than a reader needs, however large the build is.
+    #[must_use]
+    pub fn bounded(mut self) -> Self {
+        let mut is_cut = cut_text(&mut self.summary);
+        is_cut |= cut(&mut self.measured) | cut(&mut self.required);
+        for text in &mut self.cautions {
+            is_cut |= cut_text(text);
+        }
+        for witness in &mut self.witnesses {
+            is_cut |= cut_text_to(&mut witness.why, MAX_WHY_CHARS);
+        }
+        self.shortened |= is_cut;
+        self
+    }
+
+    /// Bytes of memory that it takes, beside its own size.
+    #[must_use]
+    pub fn heap_bytes(&self) -> usize {
+        let texts = self.cautions.iter().chain(self.witnesses.iter().map(|witness| &witness.why));
+        value_bytes(&self.measured)
+            + value_bytes(&self.required)
+            + self.summary.capacity()
+            + self.witnesses.capacity() * size_of::<Witness>()
+            + self.cautions.capacity() * size_of::<String>()
+            + texts.map(String::capacity).sum::<usize>()
+            + self.stress.as_ref().map_or(0, |_| STRESS_BYTES)
     }
 
     /// Whether the check counts as held: a score of 1 (SPEC 5).
@@ -113,5 +152,70 @@ impl Finding {
     pub const fn vacuous_if(mut self, vacuous: bool) -> Self {
         self.vacuous = vacuous;
         self
+    }
+}
+
+/// What the figures of a stress check take at most.
+const STRESS_BYTES: usize = 2_048;
+/// What a member of an object takes beside its name and value: its part of a tree's node.
+const MEMBER_BYTES: usize = 64;
+
+/// Bytes of memory that a value takes, beside its own size.
+#[must_use]
+pub fn value_bytes(value: &Value) -> usize {
+    match value {
+        Value::Null | Value::Bool(_) | Value::Number(_) => 0,
+        Value::String(text) => text.capacity(),
+        Value::Array(items) => items.capacity() * size_of::<Value>() + items.iter().map(value_bytes).sum::<usize>(),
+        Value::Object(members) => members
+            .iter()
+            .map(|(name, value)| MEMBER_BYTES + name.capacity() + size_of::<Value>() + value_bytes(value))
+            .sum(),
+    }
+}
+
+/// Cuts lists and texts; says whether anything was cut.
+fn cut(value: &mut Value) -> bool {
+    match value {
+        Value::Null | Value::Bool(_) | Value::Number(_) => false,
+        Value::String(text) => cut_text(text),
+        Value::Array(items) => {
+            let is_long = items.len() > MAX_ITEMS;
+            items.truncate(MAX_ITEMS);
+            items.shrink_to_fit();
+            items.iter_mut().fold(is_long, |is_cut, item| cut(item) | is_cut)
+        }
+        Value::Object(members) => members.values_mut().fold(false, |is_cut, member| cut(member) | is_cut),
+    }
+}
+
+fn cut_text(text: &mut String) -> bool {
+    cut_text_to(text, MAX_CHARS)
+}
+
+fn cut_text_to(text: &mut String, most: usize) -> bool {
+    let Some((end, _)) = text.char_indices().nth(most) else { return false };
+    text.truncate(end);
+    text.push('…');
+    text.shrink_to_fit();
+    true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn what_a_large_build_shows_is_cut_and_says_so() {
+        let measured = json!({ "along_x": vec![1; 5_000], "word": "ä".repeat(5_000), "few": [1, 2] });
+        let finding = Finding::binary(false, measured, json!(null), "x".repeat(9_000)).bounded();
+        assert!(finding.shortened);
+        assert_eq!(finding.measured["along_x"].as_array().map(Vec::len), Some(MAX_ITEMS));
+        assert_eq!(finding.measured["few"], json!([1, 2]));
+        assert_eq!(finding.summary.chars().count(), MAX_CHARS + 1);
+        assert!(finding.heap_bytes() < 16 << 10, "{}", finding.heap_bytes());
+        let small = Finding::binary(true, json!([1, 2]), json!(null), "fine");
+        assert_eq!(small.clone().bounded(), small);
     }
 }

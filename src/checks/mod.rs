@@ -183,14 +183,6 @@ macro_rules! catalogue {
     };
 }
 
-impl Check {
-    /// Whether it walks through the space that a build takes, which costs by its extent and not by its blocks.
-    #[must_use]
-    pub const fn walks(&self) -> bool {
-        matches!(self, Self::EnclosedRooms(_) | Self::DoorsLeadThrough(_) | Self::WalksOut(_) | Self::ClimbsTo(_))
-    }
-}
-
 /// Lets the list treat rules that may be stopped and rules that never are alike.
 trait Evaluate {
     fn run(&self, subject: &Subject<'_>) -> Result<Finding, Stopped>;

@@ -21,6 +21,14 @@ pub struct Advisory {
     pub detail: String,
 }
 
+impl Advisory {
+    /// Bytes of memory that it takes.
+    #[must_use]
+    pub const fn heap_bytes(&self) -> usize {
+        size_of::<Self>() + self.detail.capacity()
+    }
+}
+
 /// Kinds of advisories.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]

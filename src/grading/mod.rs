@@ -2,6 +2,7 @@
 
 pub mod advisories;
 pub mod baseline;
+pub mod cost;
 pub mod fingerprints;
 pub mod outcomes;
 pub mod raw_records;

@@ -5,6 +5,7 @@ use serde_json::Value;
 
 use super::advisories::{Advisory, advise};
 use super::summary::ProblemScores;
+use crate::checks::evidence::value_bytes;
 use crate::checks::{CHECKS_VERSION, Check, Criterion, Dimension, Finding, Subject};
 use crate::elasticity::{Control, Stopped};
 use crate::tasks::Task;
@@ -83,6 +84,24 @@ pub struct Report {
 }
 
 impl Report {
+    /// Bytes of memory that it takes.
+    #[must_use]
+    pub fn memory_bytes(&self) -> usize {
+        let checks = |list: &Vec<CheckReport>| {
+            let own =
+                |check: &CheckReport| check.name.capacity() + value_bytes(&check.args) + check.finding.heap_bytes();
+            list.capacity() * size_of::<CheckReport>() + list.iter().map(own).sum::<usize>()
+        };
+        let turns = self.turns.iter().map(|turn| checks(&turn.checks) + checks(&turn.informational)).sum::<usize>();
+        size_of::<Self>()
+            + self.task.capacity()
+            + self.task_hash.capacity()
+            + self.criteria.capacity() * size_of::<CriterionReport>()
+            + self.turns.capacity() * size_of::<TurnReport>()
+            + self.advisories.iter().map(Advisory::heap_bytes).sum::<usize>()
+            + turns
+    }
+
     /// The scores that the summary of a run needs.
     #[must_use]
     pub fn scores(&self) -> ProblemScores {
@@ -170,7 +189,7 @@ fn check_reports(checks: &[Check], subject: &Subject<'_>) -> Result<Vec<CheckRep
         if (subject.control.stop)() {
             return Err(Stopped);
         }
-        reports.push(check_report(check, check.evaluate(subject)?));
+        reports.push(check_report(check, check.evaluate(subject)?.bounded()));
     }
     Ok(reports)
 }

@@ -38,6 +38,22 @@ pub struct HasWideExit {
     pub start_material: Option<String>,
 }
 
+impl HasExit {
+    /// Cells of the moving box.
+    #[must_use]
+    pub const fn volume(&self) -> u64 {
+        (self.width.0 * self.depth.0 * self.height.0) as u64
+    }
+}
+
+impl HasWideExit {
+    /// Cells of the moving box.
+    #[must_use]
+    pub const fn volume(&self) -> u64 {
+        (self.width.0 * self.width.0 * 2) as u64
+    }
+}
+
 /// A side of the moving box: 1 to 16 cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "i64", into = "i64")]
