@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use serde::{Deserialize, Serialize};
 
 use super::confine::confine;
+use super::memory::PeakMemory;
 use super::{ActionLimits, Replayed, engine};
 
 /// Name of the command that is this process.
@@ -26,7 +27,8 @@ pub(super) struct Job {
 /// Where the process cannot be confined, or is sent something else.
 pub fn run(limits: &ActionLimits) -> anyhow::Result<ExitCode> {
     // What libraries set up at their first use they set up before that needs system calls that are no longer there.
-    engine::run("skills.wait(bot, 1); new Date(0).getHours()", limits);
+    engine::run("skills.wait(bot, 1); new Date(0).getHours()", limits, &PeakMemory::unknown());
+    let peak = PeakMemory::of_this_process();
     confine(limits)?;
     let mut length = [0; 4];
     let mut input = std::io::stdin().lock();
@@ -37,7 +39,7 @@ pub fn run(limits: &ActionLimits) -> anyhow::Result<ExitCode> {
     let mut job = vec![0; u32::from_le_bytes(length) as usize];
     input.read_exact(&mut job)?;
     let job: Job = serde_json::from_slice(&job)?;
-    let replayed: Replayed = engine::run(&job.code, &job.limits);
+    let replayed: Replayed = engine::run(&job.code, &job.limits, &peak);
     let answer = serde_json::to_vec(&replayed)?;
     let mut output = std::io::stdout().lock();
     output.write_all(&u32::try_from(answer.len())?.to_le_bytes())?;

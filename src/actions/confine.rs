@@ -7,7 +7,7 @@ use super::ActionLimits;
 /// Address space beyond what scripts may use: the program itself, the engine, stacks.
 const OWN_BYTES: u64 = 512 << 20;
 
-/// Confines this process for good. What is open stays open: standard input and output.
+/// Confines this process for good. What is open stays open: standard input and output, and the file that tells its memory.
 ///
 /// # Errors
 /// Where the system refuses; then no code may be run.
@@ -34,6 +34,7 @@ fn system_calls() -> anyhow::Result<()> {
     use seccompiler::{BpfProgram, SeccompAction, SeccompFilter, TargetArch};
     let needed = [
         libc::SYS_read,
+        libc::SYS_pread64,
         libc::SYS_write,
         libc::SYS_mmap,
         libc::SYS_munmap,

@@ -9,6 +9,7 @@ use rquickjs::function::{Func, Opt, This};
 use rquickjs::{CaughtError, Context, Ctx, Function, Object, Runtime, Value};
 use rustix::time::{ClockId, clock_gettime};
 
+use super::memory::PeakMemory;
 use super::{ActionLimits, CodeError, Dropped, LimitReached, RecordedEvent, Replayed, integers};
 use crate::voxel::cell;
 
@@ -98,10 +99,13 @@ fn cpu_ms() -> u64 {
 }
 
 /// Runs a script to its end: its main function, then promises and timers until none is left.
-pub fn run(code: &str, limits: &ActionLimits) -> Replayed {
+pub fn run(code: &str, limits: &ActionLimits, peak: &PeakMemory) -> Replayed {
     let recorder = Rc::new(RefCell::new(Recorder::default()));
     let error = run_with(code, limits, &recorder);
     let mut recorder = recorder.take();
+    if recorder.ran_out(limits, peak, error.as_ref()) {
+        recorder.stopped.get_or_insert("memory");
+    }
     let events = recorder.events.len();
     let detail = |what: String| format!("{what}; {events} events recorded before");
     let stopped = recorder.stopped.map(|limit| LimitReached {
@@ -134,6 +138,24 @@ pub fn run(code: &str, limits: &ActionLimits) -> Replayed {
         stopped,
         notes,
         unreadable: recorder.unreadable,
+    }
+}
+
+impl Recorder {
+    /// Whether memory ran out, also where the script caught the error and went on: what it did then depends on how much there was.
+    fn ran_out(&self, limits: &ActionLimits, peak: &PeakMemory, error: Option<&CodeError>) -> bool {
+        // Events and names are kept outside of the engine.
+        let own =
+            self.events.capacity() * size_of::<RecordedEvent>() + self.palette.iter().map(String::len).sum::<usize>();
+        let grown = (peak.grown_by() as usize).saturating_sub(own);
+        let most = limits.memory_bytes;
+        let is_so = |error: &CodeError| match error.message.as_str() {
+            "InternalError: out of memory" => true,
+            // Where there is no memory for the error, the engine throws null.
+            "thrown: null" => grown >= most / 4,
+            _ => false,
+        };
+        error.into_iter().chain(&self.unheard).any(is_so) || grown >= most - most / 10
     }
 }
 
@@ -200,13 +222,6 @@ fn run_with(code: &str, limits: &ActionLimits, recorder: &Rc<RefCell<Recorder>>)
             Err(thrown) => error = error.or(Some(thrown)),
         }
     }
-    // The engine reports that memory ran out as an error of the script.
-    let is_out_of_memory = |error: &CodeError| error.message == "InternalError: out of memory";
-    let mut ended = recorder.borrow_mut();
-    if error.iter().chain(&ended.unheard).any(is_out_of_memory) {
-        ended.stopped.get_or_insert("memory");
-    }
-    drop(ended);
     error
 }
 

@@ -8,6 +8,7 @@ pub mod child;
 mod confine;
 mod engine;
 mod integers;
+mod memory;
 pub mod pool;
 
 use serde::{Deserialize, Serialize};

@@ -7,11 +7,15 @@ use std::time::Duration;
 
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::process::{Child, Command};
-use tokio::sync::Semaphore;
 
 use super::child::{COMMAND, Job};
 use super::{ActionLimits, LimitReached, Replayed};
+use crate::fair::FairSlots;
 
+/// Milliseconds on the processor that a script may take at first. Most take a few.
+const FIRST_MS: u64 = 250;
+/// Milliseconds after which it is ended at first, whatever it does: it may be in a built-in that does not look at the time.
+const FIRST_WALL_MS: u64 = 1_000;
 /// Bytes of an answer at most: more than the events that are allowed can take.
 const ANSWER_BYTES: u32 = 128 << 20;
 
@@ -24,7 +28,10 @@ pub struct Pool {
 #[derive(Debug)]
 struct Inner {
     ready: Mutex<Vec<Child>>,
-    turns: Semaphore,
+    /// Turns for scripts that were not begun.
+    first: Arc<FairSlots>,
+    /// Turns for scripts that took longer than [`FIRST_MS`].
+    again: Arc<FairSlots>,
     size: usize,
     limits: ActionLimits,
 }
@@ -33,8 +40,9 @@ impl Pool {
     /// A pool that runs at most `size` scripts at the same time and has as many children waiting.
     #[must_use]
     pub fn new(size: usize, limits: ActionLimits) -> Self {
-        let inner = Inner { ready: Mutex::default(), turns: Semaphore::new(size.max(1)), size: size.max(1), limits };
-        Self { inner: Arc::new(inner) }
+        let size = size.max(1);
+        let (first, again) = (FairSlots::new(size, size), FairSlots::new(size, size));
+        Self { inner: Arc::new(Inner { ready: Mutex::default(), first, again, size, limits }) }
     }
 
     /// What scripts may use.
@@ -43,26 +51,42 @@ impl Pool {
         &self.inner.limits
     }
 
-    /// Runs a script to its end or to a limit.
+    /// Runs a script to its end or to a limit, when its sender's turn comes. A script that takes long is ended and begun again where
+    /// only such scripts wait: what it does depends on nothing else, so it does the same, and short ones need not wait for it.
     ///
     /// # Errors
     /// Where no process can be had: a failure of ours.
-    pub async fn run(&self, code: &str) -> anyhow::Result<Replayed> {
-        let _turn = self.inner.turns.acquire().await?;
+    pub async fn run(&self, code: &str, who: &Arc<str>) -> anyhow::Result<Replayed> {
+        let all = self.inner.limits;
+        let first = ActionLimits { cpu_ms: FIRST_MS.min(all.cpu_ms), wall_ms: FIRST_WALL_MS.min(all.wall_ms), ..all };
+        let turn = self.inner.first.take(who).await;
+        let done = self.run_within(code, &first).await?;
+        drop(turn);
+        match done {
+            Some(done) if done.stopped.as_ref().is_none_or(|stopped| stopped.limit != "time") => return Ok(done),
+            _ => {}
+        }
+        let _turn = self.inner.again.take(who).await;
+        let done = self.run_within(code, &all).await?;
+        // No script may take so much of the processor: the machine had no time for it.
+        done.ok_or_else(|| anyhow::anyhow!("action code was not done after {} ms", all.wall_ms))
+    }
+
+    /// Runs a script in a child; none where its time is over, whatever it did with it.
+    async fn run_within(&self, code: &str, limits: &ActionLimits) -> anyhow::Result<Option<Replayed>> {
         let mut child = self.take()?;
-        let wall = Duration::from_millis(self.inner.limits.wall_ms);
+        let wall = Duration::from_millis(limits.wall_ms);
         let asked = tokio::time::timeout(wall, async {
-            match ask(&mut child, code, &self.inner.limits).await? {
+            match ask(&mut child, code, limits).await? {
                 Some(replayed) => Ok(replayed),
-                None => how_it_ended(child.wait().await?.signal(), &self.inner.limits),
+                None => how_it_ended(child.wait().await?.signal(), limits),
             }
         });
         let done = asked.await;
         // It is done, one way or another, and so is its process.
         child.kill().await?;
         self.refill();
-        // No script may take so much of the processor: the machine had no time for it.
-        done.map_err(|_late| anyhow::anyhow!("action code was not done after {} ms", wall.as_millis()))?
+        done.ok().transpose()
     }
 
     /// A child that waits, or a new one.

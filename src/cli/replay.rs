@@ -29,6 +29,7 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
         let pool = Pool::new(1, ACTION_LIMITS);
+        let who = std::sync::Arc::from("");
         let mut is_whole = true;
         for file in &args.files {
             let name = file.display().to_string();
@@ -40,7 +41,7 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
                 "{name}: more than {} bytes",
                 ACTION_LIMITS.code_bytes
             );
-            let replayed = pool.run(&without_fences(&code)).await?;
+            let replayed = pool.run(&without_fences(&code), &who).await?;
             is_whole &= replayed.stopped.is_none() && !replayed.unreadable;
             match print(&name, &replayed) {
                 // Whoever reads has seen enough.
