@@ -20,9 +20,9 @@ use crate::http::limits::LIMITS;
 use crate::http::rates::Rates;
 use crate::http::server::Connections;
 use crate::http::{self, Around, HttpSettings};
+use crate::store::Store;
 use crate::store::keys::Scope;
 use crate::store::suites::SuiteStored;
-use crate::store::{Store, StoreResult};
 use crate::tasks::embedded;
 use crate::worker::{WorkerSettings, Workers};
 
@@ -39,6 +39,8 @@ pub struct Config {
     pub workers: usize,
     /// How long a job stays with a worker that gives no sign of life.
     pub lease: Duration,
+    /// How often entries of open epochs are completed and receipts of hidden evaluation published.
+    pub hidden_publish: Duration,
     /// What HTTP is started with.
     pub http: HttpSettings,
 }
@@ -90,17 +92,18 @@ impl App {
             lease: config.lease,
             deadline: Duration::from_secs(LIMITS.grading_seconds),
         };
-        let signer = Arc::new(store.secrets().signer().context("cannot have the key that signs receipts")?);
+        let signer = store.signer().context("cannot have the key that signs receipts")?;
         let notices: Vec<String> = receipt_key_notice(&store, &signer).await?.into_iter().collect();
         for notice in &notices {
             tracing::warn!("{notice}");
         }
-        let workers = Workers::start(&store, settings, &signer, &wake);
+        let workers = Workers::start(&store, settings, &signer, &wake)?;
         let stop = CancellationToken::new();
         let connections = Connections::default();
         let rates = Arc::new(Rates::new(config.http.rates));
         crate::telemetry::describe_metrics();
         tokio::spawn(keep_up(metrics.clone(), store.clone(), Arc::clone(&rates), stop.clone()));
+        tokio::spawn(keep_hidden(store.clone(), config.hidden_publish, stop.clone()));
         let actions = Pool::new(config.workers, ACTION_LIMITS);
         actions.refill();
         let around = Around {
@@ -110,13 +113,20 @@ impl App {
             connections: connections.clone(),
             rates,
             actions,
-            receipt_key: signer.public_key(),
+            signer,
             stop: stop.clone(),
         };
         let routers = http::routers(around, &config.http)?;
-        let mut serving = vec![tokio::spawn(http::server::serve(listener, routers.public, connections, stop.clone()))];
+        // All clients of a proxy have its address.
+        let per_address = if config.http.rates.is_behind_proxy {
+            LIMITS.connections
+        } else {
+            config.http.rates.connections_per_address
+        };
+        let serve = http::server::serve(listener, routers.public, connections, per_address, stop.clone());
+        let mut serving = vec![tokio::spawn(serve)];
         if let (Some(listener), Some(router)) = (admin_listener, routers.admin) {
-            let serve = http::server::serve(listener, router, Connections::default(), stop.clone());
+            let serve = http::server::serve(listener, router, Connections::default(), LIMITS.connections, stop.clone());
             serving.push(tokio::spawn(serve));
         }
         let admin = admin_address.map(|address| address.to_string());
@@ -170,8 +180,7 @@ async fn receipt_key_notice(store: &Store, signer: &Signer) -> anyhow::Result<Op
 }
 
 /// What is done every few seconds: who was quiet is forgotten by the rate limits; samples of histograms are folded together,
-/// which would pile up where nobody reads the metrics; suites that another process has added are read; entries of epochs that
-/// are over are finalized.
+/// which would pile up where nobody reads the metrics; suites that another process has added are read.
 async fn keep_up(metrics: PrometheusHandle, store: Store, rates: Arc<Rates>, stop: CancellationToken) {
     const EVERY: Duration = Duration::from_secs(5);
     while stop.run_until_cancelled(tokio::time::sleep(EVERY)).await.is_some() {
@@ -180,17 +189,36 @@ async fn keep_up(metrics: PrometheusHandle, store: Store, rates: Arc<Rates>, sto
         if let Err(error) = store.current_catalogue().await {
             tracing::warn!(%error, "could not look for new suites");
         }
-        if let Err(error) = finalize_what_is_over(&store).await {
-            tracing::warn!(%error, "could not finalize entries of epochs that are over");
-        }
     }
 }
 
-async fn finalize_what_is_over(store: &Store) -> StoreResult<()> {
-    for epoch in store.epochs().await? {
-        store.finalize_what_is_over(&epoch, now_ms()).await?;
+/// Settles epochs as soon as they are over. In open ones entries are completed, and receipts published, at fixed times only: full
+/// multiples of `every` since 1970, so that nobody sees when an answer was graded.
+async fn keep_hidden(store: Store, every: Duration, stop: CancellationToken) {
+    const LOOK: Duration = Duration::from_secs(1);
+    let every_ms = i64::try_from(every.as_millis()).unwrap_or(i64::MAX).max(1);
+    let mut published = now_ms() / every_ms;
+    // The file grows when a hidden answer is graded, so its size is told at these times only.
+    let tell_size = || metrics::gauge!("plumbline_database_bytes").set(store.file_bytes() as f64);
+    tell_size();
+    while stop.run_until_cancelled(tokio::time::sleep(LOOK)).await.is_some() {
+        if let Err(error) = store.settle_epochs(now_ms()).await {
+            tracing::warn!(%error, "could not settle epochs that are over");
+        }
+        let due = now_ms() / every_ms;
+        if due == published {
+            continue;
+        }
+        match store.publish_hidden(now_ms()).await {
+            Ok(()) => {
+                published = due;
+                tell_size();
+            }
+            Err(error) => {
+                tracing::warn!(%error, "could not complete entries and publish receipts of hidden evaluation");
+            }
+        }
     }
-    Ok(())
 }
 
 async fn store_suites(store: &Store) -> anyhow::Result<()> {

@@ -65,6 +65,11 @@ pub fn describe_metrics() {
     describe_counter!("plumbline_grade_cache_total", "Requests to grade, by whether the result was kept from before");
     describe_gauge!("plumbline_grade_cache_bytes", "Memory of results kept for requests to grade, in bytes");
     describe_counter!("plumbline_grade_refused_total", "Requests to grade that were refused because too many waited");
+    describe_counter!(
+        "plumbline_stress_fields_computed_total",
+        "Stress fields computed because nobody had asked for them lately"
+    );
+    describe_counter!("plumbline_connections_refused_total", "Connections closed because their address had too many");
     describe_counter!("plumbline_rate_limited_total", "Requests refused for their rate, by what was counted");
     describe_counter!("plumbline_corrupt_rows_total", "Stored rows that did not read back");
     describe_gauge!("plumbline_submissions_not_ended", "Submissions queued or being graded");

@@ -34,6 +34,10 @@ pub struct ServeArgs {
     /// Seconds after which the job of a worker that gives no sign of life is taken again.
     #[arg(long, env = "PLUMBLINE_LEASE_SECONDS", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     lease_seconds: u64,
+    /// Seconds between two times at which entries of open epochs are completed and receipts of hidden evaluation are published, at full
+    /// multiples of it. The longer, the less can be learnt of how long answers took to grade.
+    #[arg(long, env = "PLUMBLINE_HIDDEN_PUBLISH_SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    hidden_publish_seconds: u64,
     /// MiB of memory for results of /v1/grade, kept for the same log and task; 0 keeps none.
     #[arg(long, env = "PLUMBLINE_GRADE_CACHE_MIB", default_value_t = LIMITS.grade_cache_bytes >> 20, value_name = "MIB")]
     grade_cache_mib: usize,
@@ -44,6 +48,9 @@ pub struct ServeArgs {
     /// them lower where strangers ask.
     #[arg(long, env = "PLUMBLINE_RATE_PER_ADDRESS", default_value_t = LIMITS.requests_per_second_per_address, value_name = "N")]
     rate_per_address: u32,
+    /// Connections open at once from one address; more are closed. Lower it where strangers connect without a proxy in between.
+    #[arg(long, env = "PLUMBLINE_CONNECTIONS_PER_ADDRESS", default_value_t = LIMITS.connections_per_address, value_name = "N")]
+    connections_per_address: usize,
     /// Take the address of a client from the last entry of X-Forwarded-For, which the proxy in front writes.
     #[arg(long, env = "PLUMBLINE_BEHIND_PROXY")]
     behind_proxy: bool,
@@ -110,6 +117,7 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
         database: args.database.clone(),
         workers: args.workers.map_or(processors, usize::from),
         lease: Duration::from_secs(args.lease_seconds),
+        hidden_publish: Duration::from_secs(args.hidden_publish_seconds),
         http: HttpSettings {
             grade_cache_bytes: args.grade_cache_mib << 20,
             open: match (args.open, args.open_grade) {
@@ -123,6 +131,7 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
                 per_key: args.rate_per_key,
                 per_address: args.rate_per_address,
                 is_behind_proxy: args.behind_proxy,
+                connections_per_address: args.connections_per_address,
             },
         },
     };

@@ -36,6 +36,18 @@ pub enum EventsOf {
     Submission(String),
 }
 
+impl EventsOf {
+    /// Whether an event is among them.
+    #[must_use]
+    pub fn has(&self, row: &EventRow) -> bool {
+        match self {
+            Self::Everything => true,
+            Self::Run(id) => row.run_id.as_ref() == Some(id),
+            Self::Submission(id) => row.submission_id.as_ref() == Some(id),
+        }
+    }
+}
+
 /// An event to write.
 #[derive(Debug)]
 pub(super) struct NewEvent<'a> {

@@ -3,7 +3,6 @@
 //! Each request keeps its own fate: where it is refused, or the database fails on it, the others are stored all the same.
 //! Its answer goes out only after the commit.
 
-use std::collections::HashMap;
 use std::sync::Arc;
 
 use sqlx::{Connection as _, SqliteConnection, SqlitePool};
@@ -37,10 +36,9 @@ impl Acceptances {
         let (sender, mut receiver) = mpsc::channel(WAITING);
         tokio::spawn(async move {
             let mut group = Vec::with_capacity(MAX_GROUP);
-            let mut turns = Turns::default();
             while receiver.recv_many(&mut group, MAX_GROUP).await > 0 {
                 metrics::histogram!("plumbline_accepted_together").record(group.len() as f64);
-                store(&writer, &mut turns, std::mem::take(&mut group)).await;
+                store(&writer, std::mem::take(&mut group)).await;
             }
         });
         Self(sender)
@@ -60,8 +58,8 @@ impl Acceptances {
     }
 }
 
-async fn store(writer: &SqlitePool, turns: &mut Turns, group: Vec<Acceptance>) {
-    match together(writer, turns, &group).await {
+async fn store(writer: &SqlitePool, group: Vec<Acceptance>) {
+    match together(writer, &group).await {
         Ok(answers) => {
             for (request, answers) in group.into_iter().zip(answers) {
                 // A client that has left needs no answer.
@@ -71,7 +69,7 @@ async fn store(writer: &SqlitePool, turns: &mut Turns, group: Vec<Acceptance>) {
         Err(_) if group.len() > 1 => {
             // One of them failed, and took the others along: each alone.
             for request in group {
-                let alone = together(writer, turns, std::slice::from_ref(&request)).await;
+                let alone = together(writer, std::slice::from_ref(&request)).await;
                 let _ = request
                     .answer
                     .send(alone.map(|mut answers| answers.pop().unwrap_or_else(|| Acceptability::Decided(Vec::new()))));
@@ -86,19 +84,18 @@ async fn store(writer: &SqlitePool, turns: &mut Turns, group: Vec<Acceptance>) {
 }
 
 /// Stores the requests in one transaction. A request that is refused leaves nothing behind.
-async fn together(writer: &SqlitePool, turns: &mut Turns, group: &[Acceptance]) -> StoreResult<Vec<Acceptability>> {
+async fn together(writer: &SqlitePool, group: &[Acceptance]) -> StoreResult<Vec<Acceptability>> {
     let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
-    turns.look(&mut tx).await?;
     let mut all = Vec::with_capacity(group.len());
     for request in group {
         // A single submission that is refused has written nothing.
         if let ([only], None) = (&*request.submissions, &request.once) {
-            let answer = accept_one(&mut tx, only, turns.next(only.owner.as_deref()), request.now_ms).await?;
+            let answer = accept_one(&mut tx, only, request.now_ms).await?;
             all.push(Acceptability::Decided(vec![answer]));
             continue;
         }
         let mut part = tx.begin().await?;
-        let (answer, is_stored) = store_request(&mut part, turns, request).await?;
+        let (answer, is_stored) = store_request(&mut part, request).await?;
         if is_stored {
             part.commit().await?;
         } else {
@@ -112,11 +109,7 @@ async fn together(writer: &SqlitePool, turns: &mut Turns, group: &[Acceptance]) 
 
 /// Stores the submissions of one request, and what it came to where it shall be carried out once. Says whether that is to
 /// stay.
-async fn store_request(
-    tx: &mut SqliteConnection,
-    turns: &mut Turns,
-    request: &Acceptance,
-) -> StoreResult<(Acceptability, bool)> {
+async fn store_request(tx: &mut SqliteConnection, request: &Acceptance) -> StoreResult<(Acceptability, bool)> {
     if let Some(once) = &request.once {
         match once.before(tx, request.now_ms).await? {
             Before::Never => {}
@@ -126,7 +119,7 @@ async fn store_request(
     }
     let mut answers = Vec::with_capacity(request.submissions.len());
     for submission in &*request.submissions {
-        answers.push(accept_one(tx, submission, turns.next(submission.owner.as_deref()), request.now_ms).await?);
+        answers.push(accept_one(tx, submission, request.now_ms).await?);
     }
     let is_stored = answers.iter().all(|answer| matches!(answer, Accepted::New | Accepted::Same(_)));
     if let (Some(once), true) = (&request.once, is_stored) {
@@ -143,49 +136,4 @@ async fn store_request(
         once.keep(tx, &result, request.now_ms).await?;
     }
     Ok((Acceptability::Decided(answers), is_stored))
-}
-
-/// Whose turn is when: each owner's jobs have turns one after another, none before that of the job that is next. Owners who
-/// wait take turns; one who comes late is served next, and not after all that another has queued.
-#[derive(Debug, Default)]
-struct Turns {
-    last: HashMap<String, i64>,
-    nobody: i64,
-    next_in_queue: i64,
-    has_looked: bool,
-}
-
-impl Turns {
-    /// Looks which turn is next; the first time also at what was queued before this process began.
-    async fn look(&mut self, tx: &mut SqliteConnection) -> StoreResult<()> {
-        if !self.has_looked {
-            let queued: Vec<(Option<String>, i64)> = sqlx::query_as(
-                "SELECT s.owner, MAX(j.turn) FROM jobs j JOIN submissions s ON s.id = j.submission_id GROUP BY s.owner",
-            )
-            .fetch_all(&mut *tx)
-            .await?;
-            for (owner, turn) in queued {
-                *self.of(owner.as_deref()) = turn;
-            }
-            self.has_looked = true;
-        }
-        let first: Option<i64> = sqlx::query_scalar("SELECT MIN(turn) FROM jobs").fetch_one(&mut *tx).await?;
-        self.next_in_queue = first.unwrap_or(self.next_in_queue);
-        Ok(())
-    }
-
-    fn of(&mut self, owner: Option<&str>) -> &mut i64 {
-        match owner {
-            None => &mut self.nobody,
-            Some(owner) => self.last.entry(owner.to_owned()).or_default(),
-        }
-    }
-
-    /// The turn of the owner's next job.
-    fn next(&mut self, owner: Option<&str>) -> i64 {
-        let first = self.next_in_queue;
-        let last = self.of(owner);
-        *last = (*last + 1).max(first);
-        *last
-    }
 }

@@ -7,10 +7,8 @@ use std::collections::HashMap;
 
 use sqlx::{QueryBuilder, Row as _, Sqlite, SqliteConnection};
 
-use super::events::{self, NewEvent};
-use super::quota;
-use super::run_ends::end_if_complete;
-use super::runs::count;
+use super::job_ends::{End, give_up};
+use super::queue::{Lane, note_taken};
 use super::submissions::SubmissionState;
 use super::{Store, StoreError, StoreResult, commit, decompress};
 use crate::clock::now_ms;
@@ -89,48 +87,51 @@ pub enum Claimed {
 }
 
 impl Store {
-    /// Takes the job whose turn it is, of those that are free or whose lease has run out, under a lease of `lease_ms` from the moment that
-    /// this transaction has the database to itself. Where it is quick and was never begun, up to `most` such jobs come
-    /// with it; one that was begun before comes alone, so that what ails it befalls no other.
+    /// Takes the job whose turn it is, of those that are free or whose lease has run out, from the first of these lanes that has one,
+    /// under a lease of `lease_ms` from the moment that this transaction has the database to itself. Where it is quick and was never
+    /// begun, up to `most` such jobs come with it; one that was begun before comes alone, so that what ails it befalls no other.
     ///
     /// # Errors
     /// Where the database fails.
-    pub async fn claim(&self, lease_ms: i64, most: usize) -> StoreResult<Claimed> {
+    pub async fn claim(&self, lanes: &[Lane], lease_ms: i64, most: usize) -> StoreResult<Claimed> {
+        if !self.has_jobs(lanes).await? {
+            return Ok(Claimed::Nothing);
+        }
         let mut tx = self.begin().await?;
         let now_ms = now_ms();
-        let first: Option<(String, i64, bool)> = sqlx::query_as(
-            "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $1 + $2, lease_ms = $2
-             WHERE submission_id = (SELECT submission_id FROM jobs
-                                    WHERE lease_until_ms <= $1 OR lease_until_ms - lease_ms > $1
-                                    ORDER BY turn, queued_at_ms, submission_id LIMIT 1)
-             RETURNING submission_id, attempt, quick",
-        )
-        .bind(now_ms)
-        .bind(lease_ms)
-        .fetch_optional(&mut *tx)
-        .await?;
-        let Some((id, attempt, quick)) = first else { return Ok(Claimed::Nothing) };
+        let mut first = None;
+        for lane in lanes {
+            first = take_first(&mut tx, *lane, lease_ms, now_ms).await?.map(|taken| (*lane, taken));
+            if first.is_some() {
+                break;
+            }
+        }
+        let Some((lane, Taken { id, attempt, turn })) = first else { return Ok(Claimed::Nothing) };
+        note_taken(&mut tx, lane, turn).await?;
         if attempt > MAX_ATTEMPTS {
-            let has_ended = give_up(&mut tx, &id, now_ms).await?;
+            let has_ended = give_up(&mut tx, &*self.signer()?, &id, now_ms).await?;
             commit(tx, "claim (given up)").await?;
             self.note_ends(has_ended);
             return Ok(Claimed::GivenUp);
         }
         let mut taken = vec![(id, attempt)];
-        if quick && attempt == 1 {
-            let more: Vec<(String, i64)> = sqlx::query_as(
+        if lane == Lane::Quick && attempt == 1 {
+            let more: Vec<(String, i64, i64)> = sqlx::query_as(
                 "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $1 + $2, lease_ms = $2
                  WHERE submission_id IN (SELECT submission_id FROM jobs
-                                         WHERE lease_until_ms <= $1 AND quick = 1 AND attempt = 0
+                                         WHERE lane = 'quick' AND lease_until_ms <= $1 AND attempt = 0
                                          ORDER BY turn, queued_at_ms, submission_id LIMIT $3)
-                 RETURNING submission_id, attempt",
+                 RETURNING submission_id, attempt, turn",
             )
             .bind(now_ms)
             .bind(lease_ms)
             .bind(most.saturating_sub(1) as i64)
             .fetch_all(&mut *tx)
             .await?;
-            taken.extend(more);
+            if let Some(turn) = more.iter().map(|(_, _, turn)| *turn).max() {
+                note_taken(&mut tx, lane, turn).await?;
+            }
+            taken.extend(more.into_iter().map(|(id, attempt, _)| (id, attempt)));
         }
         let mut update = QueryBuilder::new("UPDATE submissions SET state = 'grading' WHERE id IN ");
         push_ids(&mut update, taken.iter().map(|(id, _)| id.as_str()));
@@ -232,31 +233,47 @@ impl Store {
         let Some((run_id, suite_id)) = found else { return Ok(false) };
         let end = End { submission_id, run_id: run_id.as_deref(), state: SubmissionState::Cancelled };
         // The job is gone: what a worker brings back of it no longer counts.
-        let has_ended = end.record(&mut tx, Some("cancelled by its owner"), &suite_id, now_ms).await?;
+        let has_ended = end.record(&mut tx, &*self.signer()?, "cancelled by its owner", &suite_id, now_ms).await?;
         commit(tx, "cancel").await?;
         self.note_ends(has_ended);
         Ok(true)
     }
 
-    /// How many jobs come before this one, up to `most`; none where it does not wait.
+    /// Whether a lane has jobs at all, free or not: most looks find none, and need not wait for whoever writes.
+    async fn has_jobs(&self, lanes: &[Lane]) -> StoreResult<bool> {
+        for lane in lanes {
+            let has_one: bool = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM jobs WHERE lane = $1)")
+                .bind(lane.name())
+                .fetch_one(&self.readers)
+                .await?;
+            if has_one {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// How many jobs come before this one in its lane, up to `most`; none where it does not wait.
     ///
     /// # Errors
     /// Where the database fails.
     pub async fn jobs_before(&self, submission_id: &str, most: i64) -> StoreResult<Option<i64>> {
-        let place: Option<(i64, i64)> =
-            sqlx::query_as("SELECT turn, queued_at_ms FROM jobs WHERE submission_id = $1 AND lease_until_ms = 0")
+        let place: Option<(i64, i64, String)> =
+            sqlx::query_as("SELECT turn, queued_at_ms, lane FROM jobs WHERE submission_id = $1 AND lease_until_ms = 0")
                 .bind(submission_id)
                 .fetch_optional(&self.readers)
                 .await?;
-        let Some((turn, queued_at_ms)) = place else { return Ok(None) };
+        let Some((turn, queued_at_ms, lane)) = place else { return Ok(None) };
         let before = sqlx::query_scalar(
             "SELECT COUNT(*) FROM (SELECT 1 FROM jobs
-                                   WHERE turn < $1 OR (turn = $1 AND (queued_at_ms, submission_id) < ($2, $3)) LIMIT $4) AS b",
+                                   WHERE lane = $5 AND (turn < $1 OR (turn = $1 AND (queued_at_ms, submission_id) < ($2, $3)))
+                                   LIMIT $4) AS b",
         )
         .bind(turn)
         .bind(queued_at_ms)
         .bind(submission_id)
         .bind(most)
+        .bind(lane)
         .fetch_one(&self.readers)
         .await?;
         Ok(Some(before))
@@ -271,12 +288,36 @@ impl Store {
         let mut has_ended = false;
         if holds(&mut tx, claim).await? {
             let end = End { submission_id: &claim.submission_id, run_id: claim.run_id.as_deref(), state };
-            has_ended = end.record(&mut tx, Some(why), &claim.suite_id, now_ms).await?;
+            has_ended = end.record(&mut tx, &*self.signer()?, why, &claim.suite_id, now_ms).await?;
         }
         commit(tx, "fail").await?;
         self.note_ends(has_ended);
         Ok(())
     }
+}
+
+/// A job that was taken.
+struct Taken {
+    id: String,
+    attempt: i64,
+    turn: i64,
+}
+
+/// Takes the first job of a lane that is free or whose lease has run out.
+async fn take_first(tx: &mut SqliteConnection, lane: Lane, lease_ms: i64, now_ms: i64) -> StoreResult<Option<Taken>> {
+    let taken: Option<(String, i64, i64)> = sqlx::query_as(
+        "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $1 + $2, lease_ms = $2
+         WHERE submission_id = (SELECT submission_id FROM jobs
+                                WHERE lane = $3 AND (lease_until_ms <= $1 OR lease_until_ms - lease_ms > $1)
+                                ORDER BY turn, queued_at_ms, submission_id LIMIT 1)
+         RETURNING submission_id, attempt, turn",
+    )
+    .bind(now_ms)
+    .bind(lease_ms)
+    .bind(lane.name())
+    .fetch_optional(tx)
+    .await?;
+    Ok(taken.map(|(id, attempt, turn)| Taken { id, attempt, turn }))
 }
 
 /// Adds `(id, id, …)` as bound values.
@@ -289,18 +330,6 @@ pub(super) fn push_ids<'a>(query: &mut QueryBuilder<Sqlite>, ids: impl Iterator<
     query.push(")");
 }
 
-/// Ends the submission of a job whose attempts are used up.
-async fn give_up(tx: &mut SqliteConnection, submission_id: &str, now_ms: i64) -> StoreResult<bool> {
-    let (run_id, suite_id): (Option<String>, String) =
-        sqlx::query_as("SELECT run_id, suite_id FROM submissions WHERE id = $1")
-            .bind(submission_id)
-            .fetch_one(&mut *tx)
-            .await?;
-    let why = format!("grading was begun {MAX_ATTEMPTS} times and never ended");
-    let end = End { submission_id, run_id: run_id.as_deref(), state: SubmissionState::GraderError };
-    end.record(tx, Some(&why), &suite_id, now_ms).await
-}
-
 /// Whether the job is still this attempt's.
 pub(super) async fn holds(tx: &mut SqliteConnection, claim: &Claim) -> StoreResult<bool> {
     let attempt: Option<i64> = sqlx::query_scalar("SELECT attempt FROM jobs WHERE submission_id = $1")
@@ -308,54 +337,4 @@ pub(super) async fn holds(tx: &mut SqliteConnection, claim: &Claim) -> StoreResu
         .fetch_optional(&mut *tx)
         .await?;
     Ok(attempt == Some(claim.attempt))
-}
-
-/// The end of a submission without a report.
-pub(super) struct End<'a> {
-    pub submission_id: &'a str,
-    pub run_id: Option<&'a str>,
-    pub state: SubmissionState,
-}
-
-impl End<'_> {
-    /// Sets the state, drops the job, moves the run's counters, and ends the run where this was the last;
-    /// whether it did.
-    pub async fn record(
-        &self,
-        tx: &mut SqliteConnection,
-        why: Option<&str>,
-        suite_id: &str,
-        now_ms: i64,
-    ) -> StoreResult<bool> {
-        let (owner, instance): (Option<String>, Option<String>) = sqlx::query_as(
-            "UPDATE submissions SET state = $2, error = $3, ended_at_ms = $4 WHERE id = $1 RETURNING owner, instance_id",
-        )
-        .bind(self.submission_id)
-        .bind(self.state.name())
-        .bind(why)
-        .bind(now_ms)
-        .fetch_one(&mut *tx)
-        .await?;
-        // Of hidden instances the ledger is settled when their entry ends.
-        if let Some(owner) = owner.filter(|_| instance.is_none()) {
-            quota::refund(tx, &owner, self.submission_id, why.unwrap_or(self.state.name()), now_ms).await?;
-        }
-        let ended = NewEvent {
-            run_id: self.run_id,
-            submission_id: Some(self.submission_id),
-            state: self.state.name(),
-            overall: None,
-        };
-        // Of hidden instances nobody is told.
-        if instance.is_none() {
-            events::enter(tx, &[ended], now_ms).await?;
-        }
-        sqlx::query("DELETE FROM jobs WHERE submission_id = $1").bind(self.submission_id).execute(&mut *tx).await?;
-        if let Some(run_id) = self.run_id {
-            let errors = i64::from(self.state == SubmissionState::GraderError);
-            count(tx, run_id, -1, 0, errors).await?;
-            return end_if_complete(tx, run_id, suite_id, now_ms).await;
-        }
-        Ok(false)
-    }
 }

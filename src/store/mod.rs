@@ -9,20 +9,28 @@ mod crash_points;
 pub mod entries;
 pub mod epochs;
 pub mod events;
+mod evidence;
 mod group_commit;
+pub mod hidden_answers;
 pub mod idempotency;
 pub mod instances;
+mod job_ends;
 pub mod jobs;
 pub mod keys;
 mod pace;
+pub mod queue;
 pub mod quota;
+pub mod readiness;
 pub mod receipts;
+pub mod registration;
 pub mod regrades;
 pub mod reports;
+mod reservations;
 mod run_ends;
 pub mod runs;
 pub mod schema;
 pub mod secrets;
+mod settling;
 pub mod submissions;
 pub mod suites;
 pub mod transfer;
@@ -30,13 +38,14 @@ pub mod transfer_tables;
 
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, RwLock};
+use std::sync::{Arc, OnceLock, RwLock};
 use std::time::Duration;
 
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
-use sqlx::{Sqlite, SqlitePool, Transaction};
+use sqlx::{Connection as _, Sqlite, SqlitePool, Transaction};
 use tokio::sync::Notify;
 
+use crate::epochs::receipts::Signer;
 use crate::tasks::catalogue::Catalogue;
 use epochs::SecretsRead;
 use group_commit::Acceptances;
@@ -149,6 +158,7 @@ pub struct Store {
     catalogue: Arc<RwLock<Arc<Catalogue>>>,
     file: Arc<Path>,
     secrets: Secrets,
+    signer: Arc<OnceLock<Arc<Signer>>>,
     secrets_read: Arc<SecretsRead>,
 }
 
@@ -182,6 +192,11 @@ impl Store {
         let writer = SqlitePoolOptions::new()
             .max_connections(1)
             .test_before_acquire(false)
+            // A commit or rollback that failed, as on a full disk, leaves a connection that counts as in a transaction for ever.
+            .before_acquire(|connection, _| {
+                let is_sound = !connection.is_in_transaction();
+                Box::pin(async move { Ok(is_sound) })
+            })
             .idle_timeout(None)
             .max_lifetime(None)
             .connect_with(options.clone())
@@ -193,6 +208,7 @@ impl Store {
         if may_change {
             schema::state(file).await?.must_not_be_newer(file)?;
             MIGRATOR.run(&writer).await?;
+            keep_to_owner(file);
         }
         let readers = SqlitePoolOptions::new()
             .max_connections(READERS)
@@ -212,6 +228,7 @@ impl Store {
             catalogue: Arc::default(),
             file: file.into(),
             secrets: Secrets::beside(file),
+            signer: Arc::default(),
             secrets_read: Arc::default(),
         };
         store.refresh_catalogue().await?;
@@ -231,6 +248,18 @@ impl Store {
     #[must_use]
     pub const fn secrets(&self) -> &Secrets {
         &self.secrets
+    }
+
+    /// The key that signs receipts, read or made when it is first needed.
+    ///
+    /// # Errors
+    /// Where it cannot be read or made.
+    pub fn signer(&self) -> StoreResult<Arc<Signer>> {
+        if let Some(signer) = self.signer.get() {
+            return Ok(Arc::clone(signer));
+        }
+        let signer = Arc::new(self.secrets.signer()?);
+        Ok(Arc::clone(self.signer.get_or_init(|| signer)))
     }
 
     /// Begins a write transaction; waits for the one before it.
@@ -273,15 +302,6 @@ impl Store {
         self.pace.seconds_a_job()
     }
 
-    /// Whether the database answers.
-    ///
-    /// # Errors
-    /// Where it does not.
-    pub async fn ping(&self) -> StoreResult<()> {
-        sqlx::query("SELECT 1").execute(&self.readers).await?;
-        Ok(())
-    }
-
     /// Closes all connections, so that the file is whole without its WAL.
     pub async fn close(&self) {
         self.readers.close().await;
@@ -295,6 +315,22 @@ async fn commit(tx: Tx, what: &'static str) -> StoreResult<()> {
     tx.commit().await?;
     crash_points::pass("after", what);
     Ok(())
+}
+
+/// Takes a file of an older program from all but its owner: grades that are not told yet are in it.
+fn keep_to_owner(file: &Path) {
+    use std::os::unix::fs::PermissionsExt as _;
+    for ending in ["", "-wal", "-shm"] {
+        let mut name = file.as_os_str().to_owned();
+        name.push(ending);
+        let Ok(found) = std::fs::metadata(&name) else { continue };
+        let mode = found.permissions().mode();
+        if mode & 0o077 != 0
+            && let Err(error) = std::fs::set_permissions(&name, std::fs::Permissions::from_mode(mode & 0o700))
+        {
+            tracing::warn!(%error, file = %file.display(), "others can read the database, and this process cannot change that");
+        }
+    }
 }
 
 /// Refuses an SQLite in which a writer and a checkpoint may corrupt the file (the WAL-reset bug that 3.51.3 mends).

@@ -73,6 +73,16 @@ pub(super) async fn note_reserved(
     enter(tx, "reserve", "accepted", now_ms, &[(owner, submission_id)]).await
 }
 
+/// Makes what a submission has reserved another one's, which takes its place.
+pub(super) async fn hand_over(tx: &mut SqliteConnection, from: &str, to: &str) -> StoreResult<()> {
+    sqlx::query("UPDATE quota_entries SET submission_id = $2 WHERE submission_id = $1 AND kind = 'reserve'")
+        .bind(from)
+        .bind(to)
+        .execute(tx)
+        .await?;
+    Ok(())
+}
+
 /// Charges for submissions whose reports are released now.
 pub(super) async fn charge(tx: &mut SqliteConnection, graded: &[(&str, &str)], now_ms: i64) -> StoreResult<()> {
     if graded.is_empty() {

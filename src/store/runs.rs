@@ -9,7 +9,7 @@ use sqlx::{QueryBuilder, Row as _, SqliteConnection};
 
 use super::events::{self, NewEvent};
 use super::idempotency::{Before, Once};
-use super::jobs::End;
+use super::job_ends::End;
 use super::run_ends::{end_if_complete, skip_tasks};
 use super::submissions::SubmissionState;
 use super::{Store, StoreError, StoreResult, commit};
@@ -275,7 +275,7 @@ impl Store {
         .await?;
         for submission_id in &waiting {
             let end = End { submission_id, run_id: Some(id), state: SubmissionState::Cancelled };
-            end.record(&mut tx, Some("its run was deleted by its owner"), &run.suite_id, now_ms).await?;
+            end.record(&mut tx, &*self.signer()?, "its run was deleted by its owner", &run.suite_id, now_ms).await?;
         }
         let ended = NewEvent { run_id: Some(id), submission_id: None, state: RunState::Deleted.name(), overall: None };
         events::enter(&mut tx, &[ended], now_ms).await?;

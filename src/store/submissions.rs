@@ -6,6 +6,7 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row as _, SqliteConnection};
 
 use super::idempotency::Once;
+use super::queue::{self, Lane, NewJob};
 use super::quota;
 use super::runs::{RunState, count, run_in};
 use super::{Store, StoreError, StoreResult, compress, decompress};
@@ -91,8 +92,8 @@ pub struct NewSubmission {
     pub events: usize,
     /// Who posts it; none where the service is open to everybody.
     pub owner: Option<String>,
-    /// Whether grading takes next to no time: few events, no stress simulation.
-    pub quick: bool,
+    /// Where its job waits.
+    pub lane: Lane,
     /// What the action code of its turns did, as JSON; none where it brought events.
     pub replays: Option<String>,
 }
@@ -221,7 +222,7 @@ impl Store {
         let mut tx = self.begin().await?;
         let mut answers = Vec::with_capacity(submissions.len());
         for submission in submissions {
-            answers.push(accept_one(&mut tx, submission, 0, 0).await?);
+            answers.push(accept_one(&mut tx, submission, 0).await?);
         }
         tx.rollback().await?;
         Ok(answers)
@@ -267,23 +268,31 @@ impl Store {
         unpacked.await.map_err(|error| StoreError::corrupt("submissions", error))?.map(Some)
     }
 
-    /// Number of submissions per state, and the age in milliseconds of the oldest that has not ended.
+    /// Number of submissions that have not ended, and the age of the oldest in milliseconds. Answers to hidden instances are left out:
+    /// the number would tell when they are graded.
     ///
     /// # Errors
     /// Where the database fails.
     pub async fn backlog(&self, now_ms: i64) -> StoreResult<(i64, i64)> {
-        let (open, oldest): (i64, Option<i64>) =
-            sqlx::query_as("SELECT COUNT(*), MIN(created_at_ms) FROM submissions WHERE ended_at_ms IS NULL")
-                .fetch_one(&self.readers)
-                .await?;
+        let (open, oldest): (i64, Option<i64>) = sqlx::query_as(
+            "SELECT COUNT(*), MIN(created_at_ms) FROM submissions WHERE ended_at_ms IS NULL AND instance_id IS NULL",
+        )
+        .fetch_one(&self.readers)
+        .await?;
         Ok((open, oldest.map_or(0, |oldest| (now_ms - oldest).max(0))))
     }
 }
 
-pub(super) async fn accept_one(
+/// Stores a submission and its job, where nothing speaks against it.
+pub(super) async fn accept_one(tx: &mut SqliteConnection, new: &NewSubmission, now_ms: i64) -> StoreResult<Accepted> {
+    accept_instead(tx, new, None, now_ms).await
+}
+
+/// The same; where it takes the place of an earlier submission, it takes over what that one has reserved of the quota.
+pub(super) async fn accept_instead(
     tx: &mut SqliteConnection,
     new: &NewSubmission,
-    turn: i64,
+    earlier: Option<&str>,
     now_ms: i64,
 ) -> StoreResult<Accepted> {
     let mut superseded = None;
@@ -314,7 +323,7 @@ pub(super) async fn accept_one(
         }
     }
     // The last that may refuse, and the first that writes.
-    if !quota::reserve(tx, new.owner.as_deref()).await? {
+    if earlier.is_none() && !quota::reserve(tx, new.owner.as_deref()).await? {
         return Ok(Accepted::QuotaUsedUp);
     }
     if let Some(run_id) = &new.run_id {
@@ -344,13 +353,11 @@ pub(super) async fn accept_one(
     .bind(&new.replays)
     .execute(&mut *tx)
     .await?;
-    sqlx::query("INSERT INTO jobs (submission_id, queued_at_ms, quick, turn) VALUES ($1, $2, $3, $4)")
-        .bind(&new.id)
-        .bind(now_ms)
-        .bind(new.quick)
-        .bind(turn)
-        .execute(&mut *tx)
-        .await?;
-    quota::note_reserved(tx, new.owner.as_deref(), &new.id, now_ms).await?;
+    let job = NewJob { submission_id: &new.id, owner: new.owner.as_deref(), lane: new.lane };
+    queue::enter(tx, &job, now_ms).await?;
+    match earlier {
+        None => quota::note_reserved(tx, new.owner.as_deref(), &new.id, now_ms).await?,
+        Some(earlier) => quota::hand_over(tx, earlier, &new.id).await?,
+    }
     Ok(Accepted::New)
 }

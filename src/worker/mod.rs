@@ -7,25 +7,27 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use tokio::sync::Notify;
+use tokio::sync::{Notify, oneshot};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::clock::now_ms;
 use crate::elasticity::Control;
-use crate::epochs::receipts::{Graded, Signed, Signer, receipt};
+use crate::epochs::receipts::{Graded, OfInstance, Signed, Signer, receipt};
 use crate::grading::fingerprints::Fingerprint;
 use crate::grading::{Report, grade_hashed};
 use crate::store::jobs::{Claim, Claimed, HiddenJob, MAX_ATTEMPTS};
+use crate::store::queue::Lane;
 use crate::store::reports::{GRADER, PackedReport};
 use crate::store::submissions::SubmissionState;
 use crate::store::{Store, StoreResult};
 use crate::tasks::catalogue::Catalogue;
+use crate::threads::yield_to_others;
 
 /// How workers work.
 #[derive(Debug, Clone, Copy)]
 pub struct WorkerSettings {
-    /// Jobs graded at the same time.
+    /// Jobs graded at the same time, beside one quick one and one answer to a hidden instance.
     pub workers: usize,
     /// How long a lease lasts unless it is renewed; renewed three times as often.
     pub lease: Duration,
@@ -40,6 +42,10 @@ const IDLE_LOOK: Duration = Duration::from_millis(500);
 /// Pause after the database failed.
 const ERROR_PAUSE: Duration = Duration::from_secs(1);
 
+/// How much the thread that grades answers to hidden instances yields to others (niceness): how long it takes shall not show in how
+/// fast others are served.
+const HIDDEN_NICENESS: i32 = 10;
+
 /// The workers of one process.
 #[derive(Debug)]
 pub struct Workers {
@@ -48,20 +54,40 @@ pub struct Workers {
 }
 
 impl Workers {
-    /// Starts the workers. `signer` signs a receipt of every grade; `wake` tells them that there may be work.
-    #[must_use]
-    pub fn start(store: &Store, settings: WorkerSettings, signer: &Arc<Signer>, wake: &Arc<Notify>) -> Self {
+    /// Starts the workers: as many as the settings say, one that is kept for quick jobs, and one for answers to hidden instances.
+    /// `signer` signs a receipt of every grade; `wake` tells them that there may be work.
+    ///
+    /// # Errors
+    /// Where there is no thread to be had.
+    pub fn start(
+        store: &Store,
+        settings: WorkerSettings,
+        signer: &Arc<Signer>,
+        wake: &Arc<Notify>,
+    ) -> anyhow::Result<Self> {
         let stop = CancellationToken::new();
         let running = TaskTracker::new();
-        for _ in 0..settings.workers {
+        let apart = rayon::ThreadPoolBuilder::new().num_threads(1).thread_name(|_| "grade-hidden".to_owned());
+        let apart = Arc::new(
+            apart
+                .start_handler(|_| yield_to_others(HIDDEN_NICENESS))
+                .panic_handler(|_panic| tracing::error!("a grading thread panicked"))
+                .build()?,
+        );
+        let start = |lanes: &'static [Lane], apart: Option<Arc<rayon::ThreadPool>>| {
             let (signer, wake) = (Arc::clone(signer), Arc::clone(wake));
-            let worker = Worker { store: store.clone(), settings, signer, wake, stop: stop.clone() };
+            let worker = Worker { store: store.clone(), settings, lanes, apart, signer, wake, stop: stop.clone() };
             running.spawn(worker.keep_running());
+        };
+        for _ in 0..settings.workers {
+            start(&[Lane::Long, Lane::Quick], None);
         }
+        start(&[Lane::Quick], None);
+        start(&[Lane::Hidden], Some(apart));
         running.close();
-        metrics::gauge!("plumbline_workers").set(settings.workers as f64);
+        metrics::gauge!("plumbline_workers").set((settings.workers + 1) as f64);
         metrics::gauge!("plumbline_workers_busy").set(0.0);
-        Self { stop, running }
+        Ok(Self { stop, running })
     }
 
     /// Asks the workers to stop, and waits until they have given their jobs back.
@@ -75,6 +101,10 @@ impl Workers {
 struct Worker {
     store: Store,
     settings: WorkerSettings,
+    /// Where it looks for jobs, in this order.
+    lanes: &'static [Lane],
+    /// A thread of its own to grade on, where what it does shall not be seen.
+    apart: Option<Arc<rayon::ThreadPool>>,
     signer: Arc<Signer>,
     wake: Arc<Notify>,
     stop: CancellationToken,
@@ -119,17 +149,17 @@ impl Worker {
             let woken = self.wake.notified();
             tokio::pin!(woken);
             woken.as_mut().enable();
-            match self.store.claim(duration_ms(self.settings.lease), QUICK_JOBS).await {
+            match self.store.claim(self.lanes, duration_ms(self.settings.lease), QUICK_JOBS).await {
                 Ok(Claimed::Jobs(claims)) => {
                     let first = claims.first().map(|claim| claim.submission_id.clone()).unwrap_or_default();
-                    let _busy = Busy::begin();
+                    let _busy = self.is_seen().then(Busy::begin);
                     if let Err(error) = self.work(claims).await {
                         // The leases run out and the jobs are taken again.
                         tracing::error!(%error, first, "could not record the end of jobs");
                         self.pause(ERROR_PAUSE).await;
                     }
                 }
-                Ok(Claimed::GivenUp) => metrics::counter!("plumbline_grader_errors_total").increment(1),
+                Ok(Claimed::GivenUp) => self.count_error(),
                 Ok(Claimed::Nothing) => {
                     tokio::select! {
                         () = woken => {}
@@ -142,6 +172,17 @@ impl Worker {
                     self.pause(ERROR_PAUSE).await;
                 }
             }
+        }
+    }
+
+    /// Whether metrics tell what it does: of answers to hidden instances they would tell when one is graded, and how long that takes.
+    const fn is_seen(&self) -> bool {
+        self.apart.is_none()
+    }
+
+    fn count_error(&self) {
+        if self.is_seen() {
+            metrics::counter!("plumbline_grader_errors_total").increment(1);
         }
     }
 
@@ -188,8 +229,7 @@ impl Worker {
         for (claim, ending) in claims.iter().zip(endings) {
             match ending {
                 Ending::Graded(report, took) => {
-                    // How long hidden answers take is nobody's to know.
-                    if claim.hidden.is_none() {
+                    if self.is_seen() {
                         metrics::histogram!("plumbline_grading_seconds").record(took.as_secs_f64());
                     }
                     graded.push((claim.clone(), *report));
@@ -210,14 +250,16 @@ impl Worker {
         }
         if !graded.is_empty() {
             let recorded = self.store.record(&graded, now_ms()).await?;
-            metrics::counter!("plumbline_graded_total").increment(recorded as u64);
-            self.store.note_graded(recorded);
+            if self.is_seen() {
+                metrics::counter!("plumbline_graded_total").increment(recorded as u64);
+                self.store.note_graded(recorded);
+            }
         }
         Ok(())
     }
 
     async fn fail(&self, claim: &Claim, why: &str) -> StoreResult<()> {
-        metrics::counter!("plumbline_grader_errors_total").increment(1);
+        self.count_error();
         self.store.fail(claim, SubmissionState::GraderError, why, now_ms()).await
     }
 
@@ -235,11 +277,19 @@ impl Worker {
         let stop = self.stop.clone();
         let deadline = self.settings.deadline;
         let signer = Arc::clone(&self.signer);
-        let work = tokio::task::spawn_blocking(move || {
+        let (done, is_done) = oneshot::channel();
+        let work = move || {
             let asked = || is_lost.load(Ordering::Relaxed) || stop.is_cancelled();
-            jobs.iter().map(|job| grade_one(job, &catalogue, &signer, &asked, deadline)).collect()
-        });
-        Ok(work.await.unwrap_or_else(|error| {
+            let endings: Vec<Ending> =
+                jobs.iter().map(|job| grade_one(job, &catalogue, &signer, &asked, deadline)).collect();
+            // Whoever waited for it may have gone.
+            let _ = done.send(endings);
+        };
+        match &self.apart {
+            Some(apart) => apart.spawn(work),
+            None => drop(tokio::task::spawn_blocking(work)),
+        }
+        Ok(is_done.await.unwrap_or_else(|error| {
             tracing::error!(%error, "a grading thread broke");
             claims.iter().map(|_| Ending::Panicked).collect()
         }))
@@ -307,7 +357,11 @@ fn sign(job: &Claim, report: &Report, signer: &Signer) -> Signed {
         log_hash: &job.log_hash,
         grader: GRADER,
         graded_at_ms: now_ms(),
-        hidden: job.hidden.as_ref().map(|hidden| (hidden.instance_id.as_str(), hidden.salt.as_str())),
+        hidden: job.hidden.as_ref().map(|hidden| OfInstance {
+            epoch: &hidden.epoch_id,
+            instance: &hidden.instance_id,
+            salt: &hidden.salt,
+        }),
     };
     signer.sign(&receipt(&graded, report))
 }

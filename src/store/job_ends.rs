@@ -1,0 +1,91 @@
+//! How jobs end without a report: cancelled, failed, given up.
+
+use sqlx::SqliteConnection;
+
+use super::StoreResult;
+use super::events::{self, NewEvent};
+use super::evidence::witness;
+use super::jobs::MAX_ATTEMPTS;
+use super::quota;
+use super::run_ends::end_if_complete;
+use super::runs::count;
+use super::submissions::SubmissionState;
+use crate::epochs::evidence::{Fact, FailureFact};
+use crate::epochs::receipts::Signer;
+
+/// Ends the submission of a job whose attempts are used up.
+pub(super) async fn give_up(
+    tx: &mut SqliteConnection,
+    signer: &Signer,
+    submission_id: &str,
+    now_ms: i64,
+) -> StoreResult<bool> {
+    let (run_id, suite_id): (Option<String>, String) =
+        sqlx::query_as("SELECT run_id, suite_id FROM submissions WHERE id = $1")
+            .bind(submission_id)
+            .fetch_one(&mut *tx)
+            .await?;
+    let why = format!("grading was begun {MAX_ATTEMPTS} times and never ended");
+    let end = End { submission_id, run_id: run_id.as_deref(), state: SubmissionState::GraderError };
+    end.record(tx, signer, &why, &suite_id, now_ms).await
+}
+
+/// The end of a submission without a report.
+pub(super) struct End<'a> {
+    pub submission_id: &'a str,
+    pub run_id: Option<&'a str>,
+    pub state: SubmissionState,
+}
+
+impl End<'_> {
+    /// Sets the state, drops the job, moves the run's counters, and ends the run where this was the last;
+    /// whether it did.
+    pub async fn record(
+        &self,
+        tx: &mut SqliteConnection,
+        signer: &Signer,
+        why: &str,
+        suite_id: &str,
+        now_ms: i64,
+    ) -> StoreResult<bool> {
+        let (owner, instance): (Option<String>, Option<String>) = sqlx::query_as(
+            "UPDATE submissions SET state = $2, error = $3, ended_at_ms = $4 WHERE id = $1 RETURNING owner, instance_id",
+        )
+        .bind(self.submission_id)
+        .bind(self.state.name())
+        .bind(why)
+        .bind(now_ms)
+        .fetch_one(&mut *tx)
+        .await?;
+        // Of hidden instances the ledger is settled when their entry ends.
+        if let Some(owner) = owner.filter(|_| instance.is_none()) {
+            quota::refund(tx, &owner, self.submission_id, why, now_ms).await?;
+        }
+        let ended = NewEvent {
+            run_id: self.run_id,
+            submission_id: Some(self.submission_id),
+            state: self.state.name(),
+            overall: None,
+        };
+        match instance {
+            None => events::enter(tx, &[ended], now_ms).await?,
+            // Of hidden instances nobody is told before the epoch is over.
+            Some(instance) => {
+                let epoch_id: String = sqlx::query_scalar("SELECT epoch_id FROM instances WHERE id = $1")
+                    .bind(&instance)
+                    .fetch_one(&mut *tx)
+                    .await?;
+                let (submission, why) = (self.submission_id.to_owned(), why.to_owned());
+                let failure = FailureFact { instance, submission, why, failed_at_ms: now_ms };
+                witness(tx, signer, &epoch_id, &Fact::Failure(failure)).await?;
+            }
+        }
+        sqlx::query("DELETE FROM jobs WHERE submission_id = $1").bind(self.submission_id).execute(&mut *tx).await?;
+        if let Some(run_id) = self.run_id {
+            let errors = i64::from(self.state == SubmissionState::GraderError);
+            count(tx, run_id, -1, 0, errors).await?;
+            return end_if_complete(tx, run_id, suite_id, now_ms).await;
+        }
+        Ok(false)
+    }
+}
