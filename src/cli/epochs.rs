@@ -1,26 +1,22 @@
-//! `plumbline epochs`: announces, lists and closes epochs. `plumbline verify-epoch`: checks a reveal without the service.
+//! `plumbline epochs`: announces, lists and closes epochs.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Context as _, bail};
+use anyhow::bail;
 use clap::{Args, Subcommand, ValueEnum};
 use jiff::Timestamp;
 use rayon::prelude::*;
-use serde_json::Value;
 
 use super::{database, progress};
 use crate::clock::{now_ms, rfc3339};
-use crate::epochs::commitment::{Commitment, Terms, leaf_hash};
+use crate::epochs::commitment::{Commitment, Rules, Terms, leaf_hash};
 use crate::epochs::feedback::Feedback;
 use crate::epochs::pool::{Generator, PoolError, Specification};
-use crate::epochs::reveal::{Reveal, verify};
 use crate::epochs::secret::EpochKey;
 use crate::store::Store;
 use crate::store::epochs::EpochRules;
 use crate::store::secrets::{EpochSecret, random_key};
-use crate::voxel::BlockLog;
 
 /// Arguments of `epochs`.
 #[derive(Debug, Args)]
@@ -84,23 +80,15 @@ struct CreateArgs {
     /// Entries to the official tier that one owner may register.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
     official_entries: u32,
+    /// Percent of the pool that one owner may hold, in runs drawn or reserved.
+    #[arg(long, default_value_t = 25, value_parser = clap::value_parser!(u8).range(1..=100))]
+    owner_percent: u8,
+    /// Seconds for which a run that is registered and not drawn keeps its part of the pool; later it is drawn only where there is room.
+    #[arg(long, default_value_t = 259_200, value_parser = clap::value_parser!(u32).range(1..=31_536_000))]
+    reservation_seconds: u32,
     /// Bits of information that may be released before the epoch closes by itself.
     #[arg(long, default_value_t = 2_000)]
     budget_bits: u32,
-}
-
-/// Arguments of `verify-epoch`.
-#[derive(Debug, Args)]
-pub struct VerifyEpochArgs {
-    /// What `GET /v1/epochs/NAME/reveal` gave.
-    reveal: PathBuf,
-    /// What `GET /v1/epochs/NAME/answers` gave: the logs, which are graded again.
-    #[arg(long)]
-    answers: Option<PathBuf>,
-    /// The epoch as it was published before it opened, kept since (`GET /v1/epochs/NAME`). Without it the reveal is compared with
-    /// the commitment that it brings itself.
-    #[arg(long)]
-    commitment: Option<PathBuf>,
 }
 
 /// Runs `epochs`.
@@ -157,6 +145,15 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
     let now = now_ms();
     let opens_at_ms = new.opens.map_or(now, Timestamp::as_millisecond).max(now);
     let hashes: Vec<_> = specifications.iter().map(|own| leaf_hash(&key, own)).collect();
+    let rules = Rules {
+        instance_seconds: new.instance_seconds,
+        dev_entries_per_owner: new.dev_entries,
+        official_entries_per_owner: new.official_entries,
+        runs_per_owner: (new.per_instance * u32::from(new.owner_percent)).div_ceil(100),
+        reservation_seconds: new.reservation_seconds,
+        budget_bits: new.budget_bits,
+        receipt_key: store.signer()?.public_key(),
+    };
     let terms = Terms {
         epoch: new.name.clone(),
         opens_at_ms,
@@ -167,16 +164,11 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
             DevFeedback::Criteria => Feedback::Criteria,
             DevFeedback::AfterEpoch => Feedback::AfterEpoch,
         },
+        rules: rules.clone(),
     };
     let commitment = Commitment::to(&terms, &key, &strata, &hashes);
-    let rules = EpochRules {
-        instance_ms: i64::from(new.instance_seconds) * 1_000,
-        dev_entries: i64::from(new.dev_entries),
-        official_entries: i64::from(new.official_entries),
-        budget_bits: f64::from(new.budget_bits),
-    };
     let secret = EpochSecret { key, strata, specifications };
-    if !store.create_epoch(&commitment, &rules, &secret, now).await? {
+    if !store.create_epoch(&commitment, &EpochRules::from(&rules), &secret, now).await? {
         bail!("a key of an epoch {:?} is kept already in {}", new.name, store.secrets().folder().display());
     }
     println!("{}", serde_json::to_string_pretty(&commitment)?);
@@ -208,68 +200,4 @@ async fn list(store: &Store) -> anyhow::Result<()> {
         );
     }
     Ok(())
-}
-
-fn read_json(path: &Path) -> anyhow::Result<Value> {
-    let text = std::fs::read(path).with_context(|| path.display().to_string())?;
-    serde_json::from_slice(&text).with_context(|| path.display().to_string())
-}
-
-/// Reads answers: a JSON object a line, with the instance and its log.
-fn read_answers(path: &Path) -> anyhow::Result<BTreeMap<String, BlockLog>> {
-    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
-    let mut logs = BTreeMap::new();
-    for (number, line) in (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty()) {
-        let place = || format!("{}: line {number}", path.display());
-        let answer: Value = serde_json::from_str(line).with_context(place)?;
-        let instance = answer["instance"].as_str().with_context(place)?.to_owned();
-        let log = BlockLog::from_canonical_json(answer["log"].to_string().as_bytes());
-        logs.insert(instance, log.map_err(|error| anyhow::anyhow!("{}: {error}", place()))?);
-    }
-    Ok(logs)
-}
-
-/// Runs `verify-epoch`: exit 1 where anything does not hold.
-///
-/// # Errors
-/// Where a file cannot be read.
-pub fn run_verify(args: &VerifyEpochArgs) -> anyhow::Result<ExitCode> {
-    let place = || args.reveal.display().to_string();
-    let reveal: Reveal = serde_json::from_value(read_json(&args.reveal)?).with_context(place)?;
-    let promised = args.commitment.as_deref().map(|path| -> anyhow::Result<Commitment> {
-        let kept = read_json(path)?;
-        // The epoch's own page, or the commitment alone.
-        let commitment = kept.get("commitment").cloned().unwrap_or(kept);
-        serde_json::from_value(commitment).with_context(|| path.display().to_string())
-    });
-    let promised = promised.transpose()?;
-    let logs = args.answers.as_deref().map(read_answers).transpose()?;
-    let graded = reveal.instances.iter().filter(|instance| instance.log_sha256.is_some()).count();
-    let mut reveal = reveal;
-    if logs.is_none() {
-        eprintln!("without --answers the {graded} grades are not checked");
-        for instance in &mut reveal.instances {
-            (instance.log_sha256, instance.overall, instance.scores) = (None, None, None);
-        }
-    }
-    if promised.is_none() {
-        eprintln!("without --commitment, kept from before the epoch opened, the reveal is compared with itself");
-    }
-    let found = verify(&reveal, promised.as_ref(), &logs.unwrap_or_default())?;
-    println!(
-        "epoch {}: {} of {} specifications, {} of {} draws and {} of {graded} grades were made again and are the same",
-        reveal.commitment.epoch,
-        found.specifications,
-        reveal.commitment.specifications,
-        found.draws,
-        reveal.instances.len(),
-        found.grades
-    );
-    if found.ungraded > 0 {
-        println!("{} answers were not graded, through failures of the service, and count as failed", found.ungraded);
-    }
-    for breach in &found.breaches {
-        println!("BROKEN  {breach}");
-    }
-    Ok(if found.breaches.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -18,6 +18,7 @@ pub mod serve;
 pub mod submit;
 pub mod tasks;
 pub mod validate;
+pub mod verify_epoch;
 
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -66,7 +67,7 @@ pub enum Command {
     Epochs(epochs::EpochsArgs),
     /// Check what a closed epoch revealed: specifications, draws and grades, all made again from its key; exit 1 where anything
     /// does not hold.
-    VerifyEpoch(epochs::VerifyEpochArgs),
+    VerifyEpoch(verify_epoch::VerifyEpochArgs),
     /// Check signed receipts, and the log that chains them; exit 1 where anything does not hold.
     VerifyReceipt(receipts::VerifyReceiptArgs),
     /// Bring a database's schema up to date; a copy is made first.
@@ -118,7 +119,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Quota(args) => quota::run(&args),
         Command::Regrade(args) => regrade::run(&args),
         Command::Epochs(args) => epochs::run(&args),
-        Command::VerifyEpoch(args) => epochs::run_verify(&args),
+        Command::VerifyEpoch(args) => verify_epoch::run(&args),
         Command::VerifyReceipt(args) => receipts::run(&args),
         Command::Migrate(args) => database::migrate(&args),
         Command::Backup(args) => copies::back_up(&args),

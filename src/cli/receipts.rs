@@ -7,7 +7,9 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::Value;
 
-use crate::epochs::receipts::{ReceiptFault, ReceiptFile, verify, verify_chain, verify_keys};
+use crate::epochs::receipts::{
+    LogHead, LogPage, ReceiptFault, ReceiptFile, verify, verify_chain, verify_end, verify_keys,
+};
 
 /// Arguments of `verify-receipt`.
 #[derive(Debug, Args)]
@@ -18,16 +20,48 @@ pub struct VerifyReceiptArgs {
     /// A public key to trust, in hex: `public_key` of `/.well-known/plumbline-receipts.json`. Give each one where the key changed.
     #[arg(long = "key", required = true, value_name = "HEX")]
     keys: Vec<String>,
+    /// Take pages that do not reach the signed end of the log, and receipts whose place in it is not signed: what was cut off or moved
+    /// is not found then.
+    #[arg(long)]
+    part: bool,
 }
 
-/// The receipts of a file, and whether it is a page of the log.
-fn read(path: &Path) -> anyhow::Result<(Vec<ReceiptFile>, bool)> {
-    let place = || path.display().to_string();
-    let text = std::fs::read(path).with_context(place)?;
-    let value: Value = serde_json::from_slice(&text).with_context(place)?;
-    match value.get("receipts") {
-        Some(page) => Ok((serde_json::from_value(page.clone()).with_context(place)?, true)),
-        None => Ok((vec![serde_json::from_value(value).with_context(place)?], false)),
+/// What the files hold.
+#[derive(Default)]
+struct Given {
+    alone: Vec<ReceiptFile>,
+    log: Vec<ReceiptFile>,
+    heads: Vec<LogHead>,
+}
+
+impl Given {
+    fn read(&mut self, path: &Path) -> anyhow::Result<()> {
+        let place = || path.display().to_string();
+        let text = std::fs::read(path).with_context(place)?;
+        let value: Value = serde_json::from_slice(&text).with_context(place)?;
+        if value.get("receipts").is_none() {
+            self.alone.push(serde_json::from_value(value).with_context(place)?);
+            return Ok(());
+        }
+        let page: LogPage = serde_json::from_value(value).with_context(place)?;
+        self.log.extend(page.receipts);
+        self.heads.extend(page.head);
+        Ok(())
+    }
+
+    /// What is wrong with the places of the receipts.
+    fn places(&self, trusted: &[&str], has_log: bool) -> Vec<ReceiptFault> {
+        let mut faults: Vec<ReceiptFault> =
+            self.alone.iter().filter_map(|receipt| receipt.verify_place(trusted).err()).collect();
+        if has_log {
+            let log: Vec<&ReceiptFile> = self.log.iter().collect();
+            let end = match self.heads.iter().max_by_key(|head| head.size) {
+                Some(head) => verify_end(&log, head, trusted),
+                None => Err(ReceiptFault::NoHead),
+            };
+            faults.extend(end.err());
+        }
+        faults
     }
 }
 
@@ -36,16 +70,16 @@ fn read(path: &Path) -> anyhow::Result<(Vec<ReceiptFile>, bool)> {
 /// # Errors
 /// Where a file cannot be read.
 pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
-    let (mut all, mut log) = (Vec::new(), Vec::new());
+    let mut given = Given::default();
     for file in &args.files {
-        let (receipts, is_page) = read(file)?;
-        if is_page { log.extend(receipts) } else { all.extend(receipts) }
+        given.read(file)?;
     }
-    let mut chains: Vec<Vec<&ReceiptFile>> = all.iter().map(|single| vec![single]).collect();
+    let log = &given.log;
+    let mut chains: Vec<Vec<&ReceiptFile>> = given.alone.iter().map(|single| vec![single]).collect();
     // Pages follow each other, without a gap.
     chains.push(log.iter().collect());
     let all: Vec<&ReceiptFile> = chains.concat();
-    if all.is_empty() {
+    if all.is_empty() && given.heads.is_empty() {
         bail!("no receipts in these files");
     }
     let trusted: Vec<&str> = args.keys.iter().map(|key| key.trim()).collect();
@@ -65,7 +99,12 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
         is_good = false;
         println!("BROKEN  {fault}");
     }
-    if let Err(fault) = verify_keys(&log) {
+    let has_log = given.alone.len() < args.files.len();
+    for fault in given.places(&trusted, has_log).iter().filter(|_| !args.part) {
+        is_good = false;
+        println!("BROKEN  {fault}");
+    }
+    if let Err(fault) = verify_keys(log) {
         is_good = false;
         println!("BROKEN  {fault}");
     }

@@ -37,6 +37,29 @@ pub struct Commitment {
     pub instances_per_run: u32,
     /// What entries of the dev tier are told after they are finalized.
     pub dev_feedback: Feedback,
+    /// The rules; null for epochs made before rules were committed to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rules: Option<Rules>,
+}
+
+/// The rules that an epoch commits to.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct Rules {
+    /// Seconds in which an instance is to be answered.
+    pub instance_seconds: u32,
+    /// Entries to the dev tier that one owner may register.
+    pub dev_entries_per_owner: u32,
+    /// Entries to the official tier that one owner may register.
+    pub official_entries_per_owner: u32,
+    /// Runs that one owner may hold, drawn or reserved, in both tiers.
+    pub runs_per_owner: u32,
+    /// Seconds for which a run that is not drawn keeps its part of the pool.
+    pub reservation_seconds: u32,
+    /// Bits of information that may be released before the epoch closes by itself.
+    pub budget_bits: u32,
+    /// The public key that signs receipts, in hex.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
+    pub receipt_key: String,
 }
 
 /// What is decided about an epoch when it is made.
@@ -52,6 +75,8 @@ pub struct Terms {
     pub per_instance: u32,
     /// What entries of the dev tier are told.
     pub dev_feedback: Feedback,
+    /// The rules.
+    pub rules: Rules,
 }
 
 /// The salt of a leaf: keeps all from guessing a specification and comparing its hash.
@@ -82,6 +107,7 @@ impl Commitment {
             specifications: leaves.len() as u32,
             instances_per_run: strata.iter().map(|stratum| stratum.instances).sum(),
             dev_feedback: terms.dev_feedback,
+            rules: Some(terms.rules.clone()),
         }
     }
 }

@@ -4,12 +4,15 @@
 //! An epoch's secret key is all that is random. From it the generator makes a pool of specifications, each one certified
 //! solvable by its reference builder; `commitment` publishes a hash of the key and the root of a Merkle tree over the salted
 //! hashes of the pool; `issue` tells which specification of the pool an entry gets, from key, entry, the entry's own nonce,
-//! family and index; `reveal` checks all of it afterwards. `receipts` signs what grading found.
+//! family and index; `evidence` states what happened, in receipts that are signed at once; `reveal` and `verify` check all of it
+//! afterwards. `receipts` signs what grading found.
 //!
 //! This room is pure: it gets keys and times from outside and never makes them.
 
+pub mod board;
 pub mod canonical;
 pub mod commitment;
+pub mod evidence;
 pub mod feedback;
 pub mod issue;
 pub mod ladder;
@@ -18,6 +21,7 @@ pub mod pool;
 pub mod receipts;
 pub mod reveal;
 pub mod secret;
+pub mod verify;
 
 /// Version of the generator: families, ranges, strata and how they are drawn. A change that draws other specifications from
 /// the same key raises it.

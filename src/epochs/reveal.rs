@@ -1,24 +1,14 @@
-//! The reveal of an epoch, and its verification by anybody: specifications, root, draws and grades, all from the key.
-
-use std::collections::{BTreeMap, BTreeSet};
-use std::fmt;
+//! The reveal of an epoch: everything that it held back, as the service publishes it when the epoch is over.
 
 use serde::{Deserialize, Serialize};
-use sha2::{Digest as _, Sha256};
 
-use super::GENERATOR_VERSION;
-use super::canonical::{Hash, hash_of};
 use super::commitment::{Commitment, leaf_hash, salt};
 use super::feedback::Tier;
-use super::issue::{Draw, leaf as drawn_leaf};
-use super::merkle;
-use super::pool::{Generator, PoolError, Specification};
+use super::pool::Specification;
+use super::receipts::ReceiptFile;
 use super::secret::EpochKey;
-use crate::checks::{CHECKS_VERSION, Criterion};
-use crate::elasticity::Control;
-use crate::grading::grade_log;
+use crate::checks::Criterion;
 use crate::tasks::hex;
-use crate::voxel::BlockLog;
 
 /// A specification with what its leaf was made from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -49,6 +39,12 @@ pub struct RevealedEntry {
     pub registered_at_ms: i64,
     /// When it was finalized.
     pub finalized_at_ms: Option<i64>,
+    /// Who registered it, as boards show it; empty where the service was open to everybody. Missing from reveals of older programs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub owner: Option<String>,
+    /// When all its answers were graded after that.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub completed_at_ms: Option<i64>,
 }
 
 /// An instance that was issued, with its grade.
@@ -76,6 +72,12 @@ pub struct RevealedInstance {
     pub overall: Option<bool>,
     /// Criterion and score of each check.
     pub scores: Option<Vec<(Criterion, f64)>>,
+    /// What was promised of the agent's transcript.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub transcript_sha256: Option<String>,
+    /// Whether a transcript with that hash was shown.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub transcript_checked: bool,
 }
 
 /// All that an epoch held back.
@@ -91,6 +93,9 @@ pub struct Reveal {
     pub entries: Vec<RevealedEntry>,
     /// All instances, in the order of issue.
     pub instances: Vec<RevealedInstance>,
+    /// All receipts of the epoch, in the order of the log. Missing from reveals of older programs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub receipts: Option<Vec<ReceiptFile>>,
 }
 
 /// A specification as it is revealed.
@@ -98,208 +103,4 @@ pub struct Reveal {
 pub fn revealed(key: &EpochKey, specification: Specification) -> RevealedSpecification {
     let (salt, hash) = (salt(key, specification.leaf), leaf_hash(key, &specification));
     RevealedSpecification { salt: hex(&salt), hash: hex(&hash), specification }
-}
-
-/// Something that does not hold.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Breach {
-    /// What it is about: "key", "leaf 17 (slabs/00017)", "instance …".
-    pub place: String,
-    /// What is wrong.
-    pub detail: String,
-}
-
-impl fmt::Display for Breach {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}", self.place, self.detail)
-    }
-}
-
-/// What verification came to.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Verified {
-    /// Specifications made again from the key and found the same.
-    pub specifications: usize,
-    /// Draws made again.
-    pub draws: usize,
-    /// Grades computed again from the logs.
-    pub grades: usize,
-    /// Answers that the service failed to grade: they count as failed.
-    pub ungraded: usize,
-    /// What does not hold.
-    pub breaches: Vec<Breach>,
-}
-
-impl Verified {
-    fn breach(&mut self, place: impl Into<String>, detail: impl Into<String>) {
-        self.breaches.push(Breach { place: place.into(), detail: detail.into() });
-    }
-}
-
-/// Makes everything again from the key and compares. `promised` is the commitment as it was published before the epoch opened,
-/// kept by whoever verifies; `logs` are the answers by instance.
-///
-/// # Errors
-/// Where this program's own families are faulty.
-pub fn verify(
-    reveal: &Reveal,
-    promised: Option<&Commitment>,
-    logs: &BTreeMap<String, BlockLog>,
-) -> Result<Verified, PoolError> {
-    let mut found = Verified::default();
-    let commitment = promised.unwrap_or(&reveal.commitment);
-    if promised.is_some_and(|promised| *promised != reveal.commitment) {
-        found.breach("commitment", "the revealed one is not the one that was published before");
-    }
-    let versions = [
-        ("generator", commitment.generator_version, GENERATOR_VERSION),
-        ("checks", commitment.checks_version, CHECKS_VERSION),
-    ];
-    for (what, theirs, ours) in versions {
-        if theirs != ours {
-            let detail = format!(
-                "the epoch used version {theirs} of the {what}; this program has {ours}, so verify with that one"
-            );
-            found.breach(what, detail);
-            return Ok(found);
-        }
-    }
-    let Some(key) = EpochKey::from_hex(&reveal.key) else {
-        found.breach("key", "not 32 bytes of hexadecimal");
-        return Ok(found);
-    };
-    if hex(&key.hash()) != commitment.key_hash {
-        found.breach("key", format!("its hash is {}, committed was {}", hex(&key.hash()), commitment.key_hash));
-        return Ok(found);
-    }
-    specifications(reveal, commitment, &key, &mut found)?;
-    draws(reveal, commitment, &key, &mut found)?;
-    grades(reveal, logs, &mut found);
-    Ok(found)
-}
-
-/// Every specification follows from the key, and their root is the one committed to.
-fn specifications(
-    reveal: &Reveal,
-    commitment: &Commitment,
-    key: &EpochKey,
-    found: &mut Verified,
-) -> Result<(), PoolError> {
-    let generator = Generator::new()?;
-    let mut leaves: Vec<Hash> = Vec::new();
-    let by_leaf: BTreeMap<u32, &RevealedSpecification> =
-        reveal.specifications.iter().map(|revealed| (revealed.specification.leaf, revealed)).collect();
-    for stratum in generator.strata(key, commitment.per_instance) {
-        for made in generator.specifications(key, &stratum, &|| ())? {
-            let leaf = made.leaf;
-            let place = || format!("leaf {leaf} ({})", made.task.id);
-            let Some(revealed) = by_leaf.get(&leaf) else {
-                found.breach(place(), "missing from the reveal");
-                continue;
-            };
-            let hash = merkle::leaf(&salt(key, leaf), &hash_of(&revealed.specification));
-            if revealed.specification != made {
-                found.breach(place(), "the revealed specification is not the one that the key draws");
-            } else if hex(&hash) != revealed.hash || revealed.salt != hex(&salt(key, leaf)) {
-                found.breach(place(), "salt or hash do not belong to the specification");
-            } else {
-                found.specifications += 1;
-            }
-            leaves.push(hash);
-        }
-    }
-    if by_leaf.len() != leaves.len() || reveal.specifications.len() != leaves.len() {
-        let count = reveal.specifications.len();
-        found.breach("specifications", format!("{count} are revealed, the key draws {}", leaves.len()));
-    }
-    let root = hex(&merkle::root(&leaves));
-    if root != commitment.root {
-        found.breach("root", format!("the specifications have the root {root}, committed was {}", commitment.root));
-    }
-    Ok(())
-}
-
-/// Every instance is the one that key, entry and nonce draw, and none was issued twice.
-fn draws(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, found: &mut Verified) -> Result<(), PoolError> {
-    let strata = Generator::new()?.strata(key, commitment.per_instance);
-    let mut issued: BTreeSet<u32> = BTreeSet::new();
-    let runs_of: BTreeMap<&str, u32> = reveal.entries.iter().map(|entry| (entry.id.as_str(), entry.runs)).collect();
-    let mut drawn_for: BTreeMap<(&str, u32), BTreeSet<(&str, u32)>> = BTreeMap::new();
-    for (ordinal, instance) in (1..).zip(&reveal.instances) {
-        let place = || format!("instance {}", instance.id);
-        let runs = runs_of.get(instance.entry.as_str()).copied().unwrap_or_default();
-        if !(1..=runs).contains(&instance.run) {
-            found.breach(place(), format!("is of run {} of an entry that was registered for {runs}", instance.run));
-        }
-        let of_run = drawn_for.entry((&instance.entry, instance.run)).or_default();
-        if !of_run.insert((&instance.family, instance.index)) {
-            found.breach(place(), "was drawn before, for the same place of the same run");
-        }
-        if instance.ordinal != ordinal {
-            found.breach(place(), format!("is number {} of the draws, where {ordinal} is next", instance.ordinal));
-        }
-        let Some(stratum) = strata.iter().find(|stratum| stratum.family == instance.family) else {
-            found.breach(place(), format!("the epoch has no family {:?}", instance.family));
-            continue;
-        };
-        let draw = Draw { entry: &instance.entry, nonce: &instance.nonce, run: instance.run, index: instance.index };
-        let drawn = drawn_leaf(key, stratum, &draw, |leaf| issued.contains(&leaf));
-        if drawn == Some(instance.leaf) {
-            found.draws += 1;
-        } else {
-            found.breach(place(), format!("leaf {} was issued, where key and nonce draw {drawn:?}", instance.leaf));
-        }
-        issued.insert(instance.leaf);
-    }
-    // A run is drawn as a whole.
-    for ((entry, run), of_run) in &drawn_for {
-        let missing = strata.iter().flat_map(|own| (0..own.instances).map(move |index| (own.family.as_str(), index)));
-        for (family, index) in missing.filter(|place| !of_run.contains(place)) {
-            found.breach(format!("entry {entry}"), format!("run {run} lacks instance {index} of {family}"));
-        }
-        if of_run
-            .iter()
-            .any(|(family, index)| strata.iter().all(|own| own.family != *family || *index >= own.instances))
-        {
-            found.breach(format!("entry {entry}"), format!("run {run} has more instances than a draw"));
-        }
-    }
-    Ok(())
-}
-
-/// Every grade is what this program finds for the log.
-fn grades(reveal: &Reveal, logs: &BTreeMap<String, BlockLog>, found: &mut Verified) {
-    let tasks: BTreeMap<u32, &Specification> =
-        reveal.specifications.iter().map(|revealed| (revealed.specification.leaf, &revealed.specification)).collect();
-    for instance in &reveal.instances {
-        let place = format!("instance {}", instance.id);
-        let is_graded = instance.overall.is_some() || instance.scores.is_some();
-        if instance.log_sha256.is_none() {
-            if is_graded {
-                found.breach(place, "has a grade and no answer");
-            }
-            continue;
-        }
-        // What a failure of the service ended has failed, and says so by having no grade.
-        if !is_graded {
-            found.ungraded += 1;
-            continue;
-        }
-        let (Some(log), Some(specification)) = (logs.get(&instance.id), tasks.get(&instance.leaf)) else {
-            found.breach(place, "its log is missing from the answers");
-            continue;
-        };
-        let hash = hex(&Sha256::digest(log.canonical_json()));
-        if Some(&hash) != instance.log_sha256.as_ref() {
-            found.breach(place, format!("the log has the hash {hash}, which is another one"));
-            continue;
-        }
-        let Ok(report) = grade_log(&specification.task, log, &Control::unhurried()) else { continue };
-        let is_same = Some(report.overall) == instance.overall && Some(report.scores().rows) == instance.scores;
-        if is_same {
-            found.grades += 1;
-        } else {
-            found.breach(place, format!("graded {:?}, where this program finds {}", instance.overall, report.overall));
-        }
-    }
 }

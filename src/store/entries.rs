@@ -2,10 +2,12 @@
 
 use sqlx::{Row as _, SqliteConnection};
 
-use super::epochs::{BUDGET_SPENT, EpochRow, close_in, epoch_in};
-use super::idempotency::{Before, Once};
+use super::epochs::{BUDGET_SPENT, close_in, epoch_in};
+use super::evidence::{publish, witness};
 use super::{Store, StoreError, StoreResult, commit, quota};
+use crate::epochs::evidence::{CompletedFact, Fact};
 use crate::epochs::feedback::{Outcome, Tier, released_bits};
+use crate::epochs::receipts::Signer;
 
 /// A stored entry.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -32,25 +34,6 @@ pub struct EntryRow {
     pub completed_at_ms: Option<i64>,
 }
 
-/// An entry to register.
-#[derive(Debug, Clone, Copy)]
-pub struct NewEntry<'a> {
-    /// Its id.
-    pub id: &'a str,
-    /// Its epoch.
-    pub epoch_id: &'a str,
-    /// Who registers it.
-    pub owner: &'a str,
-    /// Who is evaluated.
-    pub agent: &'a str,
-    /// SHA-256 of the configuration.
-    pub configuration_hash: &'a str,
-    /// Its tier.
-    pub tier: Tier,
-    /// Runs.
-    pub runs: u32,
-}
-
 /// What a board needs of an instance.
 #[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
 #[expect(clippy::struct_excessive_bools, reason = "a row, as the query gives it")]
@@ -69,25 +52,6 @@ pub struct BoardOutcome {
     pub is_checked: bool,
 }
 
-/// What came of registering.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Registered {
-    /// It is registered.
-    New,
-    /// The same request registered it before, under this id.
-    Before(String),
-    /// The request's key was used for another one.
-    KeyUsedOtherwise,
-    /// The epoch is not open.
-    NotOpen,
-    /// The owner has as many entries of this tier as are allowed.
-    TooMany(i64),
-    /// The epoch has not so many specifications left.
-    PoolUsedUp,
-    /// The owner's official entries are of another agent or configuration, named here.
-    OtherConfiguration(String),
-}
-
 macro_rules! select_entry {
     ($rest:literal) => {
         concat!(
@@ -98,6 +62,7 @@ macro_rules! select_entry {
     };
 }
 
+/// Reads a row of `select_entry`.
 fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<EntryRow> {
     let tier: &str = row.try_get(5)?;
     let known = Tier::ALL.into_iter().find(|own| own.name() == tier);
@@ -121,6 +86,23 @@ pub(super) async fn entry_in(tx: &mut SqliteConnection, id: &str) -> StoreResult
     row.as_ref().map(read).transpose()
 }
 
+/// An owner's entries to a tier, in the order in which they were registered.
+pub(super) async fn own_entries_in(
+    tx: &mut SqliteConnection,
+    epoch_id: &str,
+    tier: Tier,
+    owner: &str,
+) -> StoreResult<Vec<EntryRow>> {
+    let rows =
+        sqlx::query(select_entry!("WHERE epoch_id = $1 AND tier = $2 AND owner = $3 ORDER BY registered_at_ms, id"))
+            .bind(epoch_id)
+            .bind(tier.name())
+            .bind(owner)
+            .fetch_all(tx)
+            .await?;
+    rows.iter().map(read).collect()
+}
+
 /// What grading found of each instance of an entry, in the order of issue.
 async fn outcomes_in(connection: &mut SqliteConnection, entry_id: &str) -> StoreResult<Vec<Outcome>> {
     let rows: Vec<(String, Option<String>)> = sqlx::query_as(
@@ -142,7 +124,12 @@ async fn outcomes_in(connection: &mut SqliteConnection, entry_id: &str) -> Store
 
 /// Ends an entry that was finalized and all of whose answers are graded, and counts what its owner is told; an epoch that has
 /// told enough is closed.
-pub(super) async fn complete_if_graded(tx: &mut SqliteConnection, entry_id: &str, now_ms: i64) -> StoreResult<()> {
+pub(super) async fn complete_if_graded(
+    tx: &mut SqliteConnection,
+    signer: &Signer,
+    entry_id: &str,
+    now_ms: i64,
+) -> StoreResult<()> {
     let Some(entry) = entry_in(tx, entry_id).await? else { return Ok(()) };
     let Some(epoch) = epoch_in(tx, &entry.epoch_id).await? else { return Ok(()) };
     // What a failure of ours ended may be answered again until the epoch is over; then it has failed.
@@ -167,6 +154,10 @@ pub(super) async fn complete_if_graded(tx: &mut SqliteConnection, entry_id: &str
         return Ok(());
     }
     settle_quota(tx, entry_id, now_ms).await?;
+    let finalized_at_ms =
+        entry.finalized_at_ms.ok_or_else(|| StoreError::corrupt("entries", "complete, not finalized"))?;
+    let completed = CompletedFact { entry: entry_id.to_owned(), finalized_at_ms, completed_at_ms: now_ms };
+    witness(tx, signer, epoch.id(), &Fact::Completed(completed)).await?;
     let bits = released_bits(entry.tier.feedback(epoch.commitment.dev_feedback), answered as usize);
     sqlx::query("UPDATE epochs SET released_bits = released_bits + $2 WHERE id = $1")
         .bind(epoch.id())
@@ -183,9 +174,9 @@ pub(super) async fn complete_if_graded(tx: &mut SqliteConnection, entry_id: &str
 /// ledger does not tell when an answer was graded or how.
 async fn settle_quota(tx: &mut SqliteConnection, entry_id: &str, now_ms: i64) -> StoreResult<()> {
     let rows: Vec<(String, String, bool)> = sqlx::query_as(
-        "SELECT s.id, s.owner, s.state = 'graded' AND s.superseded = 0
+        "SELECT s.id, s.owner, s.state = 'graded'
          FROM submissions s JOIN instances i ON i.id = s.instance_id
-         WHERE i.entry_id = $1 AND s.owner IS NOT NULL ORDER BY s.id",
+         WHERE i.entry_id = $1 AND s.owner IS NOT NULL AND s.superseded = 0 ORDER BY s.id",
     )
     .bind(entry_id)
     .fetch_all(&mut *tx)
@@ -200,79 +191,6 @@ async fn settle_quota(tx: &mut SqliteConnection, entry_id: &str, now_ms: i64) ->
 }
 
 impl Store {
-    /// Registers an entry.
-    ///
-    /// # Errors
-    /// Where the database fails.
-    pub async fn register_entry(
-        &self,
-        new: &NewEntry<'_>,
-        once: Option<&Once>,
-        now_ms: i64,
-    ) -> StoreResult<Registered> {
-        let mut tx = self.begin().await?;
-        if let Some(once) = once {
-            match once.before(&mut tx, now_ms).await? {
-                Before::Never => once.keep(&mut tx, new.id, now_ms).await?,
-                Before::Done(id) => return Ok(Registered::Before(id)),
-                Before::OtherBody => return Ok(Registered::KeyUsedOtherwise),
-            }
-        }
-        let epoch = epoch_in(&mut tx, new.epoch_id).await?;
-        let Some(epoch) = epoch.filter(|epoch| epoch.is_open(now_ms)) else { return Ok(Registered::NotOpen) };
-        let rows = sqlx::query(select_entry!(
-            "WHERE epoch_id = $1 AND tier = $2 AND owner = $3 ORDER BY registered_at_ms, id"
-        ))
-        .bind(new.epoch_id)
-        .bind(new.tier.name())
-        .bind(new.owner)
-        .fetch_all(&mut *tx)
-        .await?;
-        let own: Vec<EntryRow> = rows.iter().map(read).collect::<StoreResult<_>>()?;
-        let most = match new.tier {
-            Tier::Dev => epoch.rules.dev_entries,
-            Tier::Official => epoch.rules.official_entries,
-        };
-        if own.len() as i64 >= most {
-            return Ok(Registered::TooMany(most));
-        }
-        // What is registered can be drawn; half of the pool is kept for the official tier.
-        let (dev, official): (i64, i64) = sqlx::query_as(
-            "SELECT COALESCE(SUM(CASE WHEN tier = 'dev' THEN runs END), 0),
-                    COALESCE(SUM(CASE WHEN tier = 'official' THEN runs END), 0)
-             FROM entries WHERE epoch_id = $1",
-        )
-        .bind(new.epoch_id)
-        .fetch_one(&mut *tx)
-        .await?;
-        let (runs, all) = (i64::from(new.runs), i64::from(epoch.commitment.per_instance));
-        let is_dev_full = new.tier == Tier::Dev && dev + runs > all - all / 2;
-        if dev + official + runs > all || is_dev_full {
-            return Ok(Registered::PoolUsedUp);
-        }
-        if let Some(first) = own.first().filter(|_| new.tier == Tier::Official)
-            && (first.agent != new.agent || first.configuration_hash != new.configuration_hash)
-        {
-            return Ok(Registered::OtherConfiguration(first.agent.clone()));
-        }
-        sqlx::query(
-            "INSERT INTO entries (id, epoch_id, owner, agent, configuration_hash, tier, runs, registered_at_ms)
-             VALUES ($1, $2, $3, $4, $5, $6, $7, $8)",
-        )
-        .bind(new.id)
-        .bind(new.epoch_id)
-        .bind(new.owner)
-        .bind(new.agent)
-        .bind(new.configuration_hash)
-        .bind(new.tier.name())
-        .bind(i64::from(new.runs))
-        .bind(now_ms)
-        .execute(&mut *tx)
-        .await?;
-        commit(tx, "register_entry").await?;
-        Ok(Registered::New)
-    }
-
     /// The entry with this id.
     ///
     /// # Errors
@@ -294,7 +212,8 @@ impl Store {
         rows.iter().map(read).collect()
     }
 
-    /// Says that no more answers will come. False where that was said before, or there is no such entry.
+    /// Says that no more answers will come. False where that was said before, or there is no such entry. The entry is complete once
+    /// its answers are graded and [`Store::publish_hidden`] looks next, so that nobody sees which of both took how long.
     ///
     /// # Errors
     /// Where the database fails.
@@ -307,7 +226,6 @@ impl Store {
                 .execute(&mut *tx)
                 .await?
                 .rows_affected();
-        complete_if_graded(&mut tx, id, now_ms).await?;
         commit(tx, "finalize_entry").await?;
         Ok(finalized > 0)
     }
@@ -340,25 +258,24 @@ impl Store {
         .await?)
     }
 
-    /// Finalizes what is left open of an epoch that is over: unanswered instances count as failed, and those that a failure of
-    /// ours ended too. Says whether all is graded.
+    /// Completes the entries that are finalized and whose answers are graded, and enters the receipts that wait into the public log, all
+    /// at once.
     ///
     /// # Errors
     /// Where the database fails.
-    pub async fn finalize_what_is_over(&self, epoch: &EpochRow, now_ms: i64) -> StoreResult<bool> {
-        if !epoch.is_over(now_ms) {
-            return Ok(false);
+    pub async fn publish_hidden(&self, now_ms: i64) -> StoreResult<()> {
+        const WAITING: &str =
+            "SELECT id FROM entries WHERE finalized_at_ms IS NOT NULL AND completed_at_ms IS NULL ORDER BY id";
+        let waiting: Vec<String> = sqlx::query_scalar(WAITING).fetch_all(&self.readers).await?;
+        if waiting.is_empty() && !self.has_pending_receipts().await? {
+            return Ok(());
         }
-        let open: Vec<String> =
-            sqlx::query_scalar("SELECT id FROM entries WHERE epoch_id = $1 AND completed_at_ms IS NULL ORDER BY id")
-                .bind(epoch.id())
-                .fetch_all(&self.readers)
-                .await?;
-        let mut is_complete = true;
-        for entry in open {
-            self.finalize_entry(&entry, now_ms).await?;
-            is_complete &= self.entry(&entry).await?.is_none_or(|entry| entry.completed_at_ms.is_some());
+        let signer = self.signer()?;
+        let mut tx = self.begin().await?;
+        for entry in &waiting {
+            complete_if_graded(&mut tx, &signer, entry, now_ms).await?;
         }
-        Ok(is_complete)
+        publish(&mut tx, None).await?;
+        commit(tx, "publish_hidden").await
     }
 }

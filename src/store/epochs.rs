@@ -7,7 +7,7 @@ use sqlx::{Row as _, SqliteConnection};
 
 use super::secrets::EpochSecret;
 use super::{Store, StoreError, StoreResult, commit};
-use crate::epochs::commitment::Commitment;
+use crate::epochs::commitment::{Commitment, Rules};
 
 /// Suite under which answers to hidden instances are kept; it has no tasks of its own, so no catalogue lists it.
 pub const HIDDEN_SUITE: &str = "hidden@1";
@@ -23,6 +23,23 @@ pub struct EpochRules {
     pub official_entries: i64,
     /// Bits that may be released before it closes.
     pub budget_bits: f64,
+    /// Runs that one owner may hold, drawn or reserved; none for epochs made before there was such a rule.
+    pub owner_runs: Option<i64>,
+    /// How long a run that is not drawn keeps its part of the pool; none: to the end.
+    pub reservation_ms: Option<i64>,
+}
+
+impl From<&Rules> for EpochRules {
+    fn from(rules: &Rules) -> Self {
+        Self {
+            instance_ms: i64::from(rules.instance_seconds) * 1_000,
+            dev_entries: rules.dev_entries_per_owner.into(),
+            official_entries: rules.official_entries_per_owner.into(),
+            budget_bits: rules.budget_bits.into(),
+            owner_runs: Some(rules.runs_per_owner.into()),
+            reservation_ms: Some(i64::from(rules.reservation_seconds) * 1_000),
+        }
+    }
 }
 
 /// A stored epoch.
@@ -36,8 +53,10 @@ pub struct EpochRow {
     pub released_bits: f64,
     /// When it was made.
     pub created_at_ms: i64,
-    /// When it was closed before its time, and why.
+    /// When it was closed, and why; what is closed stays so, whatever clocks say.
     pub closed: Option<(i64, String)>,
+    /// When it was settled: all its answers graded, all its receipts entered.
+    pub settled_at_ms: Option<i64>,
 }
 
 impl EpochRow {
@@ -78,7 +97,7 @@ macro_rules! select_epoch {
     ($rest:literal) => {
         concat!(
             "SELECT commitment, instance_ms, dev_entries, official_entries, budget_bits, released_bits, created_at_ms,
-                    closed_at_ms, closed_reason FROM epochs ",
+                    closed_at_ms, closed_reason, owner_runs, reservation_ms, settled_at_ms FROM epochs ",
             $rest
         )
     };
@@ -94,10 +113,13 @@ fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<EpochRow> {
             dev_entries: row.try_get(2)?,
             official_entries: row.try_get(3)?,
             budget_bits: row.try_get(4)?,
+            owner_runs: row.try_get(9)?,
+            reservation_ms: row.try_get(10)?,
         },
         released_bits: row.try_get(5)?,
         created_at_ms: row.try_get(6)?,
         closed: closed_at_ms.zip(reason),
+        settled_at_ms: row.try_get(11)?,
     })
 }
 
@@ -105,6 +127,18 @@ fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<EpochRow> {
 pub(super) async fn epoch_in(tx: &mut SqliteConnection, id: &str) -> StoreResult<Option<EpochRow>> {
     let row = sqlx::query(select_epoch!("WHERE id = $1")).bind(id).fetch_optional(tx).await?;
     row.as_ref().map(read).transpose()
+}
+
+/// Makes an epoch whose time has passed stay closed, whatever clocks say later.
+pub(super) async fn seal_in(tx: &mut SqliteConnection, id: &str) -> StoreResult<()> {
+    sqlx::query(
+        "UPDATE epochs SET closed_at_ms = closes_at_ms, closed_reason = 'its time is over'
+         WHERE id = $1 AND closed_at_ms IS NULL",
+    )
+    .bind(id)
+    .execute(tx)
+    .await?;
+    Ok(())
 }
 
 /// Closes an epoch that is not closed yet.
@@ -148,8 +182,8 @@ impl Store {
         .await?;
         sqlx::query(
             "INSERT INTO epochs (id, commitment, opens_at_ms, closes_at_ms, instance_ms, dev_entries, official_entries,
-                                 budget_bits, created_at_ms)
-             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)",
+                                 budget_bits, created_at_ms, owner_runs, reservation_ms)
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11)",
         )
         .bind(&commitment.epoch)
         .bind(text)
@@ -160,6 +194,8 @@ impl Store {
         .bind(rules.official_entries)
         .bind(rules.budget_bits)
         .bind(now_ms)
+        .bind(rules.owner_runs)
+        .bind(rules.reservation_ms)
         .execute(&mut *tx)
         .await?;
         commit(tx, "create_epoch").await?;
@@ -193,22 +229,6 @@ impl Store {
         let is_closed = close_in(&mut tx, id, reason, now_ms).await?;
         commit(tx, "close_epoch").await?;
         Ok(is_closed)
-    }
-
-    /// Makes an epoch that is over at its time stay so, whatever clocks say later: before its key is shown.
-    ///
-    /// # Errors
-    /// Where the database fails.
-    pub async fn seal_epoch(&self, id: &str) -> StoreResult<()> {
-        let mut tx = self.begin().await?;
-        sqlx::query(
-            "UPDATE epochs SET closed_at_ms = closes_at_ms, closed_reason = 'its time is over'
-             WHERE id = $1 AND closed_at_ms IS NULL",
-        )
-        .bind(id)
-        .execute(&mut *tx)
-        .await?;
-        commit(tx, "seal_epoch").await
     }
 
     /// What an epoch draws from. Where that is lost, the epoch is closed, with the reason for all to read, and there is none.

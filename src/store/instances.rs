@@ -1,14 +1,16 @@
 //! Instances: specifications issued to entries, each answered once.
 
-use std::collections::{BTreeSet, HashSet};
+use std::collections::HashSet;
 
 use sqlx::{Row as _, SqliteConnection};
 
 use super::entries::entry_in;
 use super::epochs::epoch_in;
+use super::evidence::witness;
+use super::reservations::{Room, held_in};
 use super::secrets::EpochSecret;
-use super::submissions::{Accepted, NewSubmission, accept_one};
 use super::{Store, StoreError, StoreResult, commit, decompress};
+use crate::epochs::evidence::{DrawFact, Fact, TranscriptFact};
 use crate::epochs::issue::{Draw, leaf};
 use crate::tasks::{Task, hex};
 
@@ -60,25 +62,10 @@ pub enum Issued {
     NoSuchRun,
     /// The entry is finalized, or its epoch not open.
     Closed,
-    /// The pool has no specification left of a family.
+    /// The pool has no room left for a run whose reservation has ended.
     Exhausted,
-}
-
-/// What came of an answer.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Answered {
-    /// It is stored and queued under this id.
-    New(String),
-    /// The same log answered it before.
-    Same(String),
-    /// Another log answered it.
-    Other,
-    /// It was to be answered until a time that has passed.
-    Expired,
-    /// The entry is finalized, or its epoch over.
-    Closed,
-    /// The owner's quota is used up.
-    QuotaUsedUp,
+    /// The owner holds as many runs as one owner may, and the reservation of this one has ended.
+    ShareUsedUp(i64),
 }
 
 macro_rules! select_instance {
@@ -112,6 +99,11 @@ fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<InstanceRow> {
         submission_id: row.try_get(14)?,
         log_hash: row.try_get(15)?,
     })
+}
+
+/// The instance as the transaction sees it.
+pub(super) async fn instance_in(tx: &mut SqliteConnection, id: &str) -> StoreResult<InstanceRow> {
+    read(&sqlx::query(select_instance!("WHERE i.id = $1")).bind(id).fetch_one(tx).await?)
 }
 
 async fn of_run(tx: &mut SqliteConnection, entry_id: &str, run: u32) -> StoreResult<Vec<InstanceRow>> {
@@ -148,6 +140,14 @@ impl Store {
         }
         if entry.finalized_at_ms.is_some() || !epoch.is_open(now_ms) {
             return Ok(Issued::Closed);
+        }
+        let holdings = held_in(&mut tx, &epoch, now_ms).await?;
+        if !holdings.has_reserved(entry_id) {
+            match holdings.room_for(&entry.owner, entry.tier, 1, &epoch) {
+                Room::Enough => {}
+                Room::PoolUsedUp => return Ok(Issued::Exhausted),
+                Room::ShareUsedUp(most) => return Ok(Issued::ShareUsedUp(most)),
+            }
         }
         let issued: Vec<i64> = sqlx::query_scalar("SELECT leaf FROM instances WHERE epoch_id = $1")
             .bind(epoch.id())
@@ -193,66 +193,16 @@ impl Store {
             }
         }
         let instances = of_run(&mut tx, entry_id, run).await?;
+        let drawn = DrawFact {
+            entry: entry_id.to_owned(),
+            run,
+            nonce: nonce.to_owned(),
+            instances: instances.iter().map(|own| own.id.clone()).collect(),
+            drawn_at_ms: now_ms,
+        };
+        witness(&mut tx, &*self.signer()?, epoch.id(), &Fact::Draw(drawn)).await?;
         commit(tx, "issue_instances").await?;
         Ok(Issued::Instances(instances))
-    }
-
-    /// Stores the answer to an instance: one log, once. The same log again is the same answer.
-    ///
-    /// # Errors
-    /// Where the database fails; nothing is stored then.
-    pub async fn answer_instance(
-        &self,
-        instance_id: &str,
-        new: &NewSubmission,
-        transcript_hash: Option<&str>,
-        now_ms: i64,
-    ) -> StoreResult<Answered> {
-        let mut tx = self.begin().await?;
-        let row = sqlx::query(select_instance!("WHERE i.id = $1")).bind(instance_id).fetch_one(&mut *tx).await?;
-        let instance = read(&row)?;
-        let before: Option<(String, String, String)> =
-            sqlx::query_as("SELECT id, log_hash, state FROM submissions WHERE instance_id = $1 AND superseded = 0")
-                .bind(instance_id)
-                .fetch_optional(&mut *tx)
-                .await?;
-        match &before {
-            Some((_, log_hash, _)) if *log_hash != new.log_hash => return Ok(Answered::Other),
-            // What a failure of ours ended is graded again where the same log comes again.
-            Some((id, _, state)) if state != "grader_error" => return Ok(Answered::Same(id.clone())),
-            _ => {}
-        }
-        let entry = entry_in(&mut tx, &instance.entry_id).await?;
-        let epoch = epoch_in(&mut tx, &instance.epoch_id).await?;
-        if before.is_none() {
-            let is_finalized = entry.is_none_or(|entry| entry.finalized_at_ms.is_some());
-            if is_finalized || epoch.is_none_or(|epoch| epoch.is_over(now_ms)) {
-                return Ok(Answered::Closed);
-            }
-            if now_ms >= instance.expires_at_ms {
-                return Ok(Answered::Expired);
-            }
-        }
-        if let Some((id, _, _)) = &before {
-            sqlx::query("UPDATE submissions SET superseded = 1 WHERE id = $1").bind(id).execute(&mut *tx).await?;
-        }
-        let turn: i64 = sqlx::query_scalar("SELECT COALESCE(MAX(turn), 0) FROM jobs").fetch_one(&mut *tx).await?;
-        if accept_one(&mut tx, new, turn, now_ms).await? == Accepted::QuotaUsedUp {
-            return Ok(Answered::QuotaUsedUp);
-        }
-        sqlx::query("UPDATE submissions SET instance_id = $2 WHERE id = $1")
-            .bind(&new.id)
-            .bind(instance_id)
-            .execute(&mut *tx)
-            .await?;
-        sqlx::query("UPDATE instances SET transcript_hash = COALESCE(transcript_hash, $2) WHERE id = $1")
-            .bind(instance_id)
-            .bind(transcript_hash)
-            .execute(&mut *tx)
-            .await?;
-        commit(tx, "answer_instance").await?;
-        // What is graded again after a failure of ours looks like any answer that is repeated.
-        Ok(if before.is_some() { Answered::Same(new.id.clone()) } else { Answered::New(new.id.clone()) })
     }
 
     /// The instance with this id.
@@ -298,18 +248,30 @@ impl Store {
         serde_json::from_str(&body).map_err(|error| StoreError::corrupt("tasks", error))
     }
 
-    /// Notes that a transcript with the promised hash was shown.
+    /// Notes that the transcript was shown that was promised. False where the epoch is over: what is revealed stays.
     ///
     /// # Errors
     /// Where the database fails.
-    pub async fn note_transcript(&self, instance_id: &str, now_ms: i64) -> StoreResult<()> {
+    pub async fn note_transcript(&self, instance_id: &str, now_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
-        sqlx::query("UPDATE instances SET transcript_checked_ms = $2 WHERE id = $1 AND transcript_checked_ms IS NULL")
+        let instance = instance_in(&mut tx, instance_id).await?;
+        let epoch = epoch_in(&mut tx, &instance.epoch_id).await?;
+        if epoch.is_none_or(|epoch| epoch.is_over(now_ms)) {
+            return Ok(false);
+        }
+        let Some(transcript_sha256) = instance.transcript_hash.filter(|_| instance.transcript_checked_ms.is_none())
+        else {
+            return Ok(true);
+        };
+        sqlx::query("UPDATE instances SET transcript_checked_ms = $2 WHERE id = $1")
             .bind(instance_id)
             .bind(now_ms)
             .execute(&mut *tx)
             .await?;
-        commit(tx, "note_transcript").await
+        let shown = TranscriptFact { instance: instance.id, transcript_sha256, checked_at_ms: now_ms };
+        witness(&mut tx, &*self.signer()?, &instance.epoch_id, &Fact::Transcript(shown)).await?;
+        commit(tx, "note_transcript").await?;
+        Ok(true)
     }
 
     /// Answers of an epoch after an instance's place in the order of issue: place, instance, and the log as canonical JSON.
@@ -374,17 +336,4 @@ async fn put_task(tx: &mut SqliteConnection, task: &Task) -> StoreResult<String>
         .execute(tx)
         .await?;
     Ok(hash)
-}
-
-/// Entries whose hidden answers these submissions are.
-pub(super) async fn entries_of(tx: &mut SqliteConnection, instances: &BTreeSet<&str>) -> StoreResult<BTreeSet<String>> {
-    let mut entries = BTreeSet::new();
-    for instance in instances {
-        let entry: String = sqlx::query_scalar("SELECT entry_id FROM instances WHERE id = $1")
-            .bind(*instance)
-            .fetch_one(&mut *tx)
-            .await?;
-        entries.insert(entry);
-    }
-    Ok(entries)
 }

@@ -2,6 +2,7 @@
 
 use sqlx::{QueryBuilder, Row as _, SqliteConnection};
 
+use super::evidence::publish;
 use super::{Store, StoreError, StoreResult, commit};
 use crate::epochs::canonical::{Hash, unhex};
 use crate::epochs::receipts::{FIRST_LINK, ReceiptFile, Signed, Signer, key_change, link};
@@ -60,7 +61,7 @@ macro_rules! select_receipt {
     ($rest:literal) => {
         concat!(
             "SELECT r.seq, r.body, r.hash, r.signature, r.public_key, r.previous, r.link,
-                    e.id IS NULL OR e.closed_at_ms IS NOT NULL OR e.closes_at_ms <= $1
+                    e.id IS NULL OR e.closed_at_ms IS NOT NULL
              FROM receipts r LEFT JOIN epochs e ON e.id = r.epoch_id ",
             $rest
         )
@@ -81,6 +82,7 @@ fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<ReceiptFile> {
         public_key: row.try_get(4)?,
         previous: row.try_get(5)?,
         link: row.try_get(6)?,
+        place_signature: None,
     })
 }
 
@@ -91,15 +93,22 @@ impl Store {
     /// Where the database fails.
     pub async fn note_receipt_key(&self, signer: &Signer, now_ms: i64) -> StoreResult<Option<String>> {
         const LAST: &str = "SELECT public_key FROM receipts ORDER BY seq DESC LIMIT 1";
+        const KEYS: &str = "SELECT DISTINCT public_key FROM (SELECT public_key FROM pending_receipts
+                            UNION ALL SELECT public_key FROM (SELECT public_key FROM receipts ORDER BY seq DESC LIMIT 1))";
         let is_other = |last: &String| *last != signer.public_key();
         // Nearly always there is nothing to write, and a start need not wait for another process that does.
-        let last: Option<String> = sqlx::query_scalar(LAST).fetch_optional(&self.readers).await?;
-        if !last.as_ref().is_some_and(is_other) {
+        let last: Vec<String> = sqlx::query_scalar(KEYS).fetch_all(&self.readers).await?;
+        if !last.iter().any(is_other) {
             return Ok(None);
         }
         let mut tx = self.begin().await?;
+        // What was signed with the key before is entered before the change.
+        publish(&mut tx, None).await?;
         let last: Option<String> = sqlx::query_scalar(LAST).fetch_optional(&mut *tx).await?;
-        let Some(before) = last.filter(is_other) else { return Ok(None) };
+        let Some(before) = last.filter(is_other) else {
+            commit(tx, "note_receipt_key").await?;
+            return Ok(None);
+        };
         let signed = signer.sign(&key_change(&before, &signer.public_key(), now_ms));
         enter(&mut tx, &[NewReceipt { of: None, epoch_id: None, signed: &signed }]).await?;
         commit(tx, "note_receipt_key").await?;
@@ -110,11 +119,33 @@ impl Store {
     ///
     /// # Errors
     /// Where the database fails or a row does not read back.
-    pub async fn receipts(&self, after: i64, limit: i64, now_ms: i64) -> StoreResult<Vec<ReceiptFile>> {
-        let rows = sqlx::query(select_receipt!("WHERE r.seq > $2 ORDER BY r.seq LIMIT $3"))
-            .bind(now_ms)
+    pub async fn receipts(&self, after: i64, limit: i64) -> StoreResult<Vec<ReceiptFile>> {
+        let rows = sqlx::query(select_receipt!("WHERE r.seq > $1 ORDER BY r.seq LIMIT $2"))
             .bind(after)
             .bind(limit)
+            .fetch_all(&self.readers)
+            .await?;
+        rows.iter().map(read).collect()
+    }
+
+    /// The length of the log and its last link.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn log_end(&self) -> StoreResult<(i64, String)> {
+        let last: Option<(i64, String)> = sqlx::query_as("SELECT seq, link FROM receipts ORDER BY seq DESC LIMIT 1")
+            .fetch_optional(&self.readers)
+            .await?;
+        Ok(last.unwrap_or_else(|| (0, hex(&FIRST_LINK))))
+    }
+
+    /// The receipts of an epoch, in the order of the log: for those who have made sure that it is over.
+    ///
+    /// # Errors
+    /// Where the database fails or a row does not read back.
+    pub async fn receipts_of_epoch(&self, epoch_id: &str) -> StoreResult<Vec<ReceiptFile>> {
+        let rows = sqlx::query(select_receipt!("WHERE r.epoch_id = $1 ORDER BY r.seq"))
+            .bind(epoch_id)
             .fetch_all(&self.readers)
             .await?;
         rows.iter().map(read).collect()
@@ -124,9 +155,8 @@ impl Store {
     ///
     /// # Errors
     /// Where the database fails or the row does not read back.
-    pub async fn receipt_of(&self, submission_id: &str, now_ms: i64) -> StoreResult<Option<ReceiptFile>> {
-        let row = sqlx::query(select_receipt!("WHERE r.submission_id = $2 ORDER BY r.attempt DESC LIMIT 1"))
-            .bind(now_ms)
+    pub async fn receipt_of(&self, submission_id: &str) -> StoreResult<Option<ReceiptFile>> {
+        let row = sqlx::query(select_receipt!("WHERE r.submission_id = $1 ORDER BY r.attempt DESC LIMIT 1"))
             .bind(submission_id)
             .fetch_optional(&self.readers)
             .await?;

@@ -1,14 +1,13 @@
 //! Reports: what grading found. Written once, by the attempt that holds the job.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, HashMap};
 
 use sqlx::query_builder::Separated;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row as _, Sqlite};
 
-use super::entries::complete_if_graded;
 use super::events::{self, NewEvent};
-use super::instances::entries_of;
+use super::evidence;
 use super::jobs::{Claim, push_ids};
 use super::quota;
 use super::receipts::{self, NewReceipt};
@@ -146,16 +145,15 @@ impl Store {
             .filter_map(|(claim, _)| Some((claim.owner.as_deref()?, claim.submission_id.as_str())))
             .collect();
         quota::charge(&mut tx, &charged, now_ms).await?;
-        let receipts: Vec<NewReceipt<'_>> = ours
-            .iter()
-            .filter_map(|(claim, report)| {
-                Some(NewReceipt {
-                    of: Some((claim.submission_id.as_str(), claim.attempt)),
-                    epoch_id: claim.hidden.as_ref().map(|hidden| hidden.epoch_id.as_str()),
-                    signed: report.receipt.as_ref()?,
-                })
-            })
-            .collect();
+        let mut receipts: Vec<NewReceipt<'_>> = Vec::new();
+        for (claim, report) in &ours {
+            let Some(signed) = &report.receipt else { continue };
+            let of = Some((claim.submission_id.as_str(), claim.attempt));
+            match &claim.hidden {
+                None => receipts.push(NewReceipt { of, epoch_id: None, signed }),
+                Some(hidden) => evidence::keep(&mut tx, &hidden.epoch_id, of, signed).await?,
+            }
+        }
         receipts::enter(&mut tx, &receipts).await?;
         // Of hidden instances nobody is told.
         let ended: Vec<NewEvent<'_>> = ours
@@ -170,11 +168,6 @@ impl Store {
             .collect();
         if !ended.is_empty() {
             events::enter(&mut tx, &ended, now_ms).await?;
-        }
-        let hidden: BTreeSet<&str> =
-            ours.iter().filter_map(|(claim, _)| Some(claim.hidden.as_ref()?.instance_id.as_str())).collect();
-        for entry in entries_of(&mut tx, &hidden).await? {
-            complete_if_graded(&mut tx, &entry, now_ms).await?;
         }
         let mut runs: BTreeMap<(&str, &str), i64> = BTreeMap::new();
         for (claim, _) in &ours {

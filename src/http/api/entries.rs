@@ -15,14 +15,14 @@ use super::super::limits::LIMITS;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use super::epochs::stored_epoch;
-use super::instances::InstanceBody;
 use crate::clock::{now_ms, rfc3339};
 use crate::epochs::canonical::unhex;
+use crate::epochs::evidence::GivenReceipt;
 use crate::epochs::feedback::{Outcome, Tier, told};
-use crate::store::entries::{EntryRow, NewEntry, Registered};
+use crate::store::entries::EntryRow;
 use crate::store::epochs::EpochRow;
-use crate::store::instances::Issued;
 use crate::store::keys::Scope;
+use crate::store::registration::{NewEntry, Registered};
 use crate::voxel::Faults;
 
 /// What registers an entry.
@@ -78,6 +78,9 @@ pub struct EntryBody {
     /// What it came to, as far as it is told; null before it is complete, and where nothing is told before the epoch closes.
     #[schema(value_type = Option<Object>)]
     pub result: Value,
+    /// The receipt of the registration: given once, in the answer to it. Keep it; it shows what was registered.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub receipt: Option<GivenReceipt>,
 }
 
 /// How far an entry is.
@@ -105,7 +108,7 @@ async fn entry_body(state: &AppState, id: &str) -> ApiResult<EntryBody> {
     let row = stored_entry(state, id).await?;
     let epoch = stored_epoch(state, &row.epoch_id).await?;
     let now = now_ms();
-    state.store.finalize_what_is_over(&epoch, now).await?;
+    state.store.settle_epoch(&epoch, now).await?;
     let row = if epoch.is_over(now) { stored_entry(state, id).await? } else { row };
     let instances = state.store.instances_of_entry(id).await?;
     let mut result = Value::Null;
@@ -130,6 +133,7 @@ async fn entry_body(state: &AppState, id: &str) -> ApiResult<EntryBody> {
         tier: row.tier,
         runs: row.runs,
         result,
+        receipt: None,
     })
 }
 
@@ -139,7 +143,10 @@ async fn stored_entry(state: &AppState, id: &str) -> ApiResult<EntryRow> {
 }
 
 /// The entry, where it is the caller's.
-async fn own_entry(state: &AppState, caller: &Caller, id: &str) -> ApiResult<EntryRow> {
+///
+/// # Errors
+/// 403 where it is another's, 404 where there is none.
+pub async fn own_entry(state: &AppState, caller: &Caller, id: &str) -> ApiResult<EntryRow> {
     let row = stored_entry(state, id).await?;
     caller.require_own(Some(row.owner.as_str()).filter(|owner| !owner.is_empty()), "entry")?;
     Ok(row)
@@ -220,6 +227,19 @@ pub async fn create_entry(
             let detail = "the epoch has not so many specifications left; half of them are kept for official entries";
             return Err(ApiError::conflict("pool-used-up", detail));
         }
+        Registered::ShareUsedUp(most) => {
+            let detail = format!(
+                "one owner may hold {most} runs of this epoch's pool, drawn or reserved; a reservation ends when its entry is \
+                 finalized, or after {} s",
+                row.rules.reservation_ms.unwrap_or_default() / 1_000
+            );
+            return Err(ApiError::conflict("share-used-up", detail));
+        }
+        Registered::ConfigurationTaken => {
+            let detail =
+                "another owner entered this configuration first in this epoch; one agent has one owner's attempts";
+            return Err(ApiError::conflict("configuration-taken", detail));
+        }
         Registered::OtherConfiguration(agent) => {
             let detail = format!(
                 "the owner's official entries in this epoch are of {agent:?} in another configuration; they are one attempt after \
@@ -229,12 +249,21 @@ pub async fn create_entry(
         }
     }
     let location = format!("/v1/entries/{registered}");
-    let body = entry_body(&state, &registered).await?;
+    let mut body = entry_body(&state, &registered).await?;
+    body.receipt = given(state.store.receipt_of_entry(&registered).await?.as_deref())?;
     let mut response = (StatusCode::CREATED, [(header::LOCATION, location)], Json(body)).into_response();
     if registered != id {
         response.headers_mut().extend([idempotency::REPLAYED]);
     }
     Ok(response)
+}
+
+/// A receipt as it was stored.
+///
+/// # Errors
+/// Where it does not read back.
+pub fn given(stored: Option<&str>) -> ApiResult<Option<GivenReceipt>> {
+    stored.map(serde_json::from_str).transpose().map_err(|error| ApiError::internal(&error))
 }
 
 /// 409: the epoch is not open, and why.
@@ -263,93 +292,6 @@ pub fn not_open(epoch: &EpochRow) -> ApiError {
 )]
 pub async fn get_entry(State(state): State<AppState>, Path(id): Path<String>) -> ApiResult<Json<EntryBody>> {
     Ok(Json(entry_body(&state, &id).await?))
-}
-
-/// What draws the instances of a run.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-#[schema(example = json!({ "run": 1, "nonce": "8c1f0d3e5b7a4f6d9e2c" }))]
-pub struct NewDraw {
-    /// Which of the entry's runs, from 1.
-    #[schema(minimum = 1)]
-    run: u32,
-    /// Random characters of your own: with the epoch's key they decide what is drawn, so neither side alone can.
-    #[schema(min_length = 16, max_length = 128)]
-    nonce: String,
-}
-
-/// The instances of a run.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub struct InstanceList {
-    /// In the order of issue.
-    pub instances: Vec<InstanceBody>,
-}
-
-/// Draw the instances of a run. The same nonce again gives the same instances; another one is refused. Each is to be answered by
-/// one log before it expires.
-#[utoipa::path(
-    post, path = "/v1/entries/{id}/instances", operation_id = "create_instances", tag = "hidden evaluation",
-    summary = "Draw a run's instances",
-    params(("id" = String, Path, description = "The entry's id")),
-    request_body(content = NewDraw, content_type = "application/json"),
-    responses(
-        (status = 200, description = "The instances: prompts, and nothing of the checks", body = InstanceList,
-         example = json!({ "instances": [{ "id": "5f0c…", "prompts": ["You stand at (0, 0, 0) …"], "expires_at": "2026-11-22T10:00:00.000Z" }] })),
-        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "There is no such entry", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "Drawn with another nonce, finalized, the epoch not open, or its pool used up", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "Faults, all of them", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
-    )
-)]
-pub async fn create_instances(
-    State(state): State<AppState>,
-    caller: Caller,
-    Path(id): Path<String>,
-    body: JsonBody,
-) -> ApiResult<Json<InstanceList>> {
-    caller.require(Scope::Submit)?;
-    let new: NewDraw = read_json(&body)?;
-    let entry = own_entry(&state, &caller, &id).await?;
-    let (least, most) = (LIMITS.nonce_min_chars, LIMITS.nonce_max_chars);
-    if !(least..=most).contains(&new.nonce.chars().count()) || new.nonce.chars().any(char::is_control) {
-        let mut faults = Faults::new();
-        faults.add_at("nonce", format!("expected {least} to {most} characters"));
-        return Err(ApiError::faulty(faults));
-    }
-    let epoch = stored_epoch(&state, &entry.epoch_id).await?;
-    let now = now_ms();
-    let Some(secret) = state.store.epoch_secret(&epoch, now).await? else {
-        return Err(ApiError::conflict("key-lost", crate::store::epochs::LOST_KEY));
-    };
-    match state.store.issue_instances(&id, new.run, &new.nonce, &secret, now).await? {
-        Issued::Instances(rows) => {
-            let mut instances = Vec::with_capacity(rows.len());
-            for row in rows {
-                instances.push(InstanceBody::of(&state, row).await?);
-            }
-            Ok(Json(InstanceList { instances }))
-        }
-        Issued::NoSuchRun => {
-            let mut faults = Faults::new();
-            faults.add_at("run", format!("the entry was registered for {} runs", entry.runs));
-            Err(ApiError::faulty(faults))
-        }
-        Issued::OtherNonce => {
-            Err(ApiError::conflict("already-drawn", "the run was drawn with another nonce, and is drawn once"))
-        }
-        Issued::Closed if entry.finalized_at_ms.is_some() => {
-            Err(ApiError::conflict("finalized", "the entry is finalized"))
-        }
-        Issued::Closed => Err(not_open(&epoch)),
-        Issued::Exhausted => {
-            let detail = "the epoch has issued all its specifications of a family; nothing was issued to this run";
-            Err(ApiError::conflict("pool-used-up", detail))
-        }
-    }
 }
 
 /// Say that no more answers will come. Instances without one count as failed, and so do runs that were not drawn. Nothing can be

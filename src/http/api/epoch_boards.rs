@@ -11,9 +11,8 @@ use super::super::problem::{ApiResult, Problem};
 use super::super::state::AppState;
 use super::epochs::stored_epoch;
 use crate::clock::now_ms;
+use crate::epochs::board::{self, Answered, Entrant, Row};
 use crate::epochs::feedback::{Feedback, Tier};
-use crate::epochs::ladder::{Attempt, Tally, climb};
-use crate::grading::statistics::interval::{Interval, wilson};
 use crate::store::entries::{BoardOutcome, EntryRow};
 use crate::store::epochs::EpochRow;
 
@@ -28,35 +27,6 @@ pub struct EpochBoardQuery {
     provenance: Option<String>,
 }
 
-/// A row: an owner's official entries taken together, or where the Ladder has an owner.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub struct EpochRowBody {
-    /// Place; a row whose interval reaches the score of the first row of a place shares that place.
-    pub rank: usize,
-    /// Who registered.
-    pub owner: String,
-    /// Who was evaluated.
-    pub agent: String,
-    /// SHA-256 of its configuration.
-    pub configuration_sha256: String,
-    /// Share of instances that pass.
-    pub overall: f64,
-    /// Wilson interval of that share, 95 %.
-    pub interval: Option<Interval>,
-    /// Instances that pass.
-    pub passed: u32,
-    /// Instances that count.
-    pub of: u32,
-    /// Entries that the owner registered in this tier, finalized or not.
-    pub attempts: usize,
-    /// `nonce-bound` at least; `transcript-committed` where every answer promised its transcript.
-    pub provenance: &'static str,
-    /// Transcripts that were shown and were those promised.
-    pub transcripts_checked: usize,
-    /// The entries behind the row.
-    pub entries: Vec<String>,
-}
-
 /// A board of an epoch.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct EpochBoard {
@@ -69,65 +39,7 @@ pub struct EpochBoard {
     /// Entries registered in this tier.
     pub registered: usize,
     /// The rows, best first; empty while scores are not told.
-    pub rows: Vec<EpochRowBody>,
-}
-
-/// An entry with what its instances came to.
-struct Own {
-    entry: EntryRow,
-    outcomes: Vec<BoardOutcome>,
-}
-
-impl Own {
-    /// Instances of the entry, those of runs that were never drawn too.
-    const fn instances(&self, epoch: &EpochRow) -> u32 {
-        self.entry.runs as u32 * epoch.commitment.instances_per_run
-    }
-
-    fn has_transcripts(&self) -> bool {
-        let mut answered = self.outcomes.iter().filter(|outcome| outcome.is_answered).peekable();
-        answered.peek().is_some() && answered.all(|outcome| outcome.has_transcript)
-    }
-
-    /// The entry as the Ladder sees it. What was not drawn failed, in equal parts of what decides and what is shown.
-    fn attempt(&self, epoch: &EpochRow) -> Attempt<'_> {
-        let outcomes = self.outcomes.iter().map(|outcome| (outcome.salt.as_str(), outcome.passes));
-        let mut attempt = Attempt::of(&self.entry.configuration_hash, outcomes);
-        let undrawn = self.instances(epoch).saturating_sub(self.outcomes.len() as u32);
-        attempt.deciding.of += undrawn.div_ceil(2);
-        attempt.shown.of += undrawn / 2;
-        attempt
-    }
-}
-
-/// The row of an owner's complete entries, in the order in which they ended.
-fn row(epoch: &EpochRow, tier: Tier, own: &[Own], attempts: usize) -> Option<EpochRowBody> {
-    let first = own.first()?;
-    let (shown, named) = match tier {
-        Tier::Official => {
-            let passed = own.iter().flat_map(|own| &own.outcomes).filter(|outcome| outcome.passes).count() as u32;
-            (Tally { passed, of: own.iter().map(|own| own.instances(epoch)).sum() }, first)
-        }
-        Tier::Dev => {
-            let attempts: Vec<Attempt<'_>> = own.iter().map(|own| own.attempt(epoch)).collect();
-            let rung = climb(&attempts)?;
-            (rung.shown, own.get(rung.attempt)?)
-        }
-    };
-    Some(EpochRowBody {
-        rank: 0,
-        owner: first.entry.owner.clone(),
-        agent: named.entry.agent.clone(),
-        configuration_sha256: named.entry.configuration_hash.clone(),
-        overall: shown.rate(),
-        interval: wilson(shown.rate(), f64::from(shown.of)),
-        passed: shown.passed,
-        of: shown.of,
-        attempts,
-        provenance: if own.iter().all(Own::has_transcripts) { "transcript-committed" } else { "nonce-bound" },
-        transcripts_checked: own.iter().flat_map(|own| &own.outcomes).filter(|outcome| outcome.is_checked).count(),
-        entries: own.iter().map(|own| own.entry.id.clone()).collect(),
-    })
+    pub rows: Vec<Row>,
 }
 
 /// The board of a tier.
@@ -137,36 +49,28 @@ fn row(epoch: &EpochRow, tier: Tier, own: &[Own], attempts: usize) -> Option<Epo
 pub async fn board_of(state: &AppState, epoch: &EpochRow, tier: Tier) -> ApiResult<EpochBoard> {
     let now = now_ms();
     let is_released = epoch.is_over(now) || tier.feedback(epoch.commitment.dev_feedback) > Feedback::AfterEpoch;
-    state.store.finalize_what_is_over(epoch, now).await?;
+    state.store.settle_epoch(epoch, now).await?;
     let entries: Vec<EntryRow> =
         state.store.entries(epoch.id()).await?.into_iter().filter(|entry| entry.tier == tier).collect();
     let registered = entries.len();
-    let mut by_owner: BTreeMap<String, (usize, Vec<Own>)> = BTreeMap::new();
+    let mut rows = Vec::new();
     if is_released {
-        let mut of_entry: BTreeMap<String, Vec<BoardOutcome>> = BTreeMap::new();
+        let mut of_entry: BTreeMap<String, Vec<Answered>> = BTreeMap::new();
         for outcome in state.store.board_outcomes(epoch.id(), tier).await? {
-            of_entry.entry(outcome.entry_id.clone()).or_default().push(outcome);
+            let BoardOutcome { entry_id, salt, passes, is_answered, has_transcript, is_checked } = outcome;
+            let answered = Answered { salt, passes, is_answered, has_transcript, is_checked };
+            of_entry.entry(entry_id).or_default().push(answered);
         }
-        for entry in entries {
-            let slot = by_owner.entry(entry.owner.clone()).or_default();
-            slot.0 += 1;
-            if entry.completed_at_ms.is_some() {
-                let outcomes = of_entry.remove(&entry.id).unwrap_or_default();
-                slot.1.push(Own { entry, outcomes });
-            }
-        }
-    }
-    let mut rows: Vec<EpochRowBody> = by_owner
-        .into_values()
-        .filter_map(|(attempts, mut own)| {
-            own.sort_by(|a, b| (a.entry.completed_at_ms, &a.entry.id).cmp(&(b.entry.completed_at_ms, &b.entry.id)));
-            row(epoch, tier, &own, attempts)
-        })
-        .collect();
-    rows.sort_by(|a, b| b.overall.total_cmp(&a.overall).then_with(|| a.owner.cmp(&b.owner)));
-    for i in 0..rows.len() {
-        let ties = i > 0 && rows[i].interval.is_some_and(|own| own.high >= rows[rows[i - 1].rank - 1].overall);
-        rows[i].rank = if ties { rows[i - 1].rank } else { i + 1 };
+        let entrants = entries.into_iter().map(|entry| Entrant {
+            instances: of_entry.remove(&entry.id).unwrap_or_default(),
+            id: entry.id,
+            owner: entry.owner,
+            agent: entry.agent,
+            configuration_sha256: entry.configuration_hash,
+            runs: entry.runs as u32,
+            completed_at_ms: entry.completed_at_ms,
+        });
+        rows = board::rows(tier, epoch.commitment.instances_per_run, entrants.collect());
     }
     Ok(EpochBoard { epoch: epoch.id().to_owned(), tier, is_released, registered, rows })
 }
@@ -193,7 +97,7 @@ pub async fn get_epoch_leaderboard(
     let epoch = stored_epoch(&state, &epoch).await?;
     let mut board = board_of(&state, &epoch, query.tier.unwrap_or(Tier::Official)).await?;
     if let Some(wanted) = &query.provenance {
-        board.rows.retain(|row| row.provenance == wanted);
+        board.rows.retain(|row| &row.provenance == wanted);
     }
     Ok(Json(board))
 }

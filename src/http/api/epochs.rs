@@ -189,8 +189,7 @@ async fn over(state: &AppState, id: &str) -> ApiResult<(EpochRow, Arc<EpochSecre
             format!("the epoch closes at {}; nothing is revealed before", rfc3339(row.commitment.closes_at_ms));
         return Err(ApiError::conflict("epoch-not-over", detail));
     }
-    state.store.seal_epoch(id).await?;
-    if !state.store.finalize_what_is_over(&row, now).await? {
+    if !state.store.settle_epoch(&row, now).await? {
         let detail = "the epoch is over, and its last answers are being graded";
         return Err(ApiError::conflict("still-grading", detail).retry_after(5));
     }
@@ -208,6 +207,8 @@ fn revealed_entry(row: EntryRow) -> RevealedEntry {
         runs: u32::try_from(row.runs).unwrap_or_default(),
         registered_at_ms: row.registered_at_ms,
         finalized_at_ms: row.finalized_at_ms,
+        owner: Some(row.owner),
+        completed_at_ms: row.completed_at_ms,
     }
 }
 
@@ -227,6 +228,10 @@ fn revealed_entry(row: EntryRow) -> RevealedEntry {
 )]
 pub async fn get_epoch_reveal(State(state): State<AppState>, Path(epoch): Path<String>) -> ApiResult<Response> {
     let (row, secret) = over(&state, &epoch).await?;
+    let json = [(header::CONTENT_TYPE, "application/json")];
+    if let Some(made) = state.reveals.get(&epoch) {
+        return Ok((json, made).into_response());
+    }
     let entries = state.store.entries(row.id()).await?;
     let mut grades: BTreeMap<String, Outcome> = BTreeMap::new();
     for entry in &entries {
@@ -247,19 +252,30 @@ pub async fn get_epoch_reveal(State(state): State<AppState>, Path(epoch): Path<S
             log_sha256: own.log_hash,
             overall: scores.as_ref().map(crate::grading::ProblemScores::overall),
             scores: scores.map(|scores| scores.rows),
+            transcript_sha256: own.transcript_hash,
+            transcript_checked: own.transcript_checked_ms.is_some(),
             id: own.id,
         }
     });
     let instances: Vec<RevealedInstance> = instances.collect();
     let entries = entries.into_iter().map(revealed_entry).collect();
+    let receipts = Some(state.store.receipts_of_epoch(row.id()).await?);
     let made = tokio::task::spawn_blocking(move || {
         let specifications = secret.specifications.iter().map(|own| revealed(&secret.key, own.clone())).collect();
-        let reveal =
-            Reveal { commitment: row.commitment, key: secret.key.expose(), specifications, entries, instances };
+        let reveal = Reveal {
+            commitment: row.commitment,
+            key: secret.key.expose(),
+            specifications,
+            entries,
+            instances,
+            receipts,
+        };
         serde_json::to_vec(&reveal)
     });
     let text = made.await.map_err(|error| ApiError::internal(&error))?.map_err(|error| ApiError::internal(&error))?;
-    Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
+    let text = Bytes::from(text);
+    state.reveals.insert(epoch, text.clone());
+    Ok((json, text).into_response())
 }
 
 /// The logs that answered a closed epoch's instances, one a line: what `verify-epoch` grades again.

@@ -11,19 +11,21 @@ use uuid::Uuid;
 
 use super::super::body::{Format, JsonBody};
 use super::super::caller::Caller;
-use super::super::grader::is_quick;
 use super::super::limits::LIMITS;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use super::answer_body::{AnswerShape, NewAnswerBody, PostedAnswer};
-use super::entries::not_open;
+use super::entries::{given, not_open};
 use super::epochs::stored_epoch;
 use super::replay::run_codes;
 use crate::clock::{now_ms, rfc3339};
+use crate::epochs::evidence::GivenReceipt;
 use crate::epochs::receipts::ReceiptFile;
 use crate::store::epochs::HIDDEN_SUITE;
-use crate::store::instances::{Answered, InstanceRow};
+use crate::store::hidden_answers::Answered;
+use crate::store::instances::InstanceRow;
 use crate::store::keys::Scope;
+use crate::store::queue::Lane;
 use crate::store::submissions::{NewSubmission, PackedLog};
 use crate::tasks::{Task, hex};
 use crate::voxel::replay::Replay;
@@ -128,6 +130,9 @@ pub struct AnswerTaken {
     pub log_sha256: String,
     /// Whether the same log had answered it before.
     pub repeated: bool,
+    /// The signed receipt of the answer. Keep it: with it anybody can see whether the reveal has this answer.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub receipt: Option<GivenReceipt>,
     /// What action code did, where a turn brought some.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub action_code: Vec<super::replay::TurnReplay>,
@@ -184,7 +189,7 @@ pub async fn answer_instance(
     let Some(PostedAnswer { mut submission, transcript_sha256 }) = posted.filter(|_| faults.is_empty()) else {
         return Err(ApiError::faulty(faults));
     };
-    run_codes(&state, std::slice::from_mut(&mut submission), &mut faults).await?;
+    run_codes(&state, caller.who(), std::slice::from_mut(&mut submission), &mut faults).await?;
     let replays = std::mem::take(&mut submission.replays);
     let told = (!replays.is_empty()).then(|| serde_json::to_string(&replays).unwrap_or_default());
     let (issued, by) = (instance.clone(), caller.clone());
@@ -198,8 +203,17 @@ pub async fn answer_instance(
     let new = prepared.await.map_err(|error| ApiError::internal(&error))??;
     let answered = state.store.answer_instance(&id, &new, transcript_sha256.as_deref(), now_ms()).await?;
     let is_repeated = matches!(answered, Answered::Same(_));
-    match answered {
-        Answered::New(_) | Answered::Same(_) => state.wake.notify_waiters(),
+    let receipt = match answered {
+        Answered::New(receipt) => Some(receipt),
+        Answered::Same(receipt) => receipt,
+        Answered::OtherTranscript(promised) => {
+            let before = promised.map_or_else(|| "none".to_owned(), |hash| format!("another one, {hash}"));
+            let detail = format!(
+                "the instance was answered with this log and {before} as transcript_sha256; what is promised is promised with the \
+                 first answer"
+            );
+            return Err(ApiError::conflict("another-transcript", detail));
+        }
         Answered::Other => {
             return Err(ApiError::conflict(
                 "already-answered",
@@ -223,8 +237,11 @@ pub async fn answer_instance(
             let detail = "the quota is used up: GET /v1/quota tells what it went to";
             return Err(ApiError::new(StatusCode::FORBIDDEN, "quota-used-up", "The quota is used up", detail));
         }
-    }
-    let taken = AnswerTaken { instance: id, log_sha256: new.log_hash, repeated: is_repeated, action_code: replays };
+    };
+    state.wake.notify_waiters();
+    let receipt = given(receipt.as_deref())?;
+    let taken =
+        AnswerTaken { instance: id, log_sha256: new.log_hash, repeated: is_repeated, receipt, action_code: replays };
     Ok((StatusCode::ACCEPTED, Json(taken)).into_response())
 }
 
@@ -261,13 +278,13 @@ fn new_submission(
         turns: log.turns.len(),
         events: log.event_count(),
         owner: caller.owner().map(str::to_owned),
-        quick: is_quick(task, log),
+        lane: Lane::Hidden,
         log: PackedLog::of(&json)?,
         replays,
     })
 }
 
-/// Show the transcript that was promised with an answer: its SHA-256 is compared, and nothing of it is kept.
+/// Show the transcript that was promised with an answer, before the epoch is over: its SHA-256 is compared, and nothing of it is kept.
 #[utoipa::path(
     post, path = "/v1/instances/{id}/transcript", operation_id = "check_transcript", tag = "hidden evaluation",
     summary = "Show a promised transcript",
@@ -277,7 +294,7 @@ fn new_submission(
         (status = 200, description = "It is the one promised", body = InstanceBody,
          example = json!({ "id": "5f0c…", "transcript_checked_at": "2026-11-22T10:00:00.000Z" })),
         (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "None was promised, or another", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "None was promised, or another, or the epoch is over", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
         (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
@@ -300,7 +317,10 @@ pub async fn check_transcript(
         }
         Some(_) => {}
     }
-    state.store.note_transcript(&id, now_ms()).await?;
+    if !state.store.note_transcript(&id, now_ms()).await? {
+        let detail = "the epoch is over, and what it reveals stays as it is; a transcript is shown before that";
+        return Err(ApiError::conflict("epoch-over", detail));
+    }
     let row = own_instance(&state, &caller, &id).await?;
     Ok(Json(InstanceBody::of(&state, row).await?))
 }
@@ -322,7 +342,8 @@ pub async fn get_instance_report(State(state): State<AppState>, Path(id): Path<S
     let missing = || ApiError::not_found(format!("there is no instance {id:?}"));
     let row = state.store.instance(&id).await?.ok_or_else(missing)?;
     let epoch = stored_epoch(&state, &row.epoch_id).await?;
-    if !epoch.is_over(now_ms()) {
+    let now = now_ms();
+    if !state.store.settle_epoch(&epoch, now).await? && !epoch.is_over(now) {
         let detail = format!("reports are shown when the epoch is over, at {}", rfc3339(epoch.commitment.closes_at_ms));
         return Err(ApiError::conflict("epoch-not-over", detail));
     }
@@ -354,5 +375,5 @@ pub async fn get_instance_receipt(
     // When an instance was graded is told with its entry, not before.
     let entry = state.store.entry(&row.entry_id).await?.filter(|entry| entry.completed_at_ms.is_some());
     let submission = entry.and(row.submission_id).ok_or_else(missing)?;
-    Ok(Json(state.store.receipt_of(&submission, now_ms()).await?.ok_or_else(missing)?))
+    Ok(Json(state.store.receipt_of(&submission).await?.ok_or_else(missing)?.with_place(&state.signer)))
 }

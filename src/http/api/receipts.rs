@@ -9,7 +9,7 @@ use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use super::tasks::page_items;
 use crate::clock::now_ms;
-use crate::epochs::receipts::ReceiptFile;
+use crate::epochs::receipts::{LogHead, LogPage, ReceiptFile};
 
 /// Which receipts.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
@@ -24,35 +24,27 @@ pub struct LogQuery {
     limit: Option<u32>,
 }
 
-/// A page of the log.
-#[derive(Debug, Serialize, Deserialize, utoipa::ToSchema)]
-pub struct ReceiptPage {
-    /// In order; each links to the one before.
-    pub receipts: Vec<ReceiptFile>,
-    /// `after` of the next page; null on the last.
-    pub next_after: Option<i64>,
-}
-
 /// The public log of receipts, from the first. Of hidden instances of open epochs hash and link alone are told.
 #[utoipa::path(
     get, path = "/v1/receipts", operation_id = "list_receipts", tag = "receipts", summary = "Read the log of receipts",
     params(LogQuery),
     responses(
-        (status = 200, description = "A page of the log", body = ReceiptPage, example = json!({ "receipts": [], "next_after": null })),
+        (status = 200, description = "A page of the log", body = LogPage, example = json!({ "receipts": [], "next_after": null, "head": null })),
         (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub async fn list_receipts(
-    State(state): State<AppState>,
-    Params(query): Params<LogQuery>,
-) -> ApiResult<Json<ReceiptPage>> {
+pub async fn list_receipts(State(state): State<AppState>, Params(query): Params<LogQuery>) -> ApiResult<Json<LogPage>> {
     let items = page_items(query.limit, 100)?;
-    let mut receipts = state.store.receipts(query.after.unwrap_or(0), items as i64 + 1, now_ms()).await?;
+    // The end first: what is entered in between is on the next page.
+    let (size, link) = state.store.log_end().await?;
+    let mut receipts = state.store.receipts(query.after.unwrap_or(0), items as i64 + 1).await?;
+    receipts.retain(|receipt| receipt.seq <= size);
     let has_more = receipts.len() > items;
     receipts.truncate(items);
     let next_after = receipts.last().filter(|_| has_more).map(|last| last.seq);
-    Ok(Json(ReceiptPage { receipts, next_after }))
+    let head = Some(LogHead::signed(size, link, now_ms(), &state.signer));
+    Ok(Json(LogPage { receipts, next_after, head }))
 }
 
 /// The receipt of a submission's latest grade by a worker (a regrade makes none): `plumbline verify-receipt` checks it without the service.
@@ -68,7 +60,7 @@ pub async fn list_receipts(
 )]
 pub async fn get_receipt(State(state): State<AppState>, Path(id): Path<String>) -> ApiResult<Json<ReceiptFile>> {
     super::submission::stored(&state, &id).await?;
-    let receipt = state.store.receipt_of(&id, now_ms()).await?;
+    let receipt = state.store.receipt_of(&id).await?.map(|receipt| receipt.with_place(&state.signer));
     let missing =
         || ApiError::not_found("the submission has no receipt: it is not graded, or was before receipts were kept");
     Ok(Json(receipt.ok_or_else(missing)?))
@@ -94,7 +86,7 @@ pub struct ReceiptKeys {
 )]
 pub async fn get_receipt_keys(State(state): State<AppState>) -> ApiResult<Json<ReceiptKeys>> {
     let mut all = state.store.receipt_keys().await?;
-    let public_key = state.receipt_key.clone();
+    let public_key = state.signer.public_key();
     if !all.contains(&public_key) {
         all.push(public_key.clone());
     }

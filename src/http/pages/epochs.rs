@@ -82,7 +82,7 @@ pub async fn epochs(State(state): State<AppState>, headers: HeaderMap) -> PageRe
     html::page(&EpochsPage {
         epochs,
         host: named.unwrap_or("localhost:7586").to_owned(),
-        key: state.receipt_key.clone(),
+        key: state.signer.public_key(),
     })
 }
 

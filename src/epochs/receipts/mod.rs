@@ -4,6 +4,8 @@
 //! the hashes in order, each link the SHA-256 over the link before it and the hash, so none can be taken out or put in later
 //! without every later link changing.
 
+mod log;
+
 use ed25519_dalek::{Signature, Signer as _, SigningKey, VerifyingKey};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
@@ -13,8 +15,7 @@ use super::canonical::{Hash, canonical_json, unhex};
 use crate::grading::Report;
 use crate::tasks::hex;
 
-/// The link before the first.
-pub const FIRST_LINK: Hash = [0; 32];
+pub use log::{FIRST_LINK, LogHead, LogPage, link, verify_chain, verify_end, verify_keys};
 
 /// What is known of a grade beside its report.
 #[derive(Debug, Clone, Copy)]
@@ -31,8 +32,19 @@ pub struct Graded<'a> {
     pub grader: &'a str,
     /// When.
     pub graded_at_ms: i64,
-    /// Of a hidden instance: its id, and the salt that keeps its receipt's hash from being guessed before the epoch closes.
-    pub hidden: Option<(&'a str, &'a str)>,
+    /// Of a hidden instance: what else is said of it.
+    pub hidden: Option<OfInstance<'a>>,
+}
+
+/// What the receipt of a hidden instance says beside.
+#[derive(Debug, Clone, Copy)]
+pub struct OfInstance<'a> {
+    /// The epoch.
+    pub epoch: &'a str,
+    /// The instance.
+    pub instance: &'a str,
+    /// Keeps the receipt's hash from being guessed before the epoch closes.
+    pub salt: &'a str,
 }
 
 /// The receipt of a grade.
@@ -60,9 +72,10 @@ pub fn receipt(graded: &Graded<'_>, report: &Report) -> Value {
         "accuracy": report.accuracy,
         "criteria": criteria,
     });
-    if let Some((instance, salt)) = graded.hidden {
-        receipt["instance"] = instance.into();
-        receipt["salt"] = salt.into();
+    if let Some(hidden) = graded.hidden {
+        receipt["epoch"] = hidden.epoch.into();
+        receipt["instance"] = hidden.instance.into();
+        receipt["salt"] = hidden.salt.into();
     }
     receipt
 }
@@ -121,12 +134,6 @@ impl Signer {
     }
 }
 
-/// The link after `before` for a receipt with this hash.
-#[must_use]
-pub fn link(before: &Hash, receipt: &Hash) -> Hash {
-    Sha256::new().chain_update(before).chain_update(receipt).finalize().into()
-}
-
 /// A receipt as the service hands it out, to be checked without it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct ReceiptFile {
@@ -149,6 +156,30 @@ pub struct ReceiptFile {
     /// SHA-256 over the link before it and its hash.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub link: String,
+    /// Of a receipt that is handed out alone: Ed25519 signature over its place and link, in hex. On a page of the log the signed head
+    /// stands for all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(pattern = "^[0-9a-f]{128}$")]
+    pub place_signature: Option<String>,
+}
+
+pub(super) fn must_be_trusted(public_key: &str, trusted: &[&str]) -> Result<(), ReceiptFault> {
+    if trusted.contains(&public_key) {
+        return Ok(());
+    }
+    Err(ReceiptFault::OtherKey { found: public_key.to_owned(), wanted: trusted.join(" or ") })
+}
+
+/// Checks a signature over the canonical JSON of a value.
+///
+/// # Errors
+/// Where key or signature cannot be read, or the signature does not verify.
+pub fn verify_signature(value: &Value, public_key: &str, signature: &str) -> Result<(), ReceiptFault> {
+    let key = unhex(public_key).and_then(|bytes| VerifyingKey::from_bytes(&bytes).ok());
+    let key = key.ok_or(ReceiptFault::Unreadable("public_key"))?;
+    let signature = unhex(signature).ok_or(ReceiptFault::Unreadable("signature"))?;
+    let verified = key.verify_strict(&canonical_json(value), &Signature::from_bytes(&signature));
+    verified.map_err(|_bad| ReceiptFault::BadSignature)
 }
 
 /// What is wrong with a receipt.
@@ -177,6 +208,27 @@ pub enum ReceiptFault {
     /// The key changed, and the log does not say so.
     #[error("receipt {0} is signed with another key than the one before it, and no entry says that the key changed")]
     UntoldKey(i64),
+    /// Nothing vouches for the receipt's place in the log.
+    #[error(
+        "the place of receipt {0} in the log is not signed; ask the service for it again, or give the page of the log with its head"
+    )]
+    UnsignedPlace(i64),
+    /// The signature over the place does not verify.
+    #[error("the signature over place {0} of the log does not verify: the place was changed")]
+    BadPlace(i64),
+    /// The log has more or fewer receipts than its signed head says.
+    #[error("the log ends at receipt {found}, and its signed head says {signed}: receipts were cut off, or added")]
+    OtherLength {
+        /// The last that is there.
+        found: i64,
+        /// What the head says.
+        signed: i64,
+    },
+    /// No head came with the log.
+    #[error(
+        "no signed head came with the log, so nothing shows that its end is there; `GET /v1/receipts` sends one with each page"
+    )]
+    NoHead,
     /// The link does not follow.
     #[error("link {0} does not follow from the link before it and the hash")]
     BrokenLink(i64),
@@ -187,65 +239,19 @@ pub enum ReceiptFault {
 /// # Errors
 /// The first fault.
 pub fn verify(file: &ReceiptFile, trusted: &[&str]) -> Result<(), ReceiptFault> {
-    let public_key = file.public_key.as_str();
-    if !trusted.contains(&public_key) {
-        return Err(ReceiptFault::OtherKey { found: file.public_key.clone(), wanted: trusted.join(" or ") });
-    }
+    must_be_trusted(&file.public_key, trusted)?;
     let (Some(receipt), Some(signature)) = (&file.receipt, &file.signature) else { return Err(ReceiptFault::Withheld) };
     let body = canonical_json(receipt);
     let hash: Hash = Sha256::digest(&body).into();
     if hex(&hash) != file.hash {
         return Err(ReceiptFault::OtherHash(hex(&hash)));
     }
-    let key = unhex(public_key).and_then(|bytes| VerifyingKey::from_bytes(&bytes).ok());
-    let key = key.ok_or(ReceiptFault::Unreadable("public_key"))?;
-    let signature = unhex(signature).ok_or(ReceiptFault::Unreadable("signature"))?;
-    key.verify_strict(&body, &Signature::from_bytes(&signature)).map_err(|_bad| ReceiptFault::BadSignature)?;
+    verify_signature(receipt, &file.public_key, signature)?;
     let previous = unhex(&file.previous).ok_or(ReceiptFault::Unreadable("previous"))?;
     if hex(&link(&previous, &hash)) != file.link {
         return Err(ReceiptFault::BrokenLink(file.seq));
     }
     Ok(())
-}
-
-/// Checks that the key of each entry of the log is that of the entry before it, or that it says itself that the key changed.
-///
-/// # Errors
-/// The first entry that does not.
-pub fn verify_keys<'a>(log: impl IntoIterator<Item = &'a ReceiptFile>) -> Result<(), ReceiptFault> {
-    let mut last: Option<&str> = None;
-    for file in log {
-        let is_told = |before: &str| {
-            let change = file.receipt.as_ref().and_then(|receipt| receipt.get("key_change"));
-            change.is_some_and(|change| change["before"] == before && change["now"] == file.public_key.as_str())
-        };
-        if last.is_some_and(|last| last != file.public_key && !is_told(last)) {
-            return Err(ReceiptFault::UntoldKey(file.seq));
-        }
-        last = Some(&file.public_key);
-    }
-    Ok(())
-}
-
-/// Checks that entries of the log, in order, follow from each other.
-///
-/// # Errors
-/// The first link that does not.
-pub fn verify_chain<'a>(log: impl IntoIterator<Item = &'a ReceiptFile>) -> Result<usize, ReceiptFault> {
-    let mut last: Option<&str> = None;
-    let mut count = 0;
-    for file in log {
-        let previous: Hash = unhex(&file.previous).ok_or(ReceiptFault::Unreadable("previous"))?;
-        let hash: Hash = unhex(&file.hash).ok_or(ReceiptFault::Unreadable("hash"))?;
-        let starts = file.seq > 1 || previous == FIRST_LINK;
-        let follows = last.is_none_or(|last| last == file.previous);
-        if !starts || !follows || hex(&link(&previous, &hash)) != file.link {
-            return Err(ReceiptFault::BrokenLink(file.seq));
-        }
-        last = Some(&file.link);
-        count += 1;
-    }
-    Ok(count)
 }
 
 #[cfg(test)]
@@ -262,6 +268,7 @@ mod tests {
             public_key: signed.public_key,
             previous: hex(previous),
             link: hex(&link(previous, &signed.hash)),
+            place_signature: None,
         }
     }
 
@@ -281,33 +288,5 @@ mod tests {
         cut.previous = hex(&[1; 32]);
         assert_eq!(verify(&cut, &[&signer.public_key()]), Err(ReceiptFault::BrokenLink(1)));
         assert!(!format!("{signer:?}").contains(&hex(&[5; 32])));
-    }
-
-    #[test]
-    fn a_key_changes_only_where_the_log_says_so() {
-        let (old, new) = (Signer::new(&[5; 32]), Signer::new(&[6; 32]));
-        let first = file(&old, 1, &FIRST_LINK, json!({ "submission": 1 }));
-        let told = key_change(&old.public_key(), &new.public_key(), 3);
-        let change = file(&new, 2, &unhex(&first.link).unwrap(), told);
-        let after = file(&new, 3, &unhex(&change.link).unwrap(), json!({ "submission": 2 }));
-        assert_eq!(verify_keys([&first, &change, &after]), Ok(()));
-        assert_eq!(verify_keys([&first, &after]), Err(ReceiptFault::UntoldKey(3)));
-        assert_eq!(verify(&change, &[&new.public_key()]), Ok(()));
-    }
-
-    #[test]
-    fn a_log_from_which_one_was_taken_breaks() {
-        let signer = Signer::new(&[5; 32]);
-        let mut previous = FIRST_LINK;
-        let log: Vec<ReceiptFile> = (1..=4)
-            .map(|seq| {
-                let file = file(&signer, seq, &previous, json!({ "submission": seq }));
-                previous = unhex(&file.link).unwrap();
-                file
-            })
-            .collect();
-        assert_eq!(verify_chain(&log), Ok(4));
-        assert_eq!(verify_chain(&log[1..]), Ok(3), "a page from the middle");
-        assert_eq!(verify_chain([&log[0], &log[2]]), Err(ReceiptFault::BrokenLink(3)));
     }
 }

@@ -1,0 +1,147 @@
+//! `plumbline verify-epoch`: checks a reveal without the service.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context as _, bail};
+use clap::Args;
+use serde_json::{Deserializer, Value};
+
+use crate::epochs::commitment::Commitment;
+use crate::epochs::evidence::GivenReceipt;
+use crate::epochs::receipts::LogPage;
+use crate::epochs::reveal::Reveal;
+use crate::epochs::verify::{Kept, verify};
+use crate::voxel::BlockLog;
+
+/// Arguments of `verify-epoch`. The more is given, the more is checked; what is not given is named in the output.
+#[derive(Debug, Args)]
+pub struct VerifyEpochArgs {
+    /// What `GET /v1/epochs/NAME/reveal` gave.
+    reveal: PathBuf,
+    /// What `GET /v1/epochs/NAME/answers` gave: the logs, which are graded again.
+    #[arg(long, value_name = "FILE")]
+    answers: Option<PathBuf>,
+    /// The epoch as it was published before it opened, kept since (`GET /v1/epochs/NAME`). Without it the reveal is compared with
+    /// the commitment that it brings itself.
+    #[arg(long, value_name = "FILE")]
+    commitment: Option<PathBuf>,
+    /// Pages of the public log (`GET /v1/receipts`), from the first to the last; pages kept from earlier too, which show whether the
+    /// log was written anew.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    receipts: Vec<PathBuf>,
+    /// Answers of the service that hold a receipt: to the registration of an entry, or to the answer of an instance.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    given: Vec<PathBuf>,
+    /// Boards as the service shows them (`GET /v1/epochs/NAME/leaderboard`), which are made again.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    board: Vec<PathBuf>,
+    /// A public key to trust beside the one that the epoch committed to, in hex: where it changed, and no pages of the log say so.
+    #[arg(long = "key", value_name = "HEX")]
+    keys: Vec<String>,
+}
+
+fn read_json(path: &Path) -> anyhow::Result<Value> {
+    let text = std::fs::read(path).with_context(|| path.display().to_string())?;
+    serde_json::from_slice(&text).with_context(|| path.display().to_string())
+}
+
+/// Reads a file of JSON values, one after another.
+fn read_values(path: &Path) -> anyhow::Result<Vec<Value>> {
+    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    let values: Result<Vec<Value>, _> = Deserializer::from_str(&text).into_iter().collect();
+    values.with_context(|| path.display().to_string())
+}
+
+/// Reads answers: a JSON object a line, with the instance and its log.
+fn read_answers(path: &Path) -> anyhow::Result<BTreeMap<String, BlockLog>> {
+    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    let mut logs = BTreeMap::new();
+    for (number, line) in (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty()) {
+        let place = || format!("{}: line {number}", path.display());
+        let answer: Value = serde_json::from_str(line).with_context(place)?;
+        let instance = answer["instance"].as_str().with_context(place)?.to_owned();
+        let log = BlockLog::from_canonical_json(answer["log"].to_string().as_bytes());
+        let log = log.map_err(|error| anyhow::anyhow!("{}: {error}", place()))?;
+        if logs.insert(instance, log).is_some() {
+            bail!("{}: the instance stands there twice", place());
+        }
+    }
+    Ok(logs)
+}
+
+/// A receipt as the service gave it: alone, or in the answer to what it is about.
+fn read_given(value: &Value) -> Option<GivenReceipt> {
+    let inner = value.get("receipt").filter(|inner| inner.get("signature").is_some());
+    serde_json::from_value(inner.unwrap_or(value).clone()).ok()
+}
+
+fn read_kept(args: &VerifyEpochArgs) -> anyhow::Result<Kept> {
+    let mut kept = Kept { keys: args.keys.iter().map(|key| key.trim().to_owned()).collect(), ..Kept::default() };
+    if let Some(path) = &args.commitment {
+        let value = read_json(path)?;
+        // The epoch's own page, or the commitment alone.
+        let commitment: Value = value.get("commitment").cloned().unwrap_or(value);
+        let commitment: Commitment = serde_json::from_value(commitment).with_context(|| path.display().to_string())?;
+        kept.commitment = Some(commitment);
+    }
+    kept.logs = args.answers.as_deref().map(read_answers).transpose()?;
+    for path in &args.receipts {
+        for value in read_values(path)? {
+            let page: LogPage = serde_json::from_value(value).with_context(|| path.display().to_string())?;
+            kept.log.extend(page.receipts);
+            kept.heads.extend(page.head);
+        }
+    }
+    for path in &args.given {
+        for value in read_values(path)? {
+            let given = read_given(&value).with_context(|| format!("{} holds no receipt", path.display()))?;
+            kept.given.push(given);
+        }
+    }
+    for path in &args.board {
+        kept.boards.push(read_json(path)?);
+    }
+    Ok(kept)
+}
+
+/// Runs `verify-epoch`: exit 1 where anything does not hold.
+///
+/// # Errors
+/// Where a file cannot be read.
+pub fn run(args: &VerifyEpochArgs) -> anyhow::Result<ExitCode> {
+    let place = || args.reveal.display().to_string();
+    let reveal: Reveal = serde_json::from_value(read_json(&args.reveal)?).with_context(place)?;
+    let kept = read_kept(args)?;
+    let found = verify(&reveal, &kept)?;
+    let graded = reveal.instances.iter().filter(|instance| instance.log_sha256.is_some()).count();
+    println!(
+        "epoch {}: {} of {} specifications, {} of {} draws and {} of {graded} grades were made again and are the same",
+        reveal.commitment.epoch,
+        found.specifications,
+        reveal.commitment.specifications,
+        found.draws,
+        reveal.instances.len(),
+        found.grades
+    );
+    println!(
+        "{} receipts say the same as the reveal; {} boards were made again and are the same",
+        found.receipts, found.boards
+    );
+    if found.ungraded > 0 {
+        println!("{} answers were not graded, through failures of the service, and count as failed", found.ungraded);
+    }
+    if kept.commitment.is_none() {
+        println!(
+            "NOT CHECKED  commitment: none kept from before the epoch opened was given; the reveal's own was taken"
+        );
+    }
+    for what in &found.unchecked {
+        println!("NOT CHECKED  {what}");
+    }
+    for breach in &found.breaches {
+        println!("BROKEN  {breach}");
+    }
+    Ok(if found.breaches.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}

@@ -1,0 +1,265 @@
+//! Verification of a reveal by anybody: specifications, root, draws and grades are made again from the key, and every step is held
+//! against the receipt that was signed when it happened.
+
+mod board;
+mod log;
+mod steps;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+
+use serde_json::Value;
+use sha2::{Digest as _, Sha256};
+
+use super::GENERATOR_VERSION;
+use super::canonical::{Hash, hash_of};
+use super::commitment::{Commitment, salt};
+use super::evidence::GivenReceipt;
+use super::issue::{Draw, leaf as drawn_leaf};
+use super::merkle;
+use super::pool::{Generator, PoolError, Specification};
+use super::receipts::{LogHead, ReceiptFile};
+use super::reveal::{Reveal, RevealedSpecification};
+use super::secret::EpochKey;
+use crate::checks::CHECKS_VERSION;
+use crate::elasticity::Control;
+use crate::grading::grade_log;
+use crate::tasks::hex;
+use crate::voxel::BlockLog;
+
+/// Something that does not hold.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Breach {
+    /// What it is about: "key", "leaf 17 (slabs/00017)", "instance …".
+    pub place: String,
+    /// What is wrong.
+    pub detail: String,
+}
+
+impl fmt::Display for Breach {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.place, self.detail)
+    }
+}
+
+/// What verification came to.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Verified {
+    /// Specifications made again from the key and found the same.
+    pub specifications: usize,
+    /// Draws made again.
+    pub draws: usize,
+    /// Grades computed again from the logs.
+    pub grades: usize,
+    /// Answers that the service failed to grade: they count as failed.
+    pub ungraded: usize,
+    /// Receipts of the epoch that verify and say what the reveal says.
+    pub receipts: usize,
+    /// Boards that were made again and are the same.
+    pub boards: usize,
+    /// What could not be checked, and why.
+    pub unchecked: Vec<String>,
+    /// What does not hold.
+    pub breaches: Vec<Breach>,
+}
+
+impl Verified {
+    pub(super) fn breach(&mut self, place: impl Into<String>, detail: impl Into<String>) {
+        self.breaches.push(Breach { place: place.into(), detail: detail.into() });
+    }
+}
+
+/// What a reveal is held against.
+#[derive(Debug, Default)]
+pub struct Kept {
+    /// The commitment as it was published before the epoch opened.
+    pub commitment: Option<Commitment>,
+    /// The answers by instance; none where grades are not to be checked.
+    pub logs: Option<BTreeMap<String, BlockLog>>,
+    /// The public log of receipts, or parts of it.
+    pub log: Vec<ReceiptFile>,
+    /// Signed heads of that log.
+    pub heads: Vec<LogHead>,
+    /// Receipts that entrants were given.
+    pub given: Vec<GivenReceipt>,
+    /// Boards of the epoch as the service shows them.
+    pub boards: Vec<Value>,
+    /// Public keys to trust beside the one that the epoch committed to.
+    pub keys: Vec<String>,
+}
+
+/// Makes everything again from the key and compares, and holds every step against its receipt.
+///
+/// # Errors
+/// Where this program's own families are faulty.
+pub fn verify(reveal: &Reveal, kept: &Kept) -> Result<Verified, PoolError> {
+    let mut found = Verified::default();
+    let commitment = kept.commitment.as_ref().unwrap_or(&reveal.commitment);
+    if kept.commitment.as_ref().is_some_and(|promised| *promised != reveal.commitment) {
+        found.breach("commitment", "the revealed one is not the one that was published before");
+    }
+    let versions = [
+        ("generator", commitment.generator_version, GENERATOR_VERSION),
+        ("checks", commitment.checks_version, CHECKS_VERSION),
+    ];
+    for (what, theirs, ours) in versions {
+        if theirs != ours {
+            let detail = format!(
+                "the epoch used version {theirs} of the {what}; this program has {ours}, so verify with that one"
+            );
+            found.breach(what, detail);
+            return Ok(found);
+        }
+    }
+    let Some(key) = EpochKey::from_hex(&reveal.key) else {
+        found.breach("key", "not 32 bytes of hexadecimal");
+        return Ok(found);
+    };
+    if hex(&key.hash()) != commitment.key_hash {
+        found.breach("key", format!("its hash is {}, committed was {}", hex(&key.hash()), commitment.key_hash));
+        return Ok(found);
+    }
+    specifications(reveal, commitment, &key, &mut found)?;
+    draws(reveal, commitment, &key, &mut found)?;
+    match &kept.logs {
+        Some(logs) => grades(reveal, logs, &mut found),
+        None => found.unchecked.push("grades: the answers were not given".to_owned()),
+    }
+    steps::check(reveal, commitment, kept, &mut found);
+    board::check(reveal, commitment, &key, &kept.boards, &mut found);
+    Ok(found)
+}
+
+/// Every specification follows from the key, and their root is the one committed to.
+fn specifications(
+    reveal: &Reveal,
+    commitment: &Commitment,
+    key: &EpochKey,
+    found: &mut Verified,
+) -> Result<(), PoolError> {
+    let generator = Generator::new()?;
+    let mut leaves: Vec<Hash> = Vec::new();
+    let by_leaf: BTreeMap<u32, &RevealedSpecification> =
+        reveal.specifications.iter().map(|revealed| (revealed.specification.leaf, revealed)).collect();
+    for stratum in generator.strata(key, commitment.per_instance) {
+        for made in generator.specifications(key, &stratum, &|| ())? {
+            let leaf = made.leaf;
+            let place = || format!("leaf {leaf} ({})", made.task.id);
+            let Some(revealed) = by_leaf.get(&leaf) else {
+                found.breach(place(), "missing from the reveal");
+                continue;
+            };
+            let hash = merkle::leaf(&salt(key, leaf), &hash_of(&revealed.specification));
+            if revealed.specification != made {
+                found.breach(place(), "the revealed specification is not the one that the key draws");
+            } else if hex(&hash) != revealed.hash || revealed.salt != hex(&salt(key, leaf)) {
+                found.breach(place(), "salt or hash do not belong to the specification");
+            } else {
+                found.specifications += 1;
+            }
+            leaves.push(hash);
+        }
+    }
+    if by_leaf.len() != leaves.len() || reveal.specifications.len() != leaves.len() {
+        let count = reveal.specifications.len();
+        found.breach("specifications", format!("{count} are revealed, the key draws {}", leaves.len()));
+    }
+    let root = hex(&merkle::root(&leaves));
+    if root != commitment.root {
+        found.breach("root", format!("the specifications have the root {root}, committed was {}", commitment.root));
+    }
+    Ok(())
+}
+
+/// Every instance is the one that key, entry and nonce draw, and none was issued twice.
+fn draws(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, found: &mut Verified) -> Result<(), PoolError> {
+    let strata = Generator::new()?.strata(key, commitment.per_instance);
+    let mut issued: BTreeSet<u32> = BTreeSet::new();
+    let runs_of: BTreeMap<&str, u32> = reveal.entries.iter().map(|entry| (entry.id.as_str(), entry.runs)).collect();
+    let mut drawn_for: BTreeMap<(&str, u32), BTreeSet<(&str, u32)>> = BTreeMap::new();
+    let mut nonce_of: BTreeMap<(&str, u32), &str> = BTreeMap::new();
+    let mut ids: BTreeSet<&str> = BTreeSet::new();
+    for (ordinal, instance) in (1..).zip(&reveal.instances) {
+        let place = || format!("instance {}", instance.id);
+        let runs = runs_of.get(instance.entry.as_str()).copied().unwrap_or_default();
+        if !(1..=runs).contains(&instance.run) {
+            found.breach(place(), format!("is of run {} of an entry that was registered for {runs}", instance.run));
+        }
+        let of_run = drawn_for.entry((&instance.entry, instance.run)).or_default();
+        if !of_run.insert((&instance.family, instance.index)) {
+            found.breach(place(), "was drawn before, for the same place of the same run");
+        }
+        if *nonce_of.entry((&instance.entry, instance.run)).or_insert(&instance.nonce) != instance.nonce {
+            found.breach(place(), format!("run {} was drawn with more than one nonce", instance.run));
+        }
+        if !ids.insert(&instance.id) {
+            found.breach(place(), "stands twice in the reveal");
+        }
+        if instance.ordinal != ordinal {
+            found.breach(place(), format!("is number {} of the draws, where {ordinal} is next", instance.ordinal));
+        }
+        let Some(stratum) = strata.iter().find(|stratum| stratum.family == instance.family) else {
+            found.breach(place(), format!("the epoch has no family {:?}", instance.family));
+            continue;
+        };
+        let draw = Draw { entry: &instance.entry, nonce: &instance.nonce, run: instance.run, index: instance.index };
+        let drawn = drawn_leaf(key, stratum, &draw, |leaf| issued.contains(&leaf));
+        if drawn == Some(instance.leaf) {
+            found.draws += 1;
+        } else {
+            found.breach(place(), format!("leaf {} was issued, where key and nonce draw {drawn:?}", instance.leaf));
+        }
+        issued.insert(instance.leaf);
+    }
+    // A run is drawn as a whole.
+    for ((entry, run), of_run) in &drawn_for {
+        let missing = strata.iter().flat_map(|own| (0..own.instances).map(move |index| (own.family.as_str(), index)));
+        for (family, index) in missing.filter(|place| !of_run.contains(place)) {
+            found.breach(format!("entry {entry}"), format!("run {run} lacks instance {index} of {family}"));
+        }
+        if of_run
+            .iter()
+            .any(|(family, index)| strata.iter().all(|own| own.family != *family || *index >= own.instances))
+        {
+            found.breach(format!("entry {entry}"), format!("run {run} has more instances than a draw"));
+        }
+    }
+    Ok(())
+}
+
+/// Every grade is what this program finds for the log.
+fn grades(reveal: &Reveal, logs: &BTreeMap<String, BlockLog>, found: &mut Verified) {
+    let tasks: BTreeMap<u32, &Specification> =
+        reveal.specifications.iter().map(|revealed| (revealed.specification.leaf, &revealed.specification)).collect();
+    for instance in &reveal.instances {
+        let place = format!("instance {}", instance.id);
+        let is_graded = instance.overall.is_some() || instance.scores.is_some();
+        if instance.log_sha256.is_none() {
+            if is_graded {
+                found.breach(place, "has a grade and no answer");
+            }
+            continue;
+        }
+        // What a failure of the service ended has failed, and says so by having no grade.
+        if !is_graded {
+            found.ungraded += 1;
+            continue;
+        }
+        let (Some(log), Some(specification)) = (logs.get(&instance.id), tasks.get(&instance.leaf)) else {
+            found.breach(place, "its log is missing from the answers");
+            continue;
+        };
+        let hash = hex(&Sha256::digest(log.canonical_json()));
+        if Some(&hash) != instance.log_sha256.as_ref() {
+            found.breach(place, format!("the log has the hash {hash}, which is another one"));
+            continue;
+        }
+        let Ok(report) = grade_log(&specification.task, log, &Control::unhurried()) else { continue };
+        let is_same = Some(report.overall) == instance.overall && Some(report.scores().rows) == instance.scores;
+        if is_same {
+            found.grades += 1;
+        } else {
+            found.breach(place, format!("graded {:?}, where this program finds {}", instance.overall, report.overall));
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! Evidence of hidden evaluation: receipts that are signed in the transaction of what they state, and wait for their publication.
+
+use serde_json::Value;
+use sqlx::SqliteConnection;
+
+use super::receipts::{NewReceipt, enter};
+use super::secrets::random_key;
+use super::{Store, StoreError, StoreResult};
+use crate::epochs::canonical::unhex;
+use crate::epochs::evidence::{Fact, GivenReceipt, receipt};
+use crate::epochs::receipts::{Signed, Signer};
+use crate::tasks::hex;
+
+/// Receipts that one statement enters.
+const AT_ONCE: usize = 500;
+
+/// Signs a fact and keeps its receipt for the log.
+pub(super) async fn witness(
+    tx: &mut SqliteConnection,
+    signer: &Signer,
+    epoch_id: &str,
+    fact: &Fact,
+) -> StoreResult<GivenReceipt> {
+    let receipt: Value = receipt(epoch_id, &random_key()?, fact);
+    let signed = signer.sign(&receipt);
+    keep(tx, epoch_id, None, &signed).await?;
+    Ok(GivenReceipt::of(receipt, &signed))
+}
+
+/// Keeps a receipt of an epoch for the log; `of` is the submission and attempt of a grade.
+pub(super) async fn keep(
+    tx: &mut SqliteConnection,
+    epoch_id: &str,
+    of: Option<(&str, i64)>,
+    signed: &Signed,
+) -> StoreResult<()> {
+    sqlx::query(
+        "INSERT INTO pending_receipts (epoch_id, submission_id, attempt, body, hash, signature, public_key)
+         VALUES ($1, $2, $3, $4, $5, $6, $7)",
+    )
+    .bind(epoch_id)
+    .bind(of.map(|(submission, _)| submission))
+    .bind(of.map(|(_, attempt)| attempt))
+    .bind(&signed.body)
+    .bind(hex(&signed.hash))
+    .bind(&signed.signature)
+    .bind(&signed.public_key)
+    .execute(tx)
+    .await?;
+    Ok(())
+}
+
+/// How many receipts an epoch has, entered or waiting.
+pub(super) async fn count_of(tx: &mut SqliteConnection, epoch_id: &str) -> StoreResult<u64> {
+    let count: i64 = sqlx::query_scalar(
+        "SELECT (SELECT COUNT(*) FROM receipts WHERE epoch_id = $1) + (SELECT COUNT(*) FROM pending_receipts WHERE epoch_id = $1)",
+    )
+    .bind(epoch_id)
+    .fetch_one(tx)
+    .await?;
+    u64::try_from(count).map_err(|error| StoreError::corrupt("receipts", error))
+}
+
+#[derive(sqlx::FromRow)]
+struct Pending {
+    epoch_id: String,
+    submission_id: Option<String>,
+    attempt: Option<i64>,
+    body: String,
+    hash: String,
+    signature: String,
+    public_key: String,
+}
+
+/// Enters what waits into the log, of one epoch or of all. The order is that of the hashes, which tells nothing.
+pub(super) async fn publish(tx: &mut SqliteConnection, epoch_id: Option<&str>) -> StoreResult<()> {
+    let pending: Vec<Pending> = sqlx::query_as(
+        "SELECT epoch_id, submission_id, attempt, body, hash, signature, public_key FROM pending_receipts
+         WHERE $1 IS NULL OR epoch_id = $1 ORDER BY hash",
+    )
+    .bind(epoch_id)
+    .fetch_all(&mut *tx)
+    .await?;
+    let mut signed = Vec::with_capacity(pending.len());
+    for row in &pending {
+        let hash = unhex(&row.hash).ok_or_else(|| StoreError::corrupt("pending_receipts", "hash"))?;
+        let (body, signature, public_key) = (row.body.clone(), row.signature.clone(), row.public_key.clone());
+        signed.push(Signed { body, hash, signature, public_key });
+    }
+    let new: Vec<NewReceipt<'_>> = pending
+        .iter()
+        .zip(&signed)
+        .map(|(row, signed)| NewReceipt {
+            of: row.submission_id.as_deref().zip(row.attempt),
+            epoch_id: Some(&row.epoch_id),
+            signed,
+        })
+        .collect();
+    for part in new.chunks(AT_ONCE) {
+        enter(tx, part).await?;
+    }
+    sqlx::query("DELETE FROM pending_receipts WHERE $1 IS NULL OR epoch_id = $1").bind(epoch_id).execute(tx).await?;
+    Ok(())
+}
+
+impl Store {
+    /// Whether receipts wait to be entered.
+    pub(super) async fn has_pending_receipts(&self) -> StoreResult<bool> {
+        const WAITING: &str = "SELECT EXISTS (SELECT 1 FROM pending_receipts)";
+        Ok(sqlx::query_scalar(WAITING).fetch_one(&self.readers).await?)
+    }
+}

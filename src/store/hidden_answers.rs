@@ -1,0 +1,111 @@
+//! Answers to hidden instances: one log each, taken once.
+
+use super::entries::entry_in;
+use super::epochs::epoch_in;
+use super::evidence::witness;
+use super::instances::instance_in;
+use super::submissions::{Accepted, NewSubmission, accept_instead};
+use super::{Store, StoreError, StoreResult, commit};
+use crate::epochs::evidence::{AnswerFact, Fact};
+
+/// What came of an answer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Answered {
+    /// It is stored and queued; with its receipt, as JSON.
+    New(String),
+    /// The same log answered it before; with the receipt of then.
+    Same(Option<String>),
+    /// The same log answered it before, with another transcript promised or none.
+    OtherTranscript(Option<String>),
+    /// Another log answered it.
+    Other,
+    /// It was to be answered until a time that has passed.
+    Expired,
+    /// The entry is finalized, or its epoch over.
+    Closed,
+    /// The owner's quota is used up.
+    QuotaUsedUp,
+}
+
+impl Store {
+    /// Stores the answer to an instance: one log, once. The same log again is the same answer.
+    ///
+    /// # Errors
+    /// Where the database fails; nothing is stored then.
+    pub async fn answer_instance(
+        &self,
+        instance_id: &str,
+        new: &NewSubmission,
+        transcript_hash: Option<&str>,
+        now_ms: i64,
+    ) -> StoreResult<Answered> {
+        let mut tx = self.begin().await?;
+        let instance = instance_in(&mut tx, instance_id).await?;
+        let before: Option<(String, String, String, Option<String>)> = sqlx::query_as(
+            "SELECT s.id, s.log_hash, s.state, i.receipt FROM submissions s JOIN instances i ON i.id = s.instance_id
+             WHERE s.instance_id = $1 AND s.superseded = 0",
+        )
+        .bind(instance_id)
+        .fetch_optional(&mut *tx)
+        .await?;
+        match &before {
+            Some((_, log_hash, _, _)) if *log_hash != new.log_hash => return Ok(Answered::Other),
+            Some(_) if transcript_hash.is_some() && transcript_hash != instance.transcript_hash.as_deref() => {
+                return Ok(Answered::OtherTranscript(instance.transcript_hash));
+            }
+            // What a failure of ours ended is graded again where the same log comes again.
+            Some((_, _, state, receipt)) if state != "grader_error" => return Ok(Answered::Same(receipt.clone())),
+            _ => {}
+        }
+        let entry = entry_in(&mut tx, &instance.entry_id).await?;
+        let epoch = epoch_in(&mut tx, &instance.epoch_id).await?;
+        // What is complete may have been revealed, and stays as it is.
+        if entry.as_ref().is_none_or(|entry| entry.completed_at_ms.is_some()) {
+            return Ok(Answered::Closed);
+        }
+        if before.is_none() {
+            let is_finalized = entry.is_none_or(|entry| entry.finalized_at_ms.is_some());
+            if is_finalized || epoch.is_none_or(|epoch| epoch.is_over(now_ms)) {
+                return Ok(Answered::Closed);
+            }
+            if now_ms >= instance.expires_at_ms {
+                return Ok(Answered::Expired);
+            }
+        }
+        if let Some((id, _, _, _)) = &before {
+            sqlx::query("UPDATE submissions SET superseded = 1 WHERE id = $1").bind(id).execute(&mut *tx).await?;
+        }
+        // What is graded again has its unit already; that it needs none more tells nobody that grading failed.
+        let earlier = before.as_ref().map(|(id, _, _, _)| id.as_str());
+        if accept_instead(&mut tx, new, earlier, now_ms).await? == Accepted::QuotaUsedUp {
+            return Ok(Answered::QuotaUsedUp);
+        }
+        sqlx::query("UPDATE submissions SET instance_id = $2 WHERE id = $1")
+            .bind(&new.id)
+            .bind(instance_id)
+            .execute(&mut *tx)
+            .await?;
+        // What is graded again after a failure of ours looks like any answer that is repeated.
+        if let Some((_, _, _, receipt)) = before {
+            commit(tx, "answer_instance").await?;
+            return Ok(Answered::Same(receipt));
+        }
+        let answer = AnswerFact {
+            instance: instance_id.to_owned(),
+            entry: instance.entry_id,
+            log_sha256: new.log_hash.clone(),
+            transcript_sha256: transcript_hash.map(str::to_owned),
+            answered_at_ms: now_ms,
+        };
+        let receipt = witness(&mut tx, &*self.signer()?, &instance.epoch_id, &Fact::Answer(answer)).await?;
+        let receipt = serde_json::to_string(&receipt).map_err(|error| StoreError::corrupt("instances", error))?;
+        sqlx::query("UPDATE instances SET transcript_hash = $2, receipt = $3 WHERE id = $1")
+            .bind(instance_id)
+            .bind(transcript_hash)
+            .bind(&receipt)
+            .execute(&mut *tx)
+            .await?;
+        commit(tx, "answer_instance").await?;
+        Ok(Answered::New(receipt))
+    }
+}
