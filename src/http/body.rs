@@ -21,8 +21,6 @@ use crate::near::did_you_mean;
 use crate::voxel::Faults;
 use crate::voxel::tolerant::why_not_json;
 
-/// Bodies of plain data up to this size are told all their faults; of larger ones the first.
-const ALL_FAULTS_BYTES: usize = 64 << 10;
 /// What UTF-8 may begin with.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 /// Bytes that one permit of the shared budget stands for.
@@ -115,7 +113,7 @@ pub fn read_json<T: DeserializeOwned>(body: &JsonBody) -> ApiResult<T> {
         Err(error) if error.inner().is_data() => {
             match serde_json::from_slice::<Value>(&body.bytes) {
                 // Looking for all faults reads the members several times.
-                Ok(Value::Object(members)) if body.bytes.len() <= ALL_FAULTS_BYTES => {
+                Ok(Value::Object(members)) if body.bytes.len() <= LIMITS.all_faults_bytes => {
                     add_faults::<T>(&members, &error, &mut faults);
                 }
                 _ => add_fault(&error, &mut faults),

@@ -5,7 +5,7 @@
 //! and nothing else, and stands in no log line.
 
 use std::collections::HashMap;
-use std::sync::{PoisonError, RwLock};
+use std::sync::{Arc, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
 use axum::extract::{FromRequestParts, Request};
@@ -51,9 +51,17 @@ pub struct Caller {
     open: Openness,
     /// Why the key that was sent does not count.
     refused: Option<&'static str>,
+    /// Whose share of the service it uses.
+    who: Arc<str>,
 }
 
 impl Caller {
+    /// Whose share of the service a request uses: the owner's of its key, else its address's.
+    #[must_use]
+    pub const fn who(&self) -> &Arc<str> {
+        &self.who
+    }
+
     /// The owner whose key it is; none where the service is open and no key was sent.
     #[must_use]
     pub fn owner(&self) -> Option<&str> {
@@ -154,13 +162,13 @@ pub async fn identify(state: &AppState, request: &mut Request) -> ApiResult<Send
                 Some(key)
                     if is_in_path && key.scopes.iter().any(|scope| !matches!(scope, Scope::Grade | Scope::Read)) =>
                 {
-                    let left = state.rates.with_key(&key.id)?;
+                    let left = state.rates.with_key(&key.owner)?;
                     let why = "a key in a path may have the scope grade alone, because addresses are written down by many: \
                                make one with --scopes grade";
                     (Some(Identified::Refused(why)), left)
                 }
                 Some(key) => {
-                    let left = state.rates.with_key(&key.id)?;
+                    let left = state.rates.with_key(&key.owner)?;
                     (Some(Identified::Key(key)), left)
                 }
                 None => {
@@ -182,21 +190,49 @@ pub async fn identify(state: &AppState, request: &mut Request) -> ApiResult<Send
     Ok(sender)
 }
 
+/// Whose share of the service a request uses that needs no key: the owner's of a key that was sent, else the address's.
+#[derive(Debug, Clone)]
+pub struct Reader(pub Arc<str>);
+
+impl FromRequestParts<AppState> for Reader {
+    type Rejection = std::convert::Infallible;
+
+    async fn from_request_parts(request: &mut Parts, state: &AppState) -> Result<Self, Self::Rejection> {
+        let who = match request.extensions.get::<Identified>() {
+            Some(Identified::Key(key)) => format!("owner {}", key.owner),
+            _ => address_of(request, state),
+        };
+        Ok(Self(Arc::from(who)))
+    }
+}
+
+fn address_of(request: &Parts, state: &AppState) -> String {
+    let peer = request.extensions.get::<Peer>().copied();
+    let address = state.rates.address(peer, &request.headers);
+    address.map_or_else(|| "nobody".to_owned(), |address| format!("address {address}"))
+}
+
 impl FromRequestParts<AppState> for Caller {
     type Rejection = ApiError;
 
     async fn from_request_parts(request: &mut Parts, state: &AppState) -> ApiResult<Self> {
         let open = state.keys.open;
         let is_in_path = request.uri.path().starts_with(KEY_PREFIX);
-        match request.extensions.remove::<Identified>() {
-            Some(Identified::Key(key)) => Ok(Self { key: Some(key), open, refused: None }),
+        let identified = request.extensions.remove::<Identified>();
+        let who = match &identified {
+            Some(Identified::Key(key)) => format!("owner {}", key.owner),
+            _ => address_of(request, state),
+        };
+        let who = Arc::from(who);
+        match identified {
+            Some(Identified::Key(key)) => Ok(Self { key: Some(key), open, refused: None, who }),
             // Where none is needed, one that does not count is as good as none; the answer says so in a header.
             // A key in the path was put there on purpose.
             Some(Identified::Refused(why)) if open != Openness::Keyed && !is_in_path => {
-                Ok(Self { key: None, open, refused: Some(why) })
+                Ok(Self { key: None, open, refused: Some(why), who })
             }
             Some(Identified::Refused(why)) => Err(unauthorized(why)),
-            None if open != Openness::Keyed => Ok(Self { key: None, open, refused: None }),
+            None if open != Openness::Keyed => Ok(Self { key: None, open, refused: None, who }),
             None => Err(unauthorized("this needs a key: Authorization: Bearer …; reading needs none")),
         }
     }

@@ -1,4 +1,7 @@
-//! Grading within a request: bounded admission, a deadline for each log, and a cache of results by content.
+//! Grading within a request: bounded admission, fair turns, a deadline for each log, and a cache of results by content.
+//!
+//! What takes next to no time is graded where its request is answered. The rest goes to one of two lanes, each with threads of its own
+//! and turns by sender: short work, and long work, which yields to all else. Work whose client has left is not begun, or ends.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -6,34 +9,31 @@ use std::time::{Duration, Instant};
 use axum::http::StatusCode;
 use quick_cache::Weighter;
 use quick_cache::sync::Cache;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
+use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 
 use super::limits::LIMITS;
 use super::problem::{ApiError, ApiResult};
 use super::server::Connections;
-use crate::checks::{Check, Criterion};
 use crate::elasticity::Control;
+use crate::fair::{FairSlots, NoPlace, Place, Places};
 use crate::grading::baseline::Baseline;
+use crate::grading::cost::{Cost, cost};
 use crate::grading::{Report, grade_hashed};
 use crate::tasks::Task;
 use crate::tasks::catalogue::Entry;
+use crate::threads::yield_to_others;
 use crate::voxel::BlockLog;
 
-/// Events up to which a log without a stress check is graded where its request is answered: it takes less than a
-/// millisecond, and handing it over would take as long.
-const QUICK_EVENTS: usize = 1_000;
-/// Connections up to which that is so. With more, what waits would wait unseen in the queue of the threads that serve, and
-/// whoever asks for something else behind it.
+/// Connections up to which logs are graded where their requests are answered. With more, what waits would wait unseen in the queue of
+/// the threads that serve, and whoever asks for something else behind it.
 const FEW_CONNECTIONS: usize = 256;
-/// How much the threads that grade yield to those that serve (niceness).
-const GRADING_NICENESS: i32 = 5;
+/// How much the threads that do short work yield to those that serve (niceness).
+const SHORT_NICENESS: i32 = 5;
+/// How much the threads that do long work yield to all others.
+const LONG_NICENESS: i32 = 10;
 /// Baselines kept: those of all tasks of a few suites.
 const BASELINES: usize = 4_096;
-/// Memory that a report takes beside its checks, roughly.
-const REPORT_BYTES: u64 = 512;
-/// Memory that a check of a report takes, roughly: names, arguments, a sentence, witnesses.
-const CHECK_BYTES: u64 = 1_024;
 
 /// What a result is kept under: hashes of log and task. Checks are those of the program.
 type Key = (Box<str>, Box<str>);
@@ -42,9 +42,8 @@ type Key = (Box<str>, Box<str>);
 struct ByMemory;
 
 impl Weighter<Key, Arc<Report>> for ByMemory {
-    fn weight(&self, _key: &Key, report: &Arc<Report>) -> u64 {
-        let checks = report.turns.iter().map(|turn| turn.checks.len() + turn.informational.len()).sum::<usize>();
-        REPORT_BYTES + CHECK_BYTES * checks as u64
+    fn weight(&self, key: &Key, report: &Arc<Report>) -> u64 {
+        (report.memory_bytes() + key.0.len() + key.1.len()) as u64
     }
 }
 
@@ -79,13 +78,37 @@ impl GivenTask {
     }
 }
 
+/// Where work is done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Lane {
+    /// What takes up to about half a second.
+    Short,
+    /// What takes longer.
+    Long,
+}
+
+/// Threads, and turns to use them.
+#[derive(Debug)]
+struct Threads {
+    slots: Arc<FairSlots>,
+    pool: rayon::ThreadPool,
+}
+
+impl Threads {
+    fn start(name: &'static str, count: usize, each: usize, niceness: i32) -> anyhow::Result<Self> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(count).thread_name(move |i| format!("{name}-{i}"));
+        let pool = pool.start_handler(move |_| yield_to_others(niceness)).panic_handler(note_panic).build()?;
+        Ok(Self { slots: FairSlots::new(count, each), pool })
+    }
+}
+
 /// Grades logs for requests that wait.
 #[derive(Debug)]
 pub struct Grader {
-    waiting: Arc<Semaphore>,
-    batches: Arc<Semaphore>,
-    long: Arc<Semaphore>,
-    quick: rayon::ThreadPool,
+    waiting: Arc<Places>,
+    batches: Arc<Places>,
+    short: Threads,
+    long: Threads,
     connections: Connections,
     cache: Option<Cache<Key, Arc<Report>, ByMemory>>,
     /// By hash of the task.
@@ -102,22 +125,65 @@ pub struct Graded {
     pub is_cached: bool,
 }
 
+/// How long work may take, and how long it may wait for its turn.
+#[derive(Debug, Clone, Copy)]
+pub struct Deadline {
+    /// For the work.
+    pub work: Duration,
+    /// For the turn, beside the work; none where the time for the work is for both.
+    pub wait: Option<Duration>,
+}
+
+impl From<Duration> for Deadline {
+    /// For both, together.
+    fn from(work: Duration) -> Self {
+        Self { work, wait: None }
+    }
+}
+
+/// Until when work may go on.
+#[derive(Debug, Clone)]
+pub struct Until {
+    deadline: Instant,
+    left: CancellationToken,
+}
+
+impl Until {
+    /// To this time, whether or not anybody waits.
+    #[must_use]
+    pub fn within(deadline: Duration) -> Self {
+        Self { deadline: Instant::now() + deadline, left: CancellationToken::new() }
+    }
+
+    /// The same, but not beyond this time from now.
+    #[must_use]
+    pub fn and_within(&self, deadline: Duration) -> Self {
+        Self { deadline: self.deadline.min(Instant::now() + deadline), left: self.left.clone() }
+    }
+
+    /// Whether the client has left.
+    #[must_use]
+    pub fn has_left(&self) -> bool {
+        self.left.is_cancelled()
+    }
+}
+
 impl Grader {
     /// With a cache of `cache_bytes`, or none where it is 0.
     ///
     /// # Errors
     /// Where there are no threads to be had.
     pub fn new(cache_bytes: usize, connections: &Connections, stop: CancellationToken) -> anyhow::Result<Self> {
-        let typical = (REPORT_BYTES + 5 * CHECK_BYTES) as usize;
-        let cache =
-            (cache_bytes > 0).then(|| Cache::with_weighter(cache_bytes / typical, cache_bytes as u64, ByMemory));
+        const TYPICAL_BYTES: usize = 4 << 10;
+        let cache = (cache_bytes > 0)
+            .then(|| Cache::with_weighter(cache_bytes.div_ceil(TYPICAL_BYTES), cache_bytes as u64, ByMemory));
         let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        let quick = rayon::ThreadPoolBuilder::new().num_threads(cores).start_handler(yield_to_serving);
         Ok(Self {
-            waiting: Arc::new(Semaphore::new(LIMITS.grades_waiting)),
-            batches: Arc::new(Semaphore::new(LIMITS.grade_batches)),
-            long: Arc::new(Semaphore::new(cores)),
-            quick: quick.thread_name(|index| format!("grade-{index}")).build()?,
+            waiting: Places::new(LIMITS.grades_waiting, LIMITS.grades_waiting_per_sender),
+            batches: Places::new(LIMITS.grade_batches, LIMITS.grade_batches_per_sender),
+            short: Threads::start("grade-short", cores, cores, SHORT_NICENESS)?,
+            // One sender leaves a slot to others. A large build is shared out between the threads, so none idles.
+            long: Threads::start("grade-long", cores, cores.saturating_sub(1), LONG_NICENESS)?,
             connections: connections.clone(),
             cache,
             baselines: Cache::new(BASELINES),
@@ -125,62 +191,99 @@ impl Grader {
         })
     }
 
-    /// The same where a request waits: among what takes long, a few at a time.
-    ///
-    /// # Errors
-    /// The same.
-    pub async fn baseline_in_turn(self: &Arc<Self>, given: &GivenTask, deadline: Duration) -> ApiResult<()> {
-        if given.task().is_ok_and(|(_, hash)| self.baselines.contains_key(hash)) {
-            return Ok(());
-        }
-        let end = Instant::now() + deadline;
-        let turn = tokio::time::timeout_at(end.into(), Arc::clone(&self.long).acquire_owned()).await;
-        let Ok(Ok(turn)) = turn else { return Err(too_late()) };
-        let (grader, given) = (Arc::clone(self), given.clone());
-        let work = tokio::task::spawn_blocking(move || {
-            let _turn = turn;
-            grader.baseline(&given, end.saturating_duration_since(Instant::now()))
-        });
-        work.await.map_err(|error| ApiError::internal(&error))?.map(|_| ())
-    }
-
-    /// What a log that does nothing earns on a task.
-    ///
-    /// # Errors
-    /// 504 where the deadline passes, 503 where the service stops.
-    pub fn baseline(&self, given: &GivenTask, deadline: Duration) -> ApiResult<Arc<Baseline>> {
-        let (task, hash) = given.task()?;
-        if let Some(known) = self.baselines.get(hash) {
-            return Ok(known);
-        }
-        let end = Instant::now() + deadline;
-        let stop = || self.stop.is_cancelled() || Instant::now() >= end;
-        let work = std::panic::AssertUnwindSafe(|| Baseline::of(task, &Control::until(&stop)));
-        let baseline = std::panic::catch_unwind(work)
-            .map_err(|_panic| ApiError::internal(&format!("the baseline of {} panicked", task.id)))?
-            .map_err(|_stopped| too_late())?;
-        let baseline = Arc::new(baseline);
-        self.baselines.insert(Box::from(hash), Arc::clone(&baseline));
-        Ok(baseline)
-    }
-
     /// A place among those that are graded or wait.
     ///
     /// # Errors
     /// 429 at once where there is none.
-    pub fn admit(&self) -> ApiResult<OwnedSemaphorePermit> {
-        admitted(&self.waiting, "logs")
+    pub fn admit(&self, who: &Arc<str>) -> ApiResult<Place> {
+        admitted(&self.waiting, who, "logs")
     }
 
     /// A place for a whole batch.
     ///
     /// # Errors
     /// 429 at once where there is none.
-    pub fn admit_batch(&self) -> ApiResult<OwnedSemaphorePermit> {
-        admitted(&self.batches, "batches")
+    pub fn admit_batch(&self, who: &Arc<str>) -> ApiResult<Place> {
+        admitted(&self.batches, who, "batches")
     }
 
-    /// Grades a log, here where that is quick and else on a thread of its own.
+    /// Does work in a lane when the sender's turn comes. Where whoever waits for it goes, it is not begun, or told to end.
+    ///
+    /// # Errors
+    /// 504 where the turn does not come in time; what the work says.
+    pub async fn run<T: Send + 'static>(
+        &self,
+        lane: Lane,
+        who: &Arc<str>,
+        deadline: Deadline,
+        work: impl FnOnce(&Until) -> ApiResult<T> + Send + 'static,
+    ) -> ApiResult<T> {
+        let mut until = Until::within(deadline.work);
+        let _guard = until.left.clone().drop_guard();
+        let wait = deadline.wait.map_or(until.deadline, |wait| Instant::now() + wait);
+        let threads = match lane {
+            Lane::Short => &self.short,
+            Lane::Long => &self.long,
+        };
+        let turn = tokio::time::timeout_at(wait.into(), threads.slots.take(who)).await;
+        let Ok(slot) = turn else { return Err(too_late()) };
+        if deadline.wait.is_some() {
+            until.deadline = Instant::now() + deadline.work;
+        }
+        let (answer, answered) = oneshot::channel();
+        threads.pool.spawn_fifo(move || {
+            let _slot = slot;
+            if !until.has_left() {
+                // Whoever waited for it may go meanwhile.
+                let _ = answer.send(work(&until));
+            }
+        });
+        answered.await.map_err(|error| ApiError::internal(&error))?
+    }
+
+    /// Makes the baseline of a task known, in a turn of the sender's.
+    ///
+    /// # Errors
+    /// 504 where the deadline passes, 503 where the service stops.
+    pub async fn know_baseline(
+        self: &Arc<Self>,
+        given: &GivenTask,
+        deadline: Deadline,
+        who: &Arc<str>,
+    ) -> ApiResult<()> {
+        if self.knows_baseline(given) {
+            return Ok(());
+        }
+        let (grader, given) = (Arc::clone(self), given.clone());
+        self.run(Lane::Long, who, deadline, move |until| grader.baseline(&given, until).map(|_| ())).await
+    }
+
+    /// Whether the baseline of a task is known.
+    #[must_use]
+    pub fn knows_baseline(&self, given: &GivenTask) -> bool {
+        given.task().is_ok_and(|(_, hash)| self.baselines.contains_key(hash))
+    }
+
+    /// What a log that does nothing earns on a task.
+    ///
+    /// # Errors
+    /// 504 where the deadline passes, 503 where the service stops.
+    pub fn baseline(&self, given: &GivenTask, until: &Until) -> ApiResult<Arc<Baseline>> {
+        let (task, hash) = given.task()?;
+        if let Some(known) = self.baselines.get(hash) {
+            return Ok(known);
+        }
+        let stop = || self.is_over(until);
+        let work = std::panic::AssertUnwindSafe(|| Baseline::of(task, &Control::until(&stop)));
+        let baseline = std::panic::catch_unwind(work)
+            .map_err(|_panic| ApiError::internal(&format!("the baseline of {} panicked", task.id)))?
+            .map_err(|_stopped| self.stopped())?;
+        let baseline = Arc::new(baseline);
+        self.baselines.insert(Box::from(hash), Arc::clone(&baseline));
+        Ok(baseline)
+    }
+
+    /// Grades a log, here where that is quick and else when the sender's turn comes.
     ///
     /// # Errors
     /// 504 where the deadline passes, 503 where the service stops, 500 where grading fails; never a score.
@@ -189,85 +292,64 @@ impl Grader {
         given: GivenTask,
         log: BlockLog,
         log_hash: &str,
-        deadline: Duration,
+        deadline: Deadline,
+        who: &Arc<str>,
     ) -> ApiResult<Graded> {
         let (task, hash) = given.task()?;
-        if is_quick(task, &log) {
-            if self.connections.open() <= FEW_CONNECTIONS {
-                return self.grade_here(&given, &log, log_hash, deadline);
+        let lane = match cost(task, &log) {
+            Cost::Immediate if self.connections.open() <= FEW_CONNECTIONS => {
+                return self.grade_here(&given, &log, log_hash, &Until::within(deadline.work));
             }
-            return self.grade_in_turn(given, log, log_hash, deadline).await;
-        }
+            Cost::Immediate | Cost::Short => Lane::Short,
+            Cost::Long => Lane::Long,
+        };
         if let Some(kept) = self.kept(log_hash, hash) {
             return Ok(kept);
         }
-        let deadline = Instant::now() + deadline;
-        let turn = tokio::time::timeout_at(deadline.into(), Arc::clone(&self.long).acquire_owned()).await;
-        let Ok(Ok(turn)) = turn else { return Err(too_late()) };
         let (grader, log_hash) = (Arc::clone(self), log_hash.to_owned());
-        let work = tokio::task::spawn_blocking(move || {
-            // Held by the work, which goes on where the client leaves.
-            let _turn = turn;
-            grader.grade_here(&given, &log, &log_hash, deadline.saturating_duration_since(Instant::now()))
-        });
-        work.await.map_err(|error| ApiError::internal(&error))?
-    }
-
-    /// Grades a quick log on the threads that are there for it, behind those that came before.
-    async fn grade_in_turn(
-        self: &Arc<Self>,
-        given: GivenTask,
-        log: BlockLog,
-        log_hash: &str,
-        deadline: Duration,
-    ) -> ApiResult<Graded> {
-        let deadline = Instant::now() + deadline;
-        let (grader, log_hash) = (Arc::clone(self), log_hash.to_owned());
-        let (answer, answered) = oneshot::channel();
-        self.quick.spawn_fifo(move || {
-            // Nobody waits where the client has left.
-            if !answer.is_closed() {
-                let left = deadline.saturating_duration_since(Instant::now());
-                let _ = answer.send(grader.grade_here(&given, &log, &log_hash, left));
-            }
-        });
-        answered.await.map_err(|error| ApiError::internal(&error))?
+        self.run(lane, who, deadline, move |until| grader.grade_here(&given, &log, &log_hash, until)).await
     }
 
     /// Grades a log on this thread, however long it takes.
     ///
     /// # Errors
     /// As [`Self::grade`].
-    pub fn grade_here(
-        &self,
-        given: &GivenTask,
-        log: &BlockLog,
-        log_hash: &str,
-        deadline: Duration,
-    ) -> ApiResult<Graded> {
+    pub fn grade_here(&self, given: &GivenTask, log: &BlockLog, log_hash: &str, until: &Until) -> ApiResult<Graded> {
         let (task, hash) = given.task()?;
         if let Some(kept) = self.kept(log_hash, hash) {
             return Ok(kept);
         }
-        let report = self.compute(task, hash, log, Instant::now() + deadline)?;
+        let report = self.compute(task, hash, log, until)?;
         Ok(self.keep(log_hash, hash, report))
     }
 
-    fn compute(&self, task: &Task, hash: &str, log: &BlockLog, deadline: Instant) -> ApiResult<Report> {
-        let stop = || self.stop.is_cancelled() || Instant::now() >= deadline;
+    fn is_over(&self, until: &Until) -> bool {
+        self.stop.is_cancelled() || until.has_left() || Instant::now() >= until.deadline
+    }
+
+    fn stopped(&self) -> ApiError {
+        if !self.stop.is_cancelled() {
+            return too_late();
+        }
+        let detail = "The service stops. The request may be sent again.";
+        ApiError::new(StatusCode::SERVICE_UNAVAILABLE, "stopping", "Stopping", detail).retry_after(5)
+    }
+
+    fn compute(&self, task: &Task, hash: &str, log: &BlockLog, until: &Until) -> ApiResult<Report> {
+        let stop = || self.is_over(until);
         let begun = Instant::now();
-        let control = Control::until(&stop);
+        // On a thread of the long lane what is shared out goes to the others of the lane; elsewhere there is nothing to share.
+        let control = match cost(task, log) {
+            Cost::Long => Control { join: Some(&both_at_once), ..Control::until(&stop) },
+            Cost::Immediate | Cost::Short => Control::until(&stop),
+        };
         let graded = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| grade_hashed(task, hash, log, &control)));
         match graded {
             Ok(Ok(report)) => {
                 metrics::histogram!("plumbline_grade_seconds").record(begun.elapsed().as_secs_f64());
                 Ok(report)
             }
-            Ok(Err(_stopped)) if self.stop.is_cancelled() => {
-                let detail = "The service stops. The request may be sent again.";
-                Err(ApiError::new(StatusCode::SERVICE_UNAVAILABLE, "stopping", "Stopping", detail).retry_after(5))
-            }
-            Ok(Err(_stopped)) => Err(too_late()),
+            Ok(Err(_stopped)) => Err(self.stopped()),
             Err(_panic) => Err(ApiError::internal(&format!("grading {} panicked", task.id))),
         }
     }
@@ -290,28 +372,27 @@ impl Grader {
     }
 }
 
-/// Lets the threads that serve go before this one.
-fn yield_to_serving(_index: usize) {
-    if let Err(error) = rustix::process::setpriority_process(None, GRADING_NICENESS) {
-        tracing::debug!(%error, "grading threads have the same priority as others");
-    }
+/// Notes a panic in the lanes; whoever waits for what panicked is told that the service failed.
+pub fn note_panic(_panic: Box<dyn std::any::Any + Send>) {
+    tracing::error!("work for a request panicked");
 }
 
-fn admitted(places: &Arc<Semaphore>, what: &str) -> ApiResult<OwnedSemaphorePermit> {
-    Arc::clone(places).try_acquire_owned().map_err(|_| {
+/// Two parts of a computation on threads of the same lane that are idle.
+fn both_at_once(a: &mut (dyn FnMut() + Send), b: &mut (dyn FnMut() + Send)) {
+    rayon::join(a, b);
+}
+
+fn admitted(places: &Arc<Places>, who: &Arc<str>, what: &str) -> ApiResult<Place> {
+    places.take(who).map_err(|no_place| {
         metrics::counter!("plumbline_grade_refused_total").increment(1);
-        ApiError::too_many(format!("many {what} are being graded; come back in a moment"))
+        ApiError::too_many(match no_place {
+            NoPlace::All => format!("many {what} are being graded; come back in a moment"),
+            NoPlace::Own => format!("many {what} of yours are being graded; come back in a moment"),
+        })
     })
 }
 
 fn too_late() -> ApiError {
     let detail = "The deadline passed before the log was graded. A longer deadline_ms may help.";
     ApiError::new(StatusCode::GATEWAY_TIMEOUT, "deadline", "Deadline passed", detail).retry_after(1)
-}
-
-/// Whether grading takes less than a millisecond or so: few events, no stress simulation, no walk through the space around them.
-#[must_use]
-pub fn is_quick(task: &Task, log: &BlockLog) -> bool {
-    let takes_long = |check: &Check| check.criterion() == Criterion::StructuralStability || check.walks();
-    log.event_count() <= QUICK_EVENTS && !task.checks().any(takes_long)
 }

@@ -6,10 +6,11 @@ use std::time::Duration;
 use axum::Router;
 use axum::body::{Body, to_bytes};
 use axum::extract::{Request, State};
-use axum::http::{HeaderName, HeaderValue, Method, StatusCode, header};
+use axum::http::{HeaderName, HeaderValue, Method, StatusCode, Version, header};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::{IntoResponse as _, Response};
 use tower::ServiceBuilder;
+use tower_http::CompressionLevel;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
 use tower_http::decompression::RequestDecompressionLayer;
@@ -31,7 +32,8 @@ pub fn around(router: Router, state: AppState) -> Router {
     let request_timeout = Duration::from_secs(LIMITS.request_seconds);
     let layers = ServiceBuilder::new()
         .layer(from_fn(observe))
-        .layer(CompressionLayer::new())
+        // A large answer is compressed on a thread that serves others too.
+        .layer(CompressionLayer::new().quality(CompressionLevel::Fastest))
         .layer(from_fn_with_state(state, guard))
         .layer(CatchPanicLayer::custom(on_panic))
         .layer(TimeoutLayer::with_status_code(StatusCode::REQUEST_TIMEOUT, request_timeout))
@@ -49,6 +51,9 @@ fn on_panic(payload: Box<dyn std::any::Any + Send + 'static>) -> Response {
 /// Lets a request through where its sender has not sent too many, and makes problems of errors that come from libraries as
 /// plain text or without a body.
 async fn guard(State(state): State<AppState>, mut request: Request, next: Next) -> Response {
+    if let Err(refused) = must_name_host(&request) {
+        return refused.into_response();
+    }
     let sender = match identify(&state, &mut request).await {
         Ok(sender) => sender,
         Err(refused) => return refused.into_response(),
@@ -70,6 +75,16 @@ async fn guard(State(state): State<AppState>, mut request: Request, next: Next) 
         response.extensions_mut().insert(Owner(owner));
     }
     response
+}
+
+/// A request of HTTP/1.1 names one host (RFC 9112, section 3.2): one that names none or two may mean another thing to a proxy in front.
+fn must_name_host(request: &Request) -> Result<(), ApiError> {
+    let hosts = request.headers().get_all(header::HOST).iter().count();
+    if hosts == 1 || (hosts == 0 && request.version() < Version::HTTP_11) {
+        return Ok(());
+    }
+    let detail = format!("the request has {hosts} Host headers; HTTP/1.1 asks for one");
+    Err(ApiError::new(StatusCode::BAD_REQUEST, "bad-request", "Bad request", detail))
 }
 
 /// Hides what has a listener of its own: metrics, and what operators do to boards.

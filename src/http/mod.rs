@@ -5,8 +5,10 @@ pub mod boards;
 pub mod body;
 pub mod caller;
 pub mod conditional;
+pub mod event_feed;
 pub mod grader;
 pub mod idempotency;
+pub mod impatient;
 pub mod layers;
 pub mod limits;
 mod observe;
@@ -21,10 +23,12 @@ use std::sync::Arc;
 
 use axum::Router;
 use metrics_exporter_prometheus::PrometheusHandle;
-use tokio::sync::{Notify, Semaphore};
+use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
 use crate::actions::pool::Pool;
+use crate::epochs::receipts::Signer;
+use crate::fair::Places;
 use crate::store::Store;
 use state::{AppState, Shared};
 
@@ -58,8 +62,8 @@ pub struct Around {
     pub rates: Arc<rates::Rates>,
     /// Runs action code.
     pub actions: Pool,
-    /// The public key that verifies receipts, in hex.
-    pub receipt_key: String,
+    /// Signs receipts.
+    pub signer: Arc<Signer>,
     /// Cancelled when the service stops.
     pub stop: CancellationToken,
 }
@@ -73,12 +77,15 @@ pub struct Routers {
     pub admin: Option<Router>,
 }
 
+/// Reveals of epochs kept in memory.
+const REVEALS: usize = 4;
+
 /// The whole service as routers.
 ///
 /// # Errors
 /// Where there are no threads to be had.
 pub fn routers(
-    Around { store, wake, metrics, connections, rates, actions, receipt_key, stop }: Around,
+    Around { store, wake, metrics, connections, rates, actions, signer, stop }: Around,
     settings: &HttpSettings,
 ) -> anyhow::Result<Routers> {
     let (routes, mut openapi) = api::routes().split_for_parts();
@@ -87,9 +94,13 @@ pub fn routers(
         requests_per_second_per_key: settings.rates.per_key,
         requests_per_second_per_address: settings.rates.per_address,
         grade_cache_bytes: settings.grade_cache_bytes,
+        connections_per_address: settings.rates.connections_per_address,
         ..limits::LIMITS
     };
+    let event_feed = event_feed::EventFeed::start(store.clone(), stop.clone(), api::events::written);
     let state = AppState::new(Shared {
+        event_feed,
+        reveals: quick_cache::sync::Cache::new(REVEALS),
         store,
         wake,
         bodies: Arc::new(body::budget()),
@@ -99,13 +110,14 @@ pub fn routers(
         documents: conditional::Documents::default(),
         in_flight: Arc::default(),
         keys: caller::Keys::new(settings.open),
-        stress_turns: Arc::new(api::stress::StressTurns::default()),
+        stress: api::stress::StressFields::new()?,
         actions,
-        action_requests: Arc::new(Semaphore::new(limits.action_requests)),
-        event_streams: Arc::new(Semaphore::new(limits.event_streams)),
+        action_requests: Places::new(limits.action_requests, limits.action_requests_per_sender),
+        event_streams: Places::new(limits.event_streams, limits.event_streams_per_sender),
         limits,
         rates,
-        receipt_key,
+        signer,
+        readiness: api::health::Readiness::default(),
         stop,
         metrics,
         openapi: openapi.to_json().unwrap_or_default().into(),

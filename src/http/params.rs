@@ -5,12 +5,10 @@ use axum::http::StatusCode;
 use axum::http::request::Parts;
 use serde::de::DeserializeOwned;
 
+use super::limits::LIMITS;
 use super::problem::{ApiError, ApiResult, FaultBody};
 use crate::near::did_you_mean;
 use crate::voxel::Faults;
-
-/// Parameters of a query string that are looked at, to name those at fault.
-const MOST: usize = 200;
 
 /// The parameters of a query string.
 #[derive(Debug, Clone, Copy, Default)]
@@ -35,7 +33,7 @@ pub fn read<T: DeserializeOwned>(query: &str) -> ApiResult<T> {
     };
     // Each parameter alone tells whether it is at fault; what is missing or given twice only shows in the whole.
     let mut faults = Vec::new();
-    for (name, value) in form_urlencoded::parse(query.as_bytes()).take(MOST) {
+    for (name, value) in form_urlencoded::parse(query.as_bytes()).take(LIMITS.query_parameters) {
         let alone = form_urlencoded::Serializer::new(String::new()).append_pair(&name, &value).finish();
         if let Err(error) = serde_urlencoded::from_str::<T>(&alone) {
             let detail = error.to_string();

@@ -1,4 +1,4 @@
-//! Rate limits: how many requests a second a key may send, and an address without one. What is left is told in headers.
+//! Rate limits: how many requests a second an owner of keys may send, and an address without one. What is left is told in headers.
 
 use std::net::{IpAddr, SocketAddr};
 use std::num::NonZeroU32;
@@ -21,6 +21,8 @@ pub struct RateSettings {
     pub per_key: u32,
     /// Requests a second from an address without one.
     pub per_address: u32,
+    /// Connections open at once from one address, where none is in front.
+    pub connections_per_address: usize,
     /// Whether a proxy in front of the service says in `X-Forwarded-For` who asks.
     pub is_behind_proxy: bool,
 }
@@ -62,13 +64,13 @@ impl Rates {
         }
     }
 
-    /// Counts a request with a live key. None where keys have no limit.
+    /// Counts a request with a live key among those of its owner. None where keys have no limit.
     ///
     /// # Errors
     /// 429 where there were too many.
-    pub fn with_key(&self, id: &str) -> ApiResult<Option<Left>> {
+    pub fn with_key(&self, owner: &str) -> ApiResult<Option<Left>> {
         // The limiter wants a key of its own type, and most are known: what is made is small.
-        self.keys.as_ref().map(|limiter| self.count(limiter, &id.to_owned(), "key")).transpose()
+        self.keys.as_ref().map(|limiter| self.count(limiter, &owner.to_owned(), "key")).transpose()
     }
 
     /// Counts a request without a live key.
@@ -94,13 +96,19 @@ impl Rates {
         headers: &HeaderMap,
     ) -> ApiResult<Option<Left>> {
         let Some(limiter) = limiter else { return Ok(None) };
+        let Some(address) = self.address(peer, headers) else { return Ok(None) };
+        self.count(limiter, &address, "address").map(Some)
+    }
+
+    /// The address that a request is counted under: the client's where a proxy names it, an IPv6 network as one.
+    #[must_use]
+    pub fn address(&self, peer: Option<Peer>, headers: &HeaderMap) -> Option<IpAddr> {
         let forwarded = || {
             let last = headers.get_all("x-forwarded-for").iter().next_back()?.to_str().ok()?;
-            last.rsplit(',').next()?.trim().parse().ok()
+            forwarded_address(last.rsplit(',').next()?.trim())
         };
         let named: Option<IpAddr> = self.is_behind_proxy.then(forwarded).flatten();
-        let Some(address) = named.or(peer.map(|peer| peer.0.ip())) else { return Ok(None) };
-        self.count(limiter, &network(address), "address").map(Some)
+        named.or(peer.map(|peer| peer.0.ip())).map(network)
     }
 
     fn count<K: std::hash::Hash + Eq + Clone>(&self, limiter: &Limiter<K>, of: &K, what: &str) -> ApiResult<Left> {
@@ -146,10 +154,33 @@ impl Left {
     }
 }
 
+/// The address in an entry of X-Forwarded-For, with which some proxies write the port too.
+fn forwarded_address(entry: &str) -> Option<IpAddr> {
+    let bare = entry.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')).unwrap_or(entry);
+    bare.parse().ok().or_else(|| entry.parse::<SocketAddr>().ok().map(|address| address.ip()))
+}
+
 /// Addresses that are likely one client's: an IPv4 address, an IPv6 network.
-fn network(address: IpAddr) -> IpAddr {
+#[must_use]
+pub fn network(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(v6) => IpAddr::V6((v6.to_bits() & !(u128::MAX >> IPV6_NETWORK_BITS)).into()),
         v4 @ IpAddr::V4(_) => v4,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn forwarded_addresses_may_have_ports() {
+        for entry in ["192.0.2.7", "192.0.2.7:4711"] {
+            assert_eq!(forwarded_address(entry), "192.0.2.7".parse().ok(), "{entry}");
+        }
+        for entry in ["2001:db8::7", "[2001:db8::7]", "[2001:db8::7]:4711"] {
+            assert_eq!(forwarded_address(entry), "2001:db8::7".parse().ok(), "{entry}");
+        }
+        assert_eq!(forwarded_address("unknown"), None);
     }
 }

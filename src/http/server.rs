@@ -21,11 +21,16 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 use tokio_util::sync::CancellationToken;
 use tower::ServiceExt as _;
 
+use super::impatient::Impatient;
 use super::limits::LIMITS;
-use super::rates::Peer;
+use super::rates::{Peer, network};
+use crate::fair::{Place, Places};
 
 /// How long answers may take to finish after a shutdown was asked for.
 const GRACE: Duration = Duration::from_secs(10);
+/// Bytes that a connection holds of what it reads, and of what it has to write: requests that are sent without waiting for answers
+/// fill it.
+const BUFFER_BYTES: usize = 128 << 10;
 /// Pause after accepting failed, as it does where files run out.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(50);
 
@@ -45,6 +50,7 @@ impl Connections {
 struct Open {
     connections: Connections,
     _slot: OwnedSemaphorePermit,
+    _place: Place,
 }
 
 impl Drop for Open {
@@ -53,7 +59,7 @@ impl Drop for Open {
     }
 }
 
-/// Serves until `stop`, then lets open answers finish.
+/// Serves until `stop`, then lets open answers finish. One address may have `per_address` connections open; more are closed at once.
 ///
 /// # Errors
 /// Where the listener cannot be handed over or there is no thread to be had.
@@ -61,10 +67,12 @@ pub async fn serve(
     listener: TcpListener,
     router: Router,
     connections: Connections,
+    per_address: usize,
     stop: CancellationToken,
 ) -> std::io::Result<()> {
     let serving = tokio::runtime::Handle::current();
-    let door = Door { router, connections, graceful: GracefulShutdown::new(), serving };
+    let places = Places::new(LIMITS.connections, per_address);
+    let door = Door { router, connections, places, graceful: GracefulShutdown::new(), serving, stop: stop.clone() };
     let listener = listener.into_std()?;
     let (closed, is_closed) = oneshot::channel();
     std::thread::Builder::new().name("accept".to_owned()).spawn(move || {
@@ -85,8 +93,10 @@ pub async fn serve(
 struct Door {
     router: Router,
     connections: Connections,
+    places: Arc<Places>,
     graceful: GracefulShutdown,
     serving: tokio::runtime::Handle,
+    stop: CancellationToken,
 }
 
 impl Door {
@@ -114,12 +124,16 @@ impl Door {
     }
 
     fn let_in(&self, stream: std::net::TcpStream, peer: SocketAddr, slot: OwnedSemaphorePermit) {
+        let Ok(place) = self.places.take(&Arc::from(network(peer.ip()).to_string())) else {
+            metrics::counter!("plumbline_connections_refused_total").increment(1);
+            return;
+        };
         self.connections.0.fetch_add(1, Ordering::Relaxed);
-        let open = Open { connections: self.connections.clone(), _slot: slot };
-        let (router, graceful) = (self.router.clone(), self.graceful.watcher());
+        let open = Open { connections: self.connections.clone(), _slot: slot, _place: place };
+        let (router, graceful, stop) = (self.router.clone(), self.graceful.watcher(), self.stop.clone());
         self.serving.spawn(async move {
             let _open = open;
-            if let Err(error) = serve_one(stream, peer, router, graceful).await {
+            if let Err(error) = serve_one(stream, peer, router, graceful, stop).await {
                 tracing::debug!(%error, "connection ended");
             }
         });
@@ -131,17 +145,20 @@ async fn serve_one(
     peer: SocketAddr,
     router: Router,
     graceful: Watcher,
+    stop: CancellationToken,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let stream = TcpStream::from_std(stream)?;
     // Small answers must not wait for more to send; failing to say so only costs time.
     let _ = stream.set_nodelay(true);
     // HTTP/1 alone: telling HTTP/2 apart would wait for the first bytes without a bound.
     let mut builder = Builder::new(TokioExecutor::new()).http1_only();
-    builder.http1().timer(TokioTimer::new()).header_read_timeout(Duration::from_secs(LIMITS.header_seconds));
+    let headers = Duration::from_secs(LIMITS.header_seconds);
+    builder.http1().timer(TokioTimer::new()).header_read_timeout(headers).max_buf_size(BUFFER_BYTES);
     let service = router.map_request(move |mut request: Request<Incoming>| {
         request.extensions_mut().insert(Peer(peer));
         request.map(Body::new)
     });
+    let stream = Impatient::new(stream, Duration::from_secs(LIMITS.write_seconds), stop);
     let connection = builder.serve_connection(TokioIo::new(stream), TowerToHyperService::new(service)).into_owned();
     graceful.watch(connection).await
 }

@@ -2,23 +2,29 @@
 
 use std::sync::Arc;
 
+use bytes::Bytes;
 use metrics_exporter_prometheus::PrometheusHandle;
+use quick_cache::sync::Cache;
 use tokio::sync::{Notify, Semaphore};
 use tokio_util::sync::CancellationToken;
 
 use crate::actions::pool::Pool;
+use crate::epochs::receipts::Signer;
 use crate::store::Store;
 use crate::tasks::catalogue::Entry;
 
-use super::api::stress::StressTurns;
+use super::api::health::Readiness;
+use super::api::stress::StressFields;
 use super::boards::Boards;
 use super::caller::Keys;
 use super::conditional::Documents;
+use super::event_feed::EventFeed;
 use super::grader::Grader;
 use super::idempotency::InFlight;
 use super::limits::Limits;
 use super::problem::{ApiError, ApiResult};
 use super::rates::Rates;
+use crate::fair::Places;
 
 /// A handle to what handlers share. One pointer, as every request clones it several times.
 #[derive(Debug, Clone)]
@@ -61,20 +67,26 @@ pub struct Shared {
     pub boards: Boards,
     /// Documents that were made.
     pub documents: Documents,
-    /// Turns to compute stress fields.
-    pub stress_turns: Arc<StressTurns>,
+    /// Computes stress fields, and keeps them.
+    pub stress: StressFields,
     /// Places for those who follow events.
-    pub event_streams: Arc<Semaphore>,
+    pub event_streams: Arc<Places>,
+    /// Reveals of epochs that are settled, as they are sent.
+    pub reveals: Cache<String, Bytes>,
+    /// Reads events for all who follow them.
+    pub event_feed: EventFeed,
     /// The limits in force.
     pub limits: Limits,
     /// Counts requests.
     pub rates: Arc<Rates>,
     /// Runs action code.
     pub actions: Pool,
-    /// The public key that verifies receipts, in hex.
-    pub receipt_key: String,
+    /// Signs receipts.
+    pub signer: Arc<Signer>,
     /// Places for requests whose action code runs or waits.
-    pub action_requests: Arc<Semaphore>,
+    pub action_requests: Arc<Places>,
+    /// Whether the database could be written and read lately.
+    pub readiness: Readiness,
     /// Cancelled when the service stops.
     pub stop: CancellationToken,
     /// Renders the metrics.

@@ -1,5 +1,7 @@
 //! A board as JSON, as a table of comma-separated values, and as a row a line.
 
+use std::borrow::Cow;
+
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
@@ -27,7 +29,7 @@ struct Line<'a> {
     first_place: Option<usize>,
     last_place: Option<usize>,
     run: &'a str,
-    agent: &'a str,
+    agent: Cow<'a, str>,
     overall: Option<f64>,
     overall_low: Option<f64>,
     overall_high: Option<f64>,
@@ -56,7 +58,7 @@ impl<'a> From<&'a BoardRow> for Line<'a> {
             first_place: row.places.map(|places| places.first),
             last_place: row.places.map(|places| places.last),
             run: &row.run,
-            agent: &row.agent,
+            agent: as_text(&row.agent),
             overall: row.overall.rate,
             overall_low: row.interval.map(|interval| interval.low),
             overall_high: row.interval.map(|interval| interval.high),
@@ -78,6 +80,11 @@ impl<'a> From<&'a BoardRow> for Line<'a> {
             finished_at: &row.finished_at,
         }
     }
+}
+
+/// A text as spreadsheets show it: with an apostrophe before what they would take for a formula and carry out.
+fn as_text(text: &str) -> Cow<'_, str> {
+    if text.starts_with(['=', '+', '-', '@', '\t', '\r', '\n']) { format!("'{text}").into() } else { text.into() }
 }
 
 /// Writes a page of a board.
@@ -103,5 +110,18 @@ pub fn render(body: &BoardBody, format: Format) -> ApiResult<Document> {
             }
             Ok(Document { kind: "application/x-ndjson", bytes: Bytes::from(lines) })
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_no_formulas() {
+        for name in ["=HYPERLINK(\"http://x\")", "+1", "-1", "@SUM(A1)", "\t=1", "\r=1"] {
+            assert_eq!(as_text(name), format!("'{name}"));
+        }
+        assert_eq!(as_text("agent-1 = good"), "agent-1 = good");
     }
 }

@@ -31,6 +31,5 @@ pub async fn get_metrics(State(state): State<AppState>) -> ApiResult<impl IntoRe
     let (open, oldest_ms) = state.store.backlog(now_ms()).await?;
     metrics::gauge!("plumbline_submissions_not_ended").set(open as f64);
     metrics::gauge!("plumbline_oldest_submission_not_ended_seconds").set(oldest_ms as f64 / 1_000.0);
-    metrics::gauge!("plumbline_database_bytes").set(state.store.file_bytes() as f64);
     Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], state.metrics.render()))
 }

@@ -10,21 +10,20 @@ use axum::http::{HeaderMap, StatusCode};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
-use tokio::sync::OwnedSemaphorePermit;
+use tokio::sync::broadcast;
 
+use super::super::caller::Reader;
+use super::super::event_feed::Batch;
 use super::super::params::{self, Params};
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use crate::clock::rfc3339;
-use crate::store::StoreResult;
+use crate::fair::Place;
 use crate::store::events::{EventRow, EventsOf};
+use crate::store::{Store, StoreResult};
 
 /// Events read at once.
 const PAGE: i64 = 500;
-/// How often is looked for what another process has ended.
-const LOOK: Duration = Duration::from_secs(1);
-/// Pause after each look, so that thousands of ends a second become few looks.
-const GATHER: Duration = Duration::from_millis(50);
 /// How often a quiet stream says that it lives.
 const ALIVE: Duration = Duration::from_secs(15);
 
@@ -108,6 +107,7 @@ pub struct EventBody {
 pub async fn get_events(
     State(state): State<AppState>,
     Params(query): Params<EventsQuery>,
+    Reader(who): Reader,
     headers: HeaderMap,
 ) -> ApiResult<Response> {
     let bad = |detail: &str| ApiError::new(StatusCode::BAD_REQUEST, "bad-request", "Bad request", detail);
@@ -135,9 +135,11 @@ pub async fn get_events(
         (None, EventsOf::Everything) => state.store.last_event().await?,
         (None, _) => 0,
     };
-    let place = Arc::clone(&state.event_streams).try_acquire_owned();
-    let Ok(place) = place else { return Err(ApiError::too_many("many follow events; come back in a moment")) };
-    let following = Following { state, of, after, is_over: false, read: VecDeque::new(), _place: place };
+    let place = state.event_streams.take(&who);
+    let place = place.map_err(|_| ApiError::too_many("many follow events; come back in a moment"))?;
+    let feed = state.event_feed.follow();
+    let following =
+        Following { state, of, after, seen: None, feed, is_over: false, read: VecDeque::new(), _place: place };
     let events = futures_util::stream::unfold(following, |mut following| async move {
         let event = following.next().await?;
         Some((Ok::<_, Infallible>(event), following))
@@ -145,69 +147,92 @@ pub async fn get_events(
     Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(ALIVE)).into_response())
 }
 
+/// What is sent of an event; none where it cannot be written.
+pub fn written(store: &Store, row: &EventRow) -> Option<Event> {
+    let name = if row.submission_id.is_some() { "submission" } else { "run" };
+    let number = row.task_number.and_then(|number| u32::try_from(number).ok());
+    let task = row.suite_id.as_deref().zip(number).and_then(|(suite, number)| {
+        let entry = store.catalogue().suite(suite).cloned()?;
+        Some(entry.task_numbered(number)?.0.id.clone())
+    });
+    let body = EventBody {
+        suite: row.suite_id.clone(),
+        task,
+        number,
+        run: row.run_id.clone(),
+        submission: row.submission_id.clone(),
+        state: row.state.clone(),
+        overall: row.overall,
+        at: rfc3339(row.at_ms),
+    };
+    Event::default().id(row.id.to_string()).event(name).json_data(body).ok()
+}
+
 /// A stream and how far it is.
 struct Following {
     state: AppState,
     of: EventsOf,
     after: i64,
+    /// The last event, of whatever kind, up to which the stream has them all; none before it has looked.
+    seen: Option<i64>,
+    feed: broadcast::Receiver<Arc<Batch>>,
     /// Whether nothing more can come: what was followed has ended.
     is_over: bool,
-    read: VecDeque<EventRow>,
-    _place: OwnedSemaphorePermit,
+    read: VecDeque<(EventRow, Event)>,
+    _place: Place,
 }
 
 impl Following {
     /// The next event; none where the service stops or fails, and the client comes back.
     async fn next(&mut self) -> Option<Event> {
         while self.read.is_empty() && !self.is_over {
-            // Listening begins before looking, so that nothing falls in between.
-            let store = self.state.store.clone();
-            let ended = store.ends().notified();
-            tokio::pin!(ended);
-            ended.as_mut().enable();
-            if let Err(error) = self.look().await {
+            if let Err(error) = self.wait().await {
                 tracing::warn!(%error, "a stream of events ends");
                 return None;
             }
-            if self.read.is_empty() {
-                tokio::select! {
-                    () = ended => tokio::time::sleep(GATHER).await,
-                    () = tokio::time::sleep(LOOK) => {}
-                    () = self.state.stop.cancelled() => return None,
-                }
+            if self.state.stop.is_cancelled() {
+                return None;
             }
         }
-        let row = self.read.pop_front()?;
+        let (row, event) = self.read.pop_front()?;
         self.after = row.id;
         self.is_over |= match &self.of {
             EventsOf::Everything => false,
             EventsOf::Run(_) => row.submission_id.is_none(),
             EventsOf::Submission(_) => true,
         };
-        let name = if row.submission_id.is_some() { "submission" } else { "run" };
-        let number = row.task_number.and_then(|number| u32::try_from(number).ok());
-        let task = match row.suite_id.as_deref().zip(number) {
-            Some((suite, number)) => {
-                let entry = self.state.find_suite(suite).await.ok().flatten();
-                entry.and_then(|entry| Some(entry.task_numbered(number)?.0.id.clone()))
+        Some(event)
+    }
+
+    /// Looks for itself where it may have missed something, and else waits for what is read for all.
+    async fn wait(&mut self) -> StoreResult<()> {
+        let Some(seen) = self.seen else { return self.look().await };
+        let batch = tokio::select! {
+            batch = self.feed.recv() => batch,
+            () = self.state.stop.cancelled() => return Ok(()),
+        };
+        match batch {
+            Ok(batch) if batch.after <= seen => {
+                let own = batch.events.iter().filter(|(row, _)| row.id > self.after && self.of.has(row));
+                self.read.extend(own.cloned());
+                self.seen = Some(batch.to.max(seen));
             }
-            None => None,
-        };
-        let body = EventBody {
-            suite: row.suite_id,
-            task,
-            number,
-            run: row.run_id,
-            submission: row.submission_id,
-            state: row.state,
-            overall: row.overall,
-            at: rfc3339(row.at_ms),
-        };
-        Event::default().id(row.id.to_string()).event(name).json_data(body).ok()
+            // It was not read for all from where this stream left off, or this one was too slow.
+            Ok(_) | Err(broadcast::error::RecvError::Lagged(_)) => self.seen = None,
+            Err(broadcast::error::RecvError::Closed) => self.state.stop.cancelled().await,
+        }
+        Ok(())
     }
 
     async fn look(&mut self) -> StoreResult<()> {
-        self.read = self.state.store.events(&self.of, self.after, PAGE).await?.into();
+        // The end first: what is entered in between is found twice at most, and told once.
+        let end = self.state.store.last_event().await?;
+        let rows = self.state.store.events(&self.of, self.after, PAGE).await?;
+        if (rows.len() as i64) < PAGE {
+            self.seen = Some(end);
+        }
+        let written = rows.into_iter().filter_map(|row| written(&self.state.store, &row).map(|event| (row, event)));
+        self.read = written.collect();
         Ok(())
     }
 }

@@ -8,7 +8,6 @@ use axum::http::{HeaderName, HeaderValue};
 use axum::response::{IntoResponse as _, Response};
 use serde::Serialize;
 use serde_json::Value;
-use tokio::runtime::Handle;
 
 use super::super::body::{Format, JsonBody};
 use super::super::caller::Caller;
@@ -257,7 +256,8 @@ pub async fn grade(State(state): State<AppState>, caller: Caller, body: JsonBody
     if format == Format::NdJson {
         return Err(ApiError::not_ndjson("many logs go to /v1/grade:batch"));
     }
-    let _place = state.grader.admit().map_err(ApiError::without_reward)?;
+    let who = caller.who();
+    let _place = state.grader.admit(who).map_err(ApiError::without_reward)?;
     let catalogue = state.store.catalogue();
     let request = if bytes.len() <= QUICK_BYTES {
         ReadRequest::read(&bytes, &catalogue)?
@@ -265,15 +265,8 @@ pub async fn grade(State(state): State<AppState>, caller: Caller, body: JsonBody
         let reading = tokio::task::spawn_blocking(move || ReadRequest::read(&bytes, &catalogue));
         reading.await.map_err(|error| ApiError::internal(&error))??
     };
-    let prepared = if request.takes_long() {
-        let (state, runtime) = (state.clone(), Handle::current());
-        let preparing = tokio::task::spawn_blocking(move || runtime.block_on(request.prepare(&state)));
-        preparing.await.map_err(|error| ApiError::internal(&error))?
-    } else {
-        request.prepare(&state).await
-    };
-    let prepared = prepared.map_err(ApiError::without_reward_where_ours)?;
-    let (graded, is_cached) = prepared.grade(&state).await?;
+    let prepared = request.prepare(&state, who).await.map_err(ApiError::without_reward_where_ours)?;
+    let (graded, is_cached) = prepared.grade(&state, who).await?;
     let outcome = HeaderValue::from_static(if is_cached { "hit" } else { "miss" });
     Ok(([(CACHE_HEADER, outcome)], Json(graded)).into_response())
 }

@@ -5,6 +5,7 @@ use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::task::{Context, Poll};
+use std::time::{Duration, Instant};
 
 use axum::body::{Body, HttpBody};
 use axum::extract::State;
@@ -14,24 +15,27 @@ use bytes::Bytes;
 use hyper::body::Frame;
 use serde::Serialize;
 use serde_json::value::RawValue;
-use tokio::runtime::Handle;
 use tokio::sync::mpsc;
 
 use super::super::body::{Format, JsonBody};
 use super::super::caller::Caller;
+use super::super::grader::{Lane, Until};
 use super::super::limits::LIMITS;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
 use super::grade::{GradeBody, NewGrade};
-use super::grade_request::ReadRequest;
+use super::grade_request::{Found, Prepared, ReadRequest};
 use crate::store::keys::Scope;
 use crate::tasks::catalogue::Catalogue;
 use crate::voxel::Faults;
 
-/// Logs that a thread takes at a time, and answers together.
+/// Logs that are graded in a turn, and answered together.
 const CHUNK: usize = 16;
-/// Chunks of answers that wait for a slow client.
-const WAITING: usize = 64;
+/// How long a turn lasts; then others have theirs.
+const TURN: Duration = Duration::from_millis(20);
+/// Answers that wait for a slow client: so many turns of each about so many bytes.
+const WAITING: usize = 4;
+const TURN_BYTES: usize = 1 << 20;
 
 /// The result of one log of a batch.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -72,21 +76,25 @@ pub struct BatchItem {
 )]
 pub async fn grade_batch(State(state): State<AppState>, caller: Caller, body: JsonBody) -> ApiResult<Response> {
     caller.require(Scope::Grade)?;
-    let place = state.grader.admit_batch()?;
+    let place = state.grader.admit_batch(caller.who())?;
     let JsonBody { bytes, format, share } = body;
     let catalogue = state.store.current_catalogue().await?;
     let splitting = tokio::task::spawn_blocking(move || split(&bytes, format).map(|items| (bytes, items)));
     let (bytes, items) = splitting.await.map_err(|error| ApiError::internal(&error))??;
     let (sender, receiver) = mpsc::channel(WAITING);
-    let batch =
-        Arc::new(Batch { state, catalogue, bytes, items, next: AtomicUsize::new(0), runtime: Handle::current() });
+    let who = Arc::clone(caller.who());
+    let batch = Arc::new(Batch { state, who, catalogue, bytes, items, next: AtomicUsize::new(0) });
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     let held = Arc::new((place, share));
-    for _ in 0..cores.min(batch.items.len().div_ceil(CHUNK)) {
+    for _ in 0..(2 * cores).min(batch.items.len().div_ceil(CHUNK)) {
         let (batch, sender, held) = (Arc::clone(&batch), sender.clone(), Arc::clone(&held));
-        tokio::task::spawn_blocking(move || {
+        tokio::spawn(async move {
             let _held = held;
-            batch.work(&sender);
+            // What is under way for a client that has gone ends with this.
+            tokio::select! {
+                () = batch.work(&sender) => {}
+                () = sender.closed() => {}
+            }
         });
     }
     let kind = [(header::CONTENT_TYPE, "application/x-ndjson")];
@@ -126,50 +134,124 @@ fn split(bytes: &Bytes, format: Format) -> ApiResult<Vec<Range<usize>>> {
 
 struct Batch {
     state: AppState,
+    who: Arc<str>,
     catalogue: Arc<Catalogue>,
     bytes: Bytes,
     items: Vec<Range<usize>>,
     next: AtomicUsize,
-    runtime: Handle,
+}
+
+/// What is left to do of an item that is not done in a turn of the short lane.
+enum Rest {
+    Prepare(Found),
+    Grade(Prepared),
+}
+
+/// What a turn of the short lane came to.
+#[derive(Default)]
+struct Turn {
+    lines: Vec<u8>,
+    rest: Vec<(usize, Rest)>,
+    /// Items for which the turn was too short.
+    begun: Range<usize>,
 }
 
 impl Batch {
-    /// Grades chunk after chunk until none is left or the client has gone.
-    fn work(&self, sender: &mpsc::Sender<Bytes>) {
+    /// Grades chunk after chunk until none is left.
+    async fn work(self: &Arc<Self>, sender: &mpsc::Sender<Bytes>) {
         loop {
             let first = self.next.fetch_add(CHUNK, Ordering::Relaxed);
             if first >= self.items.len() {
                 return;
             }
-            let mut lines = Vec::new();
-            for index in first..(first + CHUNK).min(self.items.len()) {
-                let item = self.grade(index);
-                // Writing to memory does not fail, and an item is plain data.
-                let _ = serde_json::to_writer(&mut lines, &item);
-                lines.push(b'\n');
-            }
-            if sender.blocking_send(lines.into()).is_err() {
-                return;
+            let mut left = first..(first + CHUNK).min(self.items.len());
+            while !left.is_empty() {
+                let (batch, chunk) = (Arc::clone(self), left.clone());
+                let patience = Duration::from_secs(LIMITS.grade_batch_wait_seconds).into();
+                let work = move |until: &Until| Ok(batch.take_turn(chunk, until));
+                let turn = match self.state.grader.run(Lane::Short, &self.who, patience, work).await {
+                    Ok(turn) => turn,
+                    Err(error) => {
+                        let mut turn = Turn { begun: left.end..left.end, ..Turn::default() };
+                        let problem = error.without_reward().into_problem();
+                        left.clone().for_each(|index| write_line(&mut turn.lines, &failed(index, problem.clone())));
+                        turn
+                    }
+                };
+                left = turn.begun;
+                if sender.send(turn.lines.into()).await.is_err() {
+                    return;
+                }
+                for (index, rest) in turn.rest {
+                    let mut line = Vec::new();
+                    write_line(&mut line, &item(index, self.finish(rest).await));
+                    if sender.send(line.into()).await.is_err() {
+                        return;
+                    }
+                }
             }
         }
     }
 
-    fn grade(&self, index: usize) -> BatchItem {
-        let text = &self.bytes[self.items[index].clone()];
-        let graded = ReadRequest::read(text, &self.catalogue).and_then(|request| {
-            let prepared = self.runtime.block_on(request.prepare(&self.state));
-            prepared.map_err(ApiError::without_reward_where_ours)?.grade_here(&self.state)
-        });
-        match graded {
-            Ok(result) => {
-                BatchItem { index, status: 200, reward: Some(result.reward), result: Some(result), error: None }
-            }
-            Err(error) => {
-                let problem = error.into_problem();
-                BatchItem { index, status: problem.status, reward: None, result: None, error: Some(problem) }
+    /// Grades items for as long as a turn lasts. What takes longer by its nature is left to do.
+    fn take_turn(&self, mut chunk: Range<usize>, until: &Until) -> Turn {
+        let begun = Instant::now();
+        let mut turn = Turn::default();
+        while begun.elapsed() < TURN
+            && turn.lines.len() < TURN_BYTES
+            && !until.has_left()
+            && let Some(index) = chunk.next()
+        {
+            match self.grade_now(index, until) {
+                Ok(Ok(graded)) => write_line(&mut turn.lines, &item(index, Ok(graded))),
+                Ok(Err(rest)) => turn.rest.push((index, rest)),
+                Err(error) => write_line(&mut turn.lines, &item(index, Err(error))),
             }
         }
+        turn.begun = chunk;
+        turn
     }
+
+    /// Grades an item, or says what is left to do.
+    fn grade_now(&self, index: usize, until: &Until) -> ApiResult<Result<GradeBody, Rest>> {
+        let found = ReadRequest::read(&self.bytes[self.items[index].clone()], &self.catalogue)?.find_log()?;
+        if found.has_code() {
+            return Ok(Err(Rest::Prepare(found)));
+        }
+        let prepared = found.finish(Vec::new(), Faults::new())?;
+        if !prepared.is_short(&self.state) {
+            return Ok(Err(Rest::Grade(prepared)));
+        }
+        prepared.grade_here(&self.state, until).map(Ok)
+    }
+
+    async fn finish(&self, rest: Rest) -> ApiResult<GradeBody> {
+        let prepared = match rest {
+            Rest::Grade(prepared) => prepared,
+            Rest::Prepare(found) => {
+                let prepared = found.prepare(&self.state, &self.who).await;
+                prepared.map_err(ApiError::without_reward_where_ours)?
+            }
+        };
+        prepared.grade_in_turn(&self.state, &self.who).await
+    }
+}
+
+fn item(index: usize, graded: ApiResult<GradeBody>) -> BatchItem {
+    match graded {
+        Ok(result) => BatchItem { index, status: 200, reward: Some(result.reward), result: Some(result), error: None },
+        Err(error) => failed(index, error.into_problem()),
+    }
+}
+
+fn failed(index: usize, problem: Problem) -> BatchItem {
+    BatchItem { index, status: problem.status, reward: None, result: None, error: Some(problem) }
+}
+
+fn write_line(lines: &mut Vec<u8>, item: &BatchItem) {
+    // Writing to memory does not fail, and an item is plain data.
+    let _ = serde_json::to_writer(&mut *lines, item);
+    lines.push(b'\n');
 }
 
 /// A body of chunks as they come.

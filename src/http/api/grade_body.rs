@@ -257,9 +257,19 @@ impl<'de> Shape<'de> for NamedTaskShape<'_> {
             object.insert(key, value);
         }
         let before = self.faults.total();
+        let (bytes, most) = (written_bytes(&object), LIMITS.grade_inline_bytes);
+        if bytes > most {
+            self.faults.add(format!("{bytes} bytes as JSON; at most {most} are allowed"));
+            return Ok(None);
+        }
         let task = inline_task(&object, self.faults);
         Ok((self.faults.total() == before).then(|| NamedTask::Inline(Box::new(task))))
     }
+}
+
+/// Bytes of an object as JSON.
+fn written_bytes(object: &Map<String, Value>) -> usize {
+    serde_json::to_vec(object).map_or(usize::MAX, |bytes| bytes.len())
 }
 
 /// A task as `GET /v1/tasks/{id}` shows it: `turns` with `checks`, and whatever else it says is not needed.
@@ -283,11 +293,27 @@ fn inline_task(object: &Map<String, Value>, faults: &mut Faults) -> Task {
             }
         }
     }
+    let (checks, most) = (turns.iter().map(|turn| turn.checks.len()).sum::<usize>(), LIMITS.grade_inline_checks_in_all);
+    if checks > most {
+        faults.add(format!("{checks} checks in all; at most {most} are allowed"));
+    }
     if !turns.is_empty() && turns.iter().all(|turn| turn.checks.is_empty()) {
         faults.add("a task needs a check; one without any would be passed by every log");
     }
     faults.leave();
     Task::foreign(id.to_owned(), 0, turns)
+}
+
+/// Items of the longest list in the arguments of checks.
+fn longest_list(value: &Value, depth: usize) -> usize {
+    match value {
+        Value::Array(items) => {
+            let own = if depth > 0 { items.len() } else { 0 };
+            items.iter().map(|item| longest_list(item, depth + 1)).fold(own, usize::max)
+        }
+        Value::Object(members) => members.values().map(|member| longest_list(member, depth + 1)).max().unwrap_or(0),
+        _ => 0,
+    }
 }
 
 fn inline_turn(turn: &Value, faults: &mut Faults) -> Instruction {
@@ -298,6 +324,11 @@ fn inline_turn(turn: &Value, faults: &mut Faults) -> Instruction {
         // What the task's own page says about a check, beside what makes it.
         check.remove("criterion");
         check.remove("asks");
+    }
+    let most = LIMITS.grade_inline_list_items;
+    if longest_list(&checks, 0) > most {
+        faults.add(format!("a list of more than {most} names in the arguments of a check"));
+        checks = Value::Array(Vec::new());
     }
     let checks = read_checks(&checks, faults);
     if checks.len() > LIMITS.grade_inline_checks {

@@ -1,11 +1,12 @@
 //! From a request to grade to its answer: read, made a log, graded. Shared by single requests, batches and adapters.
 
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use sha2::{Digest as _, Sha256};
 
-use super::super::grader::{GivenTask, Graded};
+use super::super::grader::{Deadline, GivenTask, Graded, Until};
+use super::super::limits::LIMITS;
 use super::super::problem::{ApiError, ApiResult};
 use super::super::state::AppState;
 use super::grade::{CheckScore, GradeBody, Timings};
@@ -14,6 +15,7 @@ use super::grade_body::{Detail, GivenWork, GradeRequest, GradeShape, NamedTask};
 use super::replay::{EventBudget, TurnReplay, place, run_sent};
 use super::submission_body::check_against_task;
 use crate::checks::{CHECKS_VERSION, Dimension};
+use crate::grading::cost::{Cost, cost};
 use crate::grading::reward::{RewardComponents, Scheme};
 use crate::tasks::catalogue::Catalogue;
 use crate::tasks::embedded::FULL;
@@ -30,12 +32,23 @@ pub struct ReadRequest {
     begun: Instant,
 }
 
+/// A request whose log was found, but for what its action code does.
+#[derive(Debug)]
+pub struct Found {
+    request: GradeRequest,
+    given: GivenTask,
+    sent: SentLog,
+    answer: Option<AnswerBody>,
+    begun: Instant,
+}
+
 /// A request whose log is whole, or known to be none.
 #[derive(Debug)]
 pub struct Prepared {
     request: GradeRequest,
     given: GivenTask,
     log: BlockLog,
+    log_hash: String,
     replays: Vec<TurnReplay>,
     answer: Option<AnswerBody>,
     begun: Instant,
@@ -71,13 +84,9 @@ impl ReadRequest {
         self
     }
 
-    /// Whether preparing it takes long: text is to be looked through, or code to be run.
-    #[must_use]
-    pub fn takes_long(&self) -> bool {
-        match &self.request.work {
-            GivenWork::Log(sent) => !sent.codes.is_empty(),
-            GivenWork::Answer(_) => true,
-        }
+    /// Whether preparing it is done in an instant.
+    fn is_small(&self) -> bool {
+        matches!(&self.request.work, GivenWork::Log(sent) if sent.log.event_count() <= INSTANT_EVENTS)
     }
 
     /// Finds the log in what a model wrote, runs action code, and checks the log against its task.
@@ -85,29 +94,76 @@ impl ReadRequest {
     /// # Errors
     /// 422 where the log does not fit the task, or its code reached a limit; 429 where too much waits, 500 where code cannot be run. What is wrong with what a
     /// model wrote is no error, but a reward of 0.
-    pub async fn prepare(mut self, state: &AppState) -> ApiResult<Prepared> {
+    pub async fn prepare(self, state: &AppState, who: &Arc<str>) -> ApiResult<Prepared> {
+        let found = if self.is_small() { self.find_log()? } else { aside(move || self.find_log()).await? };
+        let _place = if found.has_code() { Some(place(state, who)?) } else { None };
+        found.prepare(state, who).await
+    }
+
+    /// The same for one of many, which have a place together.
+    ///
+    /// # Errors
+    /// The same, but for 429.
+    pub async fn prepare_in_turn(self, state: &AppState, who: &Arc<str>) -> ApiResult<Prepared> {
+        aside(move || self.find_log()).await?.prepare(state, who).await
+    }
+
+    /// Finds the log in what a model wrote, or takes the one that was sent.
+    ///
+    /// # Errors
+    /// 500 where the task is gone.
+    pub fn find_log(mut self) -> ApiResult<Found> {
         let task = self.given.task()?.0;
         let work = std::mem::replace(&mut self.request.work, GivenWork::Answer(Vec::new()));
-        let (mut faults, mut answer) = (Faults::new(), None);
-        let mut sent = match work {
-            GivenWork::Log(sent) => sent,
+        let (sent, answer) = match work {
+            GivenWork::Log(sent) => (sent, None),
             GivenWork::Answer(texts) => match log_in_texts(&texts, task.turns.len()) {
-                Ok((sent, found)) => {
-                    answer = Some(AnswerBody { found, why: None });
-                    sent
-                }
-                Err(why) => {
-                    answer = Some(AnswerBody { found: Vec::new(), why: Some(why) });
-                    nothing(task)
-                }
+                Ok((sent, found)) => (sent, Some(AnswerBody { found, why: None })),
+                Err(why) => (nothing(task), Some(AnswerBody { found: Vec::new(), why: Some(why) })),
             },
         };
-        let replays = if sent.codes.is_empty() {
-            Vec::new()
-        } else {
-            let _place = place(state)?;
-            run_sent(state, &mut sent, &mut EventBudget::whole(state), &mut faults).await?
-        };
+        let Self { request, given, begun } = self;
+        Ok(Found { request, given, sent, answer, begun })
+    }
+}
+
+/// Events up to which a log is looked at where its request is answered.
+const INSTANT_EVENTS: usize = 2_000;
+
+/// Does what takes time on a thread where it hinders nobody.
+async fn aside<T: Send + 'static>(work: impl FnOnce() -> ApiResult<T> + Send + 'static) -> ApiResult<T> {
+    tokio::task::spawn_blocking(work).await.map_err(|error| ApiError::internal(&error))?
+}
+
+impl Found {
+    /// Whether it brings action code, which is to be run.
+    #[must_use]
+    pub fn has_code(&self) -> bool {
+        !self.sent.codes.is_empty()
+    }
+
+    /// Runs action code, for which whoever calls has a place, and checks the log against its task.
+    ///
+    /// # Errors
+    /// As [`ReadRequest::prepare_in_turn`].
+    pub async fn prepare(mut self, state: &AppState, who: &Arc<str>) -> ApiResult<Prepared> {
+        let (mut faults, mut replays) = (Faults::new(), Vec::new());
+        if self.has_code() {
+            replays = run_sent(state, who, &mut self.sent, &mut EventBudget::whole(state), &mut faults).await?;
+        }
+        if self.sent.log.event_count() <= INSTANT_EVENTS {
+            return self.finish(replays, faults);
+        }
+        aside(move || self.finish(replays, faults)).await
+    }
+
+    /// Checks the log against its task.
+    ///
+    /// # Errors
+    /// 422 where it does not fit.
+    pub fn finish(self, replays: Vec<TurnReplay>, mut faults: Faults) -> ApiResult<Prepared> {
+        let Self { request, given, mut sent, mut answer, begun } = self;
+        let task = given.task()?.0;
         check_against_task(&sent.log, task, &mut faults);
         // Code that is no JavaScript is as good as no answer, where nothing else was built.
         let unreadable = replays.iter().find_map(unreadable_code).filter(|_| sent.log.event_count() == 0);
@@ -120,8 +176,8 @@ impl ReadRequest {
             answer.why = faults.list().first().map(ToString::to_string);
             sent = nothing(task);
         }
-        let Self { request, given, begun } = self;
-        Ok(Prepared { request, given, log: sent.log, replays, answer, begun, read_us: micros(begun) })
+        let log_hash = hash(&sent.log);
+        Ok(Prepared { request, given, log: sent.log, log_hash, replays, answer, begun, read_us: micros(begun) })
     }
 }
 
@@ -159,34 +215,59 @@ impl Prepared {
     ///
     /// # Errors
     /// As [`super::super::grader::Grader::grade`]; 422 where no criterion that applies has a weight.
-    pub async fn grade(mut self, state: &AppState) -> ApiResult<(GradeBody, bool)> {
+    pub async fn grade(self, state: &AppState, who: &Arc<str>) -> ApiResult<(GradeBody, bool)> {
+        let deadline = self.request.deadline.into();
+        self.grade_within(state, who, deadline).await
+    }
+
+    /// The same for one of many, which wait for their turns beside the time that grading each may take.
+    ///
+    /// # Errors
+    /// The same.
+    pub async fn grade_in_turn(self, state: &AppState, who: &Arc<str>) -> ApiResult<GradeBody> {
+        let wait = Some(Duration::from_secs(LIMITS.grade_batch_wait_seconds));
+        let deadline = Deadline { work: self.request.deadline, wait };
+        Ok(self.grade_within(state, who, deadline).await?.0)
+    }
+
+    async fn grade_within(
+        mut self,
+        state: &AppState,
+        who: &Arc<str>,
+        deadline: Deadline,
+    ) -> ApiResult<(GradeBody, bool)> {
         if self.is_unreadable() {
             return Ok((self.unreadable()?, false));
         }
         let log = std::mem::take(&mut self.log);
-        let log_hash = hash(&log);
-        let deadline = self.request.deadline;
-        let graded = state.grader.grade(self.given.clone(), log, &log_hash, deadline).await;
+        let graded = state.grader.grade(self.given.clone(), log, &self.log_hash, deadline, who).await;
         let graded = graded.map_err(ApiError::without_reward)?;
         let is_cached = graded.is_cached;
         if self.request.scheme == Scheme::Shaped {
-            let left = deadline.saturating_sub(self.begun.elapsed());
-            state.grader.baseline_in_turn(&self.given, left).await.map_err(ApiError::without_reward)?;
+            state.grader.know_baseline(&self.given, deadline, who).await.map_err(ApiError::without_reward)?;
         }
-        Ok((self.answer(state, graded, log_hash)?, is_cached))
+        Ok((self.answer(state, graded)?, is_cached))
     }
 
-    /// The same on this thread.
+    /// Whether it may be graded on a thread of the short lane.
+    #[must_use]
+    pub fn is_short(&self, state: &AppState) -> bool {
+        let is_shaped = self.request.scheme == Scheme::Shaped;
+        self.given.task().is_ok_and(|(task, _)| cost(task, &self.log) != Cost::Long)
+            && (!is_shaped || state.grader.knows_baseline(&self.given))
+    }
+
+    /// Grades it on this thread.
     ///
     /// # Errors
     /// The same.
-    pub fn grade_here(self, state: &AppState) -> ApiResult<GradeBody> {
+    pub fn grade_here(self, state: &AppState, until: &Until) -> ApiResult<GradeBody> {
         if self.is_unreadable() {
             return self.unreadable();
         }
-        let log_hash = hash(&self.log);
-        let graded = state.grader.grade_here(&self.given, &self.log, &log_hash, self.request.deadline);
-        self.answer(state, graded.map_err(ApiError::without_reward)?, log_hash)
+        let until = until.and_within(self.request.deadline);
+        let graded = state.grader.grade_here(&self.given, &self.log, &self.log_hash, &until);
+        self.answer(state, graded.map_err(ApiError::without_reward)?)
     }
 
     fn is_unreadable(&self) -> bool {
@@ -200,7 +281,7 @@ impl Prepared {
         Ok(GradeBody {
             task: task.id.clone(),
             task_hash: task_hash.to_owned(),
-            log_hash: hash(&self.log),
+            log_hash: self.log_hash,
             checks_version: CHECKS_VERSION,
             reward: 0.0,
             scheme: self.request.scheme.name(),
@@ -216,10 +297,10 @@ impl Prepared {
         })
     }
 
-    fn answer(self, state: &AppState, graded: Graded, log_hash: String) -> ApiResult<GradeBody> {
+    fn answer(self, state: &AppState, graded: Graded) -> ApiResult<GradeBody> {
         let (report, scheme) = (graded.report, &self.request.scheme);
         let baseline = match scheme {
-            Scheme::Shaped => Some(state.grader.baseline(&self.given, self.request.deadline)?),
+            Scheme::Shaped => Some(state.grader.baseline(&self.given, &Until::within(self.request.deadline))?),
             _ => None,
         };
         let Some(reward) = scheme.reward(&report, baseline.as_deref()) else {
@@ -236,7 +317,7 @@ impl Prepared {
         Ok(GradeBody {
             task: report.task.clone(),
             task_hash: report.task_hash.clone(),
-            log_hash,
+            log_hash: self.log_hash,
             checks_version: CHECKS_VERSION,
             reward,
             scheme: self.request.scheme.name(),

@@ -8,6 +8,7 @@ pub mod board_actions;
 pub mod board_formats;
 pub mod comparisons;
 pub mod documents;
+pub mod draws;
 pub mod entries;
 pub mod epoch_boards;
 pub mod epochs;
@@ -38,6 +39,8 @@ pub mod suites;
 pub mod tasks;
 
 use axum::Router;
+use axum::http::{HeaderValue, header};
+use tower_http::set_header::SetResponseHeaderLayer;
 use utoipa::OpenApi;
 use utoipa::openapi::path::Parameter;
 use utoipa::openapi::schema::{SchemaType, Type};
@@ -117,7 +120,7 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(epoch_boards::get_epoch_leaderboard))
         .routes(routes!(entries::create_entry))
         .routes(routes!(entries::get_entry))
-        .routes(routes!(entries::create_instances))
+        .routes(routes!(draws::create_instances))
         .routes(routes!(entries::finalize_entry))
         .routes(routes!(instances::get_instance))
         .routes(routes!(instances::answer_instance))
@@ -212,5 +215,10 @@ pub fn document() -> String {
 
 /// The interactive reference at `/docs`; its files are in the binary.
 pub fn reference() -> Router {
-    SwaggerUi::new("/docs").config(Config::new(["/openapi.json"]).try_it_out_enabled(true)).into()
+    // Its scripts are files of its own; styles it also sets by script.
+    const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; font-src 'self'; \
+                          connect-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'";
+    let pages: Router = SwaggerUi::new("/docs").config(Config::new(["/openapi.json"]).try_it_out_enabled(true)).into();
+    let policy = HeaderValue::from_static(POLICY);
+    pages.layer(SetResponseHeaderLayer::if_not_present(header::CONTENT_SECURITY_POLICY, policy))
 }

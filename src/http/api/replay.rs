@@ -5,7 +5,6 @@ use std::sync::Arc;
 use axum::Json;
 use axum::extract::State;
 use serde::{Deserialize, Serialize};
-use tokio::sync::OwnedSemaphorePermit;
 
 use super::super::body::{JsonBody, read_json};
 use super::super::caller::Caller;
@@ -14,6 +13,7 @@ use super::super::state::AppState;
 use super::submission_body::PostedSubmission;
 use super::submission_schema::EventAction;
 use crate::actions::{CodeError, Dropped, Replayed};
+use crate::fair::Place;
 use crate::store::keys::Scope;
 use crate::voxel::log_reader::code::{SentLog, without_fences};
 use crate::voxel::{BlockLog, Cell, Faults};
@@ -87,13 +87,15 @@ pub struct TurnReplay {
 ///
 /// # Errors
 /// 429 where there is none.
-pub fn place(state: &AppState) -> ApiResult<OwnedSemaphorePermit> {
-    let place = Arc::clone(&state.action_requests).try_acquire_owned();
-    place.map_err(|_| ApiError::too_many("much action code is waiting to be run; come back in a moment"))
+pub fn place(state: &AppState, who: &Arc<str>) -> ApiResult<Place> {
+    state
+        .action_requests
+        .take(who)
+        .map_err(|_| ApiError::too_many("much action code is waiting to be run; come back in a moment"))
 }
 
-async fn replayed(state: &AppState, code: &str) -> ApiResult<Replayed> {
-    state.actions.run(code).await.map_err(|error| ApiError::internal(&error))
+async fn replayed(state: &AppState, who: &Arc<str>, code: &str) -> ApiResult<Replayed> {
+    state.actions.run(code, who).await.map_err(|error| ApiError::internal(&error))
 }
 
 /// The events of a script as they are told.
@@ -153,8 +155,8 @@ pub async fn replay_action_code(
     if add_too_long(&new.action_code, &state, &mut faults) {
         return Err(ApiError::faulty(faults));
     }
-    let _place = place(&state)?;
-    let done = replayed(&state, &without_fences(&new.action_code)).await?;
+    let _place = place(&state, caller.who())?;
+    let done = replayed(&state, caller.who(), &without_fences(&new.action_code)).await?;
     if add_stopped(&done, &mut faults) {
         return Err(ApiError::faulty(faults));
     }
@@ -186,17 +188,22 @@ impl EventBudget {
 ///
 /// # Errors
 /// 429 where too much waits; 500 where code cannot be run.
-pub async fn run_codes(state: &AppState, posted: &mut [PostedSubmission], faults: &mut Faults) -> ApiResult<()> {
+pub async fn run_codes(
+    state: &AppState,
+    who: &Arc<str>,
+    posted: &mut [PostedSubmission],
+    faults: &mut Faults,
+) -> ApiResult<()> {
     if posted.iter().all(|submission| submission.sent.codes.is_empty()) {
         return Ok(());
     }
-    let _place = place(state)?;
+    let _place = place(state, who)?;
     let mut budget = EventBudget::whole(state);
     for submission in posted {
         if let Some(line) = submission.line {
             faults.enter_line(line);
         }
-        submission.replays = run_sent(state, &mut submission.sent, &mut budget, faults).await?;
+        submission.replays = run_sent(state, who, &mut submission.sent, &mut budget, faults).await?;
         if !faults.is_empty() {
             break;
         }
@@ -210,6 +217,7 @@ pub async fn run_codes(state: &AppState, posted: &mut [PostedSubmission], faults
 /// 500 where code cannot be run.
 pub async fn run_sent(
     state: &AppState,
+    who: &Arc<str>,
     sent: &mut SentLog,
     budget: &mut EventBudget,
     faults: &mut Faults,
@@ -226,7 +234,7 @@ pub async fn run_sent(
     if !is_too_long {
         // One after another: what all of them record at the same time might not fit into memory.
         for code in &codes {
-            let done = replayed(state, &code.code).await?;
+            let done = replayed(state, who, &code.code).await?;
             faults.enter_index(code.turn);
             let is_taken = take_events(state, &mut sent.log, code.turn, &done, budget, faults);
             faults.leave();

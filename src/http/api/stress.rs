@@ -1,4 +1,4 @@
-//! Stress fields of submissions, computed when asked for.
+//! Stress fields of submissions, computed when first asked for.
 
 use std::fmt::Write as _;
 use std::sync::Arc;
@@ -7,13 +7,17 @@ use std::time::{Duration, Instant};
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
+use quick_cache::Weighter;
+use quick_cache::sync::Cache;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use sha2::{Digest as _, Sha256};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 
+use super::super::caller::Reader;
 use super::super::conditional::has_tag;
+use super::super::grader::note_panic;
 use super::super::limits::LIMITS;
 use super::super::params::Params;
 use super::super::problem::{ApiError, ApiResult, Problem};
@@ -21,41 +25,133 @@ use super::super::state::AppState;
 use super::submission::stored;
 use crate::elasticity::Control;
 use crate::elasticity::field::{FIELD_VERSION, Field, Method};
+use crate::fair::{FairSlots, Places};
 use crate::store::reports::GRADER;
 use crate::tasks::hex;
+use crate::threads::yield_to_others;
 use crate::voxel::replay::Replay;
 use crate::voxel::{BlockLog, Cell, Structure};
 
-/// Turns to compute stress fields: a few at once, some waiting.
-#[derive(Debug)]
-pub struct StressTurns {
-    admitted: Arc<Semaphore>,
-    computing: Arc<Semaphore>,
-}
+/// What a field is kept under: the log's hash, the turn, and the method.
+type Key = (Box<str>, usize, Method);
+/// A field, or when it took too long: by the clock, so with less to do it may not.
+type Kept = Result<Arc<Field>, Instant>;
 
-impl Default for StressTurns {
-    fn default() -> Self {
-        let (at_once, waiting) = (LIMITS.stress_fields_at_once, LIMITS.stress_fields_waiting);
-        Self { admitted: Arc::new(Semaphore::new(at_once + waiting)), computing: Arc::new(Semaphore::new(at_once)) }
+/// How long a field that took too long is not tried again.
+const TOO_LONG_FOR: Duration = Duration::from_mins(1);
+
+#[derive(Debug, Clone)]
+struct ByMemory;
+
+impl Weighter<Key, Kept> for ByMemory {
+    fn weight(&self, key: &Key, field: &Kept) -> u64 {
+        let bytes = field.as_ref().map_or(0, |field| {
+            field.von_mises_pa.capacity() * size_of::<Option<f64>>()
+                + field.displacement_m.capacity() * size_of::<Option<[f64; 3]>>()
+                + field.cautions.iter().map(String::capacity).sum::<usize>()
+        });
+        (bytes + key.0.len() + OWN_BYTES) as u64
     }
 }
 
-impl StressTurns {
-    /// Waits for a turn, which lasts while the permits are held.
+/// What a field takes beside its numbers.
+const OWN_BYTES: usize = 256;
+/// How much the threads that compute fields yield to others (niceness).
+const NICENESS: i32 = 10;
+
+/// Computes stress fields: a few at once, one for each sender, and keeps them by content, so that asking again costs nothing.
+#[derive(Debug)]
+pub struct StressFields {
+    admitted: Arc<Places>,
+    slots: Arc<FairSlots>,
+    threads: rayon::ThreadPool,
+    kept: Cache<Key, Kept, ByMemory>,
+}
+
+impl StressFields {
+    /// None kept yet.
     ///
     /// # Errors
-    /// 503 where too many wait, or it takes too long.
-    async fn take(&self) -> ApiResult<[OwnedSemaphorePermit; 2]> {
-        let busy = || {
-            let detail = "Many stress fields are being computed. The request may be sent again.";
-            ApiError::new(StatusCode::SERVICE_UNAVAILABLE, "busy", "Busy", detail).retry_after(2)
-        };
-        let admitted = Arc::clone(&self.admitted).try_acquire_owned().map_err(|_| busy())?;
-        let patience = Duration::from_secs(LIMITS.stress_wait_seconds);
-        let turn = tokio::time::timeout(patience, Arc::clone(&self.computing).acquire_owned()).await;
-        let Ok(Ok(computing)) = turn else { return Err(busy()) };
-        Ok([admitted, computing])
+    /// Where there are no threads to be had.
+    pub fn new() -> anyhow::Result<Self> {
+        const TYPICAL_BYTES: usize = 64 << 10;
+        let at_once = LIMITS.stress_fields_at_once;
+        let threads = rayon::ThreadPoolBuilder::new().num_threads(at_once).thread_name(|i| format!("stress-{i}"));
+        let bytes = LIMITS.stress_cache_bytes;
+        Ok(Self {
+            admitted: Places::new(at_once + LIMITS.stress_fields_waiting, LIMITS.stress_fields_waiting_per_sender),
+            slots: FairSlots::new(at_once, LIMITS.stress_fields_per_sender),
+            threads: threads.start_handler(|_| yield_to_others(NICENESS)).panic_handler(note_panic).build()?,
+            kept: Cache::with_weighter(bytes / TYPICAL_BYTES, bytes as u64, ByMemory),
+        })
     }
+
+    fn kept(&self, key: &Key) -> Option<Kept> {
+        self.kept.get(key).filter(|kept| !kept.as_ref().is_err_and(|since| since.elapsed() > TOO_LONG_FOR))
+    }
+
+    /// The field of a structure.
+    ///
+    /// # Errors
+    /// 503 where too many wait, it takes too long to begin, or the service stops; 422 where it takes too long to compute.
+    async fn field(
+        &self,
+        key: Key,
+        structure: &Arc<Structure>,
+        who: &Arc<str>,
+        stop: &CancellationToken,
+    ) -> ApiResult<Arc<Field>> {
+        let blocks = structure.len();
+        if let Some(kept) = self.kept(&key) {
+            return kept.map_err(|_| too_long(blocks));
+        }
+        let _admitted = self.admitted.take(who).map_err(|_| busy())?;
+        let patience = Duration::from_secs(LIMITS.stress_wait_seconds);
+        let slot = tokio::time::timeout(patience, self.slots.take(who)).await.map_err(|_late| busy())?;
+        // Another request may have computed it meanwhile.
+        if let Some(kept) = self.kept(&key) {
+            return kept.map_err(|_| too_long(blocks));
+        }
+        // Where the client leaves or the service stops, the computation ends.
+        let left = stop.child_token();
+        let _guard = left.clone().drop_guard();
+        let (answer, answered) = oneshot::channel();
+        let (structure, method) = (Arc::clone(structure), key.2);
+        self.threads.spawn_fifo(move || {
+            let _slot = slot;
+            let deadline = Instant::now() + Duration::from_secs(LIMITS.stress_seconds);
+            let stop = || left.is_cancelled() || Instant::now() >= deadline;
+            let field = Field::of(structure.cells(), method, &Control::until(&stop));
+            // Whoever waited for it may have gone.
+            let _ = answer.send(field.map_err(|_stopped| left.is_cancelled()));
+        });
+        match answered.await.map_err(|error| ApiError::internal(&error))? {
+            Ok(field) => {
+                metrics::counter!("plumbline_stress_fields_computed_total").increment(1);
+                let field = Arc::new(field);
+                self.kept.insert(key, Ok(Arc::clone(&field)));
+                Ok(field)
+            }
+            Err(true) => {
+                let detail = "The service stops. The request may be sent again.";
+                Err(ApiError::new(StatusCode::SERVICE_UNAVAILABLE, "stopping", "Stopping", detail).retry_after(5))
+            }
+            Err(false) => {
+                self.kept.insert(key, Err(Instant::now()));
+                Err(too_long(blocks))
+            }
+        }
+    }
+}
+
+fn busy() -> ApiError {
+    let detail = "Many stress fields are being computed. The request may be sent again.";
+    ApiError::new(StatusCode::SERVICE_UNAVAILABLE, "busy", "Busy", detail).retry_after(2)
+}
+
+fn too_long(blocks: usize) -> ApiError {
+    let detail = format!("the stress of these {blocks} blocks takes longer than {} s", LIMITS.stress_seconds);
+    ApiError::new(StatusCode::UNPROCESSABLE_ENTITY, "too-long", "Too long", detail)
 }
 
 /// Which field, and how it is written.
@@ -196,6 +292,7 @@ pub async fn get_stress(
     State(state): State<AppState>,
     Path(id): Path<String>,
     Params(query): Params<StressQuery>,
+    Reader(who): Reader,
     headers: HeaderMap,
 ) -> ApiResult<Response> {
     let row = stored(&state, &id).await?;
@@ -214,17 +311,15 @@ pub async fn get_stress(
     if has_tag(&headers, &etag) {
         return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, etag.as_str()), VARY]).into_response());
     }
-    let taken = state.stress_turns.take().await?;
     let log = state.store.log_json(&id).await?;
     let log = log.ok_or_else(|| ApiError::not_found(format!("there is no submission {id:?}")))?;
-    // Where the client leaves or the service stops, the computation ends.
-    let left = state.stop.child_token();
-    let _guard = left.clone().drop_guard();
-    let work = tokio::task::spawn_blocking(move || {
-        let _taken = taken;
-        compute(&id, &log, method, turn, format, &left)
-    });
-    let body = work.await.map_err(|error| ApiError::internal(&error))??;
+    let replaying = tokio::task::spawn_blocking(move || structure_after(&log, turn));
+    let structure = Arc::new(replaying.await.map_err(|error| ApiError::internal(&error))??);
+    let key = (Box::from(row.log_hash.as_str()), turn, method);
+    let field = state.stress.field(key, &structure, &who, &state.stop).await?;
+    let writing = tokio::task::spawn_blocking(move || write(&id, &structure, &field, method, turn, format));
+    let written = writing.await.map_err(|error| ApiError::internal(&error))?;
+    let body = written.map_err(|error| ApiError::internal(&error))?;
     let kind = if format == StressFormat::Ndjson { "application/x-ndjson" } else { "application/json" };
     Ok(([(header::CONTENT_TYPE, kind), (header::ETAG, etag.as_str()), VARY], body).into_response())
 }
@@ -232,18 +327,11 @@ pub async fn get_stress(
 /// The format may come from `Accept`.
 const VARY: (header::HeaderName, &str) = (header::VARY, "accept");
 
-/// The field as text.
+/// What stands after a turn.
 ///
 /// # Errors
-/// 422 where the structure has more blocks than stress is computed for, or takes longer; 503 where the service stops.
-fn compute(
-    id: &str,
-    log: &[u8],
-    method: Method,
-    turn: usize,
-    format: StressFormat,
-    left: &CancellationToken,
-) -> ApiResult<String> {
+/// 422 where it has more blocks than stress is computed for.
+fn structure_after(log: &[u8], turn: usize) -> ApiResult<Structure> {
     let log = BlockLog::from_canonical_json(log).map_err(|error| ApiError::internal(&error))?;
     let structure = Replay::new(&log).nth(turn - 1).unwrap_or_else(|| Structure::from_named([]));
     let (blocks, most) = (structure.len(), LIMITS.blocks_with_stress);
@@ -251,18 +339,7 @@ fn compute(
         let detail = format!("{blocks} blocks stand; stress is computed for at most {most}");
         return Err(ApiError::new(StatusCode::UNPROCESSABLE_ENTITY, "too-many-blocks", "Too many blocks", detail));
     }
-    let deadline = Instant::now() + Duration::from_secs(LIMITS.stress_seconds);
-    let stop = || left.is_cancelled() || Instant::now() >= deadline;
-    let Ok(field) = Field::of(structure.cells(), method, &Control::until(&stop)) else {
-        if left.is_cancelled() {
-            let detail = "The service stops. The request may be sent again.";
-            return Err(ApiError::new(StatusCode::SERVICE_UNAVAILABLE, "stopping", "Stopping", detail).retry_after(5));
-        }
-        // Asking again would take as long again.
-        let detail = format!("the stress of these {blocks} blocks takes longer than {} s", LIMITS.stress_seconds);
-        return Err(ApiError::new(StatusCode::UNPROCESSABLE_ENTITY, "too-long", "Too long", detail));
-    };
-    write(id, &structure, &field, method, turn, format).map_err(|error| ApiError::internal(&error))
+    Ok(structure)
 }
 
 fn write(

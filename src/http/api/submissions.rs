@@ -13,7 +13,6 @@ use uuid::Uuid;
 
 use super::super::body::{Format, JsonBody};
 use super::super::caller::Caller;
-use super::super::grader::is_quick;
 use super::super::idempotency;
 use super::super::problem::{ApiError, ApiResult, Problem};
 use super::super::state::AppState;
@@ -23,8 +22,10 @@ use super::submission_schema::{
     AcceptedAnswer, AcceptedBody, AcceptedList, NewSubmissionBody, Validated, ValidatedList,
 };
 use crate::clock::now_ms;
+use crate::grading::cost::{Cost, cost};
 use crate::store::StoreError;
 use crate::store::keys::Scope;
+use crate::store::queue::Lane;
 use crate::store::submissions::{Acceptability, Accepted, NewSubmission, PackedLog};
 use crate::tasks::catalogue::Entry;
 use crate::tasks::embedded::FULL;
@@ -157,7 +158,7 @@ async fn check(state: &AppState, caller: &Caller, body: JsonBody) -> ApiResult<C
         read.await.map_err(|error| ApiError::internal(&error))?;
     // What is wrong anyway need not be run.
     if faults.is_empty() {
-        run_codes(state, &mut submissions, &mut faults).await?;
+        run_codes(state, caller.who(), &mut submissions, &mut faults).await?;
     }
     let lines: Vec<Option<u64>> = submissions.iter().map(|submission| submission.line).collect();
     let places = resolve_all(state, caller, &submissions, &mut faults).await?;
@@ -279,7 +280,7 @@ fn prepare(
             turns: log.turns.len(),
             events: log.event_count(),
             owner: owner.map(str::to_owned),
-            quick: is_quick(task, log),
+            lane: if cost(task, log) == Cost::Immediate { Lane::Quick } else { Lane::Long },
             log: PackedLog::of(&json)?,
             replays: (!submission.replays.is_empty())
                 .then(|| serde_json::to_string(&submission.replays).unwrap_or_default()),

@@ -11,6 +11,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::super::api::stress::{StressQuery, get_stress};
 use super::super::api::submission::stored;
+use super::super::caller::Reader;
 use super::super::params::{self, Params};
 use super::super::problem::ApiError;
 use super::super::state::AppState;
@@ -229,7 +230,7 @@ pub fn image(svg: String) -> Response {
 ///
 /// # Errors
 /// 404 where there is no such submission.
-pub async fn evidence(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
+pub async fn evidence(State(state): State<AppState>, reader: Reader, Path(id): Path<String>) -> PageResult {
     let row = stored(&state, &id).await?;
     let mut one = shown(&state, row, "").await?;
     let log: Value = serde_json::from_slice(&log_of(&state, &id).await?).map_err(|error| ApiError::internal(&error))?;
@@ -237,7 +238,7 @@ pub async fn evidence(State(state): State<AppState>, Path(id): Path<String>) -> 
     if one.view.has_stress {
         let query = StressQuery::equilibrium_as_arrays();
         // Where the field cannot be had, the file is whole without it; the report's figures are in it all the same.
-        if let Ok(answer) = get_stress(State(state), Path(id.clone()), Params(query), HeaderMap::new()).await
+        if let Ok(answer) = get_stress(State(state), Path(id.clone()), Params(query), reader, HeaderMap::new()).await
             && let Ok(bytes) = axum::body::to_bytes(answer.into_body(), usize::MAX).await
         {
             stress = json!({ "fem": serde_json::from_slice::<Value>(&bytes).unwrap_or_default() });

@@ -4,8 +4,9 @@ pub mod nemo_gym;
 pub mod nemo_metrics;
 pub mod openrlhf;
 
+use std::sync::Arc;
+
 use serde_json::{Map, Value};
-use tokio::runtime::Handle;
 
 use super::super::problem::{ApiError, ApiResult};
 use super::super::state::AppState;
@@ -14,21 +15,36 @@ use super::grade_request::ReadRequest;
 use crate::tasks::catalogue::Catalogue;
 use crate::voxel::Faults;
 
-/// Grades what a model wrote against the task that `naming` tells (`task`, `suite`, `reward`), on this thread, which must not be one
-/// of the runtime's. An answer that cannot be graded has reward 0, and `answer.why` tells the reason.
+/// Grades what a model wrote against the task that `naming` tells (`task`, `suite`, `reward`). An answer that cannot be graded has reward 0, and `answer.why` tells the reason.
 ///
 /// # Errors
 /// Where the task cannot be found (the trainer's fault) or grading failed (ours).
-pub fn judge(
+pub async fn judge(
     state: &AppState,
-    runtime: &Handle,
+    who: &Arc<str>,
     catalogue: &Catalogue,
     naming: &Map<String, Value>,
     texts: Vec<String>,
 ) -> ApiResult<GradeBody> {
     let request = ReadRequest::read(request(naming).as_bytes(), catalogue)?.about(texts);
-    let prepared = runtime.block_on(request.prepare(state));
-    prepared.map_err(ApiError::without_reward_where_ours)?.grade_here(state)
+    let prepared = request.prepare(state, who).await.map_err(ApiError::without_reward_where_ours)?;
+    Ok(prepared.grade(state, who).await?.0)
+}
+
+/// The same for one of many samples, which have a place together and wait for their turns beside the time that each may take.
+///
+/// # Errors
+/// The same.
+pub async fn judge_in_turn(
+    state: &AppState,
+    who: &Arc<str>,
+    catalogue: &Catalogue,
+    naming: &Map<String, Value>,
+    text: String,
+) -> ApiResult<GradeBody> {
+    let request = ReadRequest::read(request(naming).as_bytes(), catalogue)?.about(vec![text]);
+    let prepared = request.prepare_in_turn(state, who).await.map_err(ApiError::without_reward_where_ours)?;
+    prepared.grade_in_turn(state, who).await
 }
 
 /// The request that names the task; what was done comes from the model.

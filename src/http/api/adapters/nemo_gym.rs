@@ -9,7 +9,6 @@ use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
 use serde_json::{Map, Value, json};
-use tokio::runtime::Handle;
 
 use super::super::super::body::JsonBody;
 use super::super::super::caller::Caller;
@@ -160,33 +159,34 @@ pub async fn reverify_mode() -> Json<&'static str> {
 )]
 pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBody) -> ApiResult<Json<Value>> {
     caller.require(Scope::Grade)?;
-    let place = state.grader.admit().map_err(ApiError::without_reward)?;
+    let who = caller.who();
+    let _place = state.grader.admit(who).map_err(ApiError::without_reward)?;
     let catalogue = state.store.catalogue();
-    let runtime = Handle::current();
-    let work = tokio::task::spawn_blocking(move || {
-        let _place = place;
+    let reading = tokio::task::spawn_blocking(move || {
         let request = object(&body.bytes)?;
-        let graded = judge(&state, &runtime, &catalogue, &naming(&request)?, texts(&request)?)
-            .map_err(|error| error.named(&[("/reward", "/reward_scheme")]))?;
-        // What is nested is not repeated: the framework refuses members that it does not know there.
-        let mut answer = if request.contains_key("verification_input") { Map::new() } else { request };
-        answer.insert("reward".to_owned(), graded.reward.into());
-        answer.insert("mask_sample".to_owned(), false.into());
-        let components = serde_json::to_value(&graded.components).map_err(|error| ApiError::internal(&error))?;
-        for (name, value) in components.as_object().into_iter().flatten() {
-            answer.insert(format!("reward_{name}"), value.clone());
-        }
-        answer.insert("reward_components".to_owned(), components);
-        if !graded.action_code.is_empty() {
-            let told = serde_json::to_value(&graded.action_code).map_err(|error| ApiError::internal(&error))?;
-            answer.insert("action_code".to_owned(), told);
-        }
-        if let Some(why) = graded.answer.and_then(|found| found.why) {
-            answer.insert("failure_reason".to_owned(), why.into());
-        }
-        Ok(Json(Value::Object(answer)))
+        let (naming, texts) = (naming(&request)?, texts(&request)?);
+        ApiResult::Ok((request, naming, texts))
     });
-    work.await.map_err(|error| ApiError::internal(&error))?
+    let (request, naming, texts) = reading.await.map_err(|error| ApiError::internal(&error))??;
+    let graded = judge(&state, who, &catalogue, &naming, texts).await;
+    let graded = graded.map_err(|error| error.named(&[("/reward", "/reward_scheme")]))?;
+    // What is nested is not repeated: the framework refuses members that it does not know there.
+    let mut answer = if request.contains_key("verification_input") { Map::new() } else { request };
+    answer.insert("reward".to_owned(), graded.reward.into());
+    answer.insert("mask_sample".to_owned(), false.into());
+    let components = serde_json::to_value(&graded.components).map_err(|error| ApiError::internal(&error))?;
+    for (name, value) in components.as_object().into_iter().flatten() {
+        answer.insert(format!("reward_{name}"), value.clone());
+    }
+    answer.insert("reward_components".to_owned(), components);
+    if !graded.action_code.is_empty() {
+        let told = serde_json::to_value(&graded.action_code).map_err(|error| ApiError::internal(&error))?;
+        answer.insert("action_code".to_owned(), told);
+    }
+    if let Some(why) = graded.answer.and_then(|found| found.why) {
+        answer.insert("failure_reason".to_owned(), why.into());
+    }
+    Ok(Json(Value::Object(answer)))
 }
 
 pub(super) fn object(text: &[u8]) -> ApiResult<Map<String, Value>> {

@@ -19,9 +19,6 @@ use super::nemo_gym::object;
 use crate::store::keys::Scope;
 use crate::voxel::Faults;
 
-/// Different numbers in the rows at most.
-const MOST_NAMES: usize = 1_000;
-
 /// Figures over rows.
 #[derive(Debug, Default, Serialize, utoipa::ToSchema)]
 pub struct AggregateMetrics {
@@ -57,7 +54,7 @@ pub async fn aggregate_metrics(
     body: JsonBody,
 ) -> ApiResult<Json<AggregateMetrics>> {
     caller.require(Scope::Grade)?;
-    let place = state.grader.admit_batch()?;
+    let place = state.grader.admit_batch(caller.who())?;
     let work = tokio::task::spawn_blocking(move || {
         let _place = place;
         let request = object(&body.bytes)?;
@@ -67,11 +64,11 @@ pub async fn aggregate_metrics(
             return Err(ApiError::faulty(faults));
         };
         let names: BTreeSet<String> = rows.iter().flat_map(numbers).map(|(name, _)| name).collect();
-        if names.len() > MOST_NAMES {
+        if names.len() > LIMITS.metric_names {
             let mut faults = Faults::new();
             faults.add_at(
                 "verify_responses",
-                format!("{} different numbers; at most {MOST_NAMES} are allowed", names.len()),
+                format!("{} different numbers; at most {} are allowed", names.len(), LIMITS.metric_names),
             );
             return Err(ApiError::faulty(faults));
         }

@@ -5,11 +5,9 @@
 
 use axum::Json;
 use axum::extract::State;
-use rayon::prelude::*;
+use futures_util::{StreamExt as _, TryStreamExt as _, stream};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use tokio::runtime::Handle;
-use tokio_util::sync::CancellationToken;
 
 use super::super::super::body::{JsonBody, read_json};
 use super::super::super::caller::Caller;
@@ -17,12 +15,14 @@ use super::super::super::limits::LIMITS;
 use super::super::super::problem::{ApiError, ApiResult, FaultBody, Problem};
 use super::super::super::state::AppState;
 use super::super::grade::GradeBody;
-use super::{add_misspelt, judge};
+use super::{add_misspelt, judge_in_turn};
 use crate::store::keys::Scope;
 use crate::voxel::Faults;
 
 /// What a label may say.
 const OPTIONS: [&str; 3] = ["task", "suite", "reward"];
+/// Samples of a request that are graded or wait at the same time.
+const AT_ONCE: usize = 8;
 /// Characters at the end of a prompt by which it is found in a query that lacks its beginning.
 const PROMPT_END_CHARS: usize = 200;
 
@@ -117,35 +117,30 @@ pub struct SampleProblem {
 )]
 pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: JsonBody) -> ApiResult<Json<Rewards>> {
     caller.require(Scope::Grade)?;
-    let place = state.grader.admit_batch().map_err(ApiError::without_reward)?;
+    let who = caller.who();
+    let _place = state.grader.admit_batch(who).map_err(ApiError::without_reward)?;
     let catalogue = state.store.current_catalogue().await?;
-    let runtime = Handle::current();
-    // Cancelled when this request is over, also because its client has gone or its time is up.
-    let gone = CancellationToken::new();
-    let _over = gone.clone().drop_guard();
-    let work = tokio::task::spawn_blocking(move || {
-        let _place = place;
-        let query = read(&body)?;
-        let judge_one = |i: usize| {
-            if gone.is_cancelled() {
-                return Err(ApiError::too_many("the request was over before all its samples were graded"));
-            }
-            let prompt = query.prompts.as_ref().and_then(|prompts| prompts.get(i)?.as_deref());
-            let answer = without_prompt(&query.query[i], prompt.unwrap_or_default());
-            let graded = naming(&query.labels[i])
-                .and_then(|naming| judge(&state, &runtime, &catalogue, &naming, vec![answer.to_owned()]));
-            match graded {
-                Ok(graded) => Ok(Ok(graded)),
-                Err(error) if error.problem().status < 500 && !error.problem().retryable => {
-                    Ok(Err(error.at(&format!("/labels/{i}"))))
-                }
-                Err(error) => Err(error),
-            }
+    let reading = tokio::task::spawn_blocking(move || read(&body));
+    let query = reading.await.map_err(|error| ApiError::internal(&error))??;
+    let judge_one = async |i: usize| {
+        let prompt = query.prompts.as_ref().and_then(|prompts| prompts.get(i)?.as_deref());
+        let answer = without_prompt(&query.query[i], prompt.unwrap_or_default()).to_owned();
+        let graded = match naming(&query.labels[i]) {
+            Ok(naming) => judge_in_turn(&state, who, &catalogue, &naming, answer).await,
+            Err(error) => Err(error),
         };
-        let judged: Vec<Judged> = (0..query.query.len()).into_par_iter().map(judge_one).collect::<ApiResult<_>>()?;
-        answer(judged)
-    });
-    work.await.map_err(|error| ApiError::internal(&error))?
+        match graded {
+            Ok(graded) => Ok(Ok(graded)),
+            Err(error) if error.problem().status < 500 && !error.problem().retryable => {
+                Ok(Err(error.at(&format!("/labels/{i}"))))
+            }
+            Err(error) => Err(error),
+        }
+    };
+    // What is under way when the client leaves, or one sample fails through us, ends with this request.
+    let judged: ApiResult<Vec<Judged>> =
+        stream::iter(0..query.query.len()).map(judge_one).buffered(AT_ONCE).try_collect().await;
+    answer(judged?)
 }
 
 /// A sample's grade, or what is wrong with its label.

@@ -12,7 +12,7 @@ use crate::voxel::Faults;
 use crate::voxel::tolerant::read_document;
 
 /// Bytes that may be read in vain beside so many times the text: brackets that begin no JSON, or JSON that is no log.
-const WASTE_BYTES: usize = 1 << 20;
+pub const WASTE_BYTES: usize = 1 << 20;
 const WASTE_TIMES: usize = 16;
 
 /// What was found in a text.

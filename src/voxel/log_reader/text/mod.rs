@@ -9,6 +9,8 @@ pub mod fences;
 mod json;
 pub mod thinking;
 
+pub use json::WASTE_BYTES;
+
 use std::ops::Range;
 
 use super::LogLimits;
