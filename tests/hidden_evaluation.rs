@@ -116,7 +116,7 @@ fn verify_offline(scene: &Scene, key: &str) {
     let checked = run(&["verify-receipt", scene.file("log.json").to_str().unwrap(), "--key", key], None);
     assert!(checked.status.success(), "{}", said(&checked));
     assert!(
-        said(&checked).contains("77 receipts, each of the log linked to the one before; 0 of them"),
+        said(&checked).contains("162 receipts, each of the log linked to the one before; 0 of them"),
         "{}",
         said(&checked)
     );
@@ -268,7 +268,9 @@ async fn insist(scene: &mut Scene, key: &str, path: &str, body: &Value) -> Value
 
 #[tokio::test]
 async fn whenever_the_service_dies_nothing_is_drawn_or_answered_twice_and_the_books_agree() {
-    for (commit, n) in [("issue_instances", 1), ("answer_instance", 3), ("record", 1), ("finalize_entry", 1)] {
+    for (commit, n) in
+        [("issue_instances", 1), ("answer_instance", 3), ("record", 1), ("finalize_entry", 1), ("publish_hidden", 1)]
+    {
         for side in ["before", "after"] {
             let mut scene = Scene::new(&[]);
             let lab = scene.key("lab");
@@ -306,7 +308,7 @@ async fn whenever_the_service_dies_nothing_is_drawn_or_answered_twice_and_the_bo
             let log = scene.file("log.json");
             let checked = run(&["verify-receipt", log.to_str().unwrap(), "--key", key.as_str().unwrap()], None);
             assert!(
-                checked.status.success() && said(&checked).starts_with("26 receipts"),
+                checked.status.success() && said(&checked).starts_with("55 receipts"),
                 "{what}: {}",
                 said(&checked)
             );

@@ -22,14 +22,16 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("grading", &["voxel", "elasticity", "checks", "tasks"]),
     ("epochs", &["voxel", "elasticity", "checks", "tasks", "builders", "grading"]),
     ("store", &["clock", "voxel", "checks", "tasks", "grading", "epochs"]),
-    ("actions", &["voxel"]),
-    ("worker", &["clock", "elasticity", "tasks", "grading", "epochs", "store"]),
+    ("actions", &["fair", "voxel"]),
+    ("worker", &["clock", "threads", "elasticity", "tasks", "grading", "epochs", "store"]),
     (
         "http",
         &[
             "actions",
             "clock",
+            "fair",
             "near",
+            "threads",
             "voxel",
             "elasticity",
             "checks",

@@ -24,3 +24,8 @@ pub fn refused(output: &Output) -> String {
     assert!(!output.status.success(), "{}", told(output));
     told(output)
 }
+
+/// A new key of an owner, with the default scopes.
+pub fn key(database: &Path, owner: &str) -> String {
+    succeeded(&plumbline(&["keys", "create", "--name", owner], database))
+}

@@ -16,6 +16,8 @@ pub const CONFIGURATION: &str = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822
 pub struct Scene {
     pub folder: tempfile::TempDir,
     pub service: Service,
+    /// Seconds between two times at which what hidden evaluation came to is told; for the next start.
+    pub publish_every: u64,
 }
 
 pub fn run(arguments: &[&str], database: Option<&Path>) -> Output {
@@ -38,27 +40,36 @@ impl Scene {
         assert!(run(&["migrate", "--create"], Some(&database)).status.success());
         let closes = jiff::Timestamp::now() + jiff::SignedDuration::from_hours(1);
         let closes = closes.to_string();
-        let create = ["epochs", "create", "autumn", "--closes", &closes, "--per-instance", "3"];
+        let mut create = vec!["epochs", "create", "autumn", "--closes", &closes];
+        for (option, value) in [("--per-instance", "3"), ("--owner-percent", "100")] {
+            if !options.contains(&option) {
+                create.extend([option, value]);
+            }
+        }
         let made = run(&[&create, options].concat(), Some(&database));
         assert!(made.status.success(), "{}", said(&made));
         std::fs::write(folder.path().join("clock"), "0").unwrap();
-        let service = Self::serve(folder.path(), None);
-        Self { folder, service }
+        let service = Self::serve(folder.path(), None, 1);
+        Self { folder, service, publish_every: 1 }
     }
 
     /// Starts the service in a scene's folder; at a crash point it shall die.
-    fn serve(folder: &Path, dies_at: Option<&str>) -> Service {
+    fn serve(folder: &Path, dies_at: Option<&str>, publish_every: u64) -> Service {
         let mut command = Command::new(PROGRAM);
         command.env("PLUMBLINE_TEST_CLOCK", folder.join("clock"));
         if let Some(point) = dies_at {
             command.env("PLUMBLINE_TEST_KILL", point);
         }
-        Service::start_by(command, &folder.join("p.db"), &["--lease-seconds", "1"])
+        Service::start_by(
+            command,
+            &folder.join("p.db"),
+            &["--lease-seconds", "1", "--hidden-publish-seconds", &publish_every.to_string()],
+        )
     }
 
     /// Ends the service and starts it again.
     pub fn restart(&mut self, dies_at: Option<&str>) {
-        self.service = Self::serve(self.folder.path(), dies_at);
+        self.service = Self::serve(self.folder.path(), dies_at, self.publish_every);
     }
 
     pub fn file(&self, name: &str) -> PathBuf {

@@ -4,6 +4,7 @@
 
 pub mod commands;
 pub mod epoch;
+pub mod tampering;
 
 use std::io::{BufRead as _, BufReader};
 use std::path::PathBuf;
