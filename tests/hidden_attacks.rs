@@ -144,6 +144,13 @@ fn the_log_is_not_believed_for_being_long(forged: &Reveal, downloaded: &Download
     assert!(verify(&good, &kept).unwrap().breaches.is_empty());
     let found = verify(forged, &kept).unwrap();
     assert!(!found.breaches.is_empty() || !found.unchecked.is_empty(), "nothing tells that bodies are withheld");
+    // Without rules in the commitment nothing would be asked; what entrants hold is asked all the same.
+    let mut without = downloaded.reveal.clone();
+    without["commitment"].as_object_mut().unwrap().remove("rules");
+    without["receipts"] = serde_json::json!([]);
+    let given = Kept { given: downloaded.kept().given, ..Kept::default() };
+    let found = verify(&serde_json::from_value(without).unwrap(), &given).unwrap();
+    assert!(found.breaches.iter().any(|breach| breach.detail == "is missing from the reveal"), "{:?}", found.breaches);
     // Somebody without the key continues the log with a change to a key of their own.
     let page: LogPage = serde_json::from_value(downloaded.pages[0].clone()).unwrap();
     let (own, last) = (Signer::new(&[9; 32]), page.receipts.last().unwrap().clone());

@@ -103,6 +103,9 @@ pub fn run(args: &EpochsArgs) -> anyhow::Result<ExitCode> {
             EpochsCommand::Create(new) => create(&store, new).await?,
             EpochsCommand::List => list(&store).await?,
             EpochsCommand::Close { name, reason } => {
+                if reason.trim().is_empty() {
+                    bail!("--reason is public and may not be empty");
+                }
                 if store.epoch(name).await?.is_none() {
                     bail!("there is no epoch {name:?}");
                 }

@@ -54,6 +54,9 @@ impl Given {
         let mut faults: Vec<ReceiptFault> =
             self.alone.iter().filter_map(|receipt| receipt.verify_place(trusted).err()).collect();
         if has_log {
+            if self.log.first().is_some_and(|first| first.seq != 1) {
+                faults.push(ReceiptFault::NoBeginning);
+            }
             let log: Vec<&ReceiptFile> = self.log.iter().collect();
             let end = match self.heads.iter().max_by_key(|head| head.size) {
                 Some(head) => verify_end(&log, head, trusted),
@@ -98,6 +101,12 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
     for fault in chains.iter().filter_map(|chain| verify_chain(chain.iter().copied()).err()) {
         is_good = false;
         println!("BROKEN  {fault}");
+    }
+    for alone in &given.alone {
+        if given.log.iter().any(|own| own.seq == alone.seq && (own.link != alone.link || own.hash != alone.hash)) {
+            is_good = false;
+            println!("BROKEN  receipt {}: the log has another one at its place", alone.seq);
+        }
     }
     let has_log = given.alone.len() < args.files.len();
     for fault in given.places(&trusted, has_log).iter().filter(|_| !args.part) {

@@ -229,6 +229,9 @@ pub enum ReceiptFault {
         "no signed head came with the log, so nothing shows that its end is there; `GET /v1/receipts` sends one with each page"
     )]
     NoHead,
+    /// The log does not begin with its first receipt.
+    #[error("the log does not begin with receipt 1: give all of its pages, or --part")]
+    NoBeginning,
     /// The link does not follow.
     #[error("link {0} does not follow from the link before it and the hash")]
     BrokenLink(i64),

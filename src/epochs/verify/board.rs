@@ -55,6 +55,18 @@ pub(super) fn check(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, sh
             continue;
         }
         let made = made(reveal, commitment, key, tier);
+        let registered = reveal.entries.iter().filter(|entry| entry.tier == tier).count();
+        if board["registered"].as_u64() != Some(registered as u64) {
+            found.breach(
+                place,
+                format!("says that {} entries registered; the reveal has {registered}", board["registered"]),
+            );
+            continue;
+        }
+        if board["is_released"] != true {
+            found.breach(place, "is from before its scores were told; fetch it when the epoch is over");
+            continue;
+        }
         if rows.len() != made.len() {
             found.breach(place, format!("has {} rows, the reveal makes {}", rows.len(), made.len()));
             continue;

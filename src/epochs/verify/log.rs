@@ -25,6 +25,9 @@ pub(super) fn signatures(epoch: &str, receipts: &[ReceiptFile], trusted: &[&str]
         if file.receipt.as_ref().is_none_or(|receipt| receipt["epoch"] != epoch) {
             found.breach(place(), "is not of this epoch");
         }
+        if file.seq < 1 {
+            found.breach(place(), "has no place in a log, which begins with 1");
+        }
         if !places.insert(file.seq) || !hashes.insert(&file.hash) {
             found.breach(place(), "stands twice in the reveal");
         }

@@ -4,6 +4,7 @@
 mod board;
 mod log;
 mod steps;
+mod times;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -164,6 +165,10 @@ fn specifications(
         let count = reveal.specifications.len();
         found.breach("specifications", format!("{count} are revealed, the key draws {}", leaves.len()));
     }
+    if commitment.specifications as usize != leaves.len() {
+        let detail = format!("{} were committed to, the key draws {}", commitment.specifications, leaves.len());
+        found.breach("specifications", detail);
+    }
     let root = hex(&merkle::root(&leaves));
     if root != commitment.root {
         found.breach("root", format!("the specifications have the root {root}, committed was {}", commitment.root));
@@ -229,6 +234,10 @@ fn draws(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, found: &mut V
 
 /// Every grade is what this program finds for the log.
 fn grades(reveal: &Reveal, logs: &BTreeMap<String, BlockLog>, found: &mut Verified) {
+    let answered = |id: &String| reveal.instances.iter().any(|own| own.id == *id && own.log_sha256.is_some());
+    for id in logs.keys().filter(|id| !answered(id)) {
+        found.breach(format!("instance {id}"), "has a log among the answers, and no answer in the reveal");
+    }
     let tasks: BTreeMap<u32, &Specification> =
         reveal.specifications.iter().map(|revealed| (revealed.specification.leaf, &revealed.specification)).collect();
     for instance in &reveal.instances {

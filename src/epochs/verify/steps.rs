@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::Value;
 
-use super::{Kept, Verified, log};
+use super::{Kept, Verified, log, times};
 use crate::epochs::commitment::{Commitment, Rules};
 use crate::epochs::evidence::{AnswerFact, ClosedFact, CompletedFact, DrawFact, EntryFact, Fact, TranscriptFact, fact};
 use crate::epochs::feedback::Tier;
@@ -13,28 +13,37 @@ use crate::epochs::reveal::{Reveal, RevealedEntry, RevealedInstance};
 
 /// What the receipts of an epoch state.
 #[derive(Default)]
-struct Stated<'a> {
-    entries: BTreeMap<String, EntryFact>,
-    draws: BTreeMap<(String, u32), DrawFact>,
-    answers: BTreeMap<String, AnswerFact>,
-    completed: BTreeMap<String, CompletedFact>,
+pub(super) struct Stated<'a> {
+    pub entries: BTreeMap<String, EntryFact>,
+    pub draws: BTreeMap<(String, u32), DrawFact>,
+    pub answers: BTreeMap<String, AnswerFact>,
+    pub completed: BTreeMap<String, CompletedFact>,
     failed: BTreeSet<String>,
     transcripts: BTreeMap<String, TranscriptFact>,
-    grades: BTreeMap<&'a str, Vec<&'a Value>>,
-    closed: Vec<(i64, ClosedFact)>,
+    pub grades: BTreeMap<&'a str, Vec<&'a Value>>,
+    pub closed: Vec<(i64, ClosedFact)>,
 }
 
 /// Holds a reveal against its receipts.
 pub(super) fn check(reveal: &Reveal, commitment: &Commitment, kept: &Kept, found: &mut Verified) {
+    let receipts = reveal.receipts.as_deref().unwrap_or_default();
     let Some(rules) = &commitment.rules else {
-        let why = "steps: the epoch was announced by an older program, which gave no receipts of them";
+        let why = "steps without a receipt: the epoch was announced by an older program, which gave none";
         found.unchecked.push(why.to_owned());
+        // What was given or entered all the same, after the program was renewed, must still be there.
+        let keys: Vec<&str> = kept.keys.iter().map(String::as_str).collect();
+        let own = receipts
+            .iter()
+            .map(|file| file.public_key.as_str())
+            .chain(kept.given.iter().map(|own| own.public_key.as_str()));
+        let trusted: Vec<&str> = if keys.is_empty() { own.collect() } else { keys };
+        log::given(&commitment.epoch, receipts, kept, &trusted, found);
         return;
     };
-    let Some(receipts) = &reveal.receipts else {
+    if reveal.receipts.is_none() {
         found.breach("receipts", "are missing from the reveal");
         return;
-    };
+    }
     let trusted = log::trusted(&rules.receipt_key, kept);
     let trusted: Vec<&str> = trusted.iter().map(String::as_str).collect();
     let before = found.breaches.len();
@@ -47,6 +56,8 @@ pub(super) fn check(reveal: &Reveal, commitment: &Commitment, kept: &Kept, found
     answers(reveal, commitment, rules, &stated, found);
     grades(reveal, &stated, found);
     end(receipts, commitment, &stated, found);
+    times::check(&stated, found);
+    times::budget(reveal, commitment, rules, &stated, found);
     if found.breaches.len() == before {
         found.receipts = receipts.len();
     }
@@ -279,6 +290,9 @@ fn end(receipts: &[ReceiptFile], commitment: &Commitment, stated: &Stated<'_>, f
     if closed.receipts != others {
         let detail = format!("receipt {seq} says that {} came before it, and the reveal has {others}", closed.receipts);
         found.breach("receipts", detail);
+    }
+    if receipts.iter().any(|file| file.seq > *seq) {
+        found.breach("receipts", format!("receipt {seq} states the end of the epoch, and others come after it"));
     }
     if closed.closed_at_ms > commitment.closes_at_ms {
         found.breach("receipts", "the epoch was closed after its time");

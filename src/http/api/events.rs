@@ -20,6 +20,8 @@ use super::super::state::AppState;
 use crate::clock::rfc3339;
 use crate::fair::Place;
 use crate::store::events::{EventRow, EventsOf};
+use crate::store::runs::RunState;
+use crate::store::submissions::SubmissionState;
 use crate::store::{Store, StoreResult};
 
 /// Events read at once.
@@ -130,6 +132,7 @@ pub async fn get_events(
         (None, Some(id)) => EventsOf::Submission(id),
         (None, None) => EventsOf::Everything,
     };
+    let has_ended = has_ended(&state, &of).await?;
     let after = match (seen, &of) {
         (Some(seen), _) => seen,
         (None, EventsOf::Everything) => state.store.last_event().await?,
@@ -138,13 +141,37 @@ pub async fn get_events(
     let place = state.event_streams.take(&who);
     let place = place.map_err(|_| ApiError::too_many("many follow events; come back in a moment"))?;
     let feed = state.event_feed.follow();
-    let following =
-        Following { state, of, after, seen: None, feed, is_over: false, read: VecDeque::new(), _place: place };
+    let following = Following {
+        state,
+        of,
+        after,
+        seen: None,
+        feed,
+        has_ended,
+        is_over: false,
+        read: VecDeque::new(),
+        _place: place,
+    };
     let events = futures_util::stream::unfold(following, |mut following| async move {
         let event = following.next().await?;
         Some((Ok::<_, Infallible>(event), following))
     });
     Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(ALIVE)).into_response())
+}
+
+/// Whether what is followed has ended already.
+async fn has_ended(state: &AppState, of: &EventsOf) -> ApiResult<bool> {
+    Ok(match of {
+        EventsOf::Everything => false,
+        EventsOf::Run(id) => {
+            let run = state.store.run(id).await?;
+            run.is_some_and(|run| matches!(run.state, RunState::Finished | RunState::Deleted))
+        }
+        EventsOf::Submission(id) => {
+            let found = state.store.submission(id).await?;
+            found.is_some_and(|found| !matches!(found.state, SubmissionState::Queued | SubmissionState::Grading))
+        }
+    })
 }
 
 /// What is sent of an event; none where it cannot be written.
@@ -176,6 +203,8 @@ struct Following {
     /// The last event, of whatever kind, up to which the stream has them all; none before it has looked.
     seen: Option<i64>,
     feed: broadcast::Receiver<Arc<Batch>>,
+    /// Whether what is followed had ended when the stream began.
+    has_ended: bool,
     /// Whether nothing more can come: what was followed has ended.
     is_over: bool,
     read: VecDeque<(EventRow, Event)>,
@@ -231,6 +260,8 @@ impl Following {
         if (rows.len() as i64) < PAGE {
             self.seen = Some(end);
         }
+        // It goes on after the last event that there is.
+        self.is_over |= rows.is_empty() && self.has_ended;
         let written = rows.into_iter().filter_map(|row| written(&self.state.store, &row).map(|event| (row, event)));
         self.read = written.collect();
         Ok(())
