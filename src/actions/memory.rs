@@ -7,8 +7,8 @@ use std::os::unix::fs::FileExt as _;
 /// The greatest size of this process in memory, beyond what it was in the beginning.
 #[derive(Debug)]
 pub struct PeakMemory {
-    /// Opened before files can no longer be opened.
-    status: Option<File>,
+    /// Opened before files can no longer be opened, and never closed: a confined process may not do that either.
+    status: Option<&'static File>,
     before: u64,
 }
 
@@ -22,7 +22,8 @@ impl PeakMemory {
     /// From now on.
     #[must_use]
     pub fn of_this_process() -> Self {
-        let mut own = Self { status: File::open("/proc/self/status").ok(), before: 0 };
+        let status = File::open("/proc/self/status").ok().map(|file| &*Box::leak(Box::new(file)));
+        let mut own = Self { status, before: 0 };
         own.before = own.read().unwrap_or(0);
         own
     }
@@ -35,7 +36,7 @@ impl PeakMemory {
 
     fn read(&self) -> Option<u64> {
         let mut text = [0; 4_096];
-        let length = self.status.as_ref()?.read_at(&mut text, 0).ok()?;
+        let length = self.status?.read_at(&mut text, 0).ok()?;
         let text = std::str::from_utf8(&text[..length]).ok()?;
         let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
         let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;

@@ -69,6 +69,8 @@ async fn settle_in(tx: &mut SqliteConnection, signer: &Signer, epoch_id: &str, n
         return Ok(!is_open);
     }
     let (closed_at_ms, reason) = epoch.closed.ok_or_else(|| StoreError::corrupt("epochs", "over, not closed"))?;
+    // The last receipt comes after all others, which a batch would not see to.
+    publish(tx, Some(epoch_id)).await?;
     let receipts = count_of(tx, epoch_id).await?;
     witness(tx, signer, epoch_id, &Fact::Closed(ClosedFact { closed_at_ms, reason, receipts })).await?;
     publish(tx, Some(epoch_id)).await?;
