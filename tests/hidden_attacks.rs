@@ -12,8 +12,8 @@ use plumbline::epochs::verify::{Kept, Verified, verify};
 use plumbline::voxel::BlockLog;
 use reqwest::StatusCode;
 use serde_json::{Value, json};
-use support::epoch::{CONFIGURATION, Scene, answer_to, id, run, said};
-use support::tampering::tamperings;
+use support::epoch::{CONFIGURATION, Scene, all_are_graded, answer_to, id, run, said};
+use support::tampering::{forged_without_the_last_entry, tamperings};
 
 const HOUR_MS: i64 = 3_600_000;
 const OTHER_CONFIGURATION: &str = "2c26b46b68ffc68ff99b453c1d30413413422d706483bfa0f98a5e886266e7ae";
@@ -116,7 +116,7 @@ async fn every_tampering_with_a_reveal_is_found() {
 
     // The operator, who has the key, signs everything anew without the last entry: the log that was kept and the receipts that were
     // given out are then the only witnesses, and each of them is enough.
-    let forged = forged_without_the_last_entry(&scene, &downloaded);
+    let forged = forged_without_the_last_entry(&scene, &downloaded.reveal);
     let reveal: Reveal = serde_json::from_value(forged).unwrap();
     let found = |kept: Kept| verify(&reveal, &kept).unwrap().breaches;
     let base = Kept::default;
@@ -172,30 +172,6 @@ fn the_log_is_not_believed_for_being_long(forged: &Reveal, downloaded: &Download
     kept.log.push(file);
     let found = verify(&good, &kept).unwrap();
     assert!(found.breaches.iter().any(|breach| breach.detail.contains("signed with key")), "{:?}", found.breaches);
-}
-
-/// A reveal in which the last entry never was, with receipts that are signed anew.
-fn forged_without_the_last_entry(scene: &Scene, downloaded: &Downloaded) -> Value {
-    use plumbline::epochs::receipts::{FIRST_LINK, Signer, link};
-    let secret = std::fs::read_to_string(scene.file("p.db.secrets/receipts.key")).unwrap();
-    let signer = Signer::new(&plumbline::epochs::canonical::unhex(secret.trim()).unwrap());
-    let dropped = tamperings(&downloaded.reveal).into_iter().find(|(name, _)| name.contains("receipts too")).unwrap().1;
-    let mut forged = dropped;
-    let receipts = forged["receipts"].as_array_mut().unwrap();
-    let count = receipts.len();
-    let mut previous = FIRST_LINK;
-    for (seq, file) in (1..).zip(receipts.iter_mut()) {
-        if file["receipt"].get("closed").is_some() {
-            file["receipt"]["closed"]["receipts"] = (count - 1).into();
-        }
-        let signed = signer.sign(&file["receipt"]);
-        let next = link(&previous, &signed.hash);
-        let hex = |bytes: &[u8]| Value::from(plumbline::tasks::hex(bytes));
-        (file["seq"], file["hash"], file["signature"]) = (seq.into(), hex(&signed.hash), signed.signature.into());
-        (file["previous"], file["link"]) = (hex(&previous), hex(&next));
-        previous = next;
-    }
-    forged
 }
 
 /// The command, with everything that can be given to it.
@@ -376,21 +352,6 @@ async fn a_promise_comes_with_the_first_answer() {
     assert_eq!((&again["repeated"], &again["receipt"]), (&json!(true), &first["receipt"]));
     body["transcript_sha256"] = CONFIGURATION.into();
     scene.refused(&lab, &path, &body, "another-transcript").await;
-}
-
-/// Waits until so many reports are stored, as only the operator can see it.
-async fn all_are_graded(scene: &Scene, wanted: i64) {
-    use sqlx::ConnectOptions as _;
-    let options = sqlx::sqlite::SqliteConnectOptions::new().filename(scene.file("p.db")).read_only(true);
-    let mut connection = options.connect().await.unwrap();
-    for _ in 0..600 {
-        let found: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM reports").fetch_one(&mut connection).await.unwrap();
-        if found == wanted {
-            return;
-        }
-        tokio::time::sleep(std::time::Duration::from_millis(100)).await;
-    }
-    panic!("not all are graded");
 }
 
 /// What everybody can see while answers are graded: the log of receipts, metrics, and where others are in the queue.

@@ -148,3 +148,18 @@ pub fn answer_to(instance: &Value, pool: &BTreeMap<Vec<String>, Task>, is_spoile
     body.as_object_mut().unwrap().remove("task");
     body
 }
+
+/// Waits until so many reports are stored, as only the operator can see it.
+pub async fn all_are_graded(scene: &Scene, wanted: i64) {
+    use sqlx::ConnectOptions as _;
+    let options = sqlx::sqlite::SqliteConnectOptions::new().filename(scene.file("p.db")).read_only(true);
+    let mut connection = options.connect().await.unwrap();
+    for _ in 0..600 {
+        let found: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM reports").fetch_one(&mut connection).await.unwrap();
+        if found == wanted {
+            return;
+        }
+        tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+    }
+    panic!("not all are graded");
+}

@@ -4,6 +4,8 @@ use plumbline::epochs::canonical::canonical_json;
 use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
+use super::epoch::Scene;
+
 /// Every way in which an operator may change what is revealed, with a name each.
 #[expect(clippy::too_many_lines, reason = "a list")]
 pub fn tamperings(reveal: &Value) -> Vec<(String, Value)> {
@@ -148,4 +150,28 @@ pub fn tamperings(reveal: &Value) -> Vec<(String, Value)> {
     }
     change("no receipts at all", &|changed| changed["receipts"] = json!([]));
     all
+}
+
+/// A reveal in which the last entry never was, with receipts that are signed anew.
+pub fn forged_without_the_last_entry(scene: &Scene, reveal: &Value) -> Value {
+    use plumbline::epochs::receipts::{FIRST_LINK, Signer, link};
+    let secret = std::fs::read_to_string(scene.file("p.db.secrets/receipts.key")).unwrap();
+    let signer = Signer::new(&plumbline::epochs::canonical::unhex(secret.trim()).unwrap());
+    let dropped = tamperings(reveal).into_iter().find(|(name, _)| name.contains("receipts too")).unwrap().1;
+    let mut forged = dropped;
+    let receipts = forged["receipts"].as_array_mut().unwrap();
+    let count = receipts.len();
+    let mut previous = FIRST_LINK;
+    for (seq, file) in (1..).zip(receipts.iter_mut()) {
+        if file["receipt"].get("closed").is_some() {
+            file["receipt"]["closed"]["receipts"] = (count - 1).into();
+        }
+        let signed = signer.sign(&file["receipt"]);
+        let next = link(&previous, &signed.hash);
+        let hex = |bytes: &[u8]| Value::from(plumbline::tasks::hex(bytes));
+        (file["seq"], file["hash"], file["signature"]) = (seq.into(), hex(&signed.hash), signed.signature.into());
+        (file["previous"], file["link"]) = (hex(&previous), hex(&next));
+        previous = next;
+    }
+    forged
 }
