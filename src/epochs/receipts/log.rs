@@ -149,22 +149,9 @@ pub fn verify_end(log: &[&ReceiptFile], head: &LogHead, trusted: &[&str]) -> Res
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests::file;
     use super::super::{key_change, verify};
     use super::*;
-
-    fn file(signer: &Signer, seq: i64, previous: &Hash, receipt: Value) -> ReceiptFile {
-        let signed = signer.sign(&receipt);
-        ReceiptFile {
-            seq,
-            receipt: Some(receipt),
-            hash: hex(&signed.hash),
-            signature: Some(signed.signature),
-            public_key: signed.public_key,
-            previous: hex(previous),
-            link: hex(&link(previous, &signed.hash)),
-            place_signature: None,
-        }
-    }
 
     #[test]
     fn a_key_changes_only_where_the_log_says_so() {

@@ -261,7 +261,7 @@ pub fn verify(file: &ReceiptFile, trusted: &[&str]) -> Result<(), ReceiptFault> 
 mod tests {
     use super::*;
 
-    fn file(signer: &Signer, seq: i64, previous: &Hash, receipt: Value) -> ReceiptFile {
+    pub(super) fn file(signer: &Signer, seq: i64, previous: &Hash, receipt: Value) -> ReceiptFile {
         let signed = signer.sign(&receipt);
         ReceiptFile {
             seq,
