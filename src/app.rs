@@ -15,7 +15,6 @@ use tokio_util::sync::CancellationToken;
 use crate::actions::ACTION_LIMITS;
 use crate::actions::pool::Pool;
 use crate::clock::now_ms;
-use crate::epochs::receipts::Signer;
 use crate::http::limits::LIMITS;
 use crate::http::rates::Rates;
 use crate::http::server::Connections;
@@ -23,8 +22,9 @@ use crate::http::{self, Around, HttpSettings};
 use crate::store::Store;
 use crate::store::keys::Scope;
 use crate::store::suites::SuiteStored;
-use crate::tasks::embedded;
 use crate::worker::{WorkerSettings, Workers};
+use plumbline_engine::hidden::receipts::Signer;
+use plumbline_engine::tasks::embedded;
 
 /// What a service is started with.
 #[derive(Debug, Clone)]

@@ -7,7 +7,7 @@ use anyhow::{Context as _, bail};
 use reqwest::{Client, RequestBuilder};
 use serde_json::{Value, json};
 
-use crate::voxel::BlockLog;
+use plumbline_engine::voxel::BlockLog;
 
 /// Submissions posted in one body, at most.
 const BATCH_LINES: usize = 100;

@@ -4,20 +4,13 @@
 
 pub mod actions;
 pub mod app;
-pub mod builders;
-pub mod checks;
 pub mod cli;
 pub mod client;
 pub mod clock;
-pub mod elasticity;
-pub mod epochs;
 pub mod fair;
-pub mod grading;
 pub mod http;
 pub mod near;
 pub mod store;
-pub mod tasks;
 pub mod telemetry;
 pub mod threads;
-pub mod voxel;
 pub mod worker;

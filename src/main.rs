@@ -7,7 +7,7 @@ use plumbline::cli::{Cli, run};
 
 /// Requests are taken up on one thread and dropped on another; glibc's allocator makes them wait for each other.
 #[global_allocator]
-static ALLOCATOR: tikv_jemallocator::Jemalloc = tikv_jemallocator::Jemalloc;
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 fn main() -> ExitCode {
     let cli = Cli::parse();

@@ -82,7 +82,7 @@ pub fn describe_metrics() {
     describe_gauge!("plumbline_build_info", "Always 1; the labels tell version and rules of the program");
     let labels = [
         ("version", env!("CARGO_PKG_VERSION").to_owned()),
-        ("checks_version", crate::checks::CHECKS_VERSION.to_string()),
+        ("checks_version", plumbline_engine::checks::CHECKS_VERSION.to_string()),
     ];
     metrics::gauge!("plumbline_build_info", &labels).set(1.0);
 }

@@ -11,7 +11,7 @@ use rustix::time::{ClockId, clock_gettime};
 
 use super::memory::PeakMemory;
 use super::{ActionLimits, CodeError, Dropped, LimitReached, RecordedEvent, Replayed, integers};
-use crate::voxel::cell;
+use plumbline_engine::voxel::cell;
 
 const PRELUDE: &str = include_str!("prelude.js");
 /// What the code is called in stacks of errors.

@@ -13,7 +13,7 @@ pub mod pool;
 
 use serde::{Deserialize, Serialize};
 
-use crate::voxel::cell;
+use plumbline_engine::voxel::cell;
 
 /// What action code may use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -9,11 +9,12 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::tasks::{find, suite};
-use crate::builders;
-use crate::builders::saboteurs::{self, SABOTEURS};
-use crate::tasks::Task;
-use crate::voxel::BlockLog;
-use crate::voxel::block_log::Event;
+use plumbline_engine::builders;
+use plumbline_engine::builders::saboteurs;
+use plumbline_engine::builders::saboteurs::SABOTEURS;
+use plumbline_engine::tasks::Task;
+use plumbline_engine::voxel::BlockLog;
+use plumbline_engine::voxel::block_log::Event;
 
 /// Arguments of `build`.
 #[derive(Debug, Args)]

@@ -3,12 +3,14 @@
 use anyhow::Context as _;
 use serde_json::json;
 
-use crate::builders::build;
-use crate::builders::saboteurs::{self, SABOTEURS};
 use crate::client::{Answer, Service};
-use crate::tasks::embedded::{self, LITE_SEED};
-use crate::tasks::{Suite, Task};
-use crate::voxel::BlockLog;
+use plumbline_engine::builders::build;
+use plumbline_engine::builders::saboteurs;
+use plumbline_engine::builders::saboteurs::SABOTEURS;
+use plumbline_engine::tasks::embedded;
+use plumbline_engine::tasks::embedded::LITE_SEED;
+use plumbline_engine::tasks::{Suite, Task};
+use plumbline_engine::voxel::BlockLog;
 
 /// What an agent makes of a good build.
 type Skill = fn(&Task, BlockLog) -> BlockLog;

@@ -10,13 +10,13 @@ use rayon::prelude::*;
 
 use super::{database, progress};
 use crate::clock::{now_ms, rfc3339};
-use crate::epochs::commitment::{Commitment, Rules, Terms, leaf_hash};
-use crate::epochs::feedback::Feedback;
-use crate::epochs::pool::{Generator, PoolError, Specification};
-use crate::epochs::secret::EpochKey;
 use crate::store::Store;
 use crate::store::epochs::EpochRules;
 use crate::store::secrets::{EpochSecret, random_key};
+use plumbline_engine::hidden::commitment::{Commitment, Rules, Terms, leaf_hash};
+use plumbline_engine::hidden::feedback::Feedback;
+use plumbline_engine::hidden::pool::{Generator, PoolError, Specification};
+use plumbline_engine::hidden::secret::EpochKey;
 
 /// Arguments of `epochs`.
 #[derive(Debug, Args)]

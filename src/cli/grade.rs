@@ -10,13 +10,13 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::progress;
-use crate::checks::Criterion;
-use crate::elasticity::Control;
-use crate::grading::raw_records::{RecordedProblem, problems, read_records};
-use crate::grading::summary::ProblemRate;
-use crate::grading::{ProblemScores, Summary, grade_structures};
-use crate::tasks::{embedded, lite};
-use crate::voxel::Fault;
+use plumbline_engine::checks::Criterion;
+use plumbline_engine::elasticity::Control;
+use plumbline_engine::grading::raw_records::{RecordedProblem, problems, read_records};
+use plumbline_engine::grading::summary::ProblemRate;
+use plumbline_engine::grading::{ProblemScores, Summary, grade_structures};
+use plumbline_engine::intake::Fault;
+use plumbline_engine::tasks::{embedded, lite};
 
 /// Arguments of `grade`.
 #[derive(Debug, Args)]

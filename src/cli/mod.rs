@@ -13,7 +13,6 @@ pub mod quota;
 pub mod receipts;
 pub mod regrade;
 pub mod replay;
-pub mod saboteur_table;
 pub mod serve;
 pub mod submit;
 pub mod tasks;

@@ -7,7 +7,7 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::Value;
 
-use crate::epochs::receipts::{
+use plumbline_engine::hidden::receipts::{
     LogHead, LogPage, ReceiptFault, ReceiptFile, verify, verify_chain, verify_end, verify_keys,
 };
 

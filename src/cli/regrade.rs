@@ -14,13 +14,13 @@ use uuid::Uuid;
 use super::database;
 use super::progress::bar;
 use crate::clock::{now_ms, rfc3339};
-use crate::elasticity::Control;
-use crate::grading::{Summary, grade_hashed};
 use crate::store::Store;
 use crate::store::boards::Read;
 use crate::store::regrades::{Difference, ToRegrade};
 use crate::store::reports::PackedReport;
-use crate::tasks::catalogue::Entry;
+use plumbline_engine::elasticity::Control;
+use plumbline_engine::grading::{Summary, grade_hashed};
+use plumbline_engine::tasks::catalogue::Entry;
 
 /// Submissions graded between two writes.
 const CHUNK: i64 = 200;

@@ -10,7 +10,7 @@ use clap::Args;
 use crate::actions::pool::Pool;
 use crate::actions::{ACTION_LIMITS, Replayed};
 use crate::http::api::replay::told;
-use crate::voxel::log_reader::code::without_fences;
+use plumbline_engine::intake::code::without_fences;
 
 /// Arguments of `replay`.
 #[derive(Debug, Args)]

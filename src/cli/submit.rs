@@ -9,9 +9,9 @@ use serde_json::json;
 
 use super::{grade, progress};
 use crate::client::{Answer, Service};
-use crate::grading::raw_records::RecordedProblem;
-use crate::voxel::replay::events_between;
-use crate::voxel::{BlockLog, Structure};
+use plumbline_engine::grading::raw_records::RecordedProblem;
+use plumbline_engine::voxel::replay::events_between;
+use plumbline_engine::voxel::{BlockLog, Structure};
 
 /// Arguments of `submit`.
 #[derive(Debug, Args)]

@@ -9,15 +9,16 @@ use anyhow::{Context as _, bail};
 use clap::Subcommand;
 use serde_json::Value;
 
+use super::database;
 use super::validate::{self, ValidateArgs};
-use super::{database, saboteur_table};
-use crate::checks::Criterion;
 use crate::clock::now_ms;
 use crate::near::{counted, did_you_mean};
 use crate::store::suites::SuiteStored;
-use crate::tasks::family::json_schema;
-use crate::tasks::published::{TaskFile, read_task_files};
-use crate::tasks::{Suite, Task, embedded};
+use plumbline_engine::checks::Criterion;
+use plumbline_engine::grading::saboteur_table;
+use plumbline_engine::tasks::family::json_schema;
+use plumbline_engine::tasks::published::{TaskFile, read_task_files};
+use plumbline_engine::tasks::{Suite, Task, embedded};
 
 /// Names that suites of others cannot have.
 const OWN_SUITES: [&str; 3] = [embedded::FULL, "mineceraft-lite", "hidden"];

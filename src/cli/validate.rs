@@ -9,12 +9,12 @@ use clap::Args;
 use rayon::prelude::*;
 
 use super::progress;
-use crate::builders::{build, has_builder};
-use crate::elasticity::Control;
-use crate::grading::grade_log;
-use crate::tasks::family::SuiteSource;
-use crate::tasks::published::{TaskFile, TaskFileFault};
-use crate::tasks::{Suite, Task, embedded};
+use plumbline_engine::builders::{build, has_builder};
+use plumbline_engine::elasticity::Control;
+use plumbline_engine::grading::grade_log;
+use plumbline_engine::tasks::family::SuiteSource;
+use plumbline_engine::tasks::published::{TaskFile, TaskFileFault};
+use plumbline_engine::tasks::{Suite, Task, embedded};
 
 /// Name of the hidden suite in its files.
 const HIDDEN: &str = "hidden";

@@ -8,12 +8,12 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::{Deserializer, Value};
 
-use crate::epochs::commitment::Commitment;
-use crate::epochs::evidence::GivenReceipt;
-use crate::epochs::receipts::LogPage;
-use crate::epochs::reveal::Reveal;
-use crate::epochs::verify::{Kept, verify};
-use crate::voxel::BlockLog;
+use plumbline_engine::hidden::commitment::Commitment;
+use plumbline_engine::hidden::evidence::GivenReceipt;
+use plumbline_engine::hidden::receipts::LogPage;
+use plumbline_engine::hidden::reveal::Reveal;
+use plumbline_engine::hidden::verify::{Kept, verify};
+use plumbline_engine::voxel::BlockLog;
 
 /// Arguments of `verify-epoch`. The more is given, the more is checked; what is not given is named in the output.
 #[derive(Debug, Args)]

@@ -8,10 +8,10 @@ use uuid::Uuid;
 
 use super::problem::ApiResult;
 use super::state::AppState;
-use crate::grading::standings::{Field, Standing, order};
-use crate::grading::statistics::ranks::{Comparisons, RankRange};
 use crate::store::boards::{ActionRow, News, Read};
-use crate::tasks::catalogue::Entry;
+use plumbline_engine::grading::standings::{Field, Standing, order};
+use plumbline_engine::grading::statistics::ranks::{Comparisons, RankRange};
+use plumbline_engine::tasks::catalogue::Entry;
 
 /// How long a board is taken for current although nothing of this process says that it changed: another process on the same
 /// file may have ended a run.

@@ -18,8 +18,8 @@ use super::limits::LIMITS;
 use super::problem::{ApiError, ApiResult};
 use super::state::AppState;
 use crate::near::did_you_mean;
-use crate::voxel::Faults;
-use crate::voxel::tolerant::why_not_json;
+use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::tolerant::why_not_json;
 
 /// What UTF-8 may begin with.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";

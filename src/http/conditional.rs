@@ -10,7 +10,7 @@ use serde::Serialize;
 use sha2::{Digest as _, Sha256};
 
 use super::problem::{ApiError, ApiResult};
-use crate::tasks::hex;
+use plumbline_engine::tasks::hex;
 
 /// Bytes of documents that are kept.
 const KEPT_BYTES: u64 = 32 << 20;

@@ -15,15 +15,15 @@ use tokio_util::sync::CancellationToken;
 use super::limits::LIMITS;
 use super::problem::{ApiError, ApiResult};
 use super::server::Connections;
-use crate::elasticity::Control;
 use crate::fair::{FairSlots, NoPlace, Place, Places};
-use crate::grading::baseline::Baseline;
-use crate::grading::cost::{Cost, cost};
-use crate::grading::{Report, grade_hashed};
-use crate::tasks::Task;
-use crate::tasks::catalogue::Entry;
 use crate::threads::yield_to_others;
-use crate::voxel::BlockLog;
+use plumbline_engine::elasticity::Control;
+use plumbline_engine::grading::baseline::Baseline;
+use plumbline_engine::grading::cost::{Cost, cost};
+use plumbline_engine::grading::{Report, grade_hashed};
+use plumbline_engine::tasks::Task;
+use plumbline_engine::tasks::catalogue::Entry;
+use plumbline_engine::voxel::BlockLog;
 
 /// Connections up to which logs are graded where their requests are answered. With more, what waits would wait unseen in the queue of
 /// the threads that serve, and whoever asks for something else behind it.

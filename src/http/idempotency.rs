@@ -10,7 +10,7 @@ use super::caller::Caller;
 use super::limits::LIMITS;
 use super::problem::{ApiError, ApiResult};
 use crate::store::idempotency::Once;
-use crate::tasks::hex;
+use plumbline_engine::tasks::hex;
 
 const HEADER: &str = "idempotency-key";
 /// Header of an answer that repeats an earlier one.

@@ -3,12 +3,13 @@
 use serde::Serialize;
 
 use crate::actions::ACTION_LIMITS;
-use crate::checks::evidence::{MAX_CHARS, MAX_ITEMS};
 use crate::store::jobs::MAX_ATTEMPTS;
-use crate::voxel::log_reader::LogLimits;
-use crate::voxel::log_reader::text::WASTE_BYTES;
-use crate::voxel::terrain::MAX_EXTENT;
-use crate::voxel::{Faults, cell};
+use plumbline_engine::checks::evidence::{MAX_CHARS, MAX_ITEMS};
+use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::LogLimits;
+use plumbline_engine::intake::text::WASTE_BYTES;
+use plumbline_engine::voxel::cell;
+use plumbline_engine::voxel::terrain::MAX_EXTENT;
 
 /// The limits. Sizes are of the decompressed body.
 #[derive(Debug, Clone, Copy, Serialize, utoipa::ToSchema)]

@@ -27,9 +27,9 @@ use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
 use crate::actions::pool::Pool;
-use crate::epochs::receipts::Signer;
 use crate::fair::Places;
 use crate::store::Store;
+use plumbline_engine::hidden::receipts::Signer;
 use state::{AppState, Shared};
 
 /// What the one who starts the service decides.

@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 use super::limits::LIMITS;
 use super::problem::{ApiError, ApiResult, FaultBody};
 use crate::near::did_you_mean;
-use crate::voxel::Faults;
+use plumbline_engine::intake::Faults;
 
 /// The parameters of a query string.
 #[derive(Debug, Clone, Copy, Default)]

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::rates::Left;
 use crate::store::StoreError;
-use crate::voxel::{Fault, Faults};
+use plumbline_engine::intake::{Fault, Faults};
 
 /// Media type of problems.
 pub const PROBLEM_JSON: &str = "application/problem+json";

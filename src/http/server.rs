@@ -12,8 +12,8 @@ use axum::Router;
 use axum::body::Body;
 use axum::http::Request;
 use hyper::body::Incoming;
-use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
-use hyper_util::server::conn::auto::Builder;
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::server::graceful::{GracefulShutdown, Watcher};
 use hyper_util::service::TowerToHyperService;
 use tokio::net::{TcpListener, TcpStream};
@@ -133,6 +133,10 @@ impl Door {
         let (router, graceful, stop) = (self.router.clone(), self.graceful.watcher(), self.stop.clone());
         self.serving.spawn(async move {
             let _open = open;
+            let stream = match TcpStream::from_std(stream) {
+                Ok(stream) => stream,
+                Err(error) => return tracing::warn!(%error, "could not take over a connection"),
+            };
             if let Err(error) = serve_one(stream, peer, router, graceful, stop).await {
                 tracing::debug!(%error, "connection ended");
             }
@@ -141,24 +145,23 @@ impl Door {
 }
 
 async fn serve_one(
-    stream: std::net::TcpStream,
+    stream: TcpStream,
     peer: SocketAddr,
     router: Router,
     graceful: Watcher,
     stop: CancellationToken,
-) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
-    let stream = TcpStream::from_std(stream)?;
+) -> hyper::Result<()> {
     // Small answers must not wait for more to send; failing to say so only costs time.
     let _ = stream.set_nodelay(true);
     // HTTP/1 alone: telling HTTP/2 apart would wait for the first bytes without a bound.
-    let mut builder = Builder::new(TokioExecutor::new()).http1_only();
+    let mut builder = http1::Builder::new();
     let headers = Duration::from_secs(LIMITS.header_seconds);
-    builder.http1().timer(TokioTimer::new()).header_read_timeout(headers).max_buf_size(BUFFER_BYTES);
+    builder.timer(TokioTimer::new()).header_read_timeout(headers).max_buf_size(BUFFER_BYTES);
     let service = router.map_request(move |mut request: Request<Incoming>| {
         request.extensions_mut().insert(Peer(peer));
         request.map(Body::new)
     });
     let stream = Impatient::new(stream, Duration::from_secs(LIMITS.write_seconds), stop);
-    let connection = builder.serve_connection(TokioIo::new(stream), TowerToHyperService::new(service)).into_owned();
+    let connection = builder.serve_connection(TokioIo::new(stream), TowerToHyperService::new(service));
     graceful.watch(connection).await
 }

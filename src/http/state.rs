@@ -9,9 +9,9 @@ use tokio::sync::{Notify, Semaphore};
 use tokio_util::sync::CancellationToken;
 
 use crate::actions::pool::Pool;
-use crate::epochs::receipts::Signer;
 use crate::store::Store;
-use crate::tasks::catalogue::Entry;
+use plumbline_engine::hidden::receipts::Signer;
+use plumbline_engine::tasks::catalogue::Entry;
 
 use super::api::health::Readiness;
 use super::api::stress::StressFields;

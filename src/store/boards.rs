@@ -3,12 +3,13 @@
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row as _, SqliteConnection};
 
+use super::rows::from_row;
 use super::run_ends::problems_of;
 use super::{Store, StoreError, StoreResult, commit};
-use crate::grading::fingerprints::Fingerprint;
-use crate::grading::outcomes::Outcomes;
-use crate::grading::standings::Finished;
-use crate::tasks::Task;
+use plumbline_engine::grading::fingerprints::Fingerprint;
+use plumbline_engine::grading::outcomes::Outcomes;
+use plumbline_engine::grading::standings::Finished;
+use plumbline_engine::tasks::Task;
 
 /// How far a reader has read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -22,7 +23,7 @@ pub struct Read {
 }
 
 /// What was done to a row of a board.
-#[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ActionRow {
     /// Its number.
     pub id: i64,
@@ -37,6 +38,8 @@ pub struct ActionRow {
     /// When.
     pub at_ms: i64,
 }
+
+from_row!(ActionRow { id, run_id, action, actor, reason, at_ms });
 
 /// What is new since a reader left off.
 #[derive(Debug, Default)]

@@ -4,10 +4,11 @@ use sqlx::{Row as _, SqliteConnection};
 
 use super::epochs::{BUDGET_SPENT, close_in, epoch_in};
 use super::evidence::{publish, witness};
+use super::rows::from_row;
 use super::{Store, StoreError, StoreResult, commit, quota};
-use crate::epochs::evidence::{CompletedFact, Fact};
-use crate::epochs::feedback::{Outcome, Tier, released_bits};
-use crate::epochs::receipts::Signer;
+use plumbline_engine::hidden::evidence::{CompletedFact, Fact};
+use plumbline_engine::hidden::feedback::{Outcome, Tier, released_bits};
+use plumbline_engine::hidden::receipts::Signer;
 
 /// A stored entry.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -35,7 +36,7 @@ pub struct EntryRow {
 }
 
 /// What a board needs of an instance.
-#[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 #[expect(clippy::struct_excessive_bools, reason = "a row, as the query gives it")]
 pub struct BoardOutcome {
     /// Its entry.
@@ -51,6 +52,8 @@ pub struct BoardOutcome {
     /// Whether that was shown.
     pub is_checked: bool,
 }
+
+from_row!(BoardOutcome { entry_id, salt, passes, is_answered, has_transcript, is_checked });
 
 macro_rules! select_entry {
     ($rest:literal) => {

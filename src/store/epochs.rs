@@ -7,7 +7,7 @@ use sqlx::{Row as _, SqliteConnection};
 
 use super::secrets::EpochSecret;
 use super::{Store, StoreError, StoreResult, commit};
-use crate::epochs::commitment::{Commitment, Rules};
+use plumbline_engine::hidden::commitment::{Commitment, Rules};
 
 /// Suite under which answers to hidden instances are kept; it has no tasks of its own, so no catalogue lists it.
 pub const HIDDEN_SUITE: &str = "hidden@1";

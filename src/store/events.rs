@@ -2,10 +2,11 @@
 
 use sqlx::{QueryBuilder, SqliteConnection};
 
+use super::rows::from_row;
 use super::{Store, StoreResult};
 
 /// Something ended.
-#[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EventRow {
     /// Place among all events; grows.
     pub id: i64,
@@ -24,6 +25,8 @@ pub struct EventRow {
     /// Number of the submission's task in it.
     pub task_number: Option<i64>,
 }
+
+from_row!(EventRow { id, at_ms, run_id, submission_id, state, overall, suite_id, task_number });
 
 /// Which events.
 #[derive(Debug, Clone, PartialEq, Eq)]

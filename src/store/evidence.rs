@@ -4,12 +4,13 @@ use serde_json::Value;
 use sqlx::SqliteConnection;
 
 use super::receipts::{NewReceipt, enter};
+use super::rows::from_row;
 use super::secrets::random_key;
 use super::{Store, StoreError, StoreResult};
-use crate::epochs::canonical::unhex;
-use crate::epochs::evidence::{Fact, GivenReceipt, receipt};
-use crate::epochs::receipts::{Signed, Signer};
-use crate::tasks::hex;
+use plumbline_engine::hidden::canonical::unhex;
+use plumbline_engine::hidden::evidence::{Fact, GivenReceipt, receipt};
+use plumbline_engine::hidden::receipts::{Signed, Signer};
+use plumbline_engine::tasks::hex;
 
 /// Receipts that one statement enters.
 const AT_ONCE: usize = 500;
@@ -61,7 +62,6 @@ pub(super) async fn count_of(tx: &mut SqliteConnection, epoch_id: &str) -> Store
     u64::try_from(count).map_err(|error| StoreError::corrupt("receipts", error))
 }
 
-#[derive(sqlx::FromRow)]
 struct Pending {
     epoch_id: String,
     submission_id: Option<String>,
@@ -71,6 +71,8 @@ struct Pending {
     signature: String,
     public_key: String,
 }
+
+from_row!(Pending { epoch_id, submission_id, attempt, body, hash, signature, public_key });
 
 /// Enters what waits into the log, of one epoch or of all. The order is that of the hashes, which tells nothing.
 pub(super) async fn publish(tx: &mut SqliteConnection, epoch_id: Option<&str>) -> StoreResult<()> {

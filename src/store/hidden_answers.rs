@@ -6,7 +6,7 @@ use super::evidence::witness;
 use super::instances::instance_in;
 use super::submissions::{Accepted, NewSubmission, accept_instead};
 use super::{Store, StoreError, StoreResult, commit};
-use crate::epochs::evidence::{AnswerFact, Fact};
+use plumbline_engine::hidden::evidence::{AnswerFact, Fact};
 
 /// What came of an answer.
 #[derive(Debug, Clone, PartialEq, Eq)]

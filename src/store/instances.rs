@@ -10,9 +10,9 @@ use super::evidence::witness;
 use super::reservations::{Room, held_in};
 use super::secrets::EpochSecret;
 use super::{Store, StoreError, StoreResult, commit, decompress};
-use crate::epochs::evidence::{DrawFact, Fact, TranscriptFact};
-use crate::epochs::issue::{Draw, leaf};
-use crate::tasks::{Task, hex};
+use plumbline_engine::hidden::evidence::{DrawFact, Fact, TranscriptFact};
+use plumbline_engine::hidden::issue::{Draw, leaf};
+use plumbline_engine::tasks::{Task, hex};
 
 /// A stored instance with its answer's state.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -10,8 +10,8 @@ use super::quota;
 use super::run_ends::end_if_complete;
 use super::runs::count;
 use super::submissions::SubmissionState;
-use crate::epochs::evidence::{Fact, FailureFact};
-use crate::epochs::receipts::Signer;
+use plumbline_engine::hidden::evidence::{Fact, FailureFact};
+use plumbline_engine::hidden::receipts::Signer;
 
 /// Ends the submission of a job whose attempts are used up.
 pub(super) async fn give_up(

@@ -12,8 +12,8 @@ use super::queue::{Lane, note_taken};
 use super::submissions::SubmissionState;
 use super::{Store, StoreError, StoreResult, commit, decompress};
 use crate::clock::now_ms;
-use crate::tasks::Task;
-use crate::voxel::BlockLog;
+use plumbline_engine::tasks::Task;
+use plumbline_engine::voxel::BlockLog;
 
 /// Attempts before a submission ends as `grader_error`.
 pub const MAX_ATTEMPTS: i64 = 3;

@@ -5,7 +5,7 @@ use sqlx::SqliteConnection;
 use uuid::Uuid;
 
 use super::{Store, StoreResult, commit};
-use crate::tasks::hex;
+use plumbline_engine::tasks::hex;
 
 /// Live keys that an owner may have: one in use and one to change over to.
 pub const LIVE_KEYS: i64 = 2;

@@ -17,6 +17,7 @@ pub mod instances;
 mod job_ends;
 pub mod jobs;
 pub mod keys;
+mod migrations;
 mod pace;
 pub mod queue;
 pub mod quota;
@@ -26,6 +27,7 @@ pub mod registration;
 pub mod regrades;
 pub mod reports;
 mod reservations;
+mod rows;
 mod run_ends;
 pub mod runs;
 pub mod schema;
@@ -45,14 +47,13 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, S
 use sqlx::{Connection as _, Sqlite, SqlitePool, Transaction};
 use tokio::sync::Notify;
 
-use crate::epochs::receipts::Signer;
-use crate::tasks::catalogue::Catalogue;
 use epochs::SecretsRead;
 use group_commit::Acceptances;
+use migrations::MIGRATOR;
 use pace::Pace;
+use plumbline_engine::hidden::receipts::Signer;
+use plumbline_engine::tasks::catalogue::Catalogue;
 use secrets::Secrets;
-
-static MIGRATOR: sqlx::migrate::Migrator = sqlx::migrate!();
 
 /// A write transaction.
 pub type Tx = Transaction<'static, Sqlite>;

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use sqlx::{QueryBuilder, SqliteConnection};
 
+use super::rows::from_row;
 use super::{Store, StoreResult, commit};
 
 /// What an owner may submit and has submitted, in submissions.
@@ -31,7 +32,7 @@ impl QuotaRow {
 }
 
 /// A row of the ledger.
-#[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct QuotaEntry {
     /// Place in the ledger.
     pub id: i64,
@@ -46,6 +47,8 @@ pub struct QuotaEntry {
     /// When.
     pub at_ms: i64,
 }
+
+from_row!(QuotaEntry { id, kind, units, submission_id, reason, at_ms });
 
 /// Reserves a unit for a submission about to be stored. False where the owner has none left. What nobody owns is free.
 pub(super) async fn reserve(tx: &mut SqliteConnection, owner: Option<&str>) -> StoreResult<bool> {

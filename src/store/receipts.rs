@@ -4,9 +4,9 @@ use sqlx::{QueryBuilder, Row as _, SqliteConnection};
 
 use super::evidence::publish;
 use super::{Store, StoreError, StoreResult, commit};
-use crate::epochs::canonical::{Hash, unhex};
-use crate::epochs::receipts::{FIRST_LINK, ReceiptFile, Signed, Signer, key_change, link};
-use crate::tasks::hex;
+use plumbline_engine::hidden::canonical::{Hash, unhex};
+use plumbline_engine::hidden::receipts::{FIRST_LINK, ReceiptFile, Signed, Signer, key_change, link};
+use plumbline_engine::tasks::hex;
 
 /// A receipt to enter.
 pub(super) struct NewReceipt<'a> {

@@ -6,8 +6,8 @@ use super::evidence::witness;
 use super::idempotency::{Before, Once};
 use super::reservations::{Room, held_in};
 use super::{Store, StoreError, StoreResult, commit};
-use crate::epochs::evidence::{EntryFact, Fact};
-use crate::epochs::feedback::Tier;
+use plumbline_engine::hidden::evidence::{EntryFact, Fact};
+use plumbline_engine::hidden::feedback::Tier;
 
 /// An entry to register.
 #[derive(Debug, Clone, Copy)]

@@ -4,15 +4,16 @@ use sqlx::{QueryBuilder, Row as _};
 
 use super::boards::enter_action;
 use super::reports::{GRADER, PackedReport};
+use super::rows::from_row;
 use super::run_ends::{problems_of, set_result};
 use super::{Store, StoreError, StoreResult, commit, decompress};
-use crate::checks::CHECKS_VERSION;
-use crate::grading::ProblemScores;
-use crate::tasks::Task;
-use crate::voxel::BlockLog;
+use plumbline_engine::checks::CHECKS_VERSION;
+use plumbline_engine::grading::ProblemScores;
+use plumbline_engine::tasks::Task;
+use plumbline_engine::voxel::BlockLog;
 
 /// A regrade.
-#[derive(Debug, Clone, sqlx::FromRow)]
+#[derive(Debug, Clone)]
 pub struct RegradeRow {
     /// Its id.
     pub id: String,
@@ -29,6 +30,8 @@ pub struct RegradeRow {
     /// When it was begun.
     pub created_at_ms: i64,
 }
+
+from_row!(RegradeRow { id, suite_id, reason, actor, checks_version, state, created_at_ms });
 
 /// A graded submission to be graded again.
 #[derive(Debug)]
@@ -52,7 +55,7 @@ impl ToRegrade {
 }
 
 /// A submission whose scores change.
-#[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Difference {
     /// The submission.
     pub submission_id: String,
@@ -65,6 +68,8 @@ pub struct Difference {
     /// Verdict of grading again.
     pub after: bool,
 }
+
+from_row!(Difference { submission_id, run_id, task_number, before, after });
 
 impl Store {
     /// Begins a regrade.

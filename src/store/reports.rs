@@ -15,9 +15,9 @@ use super::run_ends::end_if_complete;
 use super::runs::count;
 use super::submissions::SubmissionState;
 use super::{Store, StoreError, StoreResult, commit, compress, decompress};
-use crate::epochs::receipts::Signed;
-use crate::grading::Report;
-use crate::grading::fingerprints::Fingerprint;
+use plumbline_engine::grading::Report;
+use plumbline_engine::grading::fingerprints::Fingerprint;
+use plumbline_engine::hidden::receipts::Signed;
 
 /// A stored report with where it came from.
 #[derive(Debug, Clone)]

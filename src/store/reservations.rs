@@ -4,10 +4,11 @@ use sqlx::SqliteConnection;
 
 use super::StoreResult;
 use super::epochs::EpochRow;
-use crate::epochs::feedback::Tier;
+use super::rows::from_row;
+use plumbline_engine::hidden::feedback::Tier;
 
 /// What an entry holds of the pool.
-#[derive(Debug, sqlx::FromRow)]
+#[derive(Debug)]
 struct Held {
     id: String,
     owner: String,
@@ -15,6 +16,8 @@ struct Held {
     drawn: i64,
     reserved: i64,
 }
+
+from_row!(Held { id, owner, is_dev, drawn, reserved });
 
 /// What all entries of an epoch hold.
 #[derive(Debug)]

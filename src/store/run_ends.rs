@@ -7,10 +7,10 @@ use super::events::{self, NewEvent};
 use super::runs::{RunRow, RunState, Skip, count, run_in};
 use super::suites::tasks_of;
 use super::{StoreError, StoreResult};
-use crate::grading::fingerprints::Fingerprint;
-use crate::grading::outcomes::Outcomes;
-use crate::grading::{ProblemScores, Summary};
-use crate::tasks::Task;
+use plumbline_engine::grading::fingerprints::Fingerprint;
+use plumbline_engine::grading::outcomes::Outcomes;
+use plumbline_engine::grading::{ProblemScores, Summary};
+use plumbline_engine::tasks::Task;
 
 /// Notes which tasks a run skips. Gives those that were answered and cannot be.
 pub(super) async fn skip_tasks(tx: &mut SqliteConnection, run: &RunRow, skip: &Skip) -> StoreResult<Vec<u32>> {

@@ -13,7 +13,7 @@ use super::job_ends::End;
 use super::run_ends::{end_if_complete, skip_tasks};
 use super::submissions::SubmissionState;
 use super::{Store, StoreError, StoreResult, commit};
-use crate::grading::Summary;
+use plumbline_engine::grading::Summary;
 
 /// State of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions as _, Connection as _};
 
-use super::{MIGRATOR, Store, StoreError, StoreResult, copies};
+use super::migrations::MIGRATOR;
+use super::{Store, StoreError, StoreResult, copies};
 use crate::clock::now_ms;
 
 /// Which migrations a file has had, and which it lacks.

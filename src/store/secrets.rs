@@ -8,13 +8,13 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::{StoreError, StoreResult};
-use crate::epochs::canonical::unhex;
-use crate::epochs::commitment::{Commitment, leaf_hash};
-use crate::epochs::merkle;
-use crate::epochs::pool::{Specification, Stratum};
-use crate::epochs::receipts::Signer;
-use crate::epochs::secret::EpochKey;
-use crate::tasks::hex;
+use plumbline_engine::hidden::canonical::unhex;
+use plumbline_engine::hidden::commitment::{Commitment, leaf_hash};
+use plumbline_engine::hidden::merkle;
+use plumbline_engine::hidden::pool::{Specification, Stratum};
+use plumbline_engine::hidden::receipts::Signer;
+use plumbline_engine::hidden::secret::EpochKey;
+use plumbline_engine::tasks::hex;
 
 /// What an epoch draws from.
 #[derive(Debug)]

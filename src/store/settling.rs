@@ -6,8 +6,8 @@ use super::entries::complete_if_graded;
 use super::epochs::{EpochRow, epoch_in, seal_in};
 use super::evidence::{count_of, publish, witness};
 use super::{Store, StoreError, StoreResult, commit};
-use crate::epochs::evidence::{ClosedFact, Fact};
-use crate::epochs::receipts::Signer;
+use plumbline_engine::hidden::evidence::{ClosedFact, Fact};
+use plumbline_engine::hidden::receipts::Signer;
 
 impl Store {
     /// Brings an epoch that is over to its end: what is left open is finalized, unanswered instances count as failed, and so do those

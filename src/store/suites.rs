@@ -6,8 +6,8 @@ use sqlx::{Row as _, SqliteConnection};
 use std::sync::Arc;
 
 use super::{Store, StoreError, StoreResult, commit};
-use crate::tasks::catalogue::Catalogue;
-use crate::tasks::{Suite, Task, hex};
+use plumbline_engine::tasks::catalogue::Catalogue;
+use plumbline_engine::tasks::{Suite, Task, hex};
 
 /// What came of storing a suite.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -17,7 +17,7 @@ use sqlx::{AssertSqlSafe, Connection as _, Row as _, SqliteConnection};
 use super::copies::read_only;
 use super::transfer_tables::{Form, KINDS, Kind, PUBLIC};
 use super::{Store, StoreError, StoreResult, commit, compress, decompress, schema};
-use crate::tasks::{Task, hex};
+use plumbline_engine::tasks::{Task, hex};
 
 /// A line: the columns of a row in their order, and for submissions the id of the task.
 struct Line(Vec<(&'static str, Box<RawValue>)>);

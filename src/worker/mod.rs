@@ -12,17 +12,17 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::clock::now_ms;
-use crate::elasticity::Control;
-use crate::epochs::receipts::{Graded, OfInstance, Signed, Signer, receipt};
-use crate::grading::fingerprints::Fingerprint;
-use crate::grading::{Report, grade_hashed};
 use crate::store::jobs::{Claim, Claimed, HiddenJob, MAX_ATTEMPTS};
 use crate::store::queue::Lane;
 use crate::store::reports::{GRADER, PackedReport};
 use crate::store::submissions::SubmissionState;
 use crate::store::{Store, StoreResult};
-use crate::tasks::catalogue::Catalogue;
 use crate::threads::yield_to_others;
+use plumbline_engine::elasticity::Control;
+use plumbline_engine::grading::fingerprints::Fingerprint;
+use plumbline_engine::grading::{Report, grade_hashed};
+use plumbline_engine::hidden::receipts::{Graded, OfInstance, Signed, Signer, receipt};
+use plumbline_engine::tasks::catalogue::Catalogue;
 
 /// How workers work.
 #[derive(Debug, Clone, Copy)]

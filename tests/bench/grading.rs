@@ -5,13 +5,13 @@
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
-use plumbline::builders::build;
-use plumbline::checks::{Check, Subject};
-use plumbline::elasticity::{Control, fem, sph};
-use plumbline::grading::grade_log;
-use plumbline::tasks::{Task, embedded};
-use plumbline::voxel::replay::Replay;
-use plumbline::voxel::{Cell, Structure};
+use plumbline_engine::builders::build;
+use plumbline_engine::checks::{Check, Subject};
+use plumbline_engine::elasticity::{Control, fem, sph};
+use plumbline_engine::grading::grade_log;
+use plumbline_engine::tasks::{Task, embedded};
+use plumbline_engine::voxel::replay::Replay;
+use plumbline_engine::voxel::{Cell, Structure};
 
 fn main() {
     divan::main();

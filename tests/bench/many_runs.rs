@@ -1,9 +1,9 @@
 //! Fills a database that a service has made with finished runs, to see how boards bear them: `many_runs DATABASE SUITE COUNT`.
 
-use plumbline::checks::Criterion;
-use plumbline::grading::outcomes::Outcomes;
-use plumbline::grading::{ProblemScores, Summary};
-use plumbline::tasks::embedded;
+use plumbline_engine::checks::Criterion;
+use plumbline_engine::grading::outcomes::Outcomes;
+use plumbline_engine::grading::{ProblemScores, Summary};
+use plumbline_engine::tasks::embedded;
 use sqlx::ConnectOptions as _;
 use sqlx::sqlite::SqliteConnectOptions;
 
@@ -22,7 +22,7 @@ async fn main() -> anyhow::Result<()> {
     for number in 0..count.parse::<u32>()? {
         // A skill, and luck with each problem.
         let skill = random.next_u32();
-        let problem = |task: &plumbline::tasks::Task| {
+        let problem = |task: &plumbline_engine::tasks::Task| {
             let score = f64::from(u8::from(random.next_u32() < skill));
             let rows = task.checks().map(|check| (check.criterion(), score)).collect::<Vec<(Criterion, f64)>>();
             ProblemScores { number: task.number, rows }

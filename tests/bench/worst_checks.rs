@@ -7,8 +7,8 @@
 
 use std::time::Instant;
 
-use plumbline::checks::{Check, Subject};
-use plumbline::voxel::{Cell, Structure};
+use plumbline_engine::checks::{Check, Subject};
+use plumbline_engine::voxel::{Cell, Structure};
 use serde_json::{Value, json};
 
 /// Arguments that let a check do all its work.

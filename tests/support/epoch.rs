@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use plumbline::tasks::Task;
+use plumbline_engine::tasks::Task;
 use reqwest::StatusCode;
 use serde_json::{Value, json};
 

@@ -1,7 +1,6 @@
 //! The real program for tests: started as a process on a free port with a database file of its own.
 
-#![allow(dead_code, reason = "each test crate uses a part of this")]
-
+pub mod audit;
 pub mod commands;
 pub mod epoch;
 pub mod tampering;
@@ -11,8 +10,8 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
 
-use plumbline::builders::build;
-use plumbline::tasks::{Task, embedded};
+use plumbline_engine::builders::build;
+use plumbline_engine::tasks::{Task, embedded};
 use reqwest::{Client, RequestBuilder, StatusCode};
 use serde_json::{Value, json};
 

@@ -1,6 +1,6 @@
 //! What an operator may change in a reveal.
 
-use plumbline::epochs::canonical::canonical_json;
+use plumbline_engine::hidden::canonical::canonical_json;
 use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
@@ -145,7 +145,7 @@ pub fn tamperings(reveal: &Value) -> Vec<(String, Value)> {
         change(&format!("receipt {at} with another salt"), &|changed| {
             let own = &mut changed["receipts"][at];
             own["receipt"]["salt"] = "0".repeat(64).into();
-            own["hash"] = plumbline::tasks::hex(&Sha256::digest(canonical_json(&own["receipt"]))).into();
+            own["hash"] = plumbline_engine::tasks::hex(&Sha256::digest(canonical_json(&own["receipt"]))).into();
         });
     }
     change("no receipts at all", &|changed| changed["receipts"] = json!([]));
@@ -154,9 +154,9 @@ pub fn tamperings(reveal: &Value) -> Vec<(String, Value)> {
 
 /// A reveal in which the last entry never was, with receipts that are signed anew.
 pub fn forged_without_the_last_entry(scene: &Scene, reveal: &Value) -> Value {
-    use plumbline::epochs::receipts::{FIRST_LINK, Signer, link};
+    use plumbline_engine::hidden::receipts::{FIRST_LINK, Signer, link};
     let secret = std::fs::read_to_string(scene.file("p.db.secrets/receipts.key")).unwrap();
-    let signer = Signer::new(&plumbline::epochs::canonical::unhex(secret.trim()).unwrap());
+    let signer = Signer::new(&plumbline_engine::hidden::canonical::unhex(secret.trim()).unwrap());
     let dropped = tamperings(reveal).into_iter().find(|(name, _)| name.contains("receipts too")).unwrap().1;
     let mut forged = dropped;
     let receipts = forged["receipts"].as_array_mut().unwrap();
@@ -168,7 +168,7 @@ pub fn forged_without_the_last_entry(scene: &Scene, reveal: &Value) -> Value {
         }
         let signed = signer.sign(&file["receipt"]);
         let next = link(&previous, &signed.hash);
-        let hex = |bytes: &[u8]| Value::from(plumbline::tasks::hex(bytes));
+        let hex = |bytes: &[u8]| Value::from(plumbline_engine::tasks::hex(bytes));
         (file["seq"], file["hash"], file["signature"]) = (seq.into(), hex(&signed.hash), signed.signature.into());
         (file["previous"], file["link"]) = (hex(&previous), hex(&next));
         previous = next;

@@ -4,14 +4,15 @@ use anyhow::{Context as _, bail};
 use serde::Deserialize;
 use serde_json::Value;
 
-use crate::checks::{Check, Subject};
-use crate::elasticity::{Control, sph};
-use crate::grading::raw_records::RecordedProblem;
-use crate::grading::{Summary, grade_structures};
-use crate::tasks::published::{TaskFile, read_check, read_task_files};
-use crate::voxel::log_reader::{LogLimits, read_turns};
-use crate::voxel::replay::Replay;
-use crate::voxel::{BlockLog, Cell, Faults, Structure};
+use plumbline_engine::checks::{Check, Subject};
+use plumbline_engine::elasticity::{Control, sph};
+use plumbline_engine::grading::raw_records::RecordedProblem;
+use plumbline_engine::grading::{Summary, grade_structures};
+use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::{LogLimits, read_turns};
+use plumbline_engine::tasks::published::{TaskFile, read_check, read_task_files};
+use plumbline_engine::voxel::replay::Replay;
+use plumbline_engine::voxel::{BlockLog, Cell, Structure};
 
 /// Stresses agree within this part of the expected value …
 const STRESS_RELATIVE: f64 = 1e-6;

@@ -5,9 +5,9 @@ use serde::de::{IgnoredAny, MapAccess};
 use super::log_member::LogMember;
 use super::submission_body::{PostedSubmission, TaskRef};
 use super::submission_schema::{NewTurn, StoredLogBody};
-use crate::epochs::canonical::unhex;
-use crate::voxel::Faults;
-use crate::voxel::tolerant::{OrNull, Read, Shape, Text};
+use plumbline_engine::hidden::canonical::unhex;
+use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::tolerant::{OrNull, Read, Shape, Text};
 
 /// The answer to a hidden instance.
 #[derive(Debug, serde::Deserialize, utoipa::ToSchema)]

@@ -7,14 +7,14 @@ use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
 
-use super::super::body::{JsonBody, read_json};
-use super::super::caller::Caller;
-use super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::state::AppState;
 use crate::clock::{now_ms, rfc3339};
+use crate::http::body::{JsonBody, read_json};
+use crate::http::caller::Caller;
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
 use crate::store::boards::{Acted, ActionRow};
 use crate::store::keys::Scope;
-use crate::voxel::Faults;
+use plumbline_engine::intake::Faults;
 
 /// Characters of a reason at most.
 const REASON_CHARS: usize = 500;

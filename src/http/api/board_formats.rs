@@ -5,9 +5,9 @@ use std::borrow::Cow;
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
-use super::super::conditional::Document;
-use super::super::problem::{ApiError, ApiResult};
 use super::leaderboards::{BoardBody, BoardRow};
+use crate::http::conditional::Document;
+use crate::http::problem::{ApiError, ApiResult};
 
 /// How a board is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, utoipa::ToSchema)]

@@ -8,15 +8,15 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
-use super::super::boards::Board;
-use super::super::conditional::tagged_json;
-use super::super::params::Params;
-use super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::state::AppState;
-use crate::checks::Criterion;
-use crate::grading::standings::Standing;
-use crate::grading::summary::ProblemRate;
-use crate::tasks::Task;
+use crate::http::boards::Board;
+use crate::http::conditional::tagged_json;
+use crate::http::params::Params;
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
+use plumbline_engine::checks::Criterion;
+use plumbline_engine::grading::standings::Standing;
+use plumbline_engine::grading::summary::ProblemRate;
+use plumbline_engine::tasks::Task;
 
 /// Rows of a breakdown at most.
 const BREAKDOWN_ROWS: usize = 50;

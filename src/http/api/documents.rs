@@ -4,9 +4,9 @@ use axum::extract::State;
 use axum::http::header;
 use axum::response::IntoResponse;
 
-use super::super::problem::{ApiResult, Problem};
-use super::super::state::AppState;
 use crate::clock::now_ms;
+use crate::http::problem::{ApiResult, Problem};
+use crate::http::state::AppState;
 
 /// The OpenAPI document of this service.
 #[utoipa::path(

@@ -4,18 +4,18 @@ use axum::Json;
 use axum::extract::{Path, State};
 use serde::{Deserialize, Serialize};
 
-use super::super::body::{JsonBody, read_json};
-use super::super::caller::Caller;
-use super::super::limits::LIMITS;
-use super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::state::AppState;
 use super::entries::{not_open, own_entry};
 use super::epochs::stored_epoch;
 use super::instances::InstanceBody;
 use crate::clock::now_ms;
+use crate::http::body::{JsonBody, read_json};
+use crate::http::caller::Caller;
+use crate::http::limits::LIMITS;
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
 use crate::store::instances::Issued;
 use crate::store::keys::Scope;
-use crate::voxel::Faults;
+use plumbline_engine::intake::Faults;
 
 /// What draws the instances of a run.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]

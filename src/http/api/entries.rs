@@ -8,22 +8,22 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use uuid::Uuid;
 
-use super::super::body::{JsonBody, read_json};
-use super::super::caller::Caller;
-use super::super::idempotency;
-use super::super::limits::LIMITS;
-use super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::state::AppState;
 use super::epochs::stored_epoch;
 use crate::clock::{now_ms, rfc3339};
-use crate::epochs::canonical::unhex;
-use crate::epochs::evidence::GivenReceipt;
-use crate::epochs::feedback::{Outcome, Tier, told};
+use crate::http::body::{JsonBody, read_json};
+use crate::http::caller::Caller;
+use crate::http::idempotency;
+use crate::http::limits::LIMITS;
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
 use crate::store::entries::EntryRow;
 use crate::store::epochs::EpochRow;
 use crate::store::keys::Scope;
 use crate::store::registration::{NewEntry, Registered};
-use crate::voxel::Faults;
+use plumbline_engine::hidden::canonical::unhex;
+use plumbline_engine::hidden::evidence::GivenReceipt;
+use plumbline_engine::hidden::feedback::{Outcome, Tier, told};
+use plumbline_engine::intake::Faults;
 
 /// What registers an entry.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]

@@ -6,15 +6,16 @@ use axum::Json;
 use axum::extract::{Path, State};
 use serde::{Deserialize, Serialize};
 
-use super::super::params::Params;
-use super::super::problem::{ApiResult, Problem};
-use super::super::state::AppState;
 use super::epochs::stored_epoch;
 use crate::clock::now_ms;
-use crate::epochs::board::{self, Answered, Entrant, Row};
-use crate::epochs::feedback::{Feedback, Tier};
+use crate::http::params::Params;
+use crate::http::problem::{ApiResult, Problem};
+use crate::http::state::AppState;
 use crate::store::entries::{BoardOutcome, EntryRow};
 use crate::store::epochs::EpochRow;
+use plumbline_engine::hidden::board;
+use plumbline_engine::hidden::board::{Answered, Entrant, Row};
+use plumbline_engine::hidden::feedback::{Feedback, Tier};
 
 /// Which board.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]

@@ -11,16 +11,16 @@ use axum::response::{IntoResponse as _, Response};
 use futures_util::stream;
 use serde::Serialize;
 
-use super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::state::AppState;
 use crate::clock::{now_ms, rfc3339};
-use crate::epochs::commitment::Commitment;
-use crate::epochs::feedback::{Feedback, Outcome, Tier};
-use crate::epochs::reveal::{Reveal, RevealedEntry, RevealedInstance, revealed};
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
 use crate::store::StoreError;
 use crate::store::entries::EntryRow;
 use crate::store::epochs::EpochRow;
 use crate::store::secrets::EpochSecret;
+use plumbline_engine::hidden::commitment::Commitment;
+use plumbline_engine::hidden::feedback::{Feedback, Outcome, Tier};
+use plumbline_engine::hidden::reveal::{Reveal, RevealedEntry, RevealedInstance, revealed};
 
 /// How far an epoch is.
 #[derive(Debug, utoipa::ToSchema, serde::Serialize)]
@@ -250,7 +250,7 @@ pub async fn get_epoch_reveal(State(state): State<AppState>, Path(epoch): Path<S
             index: own.family_index,
             leaf: own.leaf,
             log_sha256: own.log_hash,
-            overall: scores.as_ref().map(crate::grading::ProblemScores::overall),
+            overall: scores.as_ref().map(plumbline_engine::grading::ProblemScores::overall),
             scores: scores.map(|scores| scores.rows),
             transcript_sha256: own.transcript_hash,
             transcript_checked: own.transcript_checked_ms.is_some(),

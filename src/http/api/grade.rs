@@ -9,20 +9,20 @@ use axum::response::{IntoResponse as _, Response};
 use serde::Serialize;
 use serde_json::Value;
 
-use super::super::body::{Format, JsonBody};
-use super::super::caller::Caller;
-use super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::state::AppState;
 use super::grade_answer::AnswerBody;
 use super::grade_body::Detail;
 use super::grade_request::ReadRequest;
 use super::replay::TurnReplay;
 use super::submission_schema::{NewTurn, StoredLogBody};
-use crate::checks::Criterion;
-use crate::grading::Report;
-use crate::grading::report::CriterionReport;
-use crate::grading::reward::RewardComponents;
+use crate::http::body::{Format, JsonBody};
+use crate::http::caller::Caller;
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
 use crate::store::keys::Scope;
+use plumbline_engine::checks::Criterion;
+use plumbline_engine::grading::Report;
+use plumbline_engine::grading::report::CriterionReport;
+use plumbline_engine::grading::reward::RewardComponents;
 
 /// A log to grade at once.
 #[derive(Debug, serde::Deserialize, utoipa::ToSchema)]

@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 
-use super::super::limits::LIMITS;
-use crate::voxel::log_reader::code::SentLog;
-use crate::voxel::log_reader::text::{AnswerKind, FoundAnswer, read_answer};
+use crate::http::limits::LIMITS;
+use plumbline_engine::intake::code::SentLog;
+use plumbline_engine::intake::text::{AnswerKind, FoundAnswer, read_answer};
 
 /// What was found in the texts of a model.
 #[derive(Debug, Clone, Default, Serialize, utoipa::ToSchema)]

@@ -17,17 +17,17 @@ use serde::Serialize;
 use serde_json::value::RawValue;
 use tokio::sync::mpsc;
 
-use super::super::body::{Format, JsonBody};
-use super::super::caller::Caller;
-use super::super::grader::{Lane, Until};
-use super::super::limits::LIMITS;
-use super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::state::AppState;
 use super::grade::{GradeBody, NewGrade};
 use super::grade_request::{Found, Prepared, ReadRequest};
+use crate::http::body::{Format, JsonBody};
+use crate::http::caller::Caller;
+use crate::http::grader::{Lane, Until};
+use crate::http::limits::LIMITS;
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
 use crate::store::keys::Scope;
-use crate::tasks::catalogue::Catalogue;
-use crate::voxel::Faults;
+use plumbline_engine::intake::Faults;
+use plumbline_engine::tasks::catalogue::Catalogue;
 
 /// Logs that are graded in a turn, and answered together.
 const CHUNK: usize = 16;

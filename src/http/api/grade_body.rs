@@ -5,16 +5,16 @@ use std::time::Duration;
 use serde::de::{IgnoredAny, MapAccess, SeqAccess};
 use serde_json::{Map, Value};
 
-use super::super::limits::LIMITS;
 use super::log_member::LogMember;
 use super::submission_body::{TaskRef, TaskShape};
-use crate::checks::Criterion;
-use crate::grading::reward::Scheme;
-use crate::tasks::published::read_checks;
-use crate::tasks::{Instruction, Task};
-use crate::voxel::Faults;
-use crate::voxel::log_reader::code::SentLog;
-use crate::voxel::tolerant::{OrNull, Read, Scalar, Shape, Text, Verbatim};
+use crate::http::limits::LIMITS;
+use plumbline_engine::checks::Criterion;
+use plumbline_engine::grading::reward::Scheme;
+use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::code::SentLog;
+use plumbline_engine::intake::tolerant::{OrNull, Read, Scalar, Shape, Text, Verbatim};
+use plumbline_engine::tasks::published::read_checks;
+use plumbline_engine::tasks::{Instruction, Task};
 
 /// How much of the report is answered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]

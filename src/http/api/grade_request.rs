@@ -5,24 +5,25 @@ use std::time::{Duration, Instant};
 
 use sha2::{Digest as _, Sha256};
 
-use super::super::grader::{Deadline, GivenTask, Graded, Until};
-use super::super::limits::LIMITS;
-use super::super::problem::{ApiError, ApiResult};
-use super::super::state::AppState;
 use super::grade::{CheckScore, GradeBody, Timings};
 use super::grade_answer::{AnswerBody, log_in_texts};
 use super::grade_body::{Detail, GivenWork, GradeRequest, GradeShape, NamedTask};
 use super::replay::{EventBudget, TurnReplay, place, run_sent};
 use super::submission_body::check_against_task;
-use crate::checks::{CHECKS_VERSION, Dimension};
-use crate::grading::cost::{Cost, cost};
-use crate::grading::reward::{RewardComponents, Scheme};
-use crate::tasks::catalogue::Catalogue;
-use crate::tasks::embedded::FULL;
-use crate::tasks::{Task, hex};
-use crate::voxel::log_reader::code::SentLog;
-use crate::voxel::tolerant::{read_document, why_not_json};
-use crate::voxel::{BlockLog, Faults};
+use crate::http::grader::{Deadline, GivenTask, Graded, Until};
+use crate::http::limits::LIMITS;
+use crate::http::problem::{ApiError, ApiResult};
+use crate::http::state::AppState;
+use plumbline_engine::checks::{CHECKS_VERSION, Dimension};
+use plumbline_engine::grading::cost::{Cost, cost};
+use plumbline_engine::grading::reward::{RewardComponents, Scheme};
+use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::code::SentLog;
+use plumbline_engine::intake::tolerant::{read_document, why_not_json};
+use plumbline_engine::tasks::catalogue::Catalogue;
+use plumbline_engine::tasks::embedded::FULL;
+use plumbline_engine::tasks::{Task, hex};
+use plumbline_engine::voxel::BlockLog;
 
 /// A request that was read and whose task was found.
 #[derive(Debug)]
@@ -214,7 +215,7 @@ impl Prepared {
     /// Grades it, and says whether the result was kept from before.
     ///
     /// # Errors
-    /// As [`super::super::grader::Grader::grade`]; 422 where no criterion that applies has a weight.
+    /// As [`crate::http::grader::Grader::grade`]; 422 where no criterion that applies has a weight.
     pub async fn grade(self, state: &AppState, who: &Arc<str>) -> ApiResult<(GradeBody, bool)> {
         let deadline = self.request.deadline.into();
         self.grade_within(state, who, deadline).await

@@ -8,9 +8,9 @@ use axum::http::StatusCode;
 use serde::Serialize;
 use tokio::sync::Mutex;
 
-use super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::state::AppState;
 use crate::clock::now_ms;
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
 use crate::store::Store;
 
 /// State of the service.

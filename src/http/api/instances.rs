@@ -9,28 +9,29 @@ use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 use uuid::Uuid;
 
-use super::super::body::{Format, JsonBody};
-use super::super::caller::Caller;
-use super::super::limits::LIMITS;
-use super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::state::AppState;
 use super::answer_body::{AnswerShape, NewAnswerBody, PostedAnswer};
 use super::entries::{given, not_open};
 use super::epochs::stored_epoch;
 use super::replay::run_codes;
 use crate::clock::{now_ms, rfc3339};
-use crate::epochs::evidence::GivenReceipt;
-use crate::epochs::receipts::ReceiptFile;
+use crate::http::body::{Format, JsonBody};
+use crate::http::caller::Caller;
+use crate::http::limits::LIMITS;
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
 use crate::store::epochs::HIDDEN_SUITE;
 use crate::store::hidden_answers::Answered;
 use crate::store::instances::InstanceRow;
 use crate::store::keys::Scope;
 use crate::store::queue::Lane;
 use crate::store::submissions::{NewSubmission, PackedLog};
-use crate::tasks::{Task, hex};
-use crate::voxel::replay::Replay;
-use crate::voxel::tolerant::{read_document, why_not_json};
-use crate::voxel::{BlockLog, Faults};
+use plumbline_engine::hidden::evidence::GivenReceipt;
+use plumbline_engine::hidden::receipts::ReceiptFile;
+use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::tolerant::{read_document, why_not_json};
+use plumbline_engine::tasks::{Task, hex};
+use plumbline_engine::voxel::BlockLog;
+use plumbline_engine::voxel::replay::Replay;
 
 /// An instance as its entrant sees it: what to build, and nothing of how it is checked.
 #[derive(Debug, Serialize, utoipa::ToSchema)]

@@ -7,19 +7,20 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
-use super::super::boards::{Board, Rows};
-use super::super::params::{Params, wrong};
-use super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::state::AppState;
 use super::board_formats::{Format, render};
 use super::run_body::RunProvenance;
 use super::tasks::page_items;
 use crate::clock::{milliseconds, rfc3339};
-use crate::grading::standings::Standing;
-use crate::grading::statistics::interval::Interval;
-use crate::grading::statistics::ranks::RankRange;
-use crate::grading::summary::{CheckRate, Graded, PerCriterion, ProblemRate};
-use crate::tasks::reported::{self, ReportedRow};
+use crate::http::boards::{Board, Rows};
+use crate::http::params::{Params, wrong};
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
+use plumbline_engine::grading::standings::Standing;
+use plumbline_engine::grading::statistics::interval::Interval;
+use plumbline_engine::grading::statistics::ranks::RankRange;
+use plumbline_engine::grading::summary::{CheckRate, Graded, PerCriterion, ProblemRate};
+use plumbline_engine::tasks::reported;
+use plumbline_engine::tasks::reported::ReportedRow;
 
 /// A row: a finished run.
 #[derive(Debug, Clone, Serialize, utoipa::ToSchema)]

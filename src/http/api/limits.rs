@@ -3,8 +3,8 @@
 use axum::Json;
 use axum::extract::State;
 
-use super::super::limits::Limits;
-use super::super::state::AppState;
+use crate::http::limits::Limits;
+use crate::http::state::AppState;
 
 /// Every limit that the service enforces.
 #[utoipa::path(

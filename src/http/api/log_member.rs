@@ -2,12 +2,12 @@
 
 use serde::de::{IgnoredAny, MapAccess};
 
-use super::super::limits::LIMITS;
-use crate::voxel::Faults;
-use crate::voxel::log_reader::Turns;
-use crate::voxel::log_reader::code::SentLog;
-use crate::voxel::log_reader::stored::StoredLog;
-use crate::voxel::tolerant::{OrNull, Read};
+use crate::http::limits::LIMITS;
+use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::Turns;
+use plumbline_engine::intake::code::SentLog;
+use plumbline_engine::intake::stored::StoredLog;
+use plumbline_engine::intake::tolerant::{OrNull, Read};
 
 /// What was done, as far as it was read.
 #[derive(Debug, Default)]

@@ -4,12 +4,12 @@ use axum::Json;
 use axum::extract::State;
 use serde::{Deserialize, Serialize};
 
-use super::super::caller::Caller;
-use super::super::params::Params;
-use super::super::problem::{ApiResult, Problem};
-use super::super::state::AppState;
 use super::tasks::page_items;
 use crate::clock::rfc3339;
+use crate::http::caller::Caller;
+use crate::http::params::Params;
+use crate::http::problem::{ApiResult, Problem};
+use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use crate::store::quota::QuotaEntry;
 

@@ -4,12 +4,12 @@ use axum::Json;
 use axum::extract::{Path, State};
 use serde::{Deserialize, Serialize};
 
-use super::super::params::Params;
-use super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::state::AppState;
 use super::tasks::page_items;
 use crate::clock::now_ms;
-use crate::epochs::receipts::{LogHead, LogPage, ReceiptFile};
+use crate::http::params::Params;
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
+use plumbline_engine::hidden::receipts::{LogHead, LogPage, ReceiptFile};
 
 /// Which receipts.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]

@@ -6,17 +6,18 @@ use axum::Json;
 use axum::extract::State;
 use serde::{Deserialize, Serialize};
 
-use super::super::body::{JsonBody, read_json};
-use super::super::caller::Caller;
-use super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::state::AppState;
 use super::submission_body::PostedSubmission;
 use super::submission_schema::EventAction;
 use crate::actions::{CodeError, Dropped, Replayed};
 use crate::fair::Place;
+use crate::http::body::{JsonBody, read_json};
+use crate::http::caller::Caller;
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
 use crate::store::keys::Scope;
-use crate::voxel::log_reader::code::{SentLog, without_fences};
-use crate::voxel::{BlockLog, Cell, Faults};
+use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::code::{SentLog, without_fences};
+use plumbline_engine::voxel::{BlockLog, Cell};
 
 /// Bytes of an event in an answer, about, without the material's name.
 const EVENT_BYTES: usize = 60;

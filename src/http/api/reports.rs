@@ -6,14 +6,14 @@ use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
 
-use super::super::params::Params;
-use super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::state::AppState;
 use super::submission::stored;
 use super::submission_schema::StoredLogBody;
 use crate::clock::rfc3339;
-use crate::grading::Report;
+use crate::http::params::Params;
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
 use crate::store::submissions::SubmissionState;
+use plumbline_engine::grading::Report;
 
 /// A report with where it came from.
 #[derive(Debug, Serialize, utoipa::ToSchema)]

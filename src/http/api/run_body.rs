@@ -4,9 +4,9 @@ use serde::de::{IgnoredAny, MapAccess};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::super::limits::LIMITS;
-use crate::voxel::Faults;
-use crate::voxel::tolerant::{OrNull, Read, Shape, Text};
+use crate::http::limits::LIMITS;
+use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::tolerant::{OrNull, Read, Shape, Text};
 
 /// What makes a run.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]

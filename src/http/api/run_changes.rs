@@ -4,17 +4,17 @@ use axum::Json;
 use axum::extract::{Path, State};
 use serde::Deserialize;
 
-use super::super::body::{JsonBody, read_json};
-use super::super::caller::Caller;
-use super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::state::AppState;
 use super::runs::{RunBody, run_body};
 use super::submission_body::TaskRef;
 use super::submission_schema::TaskName;
 use crate::clock::now_ms;
+use crate::http::body::{JsonBody, read_json};
+use crate::http::caller::Caller;
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use crate::store::runs::{RunChanged, RunRow, Skip};
-use crate::voxel::Faults;
+use plumbline_engine::intake::Faults;
 
 /// What a run leaves out.
 #[derive(Debug, Default, Deserialize, utoipa::ToSchema)]

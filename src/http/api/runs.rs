@@ -8,22 +8,22 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use uuid::Uuid;
 
-use super::super::body::{Format, JsonBody};
-use super::super::caller::Caller;
-use super::super::idempotency;
-use super::super::params::{Params, wrong};
-use super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::state::AppState;
 use super::run_body::{NewRunBody, NewRunShape, RunProvenance};
 use super::submission_schema::SubmissionBody;
 use super::tasks::page_items;
 use crate::clock::{milliseconds, now_ms, rfc3339};
-use crate::grading::Summary;
+use crate::http::body::{Format, JsonBody};
+use crate::http::caller::Caller;
+use crate::http::idempotency;
+use crate::http::params::{Params, wrong};
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
 use crate::store::idempotency::Before;
 use crate::store::keys::Scope;
 use crate::store::runs::{NewRun, RunRow, RunState, RunsWanted};
-use crate::voxel::Faults;
-use crate::voxel::tolerant::{read_document, why_not_json};
+use plumbline_engine::grading::Summary;
+use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::tolerant::{read_document, why_not_json};
 
 /// A run.
 #[derive(Debug, Serialize, utoipa::ToSchema)]

@@ -15,22 +15,22 @@ use sha2::{Digest as _, Sha256};
 use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 
-use super::super::caller::Reader;
-use super::super::conditional::has_tag;
-use super::super::grader::note_panic;
-use super::super::limits::LIMITS;
-use super::super::params::Params;
-use super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::state::AppState;
 use super::submission::stored;
-use crate::elasticity::Control;
-use crate::elasticity::field::{FIELD_VERSION, Field, Method};
 use crate::fair::{FairSlots, Places};
+use crate::http::caller::Reader;
+use crate::http::conditional::has_tag;
+use crate::http::grader::note_panic;
+use crate::http::limits::LIMITS;
+use crate::http::params::Params;
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
 use crate::store::reports::GRADER;
-use crate::tasks::hex;
 use crate::threads::yield_to_others;
-use crate::voxel::replay::Replay;
-use crate::voxel::{BlockLog, Cell, Structure};
+use plumbline_engine::elasticity::Control;
+use plumbline_engine::elasticity::field::{FIELD_VERSION, Field, Method};
+use plumbline_engine::tasks::hex;
+use plumbline_engine::voxel::replay::Replay;
+use plumbline_engine::voxel::{BlockLog, Cell, Structure};
 
 /// What a field is kept under: the log's hash, the turn, and the method.
 type Key = (Box<str>, usize, Method);

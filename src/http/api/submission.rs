@@ -3,11 +3,11 @@
 use axum::Json;
 use axum::extract::{Path, State};
 
-use super::super::caller::Caller;
-use super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::state::AppState;
 use super::submission_schema::SubmissionBody;
 use crate::clock::now_ms;
+use crate::http::caller::Caller;
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use crate::store::submissions::{SubmissionRow, SubmissionState};
 

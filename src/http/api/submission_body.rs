@@ -2,18 +2,19 @@
 
 use serde::de::{IgnoredAny, MapAccess};
 
-use super::super::body::Format;
-use super::super::limits::LIMITS;
 use super::log_member::LogMember;
 use super::replay::TurnReplay;
-use crate::checks::Criterion;
+use crate::http::body::Format;
+use crate::http::limits::LIMITS;
 use crate::near::did_you_mean;
-use crate::tasks::Task;
-use crate::tasks::catalogue::Entry;
-use crate::voxel::log_reader::code::SentLog;
-use crate::voxel::replay::Replay;
-use crate::voxel::tolerant::{OrNull, Read, Scalar, Shape, Text, on_its_line, read_document, why_not_json};
-use crate::voxel::{BlockLog, Event, Faults};
+use plumbline_engine::checks::Criterion;
+use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::code::SentLog;
+use plumbline_engine::intake::tolerant::{OrNull, Read, Scalar, Shape, Text, on_its_line, read_document, why_not_json};
+use plumbline_engine::tasks::Task;
+use plumbline_engine::tasks::catalogue::Entry;
+use plumbline_engine::voxel::replay::Replay;
+use plumbline_engine::voxel::{BlockLog, Event};
 
 /// How a submission names its task.
 #[derive(Debug, Clone, PartialEq, Eq)]

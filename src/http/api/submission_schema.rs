@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::replay::TurnReplay;
 use crate::clock::rfc3339;
 use crate::store::submissions::{NewSubmission, SubmissionRow, SubmissionState};
-use crate::tasks::catalogue::Entry;
+use plumbline_engine::tasks::catalogue::Entry;
 
 /// What an agent did for one task.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]

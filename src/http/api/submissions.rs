@@ -11,26 +11,26 @@ use sha2::{Digest as _, Sha256};
 use tokio::sync::OwnedSemaphorePermit;
 use uuid::Uuid;
 
-use super::super::body::{Format, JsonBody};
-use super::super::caller::Caller;
-use super::super::idempotency;
-use super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::state::AppState;
 use super::replay::run_codes;
 use super::submission_body::{Posted, PostedSubmission, check_against_task, read_submissions};
 use super::submission_schema::{
     AcceptedAnswer, AcceptedBody, AcceptedList, NewSubmissionBody, Validated, ValidatedList,
 };
 use crate::clock::now_ms;
-use crate::grading::cost::{Cost, cost};
+use crate::http::body::{Format, JsonBody};
+use crate::http::caller::Caller;
+use crate::http::idempotency;
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
 use crate::store::StoreError;
 use crate::store::keys::Scope;
 use crate::store::queue::Lane;
 use crate::store::submissions::{Acceptability, Accepted, NewSubmission, PackedLog};
-use crate::tasks::catalogue::Entry;
-use crate::tasks::embedded::FULL;
-use crate::tasks::{Task, hex};
-use crate::voxel::Faults;
+use plumbline_engine::grading::cost::{Cost, cost};
+use plumbline_engine::intake::Faults;
+use plumbline_engine::tasks::catalogue::Entry;
+use plumbline_engine::tasks::embedded::FULL;
+use plumbline_engine::tasks::{Task, hex};
 
 /// Post what an agent did for a task: events per turn. The answer comes when it is durable; grading follows.
 ///

@@ -5,12 +5,13 @@ use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use serde::{Deserialize, Serialize};
 
-use super::super::params::Params;
-use super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::state::AppState;
-use crate::checks::Criterion;
-use crate::tasks::Suite;
-use crate::tasks::embedded::{self, LITE_SUFFIX};
+use crate::http::params::Params;
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
+use plumbline_engine::checks::Criterion;
+use plumbline_engine::tasks::Suite;
+use plumbline_engine::tasks::embedded;
+use plumbline_engine::tasks::embedded::LITE_SUFFIX;
 
 /// A suite in short.
 #[derive(Debug, Serialize, utoipa::ToSchema)]

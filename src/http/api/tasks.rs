@@ -8,17 +8,18 @@ use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::super::conditional::tagged_json;
-use super::super::limits::LIMITS;
-use super::super::params::{self, Params};
-use super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::state::AppState;
 use super::submission_body::near_tasks;
-use crate::checks::{Check, Criterion};
+use crate::http::conditional::tagged_json;
+use crate::http::limits::LIMITS;
+use crate::http::params;
+use crate::http::params::Params;
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
 use crate::near::did_you_mean;
-use crate::tasks::embedded::FULL;
-use crate::tasks::family::Category;
-use crate::tasks::{Suite, Task};
+use plumbline_engine::checks::{Check, Criterion};
+use plumbline_engine::tasks::embedded::FULL;
+use plumbline_engine::tasks::family::Category;
+use plumbline_engine::tasks::{Suite, Task};
 
 /// A task in a list.
 #[derive(Debug, Serialize, utoipa::ToSchema)]

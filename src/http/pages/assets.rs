@@ -4,7 +4,7 @@ use axum::extract::Path;
 use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse as _, Response};
 
-use super::super::problem::{ApiError, ApiResult};
+use crate::http::problem::{ApiError, ApiResult};
 
 /// The sheet of all pages.
 pub const STYLE: &str = include_str!("assets/style.css");

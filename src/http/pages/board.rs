@@ -4,15 +4,15 @@ use askama::Template;
 use axum::extract::{Path, RawQuery, State};
 use serde::Deserialize;
 
-use super::super::api::comparisons::{Breakdown, ComparedTask, Comparison, GroupBy, breakdown, compare};
-use super::super::api::leaderboards::{BoardBody, BoardQuery, BoardRow, CoverageFilter, Direction, page as rows_of};
-use super::super::params;
-use super::super::problem::ApiError;
-use super::super::state::AppState;
 use super::html::{self, PageResult};
-use crate::grading::statistics::comparison::fisher;
-use crate::grading::statistics::ranks::{range, threshold};
-use crate::tasks::reported::ReportedRow;
+use crate::http::api::comparisons::{Breakdown, ComparedTask, Comparison, GroupBy, breakdown, compare};
+use crate::http::api::leaderboards::{BoardBody, BoardQuery, BoardRow, CoverageFilter, Direction, page as rows_of};
+use crate::http::params;
+use crate::http::problem::ApiError;
+use crate::http::state::AppState;
+use plumbline_engine::grading::statistics::comparison::fisher;
+use plumbline_engine::grading::statistics::ranks::{range, threshold};
+use plumbline_engine::tasks::reported::ReportedRow;
 
 /// Columns that a board is sorted by: key, name.
 const COLUMNS: [(&str, &str); 11] = [

@@ -4,12 +4,12 @@ use askama::Template;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, header};
 
-use super::super::api::epoch_boards::{EpochBoard, board_of};
-use super::super::api::epochs::{EpochBody, epoch_body, stored_epoch};
-use super::super::state::AppState;
 use super::html::{self, PageResult};
 use crate::clock::{milliseconds, now_ms};
-use crate::epochs::feedback::Tier;
+use crate::http::api::epoch_boards::{EpochBoard, board_of};
+use crate::http::api::epochs::{EpochBody, epoch_body, stored_epoch};
+use crate::http::state::AppState;
+use plumbline_engine::hidden::feedback::Tier;
 
 /// An epoch as a page shows it.
 struct Shown {

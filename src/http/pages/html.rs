@@ -6,9 +6,9 @@ use askama::Template;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
-use super::super::problem::ApiError;
-use crate::grading::statistics::interval::Interval;
-use crate::grading::statistics::ranks::RankRange;
+use crate::http::problem::ApiError;
+use plumbline_engine::grading::statistics::interval::Interval;
+use plumbline_engine::grading::statistics::ranks::RankRange;
 
 /// What pages may load: files of this service, and nothing of others.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \

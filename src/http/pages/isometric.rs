@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::colours;
-use crate::voxel::{Cell, Structure};
+use plumbline_engine::voxel::{Cell, Structure};
 
 /// Blocks drawn at most: a picture of more is a large file and shows less.
 const MOST: usize = 30_000;

@@ -4,12 +4,12 @@ use askama::Template;
 use axum::extract::{Path, State};
 use axum::response::{IntoResponse as _, Redirect};
 
-use super::super::api::comparisons::{Breakdown, GroupBy, breakdown};
-use super::super::api::leaderboards::{BoardRow, row_of};
-use super::super::problem::ApiError;
-use super::super::state::AppState;
 use super::html::{self, PageResult};
 use crate::clock::rfc3339;
+use crate::http::api::comparisons::{Breakdown, GroupBy, breakdown};
+use crate::http::api::leaderboards::{BoardRow, row_of};
+use crate::http::problem::ApiError;
+use crate::http::state::AppState;
 use crate::store::runs::RunRow;
 use crate::store::submissions::SubmissionRow;
 

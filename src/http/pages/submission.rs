@@ -9,23 +9,24 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
-use super::super::api::stress::{StressQuery, get_stress};
-use super::super::api::submission::stored;
-use super::super::caller::Reader;
-use super::super::params::{self, Params};
-use super::super::problem::ApiError;
-use super::super::state::AppState;
 use super::html::{self, PageResult, json_in_markup};
 use super::run::answer_of;
 use super::{assets, colours, isometric};
-use crate::checks::Criterion;
 use crate::clock::rfc3339;
-use crate::grading::Report;
-use crate::grading::report::{CheckReport, TurnReport};
+use crate::http::api::stress::{StressQuery, get_stress};
+use crate::http::api::submission::stored;
+use crate::http::caller::Reader;
+use crate::http::params;
+use crate::http::params::Params;
+use crate::http::problem::ApiError;
+use crate::http::state::AppState;
 use crate::store::reports::ReportRow;
 use crate::store::submissions::SubmissionRow;
-use crate::voxel::BlockLog;
-use crate::voxel::replay::Replay;
+use plumbline_engine::checks::Criterion;
+use plumbline_engine::grading::Report;
+use plumbline_engine::grading::report::{CheckReport, TurnReport};
+use plumbline_engine::voxel::BlockLog;
+use plumbline_engine::voxel::replay::Replay;
 
 /// A view of a build.
 pub struct View {

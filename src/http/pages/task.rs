@@ -7,18 +7,18 @@ use axum::extract::{Path, RawQuery, State};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use super::super::params;
-use super::super::problem::ApiError;
-use super::super::state::AppState;
 use super::html::{self, PageResult, json_in_markup};
 use super::isometric;
 use super::submission::{View, colours_of, image};
-use crate::builders::build;
-use crate::grading::standings::Standing;
-use crate::tasks::Task;
-use crate::tasks::catalogue::Entry;
-use crate::voxel::BlockLog;
-use crate::voxel::replay::Replay;
+use crate::http::params;
+use crate::http::problem::ApiError;
+use crate::http::state::AppState;
+use plumbline_engine::builders::build;
+use plumbline_engine::grading::standings::Standing;
+use plumbline_engine::tasks::Task;
+use plumbline_engine::tasks::catalogue::Entry;
+use plumbline_engine::voxel::BlockLog;
+use plumbline_engine::voxel::replay::Replay;
 
 /// Runs shown on the page of a task.
 const RUNS: usize = 50;

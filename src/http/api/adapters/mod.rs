@@ -8,12 +8,12 @@ use std::sync::Arc;
 
 use serde_json::{Map, Value};
 
-use super::super::problem::{ApiError, ApiResult};
-use super::super::state::AppState;
 use super::grade::GradeBody;
 use super::grade_request::ReadRequest;
-use crate::tasks::catalogue::Catalogue;
-use crate::voxel::Faults;
+use crate::http::problem::{ApiError, ApiResult};
+use crate::http::state::AppState;
+use plumbline_engine::intake::Faults;
+use plumbline_engine::tasks::catalogue::Catalogue;
 
 /// Grades what a model wrote against the task that `naming` tells (`task`, `suite`, `reward`). An answer that cannot be graded has reward 0, and `answer.why` tells the reason.
 ///

@@ -10,19 +10,19 @@ use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
 use serde_json::{Map, Value, json};
 
-use super::super::super::body::JsonBody;
-use super::super::super::caller::Caller;
-use super::super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::super::state::AppState;
-use super::super::grade::SchemeBody;
-use super::super::replay::TurnReplay;
-use super::super::submission_schema::TaskName;
 use super::{add_misspelt, judge};
-use crate::checks::Criterion;
-use crate::grading::reward::RewardComponents;
+use crate::http::api::grade::SchemeBody;
+use crate::http::api::replay::TurnReplay;
+use crate::http::api::submission_schema::TaskName;
+use crate::http::body::JsonBody;
+use crate::http::caller::Caller;
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
 use crate::store::keys::Scope;
-use crate::voxel::Faults;
-use crate::voxel::tolerant::why_not_json;
+use plumbline_engine::checks::Criterion;
+use plumbline_engine::grading::reward::RewardComponents;
+use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::tolerant::why_not_json;
 
 /// What names the task.
 const OPTIONS: [&str; 3] = ["task", "suite", "reward_scheme"];

@@ -10,14 +10,14 @@ use axum::extract::State;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use super::super::super::body::JsonBody;
-use super::super::super::caller::Caller;
-use super::super::super::limits::LIMITS;
-use super::super::super::problem::{ApiError, ApiResult, Problem};
-use super::super::super::state::AppState;
 use super::nemo_gym::object;
+use crate::http::body::JsonBody;
+use crate::http::caller::Caller;
+use crate::http::limits::LIMITS;
+use crate::http::problem::{ApiError, ApiResult, Problem};
+use crate::http::state::AppState;
 use crate::store::keys::Scope;
-use crate::voxel::Faults;
+use plumbline_engine::intake::Faults;
 
 /// Figures over rows.
 #[derive(Debug, Default, Serialize, utoipa::ToSchema)]

@@ -9,15 +9,15 @@ use futures_util::{StreamExt as _, TryStreamExt as _, stream};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::super::super::body::{JsonBody, read_json};
-use super::super::super::caller::Caller;
-use super::super::super::limits::LIMITS;
-use super::super::super::problem::{ApiError, ApiResult, FaultBody, Problem};
-use super::super::super::state::AppState;
-use super::super::grade::GradeBody;
 use super::{add_misspelt, judge_in_turn};
+use crate::http::api::grade::GradeBody;
+use crate::http::body::{JsonBody, read_json};
+use crate::http::caller::Caller;
+use crate::http::limits::LIMITS;
+use crate::http::problem::{ApiError, ApiResult, FaultBody, Problem};
+use crate::http::state::AppState;
 use crate::store::keys::Scope;
-use crate::voxel::Faults;
+use plumbline_engine::intake::Faults;
 
 /// What a label may say.
 const OPTIONS: [&str; 3] = ["task", "suite", "reward"];

@@ -1,0 +1,81 @@
+//! Strict rule for domes: hollow, closed above, rising to the middle from all sides.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use crate::checks::{Finding, Rule, Subject};
+use crate::voxel::Cell;
+
+/// Every row of its plan is covered, over the middle there is head room, and along both axes through the middle the upper surface falls to either
+/// side without rising again, by at least two blocks.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct IsVault {
+    /// Least number of free cells between the ground and the cover, in the middle.
+    pub min_clear: u32,
+}
+
+impl Rule for IsVault {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        let required = json!({ "clear": { ">=": self.min_clear }, "falls_to_all_sides": true });
+        let structure = subject.structure;
+        let Some(bounds) = structure.bounds() else { return Finding::nothing_stands(false, required) };
+        let (x, z) = (i32::midpoint(bounds.min.x, bounds.max.x), i32::midpoint(bounds.min.z, bounds.max.z));
+        let mut tops: BTreeMap<(i32, i32), i32> = BTreeMap::new();
+        let mut cover: Option<i32> = None;
+        for cell in structure.cells().iter().filter(|cell| cell.y >= 0) {
+            let top = tops.entry((cell.x, cell.z)).or_insert(cell.y);
+            *top = (*top).max(cell.y);
+            if (cell.x, cell.z) == (x, z) {
+                cover = Some(cover.map_or(cell.y, |low| low.min(cell.y)));
+            }
+        }
+        let clear = cover.unwrap_or(0);
+        let line = |along_x: bool| -> Vec<i32> {
+            let on_line = |at: &(i32, i32)| if along_x { at.1 == z } else { at.0 == x };
+            tops.iter().filter(|(at, _)| on_line(at)).map(|(_, top)| *top).collect()
+        };
+        let lines = [line(true), line(false)];
+        // Every row of the plan is covered from one end to the other.
+        let mut rows: BTreeMap<i32, (i32, i32, i32)> = BTreeMap::new();
+        for (x, z) in tops.keys() {
+            let (low, high, count) = rows.entry(*z).or_insert((*x, *x, 0));
+            (*low, *high, *count) = ((*low).min(*x), (*high).max(*x), *count + 1);
+        }
+        let is_closed = rows.values().all(|(low, high, count)| high - low + 1 == *count);
+        let holds = is_closed && clear >= self.min_clear as i32 && lines.iter().all(|line| falls_to_both_ends(line));
+        let measured = json!({ "clear": clear, "closed": is_closed, "along_x": lines[0], "along_z": lines[1] });
+        let summary = if holds {
+            format!("{clear} free cells under the cover")
+        } else {
+            format!("{clear} free cells under the cover; upper surface {:?} along x, {:?} along z", lines[0], lines[1])
+        };
+        Finding::binary(holds, measured, required, summary)
+            .with_witnesses(cover.map(|y| Cell::new(x, y, z)), "cover over the middle")
+    }
+}
+
+/// Whether heights rise to one greatest and fall again, two at least on either side.
+fn falls_to_both_ends(heights: &[i32]) -> bool {
+    let Some(top) = heights.iter().max() else { return false };
+    let Some(peak) = heights.iter().position(|height| height == top) else { return false };
+    let (up, down) = heights.split_at(peak);
+    let ends = [up.first(), down.last()];
+    up.is_sorted() && down.is_sorted_by(|a, b| a >= b) && ends.iter().all(|end| end.is_some_and(|end| end + 2 <= *top))
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::checks::accuracy::shape::vaults::*;
+
+    #[test]
+    fn what_falls() {
+        assert!(falls_to_both_ends(&[0, 2, 3, 3, 2, 0]));
+        assert!(!falls_to_both_ends(&[3, 3, 3]), "flat");
+        assert!(!falls_to_both_ends(&[0, 1, 2]), "falls on one side only");
+        assert!(!falls_to_both_ends(&[0, 3, 1, 3, 0]), "dips");
+        assert!(!falls_to_both_ends(&[]));
+    }
+}

@@ -1,0 +1,169 @@
+//! The eight-node hexahedron with incompatible modes, for a cube.
+//!
+//! To the trilinear displacements come, for each of the three components, the modes `1 - xi^2`, `1 - eta^2` and
+//! `1 - zeta^2` inside the element (Wilson et al. 1973; Taylor, Beresford and Wilson 1976). With them a cube bends without
+//! the shear that trilinear displacements alone would need: a part one block thick does not lock. All blocks are equal
+//! cubes, for which the element passes the patch test as it is. The modes belong to one element each and are eliminated;
+//! as is usual for them, weight acts on the corners alone.
+
+use std::sync::LazyLock;
+
+use nalgebra::{Matrix3, SMatrix, SVector};
+
+use crate::elasticity::{POISSON, YOUNG_PA};
+
+/// Displacements of the eight corners: x, y, z of each.
+pub const UNKNOWNS: usize = 24;
+/// Displacements of the modes inside.
+const MODES: usize = 9;
+/// Integration points.
+pub const POINTS: usize = 8;
+
+/// Corners of the cube, in edges: x first.
+pub const CORNERS: [[i32; 3]; 8] =
+    [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]];
+
+/// Strain or stress: xx, yy, zz, and shear xy, yz, zx.
+type Six = SVector<f64, 6>;
+
+/// Matrices of a cube with edge 1 m; one with edge h has `h` times the stiffness, and its stress is that of the
+/// displacements divided by `h`.
+#[derive(Debug)]
+pub struct Element {
+    /// Forces on the corners for displacements of the corners, N/m.
+    pub stiffness: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
+    /// Stress at the integration points for displacements of the corners, Pa/m.
+    stress: [SMatrix<f64, 6, UNKNOWNS>; POINTS],
+}
+
+/// The element of a block, computed once.
+pub static ELEMENT: LazyLock<Element> = LazyLock::new(|| Element::new(YOUNG_PA, POISSON));
+
+impl Element {
+    /// The element of a material with this Young's modulus, Pa, and this Poisson's ratio.
+    #[must_use]
+    pub fn new(young_pa: f64, poisson: f64) -> Self {
+        Self::with_modes(young_pa, poisson, true)
+    }
+
+    /// The same, with or without the modes inside.
+    fn with_modes(young_pa: f64, poisson: f64, has_modes: bool) -> Self {
+        let elasticity = elasticity(young_pa, poisson);
+        // Two points in each direction integrate all products here exactly.
+        let points = CORNERS.map(|corner| corner.map(|c| f64::from(2 * c - 1) / 3.0_f64.sqrt()));
+        let weight = 1.0 / POINTS as f64;
+        let strains = points.map(|point| (corner_strain(point), mode_strain(point)));
+        let mut corners = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
+        let mut mixed = SMatrix::<f64, MODES, UNKNOWNS>::zeros();
+        let mut modes = SMatrix::<f64, MODES, MODES>::zeros();
+        for (b, g) in &strains {
+            corners += b.transpose() * elasticity * b * weight;
+            mixed += g.transpose() * elasticity * b * weight;
+            modes += g.transpose() * elasticity * g * weight;
+        }
+        // Eliminated: modes * a = -mixed * u. The matrix of the modes is positive definite.
+        let inverse = modes.try_inverse().filter(|_| has_modes).unwrap_or_else(SMatrix::zeros);
+        let follow = inverse * mixed;
+        Self {
+            stiffness: corners - mixed.transpose() * follow,
+            stress: strains.map(|(b, g)| elasticity * (b - g * follow)),
+        }
+    }
+
+    /// Von Mises stress at the integration points, Pa, of a cube with edge `edge_m` whose corners are displaced by
+    /// `displacement` (m).
+    #[must_use]
+    pub fn von_mises(&self, displacement: &SVector<f64, UNKNOWNS>, edge_m: f64) -> [f64; POINTS] {
+        self.stress.map(|stress| von_mises(&(stress * displacement / edge_m)))
+    }
+}
+
+/// Stress for strain, Pa, with the Lame parameters of three dimensions.
+fn elasticity(young_pa: f64, poisson: f64) -> SMatrix<f64, 6, 6> {
+    let lambda = young_pa * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson));
+    let mu = young_pa / (2.0 * (1.0 + poisson));
+    let mut elasticity = SMatrix::<f64, 6, 6>::zeros();
+    elasticity.fixed_view_mut::<3, 3>(0, 0).copy_from(&(Matrix3::repeat(lambda) + Matrix3::identity() * (2.0 * mu)));
+    elasticity.fixed_view_mut::<3, 3>(3, 3).copy_from(&(Matrix3::identity() * mu));
+    elasticity
+}
+
+/// Strain at a point (coordinates -1 to 1) for displacements of the corners.
+fn corner_strain(point: [f64; 3]) -> SMatrix<f64, 6, UNKNOWNS> {
+    let mut strain = SMatrix::zeros();
+    for (i, corner) in CORNERS.iter().enumerate() {
+        let sign = corner.map(|c| f64::from(2 * c - 1));
+        let factor: [f64; 3] = std::array::from_fn(|k| f64::midpoint(1.0, sign[k] * point[k]));
+        let gradient =
+            [sign[0] * factor[1] * factor[2], sign[1] * factor[0] * factor[2], sign[2] * factor[0] * factor[1]];
+        put_gradient(&mut strain, 3 * i, gradient);
+    }
+    strain
+}
+
+/// Strain at a point for the modes inside; the gradient of `1 - xi^2` is `-4 xi` per edge.
+fn mode_strain(point: [f64; 3]) -> SMatrix<f64, 6, MODES> {
+    let mut strain = SMatrix::zeros();
+    for k in 0..3 {
+        let mut gradient = [0.0; 3];
+        gradient[k] = -4.0 * point[k];
+        put_gradient(&mut strain, 3 * k, gradient);
+    }
+    strain
+}
+
+/// Puts the strain of a function with this gradient, as displacement in x, y and z, into three columns.
+fn put_gradient<const N: usize>(strain: &mut SMatrix<f64, 6, N>, column: usize, [x, y, z]: [f64; 3]) {
+    let entries = [(0, 0, x), (3, 0, y), (5, 0, z), (1, 1, y), (3, 1, x), (4, 1, z), (2, 2, z), (4, 2, y), (5, 2, x)];
+    for (row, component, value) in entries {
+        strain[(row, column + component)] = value;
+    }
+}
+
+/// Von Mises stress: xx, yy, zz, xy, yz, zx.
+fn von_mises(s: &Six) -> f64 {
+    let normal = (s[0] - s[1]).powi(2) + (s[1] - s[2]).powi(2) + (s[2] - s[0]).powi(2);
+    (0.5 * normal + 3.0 * (s[3] * s[3] + s[4] * s[4] + s[5] * s[5])).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::elasticity::fem::element::*;
+
+    fn field(f: impl Fn([f64; 3]) -> [f64; 3]) -> SVector<f64, UNKNOWNS> {
+        SVector::from_iterator(CORNERS.iter().flat_map(|corner| f(corner.map(f64::from))))
+    }
+
+    #[test]
+    fn rigid_motion_needs_no_force_and_has_no_stress() {
+        let turn = field(|[x, y, z]| [0.3 - 0.2 * y + 0.1 * z, 1.0 + 0.2 * x - 0.7 * z, -2.0 - 0.1 * x + 0.7 * y]);
+        assert!((ELEMENT.stiffness * turn).norm() < 1e-6 * ELEMENT.stiffness.norm() * 1e-6);
+        assert!(ELEMENT.von_mises(&turn, 1.0).iter().all(|stress| *stress < 1e-6));
+    }
+
+    #[test]
+    fn the_stiffness_is_symmetric_with_six_rigid_motions_and_no_other_free_one() {
+        let k = &ELEMENT.stiffness;
+        assert!((k - k.transpose()).norm() < 1e-12 * k.norm());
+        let values = k.symmetric_eigenvalues();
+        let greatest = values.max();
+        assert_eq!(values.iter().filter(|value| value.abs() < 1e-10 * greatest).count(), 6);
+        assert!(values.iter().all(|value| *value > -1e-10 * greatest));
+    }
+
+    /// Pure bending of a cube: `u_x = x y, u_y = (-x^2 - nu y^2 + nu z^2) / 2, u_z = -nu y z`, from the middle. Without
+    /// the modes a cube would be three quarters stiffer: it would lock.
+    #[test]
+    fn bending_takes_the_energy_of_a_beam() {
+        let middle = |c: [f64; 3]| c.map(|x| x - 0.5);
+        let bent = field(|c| {
+            let [x, y, z] = middle(c);
+            [x * y, -x * x / 2.0 - POISSON * (y * y - z * z) / 2.0, -POISSON * y * z]
+        });
+        let of_a_beam = YOUNG_PA / 12.0 / 2.0;
+        let energy = |element: &Element| (bent.transpose() * element.stiffness * bent)[0] / 2.0 / of_a_beam;
+        assert!((energy(&ELEMENT) - 1.0).abs() < 1e-12, "{} of a beam's", energy(&ELEMENT));
+        let locked = energy(&Element::with_modes(YOUNG_PA, POISSON, false));
+        assert!((locked - 1.757).abs() < 1e-3, "{locked} of a beam's without modes");
+    }
+}

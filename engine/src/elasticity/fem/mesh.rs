@@ -1,0 +1,145 @@
+//! Blocks, their corners as nodes, and what hangs together.
+
+use std::collections::HashMap;
+
+use foldhash::fast::RandomState;
+
+use super::element::CORNERS;
+use crate::voxel::connectivity::linked_by_faces;
+use crate::voxel::{Cell, CellMap};
+
+/// Blocks joined by their faces, with the nodes that they share.
+///
+/// Blocks that touch only in an edge or a corner have separate nodes there: such a contact carries nothing, and would be a
+/// hinge that turns freely.
+#[derive(Debug)]
+pub struct Mesh {
+    /// Distinct cells that are solved for, in the order in which they are first listed.
+    pub cells: Vec<Cell>,
+    /// The nodes at each cell's corners, in the order of [`CORNERS`].
+    pub nodes: Vec<[u32; 8]>,
+    /// Where each node is, in edges.
+    pub position: Vec<[i32; 3]>,
+}
+
+impl Mesh {
+    /// The mesh of distinct `cells`.
+    #[must_use]
+    pub fn new(cells: Vec<Cell>) -> Self {
+        let index: CellMap<u32> = cells.iter().copied().zip(0..).collect();
+        let groups = CornerGroups::new();
+        let mut numbers: HashMap<([i32; 3], u8), u32, RandomState> = HashMap::default();
+        let mut position = Vec::new();
+        let mut nodes = Vec::with_capacity(cells.len());
+        for cell in &cells {
+            // The 27 cells around, so that each corner's eight are looked up once.
+            let mut around = [false; 27];
+            for (i, taken) in (0i32..).zip(&mut around) {
+                *taken = i == 13 || index.contains_key(&cell.offset(i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1));
+            }
+            nodes.push(CORNERS.map(|corner| {
+                let mut mask = 0u8;
+                for (bit, [x, y, z]) in CORNERS.iter().enumerate() {
+                    let at = (corner[0] + x) + 3 * (corner[1] + y) + 9 * (corner[2] + z);
+                    mask |= u8::from(around[at as usize]) << bit;
+                }
+                let own = CORNERS.iter().position(|c| (0..3).all(|k| c[k] == 1 - corner[k])).unwrap_or(0);
+                let place = [cell.x + corner[0], cell.y + corner[1], cell.z + corner[2]];
+                *numbers.entry((place, groups.group(mask, own))).or_insert_with(|| {
+                    position.push(place);
+                    position.len() as u32 - 1
+                })
+            }));
+        }
+        Self { cells, nodes, position }
+    }
+}
+
+/// For each set of taken cells around a corner, which of them hang together by faces there.
+#[derive(Debug)]
+struct CornerGroups {
+    /// For each set, for each of the eight, the first of its group.
+    first: Vec<[u8; 8]>,
+}
+
+impl CornerGroups {
+    fn new() -> Self {
+        let first = (0..=u8::MAX).map(|mask| {
+            let mut first: [u8; 8] = std::array::from_fn(|i| i as u8);
+            // The longest way around a corner has seven steps.
+            for _ in 0..7 {
+                for (a, b) in (0..8).flat_map(|a| [1, 2, 4].map(|bit| (a, a ^ bit))) {
+                    if mask >> a & 1 == 1 && mask >> b & 1 == 1 {
+                        first[a] = first[a].min(first[b]);
+                    }
+                }
+            }
+            first
+        });
+        Self { first: first.collect() }
+    }
+
+    fn group(&self, mask: u8, cell: usize) -> u8 {
+        self.first[mask as usize][cell]
+    }
+}
+
+/// The distinct cells, and which of them hang together by faces with one at the least y.
+#[derive(Debug)]
+pub struct Supported {
+    /// Distinct supported cells, in the order in which they are first listed.
+    pub cells: Vec<Cell>,
+    /// For each entry its index among them; none for an unsupported one.
+    pub index: Vec<Option<u32>>,
+}
+
+impl Supported {
+    /// Of `cells`, which may repeat.
+    #[must_use]
+    pub fn of(cells: &[Cell]) -> Self {
+        let lowest = cells.iter().map(|cell| cell.y).min().unwrap_or(0);
+        let mut entry: CellMap<u32> = CellMap::default();
+        for (i, &cell) in (0..).zip(cells) {
+            entry.entry(cell).or_insert(i);
+        }
+        let linked = linked_by_faces(cells, &entry, |cell| cell.y == lowest);
+        let mut distinct = Vec::new();
+        let mut number = vec![None; cells.len()];
+        let mut index = Vec::with_capacity(cells.len());
+        for cell in cells {
+            let first = entry[cell] as usize;
+            if linked[first] && number[first].is_none() {
+                number[first] = Some(distinct.len() as u32);
+                distinct.push(*cell);
+            }
+            index.push(number[first]);
+        }
+        Self { cells: distinct, index }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::elasticity::fem::mesh::*;
+
+    #[test]
+    fn blocks_share_nodes_at_faces_only() {
+        let mesh = |cells: &[[i32; 3]]| Mesh::new(cells.iter().map(|&[x, y, z]| Cell::new(x, y, z)).collect());
+        assert_eq!(mesh(&[[0, 0, 0]]).position.len(), 8);
+        assert_eq!(mesh(&[[0, 0, 0], [1, 0, 0]]).position.len(), 12);
+        assert_eq!(mesh(&[[0, 0, 0], [1, 1, 0]]).position.len(), 16);
+        assert_eq!(mesh(&[[0, 0, 0], [1, 1, 1]]).position.len(), 16);
+        // A ring around an edge: each hangs together with the next.
+        assert_eq!(mesh(&[[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]).position.len(), 18);
+        // An L: the two ends touch in an edge, and hang together through the third there.
+        assert_eq!(mesh(&[[0, 0, 0], [1, 0, 0], [1, 1, 0]]).position.len(), 16);
+    }
+
+    #[test]
+    fn what_floats_is_not_supported() {
+        let cells = [[0, 0, 0], [0, 1, 0], [1, 2, 0], [0, 1, 0]].map(|[x, y, z]| Cell::new(x, y, z));
+        let supported = Supported::of(&cells);
+        assert_eq!(supported.cells, cells[..2]);
+        assert_eq!(supported.index, [Some(0), Some(1), None, Some(1)]);
+    }
+}

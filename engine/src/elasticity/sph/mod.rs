@@ -1,0 +1,246 @@
+//! The published method: a total-Lagrangian SPH simulation of the structure settling under its own weight (SPEC 4).
+
+mod constitutive;
+mod fields;
+mod outcome;
+mod pairs;
+mod particles;
+mod passes;
+mod stencil;
+
+use nalgebra::Matrix3;
+use pulp::Arch;
+
+pub use outcome::{Diagnostics, Outcome};
+
+use super::{Control, Stopped, WEIGHT_N};
+use crate::voxel::Cell;
+use fields::Fields;
+use outcome::{Fate, fate, greatest_length};
+use pairs::State;
+use particles::Particles;
+use passes::{Deform, Move, Pull, carry_out};
+
+/// Mass that a force accelerates, kg.
+const MASS_KG: f64 = 15_000.0;
+/// Time step, s.
+const STEP_S: f64 = 1e-4;
+/// Steps simulated.
+const STEPS: u32 = 2_000;
+/// Steps over which the weight grows to its full value.
+const RAMP_STEPS: f64 = 400.0;
+/// Work between two looks at the stop signal, in steps times blocks of eight cells: some milliseconds.
+const WORK_PER_LOOK: usize = 20_000;
+
+/// Simulates `cells` (particles at block centres; a cell listed twice is two particles) and gives their stress.
+///
+/// Stress and displacement of a cell do not depend on the order of `cells`, nor on how the work is shared out.
+///
+/// # Errors
+/// Where `control` says to stop, which is asked after some milliseconds of steps, or after each step of a structure that
+/// takes longer, and before and after setting up, which takes some microseconds a block.
+pub fn simulate(cells: &[Cell], control: &Control<'_>) -> Result<Outcome, Stopped> {
+    simulate_with(Arch::new(), cells, control)
+}
+
+/// The same, with the vectors of a kind of processor.
+fn simulate_with(arch: Arch, cells: &[Cell], control: &Control<'_>) -> Result<Outcome, Stopped> {
+    control.check(0.0)?;
+    let mut simulation = Simulation::new(arch, cells);
+    // Where every particle is held nothing moves: strain and its rate are those of the second step for ever.
+    let steps = if simulation.particles.are_all_held { 2 } else { STEPS };
+    let per_look = (WORK_PER_LOOK / simulation.particles.lattice.blocks.len().max(1)).clamp(1, 200) as u32;
+    for step in 0..steps - 1 {
+        if step % per_look == 0 {
+            control.check(f64::from(step) / f64::from(steps))?;
+        }
+        simulation.advance(step, control);
+    }
+    let (deformation, velocity) = (simulation.deformation.clone(), simulation.velocity.clone());
+    simulation.advance(steps - 1, control);
+    Ok(simulation.outcome(cells, &deformation, &velocity))
+}
+
+#[derive(Debug)]
+struct Simulation {
+    particles: Particles,
+    arch: Arch,
+    displacement: Fields<3>,
+    /// Half a step later than the displacements.
+    velocity: Fields<3>,
+    deformation: Fields<9>,
+    /// `P A^-1`.
+    corrected_stress: Fields<9>,
+    /// Forces between pairs, on the particle behind; three components for each direction.
+    forces: Fields<39>,
+    /// Where particles share places: displacement times how many there are.
+    weighted: Option<Fields<3>>,
+}
+
+impl Simulation {
+    fn new(arch: Arch, cells: &[Cell]) -> Self {
+        let particles = Particles::new(cells);
+        let len = particles.lattice.len;
+        let mut deformation = Fields::zero(len);
+        for place in particles.entries.iter().filter_map(|entry| entry.place) {
+            deformation.set(place, [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
+        }
+        Self {
+            arch,
+            displacement: Fields::zero(len),
+            velocity: Fields::zero(len),
+            deformation,
+            corrected_stress: Fields::zero(len),
+            forces: Fields::zero(len),
+            weighted: particles.multiplicity.is_some().then(|| Fields::zero(len)),
+            particles,
+        }
+    }
+
+    /// One step of the published integrator. Its forces are those of the positions before the step, so they lag one step
+    /// behind a velocity Verlet scheme; scores depend on it.
+    fn advance(&mut self, step: u32, control: &Control<'_>) {
+        let (particles, arch) = (&self.particles, self.arch);
+        let (blocks, weights) = (particles.lattice.blocks.as_slice(), &particles.weights);
+        let displacement = self.displacement.view();
+        let deform = Deform {
+            blocks,
+            displacement,
+            weighted: self.weighted.as_ref().map_or(displacement, Fields::view),
+            gradient_sum: particles.gradient_sum.view(),
+            moment_inverse: particles.moment_inverse.view(),
+            at_rest: particles.at_rest.view(),
+            weights,
+            step_s: STEP_S,
+            deformation: self.deformation.part(),
+            corrected_stress: self.corrected_stress.part(),
+        };
+        carry_out(deform, arch, control);
+        let weight = WEIGHT_N * (f64::from(step) / RAMP_STEPS).min(1.0);
+        let load_n = particles.lattice.axes.map(|axis| if axis == 1 { -weight } else { 0.0 });
+        if particles.multiplicity.is_none() {
+            self.move_on::<false>(load_n, control);
+        } else {
+            self.move_on::<true>(load_n, control);
+        }
+        if let (Some(weighted), Some(multiplicity)) = (&mut self.weighted, &self.particles.multiplicity) {
+            weighted.set_product(&self.displacement, multiplicity);
+        }
+    }
+
+    /// The rest of a step: forces between pairs, and where they move the particles.
+    fn move_on<const SHARED: bool>(&mut self, load_n: [f64; 3], control: &Control<'_>) {
+        let (particles, arch) = (&self.particles, self.arch);
+        let (blocks, weights) = (particles.lattice.blocks.as_slice(), &particles.weights);
+        let [presence] = particles.presence.view();
+        let displacement = self.displacement.view();
+        let (deformation, corrected_stress) = (self.deformation.view(), self.corrected_stress.view());
+        let state = State { displacement, deformation, corrected_stress, presence };
+        carry_out(Pull { blocks, state, weights, forces: self.forces.part() }, arch, control);
+        let forward = Move::<SHARED> {
+            blocks,
+            forces: self.forces.view(),
+            multiplicity: particles.multiplicity.as_ref().unwrap_or(&particles.presence).view()[0],
+            rest: particles.rest.view(),
+            is_free: particles.is_free.view()[0],
+            load_n,
+            step_s: STEP_S,
+            step_per_mass: STEP_S / MASS_KG,
+            displacement: self.displacement.part(),
+            velocity: self.velocity.part(),
+        };
+        carry_out(forward, arch, control);
+    }
+
+    /// The outcome, from the state after the last step and what was before it.
+    fn outcome(self, cells: &[Cell], deformation_before: &Fields<9>, velocity_before: &Fields<3>) -> Outcome {
+        let particles = &self.particles;
+        let mut diagnostics = Diagnostics {
+            singular_moment: particles.singular_moment.clone(),
+            unconnected: particles.unconnected(),
+            repeated_cells: particles.repeated_cells,
+            ..Diagnostics::default()
+        };
+        let matrix = |numbers: [f64; 9]| Matrix3::from_row_slice(&numbers);
+        let fall = free_fall();
+        let mut outcome = Outcome::default();
+        let mut residuals = Vec::with_capacity(cells.len());
+        for (number, entry) in (0u32..).zip(&particles.entries) {
+            let Some(place) = entry.place else {
+                // Without neighbours F is 0: it counts for nothing, and falls unless it is held.
+                diagnostics.degenerate.push(number);
+                let (fallen, speed) = if entry.is_held { (0.0, 0.0) } else { fall };
+                outcome.von_mises_pa.push(0.0);
+                outcome.displacement_m.push([0.0, fallen, 0.0]);
+                diagnostics.kinetic_energy_j += 0.5 * MASS_KG * speed * speed;
+                residuals.push([0.0, if entry.is_held { 0.0 } else { -WEIGHT_N }, 0.0]);
+                continue;
+            };
+            let f = matrix(self.deformation.at(place));
+            let p = constitutive::stress_of_one(&f, &matrix(deformation_before.at(place)), STEP_S);
+            outcome.von_mises_pa.push(match fate(&p, &f) {
+                Fate::Stressed(stress_pa) => stress_pa,
+                Fate::Degenerate => {
+                    diagnostics.degenerate.push(number);
+                    0.0
+                }
+                Fate::NonFinite => {
+                    diagnostics.non_finite.push(number);
+                    0.0
+                }
+            });
+            outcome.displacement_m.push(particles.in_the_world(self.displacement.at(place)));
+            let (before, after) = (velocity_before.at(place), self.velocity.at(place));
+            let now: [f64; 3] = std::array::from_fn(|k| f64::midpoint(before[k], after[k]));
+            diagnostics.kinetic_energy_j += 0.5 * MASS_KG * now.iter().map(|v| v * v).sum::<f64>();
+            residuals.push(std::array::from_fn(|k| (after[k] - before[k]) * (MASS_KG / STEP_S)));
+        }
+        let is_number = outcome.von_mises_pa.iter().all(|stress| !stress.is_nan());
+        let greatest = outcome.von_mises_pa.iter().copied().fold(0.0, f64::max);
+        // Of several the one at the least cell, whatever the order of the list.
+        let stress = &outcome.von_mises_pa;
+        let most = (0..cells.len()).filter(|&i| greatest > 0.0 && stress[i] == greatest).min_by_key(|&i| cells[i]);
+        outcome.most_stressed = most;
+        outcome.max_von_mises_pa = if is_number { greatest } else { f64::NAN };
+        diagnostics.max_displacement_m = greatest_length(outcome.displacement_m.iter().copied());
+        diagnostics.residual_force_n = greatest_length(residuals);
+        diagnostics.sloped = particles.is_sloped;
+        diagnostics.order_sensitive =
+            diagnostics.sloped || diagnostics.repeated_cells > 0 || !is_number || !diagnostics.non_finite.is_empty();
+        outcome.diagnostics = diagnostics;
+        outcome
+    }
+}
+
+/// How far a particle without neighbours has fallen at the end, in blocks, and how fast it is, in blocks a second.
+fn free_fall() -> (f64, f64) {
+    let (mut height, mut velocity, mut before) = (0.0, 0.0, 0.0);
+    for step in 0..STEPS {
+        before = velocity;
+        height += velocity * STEP_S;
+        velocity -= WEIGHT_N * (f64::from(step) / RAMP_STEPS).min(1.0) * STEP_S / MASS_KG;
+    }
+    (height, f64::midpoint(before, velocity))
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::elasticity::sph::*;
+
+    /// All kinds of vectors this processor has: where products and sums are rounded at once the bits are the same, and
+    /// elsewhere nearly.
+    #[test]
+    fn every_kind_of_processor_agrees() {
+        let cells: Vec<Cell> =
+            (0..4 * 4 * 5).map(|i| Cell::new(i % 4, i / 4 % 4, i / 16)).chain([Cell::new(0, 4, 1)]).collect();
+        let simulate = |arch| simulate_with(arch, &cells, &Control::unhurried()).unwrap().von_mises_pa;
+        let plain = simulate(Arch::Scalar);
+        for (a, b) in plain.iter().zip(simulate(Arch::new())) {
+            assert!((a - b).abs() <= 1e-7 * b + 1e-4, "plain {a} Pa, vectors {b} Pa");
+        }
+        #[cfg(target_arch = "x86_64")]
+        if let (Some(narrow), Some(wide)) = (pulp::x86::V3::try_new(), pulp::x86::V4::try_new()) {
+            assert_eq!(simulate(Arch::V3(narrow)), simulate(Arch::V4(wide)));
+        }
+    }
+}

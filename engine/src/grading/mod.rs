@@ -1,0 +1,17 @@
+//! Grading: a task and a log give a report; reports give the summary of a run.
+
+pub mod advisories;
+pub mod baseline;
+pub mod cost;
+pub mod fingerprints;
+pub mod outcomes;
+pub mod raw_records;
+pub mod report;
+pub mod reward;
+pub mod saboteur_table;
+pub mod standings;
+pub mod statistics;
+pub mod summary;
+
+pub use report::{Report, grade_hashed, grade_log, grade_structures};
+pub use summary::{ProblemScores, Summary};

@@ -1,0 +1,160 @@
+//! Rewards: one number from a report, by a scheme that the trainer names.
+
+use serde::{Deserialize, Serialize};
+
+use super::Report;
+use super::baseline::Baseline;
+use crate::checks::Criterion;
+
+/// How a report becomes a number in [0, 1].
+#[derive(Debug, Clone, PartialEq, Default)]
+pub enum Scheme {
+    /// 1 where the problem passes overall (SPEC 5), else 0.
+    #[default]
+    Strict,
+    /// The mean over the criteria that apply, each the mean score of its checks. A log that does nothing earns much of it.
+    Mean,
+    /// What is earned beyond a log that does nothing ([`Baseline::shaped`]): for training.
+    Shaped,
+    /// The weighted mean of the same, over the criteria that apply and have a weight.
+    Weighted(Vec<(Criterion, f64)>),
+}
+
+impl Scheme {
+    /// Its name in the API.
+    #[must_use]
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Self::Strict => "strict",
+            Self::Mean => "mean",
+            Self::Shaped => "shaped",
+            Self::Weighted(_) => "weighted",
+        }
+    }
+
+    /// The reward; none where no criterion that applies has a weight. `baseline` is that of the task, for [`Self::Shaped`]; none where
+    /// each check is passed by a log that does nothing.
+    #[must_use]
+    pub fn reward(&self, report: &Report, baseline: Option<&Baseline>) -> Option<f64> {
+        let weight = |criterion: Criterion| match self {
+            Self::Strict | Self::Mean | Self::Shaped => 1.0,
+            Self::Weighted(weights) => {
+                weights.iter().find(|(of, _)| *of == criterion).map_or(0.0, |(_, weight)| *weight)
+            }
+        };
+        if *self == Self::Strict {
+            return Some(f64::from(report.overall));
+        }
+        if *self == Self::Shaped {
+            return baseline.filter(|baseline| baseline.can_be_beaten()).map(|baseline| baseline.shaped(report));
+        }
+        let total: f64 = report.criteria.iter().map(|c| weight(c.criterion)).sum();
+        let sum: f64 = report.criteria.iter().map(|c| weight(c.criterion) * c.mean).sum();
+        (total > 0.0).then(|| sum / total)
+    }
+}
+
+/// What a reward is made of: the mean score of each criterion that applies, and overall success.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct RewardComponents {
+    /// 1 where the problem passes overall, else 0.
+    #[schema(minimum = 0, maximum = 1)]
+    pub overall: f64,
+    /// Material; absent where it does not apply, as the others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
+    pub material: Option<f64>,
+    /// Shape.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
+    pub shape: Option<f64>,
+    /// Size.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
+    pub size: Option<f64>,
+    /// Physical plausibility.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
+    pub physical_plausibility: Option<f64>,
+    /// Structural stability.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
+    pub structural_stability: Option<f64>,
+    /// Efficiency.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
+    pub efficiency: Option<f64>,
+    /// Dependency.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
+    pub dependency: Option<f64>,
+}
+
+impl RewardComponents {
+    /// Of nothing that could be graded: 0 for each criterion that applies.
+    #[must_use]
+    pub fn none_of(criteria: &[Criterion]) -> Self {
+        let none = |wanted| criteria.contains(&wanted).then_some(0.0);
+        Self {
+            overall: 0.0,
+            material: none(Criterion::Material),
+            shape: none(Criterion::Shape),
+            size: none(Criterion::Size),
+            physical_plausibility: none(Criterion::PhysicalPlausibility),
+            structural_stability: none(Criterion::StructuralStability),
+            efficiency: none(Criterion::Efficiency),
+            dependency: none(Criterion::Dependency),
+        }
+    }
+
+    /// Of a report.
+    #[must_use]
+    pub fn of(report: &Report) -> Self {
+        let mean = |wanted| report.criteria.iter().find(|c| c.criterion == wanted).map(|c| c.mean);
+        Self {
+            overall: f64::from(report.overall),
+            material: mean(Criterion::Material),
+            shape: mean(Criterion::Shape),
+            size: mean(Criterion::Size),
+            physical_plausibility: mean(Criterion::PhysicalPlausibility),
+            structural_stability: mean(Criterion::StructuralStability),
+            efficiency: mean(Criterion::Efficiency),
+            dependency: mean(Criterion::Dependency),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::builders::build;
+    use crate::builders::saboteurs::find;
+    use crate::elasticity::Control;
+    use crate::grading::grade_log;
+    use crate::grading::reward::*;
+    use crate::tasks::embedded;
+
+    #[test]
+    fn schemes_agree_on_a_good_wall_and_differ_on_a_wide_one() {
+        let suite = embedded::latest().unwrap();
+        let task = suite.tasks.iter().find(|task| task.id == "walls/5x1x5-raise").unwrap();
+        let good = build(task).unwrap();
+        // Five checks in four criteria; more blocks spoil one of two for material, one of two for size, and movement.
+        let wide = find("widen").unwrap().spoil(good.clone());
+        let report = |log| grade_log(task, log, &Control::unhurried()).unwrap();
+        let (good, wide) = (report(&good), report(&wide));
+        let efficiency = wide.criteria.iter().find(|c| c.criterion == Criterion::Efficiency).unwrap().mean;
+        let weights = |of: &[(Criterion, f64)]| Scheme::Weighted(of.to_vec());
+        for scheme in [Scheme::Strict, Scheme::Mean, weights(&[(Criterion::Size, 2.0)])] {
+            assert_eq!(scheme.reward(&good, None), Some(1.0));
+        }
+        assert_eq!(Scheme::Strict.reward(&wide, None), Some(0.0));
+        assert_eq!(Scheme::Mean.reward(&wide, None), Some((0.5 + 0.5 + 1.0 + efficiency) / 4.0));
+        assert_eq!(
+            weights(&[(Criterion::Material, 3.0), (Criterion::PhysicalPlausibility, 1.0)]).reward(&wide, None),
+            Some(2.5 / 4.0)
+        );
+        assert_eq!(weights(&[(Criterion::Dependency, 1.0)]).reward(&wide, None), None, "walls have no order");
+        assert_eq!(RewardComponents::of(&wide).size, Some(0.5));
+        assert_eq!(RewardComponents::of(&wide).dependency, None);
+    }
+}

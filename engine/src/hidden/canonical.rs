@@ -1,0 +1,57 @@
+//! JSON as it is hashed and signed: canonical by RFC 8785, so that everybody gets the same bytes.
+
+use serde::Serialize;
+use sha2::{Digest as _, Sha256};
+
+/// A SHA-256 hash.
+pub type Hash = [u8; 32];
+
+/// The canonical JSON of a value (RFC 8785). What this room hashes has names for keys and finite numbers, so it always has one.
+#[must_use]
+pub fn canonical_json<T: Serialize>(value: &T) -> Vec<u8> {
+    serde_json_canonicalizer::to_vec(value).unwrap_or_default()
+}
+
+/// SHA-256 of a value's canonical JSON.
+#[must_use]
+pub fn hash_of<T: Serialize>(value: &T) -> Hash {
+    Sha256::digest(canonical_json(value)).into()
+}
+
+/// Bytes from lower-case or upper-case hexadecimal; none where it is none.
+#[must_use]
+pub fn unhex<const N: usize>(text: &str) -> Option<[u8; N]> {
+    if text.len() != 2 * N || !text.is_ascii() {
+        return None;
+    }
+    let mut bytes = [0; N];
+    for (i, byte) in bytes.iter_mut().enumerate() {
+        *byte = u8::from_str_radix(&text[2 * i..2 * i + 2], 16).ok()?;
+    }
+    Some(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::hidden::canonical::*;
+    use crate::tasks::hex;
+    use serde_json::json;
+
+    /// Keys sorted by their UTF-16 units, numbers as ECMAScript writes them: the example of RFC 8785, section 3.2.
+    #[test]
+    fn json_is_canonical() {
+        let value: serde_json::Value = serde_json::from_str(
+            r#"{"numbers":[333333333.33333329,1E30,4.50,2e-3],"literals":[null,true,false],"b":1}"#,
+        )
+        .unwrap();
+        let text = String::from_utf8(canonical_json(&value)).unwrap();
+        assert_eq!(text, r#"{"b":1,"literals":[null,true,false],"numbers":[333333333.3333333,1e+30,4.5,0.002]}"#);
+        assert_eq!(canonical_json(&json!({ "b": 1, "a": 2 })), br#"{"a":2,"b":1}"#);
+    }
+
+    #[test]
+    fn hexadecimal_reads_back() {
+        assert_eq!(unhex::<3>(&hex(&[0, 171, 255])), Some([0, 171, 255]));
+        assert!(unhex::<2>("abc").is_none() && unhex::<2>("zzzz").is_none() && unhex::<2>("é\u{e9}").is_none());
+    }
+}

@@ -1,0 +1,141 @@
+//! What an entrant is told, and when: one function, through which everything goes that is said of hidden instances.
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use crate::checks::Criterion;
+use crate::grading::ProblemScores;
+
+/// How much is told of a finalized entry while its epoch is open.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Feedback {
+    /// Nothing.
+    AfterEpoch,
+    /// How many instances pass, of how many.
+    ScoreOnly,
+    /// That, and per criterion how many pass of how many to which it applies.
+    Criteria,
+    /// Everything, with each check's measured and required values.
+    Full,
+}
+
+/// Kinds of entries.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Tier {
+    /// For development: fresh draws, coarse feedback, a board that the Ladder keeps.
+    Dev,
+    /// Pre-registered: the score is told after the epoch has closed, and ranked with its interval.
+    Official,
+}
+
+impl Tier {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Dev, Self::Official];
+
+    /// Its name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Dev => "dev",
+            Self::Official => "official",
+        }
+    }
+
+    /// What its entries are told while the epoch is open.
+    #[must_use]
+    pub const fn feedback(self, dev: Feedback) -> Feedback {
+        match self {
+            Self::Dev => dev,
+            Self::Official => Feedback::AfterEpoch,
+        }
+    }
+}
+
+/// One instance of a finalized entry, as grading left it; an unanswered one has no scores and counts as failed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// The instance.
+    pub instance: String,
+    /// Scores of its checks.
+    pub scores: Option<ProblemScores>,
+}
+
+impl Outcome {
+    /// Whether it passes.
+    #[must_use]
+    pub fn passes(&self) -> bool {
+        self.scores.as_ref().is_some_and(ProblemScores::overall)
+    }
+}
+
+/// What is told of an entry: null while nothing is.
+#[must_use]
+pub fn told(feedback: Feedback, is_epoch_over: bool, outcomes: &[Outcome]) -> Value {
+    let level = if is_epoch_over { Feedback::Full } else { feedback };
+    if level == Feedback::AfterEpoch {
+        return Value::Null;
+    }
+    let passed = outcomes.iter().filter(|outcome| outcome.passes()).count();
+    let mut told = json!({ "passed": passed, "of": outcomes.len(),
+                           "overall": passed as f64 / outcomes.len().max(1) as f64 });
+    if level >= Feedback::Criteria {
+        // Of unanswered instances it is unknown to which criteria they belong; they count in the score alone.
+        let per_criterion = Criterion::ALL.into_iter().map(|criterion| {
+            let answered = outcomes.iter().filter_map(|outcome| outcome.scores.as_ref());
+            let holds: Vec<bool> = answered.filter_map(|scores| scores.holds(|own| own == criterion)).collect();
+            let passed = holds.iter().filter(|holds| **holds).count();
+            (criterion.name().to_owned(), json!({ "passed": passed, "of": holds.len() }))
+        });
+        told["criteria"] = Value::Object(per_criterion.collect());
+    }
+    if level == Feedback::Full {
+        let each = |outcome: &Outcome| {
+            json!({ "instance": outcome.instance, "passes": outcome.passes(),
+                                               "answered": outcome.scores.is_some() })
+        };
+        told["instances"] = outcomes.iter().map(each).collect();
+    }
+    told
+}
+
+/// Bits that telling what an entry with so many answers came to releases at most: the logarithm of the number of results that
+/// there can be. The board tells the score of one half beside that of the whole, so both halves count.
+#[must_use]
+pub fn released_bits(feedback: Feedback, answered: usize) -> f64 {
+    let score = 2.0 * (answered as f64 / 2.0 + 1.0).log2();
+    match feedback {
+        Feedback::AfterEpoch => 0.0,
+        Feedback::ScoreOnly => score,
+        Feedback::Criteria => score * (1 + Criterion::ALL.len()) as f64,
+        // At least what passes of each instance; its evidence is more than can be counted.
+        Feedback::Full => answered as f64 * 64.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::hidden::feedback::*;
+
+    fn outcomes() -> Vec<Outcome> {
+        let scores = |score: f64| Some(ProblemScores { number: 1, rows: vec![(Criterion::Shape, score)] });
+        let outcome = |scores| Outcome { instance: "i".to_owned(), scores };
+        vec![outcome(scores(1.0)), outcome(scores(0.5)), outcome(None)]
+    }
+
+    #[test]
+    fn each_level_tells_more_than_the_one_before() {
+        let told = |feedback| told(feedback, false, &outcomes());
+        assert_eq!(told(Feedback::AfterEpoch), Value::Null);
+        assert_eq!(told(Feedback::ScoreOnly), json!({ "passed": 1, "of": 3, "overall": 1.0 / 3.0 }));
+        assert_eq!(told(Feedback::Criteria)["criteria"]["shape"], json!({ "passed": 1, "of": 2 }));
+        assert!(told(Feedback::Criteria).get("instances").is_none());
+        assert_eq!(told(Feedback::Full)["instances"].as_array().unwrap().len(), 3);
+    }
+
+    #[test]
+    fn after_the_epoch_everything_is_told() {
+        assert!(told(Feedback::AfterEpoch, true, &outcomes())["instances"].is_array());
+    }
+}

@@ -1,0 +1,63 @@
+//! Merkle trees over hashes, as RFC 6962 builds them: leaves and nodes are hashed under different prefixes, and a tree of any
+//! size splits at the greatest power of two below it.
+
+use sha2::{Digest as _, Sha256};
+
+use super::canonical::Hash;
+
+/// Hash of a leaf: SHA-256 over 0, salt and content hash.
+#[must_use]
+pub fn leaf(salt: &Hash, content: &Hash) -> Hash {
+    Sha256::new().chain_update([0]).chain_update(salt).chain_update(content).finalize().into()
+}
+
+fn node(left: &Hash, right: &Hash) -> Hash {
+    Sha256::new().chain_update([1]).chain_update(left).chain_update(right).finalize().into()
+}
+
+const fn split(leaves: usize) -> usize {
+    leaves.next_power_of_two() / 2
+}
+
+/// Root over leaves in order; of none SHA-256 over nothing.
+#[must_use]
+pub fn root(leaves: &[Hash]) -> Hash {
+    match leaves {
+        [] => Sha256::digest([]).into(),
+        [only] => *only,
+        _ => {
+            let (left, right) = leaves.split_at(split(leaves.len()));
+            node(&root(left), &root(right))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::hidden::merkle::*;
+
+    fn leaves(n: usize) -> Vec<Hash> {
+        (0..n).map(|i| leaf(&[0; 32], &[i as u8; 32])).collect()
+    }
+
+    /// The tree of seven leaves as RFC 6962, section 2.1.3, draws it.
+    #[test]
+    fn seven_leaves_split_at_four() {
+        let l = leaves(7);
+        let left = node(&node(&l[0], &l[1]), &node(&l[2], &l[3]));
+        let right = node(&node(&l[4], &l[5]), &l[6]);
+        assert_eq!(root(&l), node(&left, &right));
+        assert_eq!(root(&l[..1]), l[0]);
+    }
+
+    #[test]
+    fn a_bit_changes_the_root_and_order_matters() {
+        let mut changed = leaves(7);
+        let before = root(&changed);
+        changed[4][31] ^= 1;
+        assert_ne!(root(&changed), before);
+        changed[4][31] ^= 1;
+        changed.swap(0, 1);
+        assert_ne!(root(&changed), before);
+    }
+}

@@ -1,0 +1,206 @@
+//! The public log of receipts: a chain of links, and its end, which is signed.
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use sha2::{Digest as _, Sha256};
+
+use super::{ReceiptFault, ReceiptFile, Signer, must_be_trusted, verify_signature};
+use crate::hidden::canonical::{Hash, unhex};
+use crate::tasks::hex;
+
+/// The link before the first.
+pub const FIRST_LINK: Hash = [0; 32];
+
+/// The link after `before` for a receipt with this hash.
+#[must_use]
+pub fn link(before: &Hash, receipt: &Hash) -> Hash {
+    Sha256::new().chain_update(before).chain_update(receipt).finalize().into()
+}
+
+/// A page of the log.
+#[derive(Debug, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = ReceiptPage)]
+pub struct LogPage {
+    /// In order; each links to the one before.
+    pub receipts: Vec<ReceiptFile>,
+    /// `after` of the next page; null on the last.
+    pub next_after: Option<i64>,
+    /// The signed end of the whole log, as it was when this page was read. The last page ends there.
+    #[serde(default)]
+    pub head: Option<LogHead>,
+}
+
+/// The end of the log, signed: how many receipts there are, and the last link, which stands for all before it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct LogHead {
+    /// Receipts in the log.
+    pub size: i64,
+    /// The last link; all zeros where the log is empty.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
+    pub link: String,
+    /// When it was signed, milliseconds since 1970.
+    pub at_ms: i64,
+    /// The public key that verifies it.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
+    pub public_key: String,
+    /// Ed25519 signature over the canonical JSON of `{"plumbline_log_head": 1, "size": …, "link": …, "at_ms": …}`, in hex.
+    #[schema(pattern = "^[0-9a-f]{128}$")]
+    pub signature: String,
+}
+
+impl LogHead {
+    /// Signed now.
+    #[must_use]
+    pub fn signed(size: i64, link: String, at_ms: i64, signer: &Signer) -> Self {
+        let signed = signer.sign(&head_text(size, &link, at_ms));
+        Self { size, link, at_ms, public_key: signed.public_key, signature: signed.signature }
+    }
+
+    /// Checks its signature against the keys that are trusted.
+    ///
+    /// # Errors
+    /// The first fault.
+    pub fn verify(&self, trusted: &[&str]) -> Result<(), ReceiptFault> {
+        must_be_trusted(&self.public_key, trusted)?;
+        verify_signature(&head_text(self.size, &self.link, self.at_ms), &self.public_key, &self.signature)
+    }
+}
+
+fn head_text(size: i64, link: &str, at_ms: i64) -> Value {
+    json!({ "plumbline_log_head": 1, "size": size, "link": link, "at_ms": at_ms })
+}
+
+fn place_text(seq: i64, link: &str) -> Value {
+    json!({ "plumbline_log_place": 1, "seq": seq, "link": link })
+}
+
+impl ReceiptFile {
+    /// With a signature over its place, for a receipt that is handed out alone.
+    #[must_use]
+    pub fn with_place(mut self, signer: &Signer) -> Self {
+        self.place_signature = Some(signer.sign(&place_text(self.seq, &self.link)).signature);
+        self
+    }
+
+    /// Checks the signature over its place.
+    ///
+    /// # Errors
+    /// Where it has none, or it does not verify. The key may have changed since the receipt was signed.
+    pub fn verify_place(&self, trusted: &[&str]) -> Result<(), ReceiptFault> {
+        let signature = self.place_signature.as_ref().ok_or(ReceiptFault::UnsignedPlace(self.seq))?;
+        let text = place_text(self.seq, &self.link);
+        let verifies = trusted.iter().any(|key| verify_signature(&text, key, signature).is_ok());
+        if verifies { Ok(()) } else { Err(ReceiptFault::BadPlace(self.seq)) }
+    }
+}
+
+/// Checks that the key of each entry of the log is that of the entry before it, or that it says itself that the key changed.
+///
+/// # Errors
+/// The first entry that does not.
+pub fn verify_keys<'a>(log: impl IntoIterator<Item = &'a ReceiptFile>) -> Result<(), ReceiptFault> {
+    let mut last: Option<&str> = None;
+    for file in log {
+        let is_told = |before: &str| {
+            let change = file.receipt.as_ref().and_then(|receipt| receipt.get("key_change"));
+            change.is_some_and(|change| change["before"] == before && change["now"] == file.public_key.as_str())
+        };
+        if last.is_some_and(|last| last != file.public_key && !is_told(last)) {
+            return Err(ReceiptFault::UntoldKey(file.seq));
+        }
+        last = Some(&file.public_key);
+    }
+    Ok(())
+}
+
+/// Checks that entries of the log, in order, follow from each other.
+///
+/// # Errors
+/// The first link that does not.
+pub fn verify_chain<'a>(log: impl IntoIterator<Item = &'a ReceiptFile>) -> Result<usize, ReceiptFault> {
+    let mut last: Option<(i64, &str)> = None;
+    let mut count = 0;
+    for file in log {
+        let previous: Hash = unhex(&file.previous).ok_or(ReceiptFault::Unreadable("previous"))?;
+        let hash: Hash = unhex(&file.hash).ok_or(ReceiptFault::Unreadable("hash"))?;
+        let starts = (file.seq == 1) == (previous == FIRST_LINK) && file.seq > 0;
+        let follows = last.is_none_or(|(seq, link)| link == file.previous && seq + 1 == file.seq);
+        if !starts || !follows || hex(&link(&previous, &hash)) != file.link {
+            return Err(ReceiptFault::BrokenLink(file.seq));
+        }
+        last = Some((file.seq, &file.link));
+        count += 1;
+    }
+    Ok(count)
+}
+
+/// Checks that a log whose entries follow from each other ends where its signed head says.
+///
+/// # Errors
+/// Where it does not.
+pub fn verify_end(log: &[&ReceiptFile], head: &LogHead, trusted: &[&str]) -> Result<(), ReceiptFault> {
+    head.verify(trusted)?;
+    let (seq, link) = log.last().map_or((0, hex(&FIRST_LINK)), |last| (last.seq, last.link.clone()));
+    if seq != head.size {
+        return Err(ReceiptFault::OtherLength { found: seq, signed: head.size });
+    }
+    if link == head.link { Ok(()) } else { Err(ReceiptFault::BrokenLink(seq)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::hidden::receipts::log::*;
+    use crate::hidden::receipts::tests::file;
+    use crate::hidden::receipts::{key_change, verify};
+
+    #[test]
+    fn a_key_changes_only_where_the_log_says_so() {
+        let (old, new) = (Signer::new(&[5; 32]), Signer::new(&[6; 32]));
+        let first = file(&old, 1, &FIRST_LINK, json!({ "submission": 1 }));
+        let told = key_change(&old.public_key(), &new.public_key(), 3);
+        let change = file(&new, 2, &unhex(&first.link).unwrap(), told);
+        let after = file(&new, 3, &unhex(&change.link).unwrap(), json!({ "submission": 2 }));
+        assert_eq!(verify_keys([&first, &change, &after]), Ok(()));
+        assert_eq!(verify_keys([&first, &after]), Err(ReceiptFault::UntoldKey(3)));
+        assert_eq!(verify(&change, &[&new.public_key()]), Ok(()));
+    }
+
+    #[test]
+    fn a_log_from_which_one_was_taken_breaks() {
+        let signer = Signer::new(&[5; 32]);
+        let mut previous = FIRST_LINK;
+        let log: Vec<ReceiptFile> = (1..=4)
+            .map(|seq| {
+                let file = file(&signer, seq, &previous, json!({ "submission": seq }));
+                previous = unhex(&file.link).unwrap();
+                file
+            })
+            .collect();
+        assert_eq!(verify_chain(&log), Ok(4));
+        assert_eq!(verify_chain(&log[1..]), Ok(3), "a page from the middle");
+        assert_eq!(verify_chain([&log[0], &log[2]]), Err(ReceiptFault::BrokenLink(3)));
+        let mut moved = log[1].clone();
+        moved.seq = 3;
+        assert_eq!(verify_chain([&log[0], &moved]), Err(ReceiptFault::BrokenLink(3)), "another place");
+    }
+
+    #[test]
+    fn a_cut_tail_and_a_changed_place_show() {
+        let signer = Signer::new(&[5; 32]);
+        let (key, first) =
+            (signer.public_key(), file(&Signer::new(&[5; 32]), 1, &FIRST_LINK, json!({ "submission": 1 })));
+        let second = file(&signer, 2, &unhex(&first.link).unwrap(), json!({ "submission": 2 }));
+        let head = LogHead::signed(2, second.link.clone(), 7, &signer);
+        assert_eq!(verify_end(&[&first, &second], &head, &[&key]), Ok(()));
+        let cut = ReceiptFault::OtherLength { found: 1, signed: 2 };
+        assert_eq!(verify_end(&[&first], &head, &[&key]), Err(cut));
+        let shorter = LogHead { size: 1, link: first.link.clone(), ..head };
+        assert_eq!(verify_end(&[&first], &shorter, &[&key]), Err(ReceiptFault::BadSignature));
+        let mut alone = second.with_place(&signer);
+        assert_eq!(alone.verify_place(&[&key]), Ok(()));
+        alone.seq = 3;
+        assert_eq!(alone.verify_place(&[&key]), Err(ReceiptFault::BadPlace(3)));
+        alone.place_signature = None;
+        assert_eq!(alone.verify_place(&[&key]), Err(ReceiptFault::UnsignedPlace(3)));
+    }
+}

@@ -1,0 +1,93 @@
+//! The boards of an epoch made again from its reveal.
+
+use std::collections::BTreeMap;
+
+use serde_json::Value;
+
+use super::Verified;
+use crate::hidden::board::{Answered, Entrant, Row, rows};
+use crate::hidden::commitment::Commitment;
+use crate::hidden::feedback::Tier;
+use crate::hidden::reveal::Reveal;
+use crate::hidden::secret::EpochKey;
+use crate::tasks::hex;
+
+/// The rows of a tier, made from the reveal.
+fn made(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, tier: Tier) -> Vec<Row> {
+    let mut instances: BTreeMap<&str, Vec<Answered>> = BTreeMap::new();
+    for instance in &reveal.instances {
+        instances.entry(&instance.entry).or_default().push(Answered {
+            salt: hex(&key.derive("receipt", &[instance.id.as_bytes()])),
+            passes: instance.overall == Some(true),
+            is_answered: instance.log_sha256.is_some(),
+            has_transcript: instance.transcript_sha256.is_some(),
+            is_checked: instance.transcript_checked,
+        });
+    }
+    let own = reveal.entries.iter().filter(|entry| entry.tier == tier);
+    let entrants = own.map(|entry| Entrant {
+        id: entry.id.clone(),
+        owner: entry.owner.clone().unwrap_or_default(),
+        agent: entry.agent.clone(),
+        configuration_sha256: entry.configuration_hash.clone(),
+        runs: entry.runs,
+        completed_at_ms: entry.completed_at_ms,
+        instances: instances.remove(entry.id.as_str()).unwrap_or_default(),
+    });
+    rows(tier, commitment.instances_per_run, entrants.collect())
+}
+
+/// Makes the boards again that the service shows, and compares.
+pub(super) fn check(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, shown: &[Value], found: &mut Verified) {
+    if reveal.entries.iter().any(|entry| entry.owner.is_none()) {
+        found.unchecked.push("boards: the reveal is of an older program and does not name owners".to_owned());
+        return;
+    }
+    for board in shown {
+        let tier = Tier::ALL.into_iter().find(|tier| board["tier"] == tier.name());
+        let (Some(tier), Ok(rows)) = (tier, serde_json::from_value::<Vec<Row>>(board["rows"].clone())) else {
+            found.breach("board", "is not what GET /v1/epochs/NAME/leaderboard gives");
+            continue;
+        };
+        let place = format!("board of the tier {}", tier.name());
+        if board["epoch"] != commitment.epoch.as_str() {
+            found.breach(place, "is of another epoch");
+            continue;
+        }
+        let made = made(reveal, commitment, key, tier);
+        let registered = reveal.entries.iter().filter(|entry| entry.tier == tier).count();
+        if board["registered"].as_u64() != Some(registered as u64) {
+            found.breach(
+                place,
+                format!("says that {} entries registered; the reveal has {registered}", board["registered"]),
+            );
+            continue;
+        }
+        if board["is_released"] != true {
+            found.breach(place, "is from before its scores were told; fetch it when the epoch is over");
+            continue;
+        }
+        if rows.len() != made.len() {
+            found.breach(place, format!("has {} rows, the reveal makes {}", rows.len(), made.len()));
+            continue;
+        }
+        match rows.iter().zip(&made).find(|(shown, made)| shown != made) {
+            None => found.boards += 1,
+            Some((shown, made)) => {
+                let detail = format!(
+                    "shows {:?} of {:?} with {} of {} at {}, where the reveal makes {:?} with {} of {} at {}",
+                    shown.agent,
+                    shown.owner,
+                    shown.passed,
+                    shown.of,
+                    shown.rank,
+                    made.agent,
+                    made.passed,
+                    made.of,
+                    made.rank
+                );
+                found.breach(place, detail);
+            }
+        }
+    }
+}

@@ -1,0 +1,134 @@
+//! The receipts of a reveal held against the public log, and against receipts that entrants were given.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::{Kept, Verified};
+use crate::hidden::canonical::canonical_json;
+use crate::hidden::receipts::{ReceiptFile, verify, verify_chain, verify_end, verify_keys, verify_signature};
+use crate::tasks::hex;
+use sha2::{Digest as _, Sha256};
+
+/// The public keys to trust: the one that the epoch committed to, and those that whoever verifies gives. What the log says of a change
+/// of the key is written by whoever writes the log.
+pub(super) fn trusted(committed: &str, kept: &Kept) -> BTreeSet<String> {
+    kept.keys.iter().cloned().chain([committed.to_owned()]).collect()
+}
+
+/// Every receipt of the reveal is of this epoch, verifies, and stands there once.
+pub(super) fn signatures(epoch: &str, receipts: &[ReceiptFile], trusted: &[&str], found: &mut Verified) {
+    let (mut places, mut hashes) = (BTreeSet::new(), BTreeSet::new());
+    for file in receipts {
+        let place = || format!("receipt {}", file.seq);
+        if let Err(fault) = verify(file, trusted) {
+            found.breach(place(), fault.to_string());
+        }
+        if file.receipt.as_ref().is_none_or(|receipt| receipt["epoch"] != epoch) {
+            found.breach(place(), "is not of this epoch");
+        }
+        if file.seq < 1 {
+            found.breach(place(), "has no place in a log, which begins with 1");
+        }
+        if !places.insert(file.seq) || !hashes.insert(&file.hash) {
+            found.breach(place(), "stands twice in the reveal");
+        }
+    }
+}
+
+/// The log is whole, says the same wherever it was kept, and has the receipts of the reveal and no others of the epoch.
+pub(super) fn against_log(epoch: &str, receipts: &[ReceiptFile], kept: &Kept, trusted: &[&str], found: &mut Verified) {
+    if kept.log.is_empty() {
+        found.unchecked.push("receipts against the public log: no pages of it were given".to_owned());
+        return;
+    }
+    let mut log: BTreeMap<i64, &ReceiptFile> = BTreeMap::new();
+    for file in &kept.log {
+        let known = log.entry(file.seq).or_insert(file);
+        if known.link != file.link || known.hash != file.hash {
+            found.breach(
+                format!("receipt {} of the log", file.seq),
+                "differs between the pages: the log was written anew",
+            );
+        } else if known.receipt.is_none() {
+            *known = file;
+        }
+    }
+    let log: Vec<&ReceiptFile> = log.into_values().collect();
+    for fault in [verify_chain(log.iter().copied()).err(), verify_keys(log.iter().copied()).err()].into_iter().flatten()
+    {
+        found.breach("log", fault.to_string());
+    }
+    for file in log.iter().filter(|file| file.receipt.is_some()) {
+        // Whose key it is, is asked of the epoch's own receipts; others may be older than the key that the epoch committed to.
+        if let Err(fault) = verify(file, &[&file.public_key]) {
+            found.breach(format!("receipt {} of the log", file.seq), fault.to_string());
+        }
+    }
+    match kept.heads.iter().max_by_key(|head| head.size) {
+        None => found.breach("log", crate::hidden::receipts::ReceiptFault::NoHead.to_string()),
+        Some(head) => {
+            if let Err(fault) = verify_end(&log, head, trusted) {
+                found.breach("log", fault.to_string());
+            }
+        }
+    }
+    for head in &kept.heads {
+        let link = log.iter().find(|file| file.seq == head.size).map(|file| file.link.as_str());
+        let place = format!("head of {} receipts", head.size);
+        if link.is_some_and(|link| link != head.link) {
+            found.breach(place, "is of another log: the log was written anew");
+        } else if !trusted.contains(&head.public_key.as_str()) {
+            found
+                .unchecked
+                .push(format!("{place}: signed with the key {}, which --key makes trusted", head.public_key));
+        } else if let Err(fault) = head.verify(trusted) {
+            found.breach(place, fault.to_string());
+        }
+    }
+    let revealed: BTreeMap<i64, &ReceiptFile> = receipts.iter().map(|file| (file.seq, file)).collect();
+    for file in &log {
+        let is_of_epoch = file.receipt.as_ref().is_some_and(|receipt| receipt["epoch"] == epoch);
+        match revealed.get(&file.seq) {
+            None if is_of_epoch => {
+                found.breach(format!("receipt {} of the log", file.seq), "is missing from the reveal");
+            }
+            Some(own) if own.hash != file.hash || own.link != file.link => {
+                found.breach(format!("receipt {}", file.seq), "is not the one at this place of the log");
+            }
+            _ => {}
+        }
+    }
+    let last = log.last().map_or(0, |file| file.seq);
+    let end = receipts.iter().map(|file| file.seq).max().unwrap_or(0);
+    let withheld =
+        log.iter().filter(|file| file.receipt.is_none() && file.seq < end && !revealed.contains_key(&file.seq));
+    let withheld = withheld.count();
+    if withheld > 0 {
+        found.unchecked.push(format!(
+            "{withheld} receipts of the log before this epoch's last one: their bodies are withheld, as those of open epochs are; \
+             fetch the log again when no epoch is open, and where they stay withheld, something is hidden"
+        ));
+    }
+    for file in receipts.iter().filter(|file| log.iter().all(|own| own.seq != file.seq)) {
+        let detail =
+            if file.seq > last { "comes after the pages of the log that were given" } else { "is not in the log" };
+        found.breach(format!("receipt {}", file.seq), detail);
+    }
+}
+
+/// What entrants were given is in the reveal.
+pub(super) fn given(epoch: &str, receipts: &[ReceiptFile], kept: &Kept, trusted: &[&str], found: &mut Verified) {
+    let revealed: BTreeSet<&str> = receipts.iter().map(|file| file.hash.as_str()).collect();
+    for given in &kept.given {
+        let hash = hex(&Sha256::digest(canonical_json(&given.receipt)));
+        let place = format!("receipt that was given out, {}…", &hash[..12]);
+        if given.receipt["epoch"] != epoch {
+            found.unchecked.push(format!("{place}: is of another epoch"));
+        } else if !trusted.contains(&given.public_key.as_str())
+            || verify_signature(&given.receipt, &given.public_key, &given.signature).is_err()
+        {
+            found.breach(place, "is not signed by this service");
+        } else if !revealed.contains(hash.as_str()) {
+            found.breach(place, "is missing from the reveal");
+        }
+    }
+}

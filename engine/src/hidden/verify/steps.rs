@@ -1,0 +1,300 @@
+//! Every entry, draw, answer, grade and failure of a reveal held against the receipts that were signed when it happened.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde_json::Value;
+
+use super::{Kept, Verified, log, times};
+use crate::hidden::commitment::{Commitment, Rules};
+use crate::hidden::evidence::{AnswerFact, ClosedFact, CompletedFact, DrawFact, EntryFact, Fact, TranscriptFact, fact};
+use crate::hidden::feedback::Tier;
+use crate::hidden::receipts::ReceiptFile;
+use crate::hidden::reveal::{Reveal, RevealedEntry, RevealedInstance};
+
+/// What the receipts of an epoch state.
+#[derive(Default)]
+pub(super) struct Stated<'a> {
+    pub entries: BTreeMap<String, EntryFact>,
+    pub draws: BTreeMap<(String, u32), DrawFact>,
+    pub answers: BTreeMap<String, AnswerFact>,
+    pub completed: BTreeMap<String, CompletedFact>,
+    failed: BTreeSet<String>,
+    transcripts: BTreeMap<String, TranscriptFact>,
+    pub grades: BTreeMap<&'a str, Vec<&'a Value>>,
+    pub closed: Vec<(i64, ClosedFact)>,
+}
+
+/// Holds a reveal against its receipts.
+pub(super) fn check(reveal: &Reveal, commitment: &Commitment, kept: &Kept, found: &mut Verified) {
+    let receipts = reveal.receipts.as_deref().unwrap_or_default();
+    let Some(rules) = &commitment.rules else {
+        let why = "steps without a receipt: the epoch was announced by an older program, which gave none";
+        found.unchecked.push(why.to_owned());
+        // What was given or entered all the same, after the program was renewed, must still be there.
+        let keys: Vec<&str> = kept.keys.iter().map(String::as_str).collect();
+        let own = receipts
+            .iter()
+            .map(|file| file.public_key.as_str())
+            .chain(kept.given.iter().map(|own| own.public_key.as_str()));
+        let trusted: Vec<&str> = if keys.is_empty() { own.collect() } else { keys };
+        log::given(&commitment.epoch, receipts, kept, &trusted, found);
+        return;
+    };
+    if reveal.receipts.is_none() {
+        found.breach("receipts", "are missing from the reveal");
+        return;
+    }
+    let trusted = log::trusted(&rules.receipt_key, kept);
+    let trusted: Vec<&str> = trusted.iter().map(String::as_str).collect();
+    let before = found.breaches.len();
+    log::signatures(&commitment.epoch, receipts, &trusted, found);
+    log::against_log(&commitment.epoch, receipts, kept, &trusted, found);
+    log::given(&commitment.epoch, receipts, kept, &trusted, found);
+    let stated = stated(receipts, found);
+    entries(reveal, commitment, rules, &stated, found);
+    draws(reveal, commitment, &stated, found);
+    answers(reveal, commitment, rules, &stated, found);
+    grades(reveal, &stated, found);
+    end(receipts, commitment, &stated, found);
+    times::check(&stated, found);
+    times::budget(reveal, commitment, rules, &stated, found);
+    if found.breaches.len() == before {
+        found.receipts = receipts.len();
+    }
+}
+
+fn stated<'a>(receipts: &'a [ReceiptFile], found: &mut Verified) -> Stated<'a> {
+    let mut stated = Stated::default();
+    for file in receipts {
+        let Some(receipt) = &file.receipt else { continue };
+        let place = || format!("receipt {}", file.seq);
+        let is_first = match fact(receipt) {
+            Some(Fact::Entry(fact)) => stated.entries.insert(fact.id.clone(), fact).is_none(),
+            Some(Fact::Draw(fact)) => stated.draws.insert((fact.entry.clone(), fact.run), fact).is_none(),
+            Some(Fact::Answer(fact)) => stated.answers.insert(fact.instance.clone(), fact).is_none(),
+            Some(Fact::Transcript(fact)) => stated.transcripts.insert(fact.instance.clone(), fact).is_none(),
+            Some(Fact::Completed(fact)) => stated.completed.insert(fact.entry.clone(), fact).is_none(),
+            // A failure may come again where the same log was sent again.
+            Some(Fact::Failure(fact)) => {
+                stated.failed.insert(fact.instance);
+                true
+            }
+            Some(Fact::Closed(fact)) => {
+                stated.closed.push((file.seq, fact));
+                true
+            }
+            None => {
+                match receipt["instance"].as_str().filter(|_| receipt.get("overall").is_some()) {
+                    Some(instance) => stated.grades.entry(instance).or_default().push(receipt),
+                    None => found.breach(place(), "states nothing that this program knows"),
+                }
+                true
+            }
+        };
+        if !is_first {
+            found.breach(place(), "states a second time what happens once");
+        }
+    }
+    stated
+}
+
+/// Every entry is as it was registered, ended when its receipt says, and keeps the rules; none is missing.
+fn entries(reveal: &Reveal, commitment: &Commitment, rules: &Rules, stated: &Stated<'_>, found: &mut Verified) {
+    let mut seen: BTreeSet<&str> = BTreeSet::new();
+    let mut of_owner: BTreeMap<(&str, &str), u32> = BTreeMap::new();
+    let mut official: BTreeMap<&str, &str> = BTreeMap::new();
+    for entry in &reveal.entries {
+        let place = || format!("entry {}", entry.id);
+        if !seen.insert(&entry.id) {
+            found.breach(place(), "stands twice in the reveal");
+        }
+        match stated.entries.get(&entry.id) {
+            None => found.breach(place(), "has no receipt of its registration"),
+            Some(fact) => {
+                for what in differences(entry, fact) {
+                    found.breach(place(), format!("{what} is not what was registered"));
+                }
+            }
+        }
+        let ended = stated.completed.get(&entry.id).map(|fact| (fact.finalized_at_ms, fact.completed_at_ms));
+        if ended.is_none() {
+            found.breach(place(), "has no receipt of its end; an epoch that is over has ended all its entries");
+        } else if ended != entry.finalized_at_ms.zip(entry.completed_at_ms) {
+            found.breach(place(), "did not end when its receipt says");
+        }
+        if entry.registered_at_ms < commitment.opens_at_ms || entry.registered_at_ms >= commitment.closes_at_ms {
+            found.breach(place(), "was registered while the epoch was not open");
+        }
+        let owner = entry.owner.as_deref().unwrap_or_default();
+        *of_owner.entry((owner, entry.tier.name())).or_default() += 1;
+        if entry.tier == Tier::Official && *official.entry(&entry.configuration_hash).or_insert(owner) != owner {
+            found.breach(place(), "is of a configuration that another owner entered too");
+        }
+    }
+    for ((owner, tier), count) in of_owner {
+        let most =
+            if tier == Tier::Dev.name() { rules.dev_entries_per_owner } else { rules.official_entries_per_owner };
+        if count > most {
+            found.breach(
+                format!("owner {owner:?}"),
+                format!("has {count} entries of the tier {tier}; {most} are allowed"),
+            );
+        }
+    }
+    for id in stated.entries.keys().filter(|id| !seen.contains(id.as_str())) {
+        found.breach(format!("entry {id}"), "was registered, and is missing from the reveal");
+    }
+}
+
+/// What an entry says otherwise than its receipt.
+fn differences(entry: &RevealedEntry, fact: &EntryFact) -> Vec<&'static str> {
+    let same = [
+        ("the owner", entry.owner.as_ref() == Some(&fact.owner)),
+        ("the agent", entry.agent == fact.agent),
+        ("the configuration", entry.configuration_hash == fact.configuration_sha256),
+        ("the tier", entry.tier == fact.tier),
+        ("the number of runs", entry.runs == fact.runs),
+        ("the time of registration", entry.registered_at_ms == fact.registered_at_ms),
+    ];
+    same.into_iter().filter(|(_, is_same)| !is_same).map(|(what, _)| what).collect()
+}
+
+/// Every run was drawn as its receipt says, and none is missing.
+fn draws(reveal: &Reveal, commitment: &Commitment, stated: &Stated<'_>, found: &mut Verified) {
+    let mut runs: BTreeMap<(String, u32), Vec<&RevealedInstance>> = BTreeMap::new();
+    for instance in &reveal.instances {
+        runs.entry((instance.entry.clone(), instance.run)).or_default().push(instance);
+    }
+    for (key, instances) in &runs {
+        let place = || format!("entry {}", key.0);
+        let Some(fact) = stated.draws.get(key) else {
+            found.breach(place(), format!("run {} has no receipt of its draw", key.1));
+            continue;
+        };
+        if !instances.iter().map(|own| &own.id).eq(&fact.instances) {
+            found.breach(place(), format!("run {} has other instances than were drawn", key.1));
+        }
+        if instances.iter().any(|own| own.nonce != fact.nonce) {
+            found.breach(place(), format!("run {} was drawn with another nonce", key.1));
+        }
+        if fact.drawn_at_ms < commitment.opens_at_ms || fact.drawn_at_ms >= commitment.closes_at_ms {
+            found.breach(place(), format!("run {} was drawn while the epoch was not open", key.1));
+        }
+    }
+    let owners: BTreeMap<&str, &str> =
+        reveal.entries.iter().map(|entry| (entry.id.as_str(), entry.owner.as_deref().unwrap_or_default())).collect();
+    let mut held: BTreeMap<&str, u32> = BTreeMap::new();
+    for (entry, _) in runs.keys() {
+        *held.entry(owners.get(entry.as_str()).copied().unwrap_or_default()).or_default() += 1;
+    }
+    let most = commitment.rules.as_ref().map_or(u32::MAX, |rules| rules.runs_per_owner);
+    for (owner, runs) in held.into_iter().filter(|(_, runs)| *runs > most) {
+        found.breach(format!("owner {owner:?}"), format!("drew {runs} runs; {most} are allowed"));
+    }
+    for (entry, run) in stated.draws.keys().filter(|key| !runs.contains_key(*key)) {
+        found.breach(format!("entry {entry}"), format!("run {run} was drawn, and is missing from the reveal"));
+    }
+}
+
+/// Every answer is the one that was taken, in time; none is missing.
+fn answers(reveal: &Reveal, commitment: &Commitment, rules: &Rules, stated: &Stated<'_>, found: &mut Verified) {
+    let drawn_at: BTreeMap<&str, i64> = stated
+        .draws
+        .values()
+        .flat_map(|draw| draw.instances.iter().map(|id| (id.as_str(), draw.drawn_at_ms)))
+        .collect();
+    for instance in &reveal.instances {
+        let place = || format!("instance {}", instance.id);
+        match (&instance.log_sha256, stated.answers.get(&instance.id)) {
+            (None, None) => {}
+            (None, Some(_)) => found.breach(place(), "was answered, and the reveal says that it was not"),
+            (Some(_), None) => found.breach(place(), "has an answer, and no receipt that one was taken"),
+            (Some(log), Some(fact)) => {
+                if *log != fact.log_sha256 {
+                    found.breach(place(), "was answered with another log");
+                }
+                if instance.entry != fact.entry || instance.transcript_sha256 != fact.transcript_sha256 {
+                    found.breach(place(), "was answered for another entry, or with another transcript promised");
+                }
+                let expires =
+                    drawn_at.get(instance.id.as_str()).map(|at| at + i64::from(rules.instance_seconds) * 1_000);
+                let closes = commitment.closes_at_ms;
+                if expires.is_none_or(|expires| fact.answered_at_ms >= expires.min(closes)) {
+                    found.breach(place(), "was answered after its time");
+                }
+            }
+        }
+    }
+    for instance in &reveal.instances {
+        let shown = stated.transcripts.get(&instance.id).map(|fact| &fact.transcript_sha256);
+        if instance.transcript_checked != shown.is_some()
+            || (shown.is_some() && shown != instance.transcript_sha256.as_ref())
+        {
+            found.breach(format!("instance {}", instance.id), "its transcript was not shown as its receipt says");
+        }
+    }
+    let known: BTreeSet<&str> = reveal.instances.iter().map(|instance| instance.id.as_str()).collect();
+    for id in stated.answers.keys().filter(|id| !known.contains(id.as_str())) {
+        found.breach(format!("instance {id}"), "was answered, and is missing from the reveal");
+    }
+}
+
+/// Every verdict is the one that was signed when it was found; what has none has failed with a receipt.
+fn grades(reveal: &Reveal, stated: &Stated<'_>, found: &mut Verified) {
+    let tasks: BTreeMap<u32, String> = reveal
+        .specifications
+        .iter()
+        .map(|revealed| (revealed.specification.leaf, revealed.specification.task.content_hash()))
+        .collect();
+    let mut known: BTreeSet<&str> = BTreeSet::new();
+    for instance in &reveal.instances {
+        known.insert(&instance.id);
+        let place = || format!("instance {}", instance.id);
+        let grades = stated.grades.get(instance.id.as_str()).map_or(&[][..], Vec::as_slice);
+        if instance.overall.is_none() {
+            let detail = match (grades.is_empty(), instance.log_sha256.is_some()) {
+                (false, _) => "was graded, and the reveal says that it was not",
+                (true, true) if !stated.failed.contains(&instance.id) => {
+                    "has an answer without a grade, and no receipt of a failure explains it"
+                }
+                _ => continue,
+            };
+            found.breach(place(), detail);
+            continue;
+        }
+        if grades.is_empty() {
+            found.breach(place(), "has a grade, and no receipt of it");
+        }
+        for receipt in grades {
+            let is_same = receipt["overall"].as_bool() == instance.overall
+                && receipt["log_sha256"].as_str() == instance.log_sha256.as_deref()
+                && receipt["specification_sha256"].as_str() == tasks.get(&instance.leaf).map(String::as_str);
+            if !is_same {
+                found.breach(place(), "its verdict, log or specification is not that of the receipt of its grade");
+            }
+        }
+    }
+    let graded = stated.grades.keys().copied().chain(stated.failed.iter().map(String::as_str));
+    for id in graded.filter(|id| !known.contains(id)) {
+        found.breach(format!("instance {id}"), "was graded, and is missing from the reveal");
+    }
+}
+
+/// The last receipt says how many there are, and when the epoch was over.
+fn end(receipts: &[ReceiptFile], commitment: &Commitment, stated: &Stated<'_>, found: &mut Verified) {
+    let [(seq, closed)] = stated.closed.as_slice() else {
+        found.breach("receipts", format!("{} of them state the end of the epoch; one should", stated.closed.len()));
+        return;
+    };
+    let others = receipts.len() as u64 - 1;
+    if closed.receipts != others {
+        let detail = format!("receipt {seq} says that {} came before it, and the reveal has {others}", closed.receipts);
+        found.breach("receipts", detail);
+    }
+    if receipts.iter().any(|file| file.seq > *seq) {
+        found.breach("receipts", format!("receipt {seq} states the end of the epoch, and others come after it"));
+    }
+    if closed.closed_at_ms > commitment.closes_at_ms {
+        found.breach("receipts", "the epoch was closed after its time");
+    }
+}

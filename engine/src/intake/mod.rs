@@ -1,0 +1,316 @@
+//! Reads a block log from JSON, in either form, and finds all its faults at once.
+//!
+//! A turn is `{"events": [{"action": "place", "x": 0, "y": -1, "z": 0, "material": "stone"}, …]}` or, compactly,
+//! `{"palette": ["stone"], "rows": [[0, -1, 0, 0], …]}`, where a row of four places `palette[i]` and a row of
+//! three removes.
+
+use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess};
+
+use crate::voxel::block_log::{BlockLog, Event, Turn};
+use crate::voxel::palette::{MaterialId, Palette};
+use tolerant::{OrNull, Read, Shape, Verbatim};
+
+/// Reads the value of the member just named, with faults placed at it. Text that is not JSON leaves the place entered, so
+/// that it can be told.
+macro_rules! member {
+    ($members:expr, $reader:expr, $key:expr, $shape:expr) => {{
+        $reader.faults.enter_key($key);
+        let value = $members.next_value_seed(Read(OrNull($shape)))?;
+        $reader.faults.leave();
+        // `null` is as good as absent.
+        value.flatten()
+    }};
+}
+
+/// An array whose elements are read one by one with the same shape.
+macro_rules! array_of {
+    ($elements:ident, $reader:ident, $shape:expr, |$i:ident, $item:ident| $keep:block) => {{
+        let mut $i = 0usize;
+        loop {
+            $reader.faults.enter_index($i);
+            let item = $elements.next_element_seed(Read($shape))?;
+            $reader.faults.leave();
+            let Some($item) = item else { break };
+            $keep
+            $i += 1;
+        }
+    }};
+}
+
+pub mod code;
+mod events;
+pub mod faults;
+mod rows;
+pub mod stored;
+pub mod text;
+pub mod tolerant;
+
+pub use faults::{Fault, Faults};
+
+use code::{SentLog, TurnCode, without_fences};
+use events::EventsShape;
+use rows::{PaletteShape, Row, RowsShape};
+
+/// What a log may hold at most. Served at `/v1/limits`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LogLimits {
+    /// Turns in a log.
+    pub max_turns: usize,
+    /// Events over all turns.
+    pub max_events: usize,
+    /// Distinct material names.
+    pub max_materials: usize,
+    /// Characters of a material name.
+    pub max_material_chars: usize,
+}
+
+/// Wants the array of a log's turns.
+#[derive(Debug)]
+pub struct Turns<'f> {
+    /// Where faults go.
+    pub faults: &'f mut Faults,
+    /// What the log may hold.
+    pub limits: LogLimits,
+}
+
+impl<'de> Shape<'de> for Turns<'_> {
+    type Out = SentLog;
+
+    fn wanted(&self) -> &'static str {
+        "an array of turns"
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn array<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Option<SentLog>, A::Error> {
+        let mut reader = Reader::new(self.faults, self.limits);
+        let mut turns = Vec::new();
+        loop {
+            reader.faults.enter_index(turns.len());
+            let turn = elements.next_element_seed(Read(TurnShape { reader: &mut reader, turn: turns.len() }))?;
+            reader.faults.leave();
+            let Some(turn) = turn else { break };
+            turns.push(turn.unwrap_or_default());
+            if turns.len() > reader.limits.max_turns {
+                reader.faults.add(format!("more than {} turns", reader.limits.max_turns));
+                while elements.next_element::<IgnoredAny>()?.is_some() {}
+                return Ok(None);
+            }
+        }
+        reader.check_totals();
+        Ok(Some(SentLog { log: BlockLog { palette: reader.palette, turns }, codes: reader.codes }))
+    }
+}
+
+/// State of reading one log.
+struct Reader<'f> {
+    faults: &'f mut Faults,
+    limits: LogLimits,
+    codes: Vec<TurnCode>,
+    palette: Palette,
+    events: usize,
+}
+
+impl<'f> Reader<'f> {
+    fn new(faults: &'f mut Faults, limits: LogLimits) -> Self {
+        Self { faults, limits, codes: Vec::new(), palette: Palette::new(), events: 0 }
+    }
+
+    /// Counts an event; false where it is one too many and need not be kept.
+    fn count_event(&mut self) -> bool {
+        self.events += 1;
+        self.events <= self.limits.max_events
+    }
+
+    fn check_totals(&mut self) {
+        if self.events > self.limits.max_events {
+            self.faults.add(format!("{} events; at most {} are allowed", self.events, self.limits.max_events));
+        }
+        if self.palette.len() > self.limits.max_materials {
+            let (found, max) = (self.palette.len(), self.limits.max_materials);
+            self.faults.add(format!("{found} different materials; at most {max} are allowed"));
+        }
+    }
+
+    /// Stops the palette from growing far beyond its limit on the way to the fault.
+    fn intern(&mut self, name: &str) -> MaterialId {
+        if self.palette.len() > self.limits.max_materials { 0 } else { self.palette.intern(name) }
+    }
+}
+
+struct TurnShape<'r, 'f> {
+    reader: &'r mut Reader<'f>,
+    turn: usize,
+}
+
+impl<'de> Shape<'de> for TurnShape<'_, '_> {
+    type Out = Turn;
+
+    fn wanted(&self) -> &'static str {
+        "a turn: an object with \"events\", with \"palette\" and \"rows\", or with \"action_code\""
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.reader.faults
+    }
+
+    fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<Turn>, A::Error> {
+        let (reader, turn) = (self.reader, self.turn);
+        let (mut events, mut palette, mut rows, mut code) = (None, None, None, None);
+        while let Some(key) = members.next_key::<String>()? {
+            match key.as_str() {
+                "events" if events.is_none() => {
+                    events = member!(members, reader, "events", EventsShape { reader: &mut *reader });
+                }
+                "palette" if palette.is_none() => {
+                    palette = member!(members, reader, "palette", PaletteShape { reader: &mut *reader });
+                }
+                "rows" if rows.is_none() => {
+                    rows = member!(members, reader, "rows", RowsShape { reader: &mut *reader });
+                }
+                "action_code" if code.is_none() => {
+                    code = member!(members, reader, "action_code", Verbatim { faults: &mut *reader.faults });
+                }
+                known @ ("events" | "palette" | "rows" | "action_code") => {
+                    reader.faults.add_at(known, "given twice");
+                    members.next_value::<IgnoredAny>()?;
+                }
+                unknown => {
+                    reader
+                        .faults
+                        .add_at(unknown, "unknown field; a turn has events, or palette and rows, or action_code");
+                    members.next_value::<IgnoredAny>()?;
+                }
+            }
+        }
+        if let Some(code) = code {
+            if events.is_some() || palette.is_some() || rows.is_some() {
+                reader.faults.add("give either events, or palette and rows, or action_code");
+                return Ok(None);
+            }
+            reader.codes.extend(code.map(|code| TurnCode { turn, code: without_fences(&code).into_owned() }));
+            return Ok(Some(Turn::new()));
+        }
+        Ok(match (events, palette, rows) {
+            (Some(events), None, None) => events,
+            (None, palette, Some(rows)) => rows.and_then(|rows| {
+                let names = palette.unwrap_or_else(|| Some(Vec::new()));
+                names.map(|names| {
+                    reader.faults.enter_key("rows");
+                    let turn = resolve_rows(reader, rows, &names);
+                    reader.faults.leave();
+                    turn
+                })
+            }),
+            (None, Some(_), None) => {
+                reader.faults.add_at("rows", "missing");
+                None
+            }
+            (None, None, None) => {
+                reader.faults.add_at("events", "missing; a turn in which nothing was done is {\"events\": []}");
+                None
+            }
+            (Some(_), _, _) => {
+                reader.faults.add("give either events, or palette and rows");
+                None
+            }
+        })
+    }
+}
+
+/// Rows name materials by their place in the palette they came with; the log has one palette for all turns.
+fn resolve_rows(reader: &mut Reader<'_>, rows: Vec<Row>, names: &[MaterialId]) -> Turn {
+    let mut turn = Turn::with_capacity(rows.len());
+    for Row { index, cell, material } in rows {
+        match material.map(|i| usize::try_from(i).ok().and_then(|i| names.get(i)).ok_or(i)) {
+            None => turn.push(Event::Remove { cell }),
+            Some(Ok(&material)) => turn.push(Event::Place { cell, material }),
+            Some(Err(i)) => {
+                reader.faults.enter_index(index);
+                reader.faults.enter_index(3);
+                reader.faults.add(format!("{i} is not an index of the palette, which has {} entries", names.len()));
+                reader.faults.leave();
+                reader.faults.leave();
+            }
+        }
+    }
+    turn
+}
+
+/// Reads the array of turns of a log from a whole JSON document. Action code is not run here, and so is a fault.
+///
+/// # Errors
+/// Where the text is not JSON. Faults of a well-formed text go to `faults`.
+pub fn read_turns(text: &[u8], limits: LogLimits, faults: &mut Faults) -> Result<Option<BlockLog>, serde_json::Error> {
+    let mut deserializer = serde_json::Deserializer::from_slice(text);
+    let sent = Read(Turns { faults, limits }).deserialize(&mut deserializer)?;
+    deserializer.end()?;
+    let Some(SentLog { log, codes }) = sent else { return Ok(None) };
+    if !codes.is_empty() {
+        faults.add("action code is not run here");
+    }
+    Ok(Some(log))
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::intake::*;
+
+    const LIMITS: LogLimits = LogLimits { max_turns: 2, max_events: 5, max_materials: 2, max_material_chars: 10 };
+
+    fn faults_of(text: &str) -> Vec<String> {
+        let mut faults = Faults::new();
+        read_turns(text.as_bytes(), LIMITS, &mut faults).unwrap();
+        faults.list().iter().map(ToString::to_string).collect()
+    }
+
+    #[test]
+    fn both_forms_have_the_same_canonical_bytes() {
+        let mut faults = Faults::new();
+        let plain = br#"[{"events":[{"action":"place","x":1,"y":2,"z":3,"material":"stone"},{"action":"remove","x":1,"y":2,"z":3}]}]"#;
+        let compact = br#"[{"palette":["dirt","stone"],"rows":[[1,2,3,1],[1,2,3]]}]"#;
+        let plain = read_turns(plain, LIMITS, &mut faults).unwrap().unwrap();
+        let compact = read_turns(compact, LIMITS, &mut faults).unwrap().unwrap();
+        assert!(faults.is_empty());
+        assert_eq!(plain.canonical_json(), compact.canonical_json());
+        assert_eq!(plain.canonical_json(), br#"{"palette":["stone"],"turns":[[[1,2,3,0],[1,2,3]]]}"#);
+    }
+
+    #[test]
+    fn every_fault_is_told_with_its_place() {
+        let faults = faults_of(
+            r#"[{"events":[{"action":"paint","x":1.5,"y":9999,"material":7,"colour":"red"}, 3]},
+                {"palette":["stone"],"rows":[[1,2,3,1],[1,2],[0,0,"a"]], "extra": {}}]"#,
+        );
+        assert_eq!(
+            faults,
+            [
+                "/0/events/0/action: expected \"place\" or \"remove\", found \"paint\"",
+                "/0/events/0/x: 1.5 is not an integer",
+                "/0/events/0/y: 9999 is out of range: -2048 to 2047",
+                "/0/events/0/material: expected a string, found 7",
+                "/0/events/0/colour: unknown field; an event has action, x, y, z and material",
+                "/0/events/0/z: missing",
+                "/0/events/1: expected an event: an object with \"action\", \"x\", \"y\", \"z\" and, to place, \"material\", found 3",
+                "/1/rows/1: expected 3 or 4 numbers, found 2 values",
+                "/1/rows/2/2: expected an integer, found \"a\"",
+                "/1/extra: unknown field; a turn has events, or palette and rows, or action_code",
+                "/1/rows/0/3: 1 is not an index of the palette, which has 1 entries",
+            ]
+        );
+    }
+
+    #[test]
+    fn an_empty_turn_is_a_turn_and_a_missing_one_is_a_fault() {
+        assert!(faults_of(r#"[{"events":[]}]"#).is_empty());
+        assert_eq!(faults_of("[{}]").len(), 1);
+    }
+
+    #[test]
+    fn one_event_too_many_is_counted_not_kept() {
+        let text = format!(r#"[{{"palette":["stone"],"rows":[{}]}}]"#, ["[0,0,0,0]"; 9].join(","));
+        assert_eq!(faults_of(&text), ["9 events; at most 5 are allowed"]);
+    }
+}

@@ -1,0 +1,102 @@
+//! The stored form, as `GET /v1/submissions/{id}/log` shows it: one palette, and rows per turn.
+
+use serde::de::{IgnoredAny, MapAccess, SeqAccess};
+
+use super::code::SentLog;
+use super::faults::Faults;
+use super::rows::{PaletteShape, Row, RowsShape};
+use super::tolerant::{Read, Shape};
+use super::{LogLimits, Reader, resolve_rows};
+use crate::voxel::block_log::{BlockLog, Turn};
+
+/// Wants a log in the stored form: `{"palette": ["stone"], "turns": [[[0, -1, 0, 0]]]}`.
+#[derive(Debug)]
+pub struct StoredLog<'f> {
+    /// Where faults go.
+    pub faults: &'f mut Faults,
+    /// What the log may hold.
+    pub limits: LogLimits,
+}
+
+impl<'de> Shape<'de> for StoredLog<'_> {
+    type Out = SentLog;
+
+    fn wanted(&self) -> &'static str {
+        "a stored log: an object with \"palette\" and \"turns\", rows of numbers per turn"
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<SentLog>, A::Error> {
+        let mut reader = Reader::new(self.faults, self.limits);
+        let (mut palette, mut turns) = (None, None);
+        while let Some(key) = members.next_key::<String>()? {
+            reader.faults.enter_key(&key);
+            match key.as_str() {
+                "palette" if palette.is_none() => {
+                    palette = Some(members.next_value_seed(Read(PaletteShape { reader: &mut reader }))?);
+                }
+                "turns" if turns.is_none() => {
+                    turns = Some(members.next_value_seed(Read(TurnsOfRows { reader: &mut reader }))?);
+                }
+                "palette" | "turns" => {
+                    reader.faults.add("given twice");
+                    members.next_value::<IgnoredAny>()?;
+                }
+                _ => {
+                    reader.faults.add("unknown field; a stored log has palette and turns");
+                    members.next_value::<IgnoredAny>()?;
+                }
+            }
+            reader.faults.leave();
+        }
+        for (key, is_missing) in [("palette", palette.is_none()), ("turns", turns.is_none())] {
+            if is_missing {
+                reader.faults.add_at(key, "missing");
+            }
+        }
+        let (Some(Some(palette)), Some(Some(turns))) = (palette, turns) else { return Ok(None) };
+        reader.faults.enter_key("turns");
+        let mut resolved: Vec<Turn> = Vec::with_capacity(turns.len());
+        for (i, rows) in turns.into_iter().enumerate() {
+            reader.faults.enter_index(i);
+            resolved.push(resolve_rows(&mut reader, rows, &palette));
+            reader.faults.leave();
+        }
+        reader.faults.leave();
+        reader.check_totals();
+        Ok(Some(BlockLog { palette: reader.palette, turns: resolved }.into()))
+    }
+}
+
+struct TurnsOfRows<'r, 'f> {
+    reader: &'r mut Reader<'f>,
+}
+
+impl<'de> Shape<'de> for TurnsOfRows<'_, '_> {
+    type Out = Vec<Vec<Row>>;
+
+    fn wanted(&self) -> &'static str {
+        "an array of turns, each an array of rows"
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.reader.faults
+    }
+
+    fn array<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Option<Vec<Vec<Row>>>, A::Error> {
+        let reader = self.reader;
+        let mut turns = Vec::new();
+        array_of!(elements, reader, RowsShape { reader: &mut *reader }, |i, rows| {
+            if i == reader.limits.max_turns {
+                reader.faults.add(format!("more than {} turns", reader.limits.max_turns));
+            }
+            if i < reader.limits.max_turns {
+                turns.push(rows.unwrap_or_default());
+            }
+        });
+        Ok(Some(turns))
+    }
+}

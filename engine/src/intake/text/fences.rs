@@ -1,0 +1,96 @@
+//! Code fences of Markdown (`CommonMark`, "Fenced code blocks"), as language models write them.
+
+use std::ops::Range;
+
+/// A fenced block.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Fence {
+    /// The first word after the opening fence, in lower case: the language.
+    pub language: String,
+    /// Where its lines stand in the text.
+    pub content: Range<usize>,
+}
+
+/// The fenced blocks of a text, in order; of a block of Markdown, or of no language, the blocks in it where it has some.
+#[must_use]
+pub fn fences(text: &str) -> Vec<Fence> {
+    let within = |fence: Fence| {
+        let may_hold = matches!(fence.language.as_str(), "" | "markdown" | "md");
+        let inner = if may_hold { outermost(&text[fence.content.clone()]) } else { Vec::new() };
+        if inner.is_empty() {
+            return vec![fence];
+        }
+        let begin = fence.content.start;
+        let placed = |own: Fence| Fence { content: own.content.start + begin..own.content.end + begin, ..own };
+        inner.into_iter().map(placed).collect()
+    };
+    outermost(text).into_iter().flat_map(within).collect()
+}
+
+/// The fenced blocks that are in no other. A fence is a line that begins with at least three backticks or tildes; one that is never
+/// closed reaches to the end, as of a model that was stopped at the closing fence.
+fn outermost(text: &str) -> Vec<Fence> {
+    let mut found = Vec::new();
+    let mut open: Option<(Mark, String, usize)> = None;
+    let mut at = 0;
+    for line in text.split_inclusive('\n') {
+        let mark = Mark::of(line);
+        match (&open, mark) {
+            (None, Some((mark, rest))) if !(mark.sign == '`' && rest.contains('`')) => {
+                let language = rest.split_whitespace().next().unwrap_or_default().to_ascii_lowercase();
+                open = Some((mark, language, at + line.len()));
+            }
+            (Some((opening, _, _)), Some((mark, rest))) if mark.closes(*opening) && rest.trim().is_empty() => {
+                if let Some((_, language, begin)) = open.take() {
+                    found.push(Fence { language, content: begin..at });
+                }
+            }
+            _ => {}
+        }
+        at += line.len();
+    }
+    if let Some((_, language, begin)) = open {
+        found.push(Fence { language, content: begin.min(text.len())..text.len() });
+    }
+    found
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Mark {
+    sign: char,
+    length: usize,
+}
+
+impl Mark {
+    /// The fence that a line begins with, and the rest of the line.
+    fn of(line: &str) -> Option<(Self, &str)> {
+        let line = line.trim_start();
+        let sign = line.chars().next().filter(|sign| matches!(sign, '`' | '~'))?;
+        let length = line.chars().take_while(|c| *c == sign).count();
+        (length >= 3).then(|| (Self { sign, length }, &line[length..]))
+    }
+
+    fn closes(self, opening: Self) -> bool {
+        self.sign == opening.sign && self.length >= opening.length
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::intake::text::fences::*;
+
+    #[test]
+    fn fences_are_found_with_their_languages() {
+        let text = "a\n```JS title\nx\n```\n~~~~\n```\ny\n~~~~\n``` inline ``` is none\n  ```json\nz";
+        let told: Vec<(String, &str)> =
+            fences(text).into_iter().map(|fence| (fence.language, &text[fence.content])).collect();
+        let expected = [("js", "x\n"), ("", "y\n"), ("json", "z")];
+        assert_eq!(told, expected.map(|(language, content)| (language.to_owned(), content)));
+        let nested = "````markdown\nSo:\n```js\ncode\n```\n````\n";
+        assert_eq!(fences(nested).iter().map(|f| &nested[f.content.clone()]).collect::<Vec<_>>(), ["code\n"]);
+        let nested = "```markdown\n```js\ncode\n```\n```\n";
+        assert_eq!(fences(nested).first().map(|f| &nested[f.content.clone()]), Some("code\n"));
+        assert_eq!(fences("```js"), [Fence { language: "js".to_owned(), content: 5..5 }]);
+        assert_eq!(fences("no fence, `code` alone"), []);
+    }
+}

@@ -1,0 +1,201 @@
+//! JSON among words: values that have the form of a block log.
+
+use std::ops::Range;
+
+use serde::Deserialize;
+use serde_json::value::RawValue;
+
+use crate::intake::Faults;
+use crate::intake::code::SentLog;
+use crate::intake::stored::StoredLog;
+use crate::intake::tolerant::read_document;
+use crate::intake::{LogLimits, Turns};
+
+/// Bytes that may be read in vain beside so many times the text: brackets that begin no JSON, or JSON that is no log.
+pub const WASTE_BYTES: usize = 1 << 20;
+const WASTE_TIMES: usize = 16;
+
+/// What was found in a text.
+#[derive(Debug, Default)]
+pub(super) struct Scanned {
+    /// Where values with the form of a log stand, in order.
+    pub logs: Vec<Range<usize>>,
+    /// Objects and lists that are something else.
+    pub other_values: usize,
+    /// Where a value begins that the text ends within; the first such place.
+    pub unfinished: Option<usize>,
+    /// Whether it was not looked at to its end.
+    pub is_given_up: bool,
+}
+
+/// Looks for logs at every bracket, but not within a log that was found.
+pub(super) fn logs_in(text: &str) -> Scanned {
+    let mut scanned = Scanned::default();
+    let mut left = WASTE_BYTES + WASTE_TIMES * text.len();
+    let mut at = 0;
+    while let Some(begin) = text[at..].find(['{', '[']).map(|next| at + next) {
+        let rest = &text[begin..];
+        let mut values = serde_json::Deserializer::from_str(rest).into_iter::<&RawValue>();
+        let read = match values.next() {
+            Some(Ok(value)) if has_form_of_log(value.get()) => {
+                at = begin + value.get().len();
+                scanned.logs.push(begin..at);
+                continue;
+            }
+            Some(Ok(value)) => {
+                // Braces of a script, or a list in prose, are not meant as JSON.
+                scanned.other_values += usize::from(value.get().starts_with('{') && value.get().contains('"'));
+                value.get().len()
+            }
+            Some(Err(error)) => {
+                // A list of one word is no JSON; an object or a list that has begun well is.
+                if error.is_eof() && rest.contains('"') {
+                    scanned.unfinished.get_or_insert(begin);
+                }
+                offset_of(rest, &error)
+            }
+            None => 1,
+        };
+        at = begin + 1;
+        let Some(rest) = left.checked_sub(read + 1) else {
+            scanned.is_given_up = true;
+            break;
+        };
+        left = rest;
+    }
+    scanned
+}
+
+/// How far a text was read when an error was met.
+fn offset_of(text: &str, error: &serde_json::Error) -> usize {
+    let lines: usize = text.split_inclusive('\n').take(error.line().saturating_sub(1)).map(str::len).sum();
+    lines + error.column()
+}
+
+/// What tells the form of a log; all else in the object may be anything.
+#[derive(Deserialize)]
+struct Members<'a> {
+    #[serde(borrow)]
+    turns: Option<&'a RawValue>,
+    #[serde(borrow)]
+    events: Option<&'a RawValue>,
+    #[serde(borrow)]
+    rows: Option<&'a RawValue>,
+    #[serde(borrow)]
+    action_code: Option<&'a RawValue>,
+}
+
+impl Members<'_> {
+    fn is_turn(&self) -> bool {
+        let is_list = |value: Option<&RawValue>| value.is_some_and(|value| value.get().starts_with('['));
+        let is_text = |value: Option<&RawValue>| value.is_some_and(|value| value.get().starts_with('"'));
+        is_list(self.events) || is_list(self.rows) || is_text(self.action_code)
+    }
+
+    fn is_log(&self) -> bool {
+        self.turns.is_some_and(|turns| turns.get().starts_with('['))
+    }
+}
+
+/// What tells an event.
+#[derive(Deserialize)]
+struct EventMembers<'a> {
+    #[serde(borrow)]
+    action: Option<&'a RawValue>,
+    #[serde(borrow)]
+    x: Option<&'a RawValue>,
+}
+
+/// Form of a JSON value, as far as it is one of a log.
+enum Form {
+    Turns,
+    Stored,
+    Turn,
+    TurnList,
+    EventList,
+}
+
+fn form_of(json: &str) -> Option<Form> {
+    if json.starts_with('{') {
+        let members: Members<'_> = serde_json::from_str(json).ok()?;
+        return match members {
+            Members { turns: Some(turns), .. } if members.is_log() => {
+                let first = turns.get()[1..].trim_start().chars().next();
+                Some(if first == Some('[') { Form::Stored } else { Form::Turns })
+            }
+            members => members.is_turn().then_some(Form::Turn),
+        };
+    }
+    let items: Vec<&RawValue> = serde_json::from_str(json).ok()?;
+    let first = items.first()?.get();
+    let is_turn = serde_json::from_str::<Members<'_>>(first).is_ok_and(|members| members.is_turn());
+    let is_event = || {
+        let event = serde_json::from_str::<EventMembers<'_>>(first);
+        first.starts_with('{') && event.is_ok_and(|event| event.action.is_some() || event.x.is_some())
+    };
+    if is_turn && first.starts_with('{') { Some(Form::TurnList) } else { is_event().then_some(Form::EventList) }
+}
+
+fn has_form_of_log(json: &str) -> bool {
+    form_of(json).is_some()
+}
+
+/// The log that a JSON value is, which has the form of one.
+///
+/// # Errors
+/// Its first fault, in words.
+pub(super) fn read(json: &str, limits: LogLimits) -> Result<SentLog, String> {
+    let mut faults = Faults::new();
+    let form = form_of(json).ok_or("the JSON is no block log")?;
+    let turns = match form {
+        Form::Stored => {
+            // Whatever else the object says is left aside, as of the other forms.
+            #[derive(Deserialize)]
+            struct Stored<'a> {
+                #[serde(borrow)]
+                palette: Option<&'a RawValue>,
+                #[serde(borrow)]
+                turns: &'a RawValue,
+            }
+            let Stored { palette, turns } = serde_json::from_str(json).map_err(|error| error.to_string())?;
+            let palette = palette.map_or("[]", RawValue::get);
+            let log = format!("{{\"palette\":{palette},\"turns\":{}}}", turns.get());
+            return whole(read_document(log.as_bytes(), StoredLog { faults: &mut faults, limits }), &faults, "");
+        }
+        Form::Turns => {
+            let members: Members<'_> = serde_json::from_str(json).map_err(|error| error.to_string())?;
+            members.turns.map(|turns| turns.get().to_owned()).unwrap_or_default()
+        }
+        Form::Turn => format!("[{}]", turn_of(json)?),
+        Form::TurnList => json.to_owned(),
+        Form::EventList => format!("[{{\"events\":{json}}}]"),
+    };
+    whole(read_document(turns.as_bytes(), Turns { faults: &mut faults, limits }), &faults, "turns")
+}
+
+/// A turn without what else its object says.
+fn turn_of(json: &str) -> Result<String, String> {
+    #[derive(Deserialize, serde::Serialize)]
+    struct Turn<'a> {
+        #[serde(borrow, skip_serializing_if = "Option::is_none")]
+        events: Option<&'a RawValue>,
+        #[serde(borrow, skip_serializing_if = "Option::is_none")]
+        palette: Option<&'a RawValue>,
+        #[serde(borrow, skip_serializing_if = "Option::is_none")]
+        rows: Option<&'a RawValue>,
+        #[serde(borrow, skip_serializing_if = "Option::is_none")]
+        action_code: Option<&'a RawValue>,
+    }
+    let turn: Turn<'_> = serde_json::from_str(json).map_err(|error| error.to_string())?;
+    serde_json::to_string(&turn).map_err(|error| error.to_string())
+}
+
+fn whole(read: Result<Option<SentLog>, serde_json::Error>, faults: &Faults, place: &str) -> Result<SentLog, String> {
+    match read.map_err(|error| error.to_string())? {
+        Some(log) if faults.is_empty() => Ok(log),
+        _ => Err(faults
+            .list()
+            .first()
+            .map_or_else(|| "the log has faults".to_owned(), |fault| format!("{place}{fault}"))),
+    }
+}

@@ -1,0 +1,231 @@
+//! Finding the answer in what a language model wrote: a block log as JSON or action code, alone, in a code fence or among words.
+//!
+//! The last complete answer outside thinking tags counts, wherever it stands: a fenced one before a bare one only where it comes
+//! later. An answer is JSON that has the form of a log (an object with `turns`, `events`, `rows` or `action_code`, or a list of turns
+//! or of events), or code: a fence of JavaScript, or lines that call `skills`.
+
+mod bare_code;
+pub mod fences;
+mod json;
+pub mod thinking;
+
+pub use json::WASTE_BYTES;
+
+use std::ops::Range;
+
+use super::LogLimits;
+use super::code::{SentLog, on_its_lines};
+use bare_code::{calls_skills, is_script_start, regions};
+use fences::{Fence, fences};
+use thinking::without_thoughts;
+
+/// What an answer is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AnswerKind {
+    /// A block log as JSON.
+    Log,
+    /// Action code.
+    Code,
+}
+
+/// The answer that was found in a text.
+#[derive(Debug, Clone)]
+pub struct FoundAnswer {
+    /// The log, or the code of its one turn.
+    pub sent: SentLog,
+    /// What it is.
+    pub kind: AnswerKind,
+    /// The line where it begins, from 1.
+    pub line: usize,
+    /// Answers before it that do not count.
+    pub passed_over: usize,
+}
+
+/// The last complete answer in `text`.
+///
+/// # Errors
+/// Why there is none that can be graded, in words.
+pub fn read_answer(text: &str, limits: LogLimits) -> Result<FoundAnswer, String> {
+    let (shown, ends_in_thought) = without_thoughts(text);
+    let fences = fences(&shown);
+    let json = json::logs_in(&shown);
+    let mut candidates: Vec<(AnswerKind, Range<usize>)> =
+        json.logs.iter().map(|range| (AnswerKind::Log, range.clone())).collect();
+    candidates.extend(code_fences(&shown, &fences, &json.logs).map(|range| (AnswerKind::Code, range)));
+    candidates.extend(regions(&shown, &fences, &json.logs).map(|range| (AnswerKind::Code, range)));
+    // Data within code ends before the code does.
+    let Some((kind, range)) = candidates.iter().max_by_key(|(_, range)| (range.end, range.start)).cloned() else {
+        return Err(why_none(&shown, &fences, &json, ends_in_thought));
+    };
+    let sent = match kind {
+        AnswerKind::Code => SentLog::of_code(on_its_lines(&shown, range.clone())),
+        AnswerKind::Log => json::read(&shown[range.clone()], limits)?,
+    };
+    let passed_over = candidates.iter().filter(|(_, other)| other.end < range.start).count();
+    Ok(FoundAnswer { sent, kind, line: line_of(&shown, range.start), passed_over })
+}
+
+fn line_of(text: &str, at: usize) -> usize {
+    1 + text[..at].matches('\n').count()
+}
+
+/// Fences whose content is action code: those that call `skills`, or else all of JavaScript.
+fn code_fences<'t>(
+    text: &'t str,
+    fences: &'t [Fence],
+    logs: &'t [Range<usize>],
+) -> impl Iterator<Item = Range<usize>> + 't {
+    let is_code = |fence: &&Fence| match fence.language.as_str() {
+        "js" | "javascript" | "jsx" | "mjs" | "cjs" | "ts" | "typescript" | "node" => true,
+        "" => {
+            let content = text[fence.content.clone()].trim_start();
+            let first = logs.partition_point(|log| log.start < fence.content.start);
+            let holds_log = logs.get(first).is_some_and(|log| log.start < fence.content.end);
+            let is_log = holds_log && content.starts_with(['{', '[']);
+            !is_log && (is_script_start(content) || calls_skills(content))
+        }
+        _ => false,
+    };
+    let all: Vec<Range<usize>> = fences.iter().filter(is_code).map(|fence| fence.content.clone()).collect();
+    let any_calls = all.iter().any(|range| calls_skills(&text[range.clone()]));
+    all.into_iter().filter(move |range| !any_calls || calls_skills(&text[range.clone()]))
+}
+
+fn why_none(text: &str, fences: &[Fence], json: &json::Scanned, ends_in_thought: bool) -> String {
+    if ends_in_thought {
+        return "the answer ends within a thinking tag that is never closed".to_owned();
+    }
+    if let Some(at) = json.unfinished {
+        return format!("the JSON that begins in line {} is never finished", line_of(text, at));
+    }
+    if json.is_given_up {
+        return "too many brackets that are no JSON; put the answer into a code fence".to_owned();
+    }
+    if json.other_values > 0 {
+        return "the JSON in the answer is no block log: expected an object with turns, events, rows or action_code, or a list of events"
+            .to_owned();
+    }
+    match fences.last() {
+        Some(fence) if !fence.language.is_empty() => {
+            format!("the last code fence is {:?}, which is neither JSON nor JavaScript", fence.language)
+        }
+        _ => "there is neither a block log as JSON nor action code in the answer".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::intake::text::*;
+
+    const LIMITS: LogLimits = LogLimits { max_turns: 4, max_events: 10, max_materials: 5, max_material_chars: 20 };
+
+    /// Number of events of the log that is found, or the code without the lines before it.
+    fn found(text: &str) -> Result<String, String> {
+        read_answer(text, LIMITS).map(|found| match found.kind {
+            AnswerKind::Log if found.sent.codes.is_empty() => format!("{} events", found.sent.log.event_count()),
+            _ => found.sent.codes.iter().map(|code| code.code.trim()).collect::<Vec<_>>().join(" | "),
+        })
+    }
+
+    fn events(count: usize) -> String {
+        let event = |i| format!(r#"{{"action":"place","x":{i},"y":0,"z":0,"material":"stone"}}"#);
+        format!("[{}]", (0..count).map(event).collect::<Vec<_>>().join(","))
+    }
+
+    #[test]
+    fn logs_are_found_in_every_form_and_surrounding() {
+        let (list, turn) = (events(1), format!(r#"{{"events":{}}}"#, events(1)));
+        for text in [
+            list.clone(),
+            turn.clone(),
+            format!("[{turn}]"),
+            format!(r#"{{"turns":[{turn}],"thoughts":"none"}}"#),
+            r#"{"palette":["stone"],"rows":[[0,0,0,0]]}"#.to_owned(),
+            r#"{"palette":["stone"],"turns":[[[0,0,0,0]]]}"#.to_owned(),
+            format!("Here it is:\n```json\n{turn}\n```\nDone."),
+            format!("```\n[1, 2]\n```\nand then\n```json\n{list}\n```"),
+            format!("I place [one] block: {turn} and stop."),
+            format!("Say [a] [b] [c] [d] [e] [f] [g] [h] [i] [j] [k] [l] [m] [n] [o] [p] [q] {{r}}, then {turn}"),
+            format!("My plan: [0, 1, 2] and {{\"walls\": 4}}. {turn}"),
+            format!("```json\n{{\"answer\": {turn}}}\n```"),
+        ] {
+            assert_eq!(found(&text).as_deref(), Ok("1 events"), "{text}");
+        }
+    }
+
+    #[test]
+    fn the_last_complete_answer_counts() {
+        let (one, two) = (format!(r#"{{"events":{}}}"#, events(1)), format!(r#"{{"events":{}}}"#, events(2)));
+        let code = "await skills.placeBlock(bot, 'stone', 0, 0, 0);";
+        for (text, expected) in [
+            (format!("<think>{one}</think>{two}"), "2 events"),
+            (format!("{one}</think>{two}"), "2 events"),
+            (format!("{two}\n<think>or rather {one}</think>"), "2 events"),
+            (format!("```json\n{one}\n```\nNo, better: {two}"), "2 events"),
+            (format!("{one}\nas JSON:\n```json\n{two}\n```"), "2 events"),
+            (format!("{two} {{\"events\": [{{"), "2 events"),
+            (format!("```json\n{one}\n```\n```js\n{code}\n```"), code),
+            (format!("```js\n{code}\n```\n```json\n{one}\n```"), "1 events"),
+            (format!("```js\n{code}\n```\nRun it with\n```js\nmain()\n```"), code),
+            (
+                format!("```js\nconst blocks = {};\n{code}\n```", events(3)),
+                &format!("const blocks = {};\n{code}", events(3)),
+            ),
+            (format!("Here:\n{code}\nThat is all."), code),
+            (format!("{code}\nAs JSON:\n{one}"), "1 events"),
+            (format!("```\n{code}\n```"), code),
+            (format!("```js\n{code}"), code),
+            (format!(r#"{{"turns": [{{"action_code": "{code}"}}]}}"#), code),
+            (format!(r#"{{"action_code": "{code}"}}"#), code),
+        ] {
+            assert_eq!(found(&text).as_deref(), Ok(expected), "{text}");
+        }
+        let text = format!("{one}\n\nrather\n{two}");
+        let answer = read_answer(&text, LIMITS).unwrap();
+        assert_eq!((answer.line, answer.passed_over), (4, 1));
+    }
+
+    #[test]
+    fn code_keeps_its_lines() {
+        let text = "Sure!\n\n```js\nfirst();\nawait skills.wait(bot, 1);\n```\n";
+        let code = read_answer(text, LIMITS).unwrap().sent.codes.remove(0).code;
+        assert_eq!(code.lines().nth(3), Some("first();"));
+    }
+
+    #[test]
+    fn what_is_no_answer_is_told() {
+        for (text, why) in [
+            ("I cannot do this.", "there is neither a block log as JSON nor action code in the answer"),
+            ("<think>{\"events\": []}", "the answer ends within a thinking tag that is never closed"),
+            ("So:\n{\"events\": [{\"action\":", "the JSON that begins in line 2 is never finished"),
+            (
+                "{\"plan\": [1, 2]}",
+                "the JSON in the answer is no block log: expected an object with turns, events, rows or action_code, or a list of events",
+            ),
+            ("```python\nprint(1)\n```", "the last code fence is \"python\", which is neither JSON nor JavaScript"),
+            (
+                "{\"events\":[{\"action\":\"place\",\"x\":0.5,\"y\":0,\"z\":0,\"material\":\"stone\"}]}",
+                "turns/0/events/0/x: 0.5 is not an integer",
+            ),
+        ] {
+            assert_eq!(found(text), Err(why.to_owned()), "{text}");
+        }
+    }
+
+    #[test]
+    fn brackets_without_end_are_given_up() {
+        let begun = std::time::Instant::now();
+        for text in [
+            "[".repeat(200_000),
+            "[1,".repeat(200_000),
+            "{\"a\":[".repeat(100_000),
+            "{} ".repeat(100_000),
+            "<".repeat(1 << 20),
+            "</think>".repeat(1 << 17),
+            format!("{}{}", "{\"rows\":[]}".repeat(18_000), "\n".repeat(200_000)),
+        ] {
+            let _ = found(&text);
+        }
+        assert!(begun.elapsed().as_secs() < 60, "work is bounded");
+    }
+}

@@ -1,0 +1,83 @@
+//! What a model thinks aloud is no answer.
+
+/// Names of the tags around thoughts.
+const TAGS: [&str; 5] = ["think", "thinking", "thought", "reasoning", "scratchpad"];
+
+/// Bytes of the longest of them.
+const LONGEST: usize = 10;
+
+/// The text with spaces in place of what stands between thinking tags; lines and places stay. A tag that is never closed reaches to
+/// the end; what comes before a closing tag alone is thought too, because some templates put the opening one into the prompt.
+/// Tells as well whether the text ends within a thought.
+#[must_use]
+pub fn without_thoughts(text: &str) -> (String, bool) {
+    let mut shown = text.as_bytes().to_vec();
+    let mut blank = |from: usize, to: usize| {
+        for byte in &mut shown[from..to] {
+            if *byte != b'\n' {
+                *byte = b' ';
+            }
+        }
+    };
+    let (mut opened, mut stray): (Option<usize>, usize) = (None, 0);
+    for tag in tags(text) {
+        match (opened, tag.is_closing) {
+            (None, false) => opened = Some(tag.begin),
+            (Some(begin), true) => {
+                blank(begin, tag.end);
+                opened = None;
+            }
+            (None, true) => stray = tag.end,
+            // Within a thought.
+            (Some(_), false) => {}
+        }
+    }
+    blank(0, stray);
+    if let Some(begin) = opened {
+        blank(begin, text.len());
+    }
+    // Whole characters became spaces, one a byte: it is text still.
+    (String::from_utf8_lossy(&shown).into_owned(), opened.is_some())
+}
+
+struct Tag {
+    begin: usize,
+    end: usize,
+    is_closing: bool,
+}
+
+fn tags(text: &str) -> impl Iterator<Item = Tag> {
+    text.match_indices('<').filter_map(|(begin, _)| {
+        let rest = &text[begin + 1..];
+        let (is_closing, name) = rest.strip_prefix('/').map_or((false, rest), |name| (true, name));
+        let length = name.bytes().take(LONGEST + 1).position(|byte| byte == b'>')?;
+        let is_one = TAGS.iter().any(|tag| name[..length].eq_ignore_ascii_case(tag));
+        is_one.then(|| Tag { begin, end: begin + 1 + usize::from(is_closing) + length + 1, is_closing })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::intake::text::thinking::*;
+
+    fn shown(text: &str) -> (String, bool) {
+        let (shown, is_open) = without_thoughts(text);
+        assert_eq!(shown.len(), text.len());
+        (shown.split_whitespace().collect::<Vec<_>>().join(" "), is_open)
+    }
+
+    #[test]
+    fn thoughts_are_left_out() {
+        for (text, expected) in [
+            ("<think>a\nb</think> c", ("c", false)),
+            ("draft é</think>c <Thinking>d</THINKING>e", ("c e", false)),
+            ("a <think>b <think> c</think> d", ("a d", false)),
+            ("a <reasoning>never ends", ("a", true)),
+            ("a <think>b</think> c</think>d", ("d", false)),
+            ("1 < 2 and <b>bold</b>", ("1 < 2 and <b>bold</b>", false)),
+        ] {
+            assert_eq!(shown(text), (expected.0.to_owned(), expected.1), "{text}");
+        }
+        assert_eq!(without_thoughts("<think>\n\n</think>x").0.matches('\n').count(), 2);
+    }
+}

@@ -1,0 +1,184 @@
+//! The suites inside the binary: the files of the `tasks/` folder at build time.
+
+use std::borrow::Cow;
+
+use rust_embed::RustEmbed;
+
+use super::family::SuiteSource;
+use super::lite::draw;
+use super::published::{TaskFile, TaskFileFault};
+use super::{Suite, Task};
+
+/// Name of the full suite.
+pub const FULL: &str = "mineceraft";
+/// What is added to the name of a suite for its Lite draw with the kept seed.
+pub const LITE_SUFFIX: &str = "-lite";
+/// Seed of the Lite draw that is kept: the published one.
+pub const LITE_SEED: u64 = 42;
+/// The version that holds the published rules alone.
+pub const PUBLISHED_VERSION: u32 = 1;
+
+#[derive(RustEmbed)]
+#[folder = "../tasks/mineceraft/"]
+struct Files;
+
+/// The files of the full suite.
+///
+/// # Errors
+/// Faults of the files; a test shows that there are none.
+pub fn source() -> Result<SuiteSource, Vec<TaskFileFault>> {
+    read_source::<Files>()
+}
+
+/// The files of a folder of families.
+pub(super) fn read_source<F: RustEmbed>() -> Result<SuiteSource, Vec<TaskFileFault>> {
+    let files: Vec<(Cow<'_, str>, Cow<'_, [u8]>)> = F::iter()
+        .filter(|name| name.ends_with(".toml"))
+        .filter_map(|name| F::get(&name).map(|file| (name, file.data)))
+        .collect();
+    let texts: Vec<TaskFile<'_>> = files
+        .iter()
+        .map(|(name, data)| TaskFile { name, text: std::str::from_utf8(data).unwrap_or_default() })
+        .collect();
+    SuiteSource::read(&texts)
+}
+
+/// A version of the full suite: 723 tasks in 25 families.
+///
+/// # Errors
+/// Faults of the files; a test shows that there are none.
+pub fn suite(version: u32) -> Result<Suite, Vec<TaskFileFault>> {
+    source()?.suite(version)
+}
+
+/// Every version of the full suite, each after its Lite draw.
+///
+/// # Errors
+/// Faults of the files; a test shows that there are none.
+pub fn suites() -> Result<Vec<Suite>, Vec<TaskFileFault>> {
+    let source = source()?;
+    let mut suites = Vec::new();
+    for version in &source.versions {
+        let full = source.suite(version.number)?;
+        suites.push(lite(&full, LITE_SEED));
+        suites.push(full);
+    }
+    Ok(suites)
+}
+
+/// The version that new runs take where they name none.
+///
+/// # Errors
+/// Faults of the files; a test shows that there are none.
+pub fn latest() -> Result<Suite, Vec<TaskFileFault>> {
+    let source = source()?;
+    source.suite(source.versions.iter().map(|version| version.number).max().unwrap_or(PUBLISHED_VERSION))
+}
+
+/// The Lite subset of a suite: one task per family, drawn with a seed; tasks keep id and number.
+#[must_use]
+pub fn lite(full: &Suite, seed: u64) -> Suite {
+    let tasks: Vec<Task> = draw(full, seed).into_iter().cloned().collect();
+    Suite { name: format!("{}{LITE_SUFFIX}", full.name), version: full.version, tasks }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use crate::checks::{Criterion, Dimension};
+    use crate::tasks::embedded::*;
+
+    fn tasks_by_criterion(suite: &Suite) -> ([usize; 7], usize) {
+        let having = |wanted: &dyn Fn(Criterion) -> bool| {
+            suite.tasks.iter().filter(|task| task.criteria().into_iter().any(wanted)).count()
+        };
+        let counts = Criterion::ALL.map(|criterion| having(&|c| c == criterion));
+        (counts, having(&|c| c.dimension() == Dimension::Accuracy))
+    }
+
+    #[test]
+    fn the_first_version_has_the_published_counts() {
+        let suite = suite(PUBLISHED_VERSION).unwrap();
+        assert_eq!((suite.tasks.len(), suite.instruction_count(), suite.check_count()), (723, 747, 3_530));
+        assert_eq!(tasks_by_criterion(&suite), ([455, 563, 369, 723, 21, 112, 156], 699));
+    }
+
+    /// What the second version adds: foundations, walls and theatres by size; plans and creative buildings by rooms.
+    #[test]
+    fn the_second_version_adds_checks_and_no_tasks() {
+        let (first, second) = (suite(1).unwrap(), suite(2).unwrap());
+        assert_eq!((second.tasks.len(), second.instruction_count(), second.check_count()), (723, 747, SECOND_CHECKS));
+        assert_eq!(tasks_by_criterion(&second), ([455, 590, 369, 723, 21, 112, 156], 723));
+        for (a, b) in first.tasks.iter().zip(&second.tasks) {
+            assert_eq!((&a.id, a.number, &a.parameters), (&b.id, b.number, &b.parameters));
+        }
+    }
+
+    /// 64 foundations, 48 walls, 9 theatres, 6 creative buildings and 48 plans have one more; of 45 arches two published
+    /// checks are shown only, and our own takes their place.
+    const SECOND_CHECKS: usize = 3_530 + 64 + 48 + 9 + 6 + 48 - 45;
+
+    #[test]
+    fn types_and_categories_have_the_published_counts() {
+        let suite = latest().unwrap();
+        let mut types: BTreeMap<String, usize> = BTreeMap::new();
+        let mut categories = BTreeMap::new();
+        for task in &suite.tasks {
+            *types.entry(task.kind.clone().unwrap()).or_default() += 1;
+            *categories.entry(task.category.unwrap()).or_insert(0) += 1;
+        }
+        let expected = [
+            ("accessibility", 33),
+            ("arch-bridges", 45),
+            ("basic-buildings", 21),
+            ("bedrooms", 55),
+            ("bridges", 36),
+            ("columns", 12),
+            ("creative-requests", 36),
+            ("domes", 36),
+            ("foundations", 112),
+            ("frames", 54),
+            ("multi-story", 8),
+            ("multi-turn-revision", 15),
+            ("resource-optimization", 12),
+            ("rooms", 56),
+            ("roofs", 96),
+            ("single-turn-planning", 48),
+            ("walls", 48),
+        ];
+        assert_eq!(types, expected.map(|(kind, tasks)| (kind.to_owned(), tasks)).into());
+        assert_eq!(categories.into_values().collect::<Vec<_>>(), [322, 140, 69, 75, 117]);
+    }
+
+    #[test]
+    fn the_lite_draw_is_the_published_one_and_the_one_that_is_kept() {
+        let source = source().unwrap();
+        let lite = lite(&suite(1).unwrap(), LITE_SEED);
+        let numbers: Vec<u32> = lite.tasks.iter().map(|task| task.number).collect();
+        let published = [
+            15, 66, 160, 196, 258, 264, 277, 326, 387, 447, 456, 481, 493, 497, 514, 533, 550, 575, 600, 606, 608, 651,
+            664, 705, 719,
+        ];
+        assert_eq!(numbers, published);
+        let ids: Vec<&str> = lite.tasks.iter().map(|task| task.id.as_str()).collect();
+        assert_eq!((LITE_SEED, ids), (source.lite.seed, source.lite.tasks.iter().map(String::as_str).collect()));
+    }
+
+    #[test]
+    fn prompts_are_whole_and_every_wording_is_its_own() {
+        let mut first_prompts: BTreeMap<String, String> = BTreeMap::new();
+        for task in suites().unwrap().iter().filter(|suite| suite.name == FULL).flat_map(|suite| &suite.tasks) {
+            for turn in &task.turns {
+                let prompt = &turn.prompt;
+                assert!(prompt.ends_with('.') && prompt.len() > 60, "{}: {prompt}", task.id);
+                assert!(!prompt.contains(['{', '}', '\n']) && !prompt.contains("  "), "{}: {prompt}", task.id);
+                assert!(!prompt.contains(" ."), "{}: {prompt}", task.id);
+            }
+            if let Some(other) = first_prompts.insert(task.turns[0].prompt.clone(), task.id.clone()) {
+                let same_start = task.family() == "revisions" && other.starts_with("revisions/");
+                assert!(other == task.id || same_start, "{other} and {} are worded alike", task.id);
+            }
+        }
+    }
+}

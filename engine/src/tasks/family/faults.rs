@@ -1,0 +1,32 @@
+//! Faults of TOML files, each with its line and field.
+
+use std::ops::Range;
+
+use crate::intake::Fault;
+use crate::tasks::published::TaskFileFault;
+
+/// Line of a byte of `text`, from 1.
+fn line(text: &str, at: usize) -> u64 {
+    text.bytes().take(at).filter(|byte| *byte == b'\n').count() as u64 + 1
+}
+
+/// A fault of a field.
+pub fn at(file: &str, text: &str, span: &Range<usize>, field: &str, detail: impl Into<String>) -> TaskFileFault {
+    let pointer = field.to_owned();
+    TaskFileFault {
+        file: file.to_owned(),
+        fault: Fault { line: Some(line(text, span.start)), pointer, detail: detail.into() },
+    }
+}
+
+/// A fault of a file as a whole.
+pub fn of_file(file: &str, detail: impl Into<String>) -> TaskFileFault {
+    TaskFileFault { file: file.to_owned(), fault: Fault { line: None, pointer: String::new(), detail: detail.into() } }
+}
+
+/// What the TOML reader found.
+pub fn of_toml(file: &str, text: &str, error: &toml::de::Error) -> TaskFileFault {
+    let line = error.span().map(|span| line(text, span.start));
+    let detail = error.message().replace('\n', " ");
+    TaskFileFault { file: file.to_owned(), fault: Fault { line, pointer: String::new(), detail } }
+}

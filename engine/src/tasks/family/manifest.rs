@@ -1,0 +1,135 @@
+//! The suite file: which families a suite has, in which order, and its versions.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+
+use super::{Family, faults};
+use crate::tasks::published::{TaskFile, TaskFileFault};
+use crate::tasks::{Suite, Task};
+
+/// Name of the suite file in its folder.
+pub const MANIFEST: &str = "suite.toml";
+
+/// A version of a suite.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Version {
+    /// Its number.
+    pub number: u32,
+    /// What it is for.
+    pub description: String,
+}
+
+/// The Lite draw that the suite keeps.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Lite {
+    /// Seed of the draw.
+    pub seed: u64,
+    /// Ids of the tasks drawn, one per family.
+    pub tasks: Vec<String>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Manifest {
+    name: String,
+    versions: Vec<Version>,
+    families: Vec<String>,
+    #[serde(default)]
+    words: BTreeMap<String, String>,
+    #[serde(default)]
+    lite: Lite,
+}
+
+/// A suite as its files tell it.
+#[derive(Debug, Clone)]
+pub struct SuiteSource {
+    /// Name without version.
+    pub name: String,
+    /// Versions, ascending.
+    pub versions: Vec<Version>,
+    /// Families in order.
+    pub families: Vec<Family>,
+    /// Phrases that all prompts may use.
+    pub words: BTreeMap<String, String>,
+    /// The Lite draw kept beside it.
+    pub lite: Lite,
+}
+
+impl SuiteSource {
+    /// Reads a folder's files: `suite.toml` and one `NAME.toml` per family that it lists.
+    ///
+    /// # Errors
+    /// All faults: unreadable files, families without a file, files that no list names.
+    pub fn read(files: &[TaskFile<'_>]) -> Result<Self, Vec<TaskFileFault>> {
+        let Some(manifest) = files.iter().find(|file| file.name == MANIFEST) else {
+            return Err(vec![faults::of_file(MANIFEST, "there is no such file")]);
+        };
+        let manifest: Manifest =
+            toml::from_str(manifest.text).map_err(|error| vec![faults::of_toml(MANIFEST, manifest.text, &error)])?;
+        let mut families = Vec::new();
+        let mut found = Vec::new();
+        for name in &manifest.families {
+            let file_name = format!("{name}.toml");
+            match files.iter().find(|file| file.name == file_name) {
+                None => found.push(faults::of_file(MANIFEST, format!("families: there is no file {file_name}"))),
+                Some(file) => match Family::read(file.name, file.text) {
+                    Err(fault) => found.push(fault),
+                    Ok(family) if family.name() != name => {
+                        found.push(faults::of_file(
+                            file.name,
+                            format!("family: expected {name:?}, as the file is named"),
+                        ));
+                    }
+                    Ok(family) => families.push(family),
+                },
+            }
+        }
+        for file in files.iter().filter(|file| file.name != MANIFEST) {
+            if !manifest.families.iter().any(|name| file.name.strip_suffix(".toml") == Some(name)) {
+                found.push(faults::of_file(file.name, format!("{MANIFEST} does not list this family")));
+            }
+        }
+        if manifest.versions.is_empty() {
+            found.push(faults::of_file(MANIFEST, "versions: there is none"));
+        }
+        if !found.is_empty() {
+            return Err(found);
+        }
+        let Manifest { name, versions, words, lite, .. } = manifest;
+        Ok(Self { name, versions, families, words, lite })
+    }
+
+    /// All tasks of a version, numbered from 1 in the order of families, items and wordings.
+    ///
+    /// # Errors
+    /// All faults of all families, and ids that occur twice.
+    pub fn suite(&self, version: u32) -> Result<Suite, Vec<TaskFileFault>> {
+        let mut tasks: Vec<Task> = Vec::new();
+        let mut found = Vec::new();
+        for family in &self.families {
+            match family.tasks(&family.items(), version, &self.words) {
+                Ok(more) => tasks.extend(more),
+                Err(faults) => found.extend(faults),
+            }
+        }
+        for (number, task) in (1..).zip(&mut tasks) {
+            task.number = number;
+        }
+        let mut ids: Vec<&str> = tasks.iter().map(|task| task.id.as_str()).collect();
+        ids.sort_unstable();
+        for twice in ids.windows(2).filter(|pair| pair[0] == pair[1]) {
+            let family = twice[0].split('/').next().unwrap_or_default();
+            found.push(faults::of_file(&format!("{family}.toml"), format!("instance: {:?} occurs twice", twice[0])));
+        }
+        if found.is_empty() { Ok(Suite { name: self.name.clone(), version, tasks }) } else { Err(found) }
+    }
+
+    /// The family of this name.
+    #[must_use]
+    pub fn family(&self, name: &str) -> Option<&Family> {
+        self.families.iter().find(|family| family.name() == name)
+    }
+}

@@ -1,0 +1,228 @@
+//! Task files in the published format (SPEC 8): a JSON list of items, each with wordings and checks per turn.
+
+use serde_json::{Map, Value};
+
+use super::{Instruction, Task};
+use crate::checks::Check;
+use crate::intake::{Fault, Faults};
+
+/// A published task file as text.
+#[derive(Debug, Clone, Copy)]
+pub struct TaskFile<'a> {
+    /// File name with its extension; files are numbered in the byte order of these.
+    pub name: &'a str,
+    /// Content.
+    pub text: &'a str,
+}
+
+/// What is wrong with a task file, and where.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{file}: {fault}")]
+pub struct TaskFileFault {
+    /// File name.
+    pub file: String,
+    /// Place and reason; the line is that of a syntax error.
+    pub fault: Fault,
+}
+
+/// Reads task files and numbers their problems from 1: files in name order, then items, then wordings.
+///
+/// # Errors
+/// All faults of all files.
+pub fn read_task_files(files: &[TaskFile<'_>]) -> Result<Vec<Task>, Vec<TaskFileFault>> {
+    let mut ordered = files.to_vec();
+    ordered.sort_by_key(|file| file.name.as_bytes());
+    let mut tasks = Vec::new();
+    let mut problems = Vec::new();
+    for file in ordered {
+        let mut faults = Faults::new();
+        let family = family_name(file.name);
+        if tasks.iter().any(|task: &Task| task.family() == family) {
+            faults.add(format!("another file has the same family name {family:?}"));
+        }
+        match serde_json::from_str::<Value>(file.text) {
+            Err(error) => {
+                let fault = Fault {
+                    line: u64::try_from(error.line()).ok(),
+                    pointer: String::new(),
+                    detail: format!("not JSON: {error}"),
+                };
+                problems.push(TaskFileFault { file: file.name.to_owned(), fault });
+            }
+            Ok(value) => read_items(&value, &family, &mut tasks, &mut faults),
+        }
+        problems
+            .extend(faults.into_list().into_iter().map(|fault| TaskFileFault { file: file.name.to_owned(), fault }));
+    }
+    if problems.is_empty() { Ok(tasks) } else { Err(problems) }
+}
+
+/// The family of a file: its name without extension, with each run of characters other than letters, digits, dots and
+/// underscores made one dash, so that ids need no escaping.
+fn family_name(file_name: &str) -> String {
+    let stem = file_name.strip_suffix(".json").unwrap_or(file_name);
+    let words = stem.split(|c: char| !c.is_ascii_alphanumeric() && c != '.' && c != '_');
+    words.filter(|word| !word.is_empty()).collect::<Vec<_>>().join("-")
+}
+
+fn read_items(value: &Value, family: &str, tasks: &mut Vec<Task>, faults: &mut Faults) {
+    let Some(items) = array(value, "a list of items", faults) else { return };
+    if items.is_empty() {
+        faults.add("the file has no items");
+    }
+    for (i, item) in items.iter().enumerate() {
+        faults.enter_index(i);
+        read_item(item, family, i + 1, tasks, faults);
+        faults.leave();
+    }
+}
+
+fn read_item(item: &Value, family: &str, item_number: usize, tasks: &mut Vec<Task>, faults: &mut Faults) {
+    let Some(item) = object(item, &["prompts", "checks"], &["_comment"], faults) else { return };
+    faults.enter_key("checks");
+    let checks = read_turns(&item["checks"], faults);
+    if item["checks"].as_array().is_some_and(Vec::is_empty) {
+        faults.add("no turns");
+    }
+    faults.leave();
+    faults.enter_key("prompts");
+    if item["prompts"].as_array().is_some_and(Vec::is_empty) {
+        faults.add("no wordings");
+    }
+    for (w, wording) in array(&item["prompts"], "a list of wordings", faults).into_iter().flatten().enumerate() {
+        faults.enter_index(w);
+        let prompts = read_prompts(wording, checks.len(), faults);
+        faults.leave();
+        let turns = prompts.into_iter().zip(&checks);
+        let number = u32::try_from(tasks.len() + 1).unwrap_or(u32::MAX);
+        let id = format!("{family}/{item_number:02}-w{}", w + 1);
+        let turns = turns.map(|(prompt, checks)| Instruction::new(prompt, checks.clone()));
+        tasks.push(Task::foreign(id, number, turns.collect()));
+    }
+    faults.leave();
+}
+
+fn read_prompts(wording: &Value, turns: usize, faults: &mut Faults) -> Vec<String> {
+    let Some(prompts) = array(wording, "a list of prompts, one per turn", faults) else { return Vec::new() };
+    if prompts.len() != turns {
+        faults.add(format!("{} prompts for {turns} turns of checks", prompts.len()));
+    }
+    let mut texts = Vec::new();
+    for (t, prompt) in prompts.iter().enumerate() {
+        if let Some(text) = prompt.as_str() {
+            texts.push(text.to_owned());
+        } else {
+            faults.enter_index(t);
+            faults.add("expected a string");
+            faults.leave();
+        }
+    }
+    texts
+}
+
+fn read_turns(turns: &Value, faults: &mut Faults) -> Vec<Vec<Check>> {
+    let mut all = Vec::new();
+    for (t, turn) in array(turns, "a list of turns", faults).into_iter().flatten().enumerate() {
+        faults.enter_index(t);
+        all.push(read_checks(turn, faults));
+        faults.leave();
+    }
+    all
+}
+
+/// Reads the checks of one turn, as task files and raw records list them; faults go to their places.
+pub fn read_checks(turn: &Value, faults: &mut Faults) -> Vec<Check> {
+    let mut checks = Vec::new();
+    for (c, check) in array(turn, "a list of checks", faults).into_iter().flatten().enumerate() {
+        faults.enter_index(c);
+        checks.extend(read_check(check, faults));
+        faults.leave();
+    }
+    checks
+}
+
+/// Reads `{"fn": name, "args": {…}}`.
+pub fn read_check(check: &Value, faults: &mut Faults) -> Option<Check> {
+    let members = object(check, &["fn"], &["args"], faults)?;
+    let Some(name) = members["fn"].as_str() else {
+        faults.add_at("fn", "expected the name of a check");
+        return None;
+    };
+    if Check::LIST.iter().all(|(known, _)| *known != name) {
+        faults.add_at("fn", format!("no check is called {name:?}"));
+        return None;
+    }
+    let mut check = members.clone();
+    check.entry("args").or_insert_with(|| Value::Object(Map::new()));
+    match serde_path_to_error::deserialize::<_, Check>(Value::Object(check)) {
+        Ok(check) => Some(check),
+        Err(error) => {
+            let path = error.path().to_string();
+            let place = if path == "." || path.is_empty() { String::new() } else { format!("{path}: ") };
+            faults.add_at("args", format!("{place}{} ({name})", error.into_inner()));
+            None
+        }
+    }
+}
+
+fn array<'a>(value: &'a Value, wanted: &str, faults: &mut Faults) -> Option<&'a Vec<Value>> {
+    let array = value.as_array();
+    if array.is_none() {
+        faults.add(format!("expected {wanted}"));
+    }
+    array
+}
+
+fn object<'a>(
+    value: &'a Value,
+    required: &[&str],
+    optional: &[&str],
+    faults: &mut Faults,
+) -> Option<&'a Map<String, Value>> {
+    let Some(members) = value.as_object() else {
+        faults.add(format!("expected an object with {}", required.join(", ")));
+        return None;
+    };
+    for key in members.keys() {
+        if !required.contains(&key.as_str()) && !optional.contains(&key.as_str()) {
+            faults.add_at(key, "unknown field");
+        }
+    }
+    let missing: Vec<&&str> = required.iter().filter(|key| !members.contains_key(**key)).collect();
+    for key in &missing {
+        faults.add_at(key, "missing");
+    }
+    missing.is_empty().then_some(members)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::tasks::published::*;
+
+    #[test]
+    fn faults_name_file_and_place() {
+        let text = r#"[{"prompts": [["a"], ["b", "c"]], "checks": [[
+            {"fn": "shape.has_rooms", "args": {"rooms": 2}},
+            {"fn": "shape.has_room", "args": {}},
+            {"fn": "size.is_equal", "args": {"xz": [1]}}
+        ]], "extra": 1}]"#;
+        let faults = read_task_files(&[TaskFile { name: "x.json", text }]).unwrap_err();
+        let told: Vec<String> = faults.iter().map(ToString::to_string).collect();
+        assert_eq!(told.len(), 5, "{told:#?}");
+        assert!(told[0].starts_with("x.json: /0/extra: unknown field"), "{told:#?}");
+        assert!(told[1].contains("/0/checks/0/0/args") && told[1].contains("rooms"), "{told:#?}");
+        assert!(told[2].contains("/0/checks/0/1/fn"), "{told:#?}");
+        assert!(told[3].contains("/0/checks/0/2/args"), "{told:#?}");
+        assert!(told[4].contains("/0/prompts/1: 2 prompts for 1 turns"), "{told:#?}");
+    }
+
+    #[test]
+    fn problems_are_numbered_by_file_name_then_item_then_wording() {
+        let two = r#"[{"prompts": [["a"], ["b"]], "checks": [[]]}]"#;
+        let one = r#"[{"prompts": [["c"]], "checks": [[]]}]"#;
+        let files = [TaskFile { name: "arch.json", text: one }, TaskFile { name: "arch-stress(2).json", text: two }];
+        let tasks = read_task_files(&files).unwrap();
+        let ids: Vec<_> = tasks.iter().map(|task| (task.number, task.id.as_str())).collect();
+        assert_eq!(ids, [(1, "arch-stress-2/01-w1"), (2, "arch-stress-2/01-w2"), (3, "arch/01-w1")]);
+    }
+}

@@ -1,0 +1,218 @@
+//! The blocks of Minecraft 1.21.4 (Java edition): their names, the families that strict checks ask for, and which of them
+//! one can walk through.
+//!
+//! `blocks.txt` lists every block of that version; `passable` marks those without a collision box. The facts are the
+//! game's own, as the data sets of bot frameworks list them.
+
+use std::collections::HashMap;
+use std::fmt;
+use std::sync::LazyLock;
+
+use serde::{Deserialize, Serialize};
+
+/// Version of the game whose blocks are known.
+pub const GAME_VERSION: &str = "1.21.4";
+
+/// Name to whether one can walk through.
+static BLOCKS: LazyLock<HashMap<&'static str, bool, foldhash::fast::RandomState>> = LazyLock::new(|| {
+    let line = |line: &'static str| match line.split_once(' ') {
+        Some((name, _passable)) => (name, true),
+        None => (line, false),
+    };
+    include_str!("blocks.txt").lines().map(line).collect()
+});
+
+/// The name without the game's own namespace and without a state: `oak_stairs` of `minecraft:oak_stairs[facing=east]`.
+#[must_use]
+pub fn canonical(name: &str) -> &str {
+    let name = name.strip_prefix("minecraft:").unwrap_or(name);
+    name.split_once('[').filter(|(_, state)| state.ends_with(']')).map_or(name, |(block, _)| block)
+}
+
+/// Whether the game has a block of this name.
+#[must_use]
+pub fn is_known(name: &str) -> bool {
+    BLOCKS.contains_key(canonical(name))
+}
+
+/// Whether nothing is there: the name of a kind of air.
+#[must_use]
+pub fn is_air(name: &str) -> bool {
+    matches!(canonical(name), "air" | "cave_air" | "void_air")
+}
+
+/// Whether one can walk through, as through a torch, and so neither stand on it nor be kept out by it. A door is not
+/// meant: see [`is_door`].
+#[must_use]
+pub fn is_passable(name: &str) -> bool {
+    BLOCKS.get(canonical(name)).copied().unwrap_or(false)
+}
+
+/// Whether it is a door, which a trapdoor is not.
+#[must_use]
+pub fn is_door(name: &str) -> bool {
+    is_known(name) && canonical(name).ends_with("_door")
+}
+
+/// What a family's members are called.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Spelling {
+    /// They end so.
+    Ends(&'static str),
+    /// They are of this wood: planks, logs, stairs and the like.
+    Wood(&'static str),
+    /// They are dyed in this colour.
+    Dyed(&'static str),
+}
+
+/// Families, as the game's own tags would be written.
+const FAMILIES: &[(&str, Spelling)] = &[
+    ("#beds", Spelling::Ends("_bed")),
+    ("#doors", Spelling::Ends("_door")),
+    ("#stairs", Spelling::Ends("_stairs")),
+    ("#slabs", Spelling::Ends("_slab")),
+    ("#planks", Spelling::Ends("_planks")),
+    ("#wool", Spelling::Ends("_wool")),
+    ("#concrete", Spelling::Ends("_concrete")),
+    ("#terracotta", Spelling::Ends("_terracotta")),
+    ("#oak", Spelling::Wood("oak")),
+    ("#spruce", Spelling::Wood("spruce")),
+    ("#birch", Spelling::Wood("birch")),
+    ("#red", Spelling::Dyed("red")),
+    ("#green", Spelling::Dyed("green")),
+    ("#yellow", Spelling::Dyed("yellow")),
+    ("#orange", Spelling::Dyed("orange")),
+    ("#purple", Spelling::Dyed("purple")),
+    ("#black", Spelling::Dyed("black")),
+    ("#white", Spelling::Dyed("white")),
+    ("#blue", Spelling::Dyed("blue")),
+    ("#brown", Spelling::Dyed("brown")),
+    ("#cyan", Spelling::Dyed("cyan")),
+    ("#gray", Spelling::Dyed("gray")),
+];
+/// What comes in all sixteen dyes and builds a wall or a roof.
+const DYED: [&str; 6] =
+    ["_wool", "_concrete", "_concrete_powder", "_terracotta", "_glazed_terracotta", "_stained_glass"];
+
+impl Spelling {
+    fn has(self, name: &str) -> bool {
+        match self {
+            Self::Ends(ending) => name.ends_with(ending),
+            Self::Wood(wood) => {
+                let bare = name.strip_prefix("stripped_").unwrap_or(name);
+                bare.strip_prefix(wood).is_some_and(|rest| rest.starts_with('_'))
+            }
+            Self::Dyed(colour) => name.strip_prefix(colour).is_some_and(|rest| DYED.contains(&rest)),
+        }
+    }
+}
+
+/// Blocks that a check asks for: one by its name, such as `stone`, or a family, such as `#beds`. Unlike a substring, a family
+/// has no members by accident: bedrock is no bed, a trapdoor no door, dark oak no oak.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct BlockSet(Members);
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Members {
+    /// The block of this name.
+    One(&'static str),
+    /// The family with this index in the list.
+    Family(usize),
+}
+
+impl BlockSet {
+    /// Whether the block of this name belongs to it.
+    #[must_use]
+    pub fn has(self, name: &str) -> bool {
+        let name = canonical(name);
+        match self.0 {
+            Members::One(own) => own == name,
+            Members::Family(index) => BLOCKS.contains_key(name) && FAMILIES[index].1.has(name),
+        }
+    }
+
+    /// A block that belongs to it: the first of them by name.
+    #[must_use]
+    pub fn example(self) -> &'static str {
+        match self.0 {
+            Members::One(name) => name,
+            Members::Family(_) => BLOCKS.keys().filter(|name| self.has(name)).min().map_or("stone", |name| *name),
+        }
+    }
+
+    /// The names of all families.
+    pub fn families() -> impl Iterator<Item = &'static str> {
+        FAMILIES.iter().map(|(name, _)| *name)
+    }
+}
+
+impl fmt::Display for BlockSet {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            Members::One(name) => f.write_str(name),
+            Members::Family(index) => f.write_str(FAMILIES[index].0),
+        }
+    }
+}
+
+impl From<BlockSet> for String {
+    fn from(set: BlockSet) -> Self {
+        set.to_string()
+    }
+}
+
+impl TryFrom<String> for BlockSet {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Self, String> {
+        if name.starts_with('#') {
+            let known = || BlockSet::families().collect::<Vec<_>>().join(", ");
+            let index = FAMILIES.iter().position(|(family, _)| *family == name);
+            return index
+                .map(|index| Self(Members::Family(index)))
+                .ok_or_else(|| format!("no family is called {name:?}; there are {}", known()));
+        }
+        let known = BLOCKS.get_key_value(name.as_str()).map(|(known, _)| Self(Members::One(known)));
+        known.ok_or_else(|| format!("Minecraft {GAME_VERSION} has no block {name:?}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::voxel::blocks::*;
+
+    fn set(name: &str) -> BlockSet {
+        BlockSet::try_from(name.to_owned()).unwrap()
+    }
+
+    #[test]
+    fn families_have_no_members_by_accident() {
+        for (family, members, others) in [
+            ("#beds", &["red_bed", "minecraft:white_bed[part=head]"][..], &["bedrock", "bed", "pink_bedding"][..]),
+            ("#doors", &["oak_door", "iron_door", "waxed_copper_door"], &["oak_trapdoor", "door"]),
+            (
+                "#oak",
+                &["oak_planks", "oak_stairs", "stripped_oak_log"],
+                &["dark_oak_planks", "pale_oak_planks", "oakum"],
+            ),
+            ("#red", &["red_wool", "red_concrete"], &["redstone_block", "red_sandstone", "red_mushroom"]),
+            ("#concrete", &["gray_concrete"], &["gray_concrete_powder"]),
+            ("stone", &["stone", "minecraft:stone"], &["cobblestone", "stone_bricks", "Stone"]),
+        ] {
+            assert!(members.iter().all(|name| set(family).has(name)), "{family}");
+            assert!(others.iter().all(|name| !set(family).has(name)), "{family}");
+        }
+    }
+
+    #[test]
+    fn every_family_has_members_and_unknown_names_are_told() {
+        for family in BlockSet::families() {
+            assert!(BLOCKS.keys().any(|name| set(family).has(name)), "{family}");
+        }
+        assert!(BlockSet::try_from("#boats".to_owned()).unwrap_err().contains("#beds"));
+        assert!(BlockSet::try_from("Stone".to_owned()).is_err());
+        assert_eq!(BLOCKS.len(), 1_095);
+        assert!(is_passable("torch") && is_passable("air") && !is_passable("stone") && !is_passable("no_such_block"));
+    }
+}

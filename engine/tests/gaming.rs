@@ -1,0 +1,139 @@
+//! Gaming the boards: what the best of many entries, and a probing attack, gain on each tier. A simulation with a fixed seed;
+//! `cargo test --test gaming -- --nocapture` prints the table that ARCHITECTURE.md shows.
+//!
+//! An agent passes an instance with a probability that is its true score; what a board shows beyond that is bias.
+
+use plumbline_engine::hidden::ladder::{Attempt, Tally, climb};
+use rand_mt::Mt64;
+
+/// True share of instances that the agent passes.
+const TRUTH: f64 = 0.6;
+/// Instances of one run: the epoch's families, with their weights.
+const PER_RUN: usize = 26;
+/// Runs of a dev entry, as an attacker with patience registers them.
+const DEV_RUNS: usize = 4;
+/// Entries to the dev tier.
+const QUERIES: usize = 400;
+/// Official entries of one owner, and runs of each.
+const OFFICIAL: (usize, usize) = (3, 4);
+/// Tasks of the public suite.
+const PUBLIC_TASKS: usize = 723;
+/// Epochs simulated.
+const EPOCHS: usize = 400;
+
+fn passes(random: &mut Mt64, probability: f64) -> bool {
+    (random.next_u64() >> 11) as f64 / (1_u64 << 53) as f64 <= probability
+}
+
+fn sample(random: &mut Mt64, instances: usize, probability: f64) -> Vec<bool> {
+    (0..instances).map(|_| passes(random, probability)).collect()
+}
+
+fn rate(outcomes: &[bool]) -> f64 {
+    outcomes.iter().filter(|passes| **passes).count() as f64 / outcomes.len() as f64
+}
+
+/// An attempt whose instances have random ids, as the service gives them.
+fn attempt<'a>(random: &mut Mt64, configuration: &'a str, outcomes: &[bool]) -> Attempt<'a> {
+    let named: Vec<(String, bool)> = outcomes.iter().map(|passes| (random.next_u64().to_string(), *passes)).collect();
+    Attempt::of(configuration, named.iter().map(|(id, passes)| (id.as_str(), *passes)))
+}
+
+/// What one tier shows in each epoch, minus the truth, in points.
+fn bias(shown: &[f64]) -> (f64, f64) {
+    let mean = shown.iter().sum::<f64>() / shown.len() as f64;
+    let variance = shown.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / shown.len() as f64;
+    (100.0 * (mean - TRUTH), 100.0 * variance.sqrt())
+}
+
+fn best(random: &mut Mt64, entries: usize, instances: usize) -> f64 {
+    (0..entries).map(|_| rate(&sample(random, instances, TRUTH))).fold(0.0, f64::max)
+}
+
+/// The dev board after the attacker's entries, each of its own configuration, so that none are taken together; where
+/// `stops_at` is reached the attacker stops.
+fn ladder(random: &mut Mt64, stops_at: f64) -> f64 {
+    let names: Vec<String> = (0..QUERIES).map(|i| i.to_string()).collect();
+    let mut attempts: Vec<Attempt<'_>> = Vec::new();
+    for name in &names {
+        let outcomes = sample(random, PER_RUN * DEV_RUNS, TRUTH);
+        attempts.push(attempt(random, name, &outcomes));
+        if climb(&attempts).unwrap().shown.rate() >= stops_at {
+            break;
+        }
+    }
+    climb(&attempts).unwrap().shown.rate()
+}
+
+/// The attack of Blum and Hardt: of random answers those that score above chance are taken together by majority, instance by
+/// instance. `is_fixed`: the same instances are asked again and again; else each entry has fresh ones. What the attacker
+/// learns is the score. The truth of random answers is one half.
+fn probe(random: &mut Mt64, is_fixed: bool) -> f64 {
+    let instances = PER_RUN * DEV_RUNS;
+    let mut labels = sample(random, instances, 0.5);
+    let mut votes = vec![0_i32; instances];
+    for _ in 0..QUERIES {
+        let answers = sample(random, instances, 0.5);
+        let right: Vec<bool> = answers.iter().zip(&labels).map(|(answer, label)| answer == label).collect();
+        let sign = if rate(&right) > 0.5 { 1 } else { -1 };
+        for (vote, answer) in votes.iter_mut().zip(&answers) {
+            *vote += if *answer { sign } else { -sign };
+        }
+        if !is_fixed {
+            labels = sample(random, instances, 0.5);
+        }
+    }
+    rate(&votes.iter().zip(&labels).map(|(vote, label)| (*vote > 0) == *label).collect::<Vec<_>>())
+}
+
+#[test]
+fn official_scores_are_true_and_the_ladder_resists_400_queries() {
+    let mut random = Mt64::new(20_261_121);
+    let random = &mut random;
+    let rows: Vec<(&str, f64, f64)> = [
+        (
+            "open: best of 20 runs of the public suite",
+            (0..EPOCHS).map(|_| best(random, 20, PUBLIC_TASKS)).collect::<Vec<_>>(),
+        ),
+        (
+            "dev, had it no Ladder: best of 400 entries",
+            (0..EPOCHS).map(|_| best(random, QUERIES, PER_RUN * DEV_RUNS)).collect(),
+        ),
+        ("dev: the Ladder's board after 400 entries", (0..EPOCHS).map(|_| ladder(random, 2.0)).collect()),
+        (
+            "dev: the same, stopping where it shows 5 points too much",
+            (0..EPOCHS / 4).map(|_| ladder(random, TRUTH + 0.05)).collect(),
+        ),
+        ("official: three entries, taken together", (0..25 * EPOCHS).map(|_| official(random)).collect()),
+    ]
+    .into_iter()
+    .map(|(name, shown)| {
+        let (bias, spread) = bias(&shown);
+        (name, bias, spread)
+    })
+    .collect();
+    println!("| board, attacked by repeating | bias, points | spread of one board, points |");
+    println!("|---|---|---|");
+    for (name, bias, spread) in &rows {
+        println!("| {name} | {bias:+.1} | {spread:.1} |");
+    }
+    let fixed = 100.0 * ((0..EPOCHS).map(|_| probe(random, true)).sum::<f64>() / EPOCHS as f64 - 0.5);
+    let fresh = 100.0 * ((0..EPOCHS).map(|_| probe(random, false)).sum::<f64>() / EPOCHS as f64 - 0.5);
+    println!("| probing, 400 queries: the same hidden instances, every score told | {fixed:+.1} | |");
+    println!("| probing, 400 queries: fresh instances, as the tiers draw them | {fresh:+.1} | |");
+    let bias_of = |i: usize| rows[i].1;
+    assert!(bias_of(1) > 8.0, "without the Ladder the attack works");
+    assert!(bias_of(2).abs() < 1.0, "the Ladder shows {:+.2}", bias_of(2));
+    assert!(bias_of(3) < bias_of(1) / 1.5, "stopping early gains {:+.2}", bias_of(3));
+    assert!(bias_of(4).abs() < 0.5, "official scores are off by {:+.2}", bias_of(4));
+    assert!(fixed > 20.0 && fresh.abs() < 1.0, "probing gains {fixed:+.2} and {fresh:+.2}");
+}
+
+/// What the official board shows: all instances of all entries of an owner, unanswered ones failed.
+fn official(random: &mut Mt64) -> f64 {
+    let mut all = Tally::default();
+    for _ in 0..OFFICIAL.0 * OFFICIAL.1 * PER_RUN {
+        all.add(passes(random, TRUTH));
+    }
+    all.rate()
+}

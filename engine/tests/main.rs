@@ -1,0 +1,17 @@
+//! Tests of the engine as a whole, in one binary; what one file does is tested beside it.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests fail by panicking")]
+
+mod degenerate;
+mod draws;
+mod gaming;
+mod hidden_checks;
+mod scale;
+mod stress;
+mod stress_plainly;
+mod suite;
+
+/// A file of the repository.
+fn repository(path: &str) -> std::path::PathBuf {
+    std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(path)
+}

@@ -1,0 +1,4 @@
+//! Keys, quotas, rates and events.
+
+mod keys;
+mod quota_and_events;

@@ -1,0 +1,3 @@
+//! Action code: scripts that agents wrote, and scripts that mean harm.
+
+mod scripts;

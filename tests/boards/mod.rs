@@ -1,0 +1,4 @@
+//! Boards, comparisons and grading again.
+
+mod leaderboards;
+mod regrade;

@@ -1,0 +1,4 @@
+//! Suites and tasks.
+
+mod own_suites;
+mod tasks;

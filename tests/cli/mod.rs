@@ -1,0 +1,5 @@
+//! Commands.
+
+mod demo;
+mod operators;
+mod tasks;

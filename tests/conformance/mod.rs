@@ -1,0 +1,4 @@
+//! The published evaluator's values.
+
+mod published;
+mod reference_builds;

@@ -1,0 +1,152 @@
+//! Backup while the service takes submissions, restore, and export: nothing that was acknowledged before is missing.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use crate::support::{PROGRAM, Service};
+use serde_json::{Value, json};
+
+fn plumbline(command: &str, target: &Path, database: &Path) -> Output {
+    Command::new(PROGRAM).arg(command).arg(target).arg("--database").arg(database).output().unwrap()
+}
+
+fn succeeded(output: &Output) -> String {
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout.clone()).unwrap()
+}
+
+fn lines(file: &Path) -> Vec<Value> {
+    std::fs::read_to_string(file).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+/// A run with some answers, finished.
+async fn finished_run(service: &Service, agent: &str) -> Value {
+    let run = service.begin_run(agent, "mineceraft").await;
+    let line = |task: u32| {
+        json!({ "run": run, "task": task, "turns": [{ "palette": ["stone"], "rows": [[0, 0, task, 0], [1, 0, task, 0]] }] }).to_string()
+    };
+    let body: Vec<String> = (1..=40).map(line).collect();
+    assert_eq!(service.post("/v1/submissions", "application/x-ndjson", body.join("\n")).await.status, 202);
+    service.post_json(&format!("/v1/runs/{run}/finish"), &json!({})).await;
+    service.wait_for(&format!("/v1/runs/{run}"), |run| run["state"] == "finished").await
+}
+
+#[tokio::test]
+async fn a_backup_of_a_running_service_restores_to_the_same_answers() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let service = Service::start(&path("p.db"), &[]);
+    let run = finished_run(&service, "before").await;
+    let id = run["id"].as_str().unwrap();
+    // Others go on posting meanwhile.
+    let (_, told) = tokio::join!(finished_run(&service, "meanwhile"), async {
+        let (copy, database) = (path("copy.db"), path("p.db"));
+        tokio::task::spawn_blocking(move || succeeded(&plumbline("backup", &copy, &database))).await.unwrap()
+    });
+    assert!(told.contains("runs, ") && told.contains("copy.db: "), "{told}");
+    let submissions = service.get(&format!("/v1/runs/{id}/submissions?limit=1000")).await.json();
+    let first = submissions["submissions"][0]["id"].as_str().unwrap().to_owned();
+    let report = service.get(&format!("/v1/submissions/{first}/report")).await.text;
+    let again = plumbline("backup", &path("copy.db"), &path("p.db"));
+    assert!(String::from_utf8_lossy(&again.stderr).contains("is there already"), "a copy is never overwritten");
+    let taken = plumbline("restore", &path("copy.db"), &path("p.db"));
+    assert!(String::from_utf8_lossy(&taken.stderr).contains("move it away first"), "nor a database");
+    service.kill();
+
+    succeeded(&plumbline("restore", &path("copy.db"), &path("restored.db")));
+    let restored = Service::start(&path("restored.db"), &[]);
+    assert_eq!(restored.get(&format!("/v1/runs/{id}")).await.json(), run);
+    assert_eq!(restored.get(&format!("/v1/runs/{id}/submissions?limit=1000")).await.json(), submissions);
+    assert_eq!(restored.get(&format!("/v1/submissions/{first}/report")).await.text, report);
+    // What was queued at that moment is graded now.
+    restored.wait_for("/readyz", |_| true).await;
+    finished_run(&restored, "after").await;
+    let whole = restored.finished_run("whole", 3).await;
+    let hide = json!({ "action": "hide", "reason": "a trial" });
+    let admin = plumbline_key(&path("restored.db"), "admin");
+    for action in [&hide, &json!({ "action": "restore", "reason": "no trial" })] {
+        let request = restored.http.post(format!("{}/v1/runs/{whole}/board-actions", restored.url)).bearer_auth(&admin);
+        assert_eq!(restored.send(request.json(action)).await.status, 200);
+    }
+
+    // Everything as lines, from the running service's file.
+    let exported = succeeded(&plumbline("export", &path("lines"), &path("restored.db")));
+    assert!(exported.contains("reports.ndjson: "), "{exported}");
+    let runs = lines(&path("lines/runs.ndjson"));
+    let found = runs.iter().find(|line| line["id"] == id).unwrap();
+    assert_eq!((&found["summary"], &found["agent"]), (&run["summary"], &json!("before")));
+    let logs = lines(&path("lines/submissions.ndjson"));
+    let found = logs.iter().find(|line| line["id"] == first.as_str()).unwrap();
+    assert_eq!(found["log"]["turns"], json!([[[0, 0, 1, 0], [1, 0, 1, 0]]]));
+    let reports = lines(&path("lines/reports.ndjson"));
+    let found = reports.iter().find(|line| line["submission"] == first.as_str()).unwrap();
+    let shown: Value = serde_json::from_str(&report).unwrap();
+    for part in ["overall", "criteria", "turns"] {
+        assert_eq!(found["report"][part], shown[part]);
+    }
+
+    // And into an empty service, which then has the same boards; once, and whole or not at all.
+    let imported = Service::start(&path("imported.db"), &[]);
+    let told = succeeded(&plumbline("import", &path("lines"), &path("imported.db")));
+    assert!(told.contains(&format!("runs: {}", runs.len())), "{told}");
+    for suite in ["mineceraft", "mineceraft-lite"] {
+        for part in ["", "/actions", "/breakdown", "?coverage=incomplete"] {
+            let place = format!("/v1/leaderboards/{suite}{part}");
+            assert_eq!(imported.get(&place).await.json(), restored.get(&place).await.json(), "{place}");
+        }
+    }
+    let place = format!("/v1/submissions/{first}");
+    for part in ["", "/report", "/log"] {
+        let place = format!("{place}{part}");
+        assert_eq!(imported.get(&place).await.text, restored.get(&place).await.text);
+    }
+    // A log is in a form that can be posted.
+    let again = json!({ "task": found_task(&logs, &first), "log": logs[0]["log"] });
+    assert_eq!(imported.post_json("/v1/validate", &again).await.status, 200);
+    let again = plumbline("import", &path("lines"), &path("imported.db"));
+    assert!(String::from_utf8_lossy(&again.stderr).contains("an import needs an empty one"));
+    finished_run(&imported, "later").await;
+
+    // A line that was tampered with is named, and nothing is taken.
+    let file = path("lines/submissions.ndjson");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let line = text.lines().position(|line| line.contains(&first)).unwrap() + 1;
+    std::fs::write(&file, text.replacen("[[[0,0,1,0],[1,0,1,0]]]", "[[[0,0,1,0],[2,0,1,0]]]", 1)).unwrap();
+    drop(Service::start(&path("tampered.db"), &[]));
+    let refused = plumbline("import", &path("lines"), &path("tampered.db"));
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(said.contains(&format!("submissions.ndjson, line {line}")) && said.contains("SHA-256"), "{said}");
+    std::fs::write(&file, text).unwrap();
+    succeeded(&plumbline("import", &path("lines"), &path("tampered.db")));
+}
+
+/// The id of a submission's task in an export.
+fn found_task(logs: &[Value], submission: &str) -> Value {
+    assert!(logs.iter().any(|line| line["id"] == submission && line["task"].is_string()), "{logs:?}");
+    logs[0]["task"].clone()
+}
+
+fn plumbline_key(database: &Path, scopes: &str) -> String {
+    let made = Command::new(PROGRAM)
+        .args(["keys", "create", "--name", "operator", "--scopes", scopes, "--database"])
+        .arg(database)
+        .output()
+        .unwrap();
+    succeeded(&made).trim().to_owned()
+}
+
+#[test]
+fn what_is_no_backup_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    std::fs::write(path("text"), "not a database, but long enough to be taken for the header of one".repeat(20))
+        .unwrap();
+    for (file, why) in [("none", "there is no file"), ("text", "not a database")] {
+        let output = plumbline("restore", &path(file), &path("p.db"));
+        assert!(!output.status.success());
+        assert!(String::from_utf8_lossy(&output.stderr).contains(why), "{}", String::from_utf8_lossy(&output.stderr));
+        assert!(!path("p.db").exists());
+    }
+    assert!(!plumbline("backup", &path("copy"), &path("none")).status.success());
+    assert!(!path("none").exists(), "looking makes no database");
+}

@@ -1,0 +1,314 @@
+//! Whatever happens to the process, the disk, the clock or a row: no acknowledged submission is lost, none is graded twice into
+//! the board, none is stuck, and the quota is exact.
+
+use std::os::unix::process::ExitStatusExt as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use crate::support::audit::{audit, open};
+use crate::support::{PROGRAM, Service};
+use plumbline_engine::checks::Criterion;
+use plumbline_engine::tasks::embedded;
+use reqwest::{RequestBuilder, StatusCode};
+use serde_json::{Value, json};
+
+const LEASE: [&str; 2] = ["--lease-seconds", "1"];
+
+/// A database with a key to it, and what was acknowledged.
+struct Scene {
+    _folder: tempfile::TempDir,
+    database: PathBuf,
+    key: String,
+    acknowledged: Vec<String>,
+}
+
+impl Scene {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let database = folder.path().join("p.db");
+        let create = Command::new(PROGRAM).args(["migrate", "--create", "--database"]).arg(&database).output().unwrap();
+        assert!(create.status.success());
+        let arguments = ["keys", "create", "--name", "lab", "--database"];
+        let made = Command::new(PROGRAM).args(arguments).arg(&database).output().unwrap();
+        assert!(made.status.success());
+        let key = String::from_utf8(made.stdout).unwrap().trim().to_owned();
+        Self { _folder: folder, database, key, acknowledged: Vec::new() }
+    }
+
+    fn start(&self) -> Service {
+        Service::start_as_told(&self.database, &LEASE)
+    }
+
+    fn start_to_die(&self, moment: &str) -> Service {
+        let mut command = Command::new(PROGRAM);
+        command.env("PLUMBLINE_TEST_KILL", moment);
+        Service::start_by(command, &self.database, &LEASE)
+    }
+
+    /// Starts a service that dies by itself, soon.
+    fn start_and_die(&self, moment: &str) {
+        let mut command = Command::new(PROGRAM);
+        command.env("PLUMBLINE_TEST_KILL", moment).args(["serve", "--listen", "127.0.0.1:0", "--database"]);
+        let ended = command.arg(&self.database).args(LEASE).output().unwrap();
+        assert_eq!(ended.status.signal(), Some(9), "{moment}: {ended:?}");
+    }
+
+    /// Sends a request; none where the service dies meanwhile.
+    async fn send(&self, request: RequestBuilder) -> Option<Value> {
+        let answer = request.bearer_auth(&self.key).send().await.ok()?;
+        let status = answer.status();
+        let body = answer.json().await.ok()?;
+        assert!(status.is_success() || status == StatusCode::CONFLICT, "{status} {body}");
+        status.is_success().then_some(body)
+    }
+
+    /// Posts a log, and notes that it was acknowledged.
+    async fn post(&mut self, service: &Service, body: Value) -> Option<String> {
+        let accepted = self.send(service.http.post(format!("{}/v1/submissions", service.url)).json(&body)).await?;
+        let id = accepted["id"].as_str().unwrap().to_owned();
+        self.acknowledged.push(id.clone());
+        Some(id)
+    }
+
+    /// A run with a few submissions, one without a run, one that takes a while and one that is cancelled, and the end.
+    async fn work(&mut self, service: &Service) -> Option<()> {
+        let url = |path: &str| format!("{}{path}", service.url);
+        let begin = service.http.post(url("/v1/runs")).json(&json!({ "agent": "a", "suite": "mineceraft" }));
+        let run = self.send(begin).await?["id"].as_str().unwrap().to_owned();
+        self.post(service, slow()).await?;
+        let cancelled =
+            self.post(service, json!({ "run": run, "task": slow()["task"], "turns": slow()["turns"] })).await?;
+        for task in 1..3 {
+            let log = json!({ "palette": ["stone"], "rows": [[task, 0, 0, 0]] });
+            self.post(service, json!({ "run": run, "task": task, "turns": [log] })).await?;
+        }
+        self.send(service.http.post(url(&format!("/v1/submissions/{cancelled}/cancel")))).await;
+        self.send(service.http.post(url(&format!("/v1/runs/{run}/finish")))).await?;
+        Some(())
+    }
+
+    /// Starts a service that nothing befalls, waits until all is done, and looks through the books.
+    async fn end_well(&self, when: &str) {
+        let service = self.start();
+        settle(&service).await;
+        assert!(service.terminate());
+        audit(&self.database, &self.acknowledged, when).await;
+    }
+}
+
+/// A cube under stress: grading takes longer than renewing a lease takes to come by.
+fn slow() -> Value {
+    let suite = embedded::latest().unwrap();
+    let is_stressed = |task: &&plumbline_engine::tasks::Task| {
+        task.turns.len() == 1 && task.checks().any(|c| c.criterion() == Criterion::StructuralStability)
+    };
+    let task = suite.tasks.iter().find(is_stressed).unwrap();
+    let rows: Vec<Value> = (0..16 * 16 * 16).map(|i| json!([i >> 8, i >> 4 & 15, i & 15, 0])).collect();
+    json!({ "task": task.number, "turns": [{ "palette": ["stone"], "rows": rows }] })
+}
+
+/// Waits until nothing waits.
+async fn settle(service: &Service) {
+    let begun = Instant::now();
+    while begun.elapsed() < Duration::from_mins(1) {
+        let metrics = service.get("/metrics").await.text;
+        let left = metrics.lines().find_map(|line| line.strip_prefix("plumbline_submissions_not_ended ")).unwrap();
+        if left == "0" {
+            return;
+        }
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    panic!("submissions are stuck");
+}
+
+async fn change(database: &Path, query: &'static str, id: &str) {
+    let mut connection = open(database).await;
+    assert_eq!(sqlx::query(query).bind(id).execute(&mut connection).await.unwrap().rows_affected(), 1);
+}
+
+#[tokio::test]
+async fn killed_before_and_after_each_commit() {
+    let commits = ["create_run", "accept", "claim", "renew", "record", "cancel", "finish_run", "note_key_use"];
+    for commit in commits {
+        let both = ["before", "after"].map(|side| async move {
+            let moment = format!("{side} {commit}");
+            let mut scene = Scene::new();
+            let service = scene.start_to_die(&moment);
+            let _ = scene.work(&service).await;
+            service.wait_for_end(&moment).await;
+            scene.end_well(&moment).await;
+        });
+        let [one, other] = both;
+        tokio::join!(one, other);
+    }
+}
+
+#[tokio::test]
+async fn killed_while_an_unreadable_submission_ends() {
+    for moment in ["before fail", "after fail"] {
+        let mut scene = Scene::new();
+        let service = scene.start_to_die("before claim");
+        let id = scene.post(&service, slow()).await;
+        service.wait_for_end(moment).await;
+        let Some(id) = id else { continue };
+        change(&scene.database, "UPDATE submissions SET log = x'00' WHERE id = $1", &id).await;
+        scene.start_and_die(moment);
+        scene.end_well(moment).await;
+        let service = scene.start();
+        let submission = service.get(&format!("/v1/submissions/{id}")).await.json();
+        assert_eq!(submission["state"], "grader_error", "{submission}");
+    }
+}
+
+#[tokio::test]
+async fn killed_while_work_is_given_back_and_while_it_is_given_up() {
+    let mut scene = Scene::new();
+    let service = scene.start_to_die("before give_back");
+    scene.post(&service, slow()).await.unwrap();
+    let waiting = format!("/v1/submissions/{}", scene.acknowledged[0]);
+    service.wait_for(&waiting, |submission| submission["state"] == "grading").await;
+    service.signal("TERM");
+    service.wait_for_end("before give_back").await;
+    // Three attempts that die with the process, then the fourth look, which gives up.
+    for moment in ["before record", "before record", "before claim (given up)", "after claim (given up)"] {
+        scene.start_and_die(moment);
+    }
+    scene.end_well("given up").await;
+    let service = scene.start();
+    assert_eq!(service.get(&waiting).await.json()["state"], "grader_error");
+}
+
+#[tokio::test]
+async fn a_worker_that_slept_over_its_lease_is_too_late() {
+    let mut scene = Scene::new();
+    let sleeper = scene.start();
+    let id = scene.post(&sleeper, slow()).await.unwrap();
+    let path = format!("/v1/submissions/{id}");
+    sleeper.wait_for(&path, |submission| submission["state"] == "grading").await;
+    sleeper.signal("STOP");
+    let other = scene.start();
+    other.wait_for(&path, |submission| submission["state"] == "graded").await;
+    let report = other.get(&format!("{path}/report")).await.json();
+    assert_eq!(report["provenance"]["attempt"], 2, "{report}");
+    sleeper.signal("CONT");
+    tokio::time::sleep(Duration::from_secs(2)).await;
+    assert!(sleeper.terminate() && other.terminate());
+    audit(&scene.database, &scene.acknowledged, "slept").await;
+}
+
+#[tokio::test]
+async fn two_services_on_one_file() {
+    let mut scene = Scene::new();
+    let services = [scene.start(), scene.start()];
+    let _ = scene.work(&services[0]).await;
+    for i in 0..200 {
+        let log = json!({ "palette": ["stone"], "rows": [[i, 0, 0, 0]] });
+        scene.post(&services[i % 2], json!({ "task": 1, "turns": [log] })).await.unwrap();
+    }
+    settle(&services[0]).await;
+    for service in services {
+        assert!(service.terminate());
+    }
+    audit(&scene.database, &scene.acknowledged, "two").await;
+}
+
+#[tokio::test]
+async fn a_clock_that_jumps() {
+    const HOUR_MS: i64 = 3_600_000;
+    let mut scene = Scene::new();
+    let clock = scene.database.with_extension("clock");
+    let set = |ms: i64| std::fs::write(&clock, ms.to_string()).unwrap();
+    set(0);
+    let mut command = Command::new(PROGRAM);
+    command.env("PLUMBLINE_TEST_CLOCK", &clock);
+    let service = Service::start_by(command, &scene.database, &LEASE);
+    for jump in [HOUR_MS, -HOUR_MS, 0] {
+        let _ = scene.work(&service).await;
+        set(jump);
+        settle(&service).await;
+    }
+    // Killed with a lease that ends in an hour by the clock that comes after.
+    set(HOUR_MS);
+    scene.post(&service, slow()).await.unwrap();
+    service
+        .wait_for(&format!("/v1/submissions/{}", scene.acknowledged.last().unwrap()), |s| s["state"] == "grading")
+        .await;
+    service.kill();
+    scene.end_well("clock").await;
+}
+
+#[tokio::test]
+async fn a_disk_without_room() {
+    let mut scene = Scene::new();
+    assert!(scene.start().terminate());
+    // No file may grow beyond the database and a little more; writing further fails, as on a full disk.
+    let room = std::fs::metadata(&scene.database).unwrap().len() + (64 << 10);
+    let mut command = Command::new("sh");
+    let limited = format!("trap '' XFSZ; ulimit -f {}; exec \"$0\" \"$@\"", room / 512);
+    command.args(["-c", &limited, PROGRAM]);
+    let service = Service::start_by(command, &scene.database, &LEASE);
+    let mut refused = None;
+    for i in 0..20_000 {
+        // Logs that do not compress.
+        let rows: Vec<Value> = (0..500_u64)
+            .map(|j| {
+                let at = (i * 500 + j).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+                json!([at >> 44 & 1023, at >> 34 & 63, at >> 24 & 1023, 0])
+            })
+            .collect();
+        let body = json!({ "task": 1, "turns": [{ "palette": ["stone"], "rows": rows }] });
+        let request = service.http.post(format!("{}/v1/submissions", service.url)).bearer_auth(&scene.key).json(&body);
+        let answer = service.send(request).await;
+        if answer.status != StatusCode::ACCEPTED {
+            refused = Some(answer);
+            break;
+        }
+        scene.acknowledged.push(answer.json()["id"].as_str().unwrap().to_owned());
+    }
+    let refused = refused.expect("the disk did not fill");
+    assert!(refused.status.is_server_error(), "{}", refused.text);
+    assert_eq!(
+        (refused.json()["retryable"].as_bool(), refused.kind.as_str()),
+        (Some(true), "application/problem+json")
+    );
+    assert_eq!(service.get("/healthz").await.status, StatusCode::OK);
+    assert!(!scene.acknowledged.is_empty());
+    service.kill();
+    scene.end_well("full").await;
+}
+
+#[tokio::test]
+async fn corrupt_rows_harm_nobody_else() {
+    let mut scene = Scene::new();
+    let service = scene.start();
+    for agent in ["whole", "torn"] {
+        let begin = service
+            .http
+            .post(format!("{}/v1/runs", service.url))
+            .json(&json!({ "agent": agent, "suite": "mineceraft" }));
+        let run = scene.send(begin).await.unwrap()["id"].as_str().unwrap().to_owned();
+        let log = json!({ "palette": ["stone"], "rows": [[0, 0, 0, 0]] });
+        scene.post(&service, json!({ "run": run, "task": 1, "turns": [log] })).await.unwrap();
+        let finish = service.http.post(format!("{}/v1/runs/{run}/finish", service.url));
+        scene.send(finish.json(&json!({ "skip": "unanswered" }))).await.unwrap();
+        service.wait_for(&format!("/v1/runs/{run}"), |run| run["state"] == "finished").await;
+        if agent == "torn" {
+            change(&scene.database, "UPDATE results SET summary = '{' WHERE run_id = $1", &run).await;
+        }
+    }
+    let torn = scene.acknowledged[1].clone();
+    change(&scene.database, "UPDATE reports SET body = x'28B52FFD' WHERE submission_id = $1", &torn).await;
+    tokio::time::sleep(Duration::from_millis(1_100)).await;
+    let report = service.get(&format!("/v1/submissions/{torn}/report")).await;
+    assert_eq!((report.status, report.kind.as_str()), (StatusCode::INTERNAL_SERVER_ERROR, "application/problem+json"));
+    let whole = service.get(&format!("/v1/submissions/{}/report", scene.acknowledged[0])).await;
+    assert_eq!(whole.status, StatusCode::OK);
+    let board = service.get("/v1/leaderboards/mineceraft").await;
+    let rows = board.json()["rows"].as_array().unwrap().clone();
+    let agents: Vec<&Value> = rows.iter().map(|row| &row["agent"]).collect();
+    assert_eq!(agents, ["whole"], "{}", board.text);
+    assert_eq!(service.get("/").await.status, StatusCode::OK);
+    let metrics = service.get("/metrics").await.text;
+    assert!(metrics.contains("plumbline_corrupt_rows_total"), "the damage must be seen");
+}

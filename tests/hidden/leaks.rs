@@ -1,0 +1,228 @@
+//! What a caller can observe of a hidden evaluation before its epoch closes depends on the score alone: two epochs whose keys
+//! differ, one entrant who solves everything and one who solves nothing, and every answer, header, event, metric and log line
+//! compared.
+
+use std::collections::BTreeSet;
+
+use crate::support::Answer;
+use crate::support::epoch::{Scene, answer_to, id};
+use serde_json::{Value, json};
+
+/// Text with all that is random or a time replaced: ids, hashes, times, durations, and the caller's own prompts.
+fn plain(text: &str) -> String {
+    let is_wordlike = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | ':' | '.' | '_');
+    // Receipts that are published together stand in the order of their random hashes.
+    let text = text.split("\"seq\":").map(|part| part.trim_start_matches(|c: char| c.is_ascii_digit()));
+    let text = text.collect::<Vec<_>>().join("\"seq\":");
+    let mut out = String::new();
+    let mut word = String::new();
+    for c in text.chars().chain(['\n']) {
+        if is_wordlike(c) {
+            word.push(c);
+            continue;
+        }
+        out.push_str(&class(&word));
+        word.clear();
+        out.push(c);
+    }
+    out
+}
+
+/// A word, or what kind of thing it is where it is random.
+fn class(word: &str) -> String {
+    if let Some(rest) = word.strip_prefix(':') {
+        return format!(":{}", class(rest));
+    }
+    let hex = |text: &str| text.chars().all(|c| c.is_ascii_hexdigit());
+    let is_id = word.len() == 36 && word.split('-').map(str::len).eq([8, 4, 4, 4, 12]) && hex(&word.replace('-', ""));
+    // Pages show the beginning of one.
+    let is_hash = [16, 64, 128].contains(&word.len()) && hex(word);
+    let is_time = word.len() >= 20 && word.starts_with("20") && word.contains('T') && word.ends_with('Z');
+    let is_milliseconds = word.len() == 13 && word.chars().all(|c| c.is_ascii_digit());
+    let is_request = word.split_once('-').is_some_and(|(own, number)| own.len() == 16 && hex(own) && hex(number));
+    let is_fraction = word.contains('.') && word.parse::<f64>().is_ok();
+    match () {
+        () if word.starts_with("127.0.0.1:") => "HOST".to_owned(),
+        () if is_id => "ID".to_owned(),
+        () if is_hash => "HASH".to_owned(),
+        () if is_request => "REQUEST".to_owned(),
+        () if is_time || is_milliseconds => "TIME".to_owned(),
+        () if is_fraction => "FRACTION".to_owned(),
+        () => word.to_owned(),
+    }
+}
+
+/// Leaves out what a caller may know: prompts, which are theirs to read, and the score.
+fn without_score(value: &mut Value) {
+    match value {
+        Value::Object(members) => {
+            for (name, own) in members.iter_mut() {
+                match name.as_str() {
+                    "prompts" => *own = "PROMPTS".into(),
+                    "passed" | "overall" | "interval" => *own = "SCORE".into(),
+                    // The half of the instances that the board shows is random; of a result it is the number of all.
+                    "of" if *own != 26 => *own = "HALF".into(),
+                    _ => without_score(own),
+                }
+            }
+        }
+        Value::Array(items) => items.iter_mut().for_each(without_score),
+        _ => {}
+    }
+}
+
+/// Markup without the text that follows each of these.
+fn without_text_after(mark: &str, markup: &str) -> String {
+    let mut parts = markup.split(mark);
+    let first = parts.next().unwrap().to_owned();
+    parts.fold(first, |text, part| text + &part[part.find('<').unwrap()..])
+}
+
+#[derive(Debug, Default)]
+struct Observed(Vec<(String, String)>);
+
+impl Observed {
+    fn note(&mut self, what: &str, answer: &Answer) {
+        let body = serde_json::from_str::<Value>(&answer.text).map_or_else(
+            |_| answer.text.clone(),
+            |mut value| {
+                without_score(&mut value);
+                value.to_string()
+            },
+        );
+        // What a clock shows is left out. (The page of one epoch shows what its boards say, with bars; those are compared as JSON.)
+        let body = without_text_after("data-until>", &body);
+        // The length of a body follows from what is in it, and the date from the clock.
+        let own =
+            |name: &str| !["date", "content-length", "x-request-id", "etag", "ratelimit-remaining"].contains(&name);
+        let headers: BTreeSet<String> = answer
+            .headers
+            .iter()
+            .filter(|(name, _)| own(name.as_str()))
+            .map(|(name, value)| plain(&format!("{name}: {value:?}")))
+            .collect();
+        self.0.push((what.to_owned(), format!("{} {headers:?} {}", answer.status, plain(&body))));
+    }
+}
+
+/// How often was looked whether an entry is complete is chance, and so is which of its first lines the program writes first.
+fn is_chance(line: &str) -> bool {
+    line.contains("method=GET route=\"/v1/entries/{id}\"") || line.contains("plumbline::app: listening")
+}
+
+/// Everything that an entrant and everybody else can look at, while one goes through a dev entry and an official one.
+async fn observe(solves: bool) -> Observed {
+    let scene = Scene::new(&["--dev-feedback", "score-only"]);
+    let mut seen = Observed::default();
+    let (lab, other) = (scene.key("lab"), scene.key("other"));
+    let service = &scene.service;
+    let pool = scene.pool();
+    for tier in ["dev", "official"] {
+        let entry = scene.register(&lab, tier, 1).await;
+        let drawn = scene.draw(&lab, &entry, 1).await;
+        for (i, instance) in drawn.iter().enumerate() {
+            let path = format!("/v1/instances/{}", id(instance));
+            let body = answer_to(instance, &pool, !solves);
+            let broken = json!({ "turns": [{ "events": [{ "action": "place", "x": 0.5, "y": 0, "z": 0, "material": "stone" }] }] });
+            let what = format!("{tier} {i}");
+            seen.note(&format!("{what} malformed"), &scene.post(&lab, &format!("{path}/answer"), &broken).await);
+            seen.note(&format!("{what} by another"), &scene.post(&other, &format!("{path}/answer"), &body).await);
+            seen.note(&format!("{what} answered"), &scene.post(&lab, &format!("{path}/answer"), &body).await);
+            seen.note(&format!("{what} again"), &scene.post(&lab, &format!("{path}/answer"), &body).await);
+            let mut more = body.clone();
+            let first = more["turns"][0].clone();
+            more["turns"].as_array_mut().unwrap().push(first);
+            let told = scene.post(&lab, &format!("{path}/answer"), &more).await;
+            assert_eq!(told.faults(422), ["null /turns"], "the number of turns is the number of prompts");
+            for part in ["report", "receipt"] {
+                seen.note(&format!("{what} {part}"), &service.get(&format!("{path}/{part}")).await);
+            }
+            let get = service.http.get(format!("{}{path}", service.url)).bearer_auth(&lab);
+            seen.note(&format!("{what} itself"), &service.send(get).await);
+        }
+        // Whether all are graded by now is chance; the ledger must not tell.
+        let get = service.http.get(format!("{}/v1/quota?limit=1000", service.url)).bearer_auth(&lab);
+        seen.note("quota", &service.send(get).await);
+        seen.note("before finalizing", &service.get(&format!("/v1/entries/{entry}")).await);
+        scene.made(&lab, &format!("/v1/entries/{entry}/finalize"), &json!({})).await;
+        service.wait_for(&format!("/v1/entries/{entry}"), |entry| entry["state"] == "complete").await;
+        seen.note("complete", &service.get(&format!("/v1/entries/{entry}")).await);
+        for instance in &drawn {
+            seen.note("receipt", &service.get(&format!("/v1/instances/{}/receipt", id(instance))).await);
+        }
+        if tier == "official" {
+            // Of an official entry not even the score is told.
+            assert_eq!(service.get(&format!("/v1/entries/{entry}")).await.json()["result"], Value::Null);
+        }
+    }
+    for path in [
+        "/v1/epochs",
+        "/v1/epochs/autumn",
+        "/v1/epochs/autumn/reveal",
+        "/v1/epochs/autumn/answers",
+        "/v1/epochs/autumn/leaderboard",
+        "/v1/epochs/autumn/leaderboard?tier=dev",
+        "/v1/receipts?limit=1000",
+        "/v1/suites",
+        "/v1/tasks?limit=1000",
+        "/v1/leaderboards/mineceraft",
+        "/v1/leaderboards/hidden",
+        "/health",
+        "/",
+        "/epochs",
+    ] {
+        seen.note(path, &service.get(path).await);
+    }
+    // Hidden answers are submissions inside; outside there are none.
+    let database = sqlx::sqlite::SqlitePoolOptions::new().connect(scene.file("p.db").to_str().unwrap()).await.unwrap();
+    let ids: Vec<String> =
+        sqlx::query_scalar("SELECT id FROM submissions ORDER BY id").fetch_all(&database).await.unwrap();
+    assert_eq!(ids.len(), 52);
+    for part in ["", "/report", "/log", "/stress", "/receipt", "/cancel"] {
+        let path = format!("/v1/submissions/{}{part}", ids[0]);
+        let answer =
+            if part == "/cancel" { scene.post(&lab, &path, &json!({})).await } else { service.get(&path).await };
+        assert_eq!(answer.status, 404, "{path}: {}", answer.text);
+    }
+    for page in ["/submissions", "/submissions/evidence"] {
+        assert_eq!(service.get(&format!("{page}/{}", ids[0])).await.status, 404);
+    }
+    let events: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM events").fetch_one(&database).await.unwrap();
+    assert_eq!(events, 0, "an event was written for everybody to follow");
+    let metrics = service.get("/metrics").await.text;
+    // Counts are compared; what measures time is not the same twice.
+    let is_count = |line: &&str| !["seconds", "together", "bytes", "connections"].iter().any(|own| line.contains(own));
+    let mut counts: Vec<&str> = metrics.lines().filter(is_count).filter(|line| !line.is_empty()).collect();
+    counts.sort_unstable();
+    // How often the test had to look until an entry was complete is chance.
+    counts.retain(|line| !line.contains("/v1/entries/{id}"));
+    seen.0.extend(counts.into_iter().map(|line| ("metric".to_owned(), line.to_owned())));
+    let names: BTreeSet<&str> = metrics
+        .lines()
+        .filter_map(|line| line.split([' ', '{']).next())
+        .filter(|name| !name.starts_with('#'))
+        .collect();
+    seen.0.push(("metrics".to_owned(), format!("{names:?}")));
+    let said = service.said.lock().unwrap().join("\n").replace(scene.folder.path().to_str().unwrap(), "FOLDER");
+    let log: Vec<&str> = said.lines().filter(|line| !is_chance(line)).collect();
+    seen.0.push(("log".to_owned(), plain(&log.join("\n"))));
+    // No secret anywhere.
+    let secret = std::fs::read_to_string(scene.file("p.db.secrets/epoch-autumn.json")).unwrap();
+    let secret: Value = serde_json::from_str(&secret).unwrap();
+    let everything = format!("{:?} {said}", seen.0);
+    for name in ["has_enclosed_rooms", "reference_pa", "min_share", secret["key"].as_str().unwrap()] {
+        assert!(!everything.contains(name), "{name:?} is told");
+    }
+    seen
+}
+
+#[tokio::test]
+async fn nothing_but_the_score_tells_two_epochs_apart() {
+    let (all, none) = (observe(true).await, observe(false).await);
+    assert_eq!(all.0.len(), none.0.len());
+    for ((what, a), (other, b)) in all.0.iter().zip(&none.0) {
+        assert_eq!(what, other);
+        assert_eq!(a, b, "{what} tells");
+    }
+    assert!(all.0.len() > 400, "{}", all.0.len());
+}

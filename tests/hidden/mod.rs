@@ -1,0 +1,5 @@
+//! Hidden evaluation: entries, attacks and leaks.
+
+mod attacks;
+mod evaluation;
+mod leaks;

@@ -1,0 +1,20 @@
+//! The integration tests, in one binary. Its folders mirror those of `src/http`; beside them stand `durability`, `conformance`,
+//! `browser`, `cli`, `load` and `tidy`.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests fail by panicking")]
+
+mod accounts;
+mod actions;
+mod boards;
+mod browser;
+mod catalogue;
+mod cli;
+mod conformance;
+mod durability;
+mod hidden;
+mod load;
+mod rewards;
+mod service;
+mod submissions;
+mod support;
+mod tidy;

@@ -1,0 +1,4 @@
+//! Rewards within the request, and the trainers that ask for them.
+
+mod grade;
+mod trainers;

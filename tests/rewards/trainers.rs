@@ -1,0 +1,165 @@
+//! Grading over the bodies that trainers send: NeMo Gym's and OpenRLHF's.
+
+use crate::support::Service;
+use plumbline_engine::builders::build;
+use plumbline_engine::builders::saboteurs::find;
+use plumbline_engine::tasks::{Suite, Task, embedded};
+use plumbline_engine::voxel::BlockLog;
+use reqwest::StatusCode;
+use serde_json::{Value, json};
+
+fn turns(log: &BlockLog) -> Value {
+    log.compact_turns()
+}
+
+fn task<'a>(suite: &'a Suite, id: &str) -> &'a Task {
+    suite.tasks.iter().find(|task| task.id == id).unwrap()
+}
+
+#[tokio::test]
+async fn nemo_gym_verifies_the_last_message() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &[]);
+    let wall = build(task(&embedded::latest().unwrap(), "walls/5x1x5-raise")).unwrap();
+    let said = |text: &str| {
+        json!({ "responses_create_params": { "input": "Raise a wall." }, "verifier_metadata": { "task": "walls/5x1x5-raise" },
+                "response": { "id": "r", "output": [
+                    { "type": "reasoning", "summary": [] },
+                    { "type": "message", "role": "assistant", "content": [{ "type": "output_text", "text": text }] }] } })
+    };
+    let good = said(&format!("Done:\n```json\n{}\n```", json!({ "turns": turns(&wall) })));
+    let verified = service.post_json("/verify", &good).await;
+    assert_eq!(verified.status, StatusCode::OK, "{}", verified.text);
+    let verified = verified.json();
+    assert_eq!((&verified["reward"], &verified["mask_sample"]), (&json!(1.0), &json!(false)));
+    assert_eq!(verified["reward_components"]["efficiency"], json!(1.0));
+    assert_eq!(verified["reward_efficiency"], json!(1.0), "numbers at the top are what the framework makes means of");
+    assert_eq!(verified["response"], good["response"], "the request is repeated");
+    // What was answered can be verified again as it is, whatever names a dataset has beside it.
+    let mut again = verified.clone();
+    for name in ["mask", "tags", "site", "data_source", "reward_model", "rewards", "tasks"] {
+        again[name] = json!("x");
+        again["verifier_metadata"][name] = json!("x");
+    }
+    again["verifier_metadata"].as_object_mut().unwrap().remove("site");
+    let again = service.post_json("/verify", &again).await;
+    assert_eq!(again.json()["reward"], json!(1.0), "{}", again.text);
+    // A trainer that is wired wrongly is told, and no model blamed.
+    for (response, place) in [
+        (Value::Null, "null /response"),
+        (json!("text"), "null /response"),
+        (json!({ "output": null }), "null /response/output"),
+        (json!({ "output": "text" }), "null /response/output"),
+    ] {
+        let body = json!({ "task": 113, "response": response });
+        assert_eq!(service.post_json("/verify", &body).await.faults(422), [place], "{body}");
+    }
+    let text = json!({ "turns": turns(&wall) }).to_string();
+    for response in [
+        json!({ "output_text": text }),
+        json!({ "choices": [{ "message": { "role": "assistant", "content": text } }] }),
+        json!({ "output": [{ "role": "assistant", "content": text }] }),
+    ] {
+        let body = json!({ "task": 113, "response": response });
+        assert_eq!(service.post_json("/verify", &body).await.json()["reward"], json!(1.0), "{body}");
+    }
+    // Code that is no JavaScript is told, and earns nothing.
+    let broken = service.post_json("/verify", &said("```js\nawait skills.placeBlock(bot \"x\")\n```")).await.json();
+    assert_eq!((&broken["reward"], &broken["reward_size"]), (&json!(0.0), &json!(0.0)), "{broken}");
+    assert!(broken["failure_reason"].as_str().unwrap().contains("no JavaScript"), "{broken}");
+    let refusal = service.post_json("/verify", &said("I cannot build.")).await.json();
+    assert_eq!(
+        (&refusal["reward"], &refusal["failure_reason"]),
+        (&json!(0.0), &json!("there is neither a block log as JSON nor action code in the answer"))
+    );
+    let mut unnamed = said("[]");
+    unnamed.as_object_mut().unwrap().remove("verifier_metadata");
+    assert_eq!(service.post_json("/verify", &unnamed).await.faults(422), ["null /task"]);
+    assert_eq!(service.post_json("/verify", &said("[]")).await.json()["reward"], json!(0.0));
+    let mut misspelt = said("[]");
+    misspelt["verifier_metadata"]["reward_schem"] = json!("mean");
+    assert_eq!(service.post_json("/verify", &misspelt).await.faults(422), ["null /verifier_metadata/reward_schem"]);
+    assert_eq!(service.post_json("/seed_session", &json!({})).await.json(), json!({}));
+    // The calls of the framework's environment servers, and what they must bring back.
+    let begun = json!({ "resources_session_id": "s1", "episode_id": { "rollout_id": "r", "attempt": 0 },
+                        "task_id": { "taskset": "t", "task_id": "walls/5x1x5-raise" }, "task_data": {} });
+    let seeded = service.post_json("/seed_session", &begun).await;
+    assert_eq!(seeded.json(), json!({ "resources_session_id": "s1" }));
+    assert!(seeded.headers.contains_key("set-cookie"));
+    for _ in 0..2 {
+        assert_eq!(service.post_json("/close_session", &begun).await.json()["resources_session_id"], "s1");
+    }
+    assert_eq!(service.get("/reverify_mode").await.json(), json!("stateless"));
+    let nested = json!({ "episode_id": begun["episode_id"], "task_id": begun["task_id"],
+                         "verification_input": { "response": good["response"] } });
+    let verified = service.post_json("/ng-rollout/r-1/verify", &nested).await.json();
+    assert_eq!((&verified["reward"], verified.get("verification_input")), (&json!(1.0), None), "{verified}");
+    let rows = json!({ "verify_responses": [{ "_ng_task_index": 1, "reward": 1.0, "reward_material": 0.5, "mask_sample": false }] });
+    let metrics = service.post_json("/aggregate_metrics", &rows).await.json();
+    assert_eq!(metrics["key_metrics"], json!({ "mean/reward": 1.0, "mean/reward_material": 0.5 }));
+}
+
+/// Several messages of an assistant answer a task of several turns; what others say between does not count.
+#[tokio::test]
+async fn messages_are_turns() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &[]);
+    let id = "revisions/r1-r3";
+    let log = build(task(&embedded::latest().unwrap(), id)).unwrap();
+    let turns = turns(&log);
+    let (first, second) = (&turns[0], &turns[1]);
+    let message = |role: &str, text: String| json!({ "type": "message", "role": role, "content": text });
+    let said = |output: Vec<Value>| json!({ "task": id, "response": { "output": output } });
+    let whole = said(vec![
+        message("assistant", format!("First: {first}")),
+        message("user", "{\"events\": []}".to_owned()),
+        message("assistant", format!("Then:\n```json\n{second}\n```")),
+    ]);
+    let verified = service.post_json("/verify", &whole).await.json();
+    assert_eq!((&verified["reward"], verified.get("failure_reason")), (&json!(1.0), None), "{verified}");
+    let half = service.post_json("/verify", &said(vec![message("assistant", first.to_string())])).await.json();
+    assert_eq!(half["failure_reason"], "the task has 2 turns, and 1 of them answered", "{half}");
+    let texts = json!({ "task": id, "answer": [first.to_string(), format!("<think>{first}</think>{second}")] });
+    let graded = service.post_json("/v1/grade", &texts).await.json();
+    assert_eq!((&graded["reward"], &graded["answer"]["found"][1]["text"]), (&json!(1.0), &json!(2)), "{graded}");
+}
+
+#[tokio::test]
+async fn openrlhf_reads_rewards_scores_and_logs() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &[]);
+    let wall = build(task(&embedded::latest().unwrap(), "walls/5x1x5-raise")).unwrap();
+    let wide = find("widen").unwrap().spoil(wall.clone());
+    let prompt = "Raise a wall {5 wide}.";
+    let query = |log: &BlockLog| format!("{prompt}{}", turns(log));
+    let naming = json!({ "task": 113, "suite": "mineceraft@2", "reward": "mean" }).to_string();
+    let body = json!({ "query": [query(&wall), query(&wide), format!("{prompt}no"), query(&wide)], "prompts": [prompt, prompt, prompt, prompt],
+                       "labels": ["walls/5x1x5-raise", "113", "113", naming] });
+    let rewards = service.post_json("/get_reward", &body).await;
+    assert_eq!(rewards.status, StatusCode::OK, "{}", rewards.text);
+    let rewards = rewards.json();
+    assert_eq!(rewards["scores"], json!([1.0, 0.0, 0.0, 0.0]));
+    assert_eq!(rewards["extra_logs"]["readable"], json!([1.0, 1.0, 0.0, 1.0]));
+    let mean = rewards["rewards"][3].as_f64().unwrap();
+    assert!(0.5 < mean && mean < 1.0 && rewards["extra_logs"]["criteria_mean"][3] == json!(mean), "{rewards}");
+    // A label that is wrong is told, and spoils nobody else's reward; where all are, the request is refused.
+    let wrong =
+        json!({ "query": [query(&wall), "b", "c"], "labels": ["113", "tower", { "task": 113, "rewrd": "mean" }] });
+    let told = service.post_json("/get_reward", &wrong).await.json();
+    assert_eq!(
+        (&told["rewards"], &told["extra_logs"]["mislabelled"]),
+        (&json!([1.0, 0.0, 0.0]), &json!([0.0, 1.0, 1.0]))
+    );
+    let places: Vec<&Value> = told["problems"].as_array().unwrap().iter().map(|p| &p["faults"][0]["pointer"]).collect();
+    assert_eq!(places, ["/labels/1/task", "/labels/2/rewrd"], "{told}");
+    let all_wrong = json!({ "query": ["a", "b"], "labels": ["", "walls/5x1x5-rais"] });
+    let refused = service.post_json("/get_reward", &all_wrong).await;
+    assert_eq!(refused.faults(422)[0], "null /labels/0");
+    // Several endpoints of an older trainer get nothing to do, and must not fail.
+    let none = json!({ "query": [], "prompts": [], "labels": [] });
+    assert_eq!(service.post_json("/get_reward", &none).await.json()["rewards"], json!([]));
+    assert_eq!(
+        service.post_json("/get_reward", &json!({ "query": ["a"], "labels": [] })).await.faults(422),
+        ["null /labels"]
+    );
+}
