@@ -1,6 +1,6 @@
 //! Plumbline grades what AI agents build as construction engineers in Minecraft (the MineCEraft benchmark).
 //!
-//! The rooms and what each may import are told in ARCHITECTURE.md; `tests/tidy.rs` enforces it.
+//! The rooms and what each may import are described in docs/architecture.md; `tests/tidy.rs` enforces it.
 
 pub mod actions;
 pub mod app;
@@ -10,6 +10,7 @@ pub mod clock;
 pub mod fair;
 pub mod http;
 pub mod near;
+pub mod startup;
 pub mod store;
 pub mod telemetry;
 pub mod threads;

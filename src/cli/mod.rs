@@ -128,7 +128,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Replay(args) => replay::run(&args),
         Command::RunActionCode => crate::actions::child::run(&crate::actions::ACTION_LIMITS),
         Command::Openapi => {
-            std::io::stdout().lock().write_all(crate::http::api::document().as_bytes())?;
+            std::io::stdout().lock().write_all(crate::http::router::document().as_bytes())?;
             Ok(ExitCode::SUCCESS)
         }
     }

@@ -9,7 +9,7 @@ use clap::Args;
 
 use crate::actions::pool::Pool;
 use crate::actions::{ACTION_LIMITS, Replayed};
-use crate::http::api::replay::told;
+use crate::app::replay::told;
 use plumbline_engine::intake::code::without_fences;
 
 /// Arguments of `replay`.

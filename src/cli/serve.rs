@@ -8,11 +8,11 @@ use clap::Args;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use tokio::signal::unix::{SignalKind, signal};
 
-use crate::app::{App, Config};
+use crate::app::access::Openness;
+use crate::app::limits::LIMITS;
 use crate::http::HttpSettings;
-use crate::http::caller::Openness;
-use crate::http::limits::LIMITS;
-use crate::http::rates::RateSettings;
+use crate::http::middleware::rates::RateSettings;
+use crate::startup::{Config, RunningService};
 use crate::telemetry::{self, LogFormat};
 
 /// Arguments of `serve`; each can be given in the environment too.
@@ -83,7 +83,7 @@ fn raise_open_files() {
 }
 
 /// Says where the service is and what it needs.
-fn greet(args: &ServeArgs, app: &App) {
+fn greet(args: &ServeArgs, app: &RunningService) {
     eprintln!("plumbline is at http://{}/ (API reference: /docs/); Ctrl-C stops it", app.address);
     if let Some(address) = app.admin_address {
         eprintln!("metrics and administration are at http://{address}/");
@@ -140,7 +140,7 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
         // From here on a signal is remembered, also while starting.
         let mut interrupt = signal(SignalKind::interrupt())?;
         let mut terminate = signal(SignalKind::terminate())?;
-        let app = App::start(&config, metrics).await?;
+        let app = RunningService::start(&config, metrics).await?;
         // Whoever reads JSON reads the same in the log.
         if args.log_format == LogFormat::Text {
             greet(args, &app);

@@ -1,32 +1,35 @@
-//! HTTP: routes, bodies, problems and pages. Meets the workers only through the store.
+//! HTTP: routes, extractors, a folder for each domain, and pages. A handler extracts, calls a use case, and answers.
 
-pub mod api;
+pub mod accounts;
 pub mod boards;
-pub mod body;
-pub mod caller;
-pub mod conditional;
-pub mod event_feed;
-pub mod grader;
-pub mod idempotency;
-pub mod impatient;
-pub mod layers;
-pub mod limits;
-mod observe;
+pub mod catalogue;
+pub mod extract;
+pub mod hidden;
+pub mod middleware;
 pub mod pages;
-pub mod params;
 pub mod problem;
-pub mod rates;
+pub mod rewards;
+pub mod router;
+pub mod runs;
 pub mod server;
+pub mod service;
 pub mod state;
+pub mod submissions;
 
 use std::sync::Arc;
 
 use axum::Router;
 use metrics_exporter_prometheus::PrometheusHandle;
-use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
 use crate::actions::pool::Pool;
+use crate::app::App;
+use crate::app::access::{Keys, Openness};
+use crate::app::boards::Boards;
+use crate::app::limits::{LIMITS, Limits};
+use crate::app::load::Connections;
+use crate::app::rewards::grader::Grader;
+use crate::app::stress::StressFields;
 use crate::fair::Places;
 use crate::store::Store;
 use plumbline_engine::hidden::receipts::Signer;
@@ -38,28 +41,26 @@ pub struct HttpSettings {
     /// Bytes of memory for results of `/v1/grade`; 0 for none.
     pub grade_cache_bytes: usize,
     /// What needs no key.
-    pub open: caller::Openness,
+    pub open: Openness,
     /// The share of a suite that a run must have answered, or skipped on purpose, to be compared on its board.
     pub least_coverage: f64,
     /// Whether metrics and administration have a listener of their own.
     pub has_admin_listener: bool,
     /// How many requests a second.
-    pub rates: rates::RateSettings,
+    pub rates: middleware::rates::RateSettings,
 }
 
-/// What HTTP has around it.
+/// Parts of the service that HTTP is built from.
 #[derive(Debug)]
-pub struct Around {
+pub struct HttpParts {
     /// The database.
     pub store: Store,
-    /// Tells the workers that there is work.
-    pub wake: Arc<Notify>,
     /// Renders the metrics.
     pub metrics: PrometheusHandle,
     /// How many connections are open.
-    pub connections: server::Connections,
+    pub connections: Connections,
     /// Counts requests.
-    pub rates: Arc<rates::Rates>,
+    pub rates: Arc<middleware::rates::Rates>,
     /// Runs action code.
     pub actions: Pool,
     /// Signs receipts.
@@ -85,49 +86,51 @@ const REVEALS: usize = 4;
 /// # Errors
 /// Where there are no threads to be had.
 pub fn routers(
-    Around { store, wake, metrics, connections, rates, actions, signer, stop }: Around,
+    HttpParts { store, metrics, connections, rates, actions, signer, stop }: HttpParts,
     settings: &HttpSettings,
 ) -> anyhow::Result<Routers> {
-    let (routes, mut openapi) = api::routes().split_for_parts();
-    api::complete(&mut openapi);
-    let limits = limits::Limits {
+    let (routes, mut openapi) = router::routes().split_for_parts();
+    router::complete(&mut openapi);
+    let limits = Limits {
         requests_per_second_per_key: settings.rates.per_key,
         requests_per_second_per_address: settings.rates.per_address,
         grade_cache_bytes: settings.grade_cache_bytes,
         connections_per_address: settings.rates.connections_per_address,
-        ..limits::LIMITS
+        ..LIMITS
     };
-    let event_feed = event_feed::EventFeed::start(store.clone(), stop.clone(), api::events::written);
-    let state = AppState::new(Shared {
-        event_feed,
-        reveals: quick_cache::sync::Cache::new(REVEALS),
+    let event_feed = accounts::event_feed::EventFeed::start(store.clone(), stop.clone(), accounts::events::written);
+    let app = App {
         store,
-        wake,
-        bodies: Arc::new(body::budget()),
-        grader: Arc::new(grader::Grader::new(settings.grade_cache_bytes, &connections, stop.clone())?),
+        grader: Arc::new(Grader::new(settings.grade_cache_bytes, &connections, stop.clone())?),
+        keys: Keys::new(settings.open),
         least_coverage: settings.least_coverage,
-        boards: boards::Boards::default(),
-        documents: conditional::Documents::default(),
-        in_flight: Arc::default(),
-        keys: caller::Keys::new(settings.open),
-        stress: api::stress::StressFields::new()?,
+        boards: Boards::default(),
+        stress: StressFields::new()?,
+        limits,
         actions,
         action_requests: Places::new(limits.action_requests, limits.action_requests_per_sender),
-        event_streams: Places::new(limits.event_streams, limits.event_streams_per_sender),
-        limits,
-        rates,
         signer,
-        readiness: api::health::Readiness::default(),
         stop,
+    };
+    let state = AppState::new(Shared {
+        app,
+        event_feed,
+        reveals: quick_cache::sync::Cache::new(REVEALS),
+        bodies: Arc::new(extract::body::budget()),
+        documents: extract::conditional::Documents::default(),
+        in_flight: Arc::default(),
+        event_streams: Places::new(limits.event_streams, limits.event_streams_per_sender),
+        rates,
+        readiness: service::health::Readiness::default(),
         metrics,
-        openapi: openapi.to_json().unwrap_or_default().into(),
+        openapi: openapi.to_json().expect("the document is JSON").into(),
     });
-    let routes = routes.merge(pages::routes()).merge(api::trainers_elsewhere());
-    let router = routes.with_state(state.clone()).merge(api::reference());
+    let routes = routes.merge(pages::routes()).merge(router::trainers_elsewhere());
+    let router = routes.with_state(state.clone()).merge(router::reference());
     if !settings.has_admin_listener {
-        return Ok(Routers { public: layers::around(router, state), admin: None });
+        return Ok(Routers { public: middleware::layers::around(router, state), admin: None });
     }
-    let admin = layers::around(router.clone(), state.clone());
-    let public = router.layer(axum::middleware::from_fn(layers::without_administration));
-    Ok(Routers { public: layers::around(public, state), admin: Some(admin) })
+    let admin = middleware::layers::around(router.clone(), state.clone());
+    let public = router.layer(axum::middleware::from_fn(middleware::layers::without_administration));
+    Ok(Routers { public: middleware::layers::around(public, state), admin: Some(admin) })
 }

@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use sqlx::{Connection as _, SqliteConnection, SqlitePool};
-use tokio::sync::{mpsc, oneshot};
+use tokio::sync::{Notify, mpsc, oneshot};
 
 use super::idempotency::{Before, Once};
 use super::submissions::{Acceptability, Accepted, NewSubmission, accept_one};
@@ -32,13 +32,14 @@ pub(super) struct Acceptances(mpsc::Sender<Acceptance>);
 
 impl Acceptances {
     /// Starts the task. It ends with the last handle.
-    pub fn start(writer: SqlitePool) -> Self {
+    pub fn start(writer: SqlitePool, queued: Arc<Notify>) -> Self {
         let (sender, mut receiver) = mpsc::channel(WAITING);
         tokio::spawn(async move {
             let mut group = Vec::with_capacity(MAX_GROUP);
             while receiver.recv_many(&mut group, MAX_GROUP).await > 0 {
                 metrics::histogram!("plumbline_accepted_together").record(group.len() as f64);
                 store(&writer, std::mem::take(&mut group)).await;
+                queued.notify_waiters();
             }
         });
         Self(sender)

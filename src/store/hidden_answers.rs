@@ -88,6 +88,7 @@ impl Store {
         // What is graded again after a failure of ours looks like any answer that is repeated.
         if let Some((_, _, _, receipt)) = before {
             commit(tx, "answer_instance").await?;
+            self.queued.notify_waiters();
             return Ok(Answered::Same(receipt));
         }
         let answer = AnswerFact {
@@ -106,6 +107,7 @@ impl Store {
             .execute(&mut *tx)
             .await?;
         commit(tx, "answer_instance").await?;
+        self.queued.notify_waiters();
         Ok(Answered::New(receipt))
     }
 }

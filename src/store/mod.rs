@@ -155,6 +155,7 @@ pub struct Store {
     acceptances: Acceptances,
     runs_ended: Arc<AtomicU64>,
     ends: Arc<Notify>,
+    queued: Arc<Notify>,
     pace: Arc<Pace>,
     catalogue: Arc<RwLock<Arc<Catalogue>>>,
     file: Arc<Path>,
@@ -218,13 +219,15 @@ impl Store {
             .max_lifetime(None)
             .connect_with(options.read_only(true))
             .await?;
-        let acceptances = Acceptances::start(writer.clone());
+        let queued = Arc::<Notify>::default();
+        let acceptances = Acceptances::start(writer.clone(), Arc::clone(&queued));
         let store = Self {
             writer,
             readers,
             acceptances,
             runs_ended: Arc::default(),
             ends: Arc::default(),
+            queued,
             pace: Arc::default(),
             catalogue: Arc::default(),
             file: file.into(),
@@ -276,6 +279,12 @@ impl Store {
     #[must_use]
     pub fn runs_ended(&self) -> u64 {
         self.runs_ended.load(Ordering::Acquire)
+    }
+
+    /// Returns what is notified when this process has queued jobs, once that is durable.
+    #[must_use]
+    pub fn queued(&self) -> &Notify {
+        &self.queued
     }
 
     /// Is notified when submissions have ended in this process.

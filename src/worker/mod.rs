@@ -7,10 +7,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use tokio::sync::{Notify, oneshot};
+use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
+use crate::app::grading::{Cores, Unfinished, execute};
 use crate::clock::now_ms;
 use crate::store::jobs::{Claim, Claimed, HiddenJob, MAX_ATTEMPTS};
 use crate::store::queue::Lane;
@@ -18,7 +19,6 @@ use crate::store::reports::{GRADER, PackedReport};
 use crate::store::submissions::SubmissionState;
 use crate::store::{Store, StoreResult};
 use crate::threads::yield_to_others;
-use plumbline_engine::elasticity::Control;
 use plumbline_engine::grading::fingerprints::Fingerprint;
 use plumbline_engine::grading::{Report, grade_hashed};
 use plumbline_engine::hidden::receipts::{Graded, OfInstance, Signed, Signer, receipt};
@@ -55,16 +55,11 @@ pub struct Workers {
 
 impl Workers {
     /// Starts the workers: as many as the settings say, one that is kept for quick jobs, and one for answers to hidden instances.
-    /// `signer` signs a receipt of every grade; `wake` tells them that there may be work.
+    /// `signer` signs a receipt of every grade.
     ///
     /// # Errors
     /// Where there is no thread to be had.
-    pub fn start(
-        store: &Store,
-        settings: WorkerSettings,
-        signer: &Arc<Signer>,
-        wake: &Arc<Notify>,
-    ) -> anyhow::Result<Self> {
+    pub fn start(store: &Store, settings: WorkerSettings, signer: &Arc<Signer>) -> anyhow::Result<Self> {
         let stop = CancellationToken::new();
         let running = TaskTracker::new();
         let apart = rayon::ThreadPoolBuilder::new().num_threads(1).thread_name(|_| "grade-hidden".to_owned());
@@ -75,8 +70,8 @@ impl Workers {
                 .build()?,
         );
         let start = |lanes: &'static [Lane], apart: Option<Arc<rayon::ThreadPool>>| {
-            let (signer, wake) = (Arc::clone(signer), Arc::clone(wake));
-            let worker = Worker { store: store.clone(), settings, lanes, apart, signer, wake, stop: stop.clone() };
+            let signer = Arc::clone(signer);
+            let worker = Worker { store: store.clone(), settings, lanes, apart, signer, stop: stop.clone() };
             running.spawn(worker.keep_running());
         };
         for _ in 0..settings.workers {
@@ -106,7 +101,6 @@ struct Worker {
     /// A thread of its own to grade on, where what it does shall not be seen.
     apart: Option<Arc<rayon::ThreadPool>>,
     signer: Arc<Signer>,
-    wake: Arc<Notify>,
     stop: CancellationToken,
 }
 
@@ -146,7 +140,7 @@ impl Worker {
     async fn run(self) {
         while !self.stop.is_cancelled() {
             // Listening begins before looking, so that work added in between wakes this worker.
-            let woken = self.wake.notified();
+            let woken = self.store.queued().notified();
             tokio::pin!(woken);
             woken.as_mut().enable();
             match self.store.claim(self.lanes, duration_ms(self.settings.lease), QUICK_JOBS).await {
@@ -306,7 +300,6 @@ fn grade_one(
 ) -> Ending {
     let begun = Instant::now();
     let stop = || asked() || begun.elapsed() >= deadline;
-    let control = Control { join: Some(&both_at_once), ..Control::until(&stop) };
     if asked() {
         return Ending::Stopped;
     }
@@ -325,11 +318,10 @@ fn grade_one(
     let Some((task, hash)) = found else {
         return Ending::Unreadable(format!("no task {} in {:?}", job.task_number, job.suite_id));
     };
-    // One that panics must not take the others along.
-    let graded = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| grade_hashed(task, hash, &log, &control)));
+    let graded = execute(Cores::Idle, &stop, |control| grade_hashed(task, hash, &log, control));
     let took = begun.elapsed();
     match graded {
-        Ok(Ok(report)) => match PackedReport::of(&report, i64::try_from(took.as_micros()).unwrap_or(i64::MAX)) {
+        Ok(report) => match PackedReport::of(&report, i64::try_from(took.as_micros()).unwrap_or(i64::MAX)) {
             Ok(packed) => {
                 let packed = packed.with_receipt(sign(job, &report, signer));
                 // Of hidden answers nobody has the same, so there is nothing to compare.
@@ -341,8 +333,8 @@ fn grade_one(
             }
             Err(error) => Ending::Unreadable(error.to_string()),
         },
-        Ok(Err(_stopped)) => Ending::Stopped,
-        Err(_panic) => {
+        Err(Unfinished::Stopped) => Ending::Stopped,
+        Err(Unfinished::Panicked) => {
             tracing::error!(submission = job.submission_id, attempt = job.attempt, "grading panicked");
             Ending::Panicked
         }
@@ -364,11 +356,6 @@ fn sign(job: &Claim, report: &Report, signer: &Signer) -> Signed {
         }),
     };
     signer.sign(&receipt(&graded, report))
-}
-
-/// Two jobs on the cores that are idle; large structures are shared out with it.
-fn both_at_once(a: &mut (dyn FnMut() + Send), b: &mut (dyn FnMut() + Send)) {
-    rayon::join(a, b);
 }
 
 fn duration_ms(duration: Duration) -> i64 {

@@ -107,7 +107,7 @@ impl Observed {
 
 /// How often was looked whether an entry is complete is chance, and so is which of its first lines the program writes first.
 fn is_chance(line: &str) -> bool {
-    line.contains("method=GET route=\"/v1/entries/{id}\"") || line.contains("plumbline::app: listening")
+    line.contains("method=GET route=\"/v1/entries/{id}\"") || line.contains("plumbline::startup: listening")
 }
 
 /// Everything that an entrant and everybody else can look at, while one goes through a dev entry and an official one.

@@ -6,13 +6,13 @@ use serde_json::Value;
 #[test]
 fn the_committed_document_is_the_code_s() {
     let committed = std::fs::read_to_string(repository("openapi/plumbline.json")).unwrap();
-    let made = plumbline::http::api::document();
+    let made = plumbline::http::router::document();
     assert!(committed == made, "run: cargo run -- openapi > openapi/plumbline.json");
 }
 
 #[test]
 fn every_operation_has_a_summary_examples_and_its_errors() {
-    let document: Value = serde_json::from_str(&plumbline::http::api::document()).unwrap();
+    let document: Value = serde_json::from_str(&plumbline::http::router::document()).unwrap();
     let mut operations = 0;
     for (path, methods) in document["paths"].as_object().unwrap() {
         for (method, operation) in methods.as_object().unwrap() {

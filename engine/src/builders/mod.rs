@@ -163,7 +163,7 @@ pub fn equilibrium_stress_pa(build: &BlockLog, control: &Control<'_>) -> Result<
 
 #[cfg(test)]
 mod tests {
-    use crate::builders::*;
+    use super::*;
     use crate::checks::Criterion;
     use crate::grading::grade_log;
     use crate::tasks::embedded;

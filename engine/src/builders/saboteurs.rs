@@ -270,8 +270,8 @@ fn to_and_fro(log: &mut BlockLog) {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
     use crate::builders::build;
-    use crate::builders::saboteurs::*;
     use crate::checks::Check;
     use crate::elasticity::Control;
     use crate::grading::grade_log;

@@ -30,7 +30,7 @@ impl fmt::Display for Amount {
 
 #[cfg(test)]
 mod tests {
-    use crate::checks::amount::*;
+    use super::*;
 
     #[test]
     fn integers_stay_integers() {

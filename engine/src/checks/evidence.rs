@@ -203,7 +203,7 @@ fn cut_text_to(text: &mut String, most: usize) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use crate::checks::evidence::*;
+    use super::*;
     use serde_json::json;
 
     #[test]

@@ -263,7 +263,7 @@ fn close_gaps(cells: &[Cell]) -> Vec<[i64; 3]> {
 
 #[cfg(test)]
 mod tests {
-    use crate::elasticity::lattice::*;
+    use super::*;
     use proptest::prelude::*;
 
     /// Eight cells a part, 500 parts, each far from the next: alone a part would take four to eight blocks.

@@ -119,7 +119,7 @@ pub fn pseudo_inverse(m: &Matrix3<f64>) -> Matrix3<f64> {
 
 #[cfg(test)]
 mod tests {
-    use crate::elasticity::small_matrix::*;
+    use super::*;
     use proptest::prelude::*;
 
     fn is_close(a: &Matrix3<f64>, b: &Matrix3<f64>, tolerance: f64) -> bool {

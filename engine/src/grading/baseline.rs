@@ -163,9 +163,9 @@ fn name_all(args: &Value, materials: &mut Vec<String>, levels: &mut Vec<i32>) {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
     use crate::builders::build;
     use crate::builders::saboteurs::SABOTEURS;
-    use crate::grading::baseline::*;
     use crate::grading::grade_log;
     use crate::tasks::embedded;
     use crate::voxel::BlockLog;

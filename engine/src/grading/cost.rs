@@ -114,7 +114,7 @@ const fn per_block_ns(check: &Check) -> PerBlock {
 
 #[cfg(test)]
 mod tests {
-    use crate::grading::cost::*;
+    use super::*;
     use crate::tasks::Instruction;
     use crate::voxel::Cell;
     use serde_json::json;

@@ -119,7 +119,7 @@ fn in_common(one: &[u32; BINS], other: &[u32; BINS]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use crate::grading::fingerprints::*;
+    use super::*;
 
     /// A slab, row by row; the first so many blocks last, moved by `dx`.
     fn slab(side: i32, late: usize, dx: i32) -> BlockLog {

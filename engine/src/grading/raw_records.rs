@@ -180,7 +180,7 @@ pub fn problems(records: Vec<RawRecord>) -> Result<Vec<RecordedProblem>, Vec<Fau
 
 #[cfg(test)]
 mod tests {
-    use crate::grading::raw_records::*;
+    use super::*;
 
     #[test]
     fn every_faulty_line_is_named() {

@@ -126,11 +126,11 @@ impl RewardComponents {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
     use crate::builders::build;
     use crate::builders::saboteurs::find;
     use crate::elasticity::Control;
     use crate::grading::grade_log;
-    use crate::grading::reward::*;
     use crate::tasks::embedded;
 
     #[test]

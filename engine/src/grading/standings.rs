@@ -253,9 +253,9 @@ pub fn order(standings: &mut [Arc<Standing>]) {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
     use crate::checks::Criterion;
     use crate::grading::ProblemScores;
-    use crate::grading::standings::*;
     use crate::tasks::embedded;
 
     #[test]

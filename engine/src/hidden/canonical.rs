@@ -33,7 +33,7 @@ pub fn unhex<const N: usize>(text: &str) -> Option<[u8; N]> {
 
 #[cfg(test)]
 mod tests {
-    use crate::hidden::canonical::*;
+    use super::*;
     use crate::tasks::hex;
     use serde_json::json;
 

@@ -175,7 +175,7 @@ impl GivenReceipt {
 
 #[cfg(test)]
 mod tests {
-    use crate::hidden::evidence::*;
+    use super::*;
 
     #[test]
     fn a_fact_reads_back_from_its_receipt() {

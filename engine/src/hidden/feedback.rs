@@ -116,7 +116,7 @@ pub fn released_bits(feedback: Feedback, answered: usize) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use crate::hidden::feedback::*;
+    use super::*;
 
     fn outcomes() -> Vec<Outcome> {
         let scores = |score: f64| Some(ProblemScores { number: 1, rows: vec![(Criterion::Shape, score)] });

@@ -32,7 +32,7 @@ pub fn leaf(key: &EpochKey, stratum: &Stratum, draw: &Draw<'_>, is_issued: impl 
 
 #[cfg(test)]
 mod tests {
-    use crate::hidden::issue::*;
+    use super::*;
     use std::collections::BTreeSet;
 
     fn stratum() -> Stratum {

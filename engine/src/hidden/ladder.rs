@@ -101,7 +101,7 @@ pub fn climb(attempts: &[Attempt<'_>]) -> Option<Rung> {
 
 #[cfg(test)]
 mod tests {
-    use crate::hidden::ladder::*;
+    use super::*;
 
     fn attempt(configuration: &str, deciding: u32, shown: u32) -> Attempt<'_> {
         let tally = |passed| Tally { passed, of: 100 };

@@ -34,7 +34,7 @@ pub fn root(leaves: &[Hash]) -> Hash {
 
 #[cfg(test)]
 mod tests {
-    use crate::hidden::merkle::*;
+    use super::*;
 
     fn leaves(n: usize) -> Vec<Hash> {
         (0..n).map(|i| leaf(&[0; 32], &[i as u8; 32])).collect()

@@ -90,7 +90,7 @@ pub const fn first_number(hash: &Hash) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use crate::hidden::secret::*;
+    use super::*;
 
     #[test]
     fn parts_are_kept_apart_and_purposes_too() {

@@ -104,7 +104,7 @@ pub fn on_its_lines(text: &str, part: std::ops::Range<usize>) -> String {
 
 #[cfg(test)]
 mod tests {
-    use crate::intake::code::*;
+    use super::*;
 
     #[test]
     fn code_is_taken_out_of_its_fences() {

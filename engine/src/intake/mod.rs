@@ -256,7 +256,7 @@ pub fn read_turns(text: &[u8], limits: LogLimits, faults: &mut Faults) -> Result
 
 #[cfg(test)]
 mod tests {
-    use crate::intake::*;
+    use super::*;
 
     const LIMITS: LogLimits = LogLimits { max_turns: 2, max_events: 5, max_materials: 2, max_material_chars: 10 };
 

@@ -86,8 +86,8 @@ pub fn lite(full: &Suite, seed: u64) -> Suite {
 mod tests {
     use std::collections::BTreeMap;
 
+    use super::*;
     use crate::checks::{Criterion, Dimension};
-    use crate::tasks::embedded::*;
 
     fn tasks_by_criterion(suite: &Suite) -> ([usize; 7], usize) {
         let having = |wanted: &dyn Fn(Criterion) -> bool| {

@@ -40,7 +40,7 @@ pub fn draw(suite: &Suite, seed: u64) -> Vec<&Task> {
 
 #[cfg(test)]
 mod tests {
-    use crate::tasks::lite::*;
+    use super::*;
 
     /// From CPython 3.11: `r = random.Random(seed); [r.choice(range(n)) for n in lengths]`.
     #[test]

@@ -197,7 +197,7 @@ fn object<'a>(
 
 #[cfg(test)]
 mod tests {
-    use crate::tasks::published::*;
+    use super::*;
 
     #[test]
     fn faults_name_file_and_place() {

@@ -180,7 +180,7 @@ impl TryFrom<String> for BlockSet {
 
 #[cfg(test)]
 mod tests {
-    use crate::voxel::blocks::*;
+    use super::*;
 
     fn set(name: &str) -> BlockSet {
         BlockSet::try_from(name.to_owned()).unwrap()

@@ -138,7 +138,7 @@ impl Bounds {
 
 #[cfg(test)]
 mod tests {
-    use crate::voxel::cell::*;
+    use super::*;
 
     #[test]
     fn the_centre_rounds_down_below_zero_too() {

@@ -193,7 +193,7 @@ fn distance_to_box((x, z): PlaneCell, node: &Node) -> i64 {
 
 #[cfg(test)]
 mod tests {
-    use crate::voxel::distance::*;
+    use super::*;
     use crate::voxel::planar::{Clusters, Touch, sorted_distinct};
     use proptest::prelude::*;
 

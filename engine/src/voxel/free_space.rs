@@ -137,7 +137,7 @@ fn free_run(blocked: &Blocked, number: usize) -> Option<(i32, i32)> {
 
 #[cfg(test)]
 mod tests {
-    use crate::voxel::free_space::*;
+    use super::*;
     use proptest::prelude::*;
 
     /// The rule as written in SPEC 3, cell by cell.

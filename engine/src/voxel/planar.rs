@@ -123,7 +123,7 @@ impl DisjointSets {
 
 #[cfg(test)]
 mod tests {
-    use crate::voxel::planar::*;
+    use super::*;
 
     #[test]
     fn a_diagonal_pair_is_one_cluster_only_through_corners() {

@@ -98,7 +98,7 @@ pub fn events_between(before: &Structure, after: &Structure, mut material: impl 
 
 #[cfg(test)]
 mod tests {
-    use crate::voxel::replay::*;
+    use super::*;
     use proptest::prelude::*;
 
     fn events() -> impl Strategy<Value = Turn> {

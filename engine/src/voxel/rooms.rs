@@ -168,8 +168,8 @@ fn enclosed(walls: &[PlaneCell], runs: &[Run], reach: i32) -> (Vec<bool>, Vec<Ro
 
 #[cfg(test)]
 mod tests {
+    use super::*;
     use crate::voxel::planar::sorted_distinct;
-    use crate::voxel::rooms::*;
     use proptest::prelude::*;
 
     fn plan(rows: &[&str]) -> FloorPlan {

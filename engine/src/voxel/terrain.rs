@@ -234,7 +234,7 @@ impl Terrain {
 
 #[cfg(test)]
 mod tests {
-    use crate::voxel::terrain::*;
+    use super::*;
 
     /// A closed hut of 5 by 5, walls three high, with a door and a roof.
     fn hut(change: impl Fn(Cell) -> bool) -> Structure {

@@ -4,7 +4,7 @@ use axum::extract::Path;
 use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse as _, Response};
 
-use crate::http::problem::{ApiError, ApiResult};
+use crate::app::error::{AppError, AppResult};
 
 /// The sheet of all pages.
 pub const STYLE: &str = include_str!("assets/style.css");
@@ -19,12 +19,12 @@ pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 ///
 /// # Errors
 /// 404 where there is none of this name.
-pub async fn get(Path(name): Path<String>) -> ApiResult<Response> {
+pub async fn get(Path(name): Path<String>) -> AppResult<Response> {
     let (kind, text) = match name.as_str() {
         "style.css" => ("text/css; charset=utf-8", STYLE),
         "countdown.js" => ("text/javascript; charset=utf-8", COUNTDOWN),
         "viewer.js" => ("text/javascript; charset=utf-8", VIEWER),
-        _ => return Err(ApiError::not_found(format!("there is no asset {name:?}"))),
+        _ => return Err(AppError::not_found(format!("there is no asset {name:?}"))),
     };
     let headers = [
         (header::CONTENT_TYPE, HeaderValue::from_static(kind)),

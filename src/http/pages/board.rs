@@ -5,10 +5,10 @@ use axum::extract::{Path, RawQuery, State};
 use serde::Deserialize;
 
 use super::html::{self, PageResult};
-use crate::http::api::comparisons::{Breakdown, ComparedTask, Comparison, GroupBy, breakdown, compare};
-use crate::http::api::leaderboards::{BoardBody, BoardQuery, BoardRow, CoverageFilter, Direction, page as rows_of};
-use crate::http::params;
-use crate::http::problem::ApiError;
+use crate::app::error::AppError;
+use crate::http::boards::comparisons::{Breakdown, ComparedTask, Comparison, GroupBy, breakdown, compare};
+use crate::http::boards::leaderboard::{BoardBody, BoardQuery, BoardRow, CoverageFilter, Direction, page as rows_of};
+use crate::http::extract::params;
 use crate::http::state::AppState;
 use plumbline_engine::grading::statistics::comparison::fisher;
 use plumbline_engine::grading::statistics::ranks::{range, threshold};
@@ -213,7 +213,7 @@ pub async fn compare_runs(
     let entry = state.suite(&suite).await?;
     let board = state.boards.of(&state, &entry).await?;
     let standing = |run: &str| {
-        board.standing(run).ok_or_else(|| ApiError::not_found(format!("this board has no finished run {run:?}")))
+        board.standing(run).ok_or_else(|| AppError::not_found(format!("this board has no finished run {run:?}")))
     };
     html::page(&ComparePage { suite: entry.suite.id(), told: compare(&board, standing(&two.a)?, standing(&two.b)?) })
 }

@@ -6,8 +6,8 @@ use axum::http::{HeaderMap, header};
 
 use super::html::{self, PageResult};
 use crate::clock::{milliseconds, now_ms};
-use crate::http::api::epoch_boards::{EpochBoard, board_of};
-use crate::http::api::epochs::{EpochBody, epoch_body, stored_epoch};
+use crate::http::hidden::boards::{EpochBoard, board_of};
+use crate::http::hidden::epochs::{EpochBody, epoch_body, stored_epoch};
 use crate::http::state::AppState;
 use plumbline_engine::hidden::feedback::Tier;
 

@@ -6,7 +6,8 @@ use askama::Template;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
-use crate::http::problem::ApiError;
+use crate::app::error::AppError;
+use crate::http::problem::Problem;
 use plumbline_engine::grading::statistics::interval::Interval;
 use plumbline_engine::grading::statistics::ranks::RankRange;
 
@@ -19,9 +20,9 @@ pub type PageResult = Result<Response, PageError>;
 
 /// An error, shown as a page.
 #[derive(Debug)]
-pub struct PageError(ApiError);
+pub struct PageError(AppError);
 
-impl<E: Into<ApiError>> From<E> for PageError {
+impl<E: Into<AppError>> From<E> for PageError {
     fn from(error: E) -> Self {
         Self(error.into())
     }
@@ -37,7 +38,7 @@ struct ErrorPage<'a> {
 
 impl IntoResponse for PageError {
     fn into_response(self) -> Response {
-        let problem = self.0.problem();
+        let problem = Problem::from(self.0.clone());
         let page = ErrorPage { status: problem.status, title: &problem.title, detail: &problem.detail };
         let status = StatusCode::from_u16(problem.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
         match page.render() {
@@ -57,7 +58,7 @@ fn with_policy(policy: &'static str) -> [(axum::http::HeaderName, HeaderValue); 
 
 /// A page.
 pub fn page(template: &impl Template) -> PageResult {
-    let text = template.render().map_err(|error| ApiError::internal(&error))?;
+    let text = template.render().map_err(|error| AppError::internal(&error))?;
     Ok((with_policy(POLICY), text).into_response())
 }
 

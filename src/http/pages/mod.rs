@@ -17,9 +17,9 @@ use axum::extract::State;
 use axum::http::{HeaderMap, header};
 use axum::routing::get;
 
-use super::api::leaderboards::{BoardBody, BoardQuery, page};
-use super::caller::Openness;
+use super::boards::leaderboard::{BoardBody, BoardQuery, page};
 use super::state::AppState;
+use crate::app::access::Openness;
 use html::PageResult;
 
 /// Rows of each board on the first page.

@@ -5,10 +5,10 @@ use axum::extract::{Path, State};
 use axum::response::{IntoResponse as _, Redirect};
 
 use super::html::{self, PageResult};
+use crate::app::error::AppError;
 use crate::clock::rfc3339;
-use crate::http::api::comparisons::{Breakdown, GroupBy, breakdown};
-use crate::http::api::leaderboards::{BoardRow, row_of};
-use crate::http::problem::ApiError;
+use crate::http::boards::comparisons::{Breakdown, GroupBy, breakdown};
+use crate::http::boards::leaderboard::{BoardRow, row_of};
 use crate::http::state::AppState;
 use crate::store::runs::RunRow;
 use crate::store::submissions::SubmissionRow;
@@ -42,7 +42,7 @@ struct RunPage {
 /// # Errors
 /// 404 where there is none.
 pub async fn run(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
-    let run = state.store.run(&id).await?.ok_or_else(|| ApiError::not_found(format!("there is no run {id:?}")))?;
+    let run = state.store.run(&id).await?.ok_or_else(|| AppError::not_found(format!("there is no run {id:?}")))?;
     let entry = state.suite(&run.suite_id).await?;
     let board = state.boards.of(&state, &entry).await?;
     let standing = board.standing(&id).cloned();
@@ -101,10 +101,10 @@ fn square(row: &SubmissionRow) -> Square {
 ///
 /// # Errors
 /// 404 where there is none.
-pub async fn answer_of(state: &AppState, run: &str, number: u32) -> Result<SubmissionRow, ApiError> {
+pub async fn answer_of(state: &AppState, run: &str, number: u32) -> Result<SubmissionRow, AppError> {
     let rows = state.store.submissions_of_run(run, i64::from(number) - 1, 1).await?;
     let row = rows.into_iter().find(|row| row.task_number == i64::from(number));
-    row.ok_or_else(|| ApiError::not_found(format!("the run {run:?} has no submission for task {number}")))
+    row.ok_or_else(|| AppError::not_found(format!("the run {run:?} has no submission for task {number}")))
 }
 
 /// On to a run's submission for a task.

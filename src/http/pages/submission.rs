@@ -2,7 +2,7 @@
 
 use askama::Template;
 use axum::extract::{Path, RawQuery, State};
-use axum::http::{HeaderMap, HeaderValue, header};
+use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse as _, Response};
 use base64::Engine as _;
 use serde::Deserialize;
@@ -12,21 +12,23 @@ use sha2::{Digest as _, Sha256};
 use super::html::{self, PageResult, json_in_markup};
 use super::run::answer_of;
 use super::{assets, colours, isometric};
+use crate::app::error::AppError;
+use crate::app::stress::{StressedStructure, of_submission};
 use crate::clock::rfc3339;
-use crate::http::api::stress::{StressQuery, get_stress};
-use crate::http::api::submission::stored;
-use crate::http::caller::Reader;
-use crate::http::params;
-use crate::http::params::Params;
-use crate::http::problem::ApiError;
+use crate::http::extract::caller::Reader;
+use crate::http::extract::params;
 use crate::http::state::AppState;
+use crate::http::submissions::state::stored;
+use crate::http::submissions::stress::{StressFormat, write};
 use crate::store::reports::ReportRow;
 use crate::store::submissions::SubmissionRow;
 use plumbline_engine::checks::Criterion;
+use plumbline_engine::elasticity::field::Method;
 use plumbline_engine::grading::Report;
 use plumbline_engine::grading::report::{CheckReport, TurnReport};
 use plumbline_engine::voxel::BlockLog;
 use plumbline_engine::voxel::replay::Replay;
+use serde_json::value::RawValue;
 
 /// A view of a build.
 pub struct View {
@@ -108,20 +110,20 @@ pub fn colours_of<'a>(palette: impl IntoIterator<Item = &'a str>) -> Value {
 }
 
 /// The names in a log's palette, without reading the rest into memory.
-fn palette(json: &[u8]) -> Result<Vec<String>, ApiError> {
+fn palette(json: &[u8]) -> Result<Vec<String>, AppError> {
     #[derive(Deserialize)]
     struct Head {
         palette: Vec<String>,
     }
-    serde_json::from_slice::<Head>(json).map(|head| head.palette).map_err(|error| ApiError::internal(&error))
+    serde_json::from_slice::<Head>(json).map(|head| head.palette).map_err(|error| AppError::internal(&error))
 }
 
-async fn log_of(state: &AppState, id: &str) -> Result<Vec<u8>, ApiError> {
+async fn log_of(state: &AppState, id: &str) -> Result<Vec<u8>, AppError> {
     let log = state.store.log_json(id).await?;
-    log.ok_or_else(|| ApiError::not_found(format!("there is no submission {id:?}")))
+    log.ok_or_else(|| AppError::not_found(format!("there is no submission {id:?}")))
 }
 
-async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Result<Shown, ApiError> {
+async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Result<Shown, AppError> {
     let entry = state.suite(&row.suite_id).await?;
     let number = u32::try_from(row.task_number).unwrap_or_default();
     let task = entry.task_numbered(number).map(|(task, _)| task);
@@ -137,7 +139,7 @@ async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Re
     let field = |method: &str| format!("/v1/submissions/{id}/stress?method={method}&format=arrays");
     let log = log_of(state, id).await?;
     let names =
-        tokio::task::spawn_blocking(move || palette(&log)).await.map_err(|error| ApiError::internal(&error))??;
+        tokio::task::spawn_blocking(move || palette(&log)).await.map_err(|error| AppError::internal(&error))??;
     let scene = json!({
         "log": format!("/v1/submissions/{id}/log"),
         "colours": colours_of(names.iter().map(String::as_str)),
@@ -195,8 +197,7 @@ pub async fn beside(State(state): State<AppState>, RawQuery(raw): RawQuery) -> P
         }
         _ => {
             let detail = "expected two submissions, a and b, or two runs, run_a and run_b, and a task";
-            let status = axum::http::StatusCode::BAD_REQUEST;
-            return Err(ApiError::new(status, "bad-request", "Bad request", detail).into());
+            return Err(AppError::new(crate::app::error::Kind::BadRequest, detail).into());
         }
     };
     let [a, b] = rows;
@@ -212,8 +213,8 @@ pub async fn picture(State(state): State<AppState>, Path(id): Path<String>) -> P
     let drawn = tokio::task::spawn_blocking(move || {
         BlockLog::from_canonical_json(&json).map(|log| Replay::new(&log).last().map(|end| isometric::svg(&end)))
     });
-    let drawn = drawn.await.map_err(|error| ApiError::internal(&error))?;
-    let svg = drawn.map_err(|error| ApiError::internal(&error))?.unwrap_or_default();
+    let drawn = drawn.await.map_err(|error| AppError::internal(&error))?;
+    let svg = drawn.map_err(|error| AppError::internal(&error))?.unwrap_or_default();
     Ok(image(svg))
 }
 
@@ -231,18 +232,21 @@ pub fn image(svg: String) -> Response {
 ///
 /// # Errors
 /// 404 where there is no such submission.
-pub async fn evidence(State(state): State<AppState>, reader: Reader, Path(id): Path<String>) -> PageResult {
+pub async fn evidence(State(state): State<AppState>, Reader(who): Reader, Path(id): Path<String>) -> PageResult {
     let row = stored(&state, &id).await?;
+    let row_turns = row.turns;
     let mut one = shown(&state, row, "").await?;
-    let log: Value = serde_json::from_slice(&log_of(&state, &id).await?).map_err(|error| ApiError::internal(&error))?;
+    let log: Value = serde_json::from_slice(&log_of(&state, &id).await?).map_err(|error| AppError::internal(&error))?;
     let mut stress = json!({});
     if one.view.has_stress {
-        let query = StressQuery::equilibrium_as_arrays();
-        // Where the field cannot be had, the file is whole without it; the report's figures are in it all the same.
-        if let Ok(answer) = get_stress(State(state), Path(id.clone()), Params(query), reader, HeaderMap::new()).await
-            && let Ok(bytes) = axum::body::to_bytes(answer.into_body(), usize::MAX).await
+        let turn = usize::try_from(row_turns).expect("a log has at most 64 turns");
+        // Without the field the file is still complete: the report's figures are in it.
+        if let Ok(StressedStructure { structure, field }) =
+            of_submission(&state, &who, &one.row, turn, Method::Fem).await
         {
-            stress = json!({ "fem": serde_json::from_slice::<Value>(&bytes).unwrap_or_default() });
+            let written = write(&id, &structure, &field, Method::Fem, turn, StressFormat::Arrays);
+            stress = json!({ "fem": RawValue::from_string(written.map_err(|error| AppError::internal(&error))?)
+                                        .map_err(|error| AppError::internal(&error))? });
         }
     }
     let cells = witnesses(one.report.as_ref());
@@ -253,7 +257,7 @@ pub async fn evidence(State(state): State<AppState>, reader: Reader, Path(id): P
     "data:,".clone_into(&mut one.view.picture);
     let text = EvidencePage { one, style: assets::STYLE, viewer: assets::VIEWER }
         .render()
-        .map_err(|error| ApiError::internal(&error))?;
+        .map_err(|error| AppError::internal(&error))?;
     let hash = |text: &str| base64::engine::general_purpose::STANDARD.encode(Sha256::digest(text));
     let policy = format!(
         "default-src 'none'; script-src 'sha256-{}'; style-src 'sha256-{}'; img-src data:; base-uri 'none'; form-action 'none'",
@@ -262,11 +266,11 @@ pub async fn evidence(State(state): State<AppState>, reader: Reader, Path(id): P
     );
     let headers = [
         (header::CONTENT_TYPE, HeaderValue::from_static("text/html; charset=utf-8")),
-        (header::CONTENT_SECURITY_POLICY, HeaderValue::from_str(&policy).map_err(|error| ApiError::internal(&error))?),
+        (header::CONTENT_SECURITY_POLICY, HeaderValue::from_str(&policy).map_err(|error| AppError::internal(&error))?),
         (
             header::CONTENT_DISPOSITION,
             HeaderValue::from_str(&format!("attachment; filename=\"evidence-{id}.html\""))
-                .map_err(|error| ApiError::internal(&error))?,
+                .map_err(|error| AppError::internal(&error))?,
         ),
     ];
     Ok((headers, text).into_response())

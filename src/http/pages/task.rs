@@ -10,8 +10,8 @@ use serde_json::{Value, json};
 use super::html::{self, PageResult, json_in_markup};
 use super::isometric;
 use super::submission::{View, colours_of, image};
-use crate::http::params;
-use crate::http::problem::ApiError;
+use crate::app::error::AppError;
+use crate::http::extract::params;
 use crate::http::state::AppState;
 use plumbline_engine::builders::build;
 use plumbline_engine::grading::standings::Standing;
@@ -91,13 +91,13 @@ struct TaskPage {
     rows: Vec<(Arc<Standing>, &'static str, &'static str)>,
 }
 
-fn found(entry: &Entry, number: u32) -> Result<&Task, ApiError> {
+fn found(entry: &Entry, number: u32) -> Result<&Task, AppError> {
     let found = entry.task_numbered(number).map(|(task, _)| task);
-    found.ok_or_else(|| ApiError::not_found(format!("{} has no task {number}", entry.suite.id())))
+    found.ok_or_else(|| AppError::not_found(format!("{} has no task {number}", entry.suite.id())))
 }
 
-fn view(entry: &Entry, task: &Task, log: &BlockLog) -> Result<View, ApiError> {
-    let json: Value = serde_json::from_slice(&log.canonical_json()).map_err(|error| ApiError::internal(&error))?;
+fn view(entry: &Entry, task: &Task, log: &BlockLog) -> Result<View, AppError> {
+    let json: Value = serde_json::from_slice(&log.canonical_json()).map_err(|error| AppError::internal(&error))?;
     let names = json["palette"].as_array().map(Vec::as_slice).unwrap_or_default();
     let colours = colours_of(names.iter().filter_map(Value::as_str));
     Ok(View {
@@ -144,6 +144,6 @@ pub async fn task(State(state): State<AppState>, Path((suite, number)): Path<(St
 /// 404 where there is no such task, or none that builds it.
 pub async fn picture(State(state): State<AppState>, Path((suite, number)): Path<(String, u32)>) -> PageResult {
     let entry = state.suite(&suite).await?;
-    let log = build(found(&entry, number)?).map_err(|error| ApiError::not_found(format!("no good build: {error}")))?;
+    let log = build(found(&entry, number)?).map_err(|error| AppError::not_found(format!("no good build: {error}")))?;
     Ok(image(Replay::new(&log).last().map(|end| isometric::svg(&end)).unwrap_or_default()))
 }

@@ -128,7 +128,7 @@ fn von_mises(s: &Six) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use crate::elasticity::fem::element::*;
+    use super::*;
 
     fn field(f: impl Fn([f64; 3]) -> [f64; 3]) -> SVector<f64, UNKNOWNS> {
         SVector::from_iterator(CORNERS.iter().flat_map(|corner| f(corner.map(f64::from))))

@@ -120,7 +120,7 @@ impl Supported {
 
 #[cfg(test)]
 mod tests {
-    use crate::elasticity::fem::mesh::*;
+    use super::*;
 
     #[test]
     fn blocks_share_nodes_at_faces_only() {

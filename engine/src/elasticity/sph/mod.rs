@@ -225,7 +225,7 @@ fn free_fall() -> (f64, f64) {
 
 #[cfg(test)]
 mod tests {
-    use crate::elasticity::sph::*;
+    use super::*;
 
     /// All kinds of vectors this processor has: where products and sums are rounded at once the bits are the same, and
     /// elsewhere nearly.

@@ -100,7 +100,7 @@ pub fn fisher(pass: usize, of: usize, other_pass: usize, other_of: usize) -> f64
 
 #[cfg(test)]
 mod tests {
-    use crate::grading::statistics::comparison::*;
+    use super::*;
 
     fn near(found: f64, wanted: f64) -> bool {
         (found / wanted - 1.0).abs() < 1e-9

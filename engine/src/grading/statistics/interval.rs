@@ -64,7 +64,7 @@ fn design_effect(clusters: &[(u32, u32)], rate: f64, of: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use crate::grading::statistics::interval::*;
+    use super::*;
 
     /// Newcombe 1998, table I, method 3: 81 of 263, 15 of 148, 0 of 20, 1 of 29.
     #[test]

@@ -90,7 +90,7 @@ impl Comparisons {
 
 #[cfg(test)]
 mod tests {
-    use crate::grading::statistics::ranks::*;
+    use super::*;
 
     /// Of 0.01, 0.04, 0.03, 0.005 at 5 %, with bounds 0.05/4, 0.05/3, 0.05/2, 0.05: 0.005 and 0.01 are kept, and 0.03 > 0.025
     /// ends it, though 0.04 < 0.05 (the worked example of Wikipedia's article on the procedure).

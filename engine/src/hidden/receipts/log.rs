@@ -149,7 +149,7 @@ pub fn verify_end(log: &[&ReceiptFile], head: &LogHead, trusted: &[&str]) -> Res
 
 #[cfg(test)]
 mod tests {
-    use crate::hidden::receipts::log::*;
+    use super::*;
     use crate::hidden::receipts::tests::file;
     use crate::hidden::receipts::{key_change, verify};
 

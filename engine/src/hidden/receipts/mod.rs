@@ -259,7 +259,7 @@ pub fn verify(file: &ReceiptFile, trusted: &[&str]) -> Result<(), ReceiptFault> 
 
 #[cfg(test)]
 mod tests {
-    use crate::hidden::receipts::*;
+    use super::*;
 
     pub(super) fn file(signer: &Signer, seq: i64, previous: &Hash, receipt: Value) -> ReceiptFile {
         let signed = signer.sign(&receipt);

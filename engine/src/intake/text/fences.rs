@@ -77,7 +77,7 @@ impl Mark {
 
 #[cfg(test)]
 mod tests {
-    use crate::intake::text::fences::*;
+    use super::*;
 
     #[test]
     fn fences_are_found_with_their_languages() {

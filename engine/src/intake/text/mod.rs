@@ -115,7 +115,7 @@ fn why_none(text: &str, fences: &[Fence], json: &json::Scanned, ends_in_thought:
 
 #[cfg(test)]
 mod tests {
-    use crate::intake::text::*;
+    use super::*;
 
     const LIMITS: LogLimits = LogLimits { max_turns: 4, max_events: 10, max_materials: 5, max_material_chars: 20 };
 

@@ -58,7 +58,7 @@ fn tags(text: &str) -> impl Iterator<Item = Tag> {
 
 #[cfg(test)]
 mod tests {
-    use crate::intake::text::thinking::*;
+    use super::*;
 
     fn shown(text: &str) -> (String, bool) {
         let (shown, is_open) = without_thoughts(text);

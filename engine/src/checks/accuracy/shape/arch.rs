@@ -192,7 +192,7 @@ impl Rule for TrueArch {
 
 #[cfg(test)]
 mod tests {
-    use crate::checks::accuracy::shape::arch::*;
+    use super::*;
     use proptest::prelude::*;
 
     fn bulges(heights: &[i32]) -> bool {

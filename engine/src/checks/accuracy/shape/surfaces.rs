@@ -144,7 +144,7 @@ impl Rule for BottomSurfaceConcave {
 
 #[cfg(test)]
 mod tests {
-    use crate::checks::accuracy::shape::surfaces::*;
+    use super::*;
     use proptest::prelude::*;
 
     /// The rule as written in SPEC 3: every point against every chord, in floating point.

@@ -68,7 +68,7 @@ fn falls_to_both_ends(heights: &[i32]) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use crate::checks::accuracy::shape::vaults::*;
+    use super::*;
 
     #[test]
     fn what_falls() {

@@ -1,0 +1,144 @@
+//! Access: who asks, and what they may do.
+//!
+//! Reading is public. Writing and grading need a key, unless the service was started open, or open for grading. A key that is
+//! sent is looked up all the same.
+
+use std::collections::HashMap;
+use std::sync::{Arc, PoisonError, RwLock};
+use std::time::{Duration, Instant};
+
+use crate::app::error::{AppError, AppResult, Kind};
+use crate::clock::now_ms;
+use crate::store::Store;
+use crate::store::keys::{KeyRow, Scope, parts};
+
+/// How long a key that was found is taken for good before it is looked up again: a revoked one works no longer than this.
+const TRUSTED_FOR: Duration = Duration::from_millis(500);
+/// Keys held at most; a request with an unknown key is not held.
+const MAX_HELD: usize = 10_000;
+
+/// Keys that were used lately.
+#[derive(Debug)]
+pub struct Keys {
+    held: RwLock<HashMap<String, (KeyRow, Instant)>>,
+    /// What needs no key.
+    pub open: Openness,
+}
+
+/// What needs no key, beside reading.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Openness {
+    /// Nothing.
+    Keyed,
+    /// Grading within a request, of which nothing is stored.
+    Grading,
+    /// Everything but what an operator does.
+    Open,
+}
+
+/// Who asks.
+#[derive(Debug, Clone)]
+pub struct Caller {
+    /// The live key that was sent.
+    pub key: Option<KeyRow>,
+    /// What this service allows without a key.
+    pub open: Openness,
+    /// Why the key that was sent does not count.
+    pub refused: Option<&'static str>,
+    /// Whose share of the service the request uses.
+    pub who: Arc<str>,
+}
+
+impl Caller {
+    /// Whose share of the service a request uses: the owner's of its key, else its address's.
+    #[must_use]
+    pub const fn who(&self) -> &Arc<str> {
+        &self.who
+    }
+
+    /// The owner whose key it is; none where the service is open and no key was sent.
+    #[must_use]
+    pub fn owner(&self) -> Option<&str> {
+        self.key.as_ref().map(|key| key.owner.as_str())
+    }
+
+    /// Whether they may do what has this scope.
+    ///
+    /// # Errors
+    /// 403 where the key has it not.
+    pub fn require(&self, scope: Scope) -> AppResult<()> {
+        match &self.key {
+            Some(key) if !key.allows(scope) => {
+                let detail = format!("the key lacks the scope {:?}, which this needs", scope.name());
+                Err(AppError::new(Kind::Forbidden, detail))
+            }
+            // What an operator does stands for ever, under a name.
+            None if scope == Scope::Admin => {
+                Err(unauthorized(self.refused.unwrap_or("this needs a key with the scope admin, here too")))
+            }
+            None if self.open == Openness::Grading && !matches!(scope, Scope::Grade | Scope::Read) => Err(
+                unauthorized(self.refused.unwrap_or("this needs a key: Authorization: Bearer …; grading needs none")),
+            ),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether something of this owner is theirs to change. What nobody owns is everybody's.
+    ///
+    /// # Errors
+    /// 403 where it is another's.
+    pub fn require_own(&self, owner: Option<&str>, what: &str) -> AppResult<()> {
+        let is_admin = self.key.as_ref().is_some_and(|key| key.allows(Scope::Admin));
+        if owner.is_none() || is_admin || self.owner() == owner {
+            return Ok(());
+        }
+        let detail = format!("the {what} belongs to another owner");
+        Err(AppError::new(Kind::Forbidden, detail))
+    }
+}
+
+impl Keys {
+    /// None held yet.
+    #[must_use]
+    pub fn new(open: Openness) -> Self {
+        Self { held: RwLock::default(), open }
+    }
+
+    /// Whether a key of this public part was found before.
+    #[must_use]
+    pub fn knows(&self, sent: &str) -> bool {
+        let held = self.held.read().unwrap_or_else(PoisonError::into_inner);
+        parts(sent).is_some_and(|(id, _)| held.contains_key(id))
+    }
+
+    fn held(&self, id: &str) -> Option<KeyRow> {
+        let held = self.held.read().unwrap_or_else(PoisonError::into_inner);
+        held.get(id).filter(|(_, since)| since.elapsed() < TRUSTED_FOR).map(|(key, _)| key.clone())
+    }
+
+    /// Returns the key that was sent, if it may be used now.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails.
+    pub async fn live(&self, store: &Store, sent: &str) -> AppResult<Option<KeyRow>> {
+        let Some((id, secret)) = parts(sent) else { return Ok(None) };
+        let is_live = |key: &KeyRow| key.has_secret(secret) && key.is_live(now_ms());
+        if let Some(key) = self.held(id) {
+            return Ok(Some(key).filter(is_live));
+        }
+        let Some(key) = store.key(id).await?.filter(is_live) else { return Ok(None) };
+        store.note_key_use(&key, now_ms()).await?;
+        let mut held = self.held.write().unwrap_or_else(PoisonError::into_inner);
+        if held.len() >= MAX_HELD {
+            held.clear();
+        }
+        held.insert(id.to_owned(), (key.clone(), Instant::now()));
+        Ok(Some(key))
+    }
+}
+
+/// Creates the refusal of a request that needs a key.
+#[must_use]
+pub fn unauthorized(detail: &str) -> AppError {
+    AppError::new(Kind::Unauthorized, detail)
+}

@@ -1,0 +1,253 @@
+//! Boards in memory: read once, then only what is new; sorted, filtered and compared when they are asked for.
+
+use std::collections::{BTreeSet, HashMap, HashSet};
+use std::sync::{Arc, LazyLock, PoisonError, RwLock};
+use std::time::{Duration, Instant};
+
+use uuid::Uuid;
+
+use crate::app::App;
+use crate::app::error::AppResult;
+use crate::store::boards::{ActionRow, News, Read};
+use plumbline_engine::grading::standings::{Field, Standing, order};
+use plumbline_engine::grading::statistics::ranks::{Comparisons, RankRange};
+use plumbline_engine::tasks::catalogue::Entry;
+
+/// How long a board is taken for current although nothing of this process says that it changed: another process on the same
+/// file may have ended a run.
+const CURRENT_FOR: Duration = Duration::from_secs(1);
+
+/// The boards that were asked for.
+#[derive(Debug, Default)]
+pub struct Boards {
+    kept: RwLock<HashMap<String, Kept>>,
+    /// One reader at a time: what is new is read once, however many wait for it.
+    reading: tokio::sync::Mutex<()>,
+}
+
+#[derive(Debug, Clone)]
+struct Kept {
+    board: Arc<Board>,
+    runs_ended: u64,
+    since: Instant,
+}
+
+/// Rows of a board, the best first, compared with each other.
+#[derive(Debug, Clone, Default)]
+pub struct Rows {
+    /// The rows that cover enough of the suite to be compared.
+    pub all: Vec<Arc<Standing>>,
+    /// The others, listed apart.
+    pub incomplete: Vec<Arc<Standing>>,
+    comparisons: Comparisons,
+    threshold: f64,
+}
+
+impl Rows {
+    /// Other rows; what they have in common with these was compared. Those that cover less than this share of the suite are apart.
+    fn changed_to(&self, rows: Vec<Arc<Standing>>, field: &Field, least_coverage: f64) -> Self {
+        let (mut rows, mut incomplete): (Vec<_>, Vec<_>) = rows.into_iter().partition(|row| row.covers(least_coverage));
+        order(&mut incomplete);
+        let is_in = |rows: &[Arc<Standing>]| rows.iter().map(Arc::as_ptr).collect::<HashSet<_>>();
+        let (before, after) = (is_in(&self.all), is_in(&rows));
+        let (mut compared, gone): (Vec<_>, Vec<_>) =
+            self.all.iter().cloned().partition(|row| after.contains(&Arc::as_ptr(row)));
+        let mut comparisons = self.comparisons.clone();
+        for (i, row) in gone.iter().enumerate() {
+            field.count(&mut comparisons, row, &compared, false);
+            field.count(&mut comparisons, row, &gone[..i], false);
+        }
+        for row in rows.iter().filter(|row| !before.contains(&Arc::as_ptr(row))) {
+            field.count(&mut comparisons, row, &compared, true);
+            compared.push(Arc::clone(row));
+        }
+        order(&mut rows);
+        Self { threshold: field.threshold(&comparisons), all: rows, incomplete, comparisons }
+    }
+
+    /// The places that a run may have among them.
+    #[must_use]
+    pub fn places(&self, one: &Standing, field: &Field) -> RankRange {
+        field.places(one, &self.all, self.threshold)
+    }
+}
+
+/// The board of a suite.
+#[derive(Debug)]
+pub struct Board {
+    /// Names this very state of the board: where it is the same, so is all that is made of it.
+    pub version: String,
+    /// The suite.
+    pub entry: Arc<Entry>,
+    /// What comparing needs to know of its tasks.
+    pub field: Arc<Field>,
+    /// The share of the suite that a run must have answered, or skipped on purpose, to be compared.
+    pub least_coverage: f64,
+    /// Rows that show, the best first.
+    pub rows: Rows,
+    /// What was done to rows, in order.
+    pub actions: Vec<ActionRow>,
+    /// Results of each run, in the order in which they came to hold.
+    results: HashMap<String, Vec<Arc<Standing>>>,
+    /// Runs of other owners that are near-identical with a run.
+    similar: HashMap<String, BTreeSet<String>>,
+    /// Runs begun by each agent.
+    begun: HashMap<String, usize>,
+    read: Read,
+}
+
+impl Board {
+    /// Runs that an agent has begun, whatever became of them.
+    #[must_use]
+    pub fn attempts(&self, agent: &str) -> usize {
+        self.begun.get(agent).copied().unwrap_or_default()
+    }
+
+    /// The result of a run that holds, also where its row is hidden.
+    #[must_use]
+    pub fn standing(&self, run: &str) -> Option<&Arc<Standing>> {
+        self.results.get(run)?.last()
+    }
+
+    /// Finished runs of other owners whose logs are near-identical with those of a run.
+    #[must_use]
+    pub fn similar_to(&self, run: &str) -> Vec<String> {
+        self.similar.get(run).into_iter().flatten().cloned().collect()
+    }
+
+    /// Whether a run's row is hidden now.
+    #[must_use]
+    pub fn is_hidden(&self, run: &str) -> bool {
+        hidden(&self.actions, i64::MAX).contains(run)
+    }
+
+    /// Rows as they showed at a time, the best first.
+    #[must_use]
+    pub fn as_of(&self, at_ms: i64) -> Rows {
+        Rows::default().changed_to(self.showing(at_ms), &self.field, self.least_coverage)
+    }
+
+    fn showing(&self, at_ms: i64) -> Vec<Arc<Standing>> {
+        let hidden = hidden(&self.actions, at_ms);
+        self.results
+            .values()
+            .filter_map(|results| results.iter().rev().find(|result| result.since_ms <= at_ms))
+            .filter(|result| !hidden.contains(result.run.as_str()))
+            .cloned()
+            .collect()
+    }
+
+    fn with(self: &Arc<Self>, news: News) -> Arc<Self> {
+        if news.read == self.read {
+            return Arc::clone(self);
+        }
+        let (mut results, mut actions, mut begun) = (self.results.clone(), self.actions.clone(), self.begun.clone());
+        let mut similar = self.similar.clone();
+        for finished in news.results {
+            let standing = Arc::new(Standing::of(&self.field, finished));
+            note_similar(&mut similar, &results, &standing);
+            results.entry(standing.run.clone()).or_default().push(standing);
+        }
+        actions.extend(news.actions);
+        for agent in news.begun {
+            *begun.entry(agent).or_default() += 1;
+        }
+        let mut board = Self {
+            version: version(&self.entry, news.read),
+            entry: Arc::clone(&self.entry),
+            field: Arc::clone(&self.field),
+            least_coverage: self.least_coverage,
+            rows: Rows::default(),
+            actions,
+            results,
+            similar,
+            begun,
+            read: news.read,
+        };
+        board.rows = self.rows.changed_to(board.showing(i64::MAX), &self.field, self.least_coverage);
+        Arc::new(board)
+    }
+}
+
+/// Notes which runs a new one resembles, on both sides.
+fn note_similar(
+    similar: &mut HashMap<String, BTreeSet<String>>,
+    results: &HashMap<String, Vec<Arc<Standing>>>,
+    new: &Standing,
+) {
+    let others = results.values().filter_map(|results| results.last()).filter(|other| other.run != new.run);
+    for other in others.filter(|other| new.resembles(other)) {
+        similar.entry(new.run.clone()).or_default().insert(other.run.clone());
+        similar.entry(other.run.clone()).or_default().insert(new.run.clone());
+    }
+}
+
+/// Runs whose rows are hidden at a time.
+fn hidden(actions: &[ActionRow], at_ms: i64) -> HashSet<&str> {
+    let mut hidden = HashSet::new();
+    for action in actions.iter().filter(|action| action.at_ms <= at_ms) {
+        match action.action.as_str() {
+            "hide" => {
+                hidden.insert(action.run_id.as_str());
+            }
+            "restore" => {
+                hidden.remove(action.run_id.as_str());
+            }
+            _ => {}
+        }
+    }
+    hidden
+}
+
+impl Boards {
+    /// The board of a suite as it is now.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn of(&self, app: &App, entry: &Arc<Entry>) -> AppResult<Arc<Board>> {
+        let suite_id = entry.suite.id();
+        if let Some(board) = self.current(app, &suite_id) {
+            return Ok(board);
+        }
+        let _alone = self.reading.lock().await;
+        if let Some(board) = self.current(app, &suite_id) {
+            return Ok(board);
+        }
+        let runs_ended = app.store.runs_ended();
+        let known = self.kept.read().unwrap_or_else(PoisonError::into_inner).get(&suite_id).cloned();
+        let board = known.map_or_else(|| Arc::new(empty(entry, app.least_coverage)), |kept| kept.board);
+        let news = app.store.board_news(&suite_id, &entry.suite.tasks, board.read).await?;
+        let board = board.with(news);
+        let kept = Kept { board: Arc::clone(&board), runs_ended, since: Instant::now() };
+        self.kept.write().unwrap_or_else(PoisonError::into_inner).insert(suite_id, kept);
+        Ok(board)
+    }
+
+    fn current(&self, app: &App, suite_id: &str) -> Option<Arc<Board>> {
+        let all = self.kept.read().unwrap_or_else(PoisonError::into_inner);
+        let kept = all.get(suite_id)?;
+        let is_current = kept.runs_ended == app.store.runs_ended() && kept.since.elapsed() < CURRENT_FOR;
+        is_current.then(|| Arc::clone(&kept.board))
+    }
+}
+
+fn version(entry: &Entry, Read { result, action, run }: Read) -> String {
+    // Of this process: another program, or another database under the same name, may make something else of it.
+    static PROCESS: LazyLock<Uuid> = LazyLock::new(Uuid::new_v4);
+    format!("{}:{result}:{action}:{run}:{}", entry.suite.id(), *PROCESS)
+}
+
+fn empty(entry: &Arc<Entry>, least_coverage: f64) -> Board {
+    Board {
+        version: version(entry, Read::default()),
+        field: Arc::new(Field::of(&entry.suite.tasks)),
+        least_coverage,
+        entry: Arc::clone(entry),
+        rows: Rows::default(),
+        actions: Vec::new(),
+        results: HashMap::new(),
+        similar: HashMap::new(),
+        begun: HashMap::new(),
+        read: Read::default(),
+    }
+}

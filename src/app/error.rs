@@ -1,0 +1,261 @@
+//! Failures of use cases: one list of kinds, each with its name and title.
+//!
+//! There are two families. The caller can mend a failure of theirs, and it names the place. A failure of ours is logged
+//! once with its cause; the caller learns only that the same request may be sent again. `http/problem.rs` alone turns a
+//! failure into an answer.
+
+use serde::{Deserialize, Serialize};
+
+use crate::store::StoreError;
+use plumbline_engine::intake::{Fault, Faults};
+
+/// Result of a use case.
+pub type AppResult<T> = Result<T, AppError>;
+
+/// A fault of a request, at its location.
+#[derive(Debug, Clone, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct FaultBody {
+    /// Line of an NDJSON body, from 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub line: Option<u64>,
+    /// JSON pointer (RFC 6901) to the value; empty for the whole body and for a parameter.
+    #[schema(example = "/turns/0/events/3/x")]
+    pub pointer: String,
+    /// Name of the query parameter, if the fault is in one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parameter: Option<String>,
+    /// Description of the fault.
+    #[schema(example = "1.5 is not an integer")]
+    pub detail: String,
+}
+
+impl From<Fault> for FaultBody {
+    fn from(fault: Fault) -> Self {
+        Self { line: fault.line, pointer: fault.pointer, parameter: None, detail: fault.detail }
+    }
+}
+
+/// Makes the list of kinds: variant, name in the problem type, title.
+macro_rules! kinds {
+    ($( $variant:ident = $name:literal, $title:literal; )*) => {
+        /// Kind of a failure.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        #[expect(missing_docs, reason = "name and title say what each variant is")]
+        pub enum Kind {
+            $( $variant, )*
+            /// The request contradicts the present state; the name says how.
+            Conflict(&'static str),
+        }
+
+        impl Kind {
+            /// Returns the stable name, as in `urn:plumbline:problem:NAME`.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self {
+                    $( Self::$variant => $name, )*
+                    Self::Conflict(name) => name,
+                }
+            }
+
+            /// Returns the title for people.
+            #[must_use]
+            pub const fn title(self) -> &'static str {
+                match self {
+                    $( Self::$variant => $title, )*
+                    Self::Conflict(_) => "Conflict",
+                }
+            }
+        }
+    };
+}
+
+kinds! {
+    BadRequest = "bad-request", "Bad request";
+    MalformedBody = "malformed-body", "The body cannot be read as JSON";
+    UnreadableBody = "unreadable-body", "The body could not be read";
+    InvalidQuery = "invalid-query", "The query string has faults";
+    Unauthorized = "unauthorized", "Unauthorized";
+    Forbidden = "forbidden", "Forbidden";
+    QuotaUsedUp = "quota-used-up", "The quota is used up";
+    NotFound = "not-found", "Not found";
+    MethodNotAllowed = "method-not-allowed", "Method not allowed";
+    RequestTimeout = "timeout", "Timeout";
+    BodyTooLarge = "body-too-large", "The body is too large";
+    UnsupportedMediaType = "unsupported-media-type", "Unsupported media type";
+    InvalidBody = "invalid-body", "The body has faults";
+    IdempotencyKeyReused = "idempotency-key-reused", "The key was used otherwise";
+    TooLong = "too-long", "Too long";
+    TooManyBlocks = "too-many-blocks", "Too many blocks";
+    TooManyRequests = "too-many-requests", "Too many requests";
+    RateLimited = "rate-limited", "Too many requests";
+    Internal = "internal", "Internal error";
+    Busy = "busy", "Busy";
+    Stopping = "stopping", "Stopping";
+    NotReady = "not-ready", "Not ready";
+    Deadline = "deadline", "Deadline passed";
+}
+
+/// A failure of a use case.
+#[derive(Debug, Clone)]
+pub struct AppError(Box<Failure>);
+
+#[derive(Debug, Clone)]
+struct Failure {
+    kind: Kind,
+    detail: String,
+    faults: Vec<FaultBody>,
+    retry_after_s: Option<u32>,
+    has_null_reward: bool,
+}
+
+impl AppError {
+    /// Creates a failure of a kind, with the occurrence in words.
+    pub fn new(kind: Kind, detail: impl Into<String>) -> Self {
+        let detail = detail.into();
+        Self(Box::new(Failure { kind, detail, faults: Vec::new(), retry_after_s: None, has_null_reward: false }))
+    }
+
+    /// Creates the failure to find something by its name.
+    pub fn not_found(detail: impl Into<String>) -> Self {
+        Self::new(Kind::NotFound, detail)
+    }
+
+    /// Creates a contradiction to the present state; `name` is the stable name of its kind.
+    pub fn conflict(name: &'static str, detail: impl Into<String>) -> Self {
+        Self::new(Kind::Conflict(name), detail)
+    }
+
+    /// Creates the failure of a body, or a line of it, that is not JSON; `faults` holds everything that is wrong.
+    pub fn malformed(faults: Faults) -> Self {
+        let detail = faults.list().iter().map(ToString::to_string).next().unwrap_or_default();
+        Self::new(Kind::MalformedBody, detail).with_faults(faults)
+    }
+
+    /// Creates the failure of a body that is JSON with parts that are wrong.
+    #[must_use]
+    pub fn faulty(faults: Faults) -> Self {
+        let detail = match faults.total() {
+            1 => "1 fault".to_owned(),
+            total => format!("{total} faults"),
+        };
+        Self::new(Kind::InvalidBody, detail).with_faults(faults)
+    }
+
+    /// Creates the refusal of a body that is NDJSON where one document is expected.
+    pub fn not_ndjson(detail: &str) -> Self {
+        Self::new(Kind::UnsupportedMediaType, format!("expected one JSON document, not NDJSON; {detail}"))
+    }
+
+    /// Creates the refusal of a request for which there is no slot; refused at once instead of waiting.
+    pub fn too_many(detail: impl Into<String>) -> Self {
+        Self::new(Kind::TooManyRequests, detail).retry_after(1)
+    }
+
+    /// Creates a failure of ours, and logs its cause.
+    pub fn internal(cause: &dyn std::fmt::Display) -> Self {
+        tracing::error!(%cause, "request failed");
+        Self::new(Kind::Internal, "The service failed. The request may be sent again.").retry_after(1)
+    }
+
+    /// Adds the faults that it comes from.
+    #[must_use]
+    pub fn with_faults(self, faults: Faults) -> Self {
+        self.with_fault_list(faults.into_list().into_iter().map(FaultBody::from).collect())
+    }
+
+    /// Adds a list of faults.
+    #[must_use]
+    pub fn with_fault_list(mut self, faults: Vec<FaultBody>) -> Self {
+        self.0.faults = faults;
+        self
+    }
+
+    /// Says that the same request may succeed after some seconds.
+    #[must_use]
+    pub fn retry_after(mut self, seconds: u32) -> Self {
+        self.0.retry_after_s = Some(seconds);
+        self
+    }
+
+    /// Moves its faults below a pointer.
+    #[must_use]
+    pub fn at(mut self, pointer: &str) -> Self {
+        for fault in &mut self.0.faults {
+            fault.pointer = format!("{pointer}{}", fault.pointer);
+        }
+        self
+    }
+
+    /// Replaces the beginnings of pointers: names inside the service by the caller's.
+    #[must_use]
+    pub fn named(mut self, names: &[(&str, &str)]) -> Self {
+        for fault in &mut self.0.faults {
+            for (inner, outer) in names {
+                if let Some(rest) = fault.pointer.strip_prefix(inner) {
+                    fault.pointer = format!("{outer}{rest}");
+                    break;
+                }
+            }
+        }
+        self
+    }
+
+    /// States with `"reward": null` that there is no reward.
+    #[must_use]
+    pub fn without_reward(mut self) -> Self {
+        self.0.has_null_reward = true;
+        self
+    }
+
+    /// Does the same if the failure was ours, or if there was too much to do.
+    #[must_use]
+    pub fn without_reward_where_ours(self) -> Self {
+        if self.is_retryable() { self.without_reward() } else { self }
+    }
+
+    /// Returns its kind.
+    #[must_use]
+    pub const fn kind(&self) -> Kind {
+        self.0.kind
+    }
+
+    /// Returns the occurrence in words.
+    #[must_use]
+    pub fn detail(&self) -> &str {
+        &self.0.detail
+    }
+
+    /// Returns its faults.
+    #[must_use]
+    pub fn faults(&self) -> &[FaultBody] {
+        &self.0.faults
+    }
+
+    /// Returns the seconds after which the same request may succeed.
+    #[must_use]
+    pub const fn retry_after_s(&self) -> Option<u32> {
+        self.0.retry_after_s
+    }
+
+    /// Whether the same request may succeed later.
+    #[must_use]
+    pub const fn is_retryable(&self) -> bool {
+        self.0.retry_after_s.is_some()
+    }
+
+    /// Whether the answer states that there is no reward.
+    #[must_use]
+    pub const fn has_null_reward(&self) -> bool {
+        self.0.has_null_reward
+    }
+}
+
+impl From<StoreError> for AppError {
+    fn from(error: StoreError) -> Self {
+        if error.is_busy() {
+            tracing::warn!(%error, "the database is busy");
+            return Self::new(Kind::Busy, "The database is busy. The request may be sent again.").retry_after(1);
+        }
+        Self::internal(&error)
+    }
+}

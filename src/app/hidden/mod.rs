@@ -1,0 +1,3 @@
+//! Hidden evaluation: answers to instances.
+
+pub mod answer;

@@ -1,0 +1,342 @@
+//! From a request to grade to its answer: read, made a log, graded. Shared by single requests, batches and adapters.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use sha2::{Digest as _, Sha256};
+
+use super::grader::{Deadline, GivenTask, Graded, Until};
+use super::model_text::{AnswerBody, log_in_texts};
+use super::request::{Detail, GivenWork, GradeRequest, GradeShape, NamedTask};
+use crate::app::App;
+use crate::app::error::{AppError, AppResult};
+use crate::app::limits::LIMITS;
+use crate::app::replay::{EventBudget, TurnReplay, place, run_sent};
+use crate::app::rewards::score::{CheckScore, GradeBody, Timings};
+use crate::app::submissions::posted::check_against_task;
+use plumbline_engine::checks::{CHECKS_VERSION, Dimension};
+use plumbline_engine::grading::cost::{Cost, cost};
+use plumbline_engine::grading::reward::{RewardComponents, Scheme};
+use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::code::SentLog;
+use plumbline_engine::intake::tolerant::{read_document, why_not_json};
+use plumbline_engine::tasks::catalogue::Catalogue;
+use plumbline_engine::tasks::embedded::FULL;
+use plumbline_engine::tasks::{Task, hex};
+use plumbline_engine::voxel::BlockLog;
+
+/// A request that was read and whose task was found.
+#[derive(Debug)]
+pub struct ReadRequest {
+    request: GradeRequest,
+    given: GivenTask,
+    begun: Instant,
+}
+
+/// A request whose log was found, but for what its action code does.
+#[derive(Debug)]
+pub struct Found {
+    request: GradeRequest,
+    given: GivenTask,
+    sent: SentLog,
+    answer: Option<AnswerBody>,
+    begun: Instant,
+}
+
+/// A request whose log is whole, or known to be none.
+#[derive(Debug)]
+pub struct Prepared {
+    request: GradeRequest,
+    given: GivenTask,
+    log: BlockLog,
+    log_hash: String,
+    replays: Vec<TurnReplay>,
+    answer: Option<AnswerBody>,
+    begun: Instant,
+    read_us: u64,
+}
+
+impl ReadRequest {
+    /// Reads a request and finds its task among the suites held.
+    ///
+    /// # Errors
+    /// 400 where it is not JSON, 422 with all its faults.
+    pub fn read(text: &[u8], catalogue: &Catalogue) -> AppResult<Self> {
+        let begun = Instant::now();
+        let mut faults = Faults::new();
+        let request = match read_document(text, GradeShape { faults: &mut faults }) {
+            Ok(request) => request,
+            Err(error) => {
+                faults.add(why_not_json(text, &error));
+                return Err(AppError::malformed(faults));
+            }
+        };
+        let given = request.as_ref().and_then(|request| find(request, catalogue, &mut faults));
+        let (Some(request), Some(given), true) = (request, given, faults.is_empty()) else {
+            return Err(AppError::faulty(faults));
+        };
+        Ok(Self { request, given, begun })
+    }
+
+    /// The same request about what a model wrote instead of its own log.
+    #[must_use]
+    pub fn about(mut self, texts: Vec<String>) -> Self {
+        self.request.work = GivenWork::Answer(texts);
+        self
+    }
+
+    /// Whether preparing it is done in an instant.
+    fn is_small(&self) -> bool {
+        matches!(&self.request.work, GivenWork::Log(sent) if sent.log.event_count() <= INSTANT_EVENTS)
+    }
+
+    /// Finds the log in what a model wrote, runs action code, and checks the log against its task.
+    ///
+    /// # Errors
+    /// 422 where the log does not fit the task, or its code reached a limit; 429 where too much waits, 500 where code cannot be run. What is wrong with what a
+    /// model wrote is no error, but a reward of 0.
+    pub async fn prepare(self, app: &App, who: &Arc<str>) -> AppResult<Prepared> {
+        let found = if self.is_small() { self.find_log()? } else { aside(move || self.find_log()).await? };
+        let _place = if found.has_code() { Some(place(app, who)?) } else { None };
+        found.prepare(app, who).await
+    }
+
+    /// The same for one of many, which have a place together.
+    ///
+    /// # Errors
+    /// The same, but for 429.
+    pub async fn prepare_in_turn(self, app: &App, who: &Arc<str>) -> AppResult<Prepared> {
+        aside(move || self.find_log()).await?.prepare(app, who).await
+    }
+
+    /// Finds the log in what a model wrote, or takes the one that was sent.
+    ///
+    /// # Errors
+    /// 500 where the task is gone.
+    pub fn find_log(mut self) -> AppResult<Found> {
+        let task = self.given.task()?.0;
+        let work = std::mem::replace(&mut self.request.work, GivenWork::Answer(Vec::new()));
+        let (sent, answer) = match work {
+            GivenWork::Log(sent) => (sent, None),
+            GivenWork::Answer(texts) => match log_in_texts(&texts, task.turns.len()) {
+                Ok((sent, found)) => (sent, Some(AnswerBody { found, why: None })),
+                Err(why) => (nothing(task), Some(AnswerBody { found: Vec::new(), why: Some(why) })),
+            },
+        };
+        let Self { request, given, begun } = self;
+        Ok(Found { request, given, sent, answer, begun })
+    }
+}
+
+/// Events up to which a log is looked at where its request is answered.
+const INSTANT_EVENTS: usize = 2_000;
+
+/// Does what takes time on a thread where it hinders nobody.
+async fn aside<T: Send + 'static>(work: impl FnOnce() -> AppResult<T> + Send + 'static) -> AppResult<T> {
+    tokio::task::spawn_blocking(work).await.map_err(|error| AppError::internal(&error))?
+}
+
+impl Found {
+    /// Whether it brings action code, which is to be run.
+    #[must_use]
+    pub fn has_code(&self) -> bool {
+        !self.sent.codes.is_empty()
+    }
+
+    /// Runs action code, for which whoever calls has a place, and checks the log against its task.
+    ///
+    /// # Errors
+    /// As [`ReadRequest::prepare_in_turn`].
+    pub async fn prepare(mut self, app: &App, who: &Arc<str>) -> AppResult<Prepared> {
+        let (mut faults, mut replays) = (Faults::new(), Vec::new());
+        if self.has_code() {
+            replays = run_sent(app, who, &mut self.sent, &mut EventBudget::whole(app), &mut faults).await?;
+        }
+        if self.sent.log.event_count() <= INSTANT_EVENTS {
+            return self.finish(replays, faults);
+        }
+        aside(move || self.finish(replays, faults)).await
+    }
+
+    /// Checks the log against its task.
+    ///
+    /// # Errors
+    /// 422 where it does not fit.
+    pub fn finish(self, replays: Vec<TurnReplay>, mut faults: Faults) -> AppResult<Prepared> {
+        let Self { request, given, mut sent, mut answer, begun } = self;
+        let task = given.task()?.0;
+        check_against_task(&sent.log, task, &mut faults);
+        // Code that is no JavaScript is as good as no answer, where nothing else was built.
+        let unreadable = replays.iter().find_map(unreadable_code).filter(|_| sent.log.event_count() == 0);
+        if let (Some(answer), Some(why)) = (&mut answer, unreadable) {
+            answer.why = Some(why);
+        }
+        if !faults.is_empty() {
+            // A log that a model wrote is the model's own; the trainer has done nothing wrong.
+            let Some(answer) = &mut answer else { return Err(AppError::faulty(faults)) };
+            answer.why = faults.list().first().map(ToString::to_string);
+            sent = nothing(task);
+        }
+        let log_hash = hash(&sent.log);
+        Ok(Prepared { request, given, log: sent.log, log_hash, replays, answer, begun, read_us: micros(begun) })
+    }
+}
+
+/// What is wrong with code that is not JavaScript, and so was not run.
+fn unreadable_code(replay: &TurnReplay) -> Option<String> {
+    let error = replay.error.as_ref().filter(|_| replay.unreadable)?;
+    let place = error.line.map(|line| format!(" in line {line}")).unwrap_or_default();
+    Some(format!("the code is no JavaScript: {}{place}", error.message))
+}
+
+/// The log in which nothing is done.
+fn nothing(task: &Task) -> SentLog {
+    BlockLog { turns: vec![Vec::new(); task.turns.len()], ..BlockLog::default() }.into()
+}
+
+fn find(request: &GradeRequest, catalogue: &Catalogue, faults: &mut Faults) -> Option<GivenTask> {
+    let task = match &request.task {
+        NamedTask::Inline(task) => return Some(GivenTask::inline((**task).clone())),
+        NamedTask::Listed(task) => task,
+    };
+    let name = request.suite.as_deref().unwrap_or(FULL);
+    let Some(entry) = catalogue.suite(name) else {
+        faults.add_at("suite", format!("there is no suite {name:?}; /v1/suites lists them"));
+        return None;
+    };
+    task.number_in(entry, faults).map(|number| GivenTask::Listed(Arc::clone(entry), number))
+}
+
+fn micros(since: Instant) -> u64 {
+    u64::try_from(since.elapsed().as_micros()).unwrap_or(u64::MAX)
+}
+
+impl Prepared {
+    /// Grades it, and says whether the result was kept from before.
+    ///
+    /// # Errors
+    /// As [`super::grader::Grader::grade`]; 422 where no criterion that applies has a weight.
+    pub async fn grade(self, app: &App, who: &Arc<str>) -> AppResult<(GradeBody, bool)> {
+        let deadline = self.request.deadline.into();
+        self.grade_within(app, who, deadline).await
+    }
+
+    /// The same for one of many, which wait for their turns beside the time that grading each may take.
+    ///
+    /// # Errors
+    /// The same.
+    pub async fn grade_in_turn(self, app: &App, who: &Arc<str>) -> AppResult<GradeBody> {
+        let wait = Some(Duration::from_secs(LIMITS.grade_batch_wait_seconds));
+        let deadline = Deadline { work: self.request.deadline, wait };
+        Ok(self.grade_within(app, who, deadline).await?.0)
+    }
+
+    async fn grade_within(mut self, app: &App, who: &Arc<str>, deadline: Deadline) -> AppResult<(GradeBody, bool)> {
+        if self.is_unreadable() {
+            return Ok((self.unreadable()?, false));
+        }
+        let log = std::mem::take(&mut self.log);
+        let graded = app.grader.grade(self.given.clone(), log, &self.log_hash, deadline, who).await;
+        let graded = graded.map_err(AppError::without_reward)?;
+        let is_cached = graded.is_cached;
+        if self.request.scheme == Scheme::Shaped {
+            app.grader.know_baseline(&self.given, deadline, who).await.map_err(AppError::without_reward)?;
+        }
+        Ok((self.answer(app, graded)?, is_cached))
+    }
+
+    /// Whether it may be graded on a thread of the short lane.
+    #[must_use]
+    pub fn is_short(&self, app: &App) -> bool {
+        let is_shaped = self.request.scheme == Scheme::Shaped;
+        self.given.task().is_ok_and(|(task, _)| cost(task, &self.log) != Cost::Long)
+            && (!is_shaped || app.grader.knows_baseline(&self.given))
+    }
+
+    /// Grades it on this thread.
+    ///
+    /// # Errors
+    /// The same.
+    pub fn grade_here(self, app: &App, until: &Until) -> AppResult<GradeBody> {
+        if self.is_unreadable() {
+            return self.unreadable();
+        }
+        let until = until.and_within(self.request.deadline);
+        let graded = app.grader.grade_here(&self.given, &self.log, &self.log_hash, &until);
+        self.answer(app, graded.map_err(AppError::without_reward)?)
+    }
+
+    fn is_unreadable(&self) -> bool {
+        self.answer.as_ref().is_some_and(|answer| answer.why.is_some())
+    }
+
+    /// The answer to a model that wrote nothing that can be graded: nothing is earned.
+    fn unreadable(self) -> AppResult<GradeBody> {
+        let (task, task_hash) = self.given.task()?;
+        let criteria = task.criteria();
+        Ok(GradeBody {
+            task: task.id.clone(),
+            task_hash: task_hash.to_owned(),
+            log_hash: self.log_hash,
+            checks_version: CHECKS_VERSION,
+            reward: 0.0,
+            scheme: self.request.scheme.name(),
+            overall: false,
+            accuracy: criteria.iter().any(|c| c.dimension() == Dimension::Accuracy).then_some(false),
+            components: RewardComponents::none_of(&criteria),
+            criteria: Vec::new(),
+            checks: Vec::new(),
+            report: None,
+            action_code: self.replays,
+            answer: self.answer,
+            timings: Timings { read_us: self.read_us, grade_us: 0 },
+        })
+    }
+
+    fn answer(self, app: &App, graded: Graded) -> AppResult<GradeBody> {
+        let (report, scheme) = (graded.report, &self.request.scheme);
+        let baseline = match scheme {
+            Scheme::Shaped => Some(app.grader.baseline(&self.given, &Until::within(self.request.deadline))?),
+            _ => None,
+        };
+        let Some(reward) = scheme.reward(&report, baseline.as_deref()) else {
+            let mut faults = Faults::new();
+            faults.enter_key("reward");
+            if baseline.is_some() {
+                faults.add("an empty log or a single block passes every check of the task: there is nothing to shape");
+            } else {
+                faults.add_at("weights", "none of these criteria applies to the task");
+            }
+            return Err(AppError::faulty(faults));
+        };
+        let checks = report.turns.iter().flat_map(|turn| turn.checks.iter().map(|check| (turn.turn, check)));
+        Ok(GradeBody {
+            task: report.task.clone(),
+            task_hash: report.task_hash.clone(),
+            log_hash: self.log_hash,
+            checks_version: CHECKS_VERSION,
+            reward,
+            scheme: self.request.scheme.name(),
+            overall: report.overall,
+            accuracy: report.accuracy,
+            components: RewardComponents::of(&report),
+            criteria: report.criteria.clone(),
+            checks: checks
+                .map(|(turn, check)| CheckScore {
+                    turn,
+                    name: check.name.clone(),
+                    criterion: check.criterion,
+                    score: check.finding.score,
+                })
+                .collect(),
+            report: (self.request.detail == Detail::Report).then(|| Arc::clone(&report)),
+            action_code: self.replays,
+            answer: self.answer,
+            timings: Timings { read_us: self.read_us, grade_us: micros(self.begun).saturating_sub(self.read_us) },
+        })
+    }
+}
+
+fn hash(log: &BlockLog) -> String {
+    hex(&Sha256::digest(log.canonical_json()))
+}

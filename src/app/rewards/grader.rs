@@ -1,0 +1,389 @@
+//! Grading within a request: bounded admission, fair turns, a deadline for each log, and a cache of results by content.
+//!
+//! What takes next to no time is graded where its request is answered. The rest goes to one of two lanes, each with threads of its own
+//! and turns by sender: short work, and long work, which yields to all else. Work whose client has left is not begun, or ends.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use quick_cache::Weighter;
+use quick_cache::sync::Cache;
+use tokio::sync::oneshot;
+use tokio_util::sync::CancellationToken;
+
+use crate::app::error::{AppError, AppResult, Kind};
+use crate::app::grading::{Cores, Unfinished, execute};
+use crate::app::limits::LIMITS;
+use crate::app::load::Connections;
+use crate::fair::{FairSlots, NoPlace, Place, Places};
+use crate::threads::yield_to_others;
+use plumbline_engine::grading::baseline::Baseline;
+use plumbline_engine::grading::cost::{Cost, cost};
+use plumbline_engine::grading::{Report, grade_hashed};
+use plumbline_engine::tasks::Task;
+use plumbline_engine::tasks::catalogue::Entry;
+use plumbline_engine::voxel::BlockLog;
+
+/// Connections up to which logs are graded where their requests are answered. With more, what waits would wait unseen in the queue of
+/// the threads that serve, and whoever asks for something else behind it.
+const FEW_CONNECTIONS: usize = 256;
+/// How much the threads that do short work yield to those that serve (niceness).
+const SHORT_NICENESS: i32 = 5;
+/// How much the threads that do long work yield to all others.
+const LONG_NICENESS: i32 = 10;
+/// Baselines kept: those of all tasks of a few suites.
+const BASELINES: usize = 4_096;
+
+/// What a result is kept under: hashes of log and task. Checks are those of the program.
+type Key = (Box<str>, Box<str>);
+
+#[derive(Debug, Clone)]
+struct ByMemory;
+
+impl Weighter<Key, Arc<Report>> for ByMemory {
+    fn weight(&self, key: &Key, report: &Arc<Report>) -> u64 {
+        (report.memory_bytes() + key.0.len() + key.1.len()) as u64
+    }
+}
+
+/// A task to grade against, with its hash.
+#[derive(Debug, Clone)]
+pub enum GivenTask {
+    /// Of a suite, by its number.
+    Listed(Arc<Entry>, u32),
+    /// Brought by the request.
+    Inline(Arc<(Task, String)>),
+}
+
+impl GivenTask {
+    /// One that the request brings.
+    #[must_use]
+    pub fn inline(task: Task) -> Self {
+        let hash = task.content_hash();
+        Self::Inline(Arc::new((task, hash)))
+    }
+
+    /// The task and its hash.
+    ///
+    /// # Errors
+    /// 500 where the suite has no such number, which was looked up before.
+    pub fn task(&self) -> AppResult<(&Task, &str)> {
+        match self {
+            Self::Inline(task) => Ok((&task.0, &task.1)),
+            Self::Listed(entry, number) => entry
+                .task_numbered(*number)
+                .ok_or_else(|| AppError::internal(&format!("{} has no task {number}", entry.suite.id()))),
+        }
+    }
+}
+
+/// Where work is done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Lane {
+    /// What takes up to about half a second.
+    Short,
+    /// What takes longer.
+    Long,
+}
+
+/// Threads, and turns to use them.
+#[derive(Debug)]
+struct Threads {
+    slots: Arc<FairSlots>,
+    pool: rayon::ThreadPool,
+}
+
+impl Threads {
+    fn start(name: &'static str, count: usize, each: usize, niceness: i32) -> anyhow::Result<Self> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(count).thread_name(move |i| format!("{name}-{i}"));
+        let pool = pool.start_handler(move |_| yield_to_others(niceness)).panic_handler(note_panic).build()?;
+        Ok(Self { slots: FairSlots::new(count, each), pool })
+    }
+}
+
+/// Grades logs for requests that wait.
+#[derive(Debug)]
+pub struct Grader {
+    waiting: Arc<Places>,
+    batches: Arc<Places>,
+    short: Threads,
+    long: Threads,
+    connections: Connections,
+    cache: Option<Cache<Key, Arc<Report>, ByMemory>>,
+    /// By hash of the task.
+    baselines: Cache<Box<str>, Arc<Baseline>>,
+    stop: CancellationToken,
+}
+
+/// A report, and whether it was kept from before.
+#[derive(Debug, Clone)]
+pub struct Graded {
+    /// The report.
+    pub report: Arc<Report>,
+    /// Whether nothing was computed.
+    pub is_cached: bool,
+}
+
+/// How long work may take, and how long it may wait for its turn.
+#[derive(Debug, Clone, Copy)]
+pub struct Deadline {
+    /// For the work.
+    pub work: Duration,
+    /// For the turn, beside the work; none where the time for the work is for both.
+    pub wait: Option<Duration>,
+}
+
+impl From<Duration> for Deadline {
+    /// For both, together.
+    fn from(work: Duration) -> Self {
+        Self { work, wait: None }
+    }
+}
+
+/// Until when work may go on.
+#[derive(Debug, Clone)]
+pub struct Until {
+    deadline: Instant,
+    left: CancellationToken,
+}
+
+impl Until {
+    /// To this time, whether or not anybody waits.
+    #[must_use]
+    pub fn within(deadline: Duration) -> Self {
+        Self { deadline: Instant::now() + deadline, left: CancellationToken::new() }
+    }
+
+    /// The same, but not beyond this time from now.
+    #[must_use]
+    pub fn and_within(&self, deadline: Duration) -> Self {
+        Self { deadline: self.deadline.min(Instant::now() + deadline), left: self.left.clone() }
+    }
+
+    /// Whether the client has left.
+    #[must_use]
+    pub fn has_left(&self) -> bool {
+        self.left.is_cancelled()
+    }
+}
+
+impl Grader {
+    /// With a cache of `cache_bytes`, or none where it is 0.
+    ///
+    /// # Errors
+    /// Where there are no threads to be had.
+    pub fn new(cache_bytes: usize, connections: &Connections, stop: CancellationToken) -> anyhow::Result<Self> {
+        const TYPICAL_BYTES: usize = 4 << 10;
+        let cache = (cache_bytes > 0)
+            .then(|| Cache::with_weighter(cache_bytes.div_ceil(TYPICAL_BYTES), cache_bytes as u64, ByMemory));
+        let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        Ok(Self {
+            waiting: Places::new(LIMITS.grades_waiting, LIMITS.grades_waiting_per_sender),
+            batches: Places::new(LIMITS.grade_batches, LIMITS.grade_batches_per_sender),
+            short: Threads::start("grade-short", cores, cores, SHORT_NICENESS)?,
+            // One sender leaves a slot to others. A large build is shared out between the threads, so none idles.
+            long: Threads::start("grade-long", cores, cores.saturating_sub(1), LONG_NICENESS)?,
+            connections: connections.clone(),
+            cache,
+            baselines: Cache::new(BASELINES),
+            stop,
+        })
+    }
+
+    /// A place among those that are graded or wait.
+    ///
+    /// # Errors
+    /// 429 at once where there is none.
+    pub fn admit(&self, who: &Arc<str>) -> AppResult<Place> {
+        admitted(&self.waiting, who, "logs")
+    }
+
+    /// A place for a whole batch.
+    ///
+    /// # Errors
+    /// 429 at once where there is none.
+    pub fn admit_batch(&self, who: &Arc<str>) -> AppResult<Place> {
+        admitted(&self.batches, who, "batches")
+    }
+
+    /// Does work in a lane when the sender's turn comes. Where whoever waits for it goes, it is not begun, or told to end.
+    ///
+    /// # Errors
+    /// 504 where the turn does not come in time; what the work says.
+    pub async fn run<T: Send + 'static>(
+        &self,
+        lane: Lane,
+        who: &Arc<str>,
+        deadline: Deadline,
+        work: impl FnOnce(&Until) -> AppResult<T> + Send + 'static,
+    ) -> AppResult<T> {
+        let mut until = Until::within(deadline.work);
+        let _guard = until.left.clone().drop_guard();
+        let wait = deadline.wait.map_or(until.deadline, |wait| Instant::now() + wait);
+        let threads = match lane {
+            Lane::Short => &self.short,
+            Lane::Long => &self.long,
+        };
+        let turn = tokio::time::timeout_at(wait.into(), threads.slots.take(who)).await;
+        let Ok(slot) = turn else { return Err(too_late()) };
+        if deadline.wait.is_some() {
+            until.deadline = Instant::now() + deadline.work;
+        }
+        let (answer, answered) = oneshot::channel();
+        threads.pool.spawn_fifo(move || {
+            let _slot = slot;
+            if !until.has_left() {
+                // Whoever waited for it may go meanwhile.
+                let _ = answer.send(work(&until));
+            }
+        });
+        answered.await.map_err(|error| AppError::internal(&error))?
+    }
+
+    /// Makes the baseline of a task known, in a turn of the sender's.
+    ///
+    /// # Errors
+    /// 504 where the deadline passes, 503 where the service stops.
+    pub async fn know_baseline(
+        self: &Arc<Self>,
+        given: &GivenTask,
+        deadline: Deadline,
+        who: &Arc<str>,
+    ) -> AppResult<()> {
+        if self.knows_baseline(given) {
+            return Ok(());
+        }
+        let (grader, given) = (Arc::clone(self), given.clone());
+        self.run(Lane::Long, who, deadline, move |until| grader.baseline(&given, until).map(|_| ())).await
+    }
+
+    /// Whether the baseline of a task is known.
+    #[must_use]
+    pub fn knows_baseline(&self, given: &GivenTask) -> bool {
+        given.task().is_ok_and(|(_, hash)| self.baselines.contains_key(hash))
+    }
+
+    /// What a log that does nothing earns on a task.
+    ///
+    /// # Errors
+    /// 504 where the deadline passes, 503 where the service stops.
+    pub fn baseline(&self, given: &GivenTask, until: &Until) -> AppResult<Arc<Baseline>> {
+        let (task, hash) = given.task()?;
+        if let Some(known) = self.baselines.get(hash) {
+            return Ok(known);
+        }
+        let stop = || self.is_over(until);
+        let baseline = execute(Cores::One, &stop, |control| Baseline::of(task, control));
+        let baseline = baseline.map_err(|why| self.unfinished(why, &task.id))?;
+        let baseline = Arc::new(baseline);
+        self.baselines.insert(Box::from(hash), Arc::clone(&baseline));
+        Ok(baseline)
+    }
+
+    /// Grades a log, here where that is quick and else when the sender's turn comes.
+    ///
+    /// # Errors
+    /// 504 where the deadline passes, 503 where the service stops, 500 where grading fails; never a score.
+    pub async fn grade(
+        self: &Arc<Self>,
+        given: GivenTask,
+        log: BlockLog,
+        log_hash: &str,
+        deadline: Deadline,
+        who: &Arc<str>,
+    ) -> AppResult<Graded> {
+        let (task, hash) = given.task()?;
+        let lane = match cost(task, &log) {
+            Cost::Immediate if self.connections.open() <= FEW_CONNECTIONS => {
+                return self.grade_here(&given, &log, log_hash, &Until::within(deadline.work));
+            }
+            Cost::Immediate | Cost::Short => Lane::Short,
+            Cost::Long => Lane::Long,
+        };
+        if let Some(kept) = self.kept(log_hash, hash) {
+            return Ok(kept);
+        }
+        let (grader, log_hash) = (Arc::clone(self), log_hash.to_owned());
+        self.run(lane, who, deadline, move |until| grader.grade_here(&given, &log, &log_hash, until)).await
+    }
+
+    /// Grades a log on this thread, however long it takes.
+    ///
+    /// # Errors
+    /// As [`Self::grade`].
+    pub fn grade_here(&self, given: &GivenTask, log: &BlockLog, log_hash: &str, until: &Until) -> AppResult<Graded> {
+        let (task, hash) = given.task()?;
+        if let Some(kept) = self.kept(log_hash, hash) {
+            return Ok(kept);
+        }
+        let report = self.compute(task, hash, log, until)?;
+        Ok(self.keep(log_hash, hash, report))
+    }
+
+    fn is_over(&self, until: &Until) -> bool {
+        self.stop.is_cancelled() || until.has_left() || Instant::now() >= until.deadline
+    }
+
+    fn unfinished(&self, why: Unfinished, task: &str) -> AppError {
+        match why {
+            Unfinished::Stopped => self.stopped(),
+            Unfinished::Panicked => AppError::internal(&format!("grading {task} panicked")),
+        }
+    }
+
+    fn stopped(&self) -> AppError {
+        if !self.stop.is_cancelled() {
+            return too_late();
+        }
+        let detail = "The service stops. The request may be sent again.";
+        AppError::new(Kind::Stopping, detail).retry_after(5)
+    }
+
+    fn compute(&self, task: &Task, hash: &str, log: &BlockLog, until: &Until) -> AppResult<Report> {
+        let stop = || self.is_over(until);
+        let begun = Instant::now();
+        // On a thread of the long lane what is shared out goes to the others of the lane; elsewhere there is nothing to share.
+        let cores = if cost(task, log) == Cost::Long { Cores::Idle } else { Cores::One };
+        let graded = execute(cores, &stop, |control| grade_hashed(task, hash, log, control));
+        let report = graded.map_err(|why| self.unfinished(why, &task.id))?;
+        metrics::histogram!("plumbline_grade_seconds").record(begun.elapsed().as_secs_f64());
+        Ok(report)
+    }
+
+    fn kept(&self, log_hash: &str, task_hash: &str) -> Option<Graded> {
+        let cache = self.cache.as_ref()?;
+        let found = cache.get(&(Box::from(log_hash), Box::from(task_hash)));
+        let outcome = if found.is_some() { "hit" } else { "miss" };
+        metrics::counter!("plumbline_grade_cache_total", "outcome" => outcome).increment(1);
+        found.map(|report| Graded { report, is_cached: true })
+    }
+
+    fn keep(&self, log_hash: &str, task_hash: &str, report: Report) -> Graded {
+        let report = Arc::new(report);
+        if let Some(cache) = &self.cache {
+            cache.insert((Box::from(log_hash), Box::from(task_hash)), Arc::clone(&report));
+            metrics::gauge!("plumbline_grade_cache_bytes").set(cache.weight() as f64);
+        }
+        Graded { report, is_cached: false }
+    }
+}
+
+/// Notes a panic in the lanes; whoever waits for what panicked is told that the service failed.
+pub fn note_panic(_panic: Box<dyn std::any::Any + Send>) {
+    tracing::error!("work for a request panicked");
+}
+
+fn admitted(places: &Arc<Places>, who: &Arc<str>, what: &str) -> AppResult<Place> {
+    places.take(who).map_err(|no_place| {
+        metrics::counter!("plumbline_grade_refused_total").increment(1);
+        AppError::too_many(match no_place {
+            NoPlace::All => format!("many {what} are being graded; come back in a moment"),
+            NoPlace::Own => format!("many {what} of yours are being graded; come back in a moment"),
+        })
+    })
+}
+
+fn too_late() -> AppError {
+    let detail = "The deadline passed before the log was graded. A longer deadline_ms may help.";
+    AppError::new(Kind::Deadline, detail).retry_after(1)
+}

@@ -1,0 +1,115 @@
+//! What a model wrote, made the log of a task: one answer, or one a turn.
+
+use serde::Serialize;
+
+use crate::app::limits::LIMITS;
+use plumbline_engine::intake::code::SentLog;
+use plumbline_engine::intake::text::{AnswerKind, FoundAnswer, read_answer};
+
+/// What was found in the texts of a model.
+#[derive(Debug, Clone, Default, Serialize, utoipa::ToSchema)]
+pub struct AnswerBody {
+    /// Where each turn was found.
+    pub found: Vec<FoundBody>,
+    /// Why nothing could be graded; then the reward is 0, and it is the model's own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(example = "there is neither a block log as JSON nor action code in the answer")]
+    pub why: Option<String>,
+}
+
+/// An answer that was found.
+#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
+pub struct FoundBody {
+    /// Which of the texts, from 1.
+    pub text: usize,
+    /// The line of that text in which it begins, from 1.
+    pub line: usize,
+    /// What it is.
+    pub kind: FoundKind,
+    /// Answers before it in the same text that do not count.
+    pub passed_over: usize,
+}
+
+/// What an answer is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum FoundKind {
+    /// A block log as JSON.
+    Log,
+    /// Action code.
+    ActionCode,
+}
+
+/// The log of a task of so many turns that texts hold, and where it was found.
+///
+/// The texts with an answer count. Of a task of one turn the last of them does; of several turns the last so many give a turn each,
+/// or the last one gives all.
+///
+/// # Errors
+/// Why there is none, in words.
+pub fn log_in_texts(texts: &[String], turns: usize) -> Result<(SentLog, Vec<FoundBody>), String> {
+    let read: Vec<(usize, Result<FoundAnswer, String>)> =
+        (1..).zip(texts).map(|(place, text)| (place, read_answer(text, LIMITS.log()))).collect();
+    let mut found: Vec<(usize, &FoundAnswer)> =
+        read.iter().filter_map(|(place, read)| read.as_ref().ok().map(|found| (*place, found))).collect();
+    let Some(&(_, last)) = found.last() else {
+        let why = read.iter().rev().find_map(|(_, read)| read.as_ref().err());
+        return Err(why.cloned().unwrap_or_else(|| "the model wrote nothing".to_owned()));
+    };
+    let of_last = last.sent.log.turns.len();
+    if of_last == turns {
+        found.drain(..found.len() - 1);
+    } else if of_last != 1 {
+        return Err(format!("the answer has {of_last} turns; the task has {turns}"));
+    } else if found.len() < turns {
+        return Err(format!("the task has {turns} turns, and {} of them answered", found.len()));
+    } else {
+        found.drain(..found.len() - turns);
+    }
+    let mut sent = SentLog::default();
+    for (place, answer) in &found {
+        let has = answer.sent.log.turns.len();
+        if found.len() > 1 && has != 1 {
+            return Err(format!("text {place} has {has} turns; each text answers one"));
+        }
+        sent.append(&answer.sent);
+    }
+    Ok((sent, found.into_iter().map(|(place, answer)| FoundBody::of(place, answer)).collect()))
+}
+
+impl FoundBody {
+    fn of(text: usize, answer: &FoundAnswer) -> Self {
+        let kind = match answer.kind {
+            AnswerKind::Log => FoundKind::Log,
+            AnswerKind::Code => FoundKind::ActionCode,
+        };
+        Self { text, line: answer.line, kind, passed_over: answer.passed_over }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(texts: &[&str], turns: usize) -> Result<Vec<usize>, String> {
+        let texts: Vec<String> = texts.iter().map(|text| (*text).to_owned()).collect();
+        log_in_texts(&texts, turns).map(|(sent, found)| {
+            assert_eq!(sent.log.turns.len(), turns);
+            found.iter().map(|found| found.text).collect()
+        })
+    }
+
+    #[test]
+    fn texts_give_turns() {
+        let (one, both) = (r#"{"events": []}"#, r#"{"turns": [{"events": []}, {"events": []}]}"#);
+        assert_eq!(found(&[one], 1), Ok(vec![1]));
+        assert_eq!(found(&["hm", one, "done"], 1), Ok(vec![2]), "the last that has one");
+        assert_eq!(found(&[one, "and", one], 2), Ok(vec![1, 3]));
+        assert_eq!(found(&[one, one, one], 2), Ok(vec![2, 3]));
+        assert_eq!(found(&[one, both], 2), Ok(vec![2]));
+        assert_eq!(found(&[one], 2), Err("the task has 2 turns, and 1 of them answered".to_owned()));
+        assert_eq!(found(&[both], 3), Err("the answer has 2 turns; the task has 3".to_owned()));
+        assert_eq!(found(&[both, one], 2), Err("text 1 has 2 turns; each text answers one".to_owned()));
+        assert!(found(&["no"], 1).is_err());
+    }
+}

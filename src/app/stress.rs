@@ -1,0 +1,188 @@
+//! Stress fields of structures: computed in turns by sender, and kept in memory by content.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use quick_cache::Weighter;
+use quick_cache::sync::Cache;
+use tokio::sync::oneshot;
+use tokio_util::sync::CancellationToken;
+
+use crate::app::App;
+use crate::app::error::{AppError, AppResult, Kind};
+use crate::app::limits::LIMITS;
+use crate::app::rewards::grader::note_panic;
+use crate::fair::{FairSlots, Places};
+use crate::store::submissions::SubmissionRow;
+use crate::threads::yield_to_others;
+use plumbline_engine::elasticity::Control;
+use plumbline_engine::elasticity::field::{Field, Method};
+use plumbline_engine::voxel::replay::Replay;
+use plumbline_engine::voxel::{BlockLog, Structure};
+
+/// What a field is kept under: the log's hash, the turn, and the method.
+type Key = (Box<str>, usize, Method);
+/// A field, or when it took too long: by the clock, so with less to do it may not.
+type Kept = Result<Arc<Field>, Instant>;
+
+/// How long a field that took too long is not tried again.
+const TOO_LONG_FOR: Duration = Duration::from_mins(1);
+
+#[derive(Debug, Clone)]
+struct ByMemory;
+
+impl Weighter<Key, Kept> for ByMemory {
+    fn weight(&self, key: &Key, field: &Kept) -> u64 {
+        let bytes = field.as_ref().map_or(0, |field| {
+            field.von_mises_pa.capacity() * size_of::<Option<f64>>()
+                + field.displacement_m.capacity() * size_of::<Option<[f64; 3]>>()
+                + field.cautions.iter().map(String::capacity).sum::<usize>()
+        });
+        (bytes + key.0.len() + OWN_BYTES) as u64
+    }
+}
+
+/// What a field takes beside its numbers.
+const OWN_BYTES: usize = 256;
+/// How much the threads that compute fields yield to others (niceness).
+const NICENESS: i32 = 10;
+
+/// Computes stress fields: a few at once, one for each sender, and keeps them by content, so that asking again costs nothing.
+#[derive(Debug)]
+pub struct StressFields {
+    admitted: Arc<Places>,
+    slots: Arc<FairSlots>,
+    threads: rayon::ThreadPool,
+    kept: Cache<Key, Kept, ByMemory>,
+}
+
+impl StressFields {
+    /// None kept yet.
+    ///
+    /// # Errors
+    /// Where there are no threads to be had.
+    pub fn new() -> anyhow::Result<Self> {
+        const TYPICAL_BYTES: usize = 64 << 10;
+        let at_once = LIMITS.stress_fields_at_once;
+        let threads = rayon::ThreadPoolBuilder::new().num_threads(at_once).thread_name(|i| format!("stress-{i}"));
+        let bytes = LIMITS.stress_cache_bytes;
+        Ok(Self {
+            admitted: Places::new(at_once + LIMITS.stress_fields_waiting, LIMITS.stress_fields_waiting_per_sender),
+            slots: FairSlots::new(at_once, LIMITS.stress_fields_per_sender),
+            threads: threads.start_handler(|_| yield_to_others(NICENESS)).panic_handler(note_panic).build()?,
+            kept: Cache::with_weighter(bytes / TYPICAL_BYTES, bytes as u64, ByMemory),
+        })
+    }
+
+    fn kept(&self, key: &Key) -> Option<Kept> {
+        self.kept.get(key).filter(|kept| !kept.as_ref().is_err_and(|since| since.elapsed() > TOO_LONG_FOR))
+    }
+
+    /// The field of a structure.
+    ///
+    /// # Errors
+    /// 503 where too many wait, it takes too long to begin, or the service stops; 422 where it takes too long to compute.
+    pub async fn field(
+        &self,
+        key: Key,
+        structure: &Arc<Structure>,
+        who: &Arc<str>,
+        stop: &CancellationToken,
+    ) -> AppResult<Arc<Field>> {
+        let blocks = structure.len();
+        if let Some(kept) = self.kept(&key) {
+            return kept.map_err(|_| too_long(blocks));
+        }
+        let _admitted = self.admitted.take(who).map_err(|_| busy())?;
+        let patience = Duration::from_secs(LIMITS.stress_wait_seconds);
+        let slot = tokio::time::timeout(patience, self.slots.take(who)).await.map_err(|_late| busy())?;
+        // Another request may have computed it meanwhile.
+        if let Some(kept) = self.kept(&key) {
+            return kept.map_err(|_| too_long(blocks));
+        }
+        // Where the client leaves or the service stops, the computation ends.
+        let left = stop.child_token();
+        let _guard = left.clone().drop_guard();
+        let (answer, answered) = oneshot::channel();
+        let (structure, method) = (Arc::clone(structure), key.2);
+        self.threads.spawn_fifo(move || {
+            let _slot = slot;
+            let deadline = Instant::now() + Duration::from_secs(LIMITS.stress_seconds);
+            let stop = || left.is_cancelled() || Instant::now() >= deadline;
+            let field = Field::of(structure.cells(), method, &Control::until(&stop));
+            // Whoever waited for it may have gone.
+            let _ = answer.send(field.map_err(|_stopped| left.is_cancelled()));
+        });
+        match answered.await.map_err(|error| AppError::internal(&error))? {
+            Ok(field) => {
+                metrics::counter!("plumbline_stress_fields_computed_total").increment(1);
+                let field = Arc::new(field);
+                self.kept.insert(key, Ok(Arc::clone(&field)));
+                Ok(field)
+            }
+            Err(true) => {
+                let detail = "The service stops. The request may be sent again.";
+                Err(AppError::new(Kind::Stopping, detail).retry_after(5))
+            }
+            Err(false) => {
+                self.kept.insert(key, Err(Instant::now()));
+                Err(too_long(blocks))
+            }
+        }
+    }
+}
+
+fn busy() -> AppError {
+    let detail = "Many stress fields are being computed. The request may be sent again.";
+    AppError::new(Kind::Busy, detail).retry_after(2)
+}
+
+fn too_long(blocks: usize) -> AppError {
+    let detail = format!("the stress of these {blocks} blocks takes longer than {} s", LIMITS.stress_seconds);
+    AppError::new(Kind::TooLong, detail)
+}
+
+/// A stress field, with the structure whose blocks it describes.
+#[derive(Debug)]
+pub struct StressedStructure {
+    /// The structure after the turn.
+    pub structure: Arc<Structure>,
+    /// Stress and displacement of each block, in the order of the structure.
+    pub field: Arc<Field>,
+}
+
+/// Computes the stress field of a stored submission after one of its turns, or takes the one that was kept.
+///
+/// # Errors
+/// Returns an error if there is no such submission, if it has too many blocks, if computing takes too long, or if too many
+/// requests wait.
+pub async fn of_submission(
+    app: &App,
+    who: &Arc<str>,
+    row: &SubmissionRow,
+    turn: usize,
+    method: Method,
+) -> AppResult<StressedStructure> {
+    let log = app.store.log_json(&row.id).await?;
+    let log = log.ok_or_else(|| AppError::not_found(format!("there is no submission {:?}", row.id)))?;
+    let replaying = tokio::task::spawn_blocking(move || structure_after(&log, turn));
+    let structure = Arc::new(replaying.await.map_err(|error| AppError::internal(&error))??);
+    let key = (Box::from(row.log_hash.as_str()), turn, method);
+    let field = app.stress.field(key, &structure, who, &app.stop).await?;
+    Ok(StressedStructure { structure, field })
+}
+
+/// What stands after a turn.
+///
+/// # Errors
+/// 422 where it has more blocks than stress is computed for.
+fn structure_after(log: &[u8], turn: usize) -> AppResult<Structure> {
+    let log = BlockLog::from_canonical_json(log).map_err(|error| AppError::internal(&error))?;
+    let structure = Replay::new(&log).nth(turn - 1).unwrap_or_else(|| Structure::from_named([]));
+    let (blocks, most) = (structure.len(), LIMITS.blocks_with_stress);
+    if blocks > most {
+        let detail = format!("{blocks} blocks stand; stress is computed for at most {most}");
+        return Err(AppError::new(Kind::TooManyBlocks, detail));
+    }
+    Ok(structure)
+}

@@ -1,0 +1,5 @@
+//! Submissions: read, checked against their tasks, accepted.
+
+pub mod accept;
+pub mod log_member;
+pub mod posted;

@@ -1,0 +1,259 @@
+//! Reading submissions from a body, JSON or NDJSON, with all faults at once.
+
+use serde::de::{IgnoredAny, MapAccess};
+
+use super::log_member::LogMember;
+use crate::app::limits::LIMITS;
+use crate::app::replay::TurnReplay;
+use crate::near::did_you_mean;
+use plumbline_engine::checks::Criterion;
+use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::code::SentLog;
+use plumbline_engine::intake::tolerant::{OrNull, Read, Scalar, Shape, Text, on_its_line, read_document, why_not_json};
+use plumbline_engine::tasks::Task;
+use plumbline_engine::tasks::catalogue::Entry;
+use plumbline_engine::voxel::replay::Replay;
+use plumbline_engine::voxel::{BlockLog, Event};
+
+/// Format of a body.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// One JSON document.
+    Json,
+    /// One JSON document a line.
+    NdJson,
+}
+
+/// How a submission names its task.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum TaskRef {
+    /// By id.
+    Id(String),
+    /// By its number in the suite.
+    Number(u32),
+}
+
+impl TaskRef {
+    /// Number of the task in a suite; a fault at `task` where there is none.
+    pub fn number_in(&self, entry: &Entry, faults: &mut Faults) -> Option<u32> {
+        self.find_in(entry).map_err(|why| faults.add_at("task", why)).ok()
+    }
+
+    /// Number of the task in a suite.
+    ///
+    /// # Errors
+    /// Why there is none, in words.
+    pub fn find_in(&self, entry: &Entry) -> Result<u32, String> {
+        let (found, named) = match self {
+            Self::Id(id) => (entry.task(id), format!("{id:?}")),
+            Self::Number(number) => (entry.task_numbered(*number), format!("number {number}")),
+        };
+        found.map(|(task, _)| task.number).ok_or_else(|| {
+            let near = match self {
+                Self::Id(id) => near_tasks(entry, id),
+                Self::Number(_) => String::new(),
+            };
+            format!("{} has no task {named}; /v1/tasks lists them{near}", entry.suite.id())
+        })
+    }
+}
+
+/// Tasks, or families, that a wrong id may have meant, in words.
+#[must_use]
+pub fn near_tasks(entry: &Entry, id: &str) -> String {
+    let family = id.split('/').next().unwrap_or_default();
+    let tasks = &entry.suite.tasks;
+    let of_family = tasks.iter().filter(|task| task.family() == family).map(|task| task.id.as_str());
+    let found = did_you_mean(id, of_family);
+    let families: std::collections::BTreeSet<&str> = tasks.iter().map(Task::family).collect();
+    if found.is_empty() && !families.contains(family) { did_you_mean(family, families) } else { found }
+}
+
+/// A submission as posted.
+#[derive(Debug)]
+pub struct PostedSubmission {
+    /// Line of an NDJSON body.
+    pub line: Option<u64>,
+    /// Run that it belongs to.
+    pub run: Option<String>,
+    /// Suite of the task, where it belongs to no run.
+    pub suite: Option<String>,
+    /// The task.
+    pub task: TaskRef,
+    /// What was done, with action code that is yet to be run.
+    pub sent: SentLog,
+    /// What the code did, once it was run.
+    pub replays: Vec<TurnReplay>,
+}
+
+/// What was read of a body.
+#[derive(Debug)]
+pub struct Posted {
+    /// The submissions that could be read, faulty ones left out.
+    pub submissions: Vec<PostedSubmission>,
+    /// Whether the body, or a line of it, is not JSON.
+    pub is_malformed: bool,
+}
+
+/// Reads the submissions of a body to its end. All that is wrong goes to `faults`; more may be added to it by looking
+/// names up.
+#[must_use]
+pub fn read_submissions(text: &[u8], format: Format, faults: &mut Faults) -> Posted {
+    let mut posted = Posted { submissions: Vec::new(), is_malformed: false };
+    match format {
+        Format::Json => posted.read(text, None, faults),
+        Format::NdJson => posted.read_lines(text, faults),
+    }
+    posted
+}
+
+impl Posted {
+    fn read(&mut self, text: &[u8], line: Option<u64>, faults: &mut Faults) {
+        match read_document(text, SubmissionShape { faults, line }) {
+            Ok(submission) => self.submissions.extend(submission),
+            Err(error) => {
+                self.is_malformed = true;
+                faults.add(match line {
+                    None => why_not_json(text, &error),
+                    Some(_) => on_its_line(text, &error),
+                });
+            }
+        }
+    }
+
+    fn read_lines(&mut self, text: &[u8], faults: &mut Faults) {
+        let lines = (1u64..).zip(text.split(|byte| *byte == b'\n'));
+        let mut filled = lines.filter(|(_, line)| !line.iter().all(u8::is_ascii_whitespace)).peekable();
+        if filled.peek().is_none() {
+            self.is_malformed = true;
+            faults.add("the body has no lines");
+        }
+        for (count, (line, text)) in filled.enumerate() {
+            faults.enter_line(line);
+            if count >= LIMITS.ndjson_lines {
+                faults.add(format!("more than {} submissions in one body", LIMITS.ndjson_lines));
+                break;
+            }
+            self.read(text, Some(line), faults);
+        }
+    }
+}
+
+struct SubmissionShape<'f> {
+    faults: &'f mut Faults,
+    line: Option<u64>,
+}
+
+impl<'de> Shape<'de> for SubmissionShape<'_> {
+    type Out = PostedSubmission;
+
+    fn wanted(&self) -> &'static str {
+        "an object with \"task\", \"turns\" and, for a board, \"run\""
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<PostedSubmission>, A::Error> {
+        let faults = self.faults;
+        let (mut run, mut suite, mut task, mut log) = (None, None, None, LogMember::default());
+        while let Some(key) = members.next_key::<String>()? {
+            faults.enter_key(&key);
+            match key.as_str() {
+                "run" if run.is_none() => {
+                    run =
+                        members.next_value_seed(Read(OrNull(Text { faults, min_chars: 1, max_chars: 100 })))?.flatten();
+                }
+                "suite" if suite.is_none() => {
+                    suite =
+                        members.next_value_seed(Read(OrNull(Text { faults, min_chars: 1, max_chars: 100 })))?.flatten();
+                }
+                "task" if task.is_none() => task = Some(members.next_value_seed(Read(TaskShape { faults }))?),
+                "turns" | "log" if !log.is_given() => log.read(&key, &mut members, faults)?,
+                "turns" | "log" => log.refuse_second(&mut members, faults)?,
+                "run" | "suite" | "task" => {
+                    faults.add("given twice");
+                    members.next_value::<IgnoredAny>()?;
+                }
+                _ => {
+                    faults.add(match key.as_str() {
+                        "action_code" | "events" | "palette" | "rows" => {
+                            "unknown field; it belongs into a turn: \"turns\": [{…}]"
+                        }
+                        "answer" => "unknown field; /v1/grade takes what a model wrote as answer, a submission takes turns or log",
+                        _ => "unknown field; a submission has run, suite, task and turns or log",
+                    });
+                    members.next_value::<IgnoredAny>()?;
+                }
+            }
+            faults.leave();
+        }
+        for (key, is_missing) in [("task", task.is_none()), ("turns", !log.is_given())] {
+            if is_missing {
+                faults.add_at(key, "missing");
+            }
+        }
+        let (Some(Some(task)), Some(sent)) = (task, log.sent()) else { return Ok(None) };
+        let (run, suite) = (run.flatten(), suite.flatten());
+        Ok(Some(PostedSubmission { line: self.line, run, suite, task, sent, replays: Vec::new() }))
+    }
+}
+
+/// Wants the name of a task.
+#[derive(Debug)]
+pub struct TaskShape<'f> {
+    /// Where faults go.
+    pub faults: &'f mut Faults,
+}
+
+impl Shape<'_> for TaskShape<'_> {
+    type Out = TaskRef;
+
+    fn wanted(&self) -> &'static str {
+        "a task: its id or its number"
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn scalar(self, value: &Scalar<'_>) -> Option<TaskRef> {
+        match value {
+            Scalar::Integer(number) if u32::try_from(*number).is_ok() => {
+                Some(TaskRef::Number(u32::try_from(*number).unwrap_or_default()))
+            }
+            Scalar::Number(number) if number.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(number) => {
+                Some(TaskRef::Number(*number as u32))
+            }
+            text @ Scalar::Text(_) => {
+                Text { faults: self.faults, min_chars: 1, max_chars: 200 }.scalar(text).map(TaskRef::Id)
+            }
+            other => {
+                self.faults.add(format!("expected a task's id or number, found {other}"));
+                None
+            }
+        }
+    }
+}
+
+/// Records the faults of a log that only show beside its task: turns, and blocks that stand.
+pub fn check_against_task(log: &BlockLog, task: &Task, faults: &mut Faults) {
+    if log.turns.len() != task.turns.len() {
+        let (found, wanted) = (log.turns.len(), task.turns.len());
+        let detail =
+            format!("{found} turns; the task has {wanted} (a turn in which nothing was done is {{\"events\": []}})");
+        faults.add_at("turns", detail);
+        return;
+    }
+    let has_stress = task.criteria().contains(&Criterion::StructuralStability);
+    let most = if has_stress { LIMITS.blocks_with_stress } else { LIMITS.blocks };
+    let placed = log.turns.iter().flatten().filter(|event| matches!(event, Event::Place { .. })).count();
+    // Replaying costs; a log with few placements cannot exceed the limit.
+    if placed > most
+        && let Some(blocks) = Replay::new(log).map(|structure| structure.len()).find(|blocks| *blocks > most)
+    {
+        let kind = if has_stress { " of a task with a stress simulation" } else { "" };
+        faults.add_at("turns", format!("{blocks} blocks stand after a turn{kind}; at most {most} are allowed"));
+    }
+}

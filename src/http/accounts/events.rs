@@ -1,0 +1,271 @@
+//! `/v1/events`: the ends of submissions and runs, as they become durable.
+
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::sse::{Event, KeepAlive, Sse};
+use axum::response::{IntoResponse as _, Response};
+use serde::{Deserialize, Serialize};
+use tokio::sync::broadcast;
+
+use super::event_feed::Batch;
+use crate::app::error::{AppError, AppResult, Kind};
+use crate::clock::rfc3339;
+use crate::fair::Place;
+use crate::http::extract::caller::Reader;
+use crate::http::extract::params;
+use crate::http::extract::params::Params;
+use crate::http::problem::Problem;
+use crate::http::state::AppState;
+use crate::store::events::{EventRow, EventsOf};
+use crate::store::runs::RunState;
+use crate::store::submissions::SubmissionState;
+use crate::store::{Store, StoreResult};
+
+/// Events read at once.
+const PAGE: i64 = 500;
+/// How often a quiet stream says that it lives.
+const ALIVE: Duration = Duration::from_secs(15);
+
+/// Which events.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct EventsQuery {
+    /// Of this run and its submissions, from its beginning.
+    #[param(format = Uuid)]
+    run: Option<String>,
+    /// Of this submission.
+    #[param(format = Uuid)]
+    submission: Option<String>,
+    /// Only events after this one, as the header `Last-Event-ID` says it too.
+    after: Option<i64>,
+}
+
+/// A state in which a submission or a run ends.
+#[derive(Debug, utoipa::ToSchema, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EndState {
+    /// Of a submission.
+    Graded,
+    /// Of a submission.
+    Rejected,
+    /// Of a submission: a failure of ours.
+    GraderError,
+    /// Of a submission.
+    Cancelled,
+    /// Of a run.
+    Finished,
+    /// Of a run.
+    Deleted,
+}
+
+/// Data of an event. Its name is `submission` or `run`: what ended.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct EventBody {
+    /// The run, where there is one.
+    #[schema(format = Uuid)]
+    pub run: Option<String>,
+    /// The submission; null where it is the run that ended.
+    #[schema(format = Uuid)]
+    pub submission: Option<String>,
+    /// `name@version` of its suite.
+    #[schema(example = "mineceraft@2")]
+    pub suite: Option<String>,
+    /// Id of the submission's task; null where it is the run that ended.
+    #[schema(example = "walls/5x1x5-raise")]
+    pub task: Option<String>,
+    /// Number of the task in the suite.
+    #[schema(example = 113)]
+    pub number: Option<u32>,
+    /// The state in which it ended.
+    #[schema(value_type = EndState, example = "graded")]
+    pub state: String,
+    /// Verdict of a graded submission.
+    pub overall: Option<bool>,
+    /// When.
+    #[schema(format = DateTime)]
+    pub at: String,
+}
+
+/// Follow the ends of submissions and runs as server-sent events. Each has an id; a client that comes back with
+/// `Last-Event-ID` misses none. Without `run` or `submission` the stream begins now; with one, at its beginning, and it ends
+/// when that has ended.
+#[utoipa::path(
+    get, path = "/v1/events", operation_id = "get_events", tag = "submissions", summary = "Follow what ends",
+    params(EventsQuery, ("Last-Event-ID" = Option<i64>, Header, description = "The last event that was seen")),
+    responses(
+        (status = 200, description = "Events, until the client or the service ends the stream", body = String,
+         content_type = "text/event-stream",
+         example = "id: 7\nevent: submission\ndata: {\"run\":null,\"submission\":\"0198c0de-…\",\"state\":\"graded\",\"overall\":true,\"at\":\"…\"}\n\n"),
+        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "There is no such run or submission", body = Problem, content_type = "application/problem+json"),
+        (status = 429, description = "Too many streams; come back", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_events(
+    State(state): State<AppState>,
+    Params(query): Params<EventsQuery>,
+    Reader(who): Reader,
+    headers: HeaderMap,
+) -> AppResult<Response> {
+    let bad = |detail: &str| AppError::new(Kind::BadRequest, detail);
+    let seen = match headers.get("last-event-id") {
+        None => query.after,
+        Some(id) => {
+            let id = id.to_str().ok().and_then(|id| id.trim().parse().ok());
+            Some(id.ok_or_else(|| bad("Last-Event-ID: expected the id of an event"))?)
+        }
+    };
+    let of = match (query.run, query.submission) {
+        (Some(_), Some(_)) => return Err(params::wrong("submission", "expected run or submission, not both")),
+        (Some(id), None) if state.store.run(&id).await?.is_none() => {
+            return Err(AppError::not_found(format!("there is no run {id:?}")));
+        }
+        (None, Some(id)) if state.store.submission(&id).await?.is_none() => {
+            return Err(AppError::not_found(format!("there is no submission {id:?}")));
+        }
+        (Some(id), None) => EventsOf::Run(id),
+        (None, Some(id)) => EventsOf::Submission(id),
+        (None, None) => EventsOf::Everything,
+    };
+    let has_ended = has_ended(&state, &of).await?;
+    let after = match (seen, &of) {
+        (Some(seen), _) => seen,
+        (None, EventsOf::Everything) => state.store.last_event().await?,
+        (None, _) => 0,
+    };
+    let place = state.event_streams.take(&who);
+    let place = place.map_err(|_| AppError::too_many("many follow events; come back in a moment"))?;
+    let feed = state.event_feed.follow();
+    let following = Following {
+        state,
+        of,
+        after,
+        seen: None,
+        feed,
+        has_ended,
+        is_over: false,
+        read: VecDeque::new(),
+        _place: place,
+    };
+    let events = futures_util::stream::unfold(following, |mut following| async move {
+        let event = following.next().await?;
+        Some((Ok::<_, Infallible>(event), following))
+    });
+    Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(ALIVE)).into_response())
+}
+
+/// Whether what is followed has ended already.
+async fn has_ended(state: &AppState, of: &EventsOf) -> AppResult<bool> {
+    Ok(match of {
+        EventsOf::Everything => false,
+        EventsOf::Run(id) => {
+            let run = state.store.run(id).await?;
+            run.is_some_and(|run| matches!(run.state, RunState::Finished | RunState::Deleted))
+        }
+        EventsOf::Submission(id) => {
+            let found = state.store.submission(id).await?;
+            found.is_some_and(|found| !matches!(found.state, SubmissionState::Queued | SubmissionState::Grading))
+        }
+    })
+}
+
+/// What is sent of an event; none where it cannot be written.
+pub fn written(store: &Store, row: &EventRow) -> Option<Event> {
+    let name = if row.submission_id.is_some() { "submission" } else { "run" };
+    let number = row.task_number.and_then(|number| u32::try_from(number).ok());
+    let task = row.suite_id.as_deref().zip(number).and_then(|(suite, number)| {
+        let entry = store.catalogue().suite(suite).cloned()?;
+        Some(entry.task_numbered(number)?.0.id.clone())
+    });
+    let body = EventBody {
+        suite: row.suite_id.clone(),
+        task,
+        number,
+        run: row.run_id.clone(),
+        submission: row.submission_id.clone(),
+        state: row.state.clone(),
+        overall: row.overall,
+        at: rfc3339(row.at_ms),
+    };
+    Event::default().id(row.id.to_string()).event(name).json_data(body).ok()
+}
+
+/// A stream and how far it is.
+struct Following {
+    state: AppState,
+    of: EventsOf,
+    after: i64,
+    /// The last event, of whatever kind, up to which the stream has them all; none before it has looked.
+    seen: Option<i64>,
+    feed: broadcast::Receiver<Arc<Batch>>,
+    /// Whether what is followed had ended when the stream began.
+    has_ended: bool,
+    /// Whether nothing more can come: what was followed has ended.
+    is_over: bool,
+    read: VecDeque<(EventRow, Event)>,
+    _place: Place,
+}
+
+impl Following {
+    /// The next event; none where the service stops or fails, and the client comes back.
+    async fn next(&mut self) -> Option<Event> {
+        while self.read.is_empty() && !self.is_over {
+            if let Err(error) = self.wait().await {
+                tracing::warn!(%error, "a stream of events ends");
+                return None;
+            }
+            if self.state.stop.is_cancelled() {
+                return None;
+            }
+        }
+        let (row, event) = self.read.pop_front()?;
+        self.after = row.id;
+        self.is_over |= match &self.of {
+            EventsOf::Everything => false,
+            EventsOf::Run(_) => row.submission_id.is_none(),
+            EventsOf::Submission(_) => true,
+        };
+        Some(event)
+    }
+
+    /// Looks for itself where it may have missed something, and else waits for what is read for all.
+    async fn wait(&mut self) -> StoreResult<()> {
+        let Some(seen) = self.seen else { return self.look().await };
+        let batch = tokio::select! {
+            batch = self.feed.recv() => batch,
+            () = self.state.stop.cancelled() => return Ok(()),
+        };
+        match batch {
+            Ok(batch) if batch.after <= seen => {
+                let own = batch.events.iter().filter(|(row, _)| row.id > self.after && self.of.has(row));
+                self.read.extend(own.cloned());
+                self.seen = Some(batch.to.max(seen));
+            }
+            // It was not read for all from where this stream left off, or this one was too slow.
+            Ok(_) | Err(broadcast::error::RecvError::Lagged(_)) => self.seen = None,
+            Err(broadcast::error::RecvError::Closed) => self.state.stop.cancelled().await,
+        }
+        Ok(())
+    }
+
+    async fn look(&mut self) -> StoreResult<()> {
+        // The end first: what is entered in between is found twice at most, and told once.
+        let end = self.state.store.last_event().await?;
+        let rows = self.state.store.events(&self.of, self.after, PAGE).await?;
+        if (rows.len() as i64) < PAGE {
+            self.seen = Some(end);
+        }
+        // It goes on after the last event that there is.
+        self.is_over |= rows.is_empty() && self.has_ended;
+        let written = rows.into_iter().filter_map(|row| written(&self.state.store, &row).map(|event| (row, event)));
+        self.read = written.collect();
+        Ok(())
+    }
+}

@@ -1,0 +1,7 @@
+//! Accounts: quotas, and the events that owners follow.
+
+#![expect(clippy::missing_errors_doc, reason = "each handler lists its errors as responses of the OpenAPI document")]
+
+pub mod event_feed;
+pub mod events;
+pub mod quota;

@@ -1,0 +1,236 @@
+//! What people did to rows of boards: public entries, for ever; and a feed of what is new on a board.
+
+use askama::Template;
+use axum::Json;
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, header};
+use axum::response::{IntoResponse as _, Response};
+use serde::{Deserialize, Serialize};
+
+use crate::app::access::Caller;
+use crate::app::error::{AppError, AppResult};
+use crate::clock::{now_ms, rfc3339};
+use crate::http::extract::body::{JsonBody, read_json};
+use crate::http::problem::Problem;
+use crate::http::state::AppState;
+use crate::store::boards::{Acted, ActionRow};
+use crate::store::keys::Scope;
+use plumbline_engine::intake::Faults;
+
+/// Characters of a reason at most.
+const REASON_CHARS: usize = 500;
+/// Entries of a feed at most.
+const FEED_ENTRIES: usize = 100;
+
+/// What can be done to a row.
+#[derive(Debug, utoipa::ToSchema, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ActionKind {
+    /// Taken off the board.
+    Hide,
+    /// Shown again.
+    Restore,
+    /// Graded again.
+    Regrade,
+}
+
+/// What was done to a row.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct BoardAction {
+    /// The run.
+    #[schema(format = Uuid)]
+    pub run: String,
+    /// `hide`, `restore` or `regrade`.
+    #[schema(value_type = ActionKind, example = "hide")]
+    pub action: String,
+    /// Owner of the key that did it.
+    pub actor: String,
+    /// Why.
+    pub reason: String,
+    /// When.
+    #[schema(format = DateTime)]
+    pub at: String,
+}
+
+impl From<&ActionRow> for BoardAction {
+    fn from(row: &ActionRow) -> Self {
+        Self {
+            run: row.run_id.clone(),
+            action: row.action.clone(),
+            actor: row.actor.clone(),
+            reason: row.reason.clone(),
+            at: rfc3339(row.at_ms),
+        }
+    }
+}
+
+/// All that was done to rows of a board.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct BoardActions {
+    /// The latest first.
+    pub actions: Vec<BoardAction>,
+}
+
+/// What was done to rows of this board, by whom and why: every hiding, showing again and grading again, for ever.
+#[utoipa::path(
+    get, path = "/v1/leaderboards/{suite}/actions", operation_id = "list_board_actions", tag = "leaderboards",
+    summary = "List what was done to rows",
+    params(("suite" = String, Path, description = "Name, or name@version", example = "mineceraft")),
+    responses(
+        (status = 200, description = "The entries, the latest first", body = BoardActions, example = json!({ "actions": [] })),
+        (status = 404, description = "There is no such suite", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn list_board_actions(
+    State(state): State<AppState>,
+    Path(suite): Path<String>,
+) -> AppResult<Json<BoardActions>> {
+    let entry = state.suite(&suite).await?;
+    let board = state.boards.of(&state, &entry).await?;
+    Ok(Json(BoardActions { actions: board.actions.iter().rev().map(BoardAction::from).collect() }))
+}
+
+/// What is done to a row.
+#[derive(Debug, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({ "action": "hide", "reason": "the logs are another agent's" }))]
+pub struct NewBoardAction {
+    /// `hide` or `restore`.
+    action: HideOrRestore,
+    /// Why; everybody can read it.
+    #[schema(min_length = 1, max_length = 500)]
+    reason: String,
+}
+
+/// What may be done to a row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum HideOrRestore {
+    /// It no longer shows.
+    Hide,
+    /// It shows again.
+    Restore,
+}
+
+/// Hide a finished run from its board, or show it again. Needs the scope admin; who did it and why is public, for ever.
+#[utoipa::path(
+    post, path = "/v1/runs/{id}/board-actions", operation_id = "create_board_action", tag = "leaderboards",
+    summary = "Hide a run or show it again",
+    params(("id" = String, Path, description = "The run's id")),
+    request_body(content = NewBoardAction, content_type = "application/json"),
+    responses(
+        (status = 200, description = "The entry", body = BoardAction,
+         example = json!({ "run": "0198c0de-0000-7000-8000-000000000000", "action": "hide", "actor": "operator",
+                           "reason": "the logs are another agent's", "at": "2026-11-21T07:00:00.000Z" })),
+        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "There is no such finished run", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "It is so already", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "A fault", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn create_board_action(
+    State(state): State<AppState>,
+    caller: Caller,
+    Path(id): Path<String>,
+    body: JsonBody,
+) -> AppResult<Json<BoardAction>> {
+    caller.require(Scope::Admin)?;
+    let new: NewBoardAction = read_json(&body)?;
+    if new.reason.trim().is_empty() || new.reason.chars().count() > REASON_CHARS {
+        let mut faults = Faults::new();
+        faults.add_at("reason", format!("expected 1 to {REASON_CHARS} characters"));
+        return Err(AppError::faulty(faults));
+    }
+    let actor = caller.owner().unwrap_or("anybody").to_owned();
+    let hide = new.action == HideOrRestore::Hide;
+    let (reason, now) = (new.reason.trim().to_owned(), now_ms());
+    match state.store.act_on_row(&id, hide, &actor, &reason, now).await? {
+        Acted::Done => {
+            let action = if hide { "hide" } else { "restore" }.to_owned();
+            Ok(Json(BoardAction { run: id, action, actor, reason, at: rfc3339(now) }))
+        }
+        Acted::Already => {
+            let detail = if hide { "the row is hidden already" } else { "the row shows already" };
+            Err(AppError::conflict("already-so", detail))
+        }
+        Acted::NoSuchRow => Err(AppError::not_found(format!("there is no finished run {id:?}"))),
+    }
+}
+
+/// An entry of the feed.
+struct Entry {
+    id: String,
+    title: String,
+    text: String,
+    at_ms: i64,
+    link: String,
+}
+
+#[derive(Template)]
+#[template(path = "board.xml")]
+struct Feed {
+    suite: String,
+    host: String,
+    updated: String,
+    entries: Vec<Entry>,
+}
+
+impl Entry {
+    fn at(&self) -> String {
+        rfc3339(self.at_ms)
+    }
+}
+
+/// What is new on a board, as an Atom feed: runs that finished, and what was done to rows.
+#[utoipa::path(
+    get, path = "/v1/leaderboards/{suite}/feed.atom", operation_id = "get_board_feed", tag = "leaderboards",
+    summary = "Follow a board (Atom)",
+    params(("suite" = String, Path, description = "Name, or name@version", example = "mineceraft")),
+    responses(
+        (status = 200, description = "The feed, the latest first", body = String, content_type = "application/atom+xml",
+         example = "<feed xmlns=\"http://www.w3.org/2005/Atom\">…</feed>"),
+        (status = 404, description = "There is no such suite", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_board_feed(
+    State(state): State<AppState>,
+    Path(suite): Path<String>,
+    headers: HeaderMap,
+) -> AppResult<Response> {
+    let entry = state.suite(&suite).await?;
+    let board = state.boards.of(&state, &entry).await?;
+    let finished = board.rows.all.iter().map(|row| {
+        let rate = row.rate().map_or_else(|| "n/a".to_owned(), |rate| format!("{:.1} %", rate * 100.0));
+        Entry {
+            id: format!("urn:plumbline:run:{}", row.run),
+            title: format!("{}: {rate} overall", row.agent),
+            text: format!("A run finished with {} problems solved.", row.summary.problem_level.overall.pass),
+            at_ms: row.finished_at_ms,
+            link: format!("/runs/{}", row.run),
+        }
+    });
+    let done = board.actions.iter().map(|action| Entry {
+        id: format!("urn:plumbline:board-action:{}", action.id),
+        title: format!("{} by {}", action.action, action.actor),
+        text: action.reason.clone(),
+        at_ms: action.at_ms,
+        link: format!("/runs/{}", action.run_id),
+    });
+    let mut entries: Vec<Entry> = finished.chain(done).collect();
+    entries.sort_by(|a, b| b.at_ms.cmp(&a.at_ms).then_with(|| a.id.cmp(&b.id)));
+    entries.truncate(FEED_ENTRIES);
+    let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
+    let feed = Feed {
+        suite: entry.suite.id(),
+        host: named.unwrap_or("localhost").to_owned(),
+        updated: rfc3339(entries.first().map_or(0, |entry| entry.at_ms)),
+        entries,
+    };
+    let text = feed.render().map_err(|error| AppError::internal(&error))?;
+    Ok(([(header::CONTENT_TYPE, "application/atom+xml; charset=utf-8")], text).into_response())
+}

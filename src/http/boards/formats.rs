@@ -1,0 +1,127 @@
+//! A board as JSON, as a table of comma-separated values, and as a row a line.
+
+use std::borrow::Cow;
+
+use bytes::Bytes;
+use serde::{Deserialize, Serialize};
+
+use super::leaderboard::{BoardBody, BoardRow};
+use crate::app::error::{AppError, AppResult};
+use crate::http::extract::conditional::Document;
+
+/// How a board is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Format {
+    /// One document.
+    #[default]
+    Json,
+    /// A table with a head.
+    Csv,
+    /// A row a line.
+    Ndjson,
+}
+
+/// A row of the table.
+#[derive(Serialize)]
+struct Line<'a> {
+    rank: Option<usize>,
+    first_place: Option<usize>,
+    last_place: Option<usize>,
+    run: &'a str,
+    agent: Cow<'a, str>,
+    overall: Option<f64>,
+    overall_low: Option<f64>,
+    overall_high: Option<f64>,
+    accuracy: Option<f64>,
+    material: Option<f64>,
+    shape: Option<f64>,
+    size: Option<f64>,
+    physical_plausibility: Option<f64>,
+    dependency: Option<f64>,
+    structural_stability_mean: Option<f64>,
+    structural_stability_mean_accurate: Option<f64>,
+    efficiency_mean: Option<f64>,
+    efficiency_mean_accurate: Option<f64>,
+    coverage: Option<f64>,
+    skipped: usize,
+    attempts: usize,
+    provenance: &'a str,
+    similar_to: String,
+    finished_at: &'a str,
+}
+
+impl<'a> From<&'a BoardRow> for Line<'a> {
+    fn from(row: &'a BoardRow) -> Self {
+        Self {
+            rank: row.rank,
+            first_place: row.places.map(|places| places.first),
+            last_place: row.places.map(|places| places.last),
+            run: &row.run,
+            agent: as_text(&row.agent),
+            overall: row.overall.rate,
+            overall_low: row.interval.map(|interval| interval.low),
+            overall_high: row.interval.map(|interval| interval.high),
+            accuracy: row.accuracy.rate,
+            material: row.problems.material.rate,
+            shape: row.problems.shape.rate,
+            size: row.problems.size.rate,
+            physical_plausibility: row.problems.physical_plausibility.rate,
+            dependency: row.problems.dependency.rate,
+            structural_stability_mean: row.graded.stress.mean,
+            structural_stability_mean_accurate: row.graded.stress_accurate.mean,
+            efficiency_mean: row.graded.efficiency.mean,
+            efficiency_mean_accurate: row.graded.efficiency_accurate.mean,
+            coverage: row.coverage.rate,
+            skipped: row.skipped,
+            attempts: row.attempts,
+            provenance: &row.provenance,
+            similar_to: row.similar_to.join(" "),
+            finished_at: &row.finished_at,
+        }
+    }
+}
+
+/// A text as spreadsheets show it: with an apostrophe before what they would take for a formula and carry out.
+fn as_text(text: &str) -> Cow<'_, str> {
+    if text.starts_with(['=', '+', '-', '@', '\t', '\r', '\n']) { format!("'{text}").into() } else { text.into() }
+}
+
+/// Writes a page of a board.
+///
+/// # Errors
+/// 500 where it cannot be written.
+pub fn render(body: &BoardBody, format: Format) -> AppResult<Document> {
+    match format {
+        Format::Json => Document::json(body),
+        Format::Csv => {
+            let mut table = csv::Writer::from_writer(Vec::new());
+            for row in &body.rows {
+                table.serialize(Line::from(row)).map_err(|error| AppError::internal(&error))?;
+            }
+            let bytes = table.into_inner().map_err(|error| AppError::internal(&error))?;
+            Ok(Document { kind: "text/csv; charset=utf-8", bytes: bytes.into() })
+        }
+        Format::Ndjson => {
+            let mut lines = Vec::new();
+            for row in &body.rows {
+                serde_json::to_writer(&mut lines, row).map_err(|error| AppError::internal(&error))?;
+                lines.push(b'\n');
+            }
+            Ok(Document { kind: "application/x-ndjson", bytes: Bytes::from(lines) })
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_no_formulas() {
+        for name in ["=HYPERLINK(\"http://x\")", "+1", "-1", "@SUM(A1)", "\t=1", "\r=1"] {
+            assert_eq!(as_text(name), format!("'{name}"));
+        }
+        assert_eq!(as_text("agent-1 = good"), "agent-1 = good");
+    }
+}

@@ -1,0 +1,8 @@
+//! Leaderboards: rows, comparisons, and what operators do to rows.
+
+#![expect(clippy::missing_errors_doc, reason = "each handler lists its errors as responses of the OpenAPI document")]
+
+pub mod actions;
+pub mod comparisons;
+pub mod formats;
+pub mod leaderboard;

@@ -1,0 +1,163 @@
+//! Suites.
+
+use axum::Json;
+use axum::extract::{Path, State};
+use serde::{Deserialize, Serialize};
+
+use crate::app::error::{AppError, AppResult, Kind};
+use crate::http::extract::params::Params;
+use crate::http::problem::Problem;
+use crate::http::state::AppState;
+use plumbline_engine::checks::Criterion;
+use plumbline_engine::tasks::Suite;
+use plumbline_engine::tasks::embedded;
+use plumbline_engine::tasks::embedded::LITE_SUFFIX;
+
+/// A suite in short.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct SuiteBody {
+    /// `name@version`.
+    #[schema(example = "mineceraft@2")]
+    pub id: String,
+    /// Name; where one is given without a version, the latest is meant.
+    #[schema(example = "mineceraft")]
+    pub name: String,
+    /// Version.
+    #[schema(example = 2)]
+    pub version: u32,
+    /// Number of tasks.
+    #[schema(example = 723)]
+    pub tasks: usize,
+    /// Number of turns over all tasks.
+    #[schema(example = 747)]
+    pub instructions: usize,
+    /// Number of checks over all turns.
+    #[schema(example = 3660)]
+    pub checks: usize,
+    /// Families with the number of their tasks, in order.
+    pub families: Vec<FamilyBody>,
+    /// Number of tasks to which each criterion applies.
+    pub criteria: Vec<CriterionCount>,
+    /// Seed of a Lite draw, where one was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
+    /// The tasks of that draw, in order.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub drawn: Option<Vec<DrawnTask>>,
+}
+
+/// A task of a Lite draw.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct DrawnTask {
+    /// `family/instance`.
+    #[schema(example = "walls/10x2x7-bulkhead")]
+    pub id: String,
+    /// Number in the full suite.
+    #[schema(example = 160)]
+    pub number: u32,
+}
+
+/// Which draw.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct DrawQuery {
+    /// Of a Lite suite: the tasks that another seed draws, as Python's `random.Random(seed)` does. Runs are of the kept
+    /// seed, 42; tasks of other draws are posted as submissions to the full suite.
+    #[param(example = 7)]
+    seed: Option<u64>,
+}
+
+/// A family of tasks.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct FamilyBody {
+    /// Name.
+    #[schema(example = "walls")]
+    pub family: String,
+    /// Number of tasks.
+    #[schema(example = 48)]
+    pub tasks: usize,
+}
+
+/// How many tasks a criterion applies to.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct CriterionCount {
+    /// The criterion.
+    pub criterion: Criterion,
+    /// Number of tasks.
+    pub tasks: usize,
+}
+
+/// All suites.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct SuiteList {
+    /// By name and version.
+    pub suites: Vec<SuiteBody>,
+}
+
+impl SuiteBody {
+    fn of(suite: &Suite) -> Self {
+        let families = suite.families().into_iter();
+        let applies = |criterion| suite.tasks.iter().filter(|task| task.criteria().contains(&criterion)).count();
+        Self {
+            id: suite.id(),
+            name: suite.name.clone(),
+            version: suite.version,
+            tasks: suite.tasks.len(),
+            instructions: suite.instruction_count(),
+            checks: suite.check_count(),
+            families: families
+                .map(|tasks| FamilyBody {
+                    family: tasks.first().map(|task| task.family().to_owned()).unwrap_or_default(),
+                    tasks: tasks.len(),
+                })
+                .collect(),
+            criteria: Criterion::ALL.map(|c| CriterionCount { criterion: c, tasks: applies(c) }).into(),
+            seed: None,
+            drawn: None,
+        }
+    }
+}
+
+/// All suites that runs can be made for.
+#[utoipa::path(
+    get, path = "/v1/suites", operation_id = "list_suites", tag = "tasks", summary = "List suites",
+    responses(
+        (status = 200, description = "The suites", body = SuiteList,
+         example = json!({ "suites": [{ "id": "mineceraft@2", "name": "mineceraft", "version": 2, "tasks": 723 }] })),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn list_suites(State(state): State<AppState>) -> AppResult<Json<SuiteList>> {
+    let catalogue = state.store.current_catalogue().await?;
+    Ok(Json(SuiteList { suites: catalogue.suites().iter().map(|entry| SuiteBody::of(&entry.suite)).collect() }))
+}
+
+/// One suite; of a Lite suite also the draw with another seed.
+#[utoipa::path(
+    get, path = "/v1/suites/{suite}", operation_id = "get_suite", tag = "tasks", summary = "Get a suite",
+    params(("suite" = String, Path, description = "Name, or name@version", example = "mineceraft"), DrawQuery),
+    responses(
+        (status = 200, description = "The suite", body = SuiteBody,
+         example = json!({ "id": "mineceraft@2", "name": "mineceraft", "version": 2, "tasks": 723 })),
+        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "There is none of this name", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_suite(
+    State(state): State<AppState>,
+    Path(suite): Path<String>,
+    Params(query): Params<DrawQuery>,
+) -> AppResult<Json<SuiteBody>> {
+    let entry = state.suite(&suite).await?;
+    let Some(seed) = query.seed else { return Ok(Json(SuiteBody::of(&entry.suite))) };
+    let Some(full) = entry.suite.name.strip_suffix(LITE_SUFFIX) else {
+        let detail = format!("seed is for Lite suites; {} is not one", entry.suite.id());
+        return Err(AppError::new(Kind::BadRequest, detail));
+    };
+    let full = state.suite(&format!("{full}@{}", entry.suite.version)).await?;
+    let lite = embedded::lite(&full.suite, seed);
+    let drawn = lite.tasks.iter().map(|task| DrawnTask { id: task.id.clone(), number: task.number }).collect();
+    Ok(Json(SuiteBody { seed: Some(seed), drawn: Some(drawn), ..SuiteBody::of(&lite) }))
+}

@@ -1,0 +1,309 @@
+//! Tasks.
+
+use std::collections::BTreeSet;
+
+use axum::extract::{Path, State};
+use axum::http::HeaderMap;
+use axum::response::Response;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::app::error::{AppError, AppResult};
+use crate::app::limits::LIMITS;
+use crate::app::submissions::posted::near_tasks;
+use crate::http::extract::conditional::tagged_json;
+use crate::http::extract::params;
+use crate::http::extract::params::Params;
+use crate::http::problem::Problem;
+use crate::http::state::AppState;
+use crate::near::did_you_mean;
+use plumbline_engine::checks::{Check, Criterion};
+use plumbline_engine::tasks::embedded::FULL;
+use plumbline_engine::tasks::family::Category;
+use plumbline_engine::tasks::{Suite, Task};
+
+/// A task in a list.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct TaskSummary {
+    /// `family/instance`.
+    #[schema(example = "walls/5x1x5-raise")]
+    pub id: String,
+    /// Number in the suite: the `run_idx` of published records.
+    #[schema(example = 113)]
+    pub number: u32,
+    /// Family.
+    #[schema(example = "walls")]
+    pub family: String,
+    /// Category; absent in suites of others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub category: Option<Category>,
+    /// Type; absent in suites of others.
+    #[serde(rename = "type", skip_serializing_if = "Option::is_none")]
+    #[schema(example = "walls")]
+    pub kind: Option<String>,
+    /// Number of turns.
+    #[schema(example = 1)]
+    pub turns: usize,
+    /// Criteria that apply.
+    pub criteria: Vec<Criterion>,
+    /// The first instruction.
+    pub prompt: String,
+}
+
+/// A page of tasks.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct TaskPage {
+    /// `name@version` of the suite.
+    #[schema(example = "mineceraft@2")]
+    pub suite: String,
+    /// Tasks that the filters let through, on all pages.
+    pub total: usize,
+    /// The tasks of this page, by number.
+    pub tasks: Vec<TaskSummary>,
+    /// `after` of the next page; null on the last.
+    pub next_after: Option<u32>,
+}
+
+/// A check of a task.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct CheckBody {
+    /// Name.
+    #[serde(rename = "fn")]
+    #[schema(example = "shape.has_rooms")]
+    pub name: &'static str,
+    /// Arguments.
+    #[schema(value_type = Object, example = json!({ "room_cnt": 2 }))]
+    pub args: Value,
+    /// The criterion it counts for.
+    pub criterion: Criterion,
+    /// What is measured, in words.
+    #[schema(example = "So many rooms are walled all round at a level")]
+    pub asks: &'static str,
+}
+
+impl CheckBody {
+    fn of(check: &Check) -> Self {
+        let mut data = serde_json::to_value(check).unwrap_or_default();
+        let args = data.get_mut("args").map(Value::take).unwrap_or_default();
+        Self { name: check.name(), args, criterion: check.criterion(), asks: check.asks() }
+    }
+}
+
+/// One turn of a task.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct TurnBody {
+    /// The instruction.
+    pub prompt: String,
+    /// The checks that count.
+    pub checks: Vec<CheckBody>,
+    /// Checks that are shown and do not count.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub informational: Vec<CheckBody>,
+}
+
+/// A task.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct TaskBody {
+    /// `family/instance`.
+    #[schema(example = "walls/5x1x5-raise")]
+    pub id: String,
+    /// Number in the suite: the `run_idx` of published records.
+    #[schema(example = 113)]
+    pub number: u32,
+    /// Family.
+    #[schema(example = "walls")]
+    pub family: String,
+    /// Category; absent in suites of others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub category: Option<Category>,
+    /// Type; absent in suites of others.
+    #[serde(rename = "type", skip_serializing_if = "Option::is_none")]
+    #[schema(example = "walls")]
+    pub kind: Option<String>,
+    /// What this instance is made from.
+    #[schema(value_type = Object, example = json!({ "w": 5, "t": 1, "h": 5 }))]
+    pub parameters: Value,
+    /// `name@version` of the suite.
+    #[schema(example = "mineceraft@2")]
+    pub suite: String,
+    /// SHA-256 of its content, in hex.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
+    pub hash: String,
+    /// Criteria that apply.
+    pub criteria: Vec<Criterion>,
+    /// The turns, in order.
+    pub turns: Vec<TurnBody>,
+}
+
+/// Which tasks.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct TaskQuery {
+    /// Suite: name, or name@version.
+    #[param(example = "mineceraft")]
+    suite: Option<String>,
+    /// Only this family.
+    family: Option<String>,
+    /// Only this category.
+    category: Option<Category>,
+    /// Only this type.
+    #[serde(rename = "type")]
+    #[param(example = "walls")]
+    kind: Option<String>,
+    /// Only tasks to which this criterion applies.
+    criterion: Option<Criterion>,
+    /// Only tasks whose id or instructions contain this, in any case.
+    text: Option<String>,
+    /// Only tasks with a greater number: the page after.
+    after: Option<u32>,
+    /// Tasks on a page.
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<u32>,
+}
+
+/// Which suite.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct SuiteQuery {
+    /// Suite: name, or name@version.
+    #[param(example = "mineceraft")]
+    suite: Option<String>,
+}
+
+/// The number of items that a page shall have, within the limit.
+///
+/// # Errors
+/// 400 where it is out of range.
+pub fn page_items(limit: Option<u32>, default: u32) -> AppResult<usize> {
+    let items = limit.unwrap_or(default);
+    if (1..=LIMITS.page_items).contains(&items) {
+        return Ok(items as usize);
+    }
+    Err(params::wrong("limit", format!("{items} is out of range: 1 to {}", LIMITS.page_items)))
+}
+
+/// Refuses a filter that no value of the suite has: it is misspelt, and an empty page would not tell.
+fn must_be_known<'t>(name: &str, wanted: Option<&str>, known: impl Iterator<Item = &'t str>) -> AppResult<()> {
+    let Some(wanted) = wanted else { return Ok(()) };
+    let known: BTreeSet<&str> = known.collect();
+    if known.contains(wanted) {
+        return Ok(());
+    }
+    let near = did_you_mean(wanted, known.iter().copied());
+    let all: Vec<&str> = known.into_iter().collect();
+    Err(params::wrong(
+        name,
+        format!("the suite has none of {wanted:?}{near} It has {}", all.join(", ")).replace("\" It", "\". It"),
+    ))
+}
+
+fn lets_through(query: &TaskQuery, task: &Task) -> bool {
+    let contains = |text: &String| {
+        let text = text.to_lowercase();
+        task.id.to_lowercase().contains(&text) || task.turns.iter().any(|t| t.prompt.to_lowercase().contains(&text))
+    };
+    query.family.as_ref().is_none_or(|family| family == task.family())
+        && query.category.is_none_or(|category| task.category == Some(category))
+        && query.kind.as_ref().is_none_or(|kind| task.kind.as_ref() == Some(kind))
+        && query.criterion.is_none_or(|criterion| task.criteria().contains(&criterion))
+        && query.text.as_ref().is_none_or(contains)
+}
+
+/// The tasks of a suite, by number, filtered and in pages.
+#[utoipa::path(
+    get, path = "/v1/tasks", operation_id = "list_tasks", tag = "tasks", summary = "List tasks",
+    params(TaskQuery),
+    responses(
+        (status = 200, description = "A page of tasks", headers(("ETag" = String, description = "Changes with the content")), body = TaskPage,
+         example = json!({ "suite": "mineceraft@2", "total": 723, "tasks": [], "next_after": 100 })),
+        (status = 304, description = "As the client has it"),
+        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "There is no such suite", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn list_tasks(
+    State(state): State<AppState>,
+    headers: HeaderMap,
+    Params(query): Params<TaskQuery>,
+) -> AppResult<Response> {
+    let items = page_items(query.limit, 100)?;
+    let entry = state.suite(query.suite.as_deref().unwrap_or(FULL)).await?;
+    let suite = &entry.suite;
+    must_be_known("family", query.family.as_deref(), suite.tasks.iter().map(Task::family))?;
+    must_be_known("type", query.kind.as_deref(), suite.tasks.iter().filter_map(|task| task.kind.as_deref()))?;
+    let found: Vec<&Task> = suite.tasks.iter().filter(|task| lets_through(&query, task)).collect();
+    let after = query.after.unwrap_or(0);
+    let mut rest = found.iter().filter(|task| task.number > after);
+    let tasks: Vec<TaskSummary> = rest.by_ref().take(items).map(|task| summary(task)).collect();
+    let next_after = rest.next().and_then(|_| tasks.last().map(|task| task.number));
+    tagged_json(&headers, &TaskPage { suite: suite.id(), total: found.len(), tasks, next_after })
+}
+
+fn summary(task: &Task) -> TaskSummary {
+    TaskSummary {
+        id: task.id.clone(),
+        number: task.number,
+        family: task.family().to_owned(),
+        category: task.category,
+        kind: task.kind.clone(),
+        turns: task.turns.len(),
+        criteria: task.criteria(),
+        prompt: task.turns.first().map(|turn| turn.prompt.clone()).unwrap_or_default(),
+    }
+}
+
+/// One task with its instructions and checks.
+#[utoipa::path(
+    get, path = "/v1/tasks/{family}/{instance}", operation_id = "get_task", tag = "tasks", summary = "Get a task",
+    params(
+        ("family" = String, Path, description = "The id before the slash", example = "walls"),
+        ("instance" = String, Path, description = "The id after the slash", example = "5x1x5-raise"),
+        SuiteQuery,
+    ),
+    responses(
+        (status = 200, description = "The task", headers(("ETag" = String, description = "Changes with the content")), body = TaskBody,
+         example = json!({ "id": "walls/5x1x5-raise", "number": 113, "suite": "mineceraft@2", "turns": [] })),
+        (status = 304, description = "As the client has it"),
+        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "There is no such task", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_task(
+    State(state): State<AppState>,
+    Path((family, instance)): Path<(String, String)>,
+    headers: HeaderMap,
+    Params(query): Params<SuiteQuery>,
+) -> AppResult<Response> {
+    let entry = state.suite(query.suite.as_deref().unwrap_or(FULL)).await?;
+    let id = format!("{family}/{instance}");
+    let missing = || AppError::not_found(format!("{} has no task {id:?}{}", entry.suite.id(), near_tasks(&entry, &id)));
+    let (task, hash) = entry.task(&id).ok_or_else(missing)?;
+    tagged_json(&headers, &body(&entry.suite, task, hash))
+}
+
+fn body(suite: &Suite, task: &Task, hash: &str) -> TaskBody {
+    TaskBody {
+        id: task.id.clone(),
+        number: task.number,
+        family: task.family().to_owned(),
+        category: task.category,
+        kind: task.kind.clone(),
+        parameters: Value::Object(task.parameters.clone()),
+        suite: suite.id(),
+        hash: hash.to_owned(),
+        criteria: task.criteria(),
+        turns: task
+            .turns
+            .iter()
+            .map(|turn| TurnBody {
+                prompt: turn.prompt.clone(),
+                checks: turn.checks.iter().map(CheckBody::of).collect(),
+                informational: turn.informational.iter().map(CheckBody::of).collect(),
+            })
+            .collect(),
+    }
+}

@@ -1,0 +1,298 @@
+//! Reading request bodies: bounded one by one and all together.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::body::Body;
+use axum::extract::{FromRequest, OptionalFromRequest, Request};
+use axum::http::{HeaderMap, header};
+use bytes::{Bytes, BytesMut};
+use http_body_util::BodyExt as _;
+use hyper::body::Body as _;
+use serde::de::DeserializeOwned;
+use serde_json::{Map, Value, json};
+use serde_path_to_error::Segment;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+
+use crate::app::error::{AppError, AppResult, Kind};
+use crate::app::limits::LIMITS;
+use crate::app::submissions::posted::Format;
+use crate::http::state::AppState;
+use crate::near::did_you_mean;
+use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::tolerant::why_not_json;
+
+/// What UTF-8 may begin with.
+const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
+/// Bytes that one permit of the shared budget stands for.
+const PERMIT_BYTES: usize = 64 << 10;
+
+/// The budget of memory for bodies.
+#[must_use]
+pub fn budget() -> Semaphore {
+    Semaphore::new(LIMITS.bodies_in_memory_bytes / PERMIT_BYTES)
+}
+
+/// A whole body, with its share of the budget.
+#[derive(Debug)]
+pub struct JsonBody {
+    /// The bytes, decompressed.
+    pub bytes: Bytes,
+    /// How they are written.
+    pub format: Format,
+    /// To be kept for as long as what was made of the bytes is in memory.
+    pub share: Option<OwnedSemaphorePermit>,
+}
+
+impl FromRequest<AppState> for JsonBody {
+    type Rejection = AppError;
+
+    async fn from_request(request: Request, state: &AppState) -> AppResult<Self> {
+        let (parts, body) = request.into_parts();
+        // A client that waits for leave to send has nothing on the way.
+        let is_sending = !parts.headers.contains_key(header::EXPECT);
+        let refuse = |body: Body, error: AppError| {
+            if is_sending {
+                drain(body);
+            }
+            Err(error)
+        };
+        let format = match format(&parts.headers) {
+            Ok(format) => format,
+            Err(error) => return refuse(body, error),
+        };
+        // A compressed body has lost its length by now.
+        if content_length(&parts.headers).is_some_and(|length| length > LIMITS.body_bytes) {
+            return refuse(body, too_large());
+        }
+        let (bytes, share) = read(body, &state.bodies).await?;
+        // Some editors begin files with a mark of the byte order, which JSON does not know.
+        let bytes = if bytes.starts_with(BYTE_ORDER_MARK) { bytes.slice(BYTE_ORDER_MARK.len()..) } else { bytes };
+        Ok(Self { bytes, format, share })
+    }
+}
+
+impl OptionalFromRequest<AppState> for JsonBody {
+    type Rejection = AppError;
+
+    /// None where nothing was sent.
+    async fn from_request(request: Request, state: &AppState) -> AppResult<Option<Self>> {
+        // Not by its headers: a compressed body has lost its length by now.
+        if request.body().is_end_stream() || request.body().size_hint().exact() == Some(0) {
+            return Ok(None);
+        }
+        <Self as FromRequest<AppState>>::from_request(request, state).await.map(Some)
+    }
+}
+
+/// A body of plain data, or all its faults with their places.
+///
+/// # Errors
+/// 415 for NDJSON, 400 where it is not JSON, 422 where it is not such data.
+pub fn read_json<T: DeserializeOwned>(body: &JsonBody) -> AppResult<T> {
+    if body.format == Format::NdJson {
+        return Err(AppError::not_ndjson("one at a time"));
+    }
+    let mut document = serde_json::Deserializer::from_slice(&body.bytes);
+    let read = serde_path_to_error::deserialize(&mut document);
+    let mut faults = Faults::new();
+    match read.map(|value| document.end().map(|()| value)) {
+        Ok(Ok(value)) => Ok(value),
+        Ok(Err(error)) => {
+            faults.add(why_not_json(&body.bytes, &error));
+            Err(AppError::malformed(faults))
+        }
+        Err(error) if error.inner().is_data() => {
+            match serde_json::from_slice::<Value>(&body.bytes) {
+                // Looking for all faults reads the members several times.
+                Ok(Value::Object(members)) if body.bytes.len() <= LIMITS.all_faults_bytes => {
+                    add_faults::<T>(&members, &error, &mut faults);
+                }
+                _ => add_fault(&error, &mut faults),
+            }
+            Err(AppError::faulty(faults))
+        }
+        Err(error) => {
+            faults.add(why_not_json(&body.bytes, error.inner()));
+            Err(AppError::malformed(faults))
+        }
+    }
+}
+
+type DataError = serde_path_to_error::Error<serde_json::Error>;
+
+/// The faults of an object: each member alone tells whether it is wrong, and without those that are what is missing shows, one by one.
+fn add_faults<T: DeserializeOwned>(members: &Map<String, Value>, first: &DataError, faults: &mut Faults) {
+    let read =
+        |members: &Map<String, Value>| serde_path_to_error::deserialize::<_, T>(Value::Object(members.clone())).err();
+    let mut sound = members.clone();
+    for (name, value) in members {
+        let alone: Map<String, Value> = std::iter::once((name.clone(), value.clone())).collect();
+        if let Some(error) = read(&alone).filter(|error| missing_of(error).is_none()) {
+            add_fault(&error, faults);
+            sound.remove(name);
+        }
+    }
+    let mut rest = sound;
+    // What is missing is told one at a time: something stands in for it, so that the next one is told.
+    let stand_ins = [Value::Null, json!(""), json!(1), json!(false), json!([]), json!({})];
+    while let Some(name) = read(&rest).as_ref().and_then(missing_of) {
+        if !members.contains_key(&name) {
+            faults.add_at(&name, "missing");
+        }
+        let stands_in = |value: &&Value| {
+            let mut with = rest.clone();
+            with.insert(name.clone(), (*value).clone());
+            read(&with).is_none_or(|error| missing_of(&error).is_some_and(|next| next != name))
+        };
+        let Some(value) = stand_ins.iter().find(stands_in) else { break };
+        rest.insert(name.clone(), value.clone());
+    }
+    if faults.is_empty() {
+        add_fault(first, faults);
+    }
+}
+
+/// The member that an error says is missing at the top.
+fn missing_of(error: &DataError) -> Option<String> {
+    let text = error.inner().to_string();
+    let is_at_top = error.path().iter().next().is_none();
+    text.strip_prefix("missing field `").filter(|_| is_at_top)?.split('`').next().map(str::to_owned)
+}
+
+fn add_fault(error: &DataError, faults: &mut Faults) {
+    let mut depth = 0;
+    for segment in error.path() {
+        match segment {
+            Segment::Seq { index } => faults.enter_index(*index),
+            Segment::Map { key } => faults.enter_key(key),
+            Segment::Enum { variant } => faults.enter_key(variant),
+            Segment::Unknown => continue,
+        }
+        depth += 1;
+    }
+    let text = error.inner().to_string();
+    // Of a value that was read before, the place in the text is no longer known.
+    let told = text.split(" at line ").next().unwrap_or(&text);
+    let known: Vec<&str> = told.split('`').skip(3).step_by(2).collect();
+    let name = told.split('`').nth(1).unwrap_or_default();
+    if told.starts_with("unknown field") {
+        // The path leads to the member itself where it is of the top, and to its object elsewhere.
+        if error.path().iter().next_back().is_none_or(|last| last.to_string() != name) {
+            faults.enter_key(name);
+            depth += 1;
+        }
+        faults.add(format!("unknown field{}", did_you_mean(name, known.iter().copied())));
+    } else if let Some(name) = told.strip_prefix("missing field `").map(|rest| rest.trim_end_matches('`')) {
+        faults.add_at(name, "missing");
+    } else if told.starts_with("unknown variant") {
+        faults.add(format!("{name:?} is none of {}{}", known.join(", "), did_you_mean(name, known.iter().copied())));
+    } else if told.contains("untagged enum SkipBody") {
+        faults.add("expected \"unanswered\", or a list of tasks");
+    } else if let Some((found, wanted)) =
+        told.strip_prefix("invalid type: ").and_then(|rest| rest.split_once(", expected "))
+    {
+        // What was sent is not repeated: it may be long.
+        let found = found.split(' ').next().unwrap_or(found);
+        faults.add(format!("expected {wanted}, found {found}").replace("a sequence", "a list"));
+    } else {
+        faults.add(told.to_owned());
+    }
+    (0..depth).for_each(|_| faults.leave());
+}
+
+fn too_large() -> AppError {
+    let detail = format!("the body is larger than {} bytes (after decompression)", LIMITS.body_bytes);
+    AppError::new(Kind::BodyTooLarge, detail)
+}
+
+/// Reads a body to its end, taking from the budget as bytes arrive.
+async fn read(mut body: Body, budget: &Arc<Semaphore>) -> AppResult<(Bytes, Option<OwnedSemaphorePermit>)> {
+    let mut bytes = BytesMut::new();
+    let mut share: Option<OwnedSemaphorePermit> = None;
+    while let Some(frame) = body.frame().await {
+        let frame = frame.map_err(|error| {
+            let detail = format!("reading the body failed: {error}");
+            AppError::new(Kind::UnreadableBody, detail)
+        })?;
+        let Ok(data) = frame.into_data() else { continue };
+        if bytes.len() + data.len() > LIMITS.body_bytes {
+            drain(body);
+            return Err(too_large());
+        }
+        bytes.extend_from_slice(&data);
+        let held = share.as_ref().map_or(0, OwnedSemaphorePermit::num_permits);
+        let wanted = (bytes.len() / PERMIT_BYTES).saturating_sub(held);
+        if wanted > 0 {
+            let more = u32::try_from(wanted).ok().and_then(|n| Arc::clone(budget).try_acquire_many_owned(n).ok());
+            let Some(more) = more else {
+                drain(body);
+                return Err(busy());
+            };
+            match &mut share {
+                Some(share) => share.merge(more),
+                none => *none = Some(more),
+            }
+        }
+        // A compressed body unfolds without ever waiting: others must have their turn.
+        tokio::task::consume_budget().await;
+    }
+    Ok((bytes.freeze(), share))
+}
+
+fn busy() -> AppError {
+    let detail = "Too many large bodies are being read. The request may be sent again.";
+    AppError::new(Kind::Busy, detail).retry_after(1)
+}
+
+/// Reads on and throws away what a client still sends of a refused body, beside the answer: most clients read an
+/// answer only when they have sent all, and would see a broken connection instead of the reason.
+fn drain(mut body: Body) {
+    const MAX_SECONDS: u64 = 30;
+    const MAX_BYTES: usize = 2 << 30;
+    const MAX_AT_ONCE: usize = 64;
+    static DRAINS: Semaphore = Semaphore::const_new(MAX_AT_ONCE);
+    let Ok(slot) = DRAINS.try_acquire() else { return };
+    tokio::spawn(async move {
+        let rest = async {
+            let mut left = MAX_BYTES;
+            while let Some(Ok(frame)) = body.frame().await {
+                left = left.saturating_sub(frame.data_ref().map_or(0, Bytes::len));
+                if left == 0 {
+                    break;
+                }
+                tokio::task::consume_budget().await;
+            }
+        };
+        // Either all was sent or there has been enough: the connection is closed now.
+        let _ = tokio::time::timeout(Duration::from_secs(MAX_SECONDS), rest).await;
+        drop(slot);
+    });
+}
+
+fn content_length(headers: &HeaderMap) -> Option<usize> {
+    headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
+}
+
+/// JSON where the type is JSON or missing; NDJSON by any of its names; 415 else.
+fn format(headers: &HeaderMap) -> AppResult<Format> {
+    let Some(value) = headers.get(header::CONTENT_TYPE) else { return Ok(Format::Json) };
+    let text = value.to_str().unwrap_or_default();
+    let essence = text.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
+    match essence.as_str() {
+        "application/json" => Ok(Format::Json),
+        "application/x-ndjson" | "application/ndjson" | "application/jsonl" | "application/json-lines" => {
+            Ok(Format::NdJson)
+        }
+        "application/x-www-form-urlencoded" => {
+            Err(unsupported("the body is sent as a form; with curl, add -H 'Content-Type: application/json'"))
+        }
+        other => {
+            Err(unsupported(&format!("{other:?} is not supported; send application/json or application/x-ndjson")))
+        }
+    }
+}
+
+fn unsupported(detail: &str) -> AppError {
+    AppError::new(Kind::UnsupportedMediaType, detail)
+}

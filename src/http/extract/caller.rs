@@ -1,0 +1,180 @@
+//! Callers: the owner of the key that a request carries, or the address that it comes from.
+//!
+//! Clients that can send no header may have a key in the path (`/with-key/KEY/…`), which then allows grading
+//! and nothing else, and stands in no log line.
+
+use std::sync::Arc;
+
+use axum::extract::{FromRequestParts, Request};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, header};
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
+
+use crate::app::access::{Caller, Openness, unauthorized};
+use crate::app::error::{AppError, AppResult};
+use crate::http::middleware::rates::{Peer, RateLimitStatus, RateLimited};
+use crate::http::state::AppState;
+use crate::store::keys::{KeyRow, Scope, parts};
+
+/// What the key of a request came to; kept with the request for the handler.
+#[derive(Debug, Clone)]
+enum Identified {
+    Key(KeyRow),
+    /// Refused, and why.
+    Refused(&'static str),
+}
+
+/// What is known of a request's sender once its key was looked at.
+#[derive(Debug, Clone, Default)]
+pub struct Sender {
+    /// What they may still send.
+    pub left: Option<RateLimitStatus>,
+    /// The owner of the key.
+    pub owner: Option<String>,
+    /// Why the key does not count.
+    pub refused: Option<&'static str>,
+}
+
+/// Where a key may stand in a path.
+pub const KEY_PREFIX: &str = "/with-key/";
+/// Paths that probes and collectors ask for: never refused for being asked too often.
+pub const PROBES: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
+
+/// A path as it may be told and logged: without the key that stands in it.
+#[must_use]
+pub fn without_key(path: &str) -> String {
+    match path.strip_prefix(KEY_PREFIX) {
+        Some(rest) => format!("{KEY_PREFIX}…{}", rest.find('/').map_or("", |at| &rest[at..])),
+        None => path.to_owned(),
+    }
+}
+
+/// Looks at a request's key, and counts the request among those of its sender.
+///
+/// # Errors
+/// The answer, where they sent too many, or the database fails.
+pub async fn identify(state: &AppState, request: &mut Request) -> Result<Sender, RateLimited> {
+    if PROBES.contains(&request.uri().path()) {
+        return Ok(Sender::default());
+    }
+    let peer = request.extensions().get::<Peer>().copied();
+    let is_in_path = request.uri().path().starts_with(KEY_PREFIX);
+    let sent = if is_in_path { in_path(request.uri().path()) } else { in_headers(request.headers()) };
+    let (identified, left) = match sent {
+        Sent::Nothing => (None, state.rates.without_key(peer, request.headers())?),
+        Sent::Unreadable => {
+            let refused = Identified::Refused("expected Authorization: Bearer, then the key");
+            (Some(refused), state.rates.without_key(peer, request.headers())?)
+        }
+        Sent::Key(sent) => {
+            // A key that was never found costs a read: who sends many that are none is stopped before it.
+            if !state.keys.knows(&sent) {
+                state.rates.looking_up(peer, request.headers())?;
+            }
+            match state.keys.live(&state.store, &sent).await? {
+                Some(key)
+                    if is_in_path && key.scopes.iter().any(|scope| !matches!(scope, Scope::Grade | Scope::Read)) =>
+                {
+                    let left = state.rates.with_key(&key.owner)?;
+                    let why = "a key in a path may have the scope grade alone, because addresses are written down by many: \
+                               make one with --scopes grade";
+                    (Some(Identified::Refused(why)), left)
+                }
+                Some(key) => {
+                    let left = state.rates.with_key(&key.owner)?;
+                    (Some(Identified::Key(key)), left)
+                }
+                None => {
+                    let refused = Identified::Refused("the key is unknown, revoked or expired");
+                    (Some(refused), state.rates.without_key(peer, request.headers())?)
+                }
+            }
+        }
+    };
+    let mut sender = Sender { left, ..Sender::default() };
+    match &identified {
+        Some(Identified::Key(key)) => sender.owner = Some(key.owner.clone()),
+        Some(Identified::Refused(why)) => sender.refused = Some(why),
+        None => {}
+    }
+    if let Some(identified) = identified {
+        request.extensions_mut().insert(identified);
+    }
+    Ok(sender)
+}
+
+/// Whose share of the service a request uses that needs no key: the owner's of a key that was sent, else the address's.
+#[derive(Debug, Clone)]
+pub struct Reader(pub Arc<str>);
+
+impl FromRequestParts<AppState> for Reader {
+    type Rejection = std::convert::Infallible;
+
+    async fn from_request_parts(request: &mut Parts, state: &AppState) -> Result<Self, Self::Rejection> {
+        let who = match request.extensions.get::<Identified>() {
+            Some(Identified::Key(key)) => format!("owner {}", key.owner),
+            _ => address_of(request, state),
+        };
+        Ok(Self(Arc::from(who)))
+    }
+}
+
+fn address_of(request: &Parts, state: &AppState) -> String {
+    let peer = request.extensions.get::<Peer>().copied();
+    let address = state.rates.address(peer, &request.headers);
+    address.map_or_else(|| "nobody".to_owned(), |address| format!("address {address}"))
+}
+
+impl FromRequestParts<AppState> for Caller {
+    type Rejection = AppError;
+
+    async fn from_request_parts(request: &mut Parts, state: &AppState) -> AppResult<Self> {
+        let open = state.keys.open;
+        let is_in_path = request.uri.path().starts_with(KEY_PREFIX);
+        let identified = request.extensions.remove::<Identified>();
+        let who = match &identified {
+            Some(Identified::Key(key)) => format!("owner {}", key.owner),
+            _ => address_of(request, state),
+        };
+        let who = Arc::from(who);
+        match identified {
+            Some(Identified::Key(key)) => Ok(Self { key: Some(key), open, refused: None, who }),
+            // Where none is needed, one that does not count is as good as none; the answer says so in a header.
+            // A key in the path was put there on purpose.
+            Some(Identified::Refused(why)) if open != Openness::Keyed && !is_in_path => {
+                Ok(Self { key: None, open, refused: Some(why), who })
+            }
+            Some(Identified::Refused(why)) => Err(unauthorized(why)),
+            None if open != Openness::Keyed => Ok(Self { key: None, open, refused: None, who }),
+            None => Err(unauthorized("this needs a key: Authorization: Bearer …; reading needs none")),
+        }
+    }
+}
+
+/// What a request says about a key.
+enum Sent {
+    Nothing,
+    Unreadable,
+    Key(String),
+}
+
+/// The key in `Authorization`: after Bearer, or as name or password of Basic, which is what an address with `key@` becomes.
+fn in_headers(headers: &HeaderMap) -> Sent {
+    let Some(value) = headers.get(header::AUTHORIZATION) else { return Sent::Nothing };
+    match value.to_str().unwrap_or_default().split_once(' ') {
+        Some((scheme, key)) if scheme.eq_ignore_ascii_case("bearer") => Sent::Key(key.trim().to_owned()),
+        Some((scheme, pair)) if scheme.eq_ignore_ascii_case("basic") => {
+            let decoded = BASE64_STANDARD.decode(pair.trim()).ok().and_then(|bytes| String::from_utf8(bytes).ok());
+            let key = decoded.as_deref().and_then(|pair| pair.split(':').find(|part| parts(part).is_some()));
+            key.map_or(Sent::Unreadable, |key| Sent::Key(key.to_owned()))
+        }
+        _ => Sent::Unreadable,
+    }
+}
+
+/// The key in a path.
+fn in_path(path: &str) -> Sent {
+    let key = path.strip_prefix(KEY_PREFIX).and_then(|rest| rest.split('/').next());
+    key.map_or(Sent::Nothing, |key| Sent::Key(key.to_owned()))
+}

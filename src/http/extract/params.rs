@@ -1,0 +1,137 @@
+//! Reading query strings, with a fault for each parameter that is wrong.
+
+use axum::extract::FromRequestParts;
+use axum::http::request::Parts;
+use serde::de::DeserializeOwned;
+
+use crate::app::error::{AppError, AppResult, FaultBody, Kind};
+use crate::app::limits::LIMITS;
+use crate::near::did_you_mean;
+use plumbline_engine::intake::Faults;
+
+/// The parameters of a query string.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Params<T>(pub T);
+
+impl<S: Sync, T: DeserializeOwned> FromRequestParts<S> for Params<T> {
+    type Rejection = AppError;
+
+    async fn from_request_parts(parts: &mut Parts, _state: &S) -> AppResult<Self> {
+        read(parts.uri.query().unwrap_or_default()).map(Self)
+    }
+}
+
+/// Reads a query string.
+///
+/// # Errors
+/// 400 with all its faults.
+pub fn read<T: DeserializeOwned>(query: &str) -> AppResult<T> {
+    let whole = match serde_urlencoded::from_str(query) {
+        Ok(value) => return Ok(value),
+        Err(error) => error.to_string(),
+    };
+    // Each parameter alone tells whether it is at fault; what is missing or given twice only shows in the whole.
+    let mut faults = Vec::new();
+    for (name, value) in form_urlencoded::parse(query.as_bytes()).take(LIMITS.query_parameters) {
+        let alone = form_urlencoded::Serializer::new(String::new()).append_pair(&name, &value).finish();
+        if let Err(error) = serde_urlencoded::from_str::<T>(&alone) {
+            let detail = error.to_string();
+            if faults.len() < Faults::KEPT && !detail.starts_with("missing field") {
+                faults.push(fault(&name, &value, &detail));
+            }
+        }
+    }
+    if faults.is_empty() {
+        let name = whole.split('`').nth(1).unwrap_or_default().to_owned();
+        faults.push(fault(&name, "", &whole));
+    }
+    Err(faulty(faults))
+}
+
+/// 400: one parameter is wrong.
+pub fn wrong(name: &str, detail: impl Into<String>) -> AppError {
+    faulty(vec![FaultBody {
+        line: None,
+        pointer: String::new(),
+        parameter: Some(name.to_owned()),
+        detail: detail.into(),
+    }])
+}
+
+fn faulty(faults: Vec<FaultBody>) -> AppError {
+    let told: Vec<String> = faults
+        .iter()
+        .map(|fault| format!("{}: {}", fault.parameter.as_deref().unwrap_or_default(), fault.detail))
+        .collect();
+    AppError::new(Kind::InvalidQuery, told.join("; ")).with_fault_list(faults)
+}
+
+fn fault(name: &str, value: &str, detail: &str) -> FaultBody {
+    let names = |text: &str| text.split('`').skip(3).step_by(2).map(str::to_owned).collect::<Vec<_>>();
+    let shown: String = value.chars().take(100).collect();
+    let detail = if detail.starts_with("unknown field") {
+        let known = names(detail);
+        let near = did_you_mean(name, known.iter().map(String::as_str));
+        let stop = if near.is_empty() { "." } else { "" };
+        format!("there is no such parameter{near}{stop} The parameters are {}", known.join(", "))
+    } else if detail.starts_with("unknown variant") {
+        let known = names(detail);
+        format!("{shown:?} is none of {}{}", known.join(", "), did_you_mean(value, known.iter().map(String::as_str)))
+    } else if detail.starts_with("invalid digit")
+        || detail.starts_with("number too large")
+        || detail.starts_with("cannot parse integer")
+    {
+        format!("{shown:?} is not a whole number that fits")
+    } else if detail.starts_with("provided string was not") {
+        format!("{shown:?} is neither true nor false")
+    } else {
+        detail.to_owned()
+    };
+    let name: String = name.chars().take(100).collect();
+    FaultBody { line: None, pointer: String::new(), parameter: Some(name), detail }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde::Deserialize;
+
+    use super::*;
+
+    #[derive(Debug, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    enum Order {
+        Ascending,
+    }
+
+    #[derive(Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    #[expect(dead_code, reason = "only read")]
+    struct Wanted {
+        run: String,
+        limit: Option<u32>,
+        order: Option<Order>,
+    }
+
+    #[test]
+    fn every_parameter_that_is_wrong_is_named() {
+        let faults = |query: &str| {
+            let problem = crate::http::problem::Problem::from(read::<Wanted>(query).unwrap_err());
+            problem
+                .faults
+                .into_iter()
+                .map(|fault| format!("{}: {}", fault.parameter.unwrap(), fault.detail))
+                .collect::<Vec<_>>()
+        };
+        assert!(read::<Wanted>("run=1&limit=3&order=ascending").is_ok());
+        assert_eq!(
+            faults("run=1&limit=x&order=ascendin&limits=2"),
+            [
+                "limit: \"x\" is not a whole number that fits",
+                "order: \"ascendin\" is none of ascending; did you mean ascending?",
+                "limits: there is no such parameter; did you mean limit? The parameters are run, limit, order",
+            ]
+        );
+        assert_eq!(faults("limit=1"), ["run: missing field `run`"]);
+        assert_eq!(faults("run=1&run=2"), ["run: duplicate field `run`"]);
+    }
+}

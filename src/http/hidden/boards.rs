@@ -1,0 +1,105 @@
+//! Boards of epochs: the dev board that the Ladder keeps, and the official one.
+
+use std::collections::BTreeMap;
+
+use axum::Json;
+use axum::extract::{Path, State};
+use serde::{Deserialize, Serialize};
+
+use super::epochs::stored_epoch;
+use crate::app::error::AppResult;
+use crate::clock::now_ms;
+use crate::http::extract::params::Params;
+use crate::http::problem::Problem;
+use crate::http::state::AppState;
+use crate::store::entries::{BoardOutcome, EntryRow};
+use crate::store::epochs::EpochRow;
+use plumbline_engine::hidden::board;
+use plumbline_engine::hidden::board::{Answered, Entrant, Row};
+use plumbline_engine::hidden::feedback::{Feedback, Tier};
+
+/// Which board.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct EpochBoardQuery {
+    /// `official` or `dev`.
+    tier: Option<Tier>,
+    /// Only rows of this provenance.
+    provenance: Option<String>,
+}
+
+/// A board of an epoch.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct EpochBoard {
+    /// The epoch.
+    pub epoch: String,
+    /// The tier.
+    pub tier: Tier,
+    /// Whether scores are told: of the official tier after the epoch has closed.
+    pub is_released: bool,
+    /// Entries registered in this tier.
+    pub registered: usize,
+    /// The rows, best first; empty while scores are not told.
+    pub rows: Vec<Row>,
+}
+
+/// The board of a tier.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn board_of(state: &AppState, epoch: &EpochRow, tier: Tier) -> AppResult<EpochBoard> {
+    let now = now_ms();
+    let is_released = epoch.is_over(now) || tier.feedback(epoch.commitment.dev_feedback) > Feedback::AfterEpoch;
+    state.store.settle_epoch(epoch, now).await?;
+    let entries: Vec<EntryRow> =
+        state.store.entries(epoch.id()).await?.into_iter().filter(|entry| entry.tier == tier).collect();
+    let registered = entries.len();
+    let mut rows = Vec::new();
+    if is_released {
+        let mut of_entry: BTreeMap<String, Vec<Answered>> = BTreeMap::new();
+        for outcome in state.store.board_outcomes(epoch.id(), tier).await? {
+            let BoardOutcome { entry_id, salt, passes, is_answered, has_transcript, is_checked } = outcome;
+            let answered = Answered { salt, passes, is_answered, has_transcript, is_checked };
+            of_entry.entry(entry_id).or_default().push(answered);
+        }
+        let entrants = entries.into_iter().map(|entry| Entrant {
+            instances: of_entry.remove(&entry.id).unwrap_or_default(),
+            id: entry.id,
+            owner: entry.owner,
+            agent: entry.agent,
+            configuration_sha256: entry.configuration_hash,
+            runs: entry.runs as u32,
+            completed_at_ms: entry.completed_at_ms,
+        });
+        rows = board::rows(tier, epoch.commitment.instances_per_run, entrants.collect());
+    }
+    Ok(EpochBoard { epoch: epoch.id().to_owned(), tier, is_released, registered, rows })
+}
+
+/// A board of an epoch. The official one takes all entries of an owner together, unanswered instances failed, and is told after
+/// the epoch has closed; the dev one moves by the Ladder.
+#[utoipa::path(
+    get, path = "/v1/epochs/{epoch}/leaderboard", operation_id = "get_epoch_leaderboard", tag = "hidden evaluation",
+    summary = "Read an epoch's board",
+    params(("epoch" = String, Path, description = "The epoch's name", example = "2026-11"), EpochBoardQuery),
+    responses(
+        (status = 200, description = "The board", body = EpochBoard,
+         example = json!({ "epoch": "2026-11", "tier": "official", "is_released": false, "registered": 3, "rows": [] })),
+        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "There is none of this name", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_epoch_leaderboard(
+    State(state): State<AppState>,
+    Path(epoch): Path<String>,
+    Params(query): Params<EpochBoardQuery>,
+) -> AppResult<Json<EpochBoard>> {
+    let epoch = stored_epoch(&state, &epoch).await?;
+    let mut board = board_of(&state, &epoch, query.tier.unwrap_or(Tier::Official)).await?;
+    if let Some(wanted) = &query.provenance {
+        board.rows.retain(|row| &row.provenance == wanted);
+    }
+    Ok(Json(board))
+}

@@ -1,0 +1,114 @@
+//! Drawing the instances of an entry's runs.
+
+use axum::Json;
+use axum::extract::{Path, State};
+use serde::{Deserialize, Serialize};
+
+use super::entries::{not_open, own_entry};
+use super::epochs::stored_epoch;
+use super::instances::InstanceBody;
+use crate::app::access::Caller;
+use crate::app::error::{AppError, AppResult};
+use crate::app::limits::LIMITS;
+use crate::clock::now_ms;
+use crate::http::extract::body::{JsonBody, read_json};
+use crate::http::problem::Problem;
+use crate::http::state::AppState;
+use crate::store::instances::Issued;
+use crate::store::keys::Scope;
+use plumbline_engine::intake::Faults;
+
+/// What draws the instances of a run.
+#[derive(Debug, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({ "run": 1, "nonce": "8c1f0d3e5b7a4f6d9e2c" }))]
+pub struct NewDraw {
+    /// Which of the entry's runs, from 1.
+    #[schema(minimum = 1)]
+    run: u32,
+    /// Random characters of your own: with the epoch's key they decide what is drawn, so neither side alone can.
+    #[schema(min_length = 16, max_length = 128)]
+    nonce: String,
+}
+
+/// The instances of a run.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct InstanceList {
+    /// In the order of issue.
+    pub instances: Vec<InstanceBody>,
+}
+
+/// Draw the instances of a run. The same nonce again gives the same instances; another one is refused. Each is to be answered by
+/// one log before it expires.
+#[utoipa::path(
+    post, path = "/v1/entries/{id}/instances", operation_id = "create_instances", tag = "hidden evaluation",
+    summary = "Draw a run's instances",
+    params(("id" = String, Path, description = "The entry's id")),
+    request_body(content = NewDraw, content_type = "application/json"),
+    responses(
+        (status = 200, description = "The instances: prompts, and nothing of the checks", body = InstanceList,
+         example = json!({ "instances": [{ "id": "5f0c…", "prompts": ["You stand at (0, 0, 0) …"], "expires_at": "2026-11-22T10:00:00.000Z" }] })),
+        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "There is no such entry", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "Drawn with another nonce, finalized, the epoch not open, or its pool used up", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "Faults, all of them", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn create_instances(
+    State(state): State<AppState>,
+    caller: Caller,
+    Path(id): Path<String>,
+    body: JsonBody,
+) -> AppResult<Json<InstanceList>> {
+    caller.require(Scope::Submit)?;
+    let new: NewDraw = read_json(&body)?;
+    let entry = own_entry(&state, &caller, &id).await?;
+    let (least, most) = (LIMITS.nonce_min_chars, LIMITS.nonce_max_chars);
+    if !(least..=most).contains(&new.nonce.chars().count()) || new.nonce.chars().any(char::is_control) {
+        let mut faults = Faults::new();
+        faults.add_at("nonce", format!("expected {least} to {most} characters"));
+        return Err(AppError::faulty(faults));
+    }
+    let epoch = stored_epoch(&state, &entry.epoch_id).await?;
+    let now = now_ms();
+    let Some(secret) = state.store.epoch_secret(&epoch, now).await? else {
+        return Err(AppError::conflict("key-lost", crate::store::epochs::LOST_KEY));
+    };
+    match state.store.issue_instances(&id, new.run, &new.nonce, &secret, now).await? {
+        Issued::Instances(rows) => {
+            let mut instances = Vec::with_capacity(rows.len());
+            for row in rows {
+                instances.push(InstanceBody::of(&state, row).await?);
+            }
+            Ok(Json(InstanceList { instances }))
+        }
+        Issued::NoSuchRun => {
+            let mut faults = Faults::new();
+            faults.add_at("run", format!("the entry was registered for {} runs", entry.runs));
+            Err(AppError::faulty(faults))
+        }
+        Issued::OtherNonce => {
+            Err(AppError::conflict("already-drawn", "the run was drawn with another nonce, and is drawn once"))
+        }
+        Issued::Closed if entry.finalized_at_ms.is_some() => {
+            Err(AppError::conflict("finalized", "the entry is finalized"))
+        }
+        Issued::Closed => Err(not_open(&epoch)),
+        Issued::Exhausted => {
+            let detail =
+                "the epoch's pool has no room for this run, whose reservation has ended; nothing was issued to it";
+            Err(AppError::conflict("pool-used-up", detail))
+        }
+        Issued::ShareUsedUp(most) => {
+            let detail = format!(
+                "the owner holds {most} runs of the pool, which is the most, and this one's reservation has ended; nothing was \
+                 issued to it"
+            );
+            Err(AppError::conflict("share-used-up", detail))
+        }
+    }
+}

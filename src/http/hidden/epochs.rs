@@ -1,0 +1,311 @@
+//! Epochs: what they promise, how they stand, and what they reveal in the end.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use axum::Json;
+use axum::body::{Body, Bytes};
+use axum::extract::{Path, State};
+use axum::http::header;
+use axum::response::{IntoResponse as _, Response};
+use futures_util::stream;
+use serde::Serialize;
+
+use crate::app::error::{AppError, AppResult};
+use crate::clock::{now_ms, rfc3339};
+use crate::http::problem::Problem;
+use crate::http::state::AppState;
+use crate::store::StoreError;
+use crate::store::entries::EntryRow;
+use crate::store::epochs::EpochRow;
+use crate::store::secrets::EpochSecret;
+use plumbline_engine::hidden::commitment::Commitment;
+use plumbline_engine::hidden::feedback::{Feedback, Outcome, Tier};
+use plumbline_engine::hidden::reveal::{Reveal, RevealedEntry, RevealedInstance, revealed};
+
+/// How far an epoch is.
+#[derive(Debug, utoipa::ToSchema, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EpochState {
+    /// Not open yet.
+    Committed,
+    /// Takes entries.
+    Open,
+    /// Over.
+    Closed,
+}
+
+/// An epoch.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct EpochBody {
+    /// Its name.
+    #[schema(example = "2026-11")]
+    pub id: String,
+    /// `committed`: not open yet; `open`: takes entries; `closed`.
+    #[schema(value_type = EpochState, example = "open")]
+    pub state: &'static str,
+    /// When it opens.
+    #[schema(format = DateTime)]
+    pub opens_at: String,
+    /// When it closes.
+    #[schema(format = DateTime)]
+    pub closes_at: String,
+    /// What it promised before it opened. Keep it: with it the reveal is checked.
+    pub commitment: Commitment,
+    /// When it was published.
+    #[schema(format = DateTime)]
+    pub committed_at: String,
+    /// When it was closed before its time.
+    #[schema(format = DateTime)]
+    pub closed_early_at: Option<String>,
+    /// Why it was.
+    pub closed_reason: Option<String>,
+    /// Seconds in which an instance is to be answered.
+    pub instance_seconds: i64,
+    /// Entries that one owner may register, by tier.
+    pub dev_entries_per_owner: i64,
+    /// The same for the official tier.
+    pub official_entries_per_owner: i64,
+    /// Bits of information that may be released before it closes.
+    pub budget_bits: f64,
+    /// Bits released so far, at most.
+    pub released_bits: f64,
+    /// Entries registered, by tier.
+    pub entries: EntryCounts,
+    /// Instances issued.
+    pub issued: i64,
+    /// Instances answered.
+    pub answered: i64,
+    /// What is told of the entries of each tier while it is open.
+    pub feedback: TierFeedback,
+}
+
+/// Entries by tier.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct EntryCounts {
+    /// Of the dev tier.
+    pub dev: i64,
+    /// Of the official tier.
+    pub official: i64,
+}
+
+/// What is told, by tier.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct TierFeedback {
+    /// Of the public suite, which needs no entry.
+    pub open: Feedback,
+    /// Of the dev tier.
+    pub dev: Feedback,
+    /// Of the official tier.
+    pub official: Feedback,
+}
+
+/// All epochs.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct EpochList {
+    /// The last to open first.
+    pub epochs: Vec<EpochBody>,
+}
+
+/// An epoch as the API and the pages show it.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn epoch_body(state: &AppState, row: &EpochRow) -> AppResult<EpochBody> {
+    let counts = state.store.epoch_counts(row.id()).await?;
+    let commitment = &row.commitment;
+    let early = row.closed.as_ref().filter(|(at, _)| *at < commitment.closes_at_ms);
+    Ok(EpochBody {
+        id: row.id().to_owned(),
+        state: row.state(now_ms()),
+        opens_at: rfc3339(commitment.opens_at_ms),
+        closes_at: rfc3339(commitment.closes_at_ms),
+        committed_at: rfc3339(row.created_at_ms),
+        closed_early_at: early.map(|(at, _)| rfc3339(*at)),
+        closed_reason: early.map(|(_, reason)| reason.clone()),
+        instance_seconds: row.rules.instance_ms / 1_000,
+        dev_entries_per_owner: row.rules.dev_entries,
+        official_entries_per_owner: row.rules.official_entries,
+        budget_bits: row.rules.budget_bits,
+        released_bits: (row.released_bits * 10.0).round() / 10.0,
+        entries: EntryCounts { dev: counts.dev, official: counts.official },
+        issued: counts.issued,
+        answered: counts.answered,
+        feedback: TierFeedback {
+            open: Feedback::Full,
+            dev: Tier::Dev.feedback(commitment.dev_feedback),
+            official: Tier::Official.feedback(commitment.dev_feedback),
+        },
+        commitment: commitment.clone(),
+    })
+}
+
+/// The epoch of this name.
+///
+/// # Errors
+/// 404 where there is none.
+pub async fn stored_epoch(state: &AppState, id: &str) -> AppResult<EpochRow> {
+    let row = state.store.epoch(id).await?;
+    row.ok_or_else(|| AppError::not_found(format!("there is no epoch {id:?}; /v1/epochs lists them")))
+}
+
+/// All epochs, with their commitments.
+#[utoipa::path(
+    get, path = "/v1/epochs", operation_id = "list_epochs", tag = "hidden evaluation", summary = "List epochs",
+    responses(
+        (status = 200, description = "The epochs", body = EpochList, example = json!({ "epochs": [] })),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn list_epochs(State(state): State<AppState>) -> AppResult<Json<EpochList>> {
+    let mut epochs = Vec::new();
+    for row in state.store.epochs().await? {
+        epochs.push(epoch_body(&state, &row).await?);
+    }
+    Ok(Json(EpochList { epochs }))
+}
+
+/// An epoch: its commitment, its rules, and how it stands.
+#[utoipa::path(
+    get, path = "/v1/epochs/{epoch}", operation_id = "get_epoch", tag = "hidden evaluation", summary = "Get an epoch",
+    params(("epoch" = String, Path, description = "The epoch's name", example = "2026-11")),
+    responses(
+        (status = 200, description = "The epoch", body = EpochBody,
+         example = json!({ "id": "2026-11", "state": "open", "commitment": { "key_hash": "5891b5b5…", "root": "e258d248…" } })),
+        (status = 404, description = "There is none of this name", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_epoch(State(state): State<AppState>, Path(epoch): Path<String>) -> AppResult<Json<EpochBody>> {
+    let row = stored_epoch(&state, &epoch).await?;
+    Ok(Json(epoch_body(&state, &row).await?))
+}
+
+/// The epoch, where it is over and its key is at hand.
+async fn over(state: &AppState, id: &str) -> AppResult<(EpochRow, Arc<EpochSecret>)> {
+    let row = stored_epoch(state, id).await?;
+    let now = now_ms();
+    if !row.is_over(now) {
+        let detail =
+            format!("the epoch closes at {}; nothing is revealed before", rfc3339(row.commitment.closes_at_ms));
+        return Err(AppError::conflict("epoch-not-over", detail));
+    }
+    if !state.store.settle_epoch(&row, now).await? {
+        let detail = "the epoch is over, and its last answers are being graded";
+        return Err(AppError::conflict("still-grading", detail).retry_after(5));
+    }
+    let secret = state.store.epoch_secret(&row, now).await?;
+    let lost = || AppError::conflict("key-lost", crate::store::epochs::LOST_KEY);
+    Ok((row, secret.ok_or_else(lost)?))
+}
+
+fn revealed_entry(row: EntryRow) -> RevealedEntry {
+    RevealedEntry {
+        id: row.id,
+        agent: row.agent,
+        configuration_hash: row.configuration_hash,
+        tier: row.tier,
+        runs: u32::try_from(row.runs).unwrap_or_default(),
+        registered_at_ms: row.registered_at_ms,
+        finalized_at_ms: row.finalized_at_ms,
+        owner: Some(row.owner),
+        completed_at_ms: row.completed_at_ms,
+    }
+}
+
+/// All that a closed epoch held back: key, salts, specifications, entries, draws and grades. `plumbline verify-epoch` makes
+/// everything again from the key and compares.
+#[utoipa::path(
+    get, path = "/v1/epochs/{epoch}/reveal", operation_id = "get_epoch_reveal", tag = "hidden evaluation",
+    summary = "Reveal a closed epoch",
+    params(("epoch" = String, Path, description = "The epoch's name", example = "2026-11")),
+    responses(
+        (status = 200, description = "The reveal", body = Object,
+         example = json!({ "key": "6f1e…", "specifications": [{ "leaf": 0, "salt": "9a0c…", "hash": "77de…" }] })),
+        (status = 404, description = "There is none of this name", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "It is not over, its last answers are being graded, or its key was lost", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_epoch_reveal(State(state): State<AppState>, Path(epoch): Path<String>) -> AppResult<Response> {
+    let (row, secret) = over(&state, &epoch).await?;
+    let json = [(header::CONTENT_TYPE, "application/json")];
+    if let Some(made) = state.reveals.get(&epoch) {
+        return Ok((json, made).into_response());
+    }
+    let entries = state.store.entries(row.id()).await?;
+    let mut grades: BTreeMap<String, Outcome> = BTreeMap::new();
+    for entry in &entries {
+        let outcomes = state.store.outcomes_of_entry(&entry.id).await?;
+        grades.extend(outcomes.into_iter().map(|outcome| (outcome.instance.clone(), outcome)));
+    }
+    let rows = state.store.instances_of_epoch(row.id()).await?;
+    let instances = rows.into_iter().map(|own| {
+        let scores = grades.remove(&own.id).and_then(|outcome| outcome.scores);
+        RevealedInstance {
+            ordinal: own.ordinal,
+            entry: own.entry_id,
+            nonce: own.nonce,
+            run: own.run,
+            family: own.family,
+            index: own.family_index,
+            leaf: own.leaf,
+            log_sha256: own.log_hash,
+            overall: scores.as_ref().map(plumbline_engine::grading::ProblemScores::overall),
+            scores: scores.map(|scores| scores.rows),
+            transcript_sha256: own.transcript_hash,
+            transcript_checked: own.transcript_checked_ms.is_some(),
+            id: own.id,
+        }
+    });
+    let instances: Vec<RevealedInstance> = instances.collect();
+    let entries = entries.into_iter().map(revealed_entry).collect();
+    let receipts = Some(state.store.receipts_of_epoch(row.id()).await?);
+    let made = tokio::task::spawn_blocking(move || {
+        let specifications = secret.specifications.iter().map(|own| revealed(&secret.key, own.clone())).collect();
+        let reveal = Reveal {
+            commitment: row.commitment,
+            key: secret.key.expose(),
+            specifications,
+            entries,
+            instances,
+            receipts,
+        };
+        serde_json::to_vec(&reveal)
+    });
+    let text = made.await.map_err(|error| AppError::internal(&error))?.map_err(|error| AppError::internal(&error))?;
+    let text = Bytes::from(text);
+    state.reveals.insert(epoch, text.clone());
+    Ok((json, text).into_response())
+}
+
+/// The logs that answered a closed epoch's instances, one a line: what `verify-epoch` grades again.
+#[utoipa::path(
+    get, path = "/v1/epochs/{epoch}/answers", operation_id = "get_epoch_answers", tag = "hidden evaluation",
+    summary = "Download a closed epoch's answers",
+    params(("epoch" = String, Path, description = "The epoch's name", example = "2026-11")),
+    responses(
+        (status = 200, description = "A JSON object a line: instance and log", body = String, content_type = "application/x-ndjson",
+         example = "{\"instance\":\"5f0c…\",\"log\":{\"palette\":[\"stone\"],\"turns\":[[[0,0,0,0]]]}}\n"),
+        (status = 404, description = "There is none of this name", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "It is not over, or its key was lost", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_epoch_answers(State(state): State<AppState>, Path(epoch): Path<String>) -> AppResult<Response> {
+    const AT_ONCE: i64 = 10;
+    let (row, _secret) = over(&state, &epoch).await?;
+    let lines = stream::try_unfold((state, row, 0), |(state, row, after)| async move {
+        let page = state.store.answers(row.id(), after, AT_ONCE).await?;
+        let Some((last, _, _)) = page.last() else { return Ok::<_, StoreError>(None) };
+        let last = *last;
+        let mut text = Vec::new();
+        for (_, instance, log) in &page {
+            text.extend(format!("{{\"instance\":\"{instance}\",\"log\":").bytes());
+            text.extend(log);
+            text.extend(b"}\n");
+        }
+        Ok(Some((Bytes::from(text), (state, row, last))))
+    });
+    Ok(([(header::CONTENT_TYPE, "application/x-ndjson")], Body::from_stream(lines)).into_response())
+}

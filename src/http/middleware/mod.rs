@@ -1,0 +1,5 @@
+//! Middleware: what happens around every route.
+
+pub mod layers;
+pub mod observe;
+pub mod rates;

@@ -1,0 +1,127 @@
+//! What is noted of each request, once: an id, a metric by route and not by path, a log line; and that pages of any origin may
+//! read the answer.
+
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, LazyLock, PoisonError, RwLock};
+use std::time::{Duration, Instant};
+
+use axum::extract::{MatchedPath, Request};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse as _, Response};
+use metrics::{Counter, Histogram};
+use uuid::Uuid;
+
+/// Header of the request id: taken from the client or made here, and always sent back.
+const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+/// Longest id of a client that is taken.
+const MAX_ID_BYTES: usize = 128;
+/// Name of requests that no route matches.
+const UNMATCHED: &str = "unmatched";
+
+/// Gives the request an id, counts and logs it.
+pub async fn observe(mut request: Request, next: Next) -> Response {
+    let begun = Instant::now();
+    let method = request.method().clone();
+    let route = request.extensions().get::<MatchedPath>().cloned();
+    let id = id_of(request.headers_mut());
+    let mut response = if is_preflight(&request) { allowed() } else { next.run(request).await };
+    let route = route.as_ref().map_or(UNMATCHED, MatchedPath::as_str);
+    let (status, took) = (response.status().as_u16(), begun.elapsed());
+    let series = Series::of(route);
+    series.seconds.record(took.as_secs_f64());
+    series.count(&method, status, route).increment(1);
+    let owner = response.extensions_mut().remove::<Owner>();
+    log(&method, route, status, took, &id, owner.as_ref());
+    let headers = response.headers_mut();
+    headers.insert(REQUEST_ID, id);
+    headers.entry(header::X_CONTENT_TYPE_OPTIONS).or_insert(HeaderValue::from_static("nosniff"));
+    headers.insert(header::ACCESS_CONTROL_ALLOW_ORIGIN, HeaderValue::from_static("*"));
+    headers.insert(header::ACCESS_CONTROL_EXPOSE_HEADERS, HeaderValue::from_static("*"));
+    response
+}
+
+/// The owner of the key that a request came with, for its log line.
+#[derive(Debug, Clone)]
+pub(super) struct Owner(pub String);
+
+/// A line for each request: never its path, key or body. Of probes and of what is asked for again and again it is at debug.
+fn log(method: &Method, route: &str, status: u16, took: Duration, id: &HeaderValue, owner: Option<&Owner>) {
+    const QUIET: [&str; 4] = ["/healthz", "/readyz", "/metrics", "/assets/{name}"];
+    let owner = owner.map(|owner| owner.0.as_str());
+    let (id, ms) = (id.to_str().unwrap_or_default(), took.as_secs_f64() * 1e3);
+    if QUIET.contains(&route) {
+        tracing::debug!(target: "crate::request", request_id = id, %method, route, status, duration_ms = ms, owner, "request");
+    } else {
+        tracing::info!(target: "crate::request", request_id = id, %method, route, status, duration_ms = ms, owner, "request");
+    }
+}
+
+/// Whether a browser asks if a page of another origin may send something.
+fn is_preflight(request: &Request) -> bool {
+    request.method() == Method::OPTIONS && request.headers().contains_key(header::ACCESS_CONTROL_REQUEST_METHOD)
+}
+
+/// It may: whatever is allowed here is allowed by a key, which no browser adds by itself.
+fn allowed() -> Response {
+    let allow = [
+        (header::ACCESS_CONTROL_ALLOW_METHODS, "*"),
+        // The star does not stand for this one (Fetch standard, "CORS non-wildcard request-header name").
+        (header::ACCESS_CONTROL_ALLOW_HEADERS, "*, authorization"),
+        (header::ACCESS_CONTROL_MAX_AGE, "86400"),
+    ];
+    (StatusCode::NO_CONTENT, allow).into_response()
+}
+
+/// The client's id, where it may be one, or a new one: unlike any other of this process, and of others as good as surely.
+fn id_of(headers: &mut HeaderMap) -> HeaderValue {
+    static PROCESS: LazyLock<String> = LazyLock::new(|| Uuid::new_v4().simple().to_string());
+    static NEXT: AtomicU64 = AtomicU64::new(0);
+    if let Some(id) = headers.get(REQUEST_ID).filter(|id| !id.is_empty() && id.len() <= MAX_ID_BYTES) {
+        return id.clone();
+    }
+    let number = NEXT.fetch_add(1, Ordering::Relaxed);
+    let id = HeaderValue::try_from(format!("{}-{number:x}", &PROCESS[..16]));
+    id.unwrap_or(HeaderValue::from_static("none"))
+}
+
+/// The metrics of a route, looked up once and kept: finding them by their labels takes longer than many an answer.
+struct Series {
+    seconds: Histogram,
+    counts: RwLock<Vec<(Method, u16, Counter)>>,
+}
+
+impl Series {
+    fn of(route: &str) -> Arc<Self> {
+        static ALL: LazyLock<RwLock<HashMap<String, Arc<Series>>>> = LazyLock::new(RwLock::default);
+        if let Some(series) = ALL.read().unwrap_or_else(PoisonError::into_inner).get(route) {
+            return Arc::clone(series);
+        }
+        let seconds = metrics::histogram!("plumbline_http_request_seconds", "route" => route.to_owned());
+        let series = Arc::new(Self { seconds, counts: RwLock::default() });
+        let mut all = ALL.write().unwrap_or_else(PoisonError::into_inner);
+        Arc::clone(all.entry(route.to_owned()).or_insert(series))
+    }
+
+    fn count(&self, method: &Method, status: u16, route: &str) -> Counter {
+        let is_it = |(of, with, _): &&(Method, u16, Counter)| of == known(method) && *with == status;
+        if let Some((_, _, counter)) = self.counts.read().unwrap_or_else(PoisonError::into_inner).iter().find(is_it) {
+            return counter.clone();
+        }
+        let name = if known(method) == method { method.as_str() } else { "other" };
+        let labels = [("method", name.to_owned()), ("route", route.to_owned()), ("status", status.to_string())];
+        let counter = metrics::counter!("plumbline_http_requests_total", &labels);
+        let kept = (known(method).clone(), status, counter.clone());
+        self.counts.write().unwrap_or_else(PoisonError::into_inner).push(kept);
+        counter
+    }
+}
+
+/// The method, or one that stands for all others: a client may invent any number of them, and each would be a series of its
+/// own.
+fn known(method: &Method) -> &Method {
+    const KNOWN: [Method; 7] =
+        [Method::GET, Method::HEAD, Method::POST, Method::PUT, Method::PATCH, Method::DELETE, Method::OPTIONS];
+    if KNOWN.contains(method) { method } else { &Method::TRACE }
+}

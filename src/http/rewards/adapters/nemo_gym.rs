@@ -1,0 +1,291 @@
+//! NeMo Gym's resources server: `POST /verify`, and the calls around it, which need nothing here.
+//!
+//! Requests are those of `nemo_gym.base_resources_server` up to 0.7: flat (`responses_create_params`, `response` and what the dataset
+//! adds), or nested (`episode_id`, `task_id`, `verification_input`). The task is named by `task`, `suite` and `reward_scheme`, at the
+//! top, under `verifier_metadata` or under `verification_input`. The answer to a flat request repeats it.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::header;
+use axum::response::{IntoResponse as _, Response};
+use serde_json::{Map, Value, json};
+
+use super::add_misspelt;
+use crate::app::access::Caller;
+use crate::app::error::{AppError, AppResult};
+use crate::app::replay::TurnReplay;
+use crate::app::rewards::judge::judge;
+use crate::http::extract::body::JsonBody;
+use crate::http::problem::Problem;
+use crate::http::rewards::single::SchemeBody;
+use crate::http::state::AppState;
+use crate::http::submissions::schema::TaskName;
+use crate::store::keys::Scope;
+use plumbline_engine::checks::Criterion;
+use plumbline_engine::grading::reward::RewardComponents;
+use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::tolerant::why_not_json;
+
+/// What names the task.
+const OPTIONS: [&str; 3] = ["task", "suite", "reward_scheme"];
+/// What the framework reads of a verified response; the request's own members stand beside it.
+#[derive(Debug, serde::Serialize, utoipa::ToSchema)]
+pub struct VerifyAnswer {
+    /// The reward.
+    #[schema(minimum = 0, maximum = 1)]
+    reward: f64,
+    /// Whether the sample is to be left out: never, for a failure of ours is a problem.
+    mask_sample: bool,
+    /// What the reward is made of.
+    reward_components: RewardComponents,
+    /// What the action code did, where the model wrote some.
+    action_code: Option<Vec<TurnReplay>>,
+    /// Why nothing could be graded.
+    failure_reason: Option<String>,
+}
+
+/// A request to verify: of what the framework sends, what is read.
+#[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
+#[expect(dead_code, reason = "describes what is read piece by piece")]
+pub struct VerifyRequest {
+    /// The task: its id, or its number. It may stand under `verifier_metadata` too.
+    #[schema(value_type = Option<TaskName>)]
+    task: Option<Value>,
+    /// Suite of the task.
+    suite: Option<String>,
+    /// How the reward is made.
+    #[schema(value_type = Option<SchemeBody>)]
+    reward_scheme: Option<Value>,
+    /// What the dataset keeps for the verifier.
+    #[schema(value_type = Option<Object>)]
+    verifier_metadata: Option<Value>,
+    /// What the model was asked.
+    #[schema(value_type = Option<Object>)]
+    responses_create_params: Option<Value>,
+    /// What it answered: an object of the Responses API.
+    #[schema(value_type = Option<Object>)]
+    response: Option<Value>,
+}
+
+/// A request that begins or ends a session: what is read of it.
+#[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
+#[expect(dead_code, reason = "describes what is read piece by piece")]
+pub struct SessionRequest {
+    /// The session, in newer versions of the framework.
+    resources_session_id: Option<String>,
+}
+
+/// The answer to it.
+#[derive(Debug, serde::Serialize, utoipa::ToSchema)]
+pub struct SessionAnswer {
+    /// The session, where the request named one.
+    resources_session_id: Option<String>,
+}
+
+/// Begin a session: nothing is kept between calls, so the answer only repeats the session's id, where the request has one.
+#[utoipa::path(
+    post, path = "/seed_session", operation_id = "seed_session", tag = "rewards", summary = "NeMo Gym: begin a session",
+    request_body(content = SessionRequest, content_type = "application/json"),
+    responses(
+        (status = 200, description = "The session's id, or an empty object", body = SessionAnswer, example = json!({})),
+        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn seed_session(caller: Caller, body: JsonBody) -> AppResult<Response> {
+    caller.require(Scope::Grade)?;
+    session(&body)
+}
+
+/// End a session. Nothing was kept; it may be ended again, and one that never began too.
+#[utoipa::path(
+    post, path = "/close_session", operation_id = "close_session", tag = "rewards", summary = "NeMo Gym: end a session",
+    request_body(content = SessionRequest, content_type = "application/json"),
+    responses(
+        (status = 200, description = "The session's id, or an empty object", body = SessionAnswer, example = json!({})),
+        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn close_session(caller: Caller, body: JsonBody) -> AppResult<Response> {
+    caller.require(Scope::Grade)?;
+    session(&body)
+}
+
+fn session(body: &JsonBody) -> AppResult<Response> {
+    let request = if body.bytes.is_empty() { Map::new() } else { object(&body.bytes)? };
+    let Some(id) = request.get("resources_session_id").and_then(Value::as_str) else {
+        return Ok(Json(json!({})).into_response());
+    };
+    // The framework asks for a cookie; it means nothing here.
+    let cookie = [(header::SET_COOKIE, "plumbline_session=stateless; Path=/; HttpOnly; SameSite=Lax")];
+    Ok((cookie, Json(json!({ "resources_session_id": id }))).into_response())
+}
+
+/// Whether an answer may be verified again: it may, with the same result.
+#[utoipa::path(
+    get, path = "/reverify_mode", operation_id = "reverify_mode", tag = "rewards", summary = "NeMo Gym: may answers be verified again",
+    responses(
+        (status = 200, description = "They may", body = String, content_type = "application/json", example = json!("stateless")),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn reverify_mode() -> Json<&'static str> {
+    Json("stateless")
+}
+
+/// Grade what a model answered, as NeMo Gym asks a resources server. In the assistant's messages the last complete answer counts, a
+/// block log as JSON or action code; of a task of several turns the last so many messages with an answer give a turn each. An answer
+/// that cannot be graded has reward 0 and a `failure_reason`; a failure of ours is a problem, never a reward. The criteria stand at
+/// the top as well (`reward_material`, …), where the framework makes means of them.
+#[utoipa::path(
+    post, path = "/verify", operation_id = "verify", tag = "rewards", summary = "NeMo Gym: verify a response",
+    request_body(content = VerifyRequest, content_type = "application/json", example = json!({
+        "task": "walls/5x1x5-raise", "responses_create_params": { "input": "Raise a wall." },
+        "response": { "output": [{ "type": "message", "role": "assistant",
+            "content": [{ "type": "output_text", "text": "{\"events\": []}" }] }] } })),
+    responses(
+        (status = 200, description = "The request with its reward; a nested request is not repeated", body = VerifyAnswer,
+         example = json!({ "reward": 1.0, "reward_components": { "overall": 1.0, "material": 1.0 }, "reward_overall": 1.0,
+                           "reward_material": 1.0, "mask_sample": false })),
+        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "No task, none of this name, no response, or a misspelt option", body = Problem, content_type = "application/problem+json"),
+        (status = 429, description = "Too much to do; come back", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
+        (status = 504, description = "The deadline passed", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBody) -> AppResult<Json<Value>> {
+    caller.require(Scope::Grade)?;
+    let who = caller.who();
+    let _place = state.grader.admit(who).map_err(AppError::without_reward)?;
+    let catalogue = state.store.catalogue();
+    let reading = tokio::task::spawn_blocking(move || {
+        let request = object(&body.bytes)?;
+        let (naming, texts) = (naming(&request)?, texts(&request)?);
+        AppResult::Ok((request, naming, texts))
+    });
+    let (request, naming, texts) = reading.await.map_err(|error| AppError::internal(&error))??;
+    let graded = judge(&state, who, &catalogue, &naming, texts).await;
+    let graded = graded.map_err(|error| error.named(&[("/reward", "/reward_scheme")]))?;
+    // What is nested is not repeated: the framework refuses members that it does not know there.
+    let mut answer = if request.contains_key("verification_input") { Map::new() } else { request };
+    answer.insert("reward".to_owned(), graded.reward.into());
+    answer.insert("mask_sample".to_owned(), false.into());
+    let components = serde_json::to_value(&graded.components).map_err(|error| AppError::internal(&error))?;
+    for (name, value) in components.as_object().into_iter().flatten() {
+        answer.insert(format!("reward_{name}"), value.clone());
+    }
+    answer.insert("reward_components".to_owned(), components);
+    if !graded.action_code.is_empty() {
+        let told = serde_json::to_value(&graded.action_code).map_err(|error| AppError::internal(&error))?;
+        answer.insert("action_code".to_owned(), told);
+    }
+    if let Some(why) = graded.answer.and_then(|found| found.why) {
+        answer.insert("failure_reason".to_owned(), why.into());
+    }
+    Ok(Json(Value::Object(answer)))
+}
+
+pub(super) fn object(text: &[u8]) -> AppResult<Map<String, Value>> {
+    let mut faults = Faults::new();
+    match serde_json::from_slice(text) {
+        Ok(Value::Object(request)) => Ok(request),
+        Ok(_) => {
+            faults.add("expected an object");
+            Err(AppError::faulty(faults))
+        }
+        Err(error) => {
+            faults.add(why_not_json(text, &error));
+            Err(AppError::malformed(faults))
+        }
+    }
+}
+
+/// How the task is named, at the top or among what the dataset keeps for the verifier.
+///
+/// # Errors
+/// 422 where an option is misspelt.
+fn naming(request: &Map<String, Value>) -> AppResult<Map<String, Value>> {
+    let part = |key: &str| request.get(key).and_then(Value::as_object);
+    let parts: Vec<(&str, &Map<String, Value>)> = ["verifier_metadata", "task_data", "verification_input"]
+        .into_iter()
+        .filter_map(|key| part(key).map(|object| (key, object)))
+        .collect();
+    let find = |key: &str| {
+        let mut places = std::iter::once(request).chain(parts.iter().map(|(_, object)| *object));
+        places.find_map(|object| object.get(key).filter(|value| !value.is_null())).cloned()
+    };
+    let missing: Vec<&str> = OPTIONS.into_iter().filter(|option| find(option).is_none()).collect();
+    let mut faults = Faults::new();
+    // At the top a dataset has names of its own in any number; short ones are left alone there.
+    let long: Vec<&str> = missing.iter().copied().filter(|option| option.len() > 8).collect();
+    let sent: Map<String, Value> =
+        request.iter().filter(|(key, _)| !is_own(key)).map(|(key, value)| (key.clone(), value.clone())).collect();
+    add_misspelt(&sent, &long, &mut faults);
+    for (key, object) in &parts {
+        faults.enter_key(key);
+        add_misspelt(object, &missing, &mut faults);
+        faults.leave();
+    }
+    if !faults.is_empty() {
+        return Err(AppError::faulty(faults));
+    }
+    let task = find("task").or_else(|| part("task_id").and_then(|id| id.get("task_id")).cloned());
+    let naming = [("task", task), ("suite", find("suite")), ("reward", find("reward_scheme"))];
+    Ok(naming.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect())
+}
+
+/// Whether a member is one that an answer of ours adds: an answer may be verified again.
+fn is_own(key: &str) -> bool {
+    let component = |name: &str| name == "overall" || Criterion::ALL.iter().any(|criterion| criterion.name() == name);
+    key == "response" || key == "responses_create_params" || key.strip_prefix("reward_").is_some_and(component)
+}
+
+/// The texts of the assistant's messages, in order: of a Responses object, or of a chat completion.
+///
+/// # Errors
+/// 422 where there are none to be read: then the trainer is wired wrongly, and the model is not to blame.
+fn texts(request: &Map<String, Value>) -> AppResult<Vec<String>> {
+    let response = request.get("response").or_else(|| request.get("verification_input")?.get("response"));
+    let wrong = |place: &str, what: &str| {
+        let mut faults = Faults::new();
+        faults.enter_key("response");
+        if place.is_empty() {
+            faults.add(what);
+        } else {
+            faults.add_at(place, what);
+        }
+        AppError::faulty(faults)
+    };
+    let Some(response) = response.filter(|response| response.is_object()) else {
+        return Err(wrong("", "expected what the model answered: an object of the Responses API, with a list output"));
+    };
+    if let Some(choices) = response.get("choices").and_then(Value::as_array) {
+        return Ok(choices.iter().take(1).map(|choice| content_of(&choice["message"])).collect());
+    }
+    let Some(output) = response.get("output").and_then(Value::as_array) else {
+        let text = response.get("output_text").and_then(Value::as_str);
+        return text.map(|text| vec![text.to_owned()]).ok_or_else(|| wrong("output", "expected a list of items"));
+    };
+    let is_said = |item: &&Value| {
+        let kind = item.get("type").and_then(Value::as_str);
+        let role = item.get("role").and_then(Value::as_str);
+        kind.is_none_or(|kind| kind == "message") && role.is_none_or(|role| role == "assistant")
+    };
+    let texts: Vec<String> = output.iter().filter(is_said).map(content_of).collect();
+    // A model may end without a word, after tools or thoughts.
+    Ok(if texts.is_empty() { vec![String::new()] } else { texts })
+}
+
+/// The text of a message, whole or in parts.
+fn content_of(message: &Value) -> String {
+    match &message["content"] {
+        Value::String(text) => text.clone(),
+        parts => parts.as_array().into_iter().flatten().filter_map(|part| part["text"].as_str()).collect(),
+    }
+}

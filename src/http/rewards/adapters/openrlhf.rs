@@ -1,0 +1,258 @@
+//! OpenRLHF's remote reward model: `query`, `prompts` and `labels` in, `rewards`, `scores` and `extra_logs` out.
+//!
+//! `query` holds prompt and answer in one text each. A label names the task: its id, its number, or JSON with `task`, `suite` and
+//! `reward`. The trainer makes tensors of what is answered, so every sample has a number under the same names, whatever became of it.
+
+use axum::Json;
+use axum::extract::State;
+use futures_util::{StreamExt as _, TryStreamExt as _, stream};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use super::add_misspelt;
+use crate::app::access::Caller;
+use crate::app::error::{AppError, AppResult, FaultBody};
+use crate::app::limits::LIMITS;
+use crate::app::rewards::judge::judge_in_turn;
+use crate::app::rewards::score::GradeBody;
+use crate::http::extract::body::{JsonBody, read_json};
+use crate::http::problem::Problem;
+use crate::http::state::AppState;
+use crate::store::keys::Scope;
+use plumbline_engine::intake::Faults;
+
+/// What a label may say.
+const OPTIONS: [&str; 3] = ["task", "suite", "reward"];
+/// Samples of a request that are graded or wait at the same time.
+const AT_ONCE: usize = 8;
+/// Characters at the end of a prompt by which it is found in a query that lacks its beginning.
+const PROMPT_END_CHARS: usize = 200;
+
+/// What OpenRLHF posts.
+#[derive(Debug, Deserialize, utoipa::ToSchema)]
+#[schema(example = json!({ "query": ["Raise a wall.{\"events\": []}"], "prompts": ["Raise a wall."], "labels": ["walls/5x1x5-raise"] }))]
+pub struct RewardQuery {
+    /// Prompt and answer of each sample.
+    #[schema(max_items = 10_000)]
+    pub query: Vec<String>,
+    /// The prompt of each sample, which is taken off the query.
+    #[serde(default)]
+    #[schema(max_items = 10_000)]
+    pub prompts: Option<Vec<Option<String>>>,
+    /// The task of each sample: its id, its number, or JSON with `task`, `suite` and `reward`, as text or not.
+    #[schema(max_items = 10_000, value_type = Vec<LabelBody>)]
+    pub labels: Vec<Value>,
+}
+
+/// The task of a sample.
+#[derive(Debug, Deserialize, utoipa::ToSchema)]
+#[serde(untagged)]
+pub enum LabelBody {
+    /// Its id, or JSON as text.
+    Text(String),
+    /// Its number.
+    Number(u32),
+    /// Task, suite and reward, as `/v1/grade` takes them.
+    #[schema(value_type = Object)]
+    Whole(Map<String, Value>),
+}
+
+/// What OpenRLHF reads.
+#[derive(Debug, Default, Serialize, utoipa::ToSchema)]
+pub struct Rewards {
+    /// The reward of each sample; 0 where it could not be graded.
+    pub rewards: Vec<f64>,
+    /// 1 where the sample passes, else 0; for filtering.
+    pub scores: Vec<f64>,
+    /// Figures to log, a value per sample.
+    pub extra_logs: ExtraLogs,
+    /// Samples that could not be graded, or whose code broke off, and why.
+    pub problems: Vec<SampleProblem>,
+}
+
+/// Figures of samples.
+#[derive(Debug, Default, Serialize, utoipa::ToSchema)]
+pub struct ExtraLogs {
+    /// 1 where the problem passes.
+    pub overall: Vec<f64>,
+    /// Mean over the criteria that apply; 0 where there is no log.
+    pub criteria_mean: Vec<f64>,
+    /// 1 where the answer held a log or code that fits the task.
+    pub readable: Vec<f64>,
+    /// 1 where the label names no task: a fault of the dataset, not of the model.
+    pub mislabelled: Vec<f64>,
+}
+
+/// Why a sample could not be graded, or how its code broke off.
+#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
+pub struct SampleProblem {
+    /// Place of the sample, from 0.
+    pub index: usize,
+    /// Why, in words.
+    pub detail: String,
+    /// Faults of the label.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub faults: Vec<FaultBody>,
+}
+
+/// Grade what a model answered, as OpenRLHF asks a remote reward model. An answer that cannot be graded has reward
+/// 0, and so has a sample whose label names no task; `problems` tells why. Where all labels are wrong the request is refused. Where
+/// grading one of them fails through us, the whole request fails with a retryable problem, never a reward.
+#[utoipa::path(
+    post, path = "/get_reward", operation_id = "get_reward", tag = "rewards", summary = "OpenRLHF: rewards of samples",
+    request_body(content = RewardQuery, content_type = "application/json"),
+    responses(
+        (status = 200, description = "Rewards in the order of the samples", body = Rewards,
+         example = json!({ "rewards": [1.0], "scores": [1.0],
+                           "extra_logs": { "overall": [1.0], "criteria_mean": [1.0], "readable": [1.0] } })),
+        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "No label names a task, or lists of different lengths", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 429, description = "Too much to do; come back", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
+        (status = 504, description = "A deadline passed", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: JsonBody) -> AppResult<Json<Rewards>> {
+    caller.require(Scope::Grade)?;
+    let who = caller.who();
+    let _place = state.grader.admit_batch(who).map_err(AppError::without_reward)?;
+    let catalogue = state.store.current_catalogue().await?;
+    let reading = tokio::task::spawn_blocking(move || read(&body));
+    let query = reading.await.map_err(|error| AppError::internal(&error))??;
+    let judge_one = async |i: usize| {
+        let prompt = query.prompts.as_ref().and_then(|prompts| prompts.get(i)?.as_deref());
+        let answer = without_prompt(&query.query[i], prompt.unwrap_or_default()).to_owned();
+        let graded = match naming(&query.labels[i]) {
+            Ok(naming) => judge_in_turn(&state, who, &catalogue, &naming, answer).await,
+            Err(error) => Err(error),
+        };
+        match graded {
+            Ok(graded) => Ok(Ok(graded)),
+            Err(error) if !error.is_retryable() => Ok(Err(error.at(&format!("/labels/{i}")))),
+            Err(error) => Err(error),
+        }
+    };
+    // What is under way when the client leaves, or one sample fails through us, ends with this request.
+    let judged: AppResult<Vec<Judged>> =
+        stream::iter(0..query.query.len()).map(judge_one).buffered(AT_ONCE).try_collect().await;
+    answer(judged?)
+}
+
+/// A sample's grade, or what is wrong with its label.
+type Judged = Result<GradeBody, AppError>;
+
+fn read(body: &JsonBody) -> AppResult<RewardQuery> {
+    let query: RewardQuery = read_json(body)?;
+    let mut faults = Faults::new();
+    let samples = query.query.len();
+    if query.labels.len() != samples {
+        faults.add_at("labels", format!("{} labels for {samples} samples", query.labels.len()));
+    }
+    if let Some(prompts) = &query.prompts
+        && !prompts.is_empty()
+        && prompts.len() != samples
+    {
+        faults.add_at("prompts", format!("{} prompts for {samples} samples", prompts.len()));
+    }
+    if samples > LIMITS.grade_batch_logs {
+        faults.add_at("query", format!("{samples} samples; at most {} are allowed", LIMITS.grade_batch_logs));
+    }
+    if faults.is_empty() { Ok(query) } else { Err(AppError::faulty(faults)) }
+}
+
+/// The answer in a query. The trainer may have cut off the beginning of a long prompt, but never its end.
+fn without_prompt<'q>(query: &'q str, prompt: &str) -> &'q str {
+    if let Some(answer) = query.strip_prefix(prompt) {
+        return answer;
+    }
+    let end = prompt.char_indices().rev().nth(PROMPT_END_CHARS - 1).map_or(0, |(at, _)| at);
+    query.find(&prompt[end..]).map_or(query, |at| &query[at + prompt.len() - end..])
+}
+
+/// A label as JSON, or as the bare name of a task.
+///
+/// # Errors
+/// 422 where an option is misspelt.
+fn naming(label: &Value) -> AppResult<Map<String, Value>> {
+    let parsed = label.as_str().and_then(|text| serde_json::from_str::<Value>(text).ok());
+    let object = match (label, parsed) {
+        (Value::Object(naming), _) => naming.clone(),
+        (_, Some(Value::Object(naming))) => naming,
+        (_, Some(number @ Value::Number(_))) => [("task".to_owned(), number)].into_iter().collect(),
+        (Value::Null, _) => return Err(no_task()),
+        (Value::String(text), _) if text.trim().is_empty() => return Err(no_task()),
+        (task, _) => [("task".to_owned(), task.clone())].into_iter().collect(),
+    };
+    let missing: Vec<&str> = OPTIONS.into_iter().filter(|option| !object.contains_key(*option)).collect();
+    let mut faults = Faults::new();
+    add_misspelt(&object, &missing, &mut faults);
+    if !faults.is_empty() {
+        return Err(AppError::faulty(faults));
+    }
+    // What else a dataset says in a label is its own.
+    Ok(object.into_iter().filter(|(key, _)| OPTIONS.contains(&key.as_str())).collect())
+}
+
+/// 422: a label is empty, as trainers leave it where nobody told them which column it is.
+fn no_task() -> AppError {
+    let mut faults = Faults::new();
+    faults.add("empty: a label names a task by its id, by its number, or as JSON with task, suite and reward");
+    AppError::faulty(faults)
+}
+
+/// Rewards of all samples.
+///
+/// # Errors
+/// The first fault, where no label names a task.
+fn answer(judged: Vec<Judged>) -> AppResult<Json<Rewards>> {
+    let mut rewards = Rewards::default();
+    let is_any_labelled = judged.is_empty() || judged.iter().any(Result::is_ok);
+    for (index, one) in judged.into_iter().enumerate() {
+        let (reward, overall, mean, is_readable, problem) = match one {
+            Ok(graded) => {
+                // A sum of nothing is a negative zero.
+                let sum = graded.criteria.iter().fold(0.0, |sum, criterion| sum + criterion.mean);
+                let mean = sum / graded.criteria.len().max(1) as f64;
+                let why = graded.answer.and_then(|answer| answer.why);
+                let is_readable = why.is_none();
+                // Code that broke off is graded for what it did, and its error told.
+                let broke = graded.action_code.into_iter().find_map(|replay| replay.error).map(|error| error.message);
+                let problem = why.or(broke).map(|detail| SampleProblem { index, detail, faults: Vec::new() });
+                (graded.reward, f64::from(graded.overall), mean, is_readable, problem)
+            }
+            Err(error) if !is_any_labelled => return Err(error),
+            Err(error) => {
+                let problem = Problem::from(error);
+                (0.0, 0.0, 0.0, false, Some(SampleProblem { index, detail: problem.detail, faults: problem.faults }))
+            }
+        };
+        rewards.rewards.push(reward);
+        rewards.scores.push(overall);
+        rewards.extra_logs.overall.push(overall);
+        rewards.extra_logs.criteria_mean.push(mean);
+        rewards.extra_logs.readable.push(f64::from(is_readable));
+        let is_mislabelled = problem.as_ref().is_some_and(|problem| !problem.faults.is_empty());
+        rewards.extra_logs.mislabelled.push(f64::from(is_mislabelled));
+        rewards.problems.extend(problem);
+    }
+    Ok(Json(rewards))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_prompt_is_taken_off_also_where_its_beginning_is_lost() {
+        let prompt = format!("{} e.g. {{\"events\": []}} Go: ", "long ".repeat(100));
+        assert_eq!(without_prompt(&format!("{prompt}I go"), &prompt), "I go");
+        assert_eq!(without_prompt(&format!("{}I go", &prompt[300..]), &prompt), "I go");
+        assert_eq!(without_prompt("I go", "something else"), "I go");
+        assert_eq!(without_prompt("I go", ""), "I go");
+    }
+}

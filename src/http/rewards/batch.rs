@@ -1,0 +1,273 @@
+//! Grading many logs in one request: results stream back as they are ready, each with its own status.
+
+use std::ops::Range;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::task::{Context, Poll};
+use std::time::{Duration, Instant};
+
+use axum::body::{Body, HttpBody};
+use axum::extract::State;
+use axum::http::header;
+use axum::response::{IntoResponse as _, Response};
+use bytes::Bytes;
+use hyper::body::Frame;
+use serde::Serialize;
+use serde_json::value::RawValue;
+use tokio::sync::mpsc;
+
+use super::single::NewGrade;
+use crate::app::access::Caller;
+use crate::app::error::{AppError, AppResult};
+use crate::app::limits::LIMITS;
+use crate::app::rewards::grade::{Found, Prepared, ReadRequest};
+use crate::app::rewards::grader::{Lane, Until};
+use crate::app::rewards::score::GradeBody;
+use crate::app::submissions::posted::Format;
+use crate::http::extract::body::JsonBody;
+use crate::http::problem::Problem;
+use crate::http::state::AppState;
+use crate::store::keys::Scope;
+use plumbline_engine::intake::Faults;
+use plumbline_engine::tasks::catalogue::Catalogue;
+
+/// Logs that are graded in a turn, and answered together.
+const CHUNK: usize = 16;
+/// How long a turn lasts; then others have theirs.
+const TURN: Duration = Duration::from_millis(20);
+/// Answers that wait for a slow client: so many turns of each about so many bytes.
+const WAITING: usize = 4;
+const TURN_BYTES: usize = 1 << 20;
+
+/// The result of one log of a batch.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct BatchItem {
+    /// Place of the log in the request, from 0.
+    pub index: usize,
+    /// The HTTP status that the log would have had alone.
+    #[schema(minimum = 200, maximum = 599, example = 200)]
+    pub status: u16,
+    /// The reward; null where there is none.
+    #[schema(minimum = 0, maximum = 1)]
+    pub reward: Option<f64>,
+    /// Scores, where it was graded.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub result: Option<GradeBody>,
+    /// Why it was not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub error: Option<Problem>,
+}
+
+/// Grade many logs: NDJSON, one request a line, or a JSON array of them. The answer is NDJSON, a line a log as soon as it is
+/// graded, in any order; `index` tells which. A log that fails does not touch the others.
+#[utoipa::path(
+    post, path = "/v1/grade:batch", operation_id = "grade_batch", tag = "rewards", summary = "Grade many logs at once",
+    request_body(content((Vec<NewGrade> = "application/json"), (String = "application/x-ndjson"))),
+    responses(
+        (status = 200, description = "A line a log: `BatchItem`", body = String, content_type = "application/x-ndjson",
+         example = "{\"index\":0,\"status\":200,\"reward\":1.0}\n"),
+        (status = 400, description = "Not JSON as a whole", body = Problem, content_type = "application/problem+json"),
+        (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "Neither JSON nor NDJSON", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "Too many logs", body = Problem, content_type = "application/problem+json"),
+        (status = 429, description = "Too much to do; come back", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn grade_batch(State(state): State<AppState>, caller: Caller, body: JsonBody) -> AppResult<Response> {
+    caller.require(Scope::Grade)?;
+    let place = state.grader.admit_batch(caller.who())?;
+    let JsonBody { bytes, format, share } = body;
+    let catalogue = state.store.current_catalogue().await?;
+    let splitting = tokio::task::spawn_blocking(move || split(&bytes, format).map(|items| (bytes, items)));
+    let (bytes, items) = splitting.await.map_err(|error| AppError::internal(&error))??;
+    let (sender, receiver) = mpsc::channel(WAITING);
+    let who = Arc::clone(caller.who());
+    let batch = Arc::new(Batch { state, who, catalogue, bytes, items, next: AtomicUsize::new(0) });
+    let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let held = Arc::new((place, share));
+    for _ in 0..(2 * cores).min(batch.items.len().div_ceil(CHUNK)) {
+        let (batch, sender, held) = (Arc::clone(&batch), sender.clone(), Arc::clone(&held));
+        tokio::spawn(async move {
+            let _held = held;
+            // What is under way for a client that has gone ends with this.
+            tokio::select! {
+                () = batch.work(&sender) => {}
+                () = sender.closed() => {}
+            }
+        });
+    }
+    let kind = [(header::CONTENT_TYPE, "application/x-ndjson")];
+    Ok((kind, Body::new(Chunks(receiver))).into_response())
+}
+
+/// Where each item lies in the body.
+fn split(bytes: &Bytes, format: Format) -> AppResult<Vec<Range<usize>>> {
+    let mut items = Vec::new();
+    let range_of = |part: &[u8]| {
+        let start = part.as_ptr() as usize - bytes.as_ptr() as usize;
+        start..start + part.len()
+    };
+    match format {
+        Format::NdJson => {
+            let lines = bytes.split(|byte| *byte == b'\n');
+            items.extend(lines.filter(|line| !line.iter().all(u8::is_ascii_whitespace)).map(range_of));
+        }
+        Format::Json => {
+            let parts: Vec<&RawValue> = serde_json::from_slice(bytes).map_err(|error| {
+                let mut faults = Faults::new();
+                faults.add(format!(
+                    "expected a list of requests ({error}); a request a line is sent as application/x-ndjson"
+                ));
+                AppError::malformed(faults)
+            })?;
+            items.extend(parts.into_iter().map(|part| range_of(part.get().as_bytes())));
+        }
+    }
+    if items.is_empty() || items.len() > LIMITS.grade_batch_logs {
+        let mut faults = Faults::new();
+        faults.add(format!("{} logs; expected 1 to {}", items.len(), LIMITS.grade_batch_logs));
+        return Err(AppError::faulty(faults));
+    }
+    Ok(items)
+}
+
+struct Batch {
+    state: AppState,
+    who: Arc<str>,
+    catalogue: Arc<Catalogue>,
+    bytes: Bytes,
+    items: Vec<Range<usize>>,
+    next: AtomicUsize,
+}
+
+/// What is left to do of an item that is not done in a turn of the short lane.
+enum Rest {
+    Prepare(Found),
+    Grade(Prepared),
+}
+
+/// What a turn of the short lane came to.
+#[derive(Default)]
+struct Turn {
+    lines: Vec<u8>,
+    rest: Vec<(usize, Rest)>,
+    /// Items for which the turn was too short.
+    begun: Range<usize>,
+}
+
+impl Batch {
+    /// Grades chunk after chunk until none is left.
+    async fn work(self: &Arc<Self>, sender: &mpsc::Sender<Bytes>) {
+        loop {
+            let first = self.next.fetch_add(CHUNK, Ordering::Relaxed);
+            if first >= self.items.len() {
+                return;
+            }
+            let mut left = first..(first + CHUNK).min(self.items.len());
+            while !left.is_empty() {
+                let (batch, chunk) = (Arc::clone(self), left.clone());
+                let patience = Duration::from_secs(LIMITS.grade_batch_wait_seconds).into();
+                let work = move |until: &Until| Ok(batch.take_turn(chunk, until));
+                let turn = match self.state.grader.run(Lane::Short, &self.who, patience, work).await {
+                    Ok(turn) => turn,
+                    Err(error) => {
+                        let mut turn = Turn { begun: left.end..left.end, ..Turn::default() };
+                        let problem = Problem::from(error.without_reward());
+                        left.clone().for_each(|index| write_line(&mut turn.lines, &failed(index, problem.clone())));
+                        turn
+                    }
+                };
+                left = turn.begun;
+                if sender.send(turn.lines.into()).await.is_err() {
+                    return;
+                }
+                for (index, rest) in turn.rest {
+                    let mut line = Vec::new();
+                    write_line(&mut line, &item(index, self.finish(rest).await));
+                    if sender.send(line.into()).await.is_err() {
+                        return;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Grades items for as long as a turn lasts. What takes longer by its nature is left to do.
+    fn take_turn(&self, mut chunk: Range<usize>, until: &Until) -> Turn {
+        let begun = Instant::now();
+        let mut turn = Turn::default();
+        while begun.elapsed() < TURN
+            && turn.lines.len() < TURN_BYTES
+            && !until.has_left()
+            && let Some(index) = chunk.next()
+        {
+            match self.grade_now(index, until) {
+                Ok(Ok(graded)) => write_line(&mut turn.lines, &item(index, Ok(graded))),
+                Ok(Err(rest)) => turn.rest.push((index, rest)),
+                Err(error) => write_line(&mut turn.lines, &item(index, Err(error))),
+            }
+        }
+        turn.begun = chunk;
+        turn
+    }
+
+    /// Grades an item, or says what is left to do.
+    fn grade_now(&self, index: usize, until: &Until) -> AppResult<Result<GradeBody, Rest>> {
+        let found = ReadRequest::read(&self.bytes[self.items[index].clone()], &self.catalogue)?.find_log()?;
+        if found.has_code() {
+            return Ok(Err(Rest::Prepare(found)));
+        }
+        let prepared = found.finish(Vec::new(), Faults::new())?;
+        if !prepared.is_short(&self.state) {
+            return Ok(Err(Rest::Grade(prepared)));
+        }
+        prepared.grade_here(&self.state, until).map(Ok)
+    }
+
+    async fn finish(&self, rest: Rest) -> AppResult<GradeBody> {
+        let prepared = match rest {
+            Rest::Grade(prepared) => prepared,
+            Rest::Prepare(found) => {
+                let prepared = found.prepare(&self.state, &self.who).await;
+                prepared.map_err(AppError::without_reward_where_ours)?
+            }
+        };
+        prepared.grade_in_turn(&self.state, &self.who).await
+    }
+}
+
+fn item(index: usize, graded: AppResult<GradeBody>) -> BatchItem {
+    match graded {
+        Ok(result) => BatchItem { index, status: 200, reward: Some(result.reward), result: Some(result), error: None },
+        Err(error) => failed(index, Problem::from(error)),
+    }
+}
+
+fn failed(index: usize, problem: Problem) -> BatchItem {
+    BatchItem { index, status: problem.status, reward: None, result: None, error: Some(problem) }
+}
+
+fn write_line(lines: &mut Vec<u8>, item: &BatchItem) {
+    // Writing to memory does not fail, and an item is plain data.
+    let _ = serde_json::to_writer(&mut *lines, item);
+    lines.push(b'\n');
+}
+
+/// A body of chunks as they come.
+struct Chunks(mpsc::Receiver<Bytes>);
+
+impl HttpBody for Chunks {
+    type Data = Bytes;
+    type Error = std::convert::Infallible;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, Self::Error>>> {
+        self.0.poll_recv(context).map(|chunk| chunk.map(|chunk| Ok(Frame::data(chunk))))
+    }
+}

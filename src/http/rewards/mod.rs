@@ -1,0 +1,7 @@
+//! Rewards: grading within the request, for trainers.
+
+#![expect(clippy::missing_errors_doc, reason = "each handler lists its errors as responses of the OpenAPI document")]
+
+pub mod adapters;
+pub mod batch;
+pub mod single;

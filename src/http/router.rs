@@ -1,0 +1,187 @@
+//! Routes: one list makes the router and the OpenAPI document.
+
+use axum::Router;
+use axum::http::{HeaderValue, header};
+use tower_http::set_header::SetResponseHeaderLayer;
+use utoipa::OpenApi;
+use utoipa::openapi::path::Parameter;
+use utoipa::openapi::schema::{SchemaType, Type};
+use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
+use utoipa::openapi::{Content, Ref, RefOr, ResponseBuilder, Schema};
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+use utoipa_swagger_ui::{Config, SwaggerUi};
+
+use super::extract::caller::PROBES;
+use super::problem::PROBLEM_JSON;
+use super::state::AppState;
+use super::{accounts, boards, catalogue, hidden, rewards, runs, service, submissions};
+
+/// Head of the OpenAPI document.
+#[derive(OpenApi)]
+#[openapi(
+    info(
+        title = "plumbline",
+        description = "Grades what AI agents build as construction engineers in Minecraft (the MineCEraft benchmark).\n\n\
+                       Post a run, post a block log for each of its tasks, read the reports and the leaderboard. Every \
+                       error is an RFC 9457 problem. Every limit is at `/v1/limits`.",
+        license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
+    ),
+    servers((url = "/", description = "This service")),
+    tags(
+        (name = "runs", description = "One agent's attempt at a suite."),
+        (name = "submissions", description = "What an agent did for one task, and its report."),
+        (name = "rewards", description = "Grading within the request, for trainers. Nothing is stored."),
+        (name = "tasks", description = "Suites and their tasks."),
+        (name = "leaderboards", description = "Finished runs, compared."),
+        (name = "hidden evaluation", description = "Epochs: committed to, drawn fresh, answered once, revealed."),
+        (name = "receipts", description = "Signed grades in a public log."),
+        (name = "service", description = "Limits, health, metrics, and this document."),
+    )
+)]
+struct Head;
+
+/// All routes of the API, with their part of the document.
+pub fn routes() -> OpenApiRouter<AppState> {
+    OpenApiRouter::with_openapi(Head::openapi())
+        .routes(routes!(runs::resource::create_run))
+        .routes(routes!(runs::resource::list_runs))
+        .routes(routes!(runs::resource::get_run))
+        .routes(routes!(runs::changes::delete_run))
+        .routes(routes!(runs::changes::finish_run))
+        .routes(routes!(runs::resource::list_run_submissions))
+        .routes(routes!(submissions::create::create_submission))
+        .routes(routes!(submissions::create::validate_submission))
+        .routes(routes!(submissions::replay::replay_action_code))
+        .routes(routes!(submissions::state::get_submission))
+        .routes(routes!(submissions::state::cancel_submission))
+        .routes(routes!(submissions::reports::get_report))
+        .routes(routes!(submissions::reports::get_log))
+        .routes(routes!(submissions::stress::get_stress))
+        .routes(routes!(rewards::single::grade))
+        .routes(routes!(rewards::batch::grade_batch))
+        .routes(routes!(rewards::adapters::nemo_gym::seed_session))
+        .routes(routes!(rewards::adapters::nemo_gym::verify))
+        .routes(routes!(rewards::adapters::nemo_gym::reverify_mode))
+        .routes(routes!(rewards::adapters::nemo_gym::close_session))
+        .routes(routes!(rewards::adapters::nemo_metrics::aggregate_metrics))
+        .routes(routes!(rewards::adapters::openrlhf::get_reward))
+        .routes(routes!(catalogue::tasks::list_tasks))
+        .routes(routes!(catalogue::tasks::get_task))
+        .routes(routes!(catalogue::suites::list_suites))
+        .routes(routes!(catalogue::suites::get_suite))
+        .routes(routes!(boards::leaderboard::get_leaderboard))
+        .routes(routes!(boards::comparisons::get_breakdown))
+        .routes(routes!(boards::comparisons::get_comparison))
+        .routes(routes!(boards::actions::list_board_actions))
+        .routes(routes!(boards::actions::create_board_action))
+        .routes(routes!(boards::actions::get_board_feed))
+        .routes(routes!(hidden::epochs::list_epochs))
+        .routes(routes!(hidden::epochs::get_epoch))
+        .routes(routes!(hidden::epochs::get_epoch_reveal))
+        .routes(routes!(hidden::epochs::get_epoch_answers))
+        .routes(routes!(hidden::boards::get_epoch_leaderboard))
+        .routes(routes!(hidden::entries::create_entry))
+        .routes(routes!(hidden::entries::get_entry))
+        .routes(routes!(hidden::draws::create_instances))
+        .routes(routes!(hidden::entries::finalize_entry))
+        .routes(routes!(hidden::instances::get_instance))
+        .routes(routes!(hidden::instances::answer_instance))
+        .routes(routes!(hidden::instances::check_transcript))
+        .routes(routes!(hidden::instances::get_instance_report))
+        .routes(routes!(hidden::instances::get_instance_receipt))
+        .routes(routes!(hidden::receipts::list_receipts))
+        .routes(routes!(hidden::receipts::get_receipt))
+        .routes(routes!(hidden::receipts::get_receipt_keys))
+        .routes(routes!(accounts::events::get_events))
+        .routes(routes!(accounts::quota::get_quota))
+        .routes(routes!(service::limits::get_limits))
+        .routes(routes!(service::health::get_health))
+        .routes(routes!(service::health::get_readiness))
+        .routes(routes!(service::documents::get_metrics))
+        .routes(routes!(service::documents::get_openapi))
+}
+
+/// The routes of trainers where they look for them: below a path of the framework's own, and below a key for clients that can send
+/// no header. What they answer is the same.
+pub fn trainers_elsewhere() -> Router<AppState> {
+    use axum::routing::{get, post};
+    let gym = || {
+        Router::new()
+            .route("/verify", post(rewards::adapters::nemo_gym::verify))
+            .route("/seed_session", post(rewards::adapters::nemo_gym::seed_session))
+            .route("/close_session", post(rewards::adapters::nemo_gym::close_session))
+            .route("/reverify_mode", get(rewards::adapters::nemo_gym::reverify_mode))
+            .route("/aggregate_metrics", post(rewards::adapters::nemo_metrics::aggregate_metrics))
+    };
+    let all = gym()
+        .route("/get_reward", post(rewards::adapters::openrlhf::get_reward))
+        .route("/v1/grade", post(rewards::single::grade))
+        .route("/v1/grade:batch", post(rewards::batch::grade_batch));
+    Router::new().nest("/ng-rollout/{rollout}", gym()).nest("/with-key/{key}", all)
+}
+
+/// Adds what holds for every operation that writes: it needs a key, and is refused without one.
+pub fn complete(document: &mut utoipa::openapi::OpenApi) {
+    let bearer = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(
+        "A key made by `plumbline keys create`. Reading needs none; a service started with `--open` asks for none.",
+    ));
+    let components = document.components.get_or_insert_default();
+    components.add_security_scheme("key", SecurityScheme::Http(bearer.build()));
+    let problem = |description: &str| {
+        let content = Content::new(Some(Ref::from_schema_name("Problem")));
+        ResponseBuilder::new().description(description).content(PROBLEM_JSON, content).build()
+    };
+    for (path, item) in &mut document.paths.paths {
+        for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
+            // Probes are never refused for being asked too often.
+            if !PROBES.contains(&path.as_str()) {
+                let refused = problem("Too many requests from this key or address; come back").into();
+                operation.responses.responses.entry("429".to_owned()).or_insert(refused);
+            }
+            operation.security.get_or_insert_default();
+            for parameter in operation.parameters.iter_mut().flatten() {
+                never_null(parameter);
+            }
+        }
+    }
+    let writing = document.paths.paths.values_mut().flat_map(|item| [&mut item.post, &mut item.delete]);
+    for operation in writing.flatten() {
+        operation.security = Some(vec![SecurityRequirement::new("key", [""; 0])]);
+        for (status, what) in [("401", "No key, or none that is live"), ("403", "The key does not allow this")] {
+            operation.responses.responses.insert(status.to_owned(), problem(what).into());
+        }
+    }
+}
+
+/// A header or a parameter is there or not; it cannot be null.
+fn never_null(parameter: &mut RefOr<Parameter>) {
+    let RefOr::T(parameter) = parameter else { return };
+    let Some(RefOr::T(Schema::Object(schema))) = &mut parameter.schema else { return };
+    if let SchemaType::Array(types) = &mut schema.schema_type {
+        types.retain(|own| *own != Type::Null);
+        if let [only] = types.as_slice() {
+            schema.schema_type = SchemaType::Type(only.clone());
+        }
+    }
+}
+
+/// The OpenAPI document, as committed in `openapi/`.
+#[must_use]
+pub fn document() -> String {
+    let mut document = routes().into_openapi();
+    complete(&mut document);
+    let mut text = document.to_pretty_json().unwrap_or_default();
+    text.push('\n');
+    text
+}
+
+/// The interactive reference at `/docs`; its files are in the binary.
+pub fn reference() -> Router {
+    // Its scripts are files of its own; styles it also sets by script.
+    const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; font-src 'self'; \
+                          connect-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'";
+    let pages: Router = SwaggerUi::new("/docs").config(Config::new(["/openapi.json"]).try_it_out_enabled(true)).into();
+    let policy = HeaderValue::from_static(POLICY);
+    pages.layer(SetResponseHeaderLayer::if_not_present(header::CONTENT_SECURITY_POLICY, policy))
+}

@@ -1,0 +1,36 @@
+//! `/openapi.json` and `/metrics`.
+
+use axum::extract::State;
+use axum::http::header;
+use axum::response::IntoResponse;
+
+use crate::app::error::AppResult;
+use crate::clock::now_ms;
+use crate::http::problem::Problem;
+use crate::http::state::AppState;
+
+/// The OpenAPI document of this service.
+#[utoipa::path(
+    get, path = "/openapi.json", operation_id = "get_openapi", tag = "service", summary = "This document",
+    responses((status = 200, description = "The document", body = Object, content_type = "application/json",
+               example = json!({ "openapi": "3.1.0", "info": { "title": "plumbline" } })))
+)]
+pub async fn get_openapi(State(state): State<AppState>) -> impl IntoResponse {
+    ([(header::CONTENT_TYPE, "application/json")], state.openapi.to_string())
+}
+
+/// Metrics in the Prometheus text format.
+#[utoipa::path(
+    get, path = "/metrics", operation_id = "get_metrics", tag = "service", summary = "Metrics",
+    responses(
+        (status = 200, description = "Prometheus text format", body = String, content_type = "text/plain",
+         example = "plumbline_graded_total 747"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_metrics(State(state): State<AppState>) -> AppResult<impl IntoResponse> {
+    let (open, oldest_ms) = state.store.backlog(now_ms()).await?;
+    metrics::gauge!("plumbline_submissions_not_ended").set(open as f64);
+    metrics::gauge!("plumbline_oldest_submission_not_ended_seconds").set(oldest_ms as f64 / 1_000.0);
+    Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], state.metrics.render()))
+}

@@ -1,0 +1,10 @@
+//! Submissions: posting, reading, cancelling; their reports, logs and stress fields; replay of action code.
+
+#![expect(clippy::missing_errors_doc, reason = "each handler lists its errors as responses of the OpenAPI document")]
+
+pub mod create;
+pub mod replay;
+pub mod reports;
+pub mod schema;
+pub mod state;
+pub mod stress;

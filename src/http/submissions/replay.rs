@@ -1,0 +1,82 @@
+//! Action code in, events out: `/v1/replay`, and the turns of submissions that bring code.
+
+use axum::Json;
+use axum::extract::State;
+use serde::{Deserialize, Serialize};
+
+use crate::actions::{CodeError, Dropped};
+use crate::app::access::Caller;
+use crate::app::error::{AppError, AppResult};
+use crate::app::replay::{ReplayedEvent, replay, told};
+use crate::http::extract::body::{JsonBody, read_json};
+use crate::http::problem::Problem;
+use crate::http::state::AppState;
+use crate::store::keys::Scope;
+use plumbline_engine::intake::Faults;
+
+/// Bytes of an event in an answer, about, without the material's name.
+const EVENT_BYTES: usize = 60;
+/// Bytes of an answer at most.
+const ANSWER_BYTES: usize = 32 << 20;
+
+/// Code to replay.
+#[derive(Debug, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({ "action_code": "(async (bot) => { await skills.placeBlock(bot, 'stone', 0, 0, 0); })" }))]
+pub struct NewReplay {
+    /// JavaScript as agents of the mindcraft framework write it.
+    action_code: String,
+}
+
+/// What code did.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct ReplayBody {
+    /// What it placed and removed, in order.
+    pub events: Vec<ReplayedEvent>,
+    /// Calls that recorded nothing, by reason.
+    pub dropped: Vec<Dropped>,
+    /// The error that ended it, or that nobody waited for; what came before it counts.
+    pub error: Option<CodeError>,
+    /// What its author may want to know although nothing failed, such as that a function was defined and never called.
+    pub notes: Vec<String>,
+}
+
+/// Run action code against stand-ins and get what it places and removes. Nothing is graded or stored. A script that reaches a limit
+/// is refused, with what it reached.
+#[utoipa::path(
+    post, path = "/v1/replay", operation_id = "replay_action_code", tag = "submissions", summary = "Run action code",
+    request_body(content = NewReplay, content_type = "application/json"),
+    responses(
+        (status = 200, description = "What it did", body = ReplayBody,
+         example = json!({ "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }], "dropped": [],
+                           "error": null, "notes": [] })),
+        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "A fault, or a limit that the code reached", body = Problem, content_type = "application/problem+json"),
+        (status = 429, description = "Too much to do; come back", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn replay_action_code(
+    State(state): State<AppState>,
+    caller: Caller,
+    body: JsonBody,
+) -> AppResult<Json<ReplayBody>> {
+    if caller.require(Scope::Grade).is_err() {
+        caller.require(Scope::Submit)?;
+    }
+    let new: NewReplay = read_json(&body)?;
+    let done = replay(&state, caller.who(), &new.action_code).await?;
+    // Names are repeated with every event: an answer may be much larger than what was recorded.
+    let name = |event: &crate::actions::RecordedEvent| event.material.and_then(|i| done.palette.get(i as usize));
+    let bytes: usize = done.events.iter().map(|event| EVENT_BYTES + name(event).map_or(0, String::len)).sum();
+    if bytes > ANSWER_BYTES {
+        let mut faults = Faults::new();
+        faults.add_at("action_code", format!("its events take more than {ANSWER_BYTES} bytes to tell"));
+        return Err(AppError::faulty(faults));
+    }
+    Ok(Json(ReplayBody { events: told(&done).collect(), dropped: done.dropped, error: done.error, notes: done.notes }))
+}

@@ -1,0 +1,121 @@
+//! Reports and logs of submissions.
+
+use axum::Json;
+use axum::extract::{Path, State};
+use axum::http::header;
+use axum::response::{IntoResponse as _, Response};
+use serde::{Deserialize, Serialize};
+
+use super::schema::StoredLogBody;
+use super::state::stored;
+use crate::app::error::{AppError, AppResult};
+use crate::clock::rfc3339;
+use crate::http::extract::params::Params;
+use crate::http::problem::Problem;
+use crate::http::state::AppState;
+use crate::store::submissions::SubmissionState;
+use plumbline_engine::grading::Report;
+
+/// A report with where it came from.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct ReportBody {
+    /// The submission.
+    #[schema(format = Uuid)]
+    pub submission: String,
+    /// Scores and evidence.
+    #[serde(flatten)]
+    pub report: Report,
+    /// Where the report came from.
+    pub provenance: Provenance,
+}
+
+/// Where a report came from.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct Provenance {
+    /// SHA-256 of the log's canonical JSON, in hex.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
+    pub log_hash: String,
+    /// `name@version` of the task's suite.
+    pub suite: String,
+    /// Program and version that graded.
+    #[schema(example = "plumbline 0.1.0")]
+    pub grader: String,
+    /// Attempt that made the report.
+    #[schema(minimum = 1)]
+    pub attempt: i64,
+    /// When.
+    #[schema(format = DateTime)]
+    pub graded_at: String,
+    /// How long grading took, in microseconds.
+    #[schema(minimum = 0)]
+    pub grading_us: i64,
+}
+
+/// Which report.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct ReportQuery {
+    /// That of this attempt: grading again makes a new report beside the old one. Without it the latest.
+    #[param(minimum = 1)]
+    attempt: Option<i64>,
+}
+
+/// The report: per turn, check and criterion what was measured and what was required, with the cells that show it.
+#[utoipa::path(
+    get, path = "/v1/submissions/{id}/report", operation_id = "get_report", tag = "submissions", summary = "Get a report",
+    params(("id" = String, Path, description = "The submission's id"), ReportQuery),
+    responses(
+        (status = 200, description = "The report", body = ReportBody,
+         example = json!({ "submission": "0198c0de-0000-7000-8000-000000000001", "overall": true, "accuracy": true,
+                           "criteria": [], "turns": [], "advisories": [] })),
+        (status = 404, description = "There is no such submission", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "It is not graded, not yet or not at all", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_report(
+    State(state): State<AppState>,
+    Path(id): Path<String>,
+    Params(query): Params<ReportQuery>,
+) -> AppResult<Json<ReportBody>> {
+    let row = stored(&state, &id).await?;
+    let Some(stored) = state.store.report(&id, query.attempt).await? else {
+        if let (Some(attempt), SubmissionState::Graded) = (query.attempt, row.state) {
+            return Err(AppError::not_found(format!("there is no report of attempt {attempt}")));
+        }
+        let error = AppError::conflict("not-graded", format!("the submission is {}", row.state.name()));
+        let is_coming = matches!(row.state, SubmissionState::Queued | SubmissionState::Grading);
+        return Err(if is_coming { error.retry_after(1) } else { error });
+    };
+    Ok(Json(ReportBody {
+        submission: row.id,
+        report: stored.report,
+        provenance: Provenance {
+            log_hash: row.log_hash,
+            suite: row.suite_id,
+            grader: stored.grader,
+            attempt: stored.attempt,
+            graded_at: rfc3339(stored.graded_at_ms),
+            grading_us: stored.grading_us,
+        },
+    }))
+}
+
+/// The log as stored: canonical JSON, whose SHA-256 is the log hash.
+#[utoipa::path(
+    get, path = "/v1/submissions/{id}/log", operation_id = "get_log", tag = "submissions", summary = "Get a log",
+    params(("id" = String, Path, description = "The submission's id")),
+    responses(
+        (status = 200, description = "One palette; per turn rows [x, y, z, i] or [x, y, z]. What `log` of a submission takes", body = StoredLogBody,
+         example = json!({ "palette": ["stone"], "turns": [[[0, 0, 0, 0]]] })),
+        (status = 404, description = "There is no such submission", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_log(State(state): State<AppState>, Path(id): Path<String>) -> AppResult<Response> {
+    let log = state.store.log_json(&id).await?;
+    let log = log.ok_or_else(|| AppError::not_found(format!("there is no submission {id:?}")))?;
+    Ok(([(header::CONTENT_TYPE, "application/json")], log).into_response())
+}

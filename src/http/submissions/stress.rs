@@ -1,0 +1,233 @@
+//! Stress fields of submissions, computed when first asked for.
+
+use std::fmt::Write as _;
+
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use sha2::{Digest as _, Sha256};
+
+use super::state::stored;
+use crate::app::error::{AppError, AppResult};
+use crate::app::stress::{StressedStructure, of_submission};
+use crate::http::extract::caller::Reader;
+use crate::http::extract::conditional::has_tag;
+use crate::http::extract::params::Params;
+use crate::http::problem::Problem;
+use crate::http::state::AppState;
+use crate::store::reports::GRADER;
+use plumbline_engine::elasticity::field::{FIELD_VERSION, Field, Method};
+use plumbline_engine::tasks::hex;
+use plumbline_engine::voxel::{Cell, Structure};
+
+/// Which field, and how it is written.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct StressQuery {
+    /// The published simulation, or equilibrium by finite elements. Without it the published one.
+    #[param(example = "fem")]
+    method: Option<Method>,
+    /// The structure after this turn, from 1. Without it the last.
+    #[param(minimum = 1, example = 1)]
+    turn: Option<usize>,
+    /// An object per block; a line per block; or an array per quantity. Without it what `Accept` asks for, else objects.
+    #[param(inline)]
+    format: Option<StressFormat>,
+}
+
+/// How a stress field is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum StressFormat {
+    /// One document with an object per block.
+    Json,
+    /// One JSON object a line and block.
+    Ndjson,
+    /// One document with an array per quantity: the smallest.
+    Arrays,
+}
+
+/// A block in a stress field.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct StressedBlock<'a> {
+    /// The cell, as `[x, y, z]`.
+    #[schema(value_type = [i32; 3])]
+    pub cell: Cell,
+    /// Its material.
+    #[schema(example = "stone")]
+    pub material: &'a str,
+    /// Von Mises stress, Pa; null where the method leaves the block out.
+    #[schema(example = 5876.85)]
+    pub von_mises_pa: Option<f64>,
+    /// Displacement of the centre, m (blocks): east, up, south; null where the method gives none.
+    pub displacement_m: Option<[f64; 3]>,
+}
+
+/// A stress field.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct StressBody<'a> {
+    /// The submission.
+    #[schema(format = Uuid)]
+    pub submission: &'a str,
+    /// The turn after which the structure stands, from 1.
+    pub turn: usize,
+    /// The method.
+    pub method: Method,
+    /// Greatest von Mises stress, Pa; null where there is no number.
+    pub max_von_mises_pa: Option<f64>,
+    /// Why the field must be read with care.
+    pub cautions: &'a [String],
+    /// The blocks, in the order of the structure.
+    pub blocks: Vec<StressedBlock<'a>>,
+}
+
+/// A stress field with an array per quantity, all in the order of the structure.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct StressArrays {
+    /// The submission.
+    #[schema(format = Uuid)]
+    submission: String,
+    /// The turn after which the structure stands, from 1.
+    turn: usize,
+    /// The method.
+    method: Method,
+    /// Greatest von Mises stress, Pa; null where there is no number.
+    max_von_mises_pa: Option<f64>,
+    /// Why the field must be read with care.
+    cautions: Vec<String>,
+    /// Names of materials.
+    palette: Vec<String>,
+    /// Cells, as `[x, y, z]`.
+    cells: Vec<[i32; 3]>,
+    /// Material of each block, as an index into the palette.
+    materials: Vec<u32>,
+    /// Von Mises stress, Pa.
+    von_mises_pa: Vec<Option<f64>>,
+    /// Displacement, m.
+    displacement_m: Vec<Option<[f64; 3]>>,
+}
+
+/// A stress field, as `format` asks for it.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[serde(untagged)]
+pub enum StressAnswer {
+    /// With an object per block.
+    Blocks(StressBody<'static>),
+    /// With an array per quantity.
+    Arrays(StressArrays),
+}
+
+/// Stress and displacement of each block of what a submission built, in Pa and m. Computed when asked for, from the log:
+/// also for tasks without a stress check.
+#[utoipa::path(
+    get, path = "/v1/submissions/{id}/stress", operation_id = "get_stress", tag = "submissions",
+    summary = "Get a stress field",
+    params(("id" = String, Path, description = "The submission's id"), StressQuery),
+    responses(
+        (status = 200, description = "The field",
+         content(
+            (StressAnswer = "application/json",
+             example = json!({ "submission": "0198c0de-0000-7000-8000-000000000001", "turn": 1, "method": "fem",
+                               "max_von_mises_pa": 8177.7, "cautions": [],
+                               "blocks": [{ "cell": [0, 0, 0], "material": "stone", "von_mises_pa": 8177.7,
+                                            "displacement_m": [0.0, -1e-6, 0.0] }] })),
+            (String = "application/x-ndjson", example = "{\"cell\":[0,0,0],\"material\":\"stone\",\"von_mises_pa\":8177.7}\n"),
+         ),
+         headers(("ETag" = String, description = "Names log, method, turn, format and grader; for If-None-Match"))),
+        (status = 304, description = "The client has it"),
+        (status = 400, description = "A query that cannot be read", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "There is no such submission or turn", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 422, description = "More blocks than stress is computed for, or it takes too long", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too many ask for stress; come back", body = Problem,
+         content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_stress(
+    State(state): State<AppState>,
+    Path(id): Path<String>,
+    Params(query): Params<StressQuery>,
+    Reader(who): Reader,
+    headers: HeaderMap,
+) -> AppResult<Response> {
+    let row = stored(&state, &id).await?;
+    let accepts = headers.get(header::ACCEPT).and_then(|value| value.to_str().ok()).unwrap_or_default();
+    let wants_lines = accepts.trim_start().starts_with("application/x-ndjson");
+    let format = query.format.unwrap_or(if wants_lines { StressFormat::Ndjson } else { StressFormat::Json });
+    let method = query.method.unwrap_or(Method::Sph);
+    let turns = usize::try_from(row.turns).unwrap_or_default();
+    let turn = query.turn.unwrap_or(turns);
+    if !(1..=turns).contains(&turn) {
+        return Err(AppError::not_found(format!("there is no turn {turn}; the log has {turns}")));
+    }
+    let named = format!("{id} {} {method:?} {turn} {format:?} {GRADER} {FIELD_VERSION}", row.log_hash);
+    // Weak: processors of another kind may round otherwise.
+    let etag = format!("W/\"{}\"", &hex(&Sha256::digest(named))[..32]);
+    if has_tag(&headers, &etag) {
+        return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, etag.as_str()), VARY]).into_response());
+    }
+    let StressedStructure { structure, field } = of_submission(&state, &who, &row, turn, method).await?;
+    let writing = tokio::task::spawn_blocking(move || write(&id, &structure, &field, method, turn, format));
+    let written = writing.await.map_err(|error| AppError::internal(&error))?;
+    let body = written.map_err(|error| AppError::internal(&error))?;
+    let kind = if format == StressFormat::Ndjson { "application/x-ndjson" } else { "application/json" };
+    Ok(([(header::CONTENT_TYPE, kind), (header::ETAG, etag.as_str()), VARY], body).into_response())
+}
+
+/// The format may come from `Accept`.
+const VARY: (header::HeaderName, &str) = (header::VARY, "accept");
+
+/// Writes a field in one of its formats.
+///
+/// # Errors
+/// Returns an error if the field holds what JSON cannot express.
+pub fn write(
+    id: &str,
+    structure: &Structure,
+    field: &Field,
+    method: Method,
+    turn: usize,
+    format: StressFormat,
+) -> serde_json::Result<String> {
+    let blocks = structure.cells().iter().enumerate().map(|(i, &cell)| StressedBlock {
+        cell,
+        material: structure.material(i),
+        von_mises_pa: field.von_mises_pa[i],
+        displacement_m: field.displacement_m[i],
+    });
+    match format {
+        StressFormat::Json => serde_json::to_string(&StressBody {
+            submission: id,
+            turn,
+            method,
+            max_von_mises_pa: field.max_von_mises_pa,
+            cautions: &field.cautions,
+            blocks: blocks.collect(),
+        }),
+        StressFormat::Ndjson => {
+            let mut lines = String::new();
+            for block in blocks {
+                // Writing to a string does not fail.
+                let _ = writeln!(lines, "{}", serde_json::to_string(&block)?);
+            }
+            Ok(lines)
+        }
+        StressFormat::Arrays => serde_json::to_string(&json!({
+            "submission": id,
+            "turn": turn,
+            "method": method,
+            "max_von_mises_pa": field.max_von_mises_pa,
+            "cautions": field.cautions,
+            "palette": structure.palette().names().collect::<Vec<_>>(),
+            "cells": structure.cells(),
+            "materials": structure.material_ids(),
+            "von_mises_pa": field.von_mises_pa,
+            "displacement_m": field.displacement_m,
+        })),
+    }
+}

@@ -1,0 +1,233 @@
+//! Composition: store, workers and HTTP made one service, started and stopped in order.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use anyhow::Context as _;
+use metrics_exporter_prometheus::PrometheusHandle;
+use tokio::net::TcpListener;
+use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
+
+use crate::actions::ACTION_LIMITS;
+use crate::actions::pool::Pool;
+use crate::app::limits::LIMITS;
+use crate::app::load::Connections;
+use crate::clock::now_ms;
+use crate::http::middleware::rates::Rates;
+use crate::http::{self, HttpParts, HttpSettings};
+use crate::store::Store;
+use crate::store::keys::Scope;
+use crate::store::suites::SuiteStored;
+use crate::worker::{WorkerSettings, Workers};
+use plumbline_engine::hidden::receipts::Signer;
+use plumbline_engine::tasks::embedded;
+
+/// What a service is started with.
+#[derive(Debug, Clone)]
+pub struct Config {
+    /// Host and port to listen on; port 0 takes a free one.
+    pub listen: String,
+    /// Host and port for metrics and administration, where they have a listener of their own.
+    pub admin_listen: Option<String>,
+    /// The database file.
+    pub database: PathBuf,
+    /// Submissions graded at the same time.
+    pub workers: usize,
+    /// How long a job stays with a worker that gives no sign of life.
+    pub lease: Duration,
+    /// How often entries of open epochs are completed and receipts of hidden evaluation published.
+    pub hidden_publish: Duration,
+    /// What HTTP is started with.
+    pub http: HttpSettings,
+}
+
+/// A running service.
+#[derive(Debug)]
+pub struct RunningService {
+    /// Where it listens.
+    pub address: SocketAddr,
+    /// Where it listens for administration.
+    pub admin_address: Option<SocketAddr>,
+    /// What whoever started it ought to know.
+    pub notices: Vec<String>,
+    store: Store,
+    workers: Workers,
+    stop: CancellationToken,
+    serving: Vec<JoinHandle<std::io::Result<()>>>,
+}
+
+impl RunningService {
+    /// Opens the database, stores the suites of the binary, starts the workers and listens.
+    ///
+    /// # Errors
+    /// Where the database or the address cannot be had.
+    pub async fn start(config: &Config, metrics: PrometheusHandle) -> anyhow::Result<Self> {
+        // The address first: where it is taken, no database is made.
+        let listener = listen("--listen", &config.listen).await?;
+        let address = listener.local_addr()?;
+        let admin_listener = match &config.admin_listen {
+            Some(place) => Some(listen("--admin-listen", place).await?),
+            None => None,
+        };
+        let admin_address = admin_listener.as_ref().map(TcpListener::local_addr).transpose()?;
+        let folder = config.database.parent().filter(|folder| !folder.as_os_str().is_empty());
+        if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+            anyhow::bail!(
+                "cannot make the database {}: there is no folder {}",
+                config.database.display(),
+                folder.display()
+            );
+        }
+        let store = Store::open(&config.database)
+            .await
+            .with_context(|| format!("cannot open the database {}", config.database.display()))?;
+        store_suites(&store).await?;
+        let settings = WorkerSettings {
+            workers: config.workers,
+            lease: config.lease,
+            deadline: Duration::from_secs(LIMITS.grading_seconds),
+        };
+        let signer = store.signer().context("cannot have the key that signs receipts")?;
+        let notices: Vec<String> = receipt_key_notice(&store, &signer).await?.into_iter().collect();
+        for notice in &notices {
+            tracing::warn!("{notice}");
+        }
+        let workers = Workers::start(&store, settings, &signer)?;
+        let stop = CancellationToken::new();
+        let connections = Connections::default();
+        let rates = Arc::new(Rates::new(config.http.rates));
+        crate::telemetry::describe_metrics();
+        tokio::spawn(keep_up(metrics.clone(), store.clone(), Arc::clone(&rates), stop.clone()));
+        tokio::spawn(keep_hidden(store.clone(), config.hidden_publish, stop.clone()));
+        let actions = Pool::new(config.workers, ACTION_LIMITS);
+        actions.refill();
+        let around = HttpParts {
+            store: store.clone(),
+            metrics,
+            connections: connections.clone(),
+            rates,
+            actions,
+            signer,
+            stop: stop.clone(),
+        };
+        let routers = http::routers(around, &config.http)?;
+        // All clients of a proxy have its address.
+        let per_address = if config.http.rates.is_behind_proxy {
+            LIMITS.connections
+        } else {
+            config.http.rates.connections_per_address
+        };
+        let serve = http::server::accept::serve(listener, routers.public, connections, per_address, stop.clone());
+        let mut serving = vec![tokio::spawn(serve)];
+        if let (Some(listener), Some(router)) = (admin_listener, routers.admin) {
+            let serve =
+                http::server::accept::serve(listener, router, Connections::default(), LIMITS.connections, stop.clone());
+            serving.push(tokio::spawn(serve));
+        }
+        let admin = admin_address.map(|address| address.to_string());
+        tracing::info!(%address, admin_address = admin, database = %config.database.display(), workers = config.workers, "listening");
+        Ok(Self { address, admin_address, notices, store, workers, stop, serving })
+    }
+
+    /// A key for the demo agents, for a day; what they had before is revoked.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn demo_key(&self) -> anyhow::Result<String> {
+        const OWNER: &str = "demo";
+        const DAY_MS: i64 = 86_400_000;
+        let now = now_ms();
+        for key in self.store.keys().await?.iter().filter(|key| key.owner == OWNER && key.is_live(now)) {
+            self.store.revoke_key(&key.id, now).await?;
+        }
+        let key = self.store.create_key(OWNER, &[Scope::Submit], Some(now + DAY_MS), now).await?;
+        key.context("the demo has too many keys")
+    }
+
+    /// Stops: takes no more requests, lets answers finish, gives unfinished jobs back, closes the database.
+    pub async fn shut_down(self) {
+        self.stop.cancel();
+        for serving in self.serving {
+            if let Err(error) = serving.await.map_err(std::io::Error::other).flatten() {
+                tracing::error!(%error, "serving ended badly");
+            }
+        }
+        self.workers.shut_down().await;
+        self.store.close().await;
+    }
+}
+
+async fn listen(option: &str, place: &str) -> anyhow::Result<TcpListener> {
+    let bound = TcpListener::bind(place).await;
+    bound.with_context(|| format!("cannot listen on {place:?} ({option} is a host and a port, such as 127.0.0.1:7586)"))
+}
+
+/// Enters a change of the key that signs receipts into their log; gives what is to be said of it.
+async fn receipt_key_notice(store: &Store, signer: &Signer) -> anyhow::Result<Option<String>> {
+    let before = store.note_receipt_key(signer, now_ms()).await?;
+    Ok(before.map(|before| {
+        let (now, folder) = (signer.public_key(), store.secrets().folder().display().to_string());
+        format!(
+            "receipts are signed with another key from now on: {now}, before {before}. The change stands in the log at /v1/receipts. If the \
+             old key is not lost, stop the service, put it back into {folder}, and start again"
+        )
+    }))
+}
+
+/// What is done every few seconds: who was quiet is forgotten by the rate limits; samples of histograms are folded together,
+/// which would pile up where nobody reads the metrics; suites that another process has added are read.
+async fn keep_up(metrics: PrometheusHandle, store: Store, rates: Arc<Rates>, stop: CancellationToken) {
+    const EVERY: Duration = Duration::from_secs(5);
+    while stop.run_until_cancelled(tokio::time::sleep(EVERY)).await.is_some() {
+        metrics.run_upkeep();
+        rates.evict_idle();
+        if let Err(error) = store.current_catalogue().await {
+            tracing::warn!(%error, "could not look for new suites");
+        }
+    }
+}
+
+/// Settles epochs as soon as they are over. In open ones entries are completed, and receipts published, at fixed times only: full
+/// multiples of `every` since 1970, so that nobody sees when an answer was graded.
+async fn keep_hidden(store: Store, every: Duration, stop: CancellationToken) {
+    const LOOK: Duration = Duration::from_secs(1);
+    let every_ms = i64::try_from(every.as_millis()).unwrap_or(i64::MAX).max(1);
+    let mut published = now_ms() / every_ms;
+    // The file grows when a hidden answer is graded, so its size is told at these times only.
+    let tell_size = || metrics::gauge!("plumbline_database_bytes").set(store.file_bytes() as f64);
+    tell_size();
+    while stop.run_until_cancelled(tokio::time::sleep(LOOK)).await.is_some() {
+        if let Err(error) = store.settle_epochs(now_ms()).await {
+            tracing::warn!(%error, "could not settle epochs that are over");
+        }
+        let due = now_ms() / every_ms;
+        if due == published {
+            continue;
+        }
+        match store.publish_hidden(now_ms()).await {
+            Ok(()) => {
+                published = due;
+                tell_size();
+            }
+            Err(error) => {
+                tracing::warn!(%error, "could not complete entries and publish receipts of hidden evaluation");
+            }
+        }
+    }
+}
+
+async fn store_suites(store: &Store) -> anyhow::Result<()> {
+    let suites =
+        embedded::suites().map_err(|faults| anyhow::anyhow!("the suite of this program is faulty: {faults:?}"))?;
+    for suite in suites {
+        if store.put_suite(&suite, now_ms()).await? == SuiteStored::Conflict {
+            let id = suite.id();
+            anyhow::bail!("the database holds another {id} than this program; a changed suite needs a new version");
+        }
+    }
+    store.refresh_catalogue().await?;
+    Ok(())
+}
