@@ -1,10 +1,10 @@
-//! The grading engine of plumbline: from what an agent did to the report on what it built.
+//! The grading engine of plumbline: turns the log of an agent's actions into a report on what the agent built.
 //!
-//! Everything here is a pure function of its input. No room reads a clock, draws random numbers, starts a thread, writes a log, or
-//! opens a file or a connection, and nothing fails because of what an agent built. The one error that grading knows is
-//! [`elasticity::Stopped`], when the caller asks a long simulation to end.
+//! Everything here is a pure function of its input. No module reads a clock, draws random numbers, starts a thread,
+//! writes a log, or opens a file or a connection. Nothing fails because of what an agent built: the only error that
+//! grading returns is [`elasticity::Stopped`], when the caller asks a long simulation to end.
 //!
-//! Rooms import only those above them in this list; `tests/tidy` enforces it.
+//! Each module imports only the modules above it in this list; `tests/tidy` enforces this.
 
 pub mod voxel;
 

@@ -1,4 +1,5 @@
-//! The boards of an epoch, from its entries and what their instances came to: made by the service, and again by whoever verifies.
+//! Computes the boards of an epoch from its entries and the outcomes of their instances. The service and the verifier
+//! share this code.
 
 use std::collections::BTreeMap;
 
@@ -11,19 +12,20 @@ use crate::grading::statistics::interval::{Interval, wilson};
 /// An entry as a board sees it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Entrant {
-    /// Its id.
+    /// Identifier of the entry.
     pub id: String,
-    /// Who registered it.
+    /// Owner that registered the entry.
     pub owner: String,
-    /// Who is evaluated.
+    /// Name of the evaluated agent.
     pub agent: String,
-    /// SHA-256 of the configuration.
+    /// SHA-256 of the agent's configuration.
     pub configuration_sha256: String,
-    /// Runs registered.
+    /// Number of registered runs.
     pub runs: u32,
-    /// When all its answers were graded; none while they are not, and then it is no row.
+    /// Time of completion, when all answers were graded, milliseconds since 1970; `None` before it, and the entry has
+    /// no row.
     pub completed_at_ms: Option<i64>,
-    /// Its instances, in the order of issue.
+    /// Issued instances, in the order of issue.
     pub instances: Vec<Answered>,
 }
 
@@ -31,51 +33,51 @@ pub struct Entrant {
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a fact of its own")]
 pub struct Answered {
-    /// The instance's salt.
+    /// Secret salt of the instance, in hex.
     pub salt: String,
-    /// Whether its answer passes.
+    /// Whether the answer passes.
     pub passes: bool,
-    /// Whether it has one.
+    /// Whether the instance has an answer.
     pub is_answered: bool,
-    /// Whether a transcript was promised with it.
+    /// Whether the answer promised a transcript.
     pub has_transcript: bool,
-    /// Whether that was shown.
+    /// Whether the promised transcript was shown.
     pub is_checked: bool,
 }
 
-/// A row: an owner's official entries taken together, or where the Ladder has an owner.
+/// A row of a board: an owner's pooled official entries, or the owner's state on the Ladder.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[schema(as = EpochRowBody)]
 pub struct Row {
-    /// Place; a row whose interval reaches the score of the first row of a place shares that place.
+    /// Rank, from 1; a row shares the rank before it if its interval reaches the score of the first row at that rank.
     pub rank: usize,
-    /// Who registered.
+    /// Owner that registered the entries.
     pub owner: String,
-    /// Who was evaluated.
+    /// Name of the evaluated agent.
     pub agent: String,
-    /// SHA-256 of its configuration.
+    /// SHA-256 of the agent's configuration.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub configuration_sha256: String,
     /// Share of instances that pass.
     pub overall: f64,
-    /// Wilson interval of that share, 95 %.
+    /// Wilson interval of that share at 95 % confidence.
     pub interval: Option<Interval>,
-    /// Instances that pass.
+    /// Number of instances that pass.
     pub passed: u32,
-    /// Instances that count.
+    /// Number of instances that count.
     pub of: u32,
-    /// Entries that the owner registered in this tier, finalized or not.
+    /// Number of entries that the owner registered in this tier, finalized or not.
     pub attempts: usize,
-    /// `nonce-bound` at least; `transcript-committed` where every answer promised its transcript.
+    /// `transcript-committed` if every answer promised its transcript, otherwise `nonce-bound`.
     pub provenance: String,
-    /// Transcripts that were shown and were those promised.
+    /// Number of transcripts that were shown and match their promised hash.
     pub transcripts_checked: usize,
-    /// The entries behind the row.
+    /// Identifiers of the entries behind the row.
     pub entries: Vec<String>,
 }
 
 impl Entrant {
-    /// Instances of the entry, those of runs that were never drawn too.
+    /// Returns the number of instances of the entry, including those of runs that were never drawn.
     const fn all(&self, per_run: u32) -> u32 {
         self.runs * per_run
     }
@@ -85,7 +87,8 @@ impl Entrant {
         answered.peek().is_some() && answered.all(|instance| instance.has_transcript)
     }
 
-    /// The entry as the Ladder sees it. What was not drawn failed, in equal parts of what decides and what is shown.
+    /// Returns the entry as an attempt on the Ladder. Undrawn instances count as failed, half of them as deciding and
+    /// half as shown.
     fn attempt(&self, per_run: u32) -> Attempt<'_> {
         let outcomes = self.instances.iter().map(|instance| (instance.salt.as_str(), instance.passes));
         let mut attempt = Attempt::of(&self.configuration_sha256, outcomes);
@@ -96,7 +99,7 @@ impl Entrant {
     }
 }
 
-/// The rows of a tier's entries, best first; `per_run` is how many instances a run has.
+/// Computes the rows of a tier's entries, best first; `per_run` is the number of instances in a run.
 #[must_use]
 pub fn rows(tier: Tier, per_run: u32, entrants: Vec<Entrant>) -> Vec<Row> {
     let mut by_owner: BTreeMap<String, (usize, Vec<Entrant>)> = BTreeMap::new();
@@ -122,7 +125,7 @@ pub fn rows(tier: Tier, per_run: u32, entrants: Vec<Entrant>) -> Vec<Row> {
     rows
 }
 
-/// The row of an owner's complete entries, in the order in which they ended.
+/// Computes the row of an owner from its complete entries, which are in the order of their completion.
 fn row(tier: Tier, per_run: u32, own: &[Entrant], attempts: usize) -> Option<Row> {
     let first = own.first()?;
     let (shown, named) = match tier {

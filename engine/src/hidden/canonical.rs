@@ -1,4 +1,4 @@
-//! JSON as it is hashed and signed: canonical by RFC 8785, so that everybody gets the same bytes.
+//! Canonical JSON (RFC 8785), which is hashed and signed: equal values always give the same bytes.
 
 use serde::Serialize;
 use sha2::{Digest as _, Sha256};
@@ -6,19 +6,20 @@ use sha2::{Digest as _, Sha256};
 /// A SHA-256 hash.
 pub type Hash = [u8; 32];
 
-/// The canonical JSON of a value (RFC 8785). What this room hashes has names for keys and finite numbers, so it always has one.
+/// Returns the canonical JSON of a value (RFC 8785). Every value that this module hashes has string keys and finite
+/// numbers, so serialization cannot fail.
 #[must_use]
 pub fn canonical_json<T: Serialize>(value: &T) -> Vec<u8> {
     serde_json_canonicalizer::to_vec(value).unwrap_or_default()
 }
 
-/// SHA-256 of a value's canonical JSON.
+/// Returns the SHA-256 of a value's canonical JSON.
 #[must_use]
 pub fn hash_of<T: Serialize>(value: &T) -> Hash {
     Sha256::digest(canonical_json(value)).into()
 }
 
-/// Bytes from lower-case or upper-case hexadecimal; none where it is none.
+/// Decodes lower-case or upper-case hexadecimal; returns `None` for any other text or length.
 #[must_use]
 pub fn unhex<const N: usize>(text: &str) -> Option<[u8; N]> {
     if text.len() != 2 * N || !text.is_ascii() {
@@ -37,7 +38,8 @@ mod tests {
     use crate::tasks::hex;
     use serde_json::json;
 
-    /// Keys sorted by their UTF-16 units, numbers as ECMAScript writes them: the example of RFC 8785, section 3.2.
+    /// Keys are sorted by their UTF-16 code units, and numbers are written as in ECMAScript: the example of RFC 8785,
+    /// section 3.2.
     #[test]
     fn json_is_canonical() {
         let value: serde_json::Value = serde_json::from_str(

@@ -1,4 +1,4 @@
-//! What an epoch publishes before it opens, and cannot change afterwards.
+//! The commitment of an epoch: published before the epoch opens, and fixed from then on.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,33 +11,33 @@ use super::secret::EpochKey;
 use crate::checks::CHECKS_VERSION;
 use crate::tasks::hex;
 
-/// The promise of an epoch. Hashes are lower-case hexadecimal.
+/// The commitment of an epoch. Hashes are lower-case hexadecimal.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Commitment {
     /// Name of the epoch.
     #[schema(example = "2026-11")]
     pub epoch: String,
-    /// When it opens, milliseconds since 1970.
+    /// Opening time, milliseconds since 1970.
     pub opens_at_ms: i64,
-    /// When it closes.
+    /// Closing time, milliseconds since 1970.
     pub closes_at_ms: i64,
-    /// Version of the generator that drew its specifications.
+    /// Version of the generator that drew the specifications.
     pub generator_version: u32,
-    /// Version of the checks that grade.
+    /// Version of the checks that grade the answers.
     pub checks_version: u32,
-    /// SHA-256 over a label and the key.
+    /// SHA-256 over a label and the epoch's key.
     pub key_hash: String,
     /// Root of the Merkle tree over the salted hashes of all specifications.
     pub root: String,
-    /// How many specifications there are for each instance of a draw.
+    /// Number of specifications in the pool for each instance of a draw.
     pub per_instance: u32,
-    /// Specifications in all.
+    /// Total number of specifications in the pool.
     pub specifications: u32,
-    /// Instances of one draw: what a run consists of.
+    /// Number of instances in one draw, that is, in one run.
     pub instances_per_run: u32,
-    /// What entries of the dev tier are told after they are finalized.
+    /// Feedback on entries of the dev tier after they are finalized.
     pub dev_feedback: Feedback,
-    /// The rules; null for epochs made before rules were committed to.
+    /// The rules; null for epochs from before commitments included rules.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rules: Option<Rules>,
 }
@@ -45,54 +45,54 @@ pub struct Commitment {
 /// The rules that an epoch commits to.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Rules {
-    /// Seconds in which an instance is to be answered.
+    /// Time limit for answering an instance, in seconds.
     pub instance_seconds: u32,
-    /// Entries to the dev tier that one owner may register.
+    /// Maximum number of entries in the dev tier for each owner.
     pub dev_entries_per_owner: u32,
-    /// Entries to the official tier that one owner may register.
+    /// Maximum number of entries in the official tier for each owner.
     pub official_entries_per_owner: u32,
-    /// Runs that one owner may hold, drawn or reserved, in both tiers.
+    /// Maximum number of runs that one owner may hold, drawn or reserved, over both tiers.
     pub runs_per_owner: u32,
-    /// Seconds for which a run that is not drawn keeps its part of the pool.
+    /// Time for which an undrawn run keeps its reservation of the pool, in seconds.
     pub reservation_seconds: u32,
-    /// Bits of information that may be released before the epoch closes by itself.
+    /// Information budget in bits: the epoch closes automatically when its feedback has released this much.
     pub budget_bits: u32,
-    /// The public key that signs receipts, in hex.
+    /// The Ed25519 public key that verifies receipts, in hex.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub receipt_key: String,
 }
 
-/// What is decided about an epoch when it is made.
+/// The choices made when an epoch is created.
 #[derive(Debug, Clone)]
 pub struct Terms {
     /// Name of the epoch.
     pub epoch: String,
-    /// When it opens, milliseconds since 1970.
+    /// Opening time, milliseconds since 1970.
     pub opens_at_ms: i64,
-    /// When it closes.
+    /// Closing time, milliseconds since 1970.
     pub closes_at_ms: i64,
-    /// How many specifications there are for each instance of a draw.
+    /// Number of specifications in the pool for each instance of a draw.
     pub per_instance: u32,
-    /// What entries of the dev tier are told.
+    /// Feedback on entries of the dev tier.
     pub dev_feedback: Feedback,
     /// The rules.
     pub rules: Rules,
 }
 
-/// The salt of a leaf: keeps all from guessing a specification and comparing its hash.
+/// Derives the salt of a leaf, which prevents anyone from guessing a specification and confirming it by its hash.
 #[must_use]
 pub fn salt(key: &EpochKey, leaf: u32) -> Hash {
     key.derive("salt", &[&leaf.to_be_bytes()])
 }
 
-/// The leaf's hash: over its salt and the SHA-256 of the specification's canonical JSON.
+/// Computes the hash of a leaf from its salt and the SHA-256 of the specification's canonical JSON.
 #[must_use]
 pub fn leaf_hash(key: &EpochKey, specification: &Specification) -> Hash {
     merkle::leaf(&salt(key, specification.leaf), &hash_of(specification))
 }
 
 impl Commitment {
-    /// To a pool.
+    /// Creates the commitment to a pool.
     #[must_use]
     pub fn to(terms: &Terms, key: &EpochKey, strata: &[Stratum], leaves: &[Hash]) -> Self {
         Self {

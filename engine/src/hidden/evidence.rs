@@ -1,7 +1,9 @@
-//! Evidence of what happened in an epoch: a receipt for each step, signed when it happens and not only when it is revealed.
+//! Evidence of the events of an epoch: a receipt for each step, signed when the step happens and not only at the
+//! reveal.
 //!
-//! Whoever takes a step is given its receipt at once. All of an epoch's receipts come into the public log in batches, as hashes that
-//! a salt keeps from being guessed, and are released with the reveal: so what is revealed can be held against what was signed.
+//! The client that registers an entry or sends an answer receives the receipt immediately. All receipts of an epoch
+//! enter the public log in batches, as hashes that a salt protects from guessing. Their bodies are released with the
+//! reveal, so the reveal can be compared with what was signed.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -10,7 +12,7 @@ use super::feedback::Tier;
 use super::receipts::Signed;
 use crate::tasks::hex;
 
-/// What a receipt of hidden evaluation says, beside grades, which have receipts of their own form.
+/// The statement of a receipt of hidden evaluation. Grades are not included: their receipts have a separate form.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fact {
@@ -18,114 +20,115 @@ pub enum Fact {
     Entry(EntryFact),
     /// A run was drawn.
     Draw(DrawFact),
-    /// An answer was taken.
+    /// An answer was accepted.
     Answer(AnswerFact),
-    /// The transcript that was promised with an answer was shown.
+    /// The transcript promised with an answer was shown.
     Transcript(TranscriptFact),
     /// The service failed to grade an answer.
     Failure(FailureFact),
-    /// An entry was finalized, and all its answers are graded or have failed.
+    /// An entry was finalized, and each of its answers was graded or could not be graded.
     Completed(CompletedFact),
-    /// The epoch is over, and this is the last of its receipts.
+    /// The epoch is over; this is its last receipt.
     Closed(ClosedFact),
 }
 
-/// An entry as it was registered.
+/// The registration of an entry.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EntryFact {
-    /// Its id.
+    /// Identifier of the entry.
     pub id: String,
-    /// Who registered it; empty where the service was open to everybody.
+    /// Owner that registered the entry; empty if the service was open to everyone.
     pub owner: String,
-    /// Who is evaluated.
+    /// Name of the evaluated agent.
     pub agent: String,
-    /// SHA-256 of the configuration.
+    /// SHA-256 of the agent's configuration.
     pub configuration_sha256: String,
-    /// Its tier.
+    /// Tier of the entry.
     pub tier: Tier,
-    /// Runs registered.
+    /// Number of registered runs.
     pub runs: u32,
-    /// When.
+    /// Time of registration, milliseconds since 1970.
     pub registered_at_ms: i64,
 }
 
-/// A run as it was drawn.
+/// The draw of a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DrawFact {
-    /// The entry.
+    /// Identifier of the entry.
     pub entry: String,
-    /// The run, from 1.
+    /// Number of the run, from 1.
     pub run: u32,
     /// The entrant's nonce.
     pub nonce: String,
-    /// The instances issued, in order.
+    /// Identifiers of the issued instances, in the order of issue.
     pub instances: Vec<String>,
-    /// When.
+    /// Time of the draw, milliseconds since 1970.
     pub drawn_at_ms: i64,
 }
 
-/// An answer as it was taken.
+/// The acceptance of an answer.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AnswerFact {
-    /// The instance.
+    /// Identifier of the instance.
     pub instance: String,
-    /// The entry that it belongs to.
+    /// Identifier of the entry to which the instance belongs.
     pub entry: String,
-    /// SHA-256 of the log's canonical JSON.
+    /// SHA-256 of the canonical JSON of the block log.
     pub log_sha256: String,
-    /// What was promised of the agent's transcript.
+    /// Promised SHA-256 of the agent's transcript, if any.
     pub transcript_sha256: Option<String>,
-    /// When.
+    /// Time of acceptance, milliseconds since 1970.
     pub answered_at_ms: i64,
 }
 
-/// A transcript as it was shown.
+/// The presentation of a promised transcript.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TranscriptFact {
-    /// The instance.
+    /// Identifier of the instance.
     pub instance: String,
-    /// Its SHA-256, as it was promised.
+    /// SHA-256 of the transcript, as promised.
     pub transcript_sha256: String,
-    /// When.
+    /// Time when the transcript was checked, milliseconds since 1970.
     pub checked_at_ms: i64,
 }
 
-/// A failure of the service.
+/// A failure of the service to grade an answer.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FailureFact {
-    /// The instance.
+    /// Identifier of the instance.
     pub instance: String,
-    /// The submission that answered it.
+    /// Identifier of the submission with the answer.
     pub submission: String,
-    /// Why it was not graded.
+    /// Reason why the answer was not graded.
     pub why: String,
-    /// When.
+    /// Time of the failure, milliseconds since 1970.
     pub failed_at_ms: i64,
 }
 
-/// The end of an entry.
+/// The completion of an entry.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CompletedFact {
-    /// The entry.
+    /// Identifier of the entry.
     pub entry: String,
-    /// When it was finalized.
+    /// Time of finalization, milliseconds since 1970.
     pub finalized_at_ms: i64,
-    /// When all its answers were graded.
+    /// Time of completion, when all answers were graded, milliseconds since 1970.
     pub completed_at_ms: i64,
 }
 
 /// The end of an epoch.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ClosedFact {
-    /// When it was over.
+    /// Time when the epoch ended, milliseconds since 1970.
     pub closed_at_ms: i64,
-    /// Why.
+    /// Reason for the end.
     pub reason: String,
-    /// How many receipts of the epoch come before this one.
+    /// Number of receipts of the epoch before this one.
     pub receipts: u64,
 }
 
-/// The receipt of a fact. The salt is random: without it nobody can guess what a hash in the log stands for.
+/// Builds the receipt of a fact. The salt is random; it prevents anyone from guessing the receipt behind a hash in the
+/// log.
 #[must_use]
 pub fn receipt(epoch: &str, salt: &[u8; 32], fact: &Fact) -> Value {
     let mut receipt = json!(fact);
@@ -135,7 +138,7 @@ pub fn receipt(epoch: &str, salt: &[u8; 32], fact: &Fact) -> Value {
     receipt
 }
 
-/// The fact that a receipt of an epoch states; none where it is a grade or of another kind.
+/// Reads the fact that a receipt of an epoch states; returns `None` for a grade or any other kind of receipt.
 #[must_use]
 pub fn fact(receipt: &Value) -> Option<Fact> {
     const NAMES: [&str; 7] = ["entry", "draw", "answer", "transcript", "failure", "completed", "closed"];
@@ -143,7 +146,7 @@ pub fn fact(receipt: &Value) -> Option<Fact> {
     serde_json::from_value(json!({ name: receipt[name] })).ok()
 }
 
-/// A receipt as it is given to whoever took the step: to be kept, and held against the log and the reveal later.
+/// A receipt as the client receives it, to be kept and later compared with the public log and the reveal.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct GivenReceipt {
     /// The receipt.
@@ -152,16 +155,16 @@ pub struct GivenReceipt {
     /// SHA-256 of the receipt's canonical JSON.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub hash: String,
-    /// Ed25519 signature over that JSON, in hex.
+    /// Ed25519 signature over the canonical JSON, in hex.
     #[schema(pattern = "^[0-9a-f]{128}$")]
     pub signature: String,
-    /// The public key that verifies it.
+    /// Public key that verifies the signature, in hex.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub public_key: String,
 }
 
 impl GivenReceipt {
-    /// Of a signed receipt.
+    /// Combines a receipt with its signature.
     #[must_use]
     pub fn of(receipt: Value, signed: &Signed) -> Self {
         Self {

@@ -1,4 +1,5 @@
-//! What an entrant is told, and when: one function, through which everything goes that is said of hidden instances.
+//! Feedback to entrants: its content and its timing. All feedback on hidden instances passes through the function
+//! [`told`].
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -6,35 +7,35 @@ use serde_json::{Value, json};
 use crate::checks::Criterion;
 use crate::grading::ProblemScores;
 
-/// How much is told of a finalized entry while its epoch is open.
+/// Amount of feedback on a finalized entry while its epoch is open.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Feedback {
-    /// Nothing.
+    /// No feedback before the epoch is over.
     AfterEpoch,
-    /// How many instances pass, of how many.
+    /// The number of instances that pass and the total number.
     ScoreOnly,
-    /// That, and per criterion how many pass of how many to which it applies.
+    /// The same, and for each criterion the number of instances that pass and the number to which it applies.
     Criteria,
-    /// Everything, with each check's measured and required values.
+    /// Everything, including each check's measured and required values.
     Full,
 }
 
-/// Kinds of entries.
+/// Tier of an entry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Tier {
-    /// For development: fresh draws, coarse feedback, a board that the Ladder keeps.
+    /// For development: fresh draws, coarse feedback, and a board kept by the Ladder.
     Dev,
-    /// Pre-registered: the score is told after the epoch has closed, and ranked with its interval.
+    /// Pre-registered: the score is published after the epoch closes and ranked with its confidence interval.
     Official,
 }
 
 impl Tier {
-    /// Both.
+    /// Both tiers.
     pub const ALL: [Self; 2] = [Self::Dev, Self::Official];
 
-    /// Its name.
+    /// Returns the name of the tier, as it appears in JSON.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -43,7 +44,7 @@ impl Tier {
         }
     }
 
-    /// What its entries are told while the epoch is open.
+    /// Returns the feedback on entries of this tier while the epoch is open; `dev` is the level set for the dev tier.
     #[must_use]
     pub const fn feedback(self, dev: Feedback) -> Feedback {
         match self {
@@ -53,24 +54,24 @@ impl Tier {
     }
 }
 
-/// One instance of a finalized entry, as grading left it; an unanswered one has no scores and counts as failed.
+/// The outcome of one instance of a finalized entry. An unanswered instance has no scores and counts as failed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
-    /// The instance.
+    /// Identifier of the instance.
     pub instance: String,
-    /// Scores of its checks.
+    /// Scores of the checks; `None` without a graded answer.
     pub scores: Option<ProblemScores>,
 }
 
 impl Outcome {
-    /// Whether it passes.
+    /// Returns whether the instance passes.
     #[must_use]
     pub fn passes(&self) -> bool {
         self.scores.as_ref().is_some_and(ProblemScores::overall)
     }
 }
 
-/// What is told of an entry: null while nothing is.
+/// Builds the feedback on an entry: null while nothing may be released, and everything once the epoch is over.
 #[must_use]
 pub fn told(feedback: Feedback, is_epoch_over: bool, outcomes: &[Outcome]) -> Value {
     let level = if is_epoch_over { Feedback::Full } else { feedback };
@@ -81,7 +82,7 @@ pub fn told(feedback: Feedback, is_epoch_over: bool, outcomes: &[Outcome]) -> Va
     let mut told = json!({ "passed": passed, "of": outcomes.len(),
                            "overall": passed as f64 / outcomes.len().max(1) as f64 });
     if level >= Feedback::Criteria {
-        // Of unanswered instances it is unknown to which criteria they belong; they count in the score alone.
+        // The criteria of unanswered instances are unknown, so these instances count in the score only.
         let per_criterion = Criterion::ALL.into_iter().map(|criterion| {
             let answered = outcomes.iter().filter_map(|outcome| outcome.scores.as_ref());
             let holds: Vec<bool> = answered.filter_map(|scores| scores.holds(|own| own == criterion)).collect();
@@ -100,8 +101,9 @@ pub fn told(feedback: Feedback, is_epoch_over: bool, outcomes: &[Outcome]) -> Va
     told
 }
 
-/// Bits that telling what an entry with so many answers came to releases at most: the logarithm of the number of results that
-/// there can be. The board tells the score of one half beside that of the whole, so both halves count.
+/// Returns an upper bound on the bits released by publishing the result of an entry with `answered` answers: the base-2
+/// logarithm of the number of possible results. The board shows the score of one half beside that of the whole entry,
+/// so both halves count.
 #[must_use]
 pub fn released_bits(feedback: Feedback, answered: usize) -> f64 {
     let score = 2.0 * (answered as f64 / 2.0 + 1.0).log2();
@@ -109,7 +111,7 @@ pub fn released_bits(feedback: Feedback, answered: usize) -> f64 {
         Feedback::AfterEpoch => 0.0,
         Feedback::ScoreOnly => score,
         Feedback::Criteria => score * (1 + Criterion::ALL.len()) as f64,
-        // At least what passes of each instance; its evidence is more than can be counted.
+        // Covers at least the verdict on each instance; the information in its evidence cannot be counted.
         Feedback::Full => answered as f64 * 64.0,
     }
 }

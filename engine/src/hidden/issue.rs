@@ -1,26 +1,27 @@
-//! Which specification an entry gets: neither the service nor the entrant can choose it.
+//! Selects the specifications that an entry receives; neither the service nor the entrant can choose them.
 //!
-//! The seed is HMAC-SHA256 under the epoch's key over entry, nonce, family and index. The service is bound by its key, to which
-//! it committed, before it sees the nonce; the entrant does not know the key. The seed names a place in the family's part of
-//! the pool; the first specification from there on that was not issued yet is taken, so each is issued once in an epoch.
+//! The seed is the HMAC-SHA256 under the epoch's key over entry, nonce, family, run and index. The service commits to
+//! its key before it sees the nonce, and the entrant does not know the key. The seed selects a position in the family's
+//! stratum of the pool. The draw takes the first specification from that position on (wrapping around) that was not
+//! issued yet, so each is issued at most once in an epoch.
 
 use super::pool::Stratum;
 use super::secret::{EpochKey, first_number};
 
-/// What a draw is for.
+/// The input of a draw.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Draw<'a> {
-    /// Id of the entry.
+    /// Identifier of the entry.
     pub entry: &'a str,
     /// The entrant's nonce.
     pub nonce: &'a str,
-    /// Which of the entry's runs, from 1.
+    /// Number of the entry's run, from 1.
     pub run: u32,
-    /// Which of the family's instances in the run, from 0.
+    /// Index among the family's instances in the run, from 0.
     pub index: u32,
 }
 
-/// The leaf that a draw takes, where `is_issued` tells which are gone; none where all are.
+/// Returns the leaf that a draw takes, skipping the leaves for which `is_issued` is true, or `None` if all are issued.
 #[must_use]
 pub fn leaf(key: &EpochKey, stratum: &Stratum, draw: &Draw<'_>, is_issued: impl Fn(u32) -> bool) -> Option<u32> {
     let (run, index) = (draw.run.to_be_bytes(), draw.index.to_be_bytes());
@@ -51,7 +52,7 @@ mod tests {
         assert_eq!(leaf(&key, &stratum(), &draw, |leaf| issued.contains(&leaf)), None);
     }
 
-    /// Entry, nonce and key each move the place, over many draws to every place.
+    /// Entry, nonce and key each change the position; over many draws, each of them alone reaches every position.
     #[test]
     fn neither_side_alone_decides() {
         let take = |key: u8, entry: &str, nonce: &str| {

@@ -1,62 +1,63 @@
-//! The board of the dev tier: the parameter-free Ladder of Blum and Hardt ("The Ladder: a reliable leaderboard for machine
-//! learning competitions", 2015), with draws that are fresh for every entry.
+//! The board of the dev tier: the parameter-free Ladder of Blum and Hardt ("The Ladder: a reliable leaderboard for
+//! machine learning competitions", 2015), with fresh draws for every entry.
 //!
-//! The Ladder moves a board only where an entry beats the best before it by more than the standard error of the difference, so
-//! that small luck tells nothing. Here luck cannot accumulate either: half of an entry's instances, picked by secret
-//! salts that the epoch's key gives them, decide whether it moves the board, and the other half is what the board then shows. What is shown was not
-//! looked at to choose, so the best of many entries shows no better than it is.
+//! The Ladder moves a board only if an entry beats the best entry before it by more than the standard error of the
+//! difference, so small random gains reveal nothing. Lucky results cannot accumulate here either. Half of an entry's
+//! instances, selected by secret salts derived from the epoch's key, decide whether the entry moves the board; the
+//! board then shows the other half. The shown half plays no part in the selection, so the best of many entries is not
+//! shown better than it is.
 
 use sha2::{Digest as _, Sha256};
 
-/// Whether the instance with this salt decides; the others are shown. Nobody knows salts before the epoch is over, so nobody
-/// can answer the one half better than the other.
+/// Returns whether the instance with this salt belongs to the deciding half; the others are shown. Salts are secret
+/// until the epoch is over, so no entrant can answer one half better than the other on purpose.
 #[must_use]
 pub fn decides(salt: &str) -> bool {
     Sha256::digest(salt)[0] & 1 == 0
 }
 
-/// Instances that pass, of so many.
+/// The number of passing instances and their total number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Tally {
-    /// That pass.
+    /// Number of instances that pass.
     pub passed: u32,
-    /// In all.
+    /// Total number of instances.
     pub of: u32,
 }
 
 impl Tally {
-    /// One more.
+    /// Counts one more instance.
     pub const fn add(&mut self, passes: bool) {
         self.passed += passes as u32;
         self.of += 1;
     }
 
-    /// The share that passes; 0 of none.
+    /// Returns the share that passes, or 0 if the tally is empty.
     #[must_use]
     pub fn rate(self) -> f64 {
         if self.of == 0 { 0.0 } else { f64::from(self.passed) / f64::from(self.of) }
     }
 
-    /// Variance of the share, estimated from it.
+    /// Estimates the variance of the share from the share itself.
     fn variance(self) -> f64 {
         let rate = self.rate();
         if self.of == 0 { 0.0 } else { rate * (1.0 - rate) / f64::from(self.of) }
     }
 }
 
-/// An entry as the Ladder sees it.
+/// An entry as an attempt on the Ladder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Attempt<'a> {
-    /// What was evaluated: entries of one configuration may be taken together.
+    /// The evaluated configuration; attempts with the same configuration may be pooled.
     pub configuration: &'a str,
-    /// Instances that decide.
+    /// Tally of the deciding instances.
     pub deciding: Tally,
-    /// Instances that are shown.
+    /// Tally of the shown instances.
     pub shown: Tally,
 }
 
 impl<'a> Attempt<'a> {
-    /// Of an entry's instances: salts, and whether each passes.
+    /// Creates an attempt from the instances of an entry, each given by its salt and whether it passes.
     #[must_use]
     pub fn of<'i>(configuration: &'a str, outcomes: impl IntoIterator<Item = (&'i str, bool)>) -> Self {
         let (mut deciding, mut shown) = (Tally::default(), Tally::default());
@@ -67,17 +68,17 @@ impl<'a> Attempt<'a> {
     }
 }
 
-/// Where a board stands.
+/// The state of an owner on the Ladder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Rung {
-    /// The attempt that moved it last, counted from 0.
+    /// Index of the attempt that moved the board last, from 0.
     pub attempt: usize,
-    /// What it shows: the shown halves of that attempt and of later ones of the same configuration.
+    /// Tally that the board shows: the shown halves of that attempt and of later ones with the same configuration.
     pub shown: Tally,
     deciding: Tally,
 }
 
-/// The rung after all attempts of one owner, in the order in which they ended; none without attempts.
+/// Returns the rung after all attempts of one owner, in the order of their completion, or `None` without attempts.
 #[must_use]
 pub fn climb(attempts: &[Attempt<'_>]) -> Option<Rung> {
     let mut rung: Option<Rung> = None;
@@ -111,7 +112,7 @@ mod tests {
     #[test]
     fn the_board_moves_by_more_than_the_standard_error_only() {
         assert_eq!(climb(&[]), None);
-        // The standard error of the difference of 50 and 55 of 100 each is 7 points.
+        // The standard error of the difference between 50 of 100 and 55 of 100 is 7 percentage points.
         let rung = climb(&[attempt("a", 50, 40), attempt("b", 55, 90)]).unwrap();
         assert_eq!((rung.attempt, rung.shown), (0, Tally { passed: 40, of: 100 }));
         let rung = climb(&[attempt("a", 50, 40), attempt("b", 60, 52)]).unwrap();

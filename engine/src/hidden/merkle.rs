@@ -1,11 +1,11 @@
-//! Merkle trees over hashes, as RFC 6962 builds them: leaves and nodes are hashed under different prefixes, and a tree of any
-//! size splits at the greatest power of two below it.
+//! Merkle trees over hashes, as in RFC 6962: leaves and nodes are hashed with different prefixes, and a tree of any
+//! size splits at the largest power of two smaller than its size.
 
 use sha2::{Digest as _, Sha256};
 
 use super::canonical::Hash;
 
-/// Hash of a leaf: SHA-256 over 0, salt and content hash.
+/// Computes the hash of a leaf: SHA-256 over a zero byte, the salt and the content hash.
 #[must_use]
 pub fn leaf(salt: &Hash, content: &Hash) -> Hash {
     Sha256::new().chain_update([0]).chain_update(salt).chain_update(content).finalize().into()
@@ -19,7 +19,7 @@ const fn split(leaves: usize) -> usize {
     leaves.next_power_of_two() / 2
 }
 
-/// Root over leaves in order; of none SHA-256 over nothing.
+/// Computes the root over the leaves in order; without leaves, the SHA-256 of the empty string.
 #[must_use]
 pub fn root(leaves: &[Hash]) -> Hash {
     match leaves {
@@ -40,7 +40,7 @@ mod tests {
         (0..n).map(|i| leaf(&[0; 32], &[i as u8; 32])).collect()
     }
 
-    /// The tree of seven leaves as RFC 6962, section 2.1.3, draws it.
+    /// The tree of seven leaves from RFC 6962, section 2.1.3.
     #[test]
     fn seven_leaves_split_at_four() {
         let l = leaves(7);

@@ -1,13 +1,14 @@
-//! Hidden evaluation: epochs that commit to their specifications before they open, draw instances that neither side can
-//! choose, and reveal everything after they close.
+//! Hidden evaluation in epochs: an epoch commits to its specifications before it opens, draws instances that neither
+//! side can choose, and reveals everything after it closes.
 //!
-//! An epoch's secret key is all that is random. From it the generator makes a pool of specifications, each one certified
-//! solvable by its reference builder; `commitment` publishes a hash of the key and the root of a Merkle tree over the salted
-//! hashes of the pool; `issue` tells which specification of the pool an entry gets, from key, entry, the entry's own nonce,
-//! family and index; `evidence` states what happened, in receipts that are signed at once; `reveal` and `verify` check all of it
-//! afterwards. `receipts` signs what grading found.
+//! The pool and the draws derive all their randomness from the epoch's secret key. The generator in `pool` makes
+//! specifications from it, each certified solvable by its reference builder. `commitment` publishes a hash of the key
+//! and the root of a Merkle tree over the salted hashes of the pool. `issue` selects the specification that an entry
+//! receives, from key, entry, the entrant's nonce, family, run and index. `evidence` records each step in a receipt
+//! that is signed immediately, and `receipts` signs the grades. `reveal` publishes everything afterwards, and `verify`
+//! checks it.
 //!
-//! This room is pure: it gets keys and times from outside and never makes them.
+//! This module is pure: callers pass in keys and times, and it never creates them.
 
 pub mod board;
 pub mod canonical;
@@ -23,6 +24,6 @@ pub mod reveal;
 pub mod secret;
 pub mod verify;
 
-/// Version of the generator: families, ranges, strata and how they are drawn. A change that draws other specifications from
-/// the same key raises it.
+/// Version of the generator: its families, ranges, strata and draw procedure. Raise it with any change that makes the
+/// same key draw different specifications.
 pub const GENERATOR_VERSION: u32 = 1;

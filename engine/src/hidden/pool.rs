@@ -1,8 +1,10 @@
-//! The pool of an epoch: all specifications that it can issue, made from its key, each certified by a reference build.
+//! The pool of an epoch: all specifications that it can issue, derived from its key, each certified by a reference
+//! build.
 //!
-//! A specification is drawn until it fits: its reference build is as large as the builds of the public families that it stands
-//! for (half of the least to one and a half of the greatest), stands nowhere in the public suite, and passes every check. So
-//! difficulty stays that of the public suite while no public instance returns.
+//! Each specification is redrawn until it fits: the size of its reference build is in the range of the public families
+//! that it stands for (half of the smallest to one and a half times the largest), the public suite does not contain
+//! that build, and the build passes every check. The difficulty therefore stays that of the public suite, and no public
+//! instance returns.
 
 use std::collections::{BTreeMap, HashSet};
 
@@ -17,23 +19,23 @@ use crate::tasks::family::{Family, SuiteSource};
 use crate::tasks::{Task, embedded, hidden};
 use crate::voxel::{BlockLog, Cell, Event};
 
-/// Name of hidden suites.
+/// Name of the hidden suites.
 pub const HIDDEN: &str = "hidden";
-/// Draws before a family is given up, which is a fault of its rules.
+/// Number of draws after which the generator gives up on a family; needing that many is a fault of the family's rules.
 const MAX_DRAWS: u64 = 2_000;
 
-/// Why there is no pool.
+/// The reason why a pool cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum PoolError {
-    /// The files of a suite are faulty.
+    /// The task files of a suite are faulty.
     #[error("the task files are faulty: {0}")]
     Files(String),
-    /// Nothing new fits the rules of a family.
-    #[error("the family {family:?} draws nothing new that fits: {last}")]
+    /// No draw of a family is new and fits its rules.
+    #[error("the family {family:?} draws no new specification that fits; reason at the last draw: {last}")]
     Family {
-        /// The family.
+        /// Name of the family.
         family: String,
-        /// What was wrong with the last draw.
+        /// Reason why the last draw did not fit.
         last: String,
     },
 }
@@ -41,35 +43,35 @@ pub enum PoolError {
 /// One specification of a pool.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Specification {
-    /// Its number in the pool, from 0: the leaf of the Merkle tree.
+    /// Index in the pool, from 0, which is the leaf of the Merkle tree.
     pub leaf: u32,
-    /// The task with its checks. What an agent sees of it are the prompts.
+    /// The task with its checks. Agents see only its prompts.
     pub task: Task,
 }
 
-/// A family's part of the pool.
+/// The part of the pool that belongs to one family.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stratum {
-    /// The family.
+    /// Name of the family.
     pub family: String,
-    /// How many instances of it a draw holds.
+    /// Number of the family's instances in a draw.
     pub instances: u32,
-    /// Its first leaf.
+    /// First leaf of the stratum.
     pub first: u32,
-    /// How many leaves it has.
+    /// Number of leaves in the stratum.
     pub size: u32,
 }
 
-/// What a family stands for in the public suite, in blocks of reference builds.
+/// The range of sizes of reference builds in the public suite, as measured by [`volume`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Volume {
-    /// Of the smallest.
+    /// Size of the smallest build.
     pub least: usize,
-    /// Of the largest.
+    /// Size of the largest build.
     pub greatest: usize,
 }
 
-/// Makes specifications.
+/// Generates the specifications of a pool.
 #[derive(Debug)]
 pub struct Generator {
     source: SuiteSource,
@@ -77,7 +79,7 @@ pub struct Generator {
     public_builds: HashSet<Hash, foldhash::fast::RandomState>,
 }
 
-/// Blocks that a log places.
+/// Returns the size of a build: the number of events in its log.
 #[must_use]
 pub fn volume(log: &BlockLog) -> usize {
     log.event_count()
@@ -88,10 +90,10 @@ fn faulty(faults: &impl std::fmt::Debug) -> PoolError {
 }
 
 impl Generator {
-    /// Of this program's families, with the strata of its public suite.
+    /// Creates a generator from the hidden families and the public suite embedded in this program.
     ///
     /// # Errors
-    /// Where the files in this program are faulty; a test shows that they are not.
+    /// Returns an error if the embedded files are faulty; a test shows that they are not.
     pub fn new() -> Result<Self, PoolError> {
         let source = hidden::source().map_err(|faults| faulty(&faults))?;
         let public = embedded::latest().map_err(|faults| faulty(&faults))?;
@@ -107,13 +109,13 @@ impl Generator {
         Ok(Self { source, volumes, public_builds })
     }
 
-    /// The families, in order.
+    /// Returns the hidden families, in order.
     #[must_use]
     pub fn families(&self) -> &[Family] {
         &self.source.families
     }
 
-    /// The builds that a family's may be as large as; none for a family that the public suite has nothing of.
+    /// Returns the range of sizes over the public families that a family stands for, or `None` if it stands for none.
     #[must_use]
     pub fn stratum_volume(&self, family: &Family) -> Option<Volume> {
         let rules = family.content.draw.as_ref()?;
@@ -121,8 +123,8 @@ impl Generator {
         own.copied().reduce(|a, b| Volume { least: a.least.min(b.least), greatest: a.greatest.max(b.greatest) })
     }
 
-    /// The strata of an epoch with so many specifications for each instance of a draw: all families that stand for public
-    /// ones, and of the held-out ones the one that the key picks.
+    /// Returns the strata of an epoch that has `per_instance` specifications for each instance of a draw: one for each
+    /// family that stands for public families, and one for the held-out family that the key selects.
     #[must_use]
     pub fn strata(&self, key: &EpochKey, per_instance: u32) -> Vec<Stratum> {
         let weight = |family: &Family| family.content.draw.as_ref().map_or(0, |rules| rules.stands_for.len() as u32);
@@ -142,11 +144,12 @@ impl Generator {
             .collect()
     }
 
-    /// The specifications of a family's part of the pool, by leaf; no two have the same parameters or the same prompts.
-    /// `drawn` is told of each.
+    /// Generates the specifications of a stratum, by leaf; no two have the same parameters or the same prompts. Calls
+    /// `drawn` after each one.
     ///
     /// # Errors
-    /// Where nothing new that fits is drawn: a fault of the family's rules, or more is asked for than the family has.
+    /// Returns an error if no new specification fits: the family's rules are faulty, or the stratum needs more
+    /// specifications than the family has. Also fails if the task files are faulty or the family is unknown.
     pub fn specifications(
         &self,
         key: &EpochKey,
@@ -164,7 +167,7 @@ impl Generator {
         Ok(specifications)
     }
 
-    /// The specification of a leaf, of which nothing is taken yet.
+    /// Generates the specification of a leaf, with parameters and prompts that are not in `taken`, and adds them to it.
     fn specification(
         &self,
         key: &EpochKey,
@@ -184,7 +187,7 @@ impl Generator {
                         taken.extend(own);
                         return Ok(Specification { leaf, task });
                     }
-                    "another one of the pool is the same".clone_into(&mut last);
+                    "the pool already has its parameters or its prompts".clone_into(&mut last);
                 }
                 Err(Unfit::Again(why)) => last = why,
                 Err(Unfit::Broken(error)) => return Err(error),
@@ -193,20 +196,20 @@ impl Generator {
         Err(PoolError::Family { family: family.name().to_owned(), last })
     }
 
-    /// One draw, with everything that it must fulfil.
+    /// Draws one task and checks every condition that it must meet.
     fn drawn(&self, family: &Family, leaf: u32, choices: &mut Choices<'_>) -> Result<Task, Unfit> {
         let broken = |faults| Unfit::Broken(faulty(&faults));
         let again = |why: &str| Unfit::Again(why.to_owned());
         let drawn = family.draw(&mut |n| choices.choose(n)).map_err(broken)?;
-        let mut parameters = drawn.ok_or_else(|| again("its rules say to draw again"))?;
+        let mut parameters = drawn.ok_or_else(|| again("the family's rules reject it"))?;
         let needs_reference = family.content.draw.as_ref().is_some_and(|rules| rules.needs_reference);
-        // The number of turns comes with the wording; where a reference is needed there is one.
+        // The wording determines the number of turns; a family that needs a reference has a single turn.
         let probe = build_instance(family.name(), &parameters, 1);
         let probe = probe.map_err(|error| Unfit::Broken(PoolError::Files(error.to_string())))?;
         if needs_reference {
             let stress = equilibrium_stress_pa(&probe, &Control::unhurried()).ok().flatten();
             let stress = stress.filter(|pa| *pa > 0.0).ok_or_else(|| again("the build has no equilibrium"))?;
-            // To a hundredth of a pascal, so that the figure prints the same everywhere.
+            // Rounded to a hundredth of a pascal, so that the value prints the same everywhere.
             parameters.insert("reference_pa".to_owned(), ((stress * 100.0).round() / 100.0).into());
         }
         let mut worded = family.tasks(&[parameters], 1, &self.source.words).map_err(broken)?;
@@ -220,23 +223,23 @@ impl Generator {
         if let Some(range) = self.stratum_volume(family)
             && !(range.least.div_ceil(2)..=range.greatest + range.greatest / 2).contains(&volume(&log))
         {
-            return Err(again("its build is larger or smaller than the public ones"));
+            return Err(again("the build is too small or too large beside the public ones"));
         }
         if self.public_builds.contains(&hash_of_build(&log)) {
-            return Err(again("the public suite has it"));
+            return Err(again("the public suite already has this build"));
         }
         certify(&task, &log).map_err(Unfit::Again)?;
         Ok(task)
     }
 }
 
-/// Why a draw does not count.
+/// The reason why a draw is rejected.
 enum Unfit {
     Again(String),
     Broken(PoolError),
 }
 
-/// What identifies a build: the blocks of every turn, whatever their order.
+/// Computes the hash that identifies a build: over the blocks of every turn, regardless of their order.
 fn hash_of_build(log: &BlockLog) -> Hash {
     let mut blocks: Vec<(usize, Cell, &str)> = Vec::with_capacity(log.event_count());
     for (turn, events) in log.turns.iter().enumerate() {
@@ -250,10 +253,10 @@ fn hash_of_build(log: &BlockLog) -> Hash {
     hash_of(&blocks)
 }
 
-/// Whether a build passes every check of a task: a score of 1 for each.
+/// Checks that a build passes every check of a task with a score of 1.
 ///
 /// # Errors
-/// The first check that it does not pass, in words.
+/// Returns the name and the summary of the first check that does not pass.
 pub fn certify(task: &Task, log: &BlockLog) -> Result<(), String> {
     let report = grade_log(task, log, &Control::unhurried()).map_err(|_stopped| "grading was stopped".to_owned())?;
     let failed = report.turns.iter().flat_map(|turn| &turn.checks).find(|check| !check.finding.holds());

@@ -1,4 +1,4 @@
-//! The reveal of an epoch: everything that it held back, as the service publishes it when the epoch is over.
+//! The reveal of an epoch: everything that the service withheld while the epoch was open, published when it is over.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,12 +10,12 @@ use super::secret::EpochKey;
 use crate::checks::Criterion;
 use crate::tasks::hex;
 
-/// A specification with what its leaf was made from.
+/// A specification with the salt and hash of its leaf.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RevealedSpecification {
-    /// The salt of its leaf.
+    /// Salt of the leaf, in hex.
     pub salt: String,
-    /// The leaf's hash.
+    /// Hash of the leaf, in hex.
     pub hash: String,
     /// The specification.
     #[serde(flatten)]
@@ -25,80 +25,81 @@ pub struct RevealedSpecification {
 /// An entry of the epoch.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RevealedEntry {
-    /// Its id.
+    /// Identifier of the entry.
     pub id: String,
-    /// Who was evaluated.
+    /// Name of the evaluated agent.
     pub agent: String,
-    /// SHA-256 of the configuration, as registered.
+    /// SHA-256 of the agent's configuration, as registered.
     pub configuration_hash: String,
-    /// Its tier.
+    /// Tier of the entry.
     pub tier: Tier,
-    /// Runs registered.
+    /// Number of registered runs.
     pub runs: u32,
-    /// When it was registered.
+    /// Time of registration, milliseconds since 1970.
     pub registered_at_ms: i64,
-    /// When it was finalized.
+    /// Time of finalization, milliseconds since 1970.
     pub finalized_at_ms: Option<i64>,
-    /// Who registered it, as boards show it; empty where the service was open to everybody. Missing from reveals of older programs.
+    /// Owner that registered the entry, as boards show it; empty if the service was open to everyone. Missing from
+    /// reveals of older programs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub owner: Option<String>,
-    /// When all its answers were graded after that.
+    /// Time of completion after that, when all answers were graded, milliseconds since 1970.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub completed_at_ms: Option<i64>,
 }
 
-/// An instance that was issued, with its grade.
+/// An issued instance with its grade.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RevealedInstance {
-    /// Its place in the order of issue, from 1.
+    /// Position in the order of issue, from 1.
     pub ordinal: i64,
-    /// Its id.
+    /// Identifier of the instance.
     pub id: String,
-    /// The entry that it belongs to.
+    /// Identifier of the entry to which the instance belongs.
     pub entry: String,
     /// The entrant's nonce.
     pub nonce: String,
-    /// Run of the entry, from 1.
+    /// Number of the entry's run, from 1.
     pub run: u32,
-    /// The family.
+    /// Name of the family.
     pub family: String,
-    /// Which of the family's instances in the run, from 0.
+    /// Index among the family's instances in the run, from 0.
     pub index: u32,
-    /// The specification issued.
+    /// Leaf of the issued specification.
     pub leaf: u32,
-    /// SHA-256 of the log that answered it; null where none did.
+    /// SHA-256 of the answer's block log; null without an answer.
     pub log_sha256: Option<String>,
-    /// The verdict; null without an answer.
+    /// Whether the answer passes; null without a grade.
     pub overall: Option<bool>,
-    /// Criterion and score of each check.
+    /// Criterion and score of each check; null without a grade.
     pub scores: Option<Vec<(Criterion, f64)>>,
-    /// What was promised of the agent's transcript.
+    /// Promised SHA-256 of the agent's transcript, if any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub transcript_sha256: Option<String>,
-    /// Whether a transcript with that hash was shown.
+    /// Whether a transcript with the promised hash was shown.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub transcript_checked: bool,
 }
 
-/// All that an epoch held back.
+/// Everything that an epoch withheld until its end.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Reveal {
-    /// What was promised.
+    /// The commitment that was published before the epoch opened.
     pub commitment: Commitment,
-    /// The key.
+    /// The epoch's secret key, in hex.
     pub key: String,
-    /// All specifications, by leaf.
+    /// All specifications of the pool, by leaf.
     pub specifications: Vec<RevealedSpecification>,
     /// All entries.
     pub entries: Vec<RevealedEntry>,
     /// All instances, in the order of issue.
     pub instances: Vec<RevealedInstance>,
-    /// All receipts of the epoch, in the order of the log. Missing from reveals of older programs.
+    /// All receipts of the epoch, in the order of the public log. Missing from reveals of older programs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub receipts: Option<Vec<ReceiptFile>>,
 }
 
-/// A specification as it is revealed.
+/// Returns a specification with the salt and hash of its leaf, as in the reveal.
 #[must_use]
 pub fn revealed(key: &EpochKey, specification: Specification) -> RevealedSpecification {
     let (salt, hash) = (salt(key, specification.leaf), leaf_hash(key, &specification));

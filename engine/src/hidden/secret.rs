@@ -1,4 +1,4 @@
-//! The key of an epoch: 32 random bytes, from which everything that it draws follows by HMAC-SHA256.
+//! The key of an epoch: 32 random bytes, from which all draws are derived with HMAC-SHA256.
 
 use std::fmt;
 
@@ -8,7 +8,7 @@ use sha2::{Digest as _, Sha256};
 use super::canonical::{Hash, unhex};
 use crate::tasks::hex;
 
-/// The key of an epoch. It prints as nothing, so that no log line holds it by accident.
+/// The key of an epoch. Its `Debug` output omits the bytes, so that no log line reveals them by accident.
 #[derive(Clone, PartialEq, Eq)]
 pub struct EpochKey([u8; 32]);
 
@@ -19,34 +19,35 @@ impl fmt::Debug for EpochKey {
 }
 
 impl EpochKey {
-    /// Of random bytes.
+    /// Creates a key from random bytes.
     #[must_use]
     pub const fn new(bytes: [u8; 32]) -> Self {
         Self(bytes)
     }
 
-    /// From hexadecimal; none where it is not 32 bytes.
+    /// Reads a key from hexadecimal, or returns `None` if the text is not 32 bytes.
     #[must_use]
     pub fn from_hex(text: &str) -> Option<Self> {
         unhex(text.trim()).map(Self)
     }
 
-    /// The key itself, to be kept or revealed.
+    /// Returns the secret key in hexadecimal, to be stored or revealed.
     #[must_use]
     pub fn expose(&self) -> String {
         hex(&self.0)
     }
 
-    /// What is published of it beforehand: SHA-256 over a label and the key.
+    /// Returns the hash that is published in advance: SHA-256 over a label and the key.
     #[must_use]
     pub fn hash(&self) -> Hash {
         Sha256::new().chain_update(b"plumbline epoch key\0").chain_update(self.0).finalize().into()
     }
 
-    /// HMAC-SHA256 over a purpose and its parts, each after its length, so that no two lists of parts give the same bytes.
+    /// Computes the HMAC-SHA256 over a purpose and its parts, each prefixed with its length, so that different lists of
+    /// parts never give the same input.
     #[must_use]
     pub fn derive(&self, purpose: &str, parts: &[&[u8]]) -> Hash {
-        // A key of any length is accepted.
+        // HMAC accepts keys of any length, so this never fails.
         let Ok(mut mac) = Hmac::<Sha256>::new_from_slice(&self.0) else { return [0; 32] };
         for part in [purpose.as_bytes()].iter().chain(parts) {
             mac.update(&(part.len() as u64).to_be_bytes());
@@ -56,7 +57,7 @@ impl EpochKey {
     }
 }
 
-/// A stream of choices that follows from a key.
+/// A deterministic stream of choices derived from a key.
 #[derive(Debug)]
 pub struct Choices<'k> {
     key: &'k EpochKey,
@@ -66,13 +67,14 @@ pub struct Choices<'k> {
 }
 
 impl<'k> Choices<'k> {
-    /// The stream of this purpose and these parts.
+    /// Creates the stream for a purpose and its parts.
     #[must_use]
     pub fn new(key: &'k EpochKey, purpose: &'static str, parts: &[&[u8]]) -> Self {
         Self { key, purpose, parts: parts.iter().map(|part| part.to_vec()).collect(), drawn: 0 }
     }
 
-    /// The next choice of one of `n`, from 0; of 64 bits, so that no choice is favoured by more than 2^-50 for any n in use.
+    /// Returns the next choice among `n`, from 0. It reduces 64 bits, so that no choice is favoured by more than 2^-50
+    /// for any `n` in use.
     pub fn choose(&mut self, n: u64) -> u64 {
         let counter = self.drawn.to_be_bytes();
         self.drawn += 1;
@@ -82,7 +84,7 @@ impl<'k> Choices<'k> {
     }
 }
 
-/// The first eight bytes as a number.
+/// Returns the first eight bytes of a hash as a big-endian number.
 #[must_use]
 pub const fn first_number(hash: &Hash) -> u64 {
     u64::from_be_bytes([hash[0], hash[1], hash[2], hash[3], hash[4], hash[5], hash[6], hash[7]])

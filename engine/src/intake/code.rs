@@ -1,4 +1,4 @@
-//! Turns that bring action code instead of events: the code is read here, and becomes events elsewhere.
+//! Turns that hold action code instead of events. This module reads the code; running it into events happens elsewhere.
 
 use std::borrow::Cow;
 
@@ -7,26 +7,26 @@ use super::text::thinking::without_thoughts;
 use crate::voxel::block_log::{BlockLog, Event};
 use crate::voxel::cell::Cell;
 
-/// A log as it was sent: what was done in each turn, and the code of turns that are empty until it has been run.
+/// A log as it was sent: the events of each turn, and the code of the turns that are empty until the code has run.
 #[derive(Debug, Clone, Default)]
 pub struct SentLog {
-    /// Events per turn.
+    /// Events of each turn.
     pub log: BlockLog,
-    /// Code of the turns that bring some, in their order.
+    /// Code of the turns that have code, in turn order.
     pub codes: Vec<TurnCode>,
 }
 
 /// The action code of a turn.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TurnCode {
-    /// Place of the turn in the log, from 0.
+    /// Index of the turn in the log, from 0.
     pub turn: usize,
-    /// The code.
+    /// Source text of the code.
     pub code: String,
 }
 
 impl SentLog {
-    /// A log of one turn that was done by code.
+    /// Creates a log of one turn that consists of code.
     #[must_use]
     pub fn of_code(code: String) -> Self {
         let log = BlockLog { turns: vec![Vec::new()], ..BlockLog::default() };
@@ -35,7 +35,7 @@ impl SentLog {
 }
 
 impl SentLog {
-    /// Adds the turns of another log after those of this one.
+    /// Appends the turns of another log.
     pub fn append(&mut self, other: &Self) {
         let turns = self.log.turns.len();
         for turn in &other.log.turns {
@@ -62,7 +62,7 @@ impl From<BlockLog> for SentLog {
 }
 
 impl BlockLog {
-    /// Adds an event to a turn that is there: a cell, and the material that is placed, or none to remove.
+    /// Appends an event to an existing turn: a placement of `material` at `cell`, or a removal if `material` is `None`.
     pub fn add_event(&mut self, turn: usize, cell: Cell, material: Option<&str>) {
         let event = match material {
             Some(name) => Event::Place { cell, material: self.palette.intern(name) },
@@ -72,8 +72,10 @@ impl BlockLog {
     }
 }
 
-/// The code alone, where it was sent with code fences around it: that of the last fence outside thinking tags, on the lines where it
-/// stood, so that the lines of errors are those of what was sent.
+/// Extracts code that was sent inside code fences: returns the last non-empty fence outside thinking tags.
+///
+/// The code keeps its line numbers, so that the lines in error messages are those of the text that was sent. Text
+/// without fences is returned unchanged.
 #[must_use]
 pub fn without_fences(code: &str) -> Cow<'_, str> {
     if fences(code).is_empty() {
@@ -84,7 +86,7 @@ pub fn without_fences(code: &str) -> Cow<'_, str> {
     let is_filled = |fence: &&Fence| !shown[fence.content.clone()].trim().is_empty();
     Cow::Owned(match (fences.iter().rev().find(is_filled), fences.first()) {
         (Some(fence), _) => on_its_lines(&shown, fence.content.clone()),
-        // The closing fence alone, after an opening one that stands in the prompt: the code is what comes before.
+        // Only a closing fence is present, because the opening one is in the prompt: the code precedes it.
         (None, Some(fence)) => {
             let mark = shown[..fence.content.start].trim_end().rfind('\n').unwrap_or(0);
             shown[..mark].to_owned()
@@ -93,7 +95,7 @@ pub fn without_fences(code: &str) -> Cow<'_, str> {
     })
 }
 
-/// A part of a text after as many line breaks as come before it there.
+/// Returns a part of a text, prefixed with as many line breaks as precede it, so that it keeps its line numbers.
 #[must_use]
 pub fn on_its_lines(text: &str, part: std::ops::Range<usize>) -> String {
     let before = text[..part.start].matches('\n').count();

@@ -1,4 +1,4 @@
-//! The plain form: an array of events.
+//! The plain form of a turn: an array of events.
 
 use serde::de::{IgnoredAny, MapAccess, SeqAccess};
 
@@ -50,7 +50,7 @@ impl<'de> Shape<'de> for EventShape<'_, '_> {
     type Out = Event;
 
     fn wanted(&self) -> &'static str {
-        "an event: an object with \"action\", \"x\", \"y\", \"z\" and, to place, \"material\""
+        "an event: an object with \"action\", \"x\", \"y\", \"z\" and, to place a block, \"material\""
     }
 
     fn faults(&mut self) -> &mut Faults {
@@ -93,7 +93,7 @@ impl<'de> Shape<'de> for EventShape<'_, '_> {
             reader.faults.add_at("action", "missing: \"place\" or \"remove\"");
         }
         if action == Some(Some(Action::Place)) && material.is_none() {
-            reader.faults.add_at("material", "missing: to place a block, its material must be named");
+            reader.faults.add_at("material", "missing: an event that places a block needs a material");
         }
         let cell = cell_of(at.map(Option::flatten));
         Ok(match (action.flatten(), cell, material.flatten()) {
@@ -117,7 +117,7 @@ pub(super) fn cell_of(at: [Option<i64>; 3]) -> Option<Cell> {
     Some(Cell::new(i32::try_from(x?).ok()?, i32::try_from(y?).ok()?, i32::try_from(z?).ok()?))
 }
 
-/// The coordinate on axis 0 (x), 1 (y) or 2 (z), within the supported range.
+/// Returns the shape of a coordinate on axis 0 (x), 1 (y) or 2 (z), within the supported range.
 pub(super) fn coordinate(axis: usize, faults: &mut Faults) -> Integer<'_> {
     let (min, max) = if axis == 1 { (MIN_Y, MAX_Y) } else { (-MAX_HORIZONTAL, MAX_HORIZONTAL) };
     Integer { faults, min: i64::from(min), max: i64::from(max) }

@@ -1,10 +1,10 @@
-//! Faults: what is wrong with an input, each with the place where it is wrong.
+//! Faults: the errors in an input, each with its location.
 
 use std::fmt::Write as _;
 
 use serde::{Deserialize, Serialize};
 
-/// One thing wrong with an input.
+/// A single error in an input.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Fault {
     /// Line of an NDJSON body or file, counted from 1; absent for a single document.
@@ -12,7 +12,7 @@ pub struct Fault {
     pub line: Option<u64>,
     /// JSON pointer (RFC 6901) to the value; empty for the whole document.
     pub pointer: String,
-    /// What is wrong, in words, with what was expected and what was found.
+    /// Human-readable description of the error, with what was expected and what was found.
     pub detail: String,
 }
 
@@ -28,14 +28,14 @@ impl std::fmt::Display for Fault {
     }
 }
 
-/// Step of a path into a document.
+/// A step of the path to a value in a document.
 #[derive(Debug, Clone)]
 enum Step {
     Key(String),
     Index(usize),
 }
 
-/// The faults found so far and the place being read. Keeps at most [`Faults::KEPT`], counts them all.
+/// The faults found so far, and the current location in the input. Keeps up to [`Faults::KEPT`] faults, but counts all.
 #[derive(Debug, Default)]
 pub struct Faults {
     path: Vec<Step>,
@@ -45,25 +45,25 @@ pub struct Faults {
 }
 
 impl Faults {
-    /// Faults listed at most; the rest are counted.
+    /// Maximum number of faults kept; further ones are only counted.
     pub const KEPT: usize = 100;
 
-    /// Characters of a key shown in a pointer; a longer one ends in an ellipsis.
+    /// Maximum number of characters of a key in a pointer; a longer key is cut and ends in an ellipsis.
     const KEY_CHARS: usize = 100;
 
-    /// No faults, at the root of a document.
+    /// Creates an empty collector, located at the root of a document.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// From here on, faults belong to this line of an NDJSON input, at its root.
+    /// Moves to the root of this line of an NDJSON input; further faults belong to that line.
     pub fn enter_line(&mut self, line: u64) {
         self.line = Some(line);
         self.path.clear();
     }
 
-    /// Steps into the member `key`.
+    /// Enters the member `key` of the current object.
     pub fn enter_key(&mut self, key: &str) {
         let shown = match key.char_indices().nth(Self::KEY_CHARS) {
             Some((end, _)) => format!("{}…", &key[..end]),
@@ -72,17 +72,17 @@ impl Faults {
         self.path.push(Step::Key(shown));
     }
 
-    /// Steps into the element `index`.
+    /// Enters the element `index` of the current array.
     pub fn enter_index(&mut self, index: usize) {
         self.path.push(Step::Index(index));
     }
 
-    /// Steps back out.
+    /// Leaves the innermost member or element.
     pub fn leave(&mut self) {
         self.path.pop();
     }
 
-    /// Records a fault at the place being read.
+    /// Records a fault at the current location.
     pub fn add(&mut self, detail: impl Into<String>) {
         self.total += 1;
         if self.list.len() < Self::KEPT {
@@ -91,14 +91,14 @@ impl Faults {
         }
     }
 
-    /// Records a fault at member `key` of the place being read.
+    /// Records a fault at the member `key` of the current location.
     pub fn add_at(&mut self, key: &str, detail: impl Into<String>) {
         self.enter_key(key);
         self.add(detail);
         self.leave();
     }
 
-    /// The JSON pointer of the place being read.
+    /// Returns the JSON pointer of the current location.
     #[must_use]
     pub fn pointer(&self) -> String {
         let mut pointer = String::new();
@@ -117,25 +117,25 @@ impl Faults {
         pointer
     }
 
-    /// Number of faults found, listed or not.
+    /// Returns the number of all faults found, kept or not.
     #[must_use]
     pub fn total(&self) -> u64 {
         self.total
     }
 
-    /// Whether nothing is wrong.
+    /// Returns whether no faults were found.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.total == 0
     }
 
-    /// The faults kept.
+    /// Returns the kept faults.
     #[must_use]
     pub fn list(&self) -> &[Fault] {
         &self.list
     }
 
-    /// The faults kept, taken out.
+    /// Consumes the collector and returns the kept faults.
     #[must_use]
     pub fn into_list(self) -> Vec<Fault> {
         self.list

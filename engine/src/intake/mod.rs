@@ -1,8 +1,8 @@
-//! Reads a block log from JSON, in either form, and finds all its faults at once.
+//! Reads block logs from JSON, in the plain or the compact form, and reports all faults at once.
 //!
 //! A turn is `{"events": [{"action": "place", "x": 0, "y": -1, "z": 0, "material": "stone"}, …]}` or, compactly,
-//! `{"palette": ["stone"], "rows": [[0, -1, 0, 0], …]}`, where a row of four places `palette[i]` and a row of
-//! three removes.
+//! `{"palette": ["stone"], "rows": [[0, -1, 0, 0], …]}`, where a row `[x, y, z, i]` places a block of `palette[i]` and
+//! a row `[x, y, z]` removes one.
 
 use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess};
 
@@ -10,19 +10,19 @@ use crate::voxel::block_log::{BlockLog, Event, Turn};
 use crate::voxel::palette::{MaterialId, Palette};
 use tolerant::{OrNull, Read, Shape, Verbatim};
 
-/// Reads the value of the member just named, with faults placed at it. Text that is not JSON leaves the place entered, so
-/// that it can be told.
+/// Reads the value of the member whose key was just read; its faults get the location of that member. If the text is
+/// not JSON, the macro returns early and keeps the current location, so that the caller can report it.
 macro_rules! member {
     ($members:expr, $reader:expr, $key:expr, $shape:expr) => {{
         $reader.faults.enter_key($key);
         let value = $members.next_value_seed(Read(OrNull($shape)))?;
         $reader.faults.leave();
-        // `null` is as good as absent.
+        // `null` is equivalent to an absent member.
         value.flatten()
     }};
 }
 
-/// An array whose elements are read one by one with the same shape.
+/// Reads the elements of an array one by one with the same shape.
 macro_rules! array_of {
     ($elements:ident, $reader:ident, $shape:expr, |$i:ident, $item:ident| $keep:block) => {{
         let mut $i = 0usize;
@@ -51,25 +51,25 @@ use code::{SentLog, TurnCode, without_fences};
 use events::EventsShape;
 use rows::{PaletteShape, Row, RowsShape};
 
-/// What a log may hold at most. Served at `/v1/limits`.
+/// Limits on the size of a log. Served at `/v1/limits`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LogLimits {
-    /// Turns in a log.
+    /// Maximum number of turns in a log.
     pub max_turns: usize,
-    /// Events over all turns.
+    /// Maximum number of events over all turns.
     pub max_events: usize,
-    /// Distinct material names.
+    /// Maximum number of distinct material names.
     pub max_materials: usize,
-    /// Characters of a material name.
+    /// Maximum length of a material name, in characters.
     pub max_material_chars: usize,
 }
 
-/// Wants the array of a log's turns.
+/// The shape of the array of turns of a log.
 #[derive(Debug)]
 pub struct Turns<'f> {
-    /// Where faults go.
+    /// Collector of the faults.
     pub faults: &'f mut Faults,
-    /// What the log may hold.
+    /// Limits on the log.
     pub limits: LogLimits,
 }
 
@@ -104,7 +104,7 @@ impl<'de> Shape<'de> for Turns<'_> {
     }
 }
 
-/// State of reading one log.
+/// The state while one log is read.
 struct Reader<'f> {
     faults: &'f mut Faults,
     limits: LogLimits,
@@ -118,7 +118,7 @@ impl<'f> Reader<'f> {
         Self { faults, limits, codes: Vec::new(), palette: Palette::new(), events: 0 }
     }
 
-    /// Counts an event; false where it is one too many and need not be kept.
+    /// Counts an event. Returns false if the event exceeds the limit and need not be kept.
     fn count_event(&mut self) -> bool {
         self.events += 1;
         self.events <= self.limits.max_events
@@ -134,7 +134,7 @@ impl<'f> Reader<'f> {
         }
     }
 
-    /// Stops the palette from growing far beyond its limit on the way to the fault.
+    /// Returns the id of `name`, or 0 once the palette exceeds its limit, so that a faulty log cannot grow it further.
     fn intern(&mut self, name: &str) -> MaterialId {
         if self.palette.len() > self.limits.max_materials { 0 } else { self.palette.intern(name) }
     }
@@ -209,7 +209,7 @@ impl<'de> Shape<'de> for TurnShape<'_, '_> {
                 None
             }
             (None, None, None) => {
-                reader.faults.add_at("events", "missing; a turn in which nothing was done is {\"events\": []}");
+                reader.faults.add_at("events", "missing; write an empty turn as {\"events\": []}");
                 None
             }
             (Some(_), _, _) => {
@@ -220,7 +220,8 @@ impl<'de> Shape<'de> for TurnShape<'_, '_> {
     }
 }
 
-/// Rows name materials by their place in the palette they came with; the log has one palette for all turns.
+/// Resolves the palette indices of `rows` to ids in the palette of the log. `names` holds the id of each entry of the
+/// palette that came with the rows.
 fn resolve_rows(reader: &mut Reader<'_>, rows: Vec<Row>, names: &[MaterialId]) -> Turn {
     let mut turn = Turn::with_capacity(rows.len());
     for Row { index, cell, material } in rows {
@@ -239,17 +240,17 @@ fn resolve_rows(reader: &mut Reader<'_>, rows: Vec<Row>, names: &[MaterialId]) -
     turn
 }
 
-/// Reads the array of turns of a log from a whole JSON document. Action code is not run here, and so is a fault.
+/// Reads the array of turns of a log from a whole JSON document. Action code is a fault, because it is not run here.
 ///
 /// # Errors
-/// Where the text is not JSON. Faults of a well-formed text go to `faults`.
+/// Returns an error if the text is not JSON. Faults of well-formed JSON go to `faults`.
 pub fn read_turns(text: &[u8], limits: LogLimits, faults: &mut Faults) -> Result<Option<BlockLog>, serde_json::Error> {
     let mut deserializer = serde_json::Deserializer::from_slice(text);
     let sent = Read(Turns { faults, limits }).deserialize(&mut deserializer)?;
     deserializer.end()?;
     let Some(SentLog { log, codes }) = sent else { return Ok(None) };
     if !codes.is_empty() {
-        faults.add("action code is not run here");
+        faults.add("action code is not supported here");
     }
     Ok(Some(log))
 }
@@ -293,7 +294,7 @@ mod tests {
                 "/0/events/0/material: expected a string, found 7",
                 "/0/events/0/colour: unknown field; an event has action, x, y, z and material",
                 "/0/events/0/z: missing",
-                "/0/events/1: expected an event: an object with \"action\", \"x\", \"y\", \"z\" and, to place, \"material\", found 3",
+                "/0/events/1: expected an event: an object with \"action\", \"x\", \"y\", \"z\" and, to place a block, \"material\", found 3",
                 "/1/rows/1: expected 3 or 4 numbers, found 2 values",
                 "/1/rows/2/2: expected an integer, found \"a\"",
                 "/1/extra: unknown field; a turn has events, or palette and rows, or action_code",

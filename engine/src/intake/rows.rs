@@ -1,4 +1,4 @@
-//! The compact form: a palette, and rows of numbers.
+//! The compact form of a turn: a palette, and rows of numbers.
 
 use serde::de::{IgnoredAny, SeqAccess};
 

@@ -1,4 +1,4 @@
-//! The stored form, as `GET /v1/submissions/{id}/log` shows it: one palette, and rows per turn.
+//! The stored form of a log, as `GET /v1/submissions/{id}/log` returns it: one palette, and the rows of each turn.
 
 use serde::de::{IgnoredAny, MapAccess, SeqAccess};
 
@@ -9,12 +9,12 @@ use super::tolerant::{Read, Shape};
 use super::{LogLimits, Reader, resolve_rows};
 use crate::voxel::block_log::{BlockLog, Turn};
 
-/// Wants a log in the stored form: `{"palette": ["stone"], "turns": [[[0, -1, 0, 0]]]}`.
+/// The shape of a log in the stored form: `{"palette": ["stone"], "turns": [[[0, -1, 0, 0]]]}`.
 #[derive(Debug)]
 pub struct StoredLog<'f> {
-    /// Where faults go.
+    /// Collector of the faults.
     pub faults: &'f mut Faults,
-    /// What the log may hold.
+    /// Limits on the log.
     pub limits: LogLimits,
 }
 
@@ -22,7 +22,7 @@ impl<'de> Shape<'de> for StoredLog<'_> {
     type Out = SentLog;
 
     fn wanted(&self) -> &'static str {
-        "a stored log: an object with \"palette\" and \"turns\", rows of numbers per turn"
+        "a stored log: an object with \"palette\" and \"turns\", each turn an array of rows of numbers"
     }
 
     fn faults(&mut self) -> &mut Faults {

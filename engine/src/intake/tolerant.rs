@@ -1,7 +1,7 @@
-//! Reading JSON to the end although parts of it are wrong, so that all faults are told at once.
+//! Fault-tolerant reading of JSON: reads the whole text even if parts of it are wrong, to report all faults at once.
 //!
-//! serde stops at the first value of the wrong type. A [`Shape`] instead takes whatever JSON value comes, records a
-//! fault if it is not the one wanted, skips it, and goes on. Only text that is not JSON stops the reading.
+//! serde stops at the first value of the wrong type. A [`Shape`] instead accepts any JSON value; if the value is not of
+//! the expected kind, it records a fault, skips the value, and continues. Only text that is not JSON stops the reading.
 
 use std::fmt;
 
@@ -12,11 +12,11 @@ use super::faults::Faults;
 /// A JSON value that is neither an object nor an array.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Scalar<'a> {
-    /// `null`
+    /// The value `null`.
     Null,
-    /// `true` or `false`
+    /// The value `true` or `false`.
     Bool(bool),
-    /// An integer that fits 64 bits.
+    /// An integer that fits into an `i64`.
     Integer(i64),
     /// Any other number.
     Number(f64),
@@ -39,28 +39,28 @@ impl fmt::Display for Scalar<'_> {
     }
 }
 
-/// What a reader wants of one JSON value. Each method takes the value, or records a fault and leaves it.
+/// The expected shape of one JSON value. Each method reads the value, or records a fault and skips it.
 pub trait Shape<'de>: Sized {
-    /// What reading gives; `None` where the value was faulty.
+    /// Type of the value read. The methods return `None` if the value was faulty.
     type Out;
 
-    /// The wanted value in words, for faults: "an integer", "an object with …".
+    /// Describes the expected value for fault messages: "an integer", "an object with …".
     fn wanted(&self) -> &'static str;
 
-    /// Where faults go.
+    /// Returns the collector of the faults.
     fn faults(&mut self) -> &mut Faults;
 
-    /// Takes a scalar. By default a fault.
+    /// Reads a scalar. By default, records a fault.
     fn scalar(mut self, value: &Scalar<'_>) -> Option<Self::Out> {
         let detail = format!("expected {}, found {value}", self.wanted());
         self.faults().add(detail);
         None
     }
 
-    /// Takes an array. By default a fault; the elements are skipped.
+    /// Reads an array. By default, records a fault and skips the elements.
     ///
     /// # Errors
-    /// Only where the text is not JSON.
+    /// Returns an error only if the text is not JSON.
     fn array<A: SeqAccess<'de>>(mut self, mut elements: A) -> Result<Option<Self::Out>, A::Error> {
         let detail = format!("expected {}, found an array", self.wanted());
         self.faults().add(detail);
@@ -68,10 +68,10 @@ pub trait Shape<'de>: Sized {
         Ok(None)
     }
 
-    /// Takes an object. By default a fault; the members are skipped.
+    /// Reads an object. By default, records a fault and skips the members.
     ///
     /// # Errors
-    /// Only where the text is not JSON.
+    /// Returns an error only if the text is not JSON.
     fn object<A: MapAccess<'de>>(mut self, mut members: A) -> Result<Option<Self::Out>, A::Error> {
         let detail = format!("expected {}, found an object", self.wanted());
         self.faults().add(detail);
@@ -80,7 +80,7 @@ pub trait Shape<'de>: Sized {
     }
 }
 
-/// Makes any [`Shape`] readable by serde.
+/// Adapter that lets serde read any [`Shape`].
 #[derive(Debug)]
 pub struct Read<S>(pub S);
 
@@ -136,7 +136,7 @@ impl<'de, S: Shape<'de>> Visitor<'de> for Read<S> {
 /// Reads a whole JSON document with `shape`.
 ///
 /// # Errors
-/// Where the text is not JSON, or nests deeper than 128 levels.
+/// Returns an error if the text is not JSON, or nests deeper than 128 levels.
 pub fn read_document<'de, S: Shape<'de>>(text: &'de [u8], shape: S) -> Result<Option<S::Out>, serde_json::Error> {
     let mut deserializer = serde_json::Deserializer::from_slice(text);
     let value = Read(shape).deserialize(&mut deserializer)?;
@@ -144,19 +144,19 @@ pub fn read_document<'de, S: Shape<'de>>(text: &'de [u8], shape: S) -> Result<Op
     Ok(value)
 }
 
-/// Why a text is no JSON, in words, with the place.
+/// Explains why a text is not JSON, and where.
 #[must_use]
 pub fn why_not_json(text: &[u8], error: &serde_json::Error) -> String {
     if let Err(bad) = std::str::from_utf8(text) {
         let at = bad.valid_up_to();
         let line = text[..at].split(|byte| *byte == b'\n').count();
-        return format!("not UTF-8: byte {:#04x} at offset {at}, in line {line}; JSON is sent in UTF-8", text[at]);
+        return format!("not UTF-8: byte {:#04x} at offset {at}, in line {line}; JSON must be UTF-8", text[at]);
     }
     if error.to_string().starts_with("trailing characters") && error.line() > 1 {
-        return format!("{error}: one document is expected; many, a line each, are sent as application/x-ndjson");
+        return format!("{error}: expected a single document; send several, one per line, as application/x-ndjson");
     }
     let line = text.split(|byte| *byte == b'\n').nth(error.line().saturating_sub(1)).unwrap_or_default();
-    // The parser stops at the first letter that it does not expect, or behind it.
+    // The parser stops at or after the first character that it does not expect.
     let around = &line[error.column().saturating_sub(2).min(line.len())..];
     for word in ["NaN", "Infinity", "-Infinity", "undefined", "None", "True", "False"] {
         if around.starts_with(word.as_bytes()) || around.get(1..).is_some_and(|rest| rest.starts_with(word.as_bytes()))
@@ -167,8 +167,8 @@ pub fn why_not_json(text: &[u8], error: &serde_json::Error) -> String {
     error.to_string()
 }
 
-/// What is wrong with one line of an NDJSON text, with its column: within a line the parser's own line number is always
-/// 1, and the line in the text is told elsewhere.
+/// Explains why one line of an NDJSON text is not JSON, and gives the column only: the parser's own line number is
+/// always 1, and the line number in the text is reported elsewhere.
 #[must_use]
 pub fn on_its_line(line: &[u8], error: &serde_json::Error) -> String {
     let text = why_not_json(line, error);
@@ -180,12 +180,12 @@ pub fn on_its_line(line: &[u8], error: &serde_json::Error) -> String {
     format!("{what} at column {}{hint}", error.column())
 }
 
-/// Wants what another shape wants, or `null`, which is the same as leaving the member out.
+/// The shape of what another shape accepts, or `null`, which is equivalent to an absent member.
 #[derive(Debug)]
 pub struct OrNull<S>(pub S);
 
 impl<'de, S: Shape<'de>> Shape<'de> for OrNull<S> {
-    /// `None` for `null`; `Some(None)` where the value was faulty.
+    /// `None` for `null`; `Some(None)` if the value was faulty.
     type Out = Option<Option<S::Out>>;
 
     fn wanted(&self) -> &'static str {
@@ -209,14 +209,14 @@ impl<'de, S: Shape<'de>> Shape<'de> for OrNull<S> {
     }
 }
 
-/// Wants a string of at most `max_chars` characters without control characters.
+/// The shape of a string of `min_chars` to `max_chars` characters without control characters.
 #[derive(Debug)]
 pub struct Text<'f> {
-    /// Where faults go.
+    /// Collector of the faults.
     pub faults: &'f mut Faults,
-    /// Least length in characters.
+    /// Minimum length in characters.
     pub min_chars: usize,
-    /// Greatest length in characters.
+    /// Maximum length in characters.
     pub max_chars: usize,
 }
 
@@ -250,10 +250,10 @@ impl Shape<'_> for Text<'_> {
     }
 }
 
-/// Wants a string of any characters, such as a script: line breaks and tabs belong to it.
+/// The shape of a string of any characters, such as a script with line breaks and tabs.
 #[derive(Debug)]
 pub struct Verbatim<'f> {
-    /// Where faults go.
+    /// Collector of the faults.
     pub faults: &'f mut Faults,
 }
 
@@ -277,14 +277,14 @@ impl Shape<'_> for Verbatim<'_> {
     }
 }
 
-/// Wants an integer in a range. A number such as `3.0` is an integer too (as in JSON Schema).
+/// The shape of an integer in a range. A number such as `3.0` also counts as an integer (as in JSON Schema).
 #[derive(Debug)]
 pub struct Integer<'f> {
-    /// Where faults go.
+    /// Collector of the faults.
     pub faults: &'f mut Faults,
-    /// Least value.
+    /// Minimum value, inclusive.
     pub min: i64,
-    /// Greatest value.
+    /// Maximum value, inclusive.
     pub max: i64,
 }
 

@@ -1,4 +1,4 @@
-//! The block log: what an agent did, turn by turn.
+//! The block log: the actions of an agent, turn by turn.
 
 use serde::de::{Error as _, SeqAccess, Visitor};
 use serde::ser::{SerializeMap, SerializeSeq};
@@ -10,21 +10,21 @@ use super::palette::{MaterialId, Palette};
 /// One action of an agent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
-    /// A block was placed.
+    /// The agent placed a block.
     Place {
-        /// Where.
+        /// Cell of the block.
         cell: Cell,
-        /// Of what, as an id in the log's palette.
+        /// Material of the block, as an id in the log's palette.
         material: MaterialId,
     },
-    /// The block at this cell was removed.
+    /// The agent removed a block.
     Remove {
-        /// Where.
+        /// Cell of the block.
         cell: Cell,
     },
 }
 
-/// As a row: `[x, y, z, material]` places, `[x, y, z]` removes.
+/// Serialises the event as a row: `[x, y, z, material]` for a placement, `[x, y, z]` for a removal.
 impl Serialize for Event {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match *self {
@@ -35,7 +35,7 @@ impl Serialize for Event {
 }
 
 impl Event {
-    /// Where it happens.
+    /// Returns the cell where the event happens.
     #[must_use]
     pub const fn cell(&self) -> Cell {
         match *self {
@@ -44,26 +44,26 @@ impl Event {
     }
 }
 
-/// The events that answered one instruction, in order.
+/// The events of an agent's answer to one instruction, in order.
 pub type Turn = Vec<Event>;
 
-/// Everything an agent did for one problem: ordered events over one or more turns, with the material names they use.
+/// All actions of an agent on one problem: ordered events over one or more turns, with the material names they use.
 #[derive(Debug, Clone, Default)]
 pub struct BlockLog {
     /// Material names of the events.
     pub palette: Palette,
-    /// Events per turn.
+    /// Events of each turn.
     pub turns: Vec<Turn>,
 }
 
 impl BlockLog {
-    /// Number of events over all turns.
+    /// Returns the number of events over all turns.
     #[must_use]
     pub fn event_count(&self) -> usize {
         self.turns.iter().map(Vec::len).sum()
     }
 
-    /// Adds a placement to the last turn.
+    /// Appends a placement to the last turn, and starts the first turn if there is none.
     pub fn place(&mut self, cell: Cell, material: &str) {
         let material = self.palette.intern(material);
         if self.turns.is_empty() {
@@ -74,7 +74,7 @@ impl BlockLog {
         }
     }
 
-    /// Adds a removal to the last turn.
+    /// Appends a removal to the last turn, and starts the first turn if there is none.
     pub fn remove(&mut self, cell: Cell) {
         if self.turns.is_empty() {
             self.turns.push(Turn::new());
@@ -84,16 +84,16 @@ impl BlockLog {
         }
     }
 
-    /// The turns as they are posted, in the compact form, with the log's palette in each.
+    /// Returns the turns in the compact form in which clients post them, each with the whole palette of the log.
     #[must_use]
     pub fn compact_turns(&self) -> serde_json::Value {
         let palette: Vec<&str> = self.palette.names().collect();
         self.turns.iter().map(|turn| serde_json::json!({ "palette": palette, "rows": turn })).collect()
     }
 
-    /// The one canonical spelling of this log: compact JSON, from which its hash is taken and in which it is stored.
+    /// Returns the canonical form of this log: compact JSON, which is stored and from which the hash is computed.
     ///
-    /// Two logs with the same events in the same turns have the same bytes, whichever form they were posted in.
+    /// Two logs with the same events in the same turns yield the same bytes, whichever form they were posted in.
     #[must_use]
     pub fn canonical_json(&self) -> Vec<u8> {
         let mut used = Palette::new();
@@ -107,10 +107,10 @@ impl BlockLog {
         serde_json::to_vec(&canonical).unwrap_or_default()
     }
 
-    /// Reads what [`BlockLog::canonical_json`] wrote.
+    /// Parses a log from the JSON that [`BlockLog::canonical_json`] writes.
     ///
     /// # Errors
-    /// Where the text is anything else.
+    /// Returns an error if the text does not have that form.
     pub fn from_canonical_json(text: &[u8]) -> Result<Self, serde_json::Error> {
         let stored: Stored = serde_json::from_slice(text)?;
         let mut palette = Palette::new();
@@ -118,7 +118,7 @@ impl BlockLog {
         let event = |StoredRow(cell, material): StoredRow| match material.map(|i| ids.get(i)) {
             None => Ok(Event::Remove { cell }),
             Some(Some(&material)) => Ok(Event::Place { cell, material }),
-            Some(None) => Err(serde_json::Error::custom("a row names no entry of the palette")),
+            Some(None) => Err(serde_json::Error::custom("a row refers to a material that is not in the palette")),
         };
         let turns = stored.turns.into_iter().map(|rows| rows.into_iter().map(event).collect());
         Ok(Self { turns: turns.collect::<Result<_, _>>()?, palette })
@@ -131,7 +131,7 @@ struct Stored {
     turns: Vec<Vec<StoredRow>>,
 }
 
-/// `[x, y, z]` or `[x, y, z, i]`.
+/// A stored row: `[x, y, z]` for a removal, `[x, y, z, i]` to place palette entry `i`.
 struct StoredRow(Cell, Option<usize>);
 
 impl<'de> Deserialize<'de> for StoredRow {

@@ -1,8 +1,8 @@
-//! The blocks of Minecraft 1.21.4 (Java edition): their names, the families that strict checks ask for, and which of them
-//! one can walk through.
+//! The blocks of Minecraft 1.21.4 (Java edition): their names, the families that strict checks use, and which blocks a
+//! player can walk through.
 //!
-//! `blocks.txt` lists every block of that version; `passable` marks those without a collision box. The facts are the
-//! game's own, as the data sets of bot frameworks list them.
+//! `blocks.txt` lists every block of that version; `passable` marks the blocks without a collision box. The data are
+//! the game's own, as listed in the data sets of bot frameworks.
 
 use std::collections::HashMap;
 use std::fmt;
@@ -10,10 +10,10 @@ use std::sync::LazyLock;
 
 use serde::{Deserialize, Serialize};
 
-/// Version of the game whose blocks are known.
+/// Version of Minecraft whose blocks are listed.
 pub const GAME_VERSION: &str = "1.21.4";
 
-/// Name to whether one can walk through.
+/// Maps the name of each block to whether a player can walk through it.
 static BLOCKS: LazyLock<HashMap<&'static str, bool, foldhash::fast::RandomState>> = LazyLock::new(|| {
     let line = |line: &'static str| match line.split_once(' ') {
         Some((name, _passable)) => (name, true),
@@ -22,50 +22,50 @@ static BLOCKS: LazyLock<HashMap<&'static str, bool, foldhash::fast::RandomState>
     include_str!("blocks.txt").lines().map(line).collect()
 });
 
-/// The name without the game's own namespace and without a state: `oak_stairs` of `minecraft:oak_stairs[facing=east]`.
+/// Strips the `minecraft:` namespace and the block state: `minecraft:oak_stairs[facing=east]` becomes `oak_stairs`.
 #[must_use]
 pub fn canonical(name: &str) -> &str {
     let name = name.strip_prefix("minecraft:").unwrap_or(name);
     name.split_once('[').filter(|(_, state)| state.ends_with(']')).map_or(name, |(block, _)| block)
 }
 
-/// Whether the game has a block of this name.
+/// Returns whether Minecraft has a block of this name.
 #[must_use]
 pub fn is_known(name: &str) -> bool {
     BLOCKS.contains_key(canonical(name))
 }
 
-/// Whether nothing is there: the name of a kind of air.
+/// Returns whether this is the name of a kind of air.
 #[must_use]
 pub fn is_air(name: &str) -> bool {
     matches!(canonical(name), "air" | "cave_air" | "void_air")
 }
 
-/// Whether one can walk through, as through a torch, and so neither stand on it nor be kept out by it. A door is not
-/// meant: see [`is_door`].
+/// Returns whether a player can walk through the block, such as a torch, and therefore can neither stand on it nor be
+/// blocked by it. Doors do not count as passable: see [`is_door`].
 #[must_use]
 pub fn is_passable(name: &str) -> bool {
     BLOCKS.get(canonical(name)).copied().unwrap_or(false)
 }
 
-/// Whether it is a door, which a trapdoor is not.
+/// Returns whether the block is a door. Trapdoors are not doors.
 #[must_use]
 pub fn is_door(name: &str) -> bool {
     is_known(name) && canonical(name).ends_with("_door")
 }
 
-/// What a family's members are called.
+/// The naming rule that defines the members of a block family.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Spelling {
-    /// They end so.
+    /// The name ends with this suffix.
     Ends(&'static str),
-    /// They are of this wood: planks, logs, stairs and the like.
+    /// The block is made of this wood: planks, logs, stairs and so on.
     Wood(&'static str),
-    /// They are dyed in this colour.
+    /// The block is dyed in this colour.
     Dyed(&'static str),
 }
 
-/// Families, as the game's own tags would be written.
+/// The block families, spelled like the game's own tags.
 const FAMILIES: &[(&str, Spelling)] = &[
     ("#beds", Spelling::Ends("_bed")),
     ("#doors", Spelling::Ends("_door")),
@@ -90,7 +90,7 @@ const FAMILIES: &[(&str, Spelling)] = &[
     ("#cyan", Spelling::Dyed("cyan")),
     ("#gray", Spelling::Dyed("gray")),
 ];
-/// What comes in all sixteen dyes and builds a wall or a roof.
+/// Name suffixes of the blocks for walls and roofs that come in all sixteen dye colours.
 const DYED: [&str; 6] =
     ["_wool", "_concrete", "_concrete_powder", "_terracotta", "_glazed_terracotta", "_stained_glass"];
 
@@ -107,8 +107,10 @@ impl Spelling {
     }
 }
 
-/// Blocks that a check asks for: one by its name, such as `stone`, or a family, such as `#beds`. Unlike a substring, a family
-/// has no members by accident: bedrock is no bed, a trapdoor no door, dark oak no oak.
+/// The blocks that a check refers to: a single block by name, such as `stone`, or a family, such as `#beds`.
+///
+/// Unlike a substring, a family has no accidental members: bedrock is not a bed, a trapdoor is not a door, and dark oak
+/// is not oak.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct BlockSet(Members);
@@ -117,12 +119,12 @@ pub struct BlockSet(Members);
 enum Members {
     /// The block of this name.
     One(&'static str),
-    /// The family with this index in the list.
+    /// The family at this index of `FAMILIES`.
     Family(usize),
 }
 
 impl BlockSet {
-    /// Whether the block of this name belongs to it.
+    /// Returns whether the block of this name belongs to the set.
     #[must_use]
     pub fn has(self, name: &str) -> bool {
         let name = canonical(name);
@@ -132,7 +134,7 @@ impl BlockSet {
         }
     }
 
-    /// A block that belongs to it: the first of them by name.
+    /// Returns an example member: the first block of the set in alphabetical order.
     #[must_use]
     pub fn example(self) -> &'static str {
         match self.0 {
@@ -141,7 +143,7 @@ impl BlockSet {
         }
     }
 
-    /// The names of all families.
+    /// Returns the names of all families.
     pub fn families() -> impl Iterator<Item = &'static str> {
         FAMILIES.iter().map(|(name, _)| *name)
     }
@@ -171,7 +173,7 @@ impl TryFrom<String> for BlockSet {
             let index = FAMILIES.iter().position(|(family, _)| *family == name);
             return index
                 .map(|index| Self(Members::Family(index)))
-                .ok_or_else(|| format!("no family is called {name:?}; there are {}", known()));
+                .ok_or_else(|| format!("unknown block family {name:?}; known families: {}", known()));
         }
         let known = BLOCKS.get_key_value(name.as_str()).map(|(known, _)| Self(Members::One(known)));
         known.ok_or_else(|| format!("Minecraft {GAME_VERSION} has no block {name:?}"))

@@ -1,14 +1,14 @@
-//! A cell of the block grid, its neighbours, and the boxes that bound sets of cells.
+//! Cells of the block grid, their neighbours, and the boxes that bound sets of cells.
 
 use std::collections::{HashMap, HashSet};
 
 use serde::{Deserialize, Serialize};
 
-/// Greatest absolute x and z (the edge of a Minecraft world).
+/// Greatest absolute value of x and z (the edge of a Minecraft world).
 pub const MAX_HORIZONTAL: i32 = 30_000_000;
-/// Least y (the deepest a world can be built).
+/// Least y (the lower bound of what Minecraft worlds can hold).
 pub const MIN_Y: i32 = -2_048;
-/// Greatest y (the highest a world can be built).
+/// Greatest y (the upper bound of what Minecraft worlds can hold).
 pub const MAX_Y: i32 = 2_047;
 
 /// A cell of the block grid; `y` is up and the ground surface is `y <= 0` (SPEC 1).
@@ -17,15 +17,17 @@ pub const MAX_Y: i32 = 2_047;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(from = "[i32; 3]", into = "[i32; 3]")]
 pub struct Cell {
-    /// East.
+    /// Coordinate that increases towards the east.
     pub x: i32,
-    /// Up.
+    /// Height, which increases upwards.
     pub y: i32,
-    /// South.
+    /// Coordinate that increases towards the south.
     pub z: i32,
 }
 
-/// Keyed by cell, with a hasher that a crafted log cannot steer into collisions. Never iterate it into a result.
+/// A map keyed by cell, with a seeded hasher so that a crafted log cannot provoke collisions.
+///
+/// The iteration order varies from run to run, so results must never depend on it.
 pub type CellMap<V> = HashMap<Cell, V, foldhash::fast::RandomState>;
 /// A set of cells; see [`CellMap`].
 pub type CellSet = HashSet<Cell, foldhash::fast::RandomState>;
@@ -43,19 +45,19 @@ impl From<Cell> for [i32; 3] {
 }
 
 impl Cell {
-    /// The cell at `(x, y, z)`.
+    /// Creates the cell at `(x, y, z)`.
     #[must_use]
     pub const fn new(x: i32, y: i32, z: i32) -> Self {
         Self { x, y, z }
     }
 
-    /// This cell moved by `(dx, dy, dz)`.
+    /// Returns the cell at an offset of `(dx, dy, dz)` from this one.
     #[must_use]
     pub const fn offset(self, dx: i32, dy: i32, dz: i32) -> Self {
         Self::new(self.x + dx, self.y + dy, self.z + dz)
     }
 
-    /// The six cells that share a face with this one.
+    /// Returns the six cells that share a face with this one.
     #[must_use]
     pub const fn face_neighbours(self) -> [Self; 6] {
         [
@@ -68,26 +70,26 @@ impl Cell {
         ]
     }
 
-    /// The four cells beside this one on its level.
+    /// Returns the four horizontal neighbours of this cell.
     #[must_use]
     pub const fn side_neighbours(self) -> [Self; 4] {
         [self.offset(1, 0, 0), self.offset(-1, 0, 0), self.offset(0, 0, 1), self.offset(0, 0, -1)]
     }
 
-    /// Manhattan distance to `other`, in cells.
+    /// Returns the Manhattan distance to `other`, in cells.
     #[must_use]
     pub const fn l1_distance(self, other: Self) -> i64 {
         (self.x.abs_diff(other.x) as i64) + (self.y.abs_diff(other.y) as i64) + (self.z.abs_diff(other.z) as i64)
     }
 
-    /// Whether every coordinate lies in the supported range.
+    /// Returns whether every coordinate lies in the supported range.
     #[must_use]
     pub const fn in_range(self) -> bool {
         self.x.abs() <= MAX_HORIZONTAL && self.z.abs() <= MAX_HORIZONTAL && self.y >= MIN_Y && self.y <= MAX_Y
     }
 }
 
-/// The smallest axis-aligned box around a set of cells, both corners included.
+/// The smallest axis-aligned box that contains a set of cells; both corners are inclusive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bounds {
     /// Least coordinate on each axis.
@@ -97,7 +99,7 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// The bounds of `cells`, or `None` where there are none.
+    /// Computes the bounds of `cells`. Returns `None` if there are no cells.
     #[must_use]
     pub fn of(cells: impl IntoIterator<Item = Cell>) -> Option<Self> {
         let mut cells = cells.into_iter();
@@ -109,7 +111,7 @@ impl Bounds {
         }))
     }
 
-    /// Greatest minus least coordinate per axis `[dx, dy, dz]`: one less than the blocks spanned.
+    /// Returns the greatest minus the least coordinate per axis, `[dx, dy, dz]`: one less than the blocks spanned.
     #[must_use]
     pub const fn extent(&self) -> [i64; 3] {
         [
@@ -119,7 +121,7 @@ impl Bounds {
         ]
     }
 
-    /// The centre cell, rounded down on each axis (floor division, also below zero).
+    /// Returns the centre cell, rounded down on each axis (floor division, also for negative coordinates).
     #[must_use]
     pub const fn centre(&self) -> Cell {
         Cell::new(
@@ -129,7 +131,7 @@ impl Bounds {
         )
     }
 
-    /// Whether `(x, z)` lies outside the box seen from above.
+    /// Returns whether `(x, z)` lies outside the box as seen from above.
     #[must_use]
     pub const fn is_outside_in_plan(&self, x: i32, z: i32) -> bool {
         x < self.min.x || x > self.max.x || z < self.min.z || z > self.max.z

@@ -1,15 +1,15 @@
-//! Face connectivity to the ground.
+//! Connectivity through faces, and in particular to the ground.
 
 use super::cell::{Cell, CellMap};
 use super::structure::Structure;
 
-/// Whether the ground holds a block at this cell up by itself (SPEC 1: the ground surface is `y <= 0`).
+/// Returns whether the ground itself supports a block at this cell (SPEC 1: the ground surface is `y <= 0`).
 #[must_use]
 pub const fn is_at_ground(cell: Cell) -> bool {
     cell.y <= 0
 }
 
-/// Cells that no chain of face neighbours links to a cell at `y <= 0`, in building order, each entry once.
+/// Returns the cells that no chain of face neighbours links to a cell at `y <= 0`, in building order, once per entry.
 #[must_use]
 pub fn floating_cells(structure: &Structure) -> Vec<Cell> {
     let index = structure.index();
@@ -18,7 +18,7 @@ pub fn floating_cells(structure: &Structure) -> Vec<Cell> {
     cells.iter().copied().filter(|cell| index.get(cell).is_none_or(|&i| !grounded[i as usize])).collect()
 }
 
-/// For each entry that `index` names, whether a chain of face neighbours links it to a cell that `is_start` names.
+/// Computes, for each entry in `index`, whether a chain of face neighbours links it to a cell where `is_start` holds.
 #[must_use]
 pub fn linked_by_faces(cells: &[Cell], index: &CellMap<u32>, is_start: impl Fn(Cell) -> bool) -> Vec<bool> {
     let mut linked = vec![false; cells.len()];

@@ -1,15 +1,15 @@
-//! Distances between cells of a level: the greatest within a set, the least between clusters.
+//! Distances between cells of a level: the greatest within a set, and the least between clusters.
 
 use super::planar::PlaneCell;
 
 /// Two cells and the square of the Euclidean distance between their centres.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Pair {
-    /// One cell.
+    /// First cell of the pair.
     pub a: PlaneCell,
-    /// The other.
+    /// Second cell of the pair.
     pub b: PlaneCell,
-    /// Squared distance, in cells squared.
+    /// Square of the distance, in cells squared.
     pub squared: i64,
 }
 
@@ -18,15 +18,15 @@ impl Pair {
         Self { a, b, squared: squared(a, b) }
     }
 
-    /// The distance in cells.
+    /// Returns the distance in cells.
     #[must_use]
     pub fn length(&self) -> f64 {
         root(self.squared as f64)
     }
 }
 
-/// The square root as the published evaluator takes it: a power of one half, which differs from `sqrt` in the last
-/// bit for a few values (conformance quirk 6).
+/// Computes the square root as the published evaluator does: as the power of one half, which differs from `sqrt` in the
+/// last bit for a few values (conformance quirk 6).
 #[must_use]
 pub fn root(squared: f64) -> f64 {
     squared.powf(0.5)
@@ -37,9 +37,9 @@ fn squared(a: PlaneCell, b: PlaneCell) -> i64 {
     dx * dx + dz * dz
 }
 
-/// The two cells farthest apart, or `None` for no cells: by rotating callipers over the convex hull.
+/// Finds the two cells farthest apart by rotating callipers over the convex hull. Returns `None` if there are no cells.
 ///
-/// `cells` are sorted and distinct.
+/// `cells` must be sorted and distinct.
 #[must_use]
 pub fn farthest_pair(cells: &[PlaneCell]) -> Option<Pair> {
     let hull = convex_hull(cells);
@@ -71,14 +71,14 @@ fn farther(a: Pair, b: Pair) -> Pair {
     if b.squared > a.squared { b } else { a }
 }
 
-/// Twice the signed area of the triangle `o a b`.
+/// Computes twice the signed area of the triangle `o a b`.
 fn turn(o: PlaneCell, a: PlaneCell, b: PlaneCell) -> i64 {
     let (ax, az) = (i64::from(a.0) - i64::from(o.0), i64::from(a.1) - i64::from(o.1));
     let (bx, bz) = (i64::from(b.0) - i64::from(o.0), i64::from(b.1) - i64::from(o.1));
     ax * bz - az * bx
 }
 
-/// Corners of the convex hull in order (Andrew's monotone chain), without points in the middle of an edge.
+/// Computes the corners of the convex hull in order (Andrew's monotone chain), without points in the middle of an edge.
 fn convex_hull(cells: &[PlaneCell]) -> Vec<PlaneCell> {
     if cells.len() < 3 {
         return cells.to_vec();
@@ -92,7 +92,7 @@ fn convex_hull(cells: &[PlaneCell]) -> Vec<PlaneCell> {
             }
             hull.push(p);
         }
-        // The last point begins the other half.
+        // The last point is the first point of the other half.
         hull.pop();
     };
     half(&mut cells.iter().copied());
@@ -100,7 +100,7 @@ fn convex_hull(cells: &[PlaneCell]) -> Vec<PlaneCell> {
     hull
 }
 
-/// The two closest cells with different labels, or `None` where there is at most one label.
+/// Finds the two closest cells with different labels. Returns `None` if there are fewer than two labels.
 #[must_use]
 pub fn closest_pair_between(cells: &[PlaneCell], label: &[u32]) -> Option<Pair> {
     let mut order: Vec<u32> = (0..u32::try_from(cells.len()).ok()?).collect();
@@ -117,7 +117,7 @@ pub fn closest_pair_between(cells: &[PlaneCell], label: &[u32]) -> Option<Pair> 
     best
 }
 
-/// A k-d tree whose nodes know whether all their cells share one label, so that a search skips its own cluster.
+/// A k-d tree whose nodes record whether all their cells share one label, so that a search can skip its own cluster.
 struct Tree<'a> {
     cells: &'a [PlaneCell],
     label: &'a [u32],

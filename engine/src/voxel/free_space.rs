@@ -1,24 +1,24 @@
-//! Moving a box through free space (the published exit rule): can it get out of a build?
+//! Movement of a box through free space, for the published exit rule: can the box leave a build?
 //!
-//! The box's anchor is its corner of least x, y and z. In every line of fixed x and y the free anchors form runs
-//! along z between obstacles; the search walks from run to run, so it costs what the blocks cost, not the volume.
+//! The anchor of the box is its corner of least x, y and z. On each line of fixed x and y, the free anchors form runs
+//! along z between obstacles. The search goes from run to run: its cost depends on the blocks, not on the volume.
 
 use std::collections::{HashMap, HashSet};
 
 use super::cell::{Bounds, Cell};
 
-/// Size of a moving box in cells along x, y and z; each at least 1.
+/// Size of a moving box in cells along x, y and z; each is at least 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BoxSize {
-    /// Along x.
+    /// Size along x.
     pub x: i32,
-    /// Along y (height).
+    /// Size along y (height).
     pub y: i32,
-    /// Along z.
+    /// Size along z.
     pub z: i32,
 }
 
-/// Anchors of one line that the box cannot take: disjoint closed intervals along z, sorted.
+/// The anchors on one line at which the box does not fit: sorted, disjoint closed intervals along z.
 type Blocked = Vec<(i32, i32)>;
 
 /// The free space of a moving box among solid cells.
@@ -29,11 +29,11 @@ pub struct FreeSpace {
     max_y: i32,
 }
 
-/// A run of free anchors: line (x, y), and its number among the line's runs.
+/// A run of free anchors: the line `(x, y)`, and the number of the run on that line.
 type Run = (i32, i32, usize);
 
 impl FreeSpace {
-    /// The space left to a box of `size` by `solid` cells; its anchor keeps within the heights of `bounds`.
+    /// Computes the space that `solid` leaves to a box of `size`, whose anchor stays within the heights of `bounds`.
     #[must_use]
     pub fn new(solid: &[Cell], bounds: &Bounds, size: BoxSize) -> Self {
         let mut lines: HashMap<(i32, i32), Blocked, _> = HashMap::default();
@@ -44,7 +44,7 @@ impl FreeSpace {
                 }
             }
         }
-        #[expect(clippy::iter_over_hash_type, reason = "each line is put in order by itself")]
+        #[expect(clippy::iter_over_hash_type, reason = "each line is sorted independently")]
         for blocked in lines.values_mut() {
             blocked.sort_unstable();
             blocked.dedup_by(|next, last| {
@@ -58,10 +58,10 @@ impl FreeSpace {
         Self { lines, min_y: bounds.min.y, max_y: bounds.max.y }
     }
 
-    /// Whether a box whose anchor starts at one of `starts` can leave in steps to the four sides, each on the level
-    /// or one up or down. Starts where the box does not fit are passed over.
+    /// Returns whether a box whose anchor starts at one of `starts` can leave. Each step goes to one of the four sides,
+    /// on the same level or one up or down. Starts at which the box does not fit are skipped.
     ///
-    /// The box is out where nothing lies on either side of it along some line: from there it moves on for ever.
+    /// The box has left once it reaches a run without an obstacle at one end: along that run it can move without limit.
     #[must_use]
     pub fn escapes(&self, starts: impl IntoIterator<Item = Cell>) -> bool {
         let mut seen: HashSet<Run, foldhash::fast::RandomState> = HashSet::default();
@@ -100,7 +100,7 @@ impl FreeSpace {
         false
     }
 
-    /// Opens the runs of a line that meet the closed interval `span`. True where one of them never ends.
+    /// Queues the unseen runs of a line that meet the closed interval `(from, to)`. Returns true if one is unbounded.
     fn visit(
         &self,
         (x, y): (i32, i32),
@@ -140,7 +140,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The rule as written in SPEC 3, cell by cell.
+    /// Applies the rule as written in SPEC 3, cell by cell.
     fn escapes_by_flooding(solid: &[Cell], bounds: &Bounds, size: BoxSize, starts: &[Cell]) -> bool {
         let solid: HashSet<Cell> = solid.iter().copied().collect();
         let fits = |a: Cell| {

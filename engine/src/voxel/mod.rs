@@ -1,8 +1,8 @@
-//! Voxels: cells, block logs, the structure that stands after each turn, and its geometry.
+//! Voxels: cells, block logs, the structure that stands after each turn, and the geometry of structures.
 //!
-//! This room is pure: no clock, thread, randomness, file or network, and it imports no other room.
-//! No algorithm here allocates by the extent of a build: two blocks a million cells apart cost two blocks. (`terrain` does,
-//! and takes small builds only.)
+//! This module is pure: it uses no clock, thread, randomness, file or network, and imports no other module. Except in
+//! `terrain`, which accepts small builds only, memory use does not depend on the extent of a build: two blocks that are
+//! a million cells apart cost as much as any two blocks.
 
 pub mod block_log;
 pub mod blocks;

@@ -1,4 +1,4 @@
-//! Material names, each stored once.
+//! Interned material names: each distinct name is stored once.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -6,7 +6,7 @@ use std::sync::Arc;
 /// Index of a material name in its [`Palette`].
 pub type MaterialId = u32;
 
-/// The distinct material names of a log, in the order of their first use.
+/// The distinct material names of a log, in order of first use.
 #[derive(Debug, Clone, Default)]
 pub struct Palette {
     names: Vec<Arc<str>>,
@@ -14,13 +14,13 @@ pub struct Palette {
 }
 
 impl Palette {
-    /// An empty palette.
+    /// Creates an empty palette.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// The id of `name`, added at the end if it is new.
+    /// Returns the id of `name`, and appends the name if it is new.
     pub fn intern(&mut self, name: &str) -> MaterialId {
         if let Some(&id) = self.ids.get(name) {
             return id;
@@ -32,36 +32,36 @@ impl Palette {
         id
     }
 
-    /// The id of `name`, if it has been added.
+    /// Returns the id of `name`, or `None` if the name has not been added.
     #[must_use]
     pub fn get(&self, name: &str) -> Option<MaterialId> {
         self.ids.get(name).copied()
     }
 
-    /// The name with this id; empty for an id that was never given out.
+    /// Returns the name with this id, or an empty string if no name has it.
     #[must_use]
     pub fn name(&self, id: MaterialId) -> &str {
         self.names.get(id as usize).map_or("", |name| name)
     }
 
-    /// All names in the order of their ids.
+    /// Returns all names in the order of their ids.
     pub fn names(&self) -> impl ExactSizeIterator<Item = &str> {
         self.names.iter().map(|name| &**name)
     }
 
-    /// Number of distinct names.
+    /// Returns the number of distinct names.
     #[must_use]
     pub fn len(&self) -> usize {
         self.names.len()
     }
 
-    /// Whether no name has been added.
+    /// Returns whether the palette holds no names.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.names.is_empty()
     }
 
-    /// Whether each name, by id, satisfies `wanted`: the test runs once a name, not once a block.
+    /// Evaluates `wanted` for each name and returns the results by id: the test runs once per name, not once per block.
     #[must_use]
     pub fn mask(&self, wanted: impl Fn(&str) -> bool) -> Vec<bool> {
         self.names().map(wanted).collect()

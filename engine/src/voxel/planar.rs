@@ -1,4 +1,4 @@
-//! One horizontal level of a structure, and its connected clusters.
+//! The horizontal levels of a structure, and their connected clusters.
 
 use std::collections::HashMap;
 
@@ -7,13 +7,13 @@ use super::structure::Structure;
 /// An `(x, z)` cell of one level.
 pub type PlaneCell = (i32, i32);
 
-/// The distinct `(x, z)` cells that hold a block at `y`, sorted by x, then z.
+/// Returns the distinct `(x, z)` cells that hold a block at `y`, sorted by x, then z.
 #[must_use]
 pub fn level(structure: &Structure, y: i32) -> Vec<PlaneCell> {
     sorted_distinct(structure.cells().iter().filter(|c| c.y == y).map(|c| (c.x, c.z)).collect())
 }
 
-/// `cells` sorted by x, then z, each once.
+/// Sorts `cells` by x, then z, and removes duplicates.
 #[must_use]
 pub fn sorted_distinct(mut cells: Vec<PlaneCell>) -> Vec<PlaneCell> {
     cells.sort_unstable();
@@ -21,17 +21,17 @@ pub fn sorted_distinct(mut cells: Vec<PlaneCell>) -> Vec<PlaneCell> {
     cells
 }
 
-/// Which cells of a level count as touching.
+/// The neighbourhood in which cells of a level count as touching.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Touch {
-    /// The four that share a side.
+    /// The four cells that share a side.
     Sides,
-    /// The eight that share a side or a corner.
+    /// The eight cells that share a side or a corner.
     SidesAndCorners,
 }
 
 impl Touch {
-    /// Eight neighbours where `use_8_neighbors`, else four: the published arguments' spelling.
+    /// Converts the published argument `use_8_neighbors`: eight neighbours if it is true, else four.
     #[must_use]
     pub const fn published(use_8_neighbors: bool) -> Self {
         if use_8_neighbors { Self::SidesAndCorners } else { Self::Sides }
@@ -41,20 +41,20 @@ impl Touch {
 /// The connected clusters of a level's cells.
 #[derive(Debug, Clone)]
 pub struct Clusters {
-    /// Cluster number of each cell, numbered by the first cell of each in sorted order.
+    /// Cluster number of each cell; clusters are numbered from 0 in the order of their first cells.
     pub label: Vec<u32>,
     /// Number of clusters.
     pub count: usize,
 }
 
 impl Clusters {
-    /// Clusters of `cells`, which are sorted and distinct. Time grows with the number of cells alone.
+    /// Computes the clusters of `cells`, which must be sorted and distinct, in time that depends only on their number.
     #[must_use]
     pub fn of(cells: &[PlaneCell], touch: Touch) -> Self {
         let mut at: HashMap<PlaneCell, usize, foldhash::fast::RandomState> = HashMap::default();
         at.extend(cells.iter().copied().zip(0..));
         let mut sets = DisjointSets::new(cells.len());
-        // Half of the neighbours suffices: the other half is seen from the other side.
+        // Half of the neighbours suffice: each pair is seen from one of its cells.
         let half: &[(i32, i32)] = match touch {
             Touch::Sides => &[(1, 0), (0, 1)],
             Touch::SidesAndCorners => &[(1, 0), (0, 1), (1, 1), (1, -1)],
@@ -79,7 +79,7 @@ impl Clusters {
         Self { label, count: count as usize }
     }
 
-    /// The first cell of each cluster.
+    /// Returns the first cell of each cluster.
     #[must_use]
     pub fn representatives(&self, cells: &[PlaneCell]) -> Vec<PlaneCell> {
         let mut firsts = Vec::with_capacity(self.count);
@@ -92,20 +92,20 @@ impl Clusters {
     }
 }
 
-/// Disjoint sets with path halving and union by least root, so that roots do not depend on the order of joins.
+/// A disjoint-set forest with path halving. The least element is the root, so the order of joins does not affect roots.
 #[derive(Debug)]
 pub struct DisjointSets {
     parent: Vec<usize>,
 }
 
 impl DisjointSets {
-    /// `n` sets of one element each.
+    /// Creates `n` sets of one element each.
     #[must_use]
     pub fn new(n: usize) -> Self {
         Self { parent: (0..n).collect() }
     }
 
-    /// The least element of the set of `i`.
+    /// Returns the root of the set that contains `i`: its least element.
     pub fn root(&mut self, mut i: usize) -> usize {
         while self.parent[i] != i {
             self.parent[i] = self.parent[self.parent[i]];
@@ -114,7 +114,7 @@ impl DisjointSets {
         i
     }
 
-    /// Makes one set of the sets of `i` and `j`.
+    /// Merges the sets that contain `i` and `j`.
     pub fn join(&mut self, i: usize, j: usize) {
         let (a, b) = (self.root(i), self.root(j));
         self.parent[a.max(b)] = a.min(b);

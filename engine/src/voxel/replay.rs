@@ -1,4 +1,4 @@
-//! From events to the structure after each turn (SPEC 2), and from structures back to events.
+//! Conversion of events to the structure after each turn (SPEC 2), and of structures back to events.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use super::cell::{Cell, CellMap, CellSet};
 use super::palette::{MaterialId, Palette};
 use super::structure::Structure;
 
-/// Replays a log turn by turn, holding one structure at a time.
+/// An iterator over the structures after each turn of a log. It holds one structure at a time.
 #[derive(Debug)]
 pub struct Replay<'a> {
     palette: Arc<Palette>,
@@ -16,7 +16,7 @@ pub struct Replay<'a> {
 }
 
 impl<'a> Replay<'a> {
-    /// A replay that has not begun.
+    /// Starts a replay before the first turn of `log`.
     #[must_use]
     pub fn new(log: &'a BlockLog) -> Self {
         Self { palette: Arc::new(log.palette.clone()), turns: log.turns.iter(), standing: Vec::new() }
@@ -33,10 +33,10 @@ impl Iterator for Replay<'_> {
     }
 }
 
-/// Applies one turn to the entries that stand.
+/// Applies one turn to the standing entries.
 ///
-/// Removals act on what earlier turns left, never on a cell of the same turn; a placement on a standing cell keeps
-/// that cell's place in the order and changes its material; a new cell goes to the end.
+/// Removals apply to the entries that earlier turns left, never to a cell placed in the same turn. A placement on a
+/// standing cell changes its material and keeps its position in the order. A new cell is appended at the end.
 fn apply(standing: &mut Vec<(Cell, MaterialId)>, turn: &[Event]) {
     let mut placed: Vec<(Cell, MaterialId)> = Vec::new();
     let mut position: CellMap<usize> = CellMap::default();
@@ -65,10 +65,10 @@ fn apply(standing: &mut Vec<(Cell, MaterialId)>, turn: &[Event]) {
     standing.append(&mut placed);
 }
 
-/// The events that lead from `before` to `after` under the rules of SPEC 2, order included.
+/// Computes the events that turn `before` into `after`, including the order of the entries, under the rules of SPEC 2.
 ///
-/// What already stands in the right order with the right material is left alone; all else is removed where it
-/// stood and placed in turn. `material` gives the id of a name in the log that takes the events.
+/// Entries that already stand in the right order keep their positions, and are placed again only if their material
+/// changes. All others are removed where they stood and placed in order. `material` maps a name to its id in the log.
 #[must_use]
 pub fn events_between(before: &Structure, after: &Structure, mut material: impl FnMut(&str) -> MaterialId) -> Turn {
     let mut events = Turn::new();

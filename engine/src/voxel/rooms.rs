@@ -1,12 +1,12 @@
-//! Rooms of one level: air that the outside cannot reach through sides or corners.
+//! Rooms of one level: regions of air that the outside cannot reach through sides or corners.
 //!
-//! Air is held as runs between the walls of each row, so the work grows with the walls, not with the area enclosed.
+//! Air is stored as runs between the walls of each row, so the cost depends on the walls, not on the enclosed area.
 
 use std::collections::HashSet;
 
 use super::planar::{DisjointSets, PlaneCell};
 
-/// A run of free cells in row `x`, from `from` to `to` along z, both included, with a wall at both ends.
+/// A run of free cells in row `x`, from `from` to `to` (inclusive) along z, with a wall at each end.
 #[derive(Debug, Clone, Copy)]
 struct Run {
     x: i32,
@@ -17,24 +17,24 @@ struct Run {
 /// One enclosed region of air.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Room {
-    /// Its first cell by x, then z.
+    /// First cell of the room, by x, then z.
     pub first: PlaneCell,
-    /// Free cells in it.
+    /// Number of free cells in the room.
     pub area: u64,
 }
 
-/// What the walls of one level enclose.
+/// The walls of one level and the rooms that they enclose.
 #[derive(Debug)]
 pub struct FloorPlan {
     walls: Vec<PlaneCell>,
     runs: Vec<Run>,
-    /// Per run, whether the outside reaches it through sides and corners.
+    /// Whether the outside reaches each run through sides and corners.
     is_outside: Vec<bool>,
     rooms: Vec<Room>,
 }
 
 impl FloorPlan {
-    /// The plan of these walls, which are sorted and distinct.
+    /// Computes the plan of `walls`, which must be sorted and distinct.
     #[must_use]
     pub fn of(walls: Vec<PlaneCell>) -> Self {
         let runs = runs_between(&walls);
@@ -42,14 +42,15 @@ impl FloorPlan {
         Self { walls, runs, is_outside, rooms }
     }
 
-    /// The rooms, in the order of their first cells.
+    /// Returns the rooms, in the order of their first cells.
     #[must_use]
     pub fn rooms(&self) -> &[Room] {
         &self.rooms
     }
 
-    /// Up to `limit` free cells through which the outside gets in: a wall at any one of them would enclose a room
-    /// more. Looks at gaps one cell wide between two walls, and at corners past which air slips diagonally.
+    /// Finds up to `limit` leaks: free cells at each of which an additional wall would enclose another room.
+    ///
+    /// Considers gaps one cell wide between two walls, and corners that air passes diagonally.
     #[must_use]
     pub fn leaks(&self, limit: usize) -> Vec<PlaneCell> {
         if self.walls.len() > Self::MAX_WALLS_FOR_LEAKS {
@@ -72,7 +73,7 @@ impl FloorPlan {
         leaks
     }
 
-    /// Each candidate costs a plan of its own: bounded, because leaks are evidence and not the verdict.
+    /// Limit on candidates, each of which costs a whole plan: leaks are only evidence, not the verdict.
     const MAX_LEAK_CANDIDATES: usize = 64;
     const MAX_WALLS_FOR_LEAKS: usize = 4_096;
 
@@ -107,7 +108,7 @@ impl FloorPlan {
         leaks
     }
 
-    /// Whether the free cell belongs to the outside, under a labelling of the runs.
+    /// Returns whether the free cell belongs to the outside, given whether each run does.
     fn reaches(&self, (x, z): PlaneCell, is_outside: &[bool]) -> bool {
         let i = self.runs.partition_point(|run| (run.x, run.to) < (x, z));
         match self.runs.get(i) {
@@ -125,8 +126,8 @@ fn runs_between(walls: &[PlaneCell]) -> Vec<Run> {
         .collect()
 }
 
-/// Joins runs of neighbouring rows that touch, `reach` cells past their ends (1: corners count, 0: they do not), and
-/// joins with the outside what lies open. Gives per run whether it is outside, and the rooms.
+/// Joins runs of neighbouring rows that touch within `reach` cells past their ends (1: corners count, 0: they do not),
+/// and joins open runs with the outside. Returns whether each run is outside, and the rooms.
 fn enclosed(walls: &[PlaneCell], runs: &[Run], reach: i32) -> (Vec<bool>, Vec<Room>) {
     let outside = runs.len();
     let mut sets = DisjointSets::new(runs.len() + 1);
@@ -212,7 +213,7 @@ mod tests {
         assert_eq!(plan.rooms()[0].area, 999 * 299_999);
     }
 
-    /// The rule as written in SPEC 3, cell by cell.
+    /// Applies the rule as written in SPEC 3, cell by cell.
     fn rooms_by_flooding(walls: &[PlaneCell]) -> usize {
         let (lo, hi) = (-1, 8);
         let mut seen: HashSet<PlaneCell> = walls.iter().copied().collect();

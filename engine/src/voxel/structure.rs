@@ -1,14 +1,14 @@
-//! The structure: the ordered blocks that stand after a turn.
+//! The structure: the blocks that stand after a turn, in building order.
 
 use std::sync::{Arc, OnceLock};
 
 use super::cell::{Bounds, Cell, CellMap};
 use super::palette::{MaterialId, Palette};
 
-/// The ordered blocks that stand after a turn.
+/// The blocks that stand after a turn, in building order.
 ///
-/// A structure replayed from a log holds every cell once. One taken as given (a raw record) may hold a cell
-/// several times; each entry then counts where the rule counts entries (SPEC 3).
+/// A structure that is replayed from a log holds every cell once. A structure that is taken as given (a raw record) may
+/// hold a cell several times; each entry then counts wherever a rule counts entries (SPEC 3).
 #[derive(Debug, Clone)]
 pub struct Structure {
     palette: Arc<Palette>,
@@ -18,14 +18,14 @@ pub struct Structure {
 }
 
 impl Structure {
-    /// The structure with these entries, in building order.
+    /// Creates a structure from entries in building order; the material ids refer to `palette`.
     #[must_use]
     pub fn new(palette: Arc<Palette>, entries: impl IntoIterator<Item = (Cell, MaterialId)>) -> Self {
         let (cells, materials) = entries.into_iter().unzip();
         Self { palette, cells, materials, first_entry: OnceLock::new() }
     }
 
-    /// The structure with these named entries, in building order.
+    /// Creates a structure from cells and material names in building order.
     #[must_use]
     pub fn from_named<'a>(entries: impl IntoIterator<Item = (Cell, &'a str)>) -> Self {
         let mut palette = Palette::new();
@@ -33,61 +33,61 @@ impl Structure {
         Self::new(Arc::new(palette), entries)
     }
 
-    /// Number of entries.
+    /// Returns the number of entries.
     #[must_use]
     pub fn len(&self) -> usize {
         self.cells.len()
     }
 
-    /// Whether nothing stands.
+    /// Returns whether the structure has no entries.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.cells.is_empty()
     }
 
-    /// Cells of the entries, in building order.
+    /// Returns the cells of the entries, in building order.
     #[must_use]
     pub fn cells(&self) -> &[Cell] {
         &self.cells
     }
 
-    /// Material ids of the entries, in building order.
+    /// Returns the material ids of the entries, in building order.
     #[must_use]
     pub fn material_ids(&self) -> &[MaterialId] {
         &self.materials
     }
 
-    /// Names behind the material ids.
+    /// Returns the palette that maps the material ids to names.
     #[must_use]
     pub fn palette(&self) -> &Palette {
         &self.palette
     }
 
-    /// Material name of the entry at `index`.
+    /// Returns the material name of the entry at `index`, or an empty string if there is no such entry.
     #[must_use]
     pub fn material(&self, index: usize) -> &str {
         self.materials.get(index).map_or("", |&id| self.palette.name(id))
     }
 
-    /// Cells and material ids of the entries, in building order.
+    /// Returns the cells and material ids of the entries, in building order.
     pub fn entries(&self) -> impl ExactSizeIterator<Item = (Cell, MaterialId)> + '_ {
         self.cells.iter().copied().zip(self.materials.iter().copied())
     }
 
-    /// Cells of the entries whose material satisfies `wanted`, in building order.
+    /// Returns the cells of the entries whose material satisfies `wanted`, in building order.
     #[must_use]
     pub fn cells_of(&self, wanted: impl Fn(&str) -> bool) -> Vec<Cell> {
         let mask = self.palette.mask(wanted);
         self.entries().filter(|(_, id)| mask[*id as usize]).map(|(cell, _)| cell).collect()
     }
 
-    /// The box around all entries, or `None` where nothing stands.
+    /// Computes the bounds of all entries. Returns `None` if the structure is empty.
     #[must_use]
     pub fn bounds(&self) -> Option<Bounds> {
         Bounds::of(self.cells.iter().copied())
     }
 
-    /// From each cell that stands to the first of its entries. Built on first use.
+    /// Returns the map from each cell to the index of its first entry. The map is built on first use.
     #[must_use]
     pub fn index(&self) -> &CellMap<u32> {
         self.first_entry.get_or_init(|| {
@@ -99,13 +99,13 @@ impl Structure {
         })
     }
 
-    /// Whether a block stands at `cell`.
+    /// Returns whether a block stands at `cell`.
     #[must_use]
     pub fn contains(&self, cell: Cell) -> bool {
         self.index().contains_key(&cell)
     }
 
-    /// Number of distinct cells: less than [`Structure::len`] only where a cell is listed more than once.
+    /// Returns the number of distinct cells: less than [`Structure::len`] only if a cell is listed more than once.
     #[must_use]
     pub fn distinct_cells(&self) -> usize {
         self.index().len()

@@ -1,9 +1,9 @@
-//! Height maps seen from above or below, and their slices along x and z.
+//! Height maps of structures, from above or below, and their slices along x and z.
 
 use super::planar::PlaneCell;
 use super::structure::Structure;
 
-/// Which surface of a structure.
+/// The surface of a structure from which heights are taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Side {
     /// The greatest y of each column.
@@ -12,17 +12,18 @@ pub enum Side {
     Bottom,
 }
 
-/// A cut through a surface: its cells in order along the cut, with their heights.
+/// A cut through a surface: the columns in order along the cut, with their heights.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Slice {
-    /// `(x, z)` of the columns.
+    /// Coordinates `(x, z)` of each column.
     pub columns: Vec<PlaneCell>,
-    /// Height y of each column.
+    /// Height (y) of each column.
     pub heights: Vec<i32>,
 }
 
-/// All slices of a surface: first those of fixed z (along x), then those of fixed x (along z), each kind by its
-/// fixed coordinate. Gaps between columns are not kept: neighbours in a slice need not be neighbours in space.
+/// Computes all slices of a surface: first those of fixed z (along x), then those of fixed x (along z), each kind
+/// ordered by its fixed coordinate. Gaps between columns are dropped, so neighbours in a slice need not be neighbours
+/// in space.
 #[must_use]
 pub fn slices(structure: &Structure, side: Side) -> Vec<Slice> {
     let mut columns: Vec<(PlaneCell, i32)> = structure.cells().iter().map(|c| ((c.x, c.z), c.y)).collect();

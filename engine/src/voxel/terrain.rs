@@ -1,20 +1,21 @@
-//! The world as one walks it: natural ground below, blocks as walls and floors, doors two high that open.
+//! The world as a walking player experiences it: natural ground, blocks as walls and floors, and doors two cells high.
 //!
-//! Feet stand in a cell with something solid under it and two free cells, its own and the one above. Natural ground fills
-//! all cells below y = 0. A terrain is a dense grid, so it is made of builds up to [`MAX_EXTENT`] only.
+//! A player can stand in a cell if the cell below it is solid, and the cell itself and the one above it are free.
+//! Natural ground fills all cells below y = 0. A terrain is a dense grid, so the extent of a build is limited to
+//! [`MAX_EXTENT`].
 
 use super::blocks::{is_door, is_passable};
 use super::cell::{Bounds, Cell};
 use super::structure::Structure;
 
-/// Greatest extent of a build along an axis, and greatest height, in blocks, of which a terrain is made.
+/// Greatest extent of a build along an axis, and greatest height, in blocks, for which a terrain can be created.
 pub const MAX_EXTENT: i64 = 128;
 
 const SOLID: u8 = 1;
 const DOOR: u8 = 2;
-/// Cells around the build, so that one can walk round it.
+/// Number of free cells around the build, so that a player can walk around it.
 const MARGIN: i32 = 2;
-/// Cells above the build, so that one can stand on it.
+/// Number of free cells above the build, so that a player can stand on it.
 const HEAD_ROOM: i32 = 3;
 
 /// A build on natural ground.
@@ -27,30 +28,30 @@ pub struct Terrain {
     doors: Vec<Cell>,
 }
 
-/// A piece of air that walls, floors, roofs and closed doors part from the rest.
+/// A region of air that walls, floors, roofs and closed doors separate from the rest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Space {
-    /// Its first cell by height, then x, then z.
+    /// First cell of the region, by height, then x, then z.
     pub first: Cell,
-    /// Cells in it where feet can stand.
+    /// Number of cells of the region in which a player can stand.
     pub floor_cells: u32,
 }
 
-/// The air, in pieces.
+/// The air around and inside a build, divided into regions.
 #[derive(Debug)]
 pub struct Spaces {
-    /// Per cell of the grid the number of its piece plus one; 0 for what is no air.
+    /// For each cell of the grid, the index of its region plus one; 0 if the cell is not air.
     label: Vec<u32>,
-    /// The pieces; the first is outside.
+    /// The regions; the first one is the outside.
     pub pieces: Vec<Space>,
 }
 
 impl Terrain {
-    /// Of a build; none where nothing stands or it is too large.
+    /// Creates the terrain of a build. Returns `None` if the structure is empty or too large.
     #[must_use]
     pub fn of(structure: &Structure) -> Option<Self> {
         let bounds = structure.bounds()?;
-        // The grid begins at the ground, wherever the build does.
+        // The grid always begins at ground level, even if the build does not.
         if bounds.extent().iter().any(|extent| *extent >= MAX_EXTENT) || i64::from(bounds.max.y) >= MAX_EXTENT {
             return None;
         }
@@ -78,7 +79,7 @@ impl Terrain {
         Some(terrain)
     }
 
-    /// The doors, in building order.
+    /// Returns the cells of the doors, in building order.
     #[must_use]
     pub fn doors(&self) -> &[Cell] {
         &self.doors
@@ -105,13 +106,13 @@ impl Terrain {
         self.index(cell).is_some_and(|index| self.cells[index] & what != 0)
     }
 
-    /// Whether the cell is filled, by a block or by natural ground.
+    /// Returns whether a block or natural ground fills the cell.
     #[must_use]
     pub fn is_solid(&self, cell: Cell) -> bool {
         cell.y < 0 || self.has(cell, SOLID)
     }
 
-    /// Whether feet can stand in the cell; doorways are walked through.
+    /// Returns whether a player can stand in the cell. Doors do not block the way.
     #[must_use]
     pub fn can_stand(&self, feet: Cell) -> bool {
         self.index(feet).is_some()
@@ -120,12 +121,14 @@ impl Terrain {
             && !self.is_solid(feet.offset(0, 1, 0))
     }
 
-    /// Whether a square of so many cells, with its least x and z at `feet`, can be stood in on one level.
+    /// Returns whether a player can stand in every cell of the square of `width` by `width` cells, on the level of
+    /// `feet`, whose least x and z are at `feet`.
     fn can_stand_square(&self, feet: Cell, width: i32) -> bool {
         (0..width).all(|dx| (0..width).all(|dz| self.can_stand(feet.offset(dx, 0, dz))))
     }
 
-    /// Squares of so many cells, at most the margin, that lie beside the build on natural ground; by their least x and z.
+    /// Returns the squares of `width` by `width` cells that lie beside the build on natural ground, each as its cell of
+    /// least x and z. `width` is at most the margin.
     #[must_use]
     pub fn around(&self, width: i32) -> Vec<Cell> {
         let ring = (0..self.size[0]).flat_map(|x| (0..self.size[2]).map(move |z| (x, z)));
@@ -134,8 +137,8 @@ impl Terrain {
         ring.map(|(x, z)| self.min.offset(x, 0, z)).filter(is_outside).collect()
     }
 
-    /// All cells that feet reach from `starts` by steps to the sides, each up or down by at most `step`, as a square of
-    /// `width` cells whose least x and z are meant.
+    /// Finds all cells that a walker can reach from `starts` by steps to the four sides, each up or down by at most
+    /// `step`. The walker occupies a square of `width` by `width` cells, whose cell of least x and z is its position.
     #[must_use]
     pub fn reached(&self, starts: impl IntoIterator<Item = Cell>, step: i32, width: i32) -> Vec<Cell> {
         let mut seen = vec![false; self.cells.len()];
@@ -154,7 +157,7 @@ impl Terrain {
                 for dy in -step..=step {
                     let to = side.offset(0, dy, 0);
                     let Some(index) = self.index(to) else { continue };
-                    // One who steps up needs room above the head where one comes from, one who steps down where one goes.
+                    // A step up needs head room above the cell it starts from, a step down above the cell it leads to.
                     let head = if dy > 0 { from } else { to };
                     let has_room = dy == 0 || !self.is_solid(head.offset(0, 2, 0));
                     if !seen[index] && has_room && self.can_stand_square(to, width) {
@@ -167,19 +170,19 @@ impl Terrain {
         reached
     }
 
-    /// The highest block that one stands on who comes from the ground around the build, stepping one up or down at a time.
+    /// Finds the highest block that a player can reach from the ground around the build by steps of at most one block.
     #[must_use]
     pub fn highest_climbed(&self) -> Option<Cell> {
         let reached = self.reached(self.around(1), 1, 1);
         reached.into_iter().map(|feet| feet.offset(0, -1, 0)).max_by_key(|block| (block.y, *block))
     }
 
-    /// The air in pieces: outside first, then what is enclosed, by first cells. A closed door closes both its cells; walls that
-    /// touch in an upright edge alone leave a gap.
+    /// Divides the air into regions: the outside first, then the enclosed regions in the order of their first cells. A
+    /// door is closed and blocks both its cells. Walls that touch only along a vertical edge leave a gap.
     #[must_use]
     pub fn spaces(&self) -> Spaces {
         let mut spaces = Spaces { label: vec![0; self.cells.len()], pieces: Vec::new() };
-        // The first cell of the grid is in its margin, so what it belongs to is outside; all margins join there.
+        // The first cell of the grid lies in the margin, so its region is the outside, which includes the whole margin.
         for index in 0..self.cells.len() {
             if self.cells[index] == 0 && spaces.label[index] == 0 {
                 let piece = self.fill(index, spaces.pieces.len() as u32 + 1, &mut spaces.label);
@@ -196,7 +199,7 @@ impl Terrain {
         while let Some(index) = open.pop() {
             let cell = self.cell(index);
             floor_cells += u32::from(self.can_stand(cell));
-            // Through faces, and on a level past upright edges too: a room needs its corners.
+            // Air passes through faces and, within a level, past vertical edges: a room needs its corners.
             let past_edges = [(1, 1), (1, -1), (-1, 1), (-1, -1)].map(|(dx, dz)| cell.offset(dx, 0, dz));
             for next in cell.face_neighbours().into_iter().chain(past_edges) {
                 if let Some(next) = self.index(next)
@@ -211,20 +214,20 @@ impl Terrain {
         Space { first: self.cell(start), floor_cells }
     }
 
-    /// Whether a cell is air inside, parted from the outside.
+    /// Returns whether the cell is air that is separated from the outside.
     #[must_use]
     pub fn is_enclosed(&self, cell: Cell, spaces: &Spaces) -> bool {
-        // 0 is no air, 1 is outside.
+        // 0 is not air, 1 is the outside.
         self.index(cell).is_some_and(|index| spaces.label[index] > 1)
     }
 
-    /// The pieces of air that a door joins, one on each of two opposite sides where feet can stand; none where one cannot walk
-    /// through it.
+    /// Returns the indices of the two regions that a door connects, one on each of two opposite sides in which a player
+    /// can stand. Returns `None` if a player cannot walk through the door.
     #[must_use]
     pub fn joins(&self, door: Cell, spaces: &Spaces) -> Option<[usize; 2]> {
         let piece = |cell: Cell| {
             let index = self.index(cell).filter(|_| self.can_stand(cell))?;
-            // Beside a double door stands its other wing; feet stand in it, but it is no piece of air.
+            // The other wing of a double door is a cell in which a player can stand, but it belongs to no region.
             spaces.label[index].checked_sub(1).map(|piece| piece as usize)
         };
         let through = |dx: i32, dz: i32| Some([piece(door.offset(-dx, 0, -dz))?, piece(door.offset(dx, 0, dz))?]);
@@ -236,7 +239,7 @@ impl Terrain {
 mod tests {
     use super::*;
 
-    /// A closed hut of 5 by 5, walls three high, with a door and a roof.
+    /// Builds a closed hut of 5 by 5 blocks with walls three blocks high, a door and a roof.
     fn hut(change: impl Fn(Cell) -> bool) -> Structure {
         let mut blocks = Vec::new();
         for x in 0..5 {

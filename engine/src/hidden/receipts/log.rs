@@ -1,4 +1,4 @@
-//! The public log of receipts: a chain of links, and its end, which is signed.
+//! The public log of receipts: a chain of links with a signed end.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -8,10 +8,10 @@ use super::{ReceiptFault, ReceiptFile, Signer, must_be_trusted, verify_signature
 use crate::hidden::canonical::{Hash, unhex};
 use crate::tasks::hex;
 
-/// The link before the first.
+/// The link before the first receipt: all zeros.
 pub const FIRST_LINK: Hash = [0; 32];
 
-/// The link after `before` for a receipt with this hash.
+/// Computes the link that follows `before` for a receipt with this hash.
 #[must_use]
 pub fn link(before: &Hash, receipt: &Hash) -> Hash {
     Sha256::new().chain_update(before).chain_update(receipt).finalize().into()
@@ -21,45 +21,46 @@ pub fn link(before: &Hash, receipt: &Hash) -> Hash {
 #[derive(Debug, Serialize, Deserialize, utoipa::ToSchema)]
 #[schema(as = ReceiptPage)]
 pub struct LogPage {
-    /// In order; each links to the one before.
+    /// Receipts in order, each linked to the one before it.
     pub receipts: Vec<ReceiptFile>,
-    /// `after` of the next page; null on the last.
+    /// Value of `after` for the next page; null on the last page.
     pub next_after: Option<i64>,
-    /// The signed end of the whole log, as it was when this page was read. The last page ends there.
+    /// Signed end of the whole log at the time when this page was read. The last page ends there.
     #[serde(default)]
     pub head: Option<LogHead>,
 }
 
-/// The end of the log, signed: how many receipts there are, and the last link, which stands for all before it.
+/// The signed end of the log: the number of receipts and the last link, which covers all links before it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct LogHead {
-    /// Receipts in the log.
+    /// Number of receipts in the log.
     pub size: i64,
-    /// The last link; all zeros where the log is empty.
+    /// Last link of the log; all zeros if the log is empty.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub link: String,
-    /// When it was signed, milliseconds since 1970.
+    /// Time of signing, milliseconds since 1970.
     pub at_ms: i64,
-    /// The public key that verifies it.
+    /// Public key that verifies the signature, in hex.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub public_key: String,
-    /// Ed25519 signature over the canonical JSON of `{"plumbline_log_head": 1, "size": …, "link": …, "at_ms": …}`, in hex.
+    /// Ed25519 signature, in hex, over the canonical JSON of
+    /// `{"plumbline_log_head": 1, "size": …, "link": …, "at_ms": …}`.
     #[schema(pattern = "^[0-9a-f]{128}$")]
     pub signature: String,
 }
 
 impl LogHead {
-    /// Signed now.
+    /// Creates and signs a head.
     #[must_use]
     pub fn signed(size: i64, link: String, at_ms: i64, signer: &Signer) -> Self {
         let signed = signer.sign(&head_text(size, &link, at_ms));
         Self { size, link, at_ms, public_key: signed.public_key, signature: signed.signature }
     }
 
-    /// Checks its signature against the keys that are trusted.
+    /// Verifies the signature against the trusted keys.
     ///
     /// # Errors
-    /// The first fault.
+    /// Returns the first fault.
     pub fn verify(&self, trusted: &[&str]) -> Result<(), ReceiptFault> {
         must_be_trusted(&self.public_key, trusted)?;
         verify_signature(&head_text(self.size, &self.link, self.at_ms), &self.public_key, &self.signature)
@@ -75,17 +76,18 @@ fn place_text(seq: i64, link: &str) -> Value {
 }
 
 impl ReceiptFile {
-    /// With a signature over its place, for a receipt that is handed out alone.
+    /// Adds a signature over position and link, for a receipt that is returned on its own.
     #[must_use]
     pub fn with_place(mut self, signer: &Signer) -> Self {
         self.place_signature = Some(signer.sign(&place_text(self.seq, &self.link)).signature);
         self
     }
 
-    /// Checks the signature over its place.
+    /// Verifies the signature over position and link. Any of the trusted keys may have made it, because the key may
+    /// have changed since the receipt was signed.
     ///
     /// # Errors
-    /// Where it has none, or it does not verify. The key may have changed since the receipt was signed.
+    /// Returns an error if the receipt has no such signature, or if it does not verify.
     pub fn verify_place(&self, trusted: &[&str]) -> Result<(), ReceiptFault> {
         let signature = self.place_signature.as_ref().ok_or(ReceiptFault::UnsignedPlace(self.seq))?;
         let text = place_text(self.seq, &self.link);
@@ -94,10 +96,10 @@ impl ReceiptFile {
     }
 }
 
-/// Checks that the key of each entry of the log is that of the entry before it, or that it says itself that the key changed.
+/// Checks that each entry of the log has the key of the entry before it or announces the change of the key itself.
 ///
 /// # Errors
-/// The first entry that does not.
+/// Returns an error for the first entry that does neither.
 pub fn verify_keys<'a>(log: impl IntoIterator<Item = &'a ReceiptFile>) -> Result<(), ReceiptFault> {
     let mut last: Option<&str> = None;
     for file in log {
@@ -113,10 +115,10 @@ pub fn verify_keys<'a>(log: impl IntoIterator<Item = &'a ReceiptFile>) -> Result
     Ok(())
 }
 
-/// Checks that entries of the log, in order, follow from each other.
+/// Checks that the entries of the log, in order, form a chain, and returns their number.
 ///
 /// # Errors
-/// The first link that does not.
+/// Returns an error for the first link that cannot be read or does not follow from the one before it.
 pub fn verify_chain<'a>(log: impl IntoIterator<Item = &'a ReceiptFile>) -> Result<usize, ReceiptFault> {
     let mut last: Option<(i64, &str)> = None;
     let mut count = 0;
@@ -134,10 +136,10 @@ pub fn verify_chain<'a>(log: impl IntoIterator<Item = &'a ReceiptFile>) -> Resul
     Ok(count)
 }
 
-/// Checks that a log whose entries follow from each other ends where its signed head says.
+/// Checks that a log, whose entries form a chain, ends where its signed head states.
 ///
 /// # Errors
-/// Where it does not.
+/// Returns an error if the head does not verify, or if the log ends at another position or link.
 pub fn verify_end(log: &[&ReceiptFile], head: &LogHead, trusted: &[&str]) -> Result<(), ReceiptFault> {
     head.verify(trusted)?;
     let (seq, link) = log.last().map_or((0, hex(&FIRST_LINK)), |last| (last.seq, last.link.clone()));
@@ -181,7 +183,7 @@ mod tests {
         assert_eq!(verify_chain([&log[0], &log[2]]), Err(ReceiptFault::BrokenLink(3)));
         let mut moved = log[1].clone();
         moved.seq = 3;
-        assert_eq!(verify_chain([&log[0], &moved]), Err(ReceiptFault::BrokenLink(3)), "another place");
+        assert_eq!(verify_chain([&log[0], &moved]), Err(ReceiptFault::BrokenLink(3)), "another position");
     }
 
     #[test]

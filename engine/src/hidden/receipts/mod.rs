@@ -1,8 +1,8 @@
-//! Receipts: what a grade was, signed, and chained to all receipts before it.
+//! Receipts: signed statements of grades, each chained to all receipts before it.
 //!
-//! A receipt's bytes are its canonical JSON; its hash is their SHA-256; its signature is Ed25519 over them. The public log holds
-//! the hashes in order, each link the SHA-256 over the link before it and the hash, so none can be taken out or put in later
-//! without every later link changing.
+//! The bytes of a receipt are its canonical JSON. Its hash is the SHA-256 of these bytes, and its signature is an
+//! Ed25519 signature over them. The public log holds the hashes in order; each link is the SHA-256 over the previous
+//! link and the hash, so removing or inserting a receipt changes every later link.
 
 mod log;
 
@@ -17,37 +17,37 @@ use crate::tasks::hex;
 
 pub use log::{FIRST_LINK, LogHead, LogPage, link, verify_chain, verify_end, verify_keys};
 
-/// What is known of a grade beside its report.
+/// The facts about a grade that its report does not contain.
 #[derive(Debug, Clone, Copy)]
 pub struct Graded<'a> {
-    /// The submission.
+    /// Identifier of the submission.
     pub submission: &'a str,
-    /// The attempt that graded it.
+    /// Number of the attempt that graded the submission.
     pub attempt: i64,
-    /// Suite of its task.
+    /// Suite of the task.
     pub suite: &'a str,
-    /// SHA-256 of the log's canonical JSON.
+    /// SHA-256 of the canonical JSON of the block log.
     pub log_hash: &'a str,
-    /// Name and version of the program.
+    /// Name and version of the grading program.
     pub grader: &'a str,
-    /// When.
+    /// Time of grading, milliseconds since 1970.
     pub graded_at_ms: i64,
-    /// Of a hidden instance: what else is said of it.
+    /// Additional facts about the grade of a hidden instance.
     pub hidden: Option<OfInstance<'a>>,
 }
 
-/// What the receipt of a hidden instance says beside.
+/// The additional facts on the receipt of a hidden instance.
 #[derive(Debug, Clone, Copy)]
 pub struct OfInstance<'a> {
-    /// The epoch.
+    /// Name of the epoch.
     pub epoch: &'a str,
-    /// The instance.
+    /// Identifier of the instance.
     pub instance: &'a str,
-    /// Keeps the receipt's hash from being guessed before the epoch closes.
+    /// Salt that prevents guessing the receipt behind a hash before the epoch closes.
     pub salt: &'a str,
 }
 
-/// The receipt of a grade.
+/// Builds the receipt of a grade.
 #[must_use]
 pub fn receipt(graded: &Graded<'_>, report: &Report) -> Value {
     let criteria: Map<String, Value> = report
@@ -80,26 +80,26 @@ pub fn receipt(graded: &Graded<'_>, report: &Report) -> Value {
     receipt
 }
 
-/// The entry that says that another key signs from now on. It is signed with that one: the old key may be lost.
+/// Builds the log entry that announces a new signing key. The new key signs the entry, because the old key may be lost.
 #[must_use]
 pub fn key_change(before: &str, now: &str, at_ms: i64) -> Value {
     json!({ "plumbline_receipt": 1, "key_change": { "before": before, "now": now, "at_ms": at_ms } })
 }
 
-/// A receipt with its signature; hexadecimal.
+/// A signed receipt. Signature and key are in hexadecimal.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Signed {
-    /// The canonical JSON.
+    /// Canonical JSON of the receipt.
     pub body: String,
     /// SHA-256 of the body.
     pub hash: Hash,
-    /// Ed25519 over the body.
+    /// Ed25519 signature over the body.
     pub signature: String,
-    /// The key that verifies it.
+    /// Public key that verifies the signature.
     pub public_key: String,
 }
 
-/// Signs receipts. It prints without its key.
+/// Signs receipts. Its `Debug` output shows the public key only.
 pub struct Signer(SigningKey);
 
 impl std::fmt::Debug for Signer {
@@ -109,19 +109,19 @@ impl std::fmt::Debug for Signer {
 }
 
 impl Signer {
-    /// With this secret key.
+    /// Creates a signer with this secret key.
     #[must_use]
     pub fn new(secret: &[u8; 32]) -> Self {
         Self(SigningKey::from_bytes(secret))
     }
 
-    /// The key that verifies what it signs, in hex.
+    /// Returns the public key that verifies its signatures, in hex.
     #[must_use]
     pub fn public_key(&self) -> String {
         hex(self.0.verifying_key().as_bytes())
     }
 
-    /// A receipt, signed.
+    /// Signs the canonical JSON of a receipt.
     #[must_use]
     pub fn sign(&self, receipt: &Value) -> Signed {
         let body = canonical_json(receipt);
@@ -134,30 +134,30 @@ impl Signer {
     }
 }
 
-/// A receipt as the service hands it out, to be checked without it.
+/// A receipt as the service returns it; clients can verify it without the service.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct ReceiptFile {
-    /// Its place in the public log, from 1.
+    /// Position in the public log, from 1.
     pub seq: i64,
-    /// The receipt; null while it belongs to a hidden instance of an open epoch.
+    /// The receipt; null while it belongs to an open epoch of hidden evaluation.
     #[schema(value_type = Option<Object>)]
     pub receipt: Option<Value>,
     /// SHA-256 of the receipt's canonical JSON.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub hash: String,
-    /// Ed25519 signature over that JSON; null while the receipt is.
+    /// Ed25519 signature over the canonical JSON, in hex; null while the receipt is null.
     pub signature: Option<String>,
-    /// The public key that verifies it.
+    /// Public key that verifies the signature, in hex.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub public_key: String,
-    /// The link before it.
+    /// Link of the receipt before it; all zeros for the first receipt.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub previous: String,
-    /// SHA-256 over the link before it and its hash.
+    /// SHA-256 over the previous link and the receipt's hash.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub link: String,
-    /// Of a receipt that is handed out alone: Ed25519 signature over its place and link, in hex. On a page of the log the signed head
-    /// stands for all.
+    /// Ed25519 signature over position and link, in hex, for a receipt that is returned on its own. On a page of the
+    /// log, the signed head covers all receipts instead.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(pattern = "^[0-9a-f]{128}$")]
     pub place_signature: Option<String>,
@@ -170,10 +170,10 @@ pub(super) fn must_be_trusted(public_key: &str, trusted: &[&str]) -> Result<(), 
     Err(ReceiptFault::OtherKey { found: public_key.to_owned(), wanted: trusted.join(" or ") })
 }
 
-/// Checks a signature over the canonical JSON of a value.
+/// Verifies a signature over the canonical JSON of a value.
 ///
 /// # Errors
-/// Where key or signature cannot be read, or the signature does not verify.
+/// Returns an error if the key or the signature cannot be read, or if the signature does not verify.
 pub fn verify_signature(value: &Value, public_key: &str, signature: &str) -> Result<(), ReceiptFault> {
     let key = unhex(public_key).and_then(|bytes| VerifyingKey::from_bytes(&bytes).ok());
     let key = key.ok_or(ReceiptFault::Unreadable("public_key"))?;
@@ -182,65 +182,65 @@ pub fn verify_signature(value: &Value, public_key: &str, signature: &str) -> Res
     verified.map_err(|_bad| ReceiptFault::BadSignature)
 }
 
-/// What is wrong with a receipt.
+/// A fault of a receipt or of the public log.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ReceiptFault {
-    /// It has not been released.
-    #[error("the receipt is not released before its epoch closes; its hash and link stand in the log")]
+    /// The receipt has not been released.
+    #[error("the receipt is withheld until its epoch closes; until then the log has only its hash and link")]
     Withheld,
-    /// A field is not what it should be.
-    #[error("{0}: not hexadecimal of the right length")]
+    /// A member cannot be decoded.
+    #[error("{0} is not hexadecimal of the right length")]
     Unreadable(&'static str),
-    /// The key is another.
+    /// The signing key is not trusted.
     #[error("signed with key {found}, not with {wanted}")]
     OtherKey {
-        /// The receipt's.
+        /// Key of the signature.
         found: String,
-        /// The one to trust.
+        /// Trusted keys.
         wanted: String,
     },
-    /// The hash is another's.
-    #[error("the receipt has the hash {0}, which is not the one in the log: it was changed")]
+    /// The hash does not belong to the receipt.
+    #[error("the receipt has the hash {0}, which is not its hash in the log: the receipt was changed")]
     OtherHash(String),
     /// The signature does not verify.
-    #[error("the signature does not verify: the receipt is not of this key")]
+    #[error("the signature does not verify: this key did not sign this content")]
     BadSignature,
-    /// The key changed, and the log does not say so.
-    #[error("receipt {0} is signed with another key than the one before it, and no entry says that the key changed")]
+    /// The key changed without an announcement in the log.
+    #[error("receipt {0} has a different signing key from the receipt before it, but announces no change of the key")]
     UntoldKey(i64),
-    /// Nothing vouches for the receipt's place in the log.
+    /// The receipt's position in the log is not signed.
     #[error(
-        "the place of receipt {0} in the log is not signed; ask the service for it again, or give the page of the log with its head"
+        "the position of receipt {0} in the log is not signed: fetch the receipt again, or give its log page and head"
     )]
     UnsignedPlace(i64),
-    /// The signature over the place does not verify.
-    #[error("the signature over place {0} of the log does not verify: the place was changed")]
+    /// The signature over position and link does not verify.
+    #[error("the signature over position {0} in the log does not verify: the position or the link was changed")]
     BadPlace(i64),
-    /// The log has more or fewer receipts than its signed head says.
-    #[error("the log ends at receipt {found}, and its signed head says {signed}: receipts were cut off, or added")]
+    /// The log has more or fewer receipts than its signed head states.
+    #[error("the log ends at receipt {found}, but its signed head states {signed}: receipts were cut off or added")]
     OtherLength {
-        /// The last that is there.
+        /// Position of the last receipt present.
         found: i64,
-        /// What the head says.
+        /// Number of receipts that the head states.
         signed: i64,
     },
-    /// No head came with the log.
+    /// The log came without a signed head.
     #[error(
-        "no signed head came with the log, so nothing shows that its end is there; `GET /v1/receipts` sends one with each page"
+        "the log has no signed head, so nothing shows where it ends; `GET /v1/receipts` sends a head with each page"
     )]
     NoHead,
-    /// The log does not begin with its first receipt.
-    #[error("the log does not begin with receipt 1: give all of its pages, or --part")]
+    /// The log does not start at its first receipt.
+    #[error("the log does not start at receipt 1: give all of its pages, or use --part")]
     NoBeginning,
-    /// The link does not follow.
-    #[error("link {0} does not follow from the link before it and the hash")]
+    /// The link does not follow from the previous link.
+    #[error("the link of receipt {0} does not follow from the previous link and the receipt's hash")]
     BrokenLink(i64),
 }
 
-/// Checks a receipt against the public keys that are trusted.
+/// Verifies the key, hash, signature and link of a receipt against the trusted public keys.
 ///
 /// # Errors
-/// The first fault.
+/// Returns the first fault.
 pub fn verify(file: &ReceiptFile, trusted: &[&str]) -> Result<(), ReceiptFault> {
     must_be_trusted(&file.public_key, trusted)?;
     let (Some(receipt), Some(signature)) = (&file.receipt, &file.signature) else { return Err(ReceiptFault::Withheld) };

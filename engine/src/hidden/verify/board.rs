@@ -1,4 +1,4 @@
-//! The boards of an epoch made again from its reveal.
+//! Recomputes the boards of an epoch from its reveal.
 
 use std::collections::BTreeMap;
 
@@ -12,7 +12,7 @@ use crate::hidden::reveal::Reveal;
 use crate::hidden::secret::EpochKey;
 use crate::tasks::hex;
 
-/// The rows of a tier, made from the reveal.
+/// Computes the rows of a tier from the reveal.
 fn made(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, tier: Tier) -> Vec<Row> {
     let mut instances: BTreeMap<&str, Vec<Answered>> = BTreeMap::new();
     for instance in &reveal.instances {
@@ -37,21 +37,21 @@ fn made(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, tier: Tier) ->
     rows(tier, commitment.instances_per_run, entrants.collect())
 }
 
-/// Makes the boards again that the service shows, and compares.
+/// Recomputes the boards that the service shows and compares them.
 pub(super) fn check(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, shown: &[Value], found: &mut Verified) {
     if reveal.entries.iter().any(|entry| entry.owner.is_none()) {
-        found.unchecked.push("boards: the reveal is of an older program and does not name owners".to_owned());
+        found.unchecked.push("boards: an older program made the reveal, which does not name owners".to_owned());
         return;
     }
     for board in shown {
         let tier = Tier::ALL.into_iter().find(|tier| board["tier"] == tier.name());
         let (Some(tier), Ok(rows)) = (tier, serde_json::from_value::<Vec<Row>>(board["rows"].clone())) else {
-            found.breach("board", "is not what GET /v1/epochs/NAME/leaderboard gives");
+            found.breach("board", "is not a response of GET /v1/epochs/NAME/leaderboard");
             continue;
         };
-        let place = format!("board of the tier {}", tier.name());
+        let place = format!("board of the {} tier", tier.name());
         if board["epoch"] != commitment.epoch.as_str() {
-            found.breach(place, "is of another epoch");
+            found.breach(place, "belongs to another epoch");
             continue;
         }
         let made = made(reveal, commitment, key, tier);
@@ -59,23 +59,24 @@ pub(super) fn check(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, sh
         if board["registered"].as_u64() != Some(registered as u64) {
             found.breach(
                 place,
-                format!("says that {} entries registered; the reveal has {registered}", board["registered"]),
+                format!("shows {} registered entries, but the reveal has {registered}", board["registered"]),
             );
             continue;
         }
         if board["is_released"] != true {
-            found.breach(place, "is from before its scores were told; fetch it when the epoch is over");
+            found.breach(place, "was fetched before its scores were released; fetch it again when the epoch is over");
             continue;
         }
         if rows.len() != made.len() {
-            found.breach(place, format!("has {} rows, the reveal makes {}", rows.len(), made.len()));
+            found.breach(place, format!("has {} rows, but the reveal gives {}", rows.len(), made.len()));
             continue;
         }
         match rows.iter().zip(&made).find(|(shown, made)| shown != made) {
             None => found.boards += 1,
             Some((shown, made)) => {
                 let detail = format!(
-                    "shows {:?} of {:?} with {} of {} at {}, where the reveal makes {:?} with {} of {} at {}",
+                    "its first differing row shows agent {:?} of {:?}, {} of {} passed, rank {}; \
+                     the reveal gives agent {:?}, {} of {} passed, rank {}",
                     shown.agent,
                     shown.owner,
                     shown.passed,

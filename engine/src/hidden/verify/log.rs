@@ -1,4 +1,4 @@
-//! The receipts of a reveal held against the public log, and against receipts that entrants were given.
+//! Compares the receipts of a reveal with the public log and with the receipts that entrants received.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,13 +8,13 @@ use crate::hidden::receipts::{ReceiptFile, verify, verify_chain, verify_end, ver
 use crate::tasks::hex;
 use sha2::{Digest as _, Sha256};
 
-/// The public keys to trust: the one that the epoch committed to, and those that whoever verifies gives. What the log says of a change
-/// of the key is written by whoever writes the log.
+/// Returns the public keys to trust: the key in the epoch's commitment and the keys given to the verifier. A change of
+/// the key announced in the log is not trusted, because the writer of the log can announce any key.
 pub(super) fn trusted(committed: &str, kept: &Kept) -> BTreeSet<String> {
     kept.keys.iter().cloned().chain([committed.to_owned()]).collect()
 }
 
-/// Every receipt of the reveal is of this epoch, verifies, and stands there once.
+/// Checks that every receipt of the reveal belongs to this epoch, verifies, and appears only once.
 pub(super) fn signatures(epoch: &str, receipts: &[ReceiptFile], trusted: &[&str], found: &mut Verified) {
     let (mut places, mut hashes) = (BTreeSet::new(), BTreeSet::new());
     for file in receipts {
@@ -23,21 +23,22 @@ pub(super) fn signatures(epoch: &str, receipts: &[ReceiptFile], trusted: &[&str]
             found.breach(place(), fault.to_string());
         }
         if file.receipt.as_ref().is_none_or(|receipt| receipt["epoch"] != epoch) {
-            found.breach(place(), "is not of this epoch");
+            found.breach(place(), "does not belong to this epoch");
         }
         if file.seq < 1 {
-            found.breach(place(), "has no place in a log, which begins with 1");
+            found.breach(place(), "has no valid position in the log, which starts at 1");
         }
         if !places.insert(file.seq) || !hashes.insert(&file.hash) {
-            found.breach(place(), "stands twice in the reveal");
+            found.breach(place(), "appears twice in the reveal");
         }
     }
 }
 
-/// The log is whole, says the same wherever it was kept, and has the receipts of the reveal and no others of the epoch.
+/// Checks that the log is complete, that all kept copies of it agree, and that it has exactly the revealed receipts of
+/// the epoch.
 pub(super) fn against_log(epoch: &str, receipts: &[ReceiptFile], kept: &Kept, trusted: &[&str], found: &mut Verified) {
     if kept.log.is_empty() {
-        found.unchecked.push("receipts against the public log: no pages of it were given".to_owned());
+        found.unchecked.push("receipts against the public log: no log pages were given (--receipts)".to_owned());
         return;
     }
     let mut log: BTreeMap<i64, &ReceiptFile> = BTreeMap::new();
@@ -46,7 +47,7 @@ pub(super) fn against_log(epoch: &str, receipts: &[ReceiptFile], kept: &Kept, tr
         if known.link != file.link || known.hash != file.hash {
             found.breach(
                 format!("receipt {} of the log", file.seq),
-                "differs between the pages: the log was written anew",
+                "differs between the given pages: the log was rewritten",
             );
         } else if known.receipt.is_none() {
             *known = file;
@@ -58,7 +59,7 @@ pub(super) fn against_log(epoch: &str, receipts: &[ReceiptFile], kept: &Kept, tr
         found.breach("log", fault.to_string());
     }
     for file in log.iter().filter(|file| file.receipt.is_some()) {
-        // Whose key it is, is asked of the epoch's own receipts; others may be older than the key that the epoch committed to.
+        // Only the epoch's own receipts need a trusted key; others may be older than the key in the epoch's commitment.
         if let Err(fault) = verify(file, &[&file.public_key]) {
             found.breach(format!("receipt {} of the log", file.seq), fault.to_string());
         }
@@ -75,11 +76,11 @@ pub(super) fn against_log(epoch: &str, receipts: &[ReceiptFile], kept: &Kept, tr
         let link = log.iter().find(|file| file.seq == head.size).map(|file| file.link.as_str());
         let place = format!("head of {} receipts", head.size);
         if link.is_some_and(|link| link != head.link) {
-            found.breach(place, "is of another log: the log was written anew");
+            found.breach(place, "belongs to another log: the log was rewritten");
         } else if !trusted.contains(&head.public_key.as_str()) {
             found
                 .unchecked
-                .push(format!("{place}: signed with the key {}, which --key makes trusted", head.public_key));
+                .push(format!("{place}: signed with the untrusted key {}; trust it with --key", head.public_key));
         } else if let Err(fault) = head.verify(trusted) {
             found.breach(place, fault.to_string());
         }
@@ -92,7 +93,7 @@ pub(super) fn against_log(epoch: &str, receipts: &[ReceiptFile], kept: &Kept, tr
                 found.breach(format!("receipt {} of the log", file.seq), "is missing from the reveal");
             }
             Some(own) if own.hash != file.hash || own.link != file.link => {
-                found.breach(format!("receipt {}", file.seq), "is not the one at this place of the log");
+                found.breach(format!("receipt {}", file.seq), "is not the one at this position in the log");
             }
             _ => {}
         }
@@ -104,8 +105,8 @@ pub(super) fn against_log(epoch: &str, receipts: &[ReceiptFile], kept: &Kept, tr
     let withheld = withheld.count();
     if withheld > 0 {
         found.unchecked.push(format!(
-            "{withheld} receipts of the log before this epoch's last one: their bodies are withheld, as those of open epochs are; \
-             fetch the log again when no epoch is open, and where they stay withheld, something is hidden"
+            "{withheld} receipts in the log before this epoch's last: their bodies are withheld, as in open epochs; \
+             fetch the log again when no epoch is open: if bodies are still withheld, something is hidden"
         ));
     }
     for file in receipts.iter().filter(|file| log.iter().all(|own| own.seq != file.seq)) {
@@ -115,18 +116,18 @@ pub(super) fn against_log(epoch: &str, receipts: &[ReceiptFile], kept: &Kept, tr
     }
 }
 
-/// What entrants were given is in the reveal.
+/// Checks that the reveal contains the receipts that entrants received.
 pub(super) fn given(epoch: &str, receipts: &[ReceiptFile], kept: &Kept, trusted: &[&str], found: &mut Verified) {
     let revealed: BTreeSet<&str> = receipts.iter().map(|file| file.hash.as_str()).collect();
     for given in &kept.given {
         let hash = hex(&Sha256::digest(canonical_json(&given.receipt)));
-        let place = format!("receipt that was given out, {}…", &hash[..12]);
+        let place = format!("given receipt {}…", &hash[..12]);
         if given.receipt["epoch"] != epoch {
-            found.unchecked.push(format!("{place}: is of another epoch"));
+            found.unchecked.push(format!("{place}: belongs to another epoch"));
         } else if !trusted.contains(&given.public_key.as_str())
             || verify_signature(&given.receipt, &given.public_key, &given.signature).is_err()
         {
-            found.breach(place, "is not signed by this service");
+            found.breach(place, "has no valid signature of this service");
         } else if !revealed.contains(hash.as_str()) {
             found.breach(place, "is missing from the reveal");
         }

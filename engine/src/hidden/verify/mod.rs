@@ -1,5 +1,5 @@
-//! Verification of a reveal by anybody: specifications, root, draws and grades are made again from the key, and every step is held
-//! against the receipt that was signed when it happened.
+//! Verification of a reveal by anyone: recomputes specifications, root and draws from the key and grades from the logs,
+//! and compares every step with the receipt that was signed when it happened.
 
 mod board;
 mod log;
@@ -28,12 +28,12 @@ use crate::grading::grade_log;
 use crate::tasks::hex;
 use crate::voxel::BlockLog;
 
-/// Something that does not hold.
+/// A claim of the reveal that does not hold.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Breach {
-    /// What it is about: "key", "leaf 17 (slabs/00017)", "instance …".
+    /// Subject of the breach: "key", "leaf 17 (slabs/00017)", "instance …".
     pub place: String,
-    /// What is wrong.
+    /// Description of the fault.
     pub detail: String,
 }
 
@@ -43,24 +43,24 @@ impl fmt::Display for Breach {
     }
 }
 
-/// What verification came to.
+/// The result of a verification.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Verified {
-    /// Specifications made again from the key and found the same.
+    /// Number of specifications that were recomputed from the key and match.
     pub specifications: usize,
-    /// Draws made again.
+    /// Number of draws that were recomputed and match.
     pub draws: usize,
-    /// Grades computed again from the logs.
+    /// Number of grades that were recomputed from the logs and match.
     pub grades: usize,
-    /// Answers that the service failed to grade: they count as failed.
+    /// Number of answers that the service failed to grade; they count as failed.
     pub ungraded: usize,
-    /// Receipts of the epoch that verify and say what the reveal says.
+    /// Number of receipts of the epoch, if all of them verify and agree with the reveal; otherwise 0.
     pub receipts: usize,
-    /// Boards that were made again and are the same.
+    /// Number of boards that were recomputed and match.
     pub boards: usize,
-    /// What could not be checked, and why.
+    /// Checks that could not be made, each with its reason.
     pub unchecked: Vec<String>,
-    /// What does not hold.
+    /// Claims that do not hold.
     pub breaches: Vec<Breach>,
 }
 
@@ -70,34 +70,34 @@ impl Verified {
     }
 }
 
-/// What a reveal is held against.
+/// The evidence that a reveal is compared with.
 #[derive(Debug, Default)]
 pub struct Kept {
-    /// The commitment as it was published before the epoch opened.
+    /// Commitment as published before the epoch opened; the one in the reveal is used if this is `None`.
     pub commitment: Option<Commitment>,
-    /// The answers by instance; none where grades are not to be checked.
+    /// Answers by instance; `None` if grades are not to be checked.
     pub logs: Option<BTreeMap<String, BlockLog>>,
-    /// The public log of receipts, or parts of it.
+    /// Receipts of the public log, or of parts of it.
     pub log: Vec<ReceiptFile>,
-    /// Signed heads of that log.
+    /// Signed heads of the public log.
     pub heads: Vec<LogHead>,
-    /// Receipts that entrants were given.
+    /// Receipts that entrants received from the service.
     pub given: Vec<GivenReceipt>,
     /// Boards of the epoch as the service shows them.
     pub boards: Vec<Value>,
-    /// Public keys to trust beside the one that the epoch committed to.
+    /// Public keys to trust in addition to the one in the commitment.
     pub keys: Vec<String>,
 }
 
-/// Makes everything again from the key and compares, and holds every step against its receipt.
+/// Verifies a reveal: recomputes everything from the key, and compares every step with its receipt.
 ///
 /// # Errors
-/// Where this program's own families are faulty.
+/// Returns an error if this program's own families are faulty.
 pub fn verify(reveal: &Reveal, kept: &Kept) -> Result<Verified, PoolError> {
     let mut found = Verified::default();
     let commitment = kept.commitment.as_ref().unwrap_or(&reveal.commitment);
     if kept.commitment.as_ref().is_some_and(|promised| *promised != reveal.commitment) {
-        found.breach("commitment", "the revealed one is not the one that was published before");
+        found.breach("commitment", "the revealed one is not the one that was published before the epoch opened");
     }
     let versions = [
         ("generator", commitment.generator_version, GENERATOR_VERSION),
@@ -106,32 +106,32 @@ pub fn verify(reveal: &Reveal, kept: &Kept) -> Result<Verified, PoolError> {
     for (what, theirs, ours) in versions {
         if theirs != ours {
             let detail = format!(
-                "the epoch used version {theirs} of the {what}; this program has {ours}, so verify with that one"
+                "the epoch used version {theirs} of the {what}, this program has {ours}: verify with version {theirs}"
             );
             found.breach(what, detail);
             return Ok(found);
         }
     }
     let Some(key) = EpochKey::from_hex(&reveal.key) else {
-        found.breach("key", "not 32 bytes of hexadecimal");
+        found.breach("key", "is not 32 bytes of hexadecimal");
         return Ok(found);
     };
     if hex(&key.hash()) != commitment.key_hash {
-        found.breach("key", format!("its hash is {}, committed was {}", hex(&key.hash()), commitment.key_hash));
+        found.breach("key", format!("its hash is {}, the commitment has {}", hex(&key.hash()), commitment.key_hash));
         return Ok(found);
     }
     specifications(reveal, commitment, &key, &mut found)?;
     draws(reveal, commitment, &key, &mut found)?;
     match &kept.logs {
         Some(logs) => grades(reveal, logs, &mut found),
-        None => found.unchecked.push("grades: the answers were not given".to_owned()),
+        None => found.unchecked.push("grades: no answers were given (--answers)".to_owned()),
     }
     steps::check(reveal, commitment, kept, &mut found);
     board::check(reveal, commitment, &key, &kept.boards, &mut found);
     Ok(found)
 }
 
-/// Every specification follows from the key, and their root is the one committed to.
+/// Checks that every specification follows from the key and that their root is the one in the commitment.
 fn specifications(
     reveal: &Reveal,
     commitment: &Commitment,
@@ -147,14 +147,14 @@ fn specifications(
             let leaf = made.leaf;
             let place = || format!("leaf {leaf} ({})", made.task.id);
             let Some(revealed) = by_leaf.get(&leaf) else {
-                found.breach(place(), "missing from the reveal");
+                found.breach(place(), "is missing from the reveal");
                 continue;
             };
             let hash = merkle::leaf(&salt(key, leaf), &hash_of(&revealed.specification));
             if revealed.specification != made {
                 found.breach(place(), "the revealed specification is not the one that the key draws");
             } else if hex(&hash) != revealed.hash || revealed.salt != hex(&salt(key, leaf)) {
-                found.breach(place(), "salt or hash do not belong to the specification");
+                found.breach(place(), "the salt or the hash does not match the specification");
             } else {
                 found.specifications += 1;
             }
@@ -163,20 +163,20 @@ fn specifications(
     }
     if by_leaf.len() != leaves.len() || reveal.specifications.len() != leaves.len() {
         let count = reveal.specifications.len();
-        found.breach("specifications", format!("{count} are revealed, the key draws {}", leaves.len()));
+        found.breach("specifications", format!("the reveal has {count}, the key draws {}", leaves.len()));
     }
     if commitment.specifications as usize != leaves.len() {
-        let detail = format!("{} were committed to, the key draws {}", commitment.specifications, leaves.len());
+        let detail = format!("the commitment states {}, the key draws {}", commitment.specifications, leaves.len());
         found.breach("specifications", detail);
     }
     let root = hex(&merkle::root(&leaves));
     if root != commitment.root {
-        found.breach("root", format!("the specifications have the root {root}, committed was {}", commitment.root));
+        found.breach("root", format!("the specifications give {root}, the commitment has {}", commitment.root));
     }
     Ok(())
 }
 
-/// Every instance is the one that key, entry and nonce draw, and none was issued twice.
+/// Checks that every instance is the one that key, entry and nonce draw, and that none was issued twice.
 fn draws(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, found: &mut Verified) -> Result<(), PoolError> {
     let strata = Generator::new()?.strata(key, commitment.per_instance);
     let mut issued: BTreeSet<u32> = BTreeSet::new();
@@ -188,20 +188,20 @@ fn draws(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, found: &mut V
         let place = || format!("instance {}", instance.id);
         let runs = runs_of.get(instance.entry.as_str()).copied().unwrap_or_default();
         if !(1..=runs).contains(&instance.run) {
-            found.breach(place(), format!("is of run {} of an entry that was registered for {runs}", instance.run));
+            found.breach(place(), format!("belongs to run {}, but its entry registered {runs} run(s)", instance.run));
         }
         let of_run = drawn_for.entry((&instance.entry, instance.run)).or_default();
         if !of_run.insert((&instance.family, instance.index)) {
-            found.breach(place(), "was drawn before, for the same place of the same run");
+            found.breach(place(), "has the family and index of an earlier instance of the same run");
         }
         if *nonce_of.entry((&instance.entry, instance.run)).or_insert(&instance.nonce) != instance.nonce {
             found.breach(place(), format!("run {} was drawn with more than one nonce", instance.run));
         }
         if !ids.insert(&instance.id) {
-            found.breach(place(), "stands twice in the reveal");
+            found.breach(place(), "appears twice in the reveal");
         }
         if instance.ordinal != ordinal {
-            found.breach(place(), format!("is number {} of the draws, where {ordinal} is next", instance.ordinal));
+            found.breach(place(), format!("has the ordinal {}, but {ordinal} is next", instance.ordinal));
         }
         let Some(stratum) = strata.iter().find(|stratum| stratum.family == instance.family) else {
             found.breach(place(), format!("the epoch has no family {:?}", instance.family));
@@ -212,31 +212,31 @@ fn draws(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, found: &mut V
         if drawn == Some(instance.leaf) {
             found.draws += 1;
         } else {
-            found.breach(place(), format!("leaf {} was issued, where key and nonce draw {drawn:?}", instance.leaf));
+            found.breach(place(), format!("leaf {} was issued, but key and nonce draw {drawn:?}", instance.leaf));
         }
         issued.insert(instance.leaf);
     }
-    // A run is drawn as a whole.
+    // A draw always issues all instances of a run.
     for ((entry, run), of_run) in &drawn_for {
         let missing = strata.iter().flat_map(|own| (0..own.instances).map(move |index| (own.family.as_str(), index)));
         for (family, index) in missing.filter(|place| !of_run.contains(place)) {
-            found.breach(format!("entry {entry}"), format!("run {run} lacks instance {index} of {family}"));
+            found.breach(format!("entry {entry}"), format!("run {run} lacks instance {index} of the family {family}"));
         }
         if of_run
             .iter()
             .any(|(family, index)| strata.iter().all(|own| own.family != *family || *index >= own.instances))
         {
-            found.breach(format!("entry {entry}"), format!("run {run} has more instances than a draw"));
+            found.breach(format!("entry {entry}"), format!("run {run} has instances that no draw contains"));
         }
     }
     Ok(())
 }
 
-/// Every grade is what this program finds for the log.
+/// Checks that every grade is the one that this program computes for the log.
 fn grades(reveal: &Reveal, logs: &BTreeMap<String, BlockLog>, found: &mut Verified) {
     let answered = |id: &String| reveal.instances.iter().any(|own| own.id == *id && own.log_sha256.is_some());
     for id in logs.keys().filter(|id| !answered(id)) {
-        found.breach(format!("instance {id}"), "has a log among the answers, and no answer in the reveal");
+        found.breach(format!("instance {id}"), "has a log among the answers but no answer in the reveal");
     }
     let tasks: BTreeMap<u32, &Specification> =
         reveal.specifications.iter().map(|revealed| (revealed.specification.leaf, &revealed.specification)).collect();
@@ -245,22 +245,22 @@ fn grades(reveal: &Reveal, logs: &BTreeMap<String, BlockLog>, found: &mut Verifi
         let is_graded = instance.overall.is_some() || instance.scores.is_some();
         if instance.log_sha256.is_none() {
             if is_graded {
-                found.breach(place, "has a grade and no answer");
+                found.breach(place, "has a grade but no answer");
             }
             continue;
         }
-        // What a failure of the service ended has failed, and says so by having no grade.
+        // An answer that the service failed to grade has no grade and counts as failed.
         if !is_graded {
             found.ungraded += 1;
             continue;
         }
         let (Some(log), Some(specification)) = (logs.get(&instance.id), tasks.get(&instance.leaf)) else {
-            found.breach(place, "its log is missing from the answers");
+            found.breach(place, "its log is missing from the answers, or its specification from the reveal");
             continue;
         };
         let hash = hex(&Sha256::digest(log.canonical_json()));
         if Some(&hash) != instance.log_sha256.as_ref() {
-            found.breach(place, format!("the log has the hash {hash}, which is another one"));
+            found.breach(place, format!("the log has the hash {hash}, which is not the one in the reveal"));
             continue;
         }
         let Ok(report) = grade_log(&specification.task, log, &Control::unhurried()) else { continue };
@@ -268,7 +268,11 @@ fn grades(reveal: &Reveal, logs: &BTreeMap<String, BlockLog>, found: &mut Verifi
         if is_same {
             found.grades += 1;
         } else {
-            found.breach(place, format!("graded {:?}, where this program finds {}", instance.overall, report.overall));
+            let detail = format!(
+                "its verdict ({:?}) or a score differs from what this program finds ({})",
+                instance.overall, report.overall
+            );
+            found.breach(place, detail);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Every entry, draw, answer, grade and failure of a reveal held against the receipts that were signed when it happened.
+//! Compares every entry, draw, answer, grade and failure of a reveal with the receipt that was signed when it happened.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,7 +11,7 @@ use crate::hidden::feedback::Tier;
 use crate::hidden::receipts::ReceiptFile;
 use crate::hidden::reveal::{Reveal, RevealedEntry, RevealedInstance};
 
-/// What the receipts of an epoch state.
+/// The facts that the receipts of an epoch state.
 #[derive(Default)]
 pub(super) struct Stated<'a> {
     pub entries: BTreeMap<String, EntryFact>,
@@ -24,13 +24,13 @@ pub(super) struct Stated<'a> {
     pub closed: Vec<(i64, ClosedFact)>,
 }
 
-/// Holds a reveal against its receipts.
+/// Compares a reveal with its receipts.
 pub(super) fn check(reveal: &Reveal, commitment: &Commitment, kept: &Kept, found: &mut Verified) {
     let receipts = reveal.receipts.as_deref().unwrap_or_default();
     let Some(rules) = &commitment.rules else {
-        let why = "steps without a receipt: the epoch was announced by an older program, which gave none";
+        let why = "steps against receipts: an older program announced the epoch, and it issued no receipts";
         found.unchecked.push(why.to_owned());
-        // What was given or entered all the same, after the program was renewed, must still be there.
+        // Receipts may have been issued after an upgrade of the program; the reveal must contain those.
         let keys: Vec<&str> = kept.keys.iter().map(String::as_str).collect();
         let own = receipts
             .iter()
@@ -74,7 +74,7 @@ fn stated<'a>(receipts: &'a [ReceiptFile], found: &mut Verified) -> Stated<'a> {
             Some(Fact::Answer(fact)) => stated.answers.insert(fact.instance.clone(), fact).is_none(),
             Some(Fact::Transcript(fact)) => stated.transcripts.insert(fact.instance.clone(), fact).is_none(),
             Some(Fact::Completed(fact)) => stated.completed.insert(fact.entry.clone(), fact).is_none(),
-            // A failure may come again where the same log was sent again.
+            // A failure may repeat if the same log was sent again.
             Some(Fact::Failure(fact)) => {
                 stated.failed.insert(fact.instance);
                 true
@@ -86,19 +86,20 @@ fn stated<'a>(receipts: &'a [ReceiptFile], found: &mut Verified) -> Stated<'a> {
             None => {
                 match receipt["instance"].as_str().filter(|_| receipt.get("overall").is_some()) {
                     Some(instance) => stated.grades.entry(instance).or_default().push(receipt),
-                    None => found.breach(place(), "states nothing that this program knows"),
+                    None => found.breach(place(), "states no fact that this program knows"),
                 }
                 true
             }
         };
         if !is_first {
-            found.breach(place(), "states a second time what happens once");
+            found.breach(place(), "repeats a fact that can be stated only once");
         }
     }
     stated
 }
 
-/// Every entry is as it was registered, ended when its receipt says, and keeps the rules; none is missing.
+/// Checks that every entry is as registered, ended when its receipt states, and follows the rules, and that none is
+/// missing.
 fn entries(reveal: &Reveal, commitment: &Commitment, rules: &Rules, stated: &Stated<'_>, found: &mut Verified) {
     let mut seen: BTreeSet<&str> = BTreeSet::new();
     let mut of_owner: BTreeMap<(&str, &str), u32> = BTreeMap::new();
@@ -106,21 +107,21 @@ fn entries(reveal: &Reveal, commitment: &Commitment, rules: &Rules, stated: &Sta
     for entry in &reveal.entries {
         let place = || format!("entry {}", entry.id);
         if !seen.insert(&entry.id) {
-            found.breach(place(), "stands twice in the reveal");
+            found.breach(place(), "appears twice in the reveal");
         }
         match stated.entries.get(&entry.id) {
-            None => found.breach(place(), "has no receipt of its registration"),
+            None => found.breach(place(), "has no receipt for its registration"),
             Some(fact) => {
                 for what in differences(entry, fact) {
-                    found.breach(place(), format!("{what} is not what was registered"));
+                    found.breach(place(), format!("{what} differs from the registration"));
                 }
             }
         }
         let ended = stated.completed.get(&entry.id).map(|fact| (fact.finalized_at_ms, fact.completed_at_ms));
         if ended.is_none() {
-            found.breach(place(), "has no receipt of its end; an epoch that is over has ended all its entries");
+            found.breach(place(), "has no receipt for its completion; an epoch that is over has completed all entries");
         } else if ended != entry.finalized_at_ms.zip(entry.completed_at_ms) {
-            found.breach(place(), "did not end when its receipt says");
+            found.breach(place(), "has other times of finalization or completion than its receipt");
         }
         if entry.registered_at_ms < commitment.opens_at_ms || entry.registered_at_ms >= commitment.closes_at_ms {
             found.breach(place(), "was registered while the epoch was not open");
@@ -128,7 +129,7 @@ fn entries(reveal: &Reveal, commitment: &Commitment, rules: &Rules, stated: &Sta
         let owner = entry.owner.as_deref().unwrap_or_default();
         *of_owner.entry((owner, entry.tier.name())).or_default() += 1;
         if entry.tier == Tier::Official && *official.entry(&entry.configuration_hash).or_insert(owner) != owner {
-            found.breach(place(), "is of a configuration that another owner entered too");
+            found.breach(place(), "has a configuration that another owner entered too");
         }
     }
     for ((owner, tier), count) in of_owner {
@@ -137,16 +138,16 @@ fn entries(reveal: &Reveal, commitment: &Commitment, rules: &Rules, stated: &Sta
         if count > most {
             found.breach(
                 format!("owner {owner:?}"),
-                format!("has {count} entries of the tier {tier}; {most} are allowed"),
+                format!("has {count} entries in the {tier} tier; at most {most} are allowed"),
             );
         }
     }
     for id in stated.entries.keys().filter(|id| !seen.contains(id.as_str())) {
-        found.breach(format!("entry {id}"), "was registered, and is missing from the reveal");
+        found.breach(format!("entry {id}"), "was registered but is missing from the reveal");
     }
 }
 
-/// What an entry says otherwise than its receipt.
+/// Lists the members in which an entry differs from its receipt.
 fn differences(entry: &RevealedEntry, fact: &EntryFact) -> Vec<&'static str> {
     let same = [
         ("the owner", entry.owner.as_ref() == Some(&fact.owner)),
@@ -159,7 +160,7 @@ fn differences(entry: &RevealedEntry, fact: &EntryFact) -> Vec<&'static str> {
     same.into_iter().filter(|(_, is_same)| !is_same).map(|(what, _)| what).collect()
 }
 
-/// Every run was drawn as its receipt says, and none is missing.
+/// Checks that every run was drawn as its receipt states, and that none is missing.
 fn draws(reveal: &Reveal, commitment: &Commitment, stated: &Stated<'_>, found: &mut Verified) {
     let mut runs: BTreeMap<(String, u32), Vec<&RevealedInstance>> = BTreeMap::new();
     for instance in &reveal.instances {
@@ -168,14 +169,14 @@ fn draws(reveal: &Reveal, commitment: &Commitment, stated: &Stated<'_>, found: &
     for (key, instances) in &runs {
         let place = || format!("entry {}", key.0);
         let Some(fact) = stated.draws.get(key) else {
-            found.breach(place(), format!("run {} has no receipt of its draw", key.1));
+            found.breach(place(), format!("run {} has no receipt for its draw", key.1));
             continue;
         };
         if !instances.iter().map(|own| &own.id).eq(&fact.instances) {
-            found.breach(place(), format!("run {} has other instances than were drawn", key.1));
+            found.breach(place(), format!("run {} has instances other than those drawn", key.1));
         }
         if instances.iter().any(|own| own.nonce != fact.nonce) {
-            found.breach(place(), format!("run {} was drawn with another nonce", key.1));
+            found.breach(place(), format!("the nonce of run {} is not the one on its receipt", key.1));
         }
         if fact.drawn_at_ms < commitment.opens_at_ms || fact.drawn_at_ms >= commitment.closes_at_ms {
             found.breach(place(), format!("run {} was drawn while the epoch was not open", key.1));
@@ -189,14 +190,14 @@ fn draws(reveal: &Reveal, commitment: &Commitment, stated: &Stated<'_>, found: &
     }
     let most = commitment.rules.as_ref().map_or(u32::MAX, |rules| rules.runs_per_owner);
     for (owner, runs) in held.into_iter().filter(|(_, runs)| *runs > most) {
-        found.breach(format!("owner {owner:?}"), format!("drew {runs} runs; {most} are allowed"));
+        found.breach(format!("owner {owner:?}"), format!("drew {runs} runs; at most {most} are allowed"));
     }
     for (entry, run) in stated.draws.keys().filter(|key| !runs.contains_key(*key)) {
-        found.breach(format!("entry {entry}"), format!("run {run} was drawn, and is missing from the reveal"));
+        found.breach(format!("entry {entry}"), format!("run {run} was drawn but is missing from the reveal"));
     }
 }
 
-/// Every answer is the one that was taken, in time; none is missing.
+/// Checks that every answer is the accepted one and came in time, and that none is missing.
 fn answers(reveal: &Reveal, commitment: &Commitment, rules: &Rules, stated: &Stated<'_>, found: &mut Verified) {
     let drawn_at: BTreeMap<&str, i64> = stated
         .draws
@@ -207,20 +208,20 @@ fn answers(reveal: &Reveal, commitment: &Commitment, rules: &Rules, stated: &Sta
         let place = || format!("instance {}", instance.id);
         match (&instance.log_sha256, stated.answers.get(&instance.id)) {
             (None, None) => {}
-            (None, Some(_)) => found.breach(place(), "was answered, and the reveal says that it was not"),
-            (Some(_), None) => found.breach(place(), "has an answer, and no receipt that one was taken"),
+            (None, Some(_)) => found.breach(place(), "was answered, but the reveal has no answer"),
+            (Some(_), None) => found.breach(place(), "has an answer but no receipt for it"),
             (Some(log), Some(fact)) => {
                 if *log != fact.log_sha256 {
-                    found.breach(place(), "was answered with another log");
+                    found.breach(place(), "has a log other than the one on the receipt of its answer");
                 }
                 if instance.entry != fact.entry || instance.transcript_sha256 != fact.transcript_sha256 {
-                    found.breach(place(), "was answered for another entry, or with another transcript promised");
+                    found.breach(place(), "has an entry or a promised transcript other than on its receipt");
                 }
                 let expires =
                     drawn_at.get(instance.id.as_str()).map(|at| at + i64::from(rules.instance_seconds) * 1_000);
                 let closes = commitment.closes_at_ms;
                 if expires.is_none_or(|expires| fact.answered_at_ms >= expires.min(closes)) {
-                    found.breach(place(), "was answered after its time");
+                    found.breach(place(), "was answered after its time limit or after the epoch closed");
                 }
             }
         }
@@ -230,16 +231,17 @@ fn answers(reveal: &Reveal, commitment: &Commitment, rules: &Rules, stated: &Sta
         if instance.transcript_checked != shown.is_some()
             || (shown.is_some() && shown != instance.transcript_sha256.as_ref())
         {
-            found.breach(format!("instance {}", instance.id), "its transcript was not shown as its receipt says");
+            found.breach(format!("instance {}", instance.id), "the reveal and the receipts disagree on its transcript");
         }
     }
     let known: BTreeSet<&str> = reveal.instances.iter().map(|instance| instance.id.as_str()).collect();
     for id in stated.answers.keys().filter(|id| !known.contains(id.as_str())) {
-        found.breach(format!("instance {id}"), "was answered, and is missing from the reveal");
+        found.breach(format!("instance {id}"), "was answered but is missing from the reveal");
     }
 }
 
-/// Every verdict is the one that was signed when it was found; what has none has failed with a receipt.
+/// Checks that every verdict is the one that was signed at grading, and that a receipt explains each answer without a
+/// verdict.
 fn grades(reveal: &Reveal, stated: &Stated<'_>, found: &mut Verified) {
     let tasks: BTreeMap<u32, String> = reveal
         .specifications
@@ -253,7 +255,7 @@ fn grades(reveal: &Reveal, stated: &Stated<'_>, found: &mut Verified) {
         let grades = stated.grades.get(instance.id.as_str()).map_or(&[][..], Vec::as_slice);
         if instance.overall.is_none() {
             let detail = match (grades.is_empty(), instance.log_sha256.is_some()) {
-                (false, _) => "was graded, and the reveal says that it was not",
+                (false, _) => "was graded, but the reveal has no grade",
                 (true, true) if !stated.failed.contains(&instance.id) => {
                     "has an answer without a grade, and no receipt of a failure explains it"
                 }
@@ -263,38 +265,38 @@ fn grades(reveal: &Reveal, stated: &Stated<'_>, found: &mut Verified) {
             continue;
         }
         if grades.is_empty() {
-            found.breach(place(), "has a grade, and no receipt of it");
+            found.breach(place(), "has a grade but no receipt for it");
         }
         for receipt in grades {
             let is_same = receipt["overall"].as_bool() == instance.overall
                 && receipt["log_sha256"].as_str() == instance.log_sha256.as_deref()
                 && receipt["specification_sha256"].as_str() == tasks.get(&instance.leaf).map(String::as_str);
             if !is_same {
-                found.breach(place(), "its verdict, log or specification is not that of the receipt of its grade");
+                found.breach(place(), "its verdict, log or specification differs from the receipt of its grade");
             }
         }
     }
     let graded = stated.grades.keys().copied().chain(stated.failed.iter().map(String::as_str));
     for id in graded.filter(|id| !known.contains(id)) {
-        found.breach(format!("instance {id}"), "was graded, and is missing from the reveal");
+        found.breach(format!("instance {id}"), "was graded or failed to be graded, but is missing from the reveal");
     }
 }
 
-/// The last receipt says how many there are, and when the epoch was over.
+/// Checks the last receipt, which states the number of receipts and the end of the epoch.
 fn end(receipts: &[ReceiptFile], commitment: &Commitment, stated: &Stated<'_>, found: &mut Verified) {
     let [(seq, closed)] = stated.closed.as_slice() else {
-        found.breach("receipts", format!("{} of them state the end of the epoch; one should", stated.closed.len()));
+        found.breach("receipts", format!("{} state the end of the epoch; exactly one must", stated.closed.len()));
         return;
     };
     let others = receipts.len() as u64 - 1;
     if closed.receipts != others {
-        let detail = format!("receipt {seq} says that {} came before it, and the reveal has {others}", closed.receipts);
+        let detail = format!("receipt {seq} says that {} came before it, but the reveal has {others}", closed.receipts);
         found.breach("receipts", detail);
     }
     if receipts.iter().any(|file| file.seq > *seq) {
-        found.breach("receipts", format!("receipt {seq} states the end of the epoch, and others come after it"));
+        found.breach("receipts", format!("receipt {seq} states the end of the epoch, but others come after it"));
     }
     if closed.closed_at_ms > commitment.closes_at_ms {
-        found.breach("receipts", "the epoch was closed after its time");
+        found.breach("receipts", "the epoch was closed after its committed closing time");
     }
 }

@@ -1,4 +1,4 @@
-//! The order in which the steps of an epoch happened, and what was told in it.
+//! Checks the order of the steps of an epoch, and the information that it released.
 
 use std::collections::BTreeMap;
 
@@ -8,10 +8,10 @@ use crate::hidden::commitment::{Commitment, Rules};
 use crate::hidden::feedback::released_bits;
 use crate::hidden::reveal::Reveal;
 
-/// How far times may be apart that should follow one another: clocks are set.
+/// Tolerance in the order of two times, because clocks are sometimes adjusted.
 const SLACK_MS: i64 = 60_000;
 
-/// Whether each step comes after those that it needs, and before the end of the epoch.
+/// Checks that each step comes after the steps that it requires and before the end of the epoch.
 pub(super) fn check(stated: &Stated<'_>, found: &mut Verified) {
     let closed = stated.closed.first().map_or(i64::MAX, |(_, closed)| closed.closed_at_ms);
     let mut follows = |place: String, steps: &[(&str, i64)]| {
@@ -25,8 +25,7 @@ pub(super) fn check(stated: &Stated<'_>, found: &mut Verified) {
     let mut drawn: BTreeMap<&str, i64> = BTreeMap::new();
     for ((entry, run), draw) in &stated.draws {
         let registered = stated.entries.get(entry).map_or(i64::MIN, |fact| fact.registered_at_ms);
-        let steps =
-            [("was registered", registered), ("was drawn", draw.drawn_at_ms), ("was over with the epoch", closed)];
+        let steps = [("was registered", registered), ("was drawn", draw.drawn_at_ms), ("ended with the epoch", closed)];
         follows(format!("entry {entry}, run {run}"), &steps);
         drawn.extend(draw.instances.iter().map(|id| (id.as_str(), draw.drawn_at_ms)));
     }
@@ -36,7 +35,7 @@ pub(super) fn check(stated: &Stated<'_>, found: &mut Verified) {
         let steps = [
             ("was drawn", drawn),
             ("was answered", answer.answered_at_ms),
-            ("was over with its entry or the epoch", finalized.min(closed)),
+            ("ended with its entry or the epoch", finalized.min(closed)),
         ];
         follows(format!("instance {id}"), &steps);
         for grade in stated.grades.get(id.as_str()).into_iter().flatten() {
@@ -45,12 +44,12 @@ pub(super) fn check(stated: &Stated<'_>, found: &mut Verified) {
         }
     }
     for (entry, fact) in &stated.completed {
-        let steps = [("was finalized", fact.finalized_at_ms), ("was complete", fact.completed_at_ms)];
+        let steps = [("was finalized", fact.finalized_at_ms), ("was completed", fact.completed_at_ms)];
         follows(format!("entry {entry}"), &steps);
     }
 }
 
-/// Whether the epoch was closed when it had told as much as it may.
+/// Checks that the epoch closed when its information budget was spent.
 pub(super) fn budget(
     reveal: &Reveal,
     commitment: &Commitment,
@@ -67,7 +66,7 @@ pub(super) fn budget(
         })
         .sum();
     if bits >= f64::from(rules.budget_bits) {
-        let detail = format!("{bits:.1} bits were told before it was closed; it closes at {}", rules.budget_bits);
+        let detail = format!("{bits:.1} bits were released before the end; the budget is {}", rules.budget_bits);
         found.breach("budget", detail);
     }
 }

@@ -1,10 +1,10 @@
-//! Action code without a fence around it, alone or among words.
+//! Action code without a code fence, alone or in prose.
 
 use std::ops::Range;
 
 use super::fences::Fence;
 
-/// What a line of JavaScript begins with, and a line of prose hardly.
+/// Prefixes of lines of JavaScript with which lines of prose rarely begin.
 const STARTS: [&str; 29] = [
     "(async",
     "async ",
@@ -36,16 +36,16 @@ const STARTS: [&str; 29] = [
     "bot.",
     "(() =>",
 ];
-/// What its last line ends with.
+/// Characters with which the last line of a script ends.
 const ENDS: [char; 4] = [';', '}', ')', '/'];
 
-/// Whether a text begins as a script does.
+/// Returns whether a text begins like a script.
 pub(super) fn is_script_start(text: &str) -> bool {
     let text = text.trim_start();
     STARTS.iter().any(|start| text.starts_with(start))
 }
 
-/// Whether a text calls one of the agent's skills.
+/// Returns whether a text calls one of the agent's skills.
 pub(super) fn calls_skills(text: &str) -> bool {
     text.match_indices("skills.").any(|(at, word)| {
         let name = text[at + word.len()..].trim_start_matches(|c: char| c.is_ascii_alphanumeric() || c == '_');
@@ -53,8 +53,9 @@ pub(super) fn calls_skills(text: &str) -> bool {
     })
 }
 
-/// Where scripts stand outside fences: in each part of the text between fences from the first line that begins like code to the last
-/// that ends like it, if skills are called there outside of JSON.
+/// Returns the byte ranges of the scripts outside fences. In each part of the text between fences, a script extends
+/// from the first line that begins like code to the last line that ends like code. It counts if it calls skills outside
+/// of JSON, or if it is all that the part holds.
 pub(super) fn regions<'t>(
     text: &'t str,
     fences: &'t [Fence],
@@ -72,10 +73,10 @@ fn region(text: &str, part: Range<usize>, logs: &[Range<usize>]) -> Option<Range
     for line in text[part].split_inclusive('\n') {
         let range = at..at + line.len();
         at = range.end;
-        // Logs are in order and apart: the first that ends after this line began is the only one that may touch it.
+        // Logs are in order and disjoint, so only the first log that ends after the start of this line needs a look.
         let log = logs.get(logs.partition_point(|log| log.end <= range.start)).filter(|log| log.start < range.end);
         if let Some(log) = log {
-            // A log may be one line, or many; its lines are no code of their own, unless it is data within a statement.
+            // A log may span one or more lines, which are not code unless the log is data within a statement.
             let begins_line = log.start <= range.start || text[range.start..log.start].trim().is_empty();
             match first {
                 None => continue,
@@ -94,7 +95,7 @@ fn region(text: &str, part: Range<usize>, logs: &[Range<usize>]) -> Option<Range
         }
     }
     let found = first?..last?;
-    // A script without a call of skills is one where nothing stands around it.
+    // Code that calls no skills counts only if nothing surrounds it.
     let is_alone = text[whole].trim() == &text[found.clone()];
     Some(found).filter(|_| is_called || is_alone)
 }

@@ -1,17 +1,18 @@
-//! Code fences of Markdown (`CommonMark`, "Fenced code blocks"), as language models write them.
+//! Markdown code fences (`CommonMark`, "Fenced code blocks"), as language models write them.
 
 use std::ops::Range;
 
-/// A fenced block.
+/// A fenced code block.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Fence {
-    /// The first word after the opening fence, in lower case: the language.
+    /// Language of the block: the first word after the opening fence, in lower case.
     pub language: String,
-    /// Where its lines stand in the text.
+    /// Byte range of the lines inside the fence.
     pub content: Range<usize>,
 }
 
-/// The fenced blocks of a text, in order; of a block of Markdown, or of no language, the blocks in it where it has some.
+/// Finds the fenced blocks of a text, in order. A block of Markdown, or without a language, is replaced by the blocks
+/// that it contains, if any.
 #[must_use]
 pub fn fences(text: &str) -> Vec<Fence> {
     let within = |fence: Fence| {
@@ -27,8 +28,8 @@ pub fn fences(text: &str) -> Vec<Fence> {
     outermost(text).into_iter().flat_map(within).collect()
 }
 
-/// The fenced blocks that are in no other. A fence is a line that begins with at least three backticks or tildes; one that is never
-/// closed reaches to the end, as of a model that was stopped at the closing fence.
+/// Finds the fenced blocks that are not inside another one. A fence is a line that begins with at least three backticks
+/// or tildes. An unclosed block extends to the end of the text, as when a model was stopped at the closing fence.
 fn outermost(text: &str) -> Vec<Fence> {
     let mut found = Vec::new();
     let mut open: Option<(Mark, String, usize)> = None;
@@ -62,7 +63,7 @@ struct Mark {
 }
 
 impl Mark {
-    /// The fence that a line begins with, and the rest of the line.
+    /// Parses the fence at the start of a line. Returns it with the rest of the line.
     fn of(line: &str) -> Option<(Self, &str)> {
         let line = line.trim_start();
         let sign = line.chars().next().filter(|sign| matches!(sign, '`' | '~'))?;

@@ -1,4 +1,4 @@
-//! JSON among words: values that have the form of a block log.
+//! JSON in prose: finds and reads values in the form of a block log.
 
 use std::ops::Range;
 
@@ -11,24 +11,25 @@ use crate::intake::stored::StoredLog;
 use crate::intake::tolerant::read_document;
 use crate::intake::{LogLimits, Turns};
 
-/// Bytes that may be read in vain beside so many times the text: brackets that begin no JSON, or JSON that is no log.
+/// Fixed part, in bytes, of the budget for reading brackets that begin no JSON, and JSON that is not a log. The rest of
+/// the budget is the size of the text times `WASTE_TIMES`.
 pub const WASTE_BYTES: usize = 1 << 20;
 const WASTE_TIMES: usize = 16;
 
-/// What was found in a text.
+/// The result of scanning a text for logs.
 #[derive(Debug, Default)]
 pub(super) struct Scanned {
-    /// Where values with the form of a log stand, in order.
+    /// Byte ranges of the values in the form of a log, in order.
     pub logs: Vec<Range<usize>>,
-    /// Objects and lists that are something else.
+    /// Number of non-empty JSON objects that are not logs. Lists do not count.
     pub other_values: usize,
-    /// Where a value begins that the text ends within; the first such place.
+    /// Byte offset of the first value that is cut off by the end of the text.
     pub unfinished: Option<usize>,
-    /// Whether it was not looked at to its end.
+    /// Whether the scan stopped before the end of the text, because its budget was used up.
     pub is_given_up: bool,
 }
 
-/// Looks for logs at every bracket, but not within a log that was found.
+/// Looks for a log at every opening bracket outside the logs already found.
 pub(super) fn logs_in(text: &str) -> Scanned {
     let mut scanned = Scanned::default();
     let mut left = WASTE_BYTES + WASTE_TIMES * text.len();
@@ -43,12 +44,12 @@ pub(super) fn logs_in(text: &str) -> Scanned {
                 continue;
             }
             Some(Ok(value)) => {
-                // Braces of a script, or a list in prose, are not meant as JSON.
+                // Empty braces of a script and lists in prose are not meant as JSON.
                 scanned.other_values += usize::from(value.get().starts_with('{') && value.get().contains('"'));
                 value.get().len()
             }
             Some(Err(error)) => {
-                // A list of one word is no JSON; an object or a list that has begun well is.
+                // A bracketed word in prose is a syntax error; a value cut off by the end of the text is JSON so far.
                 if error.is_eof() && rest.contains('"') {
                     scanned.unfinished.get_or_insert(begin);
                 }
@@ -66,13 +67,13 @@ pub(super) fn logs_in(text: &str) -> Scanned {
     scanned
 }
 
-/// How far a text was read when an error was met.
+/// Returns the byte offset in `text` at which the parser met the error.
 fn offset_of(text: &str, error: &serde_json::Error) -> usize {
     let lines: usize = text.split_inclusive('\n').take(error.line().saturating_sub(1)).map(str::len).sum();
     lines + error.column()
 }
 
-/// What tells the form of a log; all else in the object may be anything.
+/// The members by which the form of a log is recognised. Other members of the object are ignored.
 #[derive(Deserialize)]
 struct Members<'a> {
     #[serde(borrow)]
@@ -97,7 +98,7 @@ impl Members<'_> {
     }
 }
 
-/// What tells an event.
+/// The members by which an event is recognised.
 #[derive(Deserialize)]
 struct EventMembers<'a> {
     #[serde(borrow)]
@@ -106,7 +107,7 @@ struct EventMembers<'a> {
     x: Option<&'a RawValue>,
 }
 
-/// Form of a JSON value, as far as it is one of a log.
+/// The forms of a log in JSON.
 enum Form {
     Turns,
     Stored,
@@ -140,16 +141,16 @@ fn has_form_of_log(json: &str) -> bool {
     form_of(json).is_some()
 }
 
-/// The log that a JSON value is, which has the form of one.
+/// Reads a JSON value in one of the forms of a log.
 ///
 /// # Errors
-/// Its first fault, in words.
+/// Returns a description of the first fault of the value.
 pub(super) fn read(json: &str, limits: LogLimits) -> Result<SentLog, String> {
     let mut faults = Faults::new();
-    let form = form_of(json).ok_or("the JSON is no block log")?;
+    let form = form_of(json).ok_or("the JSON is not a block log")?;
     let turns = match form {
         Form::Stored => {
-            // Whatever else the object says is left aside, as of the other forms.
+            // Other members of the object are ignored, as in the other forms.
             #[derive(Deserialize)]
             struct Stored<'a> {
                 #[serde(borrow)]
@@ -173,7 +174,7 @@ pub(super) fn read(json: &str, limits: LogLimits) -> Result<SentLog, String> {
     whole(read_document(turns.as_bytes(), Turns { faults: &mut faults, limits }), &faults, "turns")
 }
 
-/// A turn without what else its object says.
+/// Returns the JSON of a turn without the members that do not belong to a turn.
 fn turn_of(json: &str) -> Result<String, String> {
     #[derive(Deserialize, serde::Serialize)]
     struct Turn<'a> {

@@ -1,8 +1,8 @@
-//! Finding the answer in what a language model wrote: a block log as JSON or action code, alone, in a code fence or among words.
+//! Finds the answer in a language model's output: a block log as JSON or action code, alone, fenced or in prose.
 //!
-//! The last complete answer outside thinking tags counts, wherever it stands: a fenced one before a bare one only where it comes
-//! later. An answer is JSON that has the form of a log (an object with `turns`, `events`, `rows` or `action_code`, or a list of turns
-//! or of events), or code: a fence of JavaScript, or lines that call `skills`.
+//! The last complete answer outside thinking tags counts; fenced answers have no precedence over bare ones. An answer
+//! is JSON in the form of a log (an object with `turns`, `events`, `rows` or `action_code`, or a list of turns or of
+//! events), or code: a fence of JavaScript, or lines that call `skills`.
 
 mod bare_code;
 pub mod fences;
@@ -19,32 +19,32 @@ use bare_code::{calls_skills, is_script_start, regions};
 use fences::{Fence, fences};
 use thinking::without_thoughts;
 
-/// What an answer is.
+/// The kind of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AnswerKind {
     /// A block log as JSON.
     Log,
-    /// Action code.
+    /// Action code in JavaScript.
     Code,
 }
 
-/// The answer that was found in a text.
+/// An answer found in a text.
 #[derive(Debug, Clone)]
 pub struct FoundAnswer {
-    /// The log, or the code of its one turn.
+    /// The log. An answer in code is a log of one turn with that code.
     pub sent: SentLog,
-    /// What it is.
+    /// Whether the answer is a log or code.
     pub kind: AnswerKind,
-    /// The line where it begins, from 1.
+    /// Line on which the answer begins, from 1.
     pub line: usize,
-    /// Answers before it that do not count.
+    /// Number of earlier answers, which do not count.
     pub passed_over: usize,
 }
 
-/// The last complete answer in `text`.
+/// Finds the last complete answer in `text` and reads it.
 ///
 /// # Errors
-/// Why there is none that can be graded, in words.
+/// Returns a human-readable reason if the text holds no answer that can be graded.
 pub fn read_answer(text: &str, limits: LogLimits) -> Result<FoundAnswer, String> {
     let (shown, ends_in_thought) = without_thoughts(text);
     let fences = fences(&shown);
@@ -53,7 +53,7 @@ pub fn read_answer(text: &str, limits: LogLimits) -> Result<FoundAnswer, String>
         json.logs.iter().map(|range| (AnswerKind::Log, range.clone())).collect();
     candidates.extend(code_fences(&shown, &fences, &json.logs).map(|range| (AnswerKind::Code, range)));
     candidates.extend(regions(&shown, &fences, &json.logs).map(|range| (AnswerKind::Code, range)));
-    // Data within code ends before the code does.
+    // JSON data within code ends before the code, so the code is chosen.
     let Some((kind, range)) = candidates.iter().max_by_key(|(_, range)| (range.end, range.start)).cloned() else {
         return Err(why_none(&shown, &fences, &json, ends_in_thought));
     };
@@ -69,7 +69,7 @@ fn line_of(text: &str, at: usize) -> usize {
     1 + text[..at].matches('\n').count()
 }
 
-/// Fences whose content is action code: those that call `skills`, or else all of JavaScript.
+/// Returns the contents of the fences of action code: those that call `skills` or, if none does, all of JavaScript.
 fn code_fences<'t>(
     text: &'t str,
     fences: &'t [Fence],
@@ -93,16 +93,16 @@ fn code_fences<'t>(
 
 fn why_none(text: &str, fences: &[Fence], json: &json::Scanned, ends_in_thought: bool) -> String {
     if ends_in_thought {
-        return "the answer ends within a thinking tag that is never closed".to_owned();
+        return "the answer ends inside a thinking tag that is never closed".to_owned();
     }
     if let Some(at) = json.unfinished {
-        return format!("the JSON that begins in line {} is never finished", line_of(text, at));
+        return format!("the JSON that begins on line {} is incomplete", line_of(text, at));
     }
     if json.is_given_up {
-        return "too many brackets that are no JSON; put the answer into a code fence".to_owned();
+        return "too many brackets that are not JSON; put the answer into a code fence".to_owned();
     }
     if json.other_values > 0 {
-        return "the JSON in the answer is no block log: expected an object with turns, events, rows or action_code, or a list of events"
+        return "the JSON in the answer is not a block log: expected an object with turns, events, rows or action_code, or a list of events"
             .to_owned();
     }
     match fences.last() {
@@ -119,7 +119,7 @@ mod tests {
 
     const LIMITS: LogLimits = LogLimits { max_turns: 4, max_events: 10, max_materials: 5, max_material_chars: 20 };
 
-    /// Number of events of the log that is found, or the code without the lines before it.
+    /// Returns the number of events of the log that is found, or its code without the surrounding line breaks.
     fn found(text: &str) -> Result<String, String> {
         read_answer(text, LIMITS).map(|found| match found.kind {
             AnswerKind::Log if found.sent.codes.is_empty() => format!("{} events", found.sent.log.event_count()),
@@ -196,11 +196,11 @@ mod tests {
     fn what_is_no_answer_is_told() {
         for (text, why) in [
             ("I cannot do this.", "there is neither a block log as JSON nor action code in the answer"),
-            ("<think>{\"events\": []}", "the answer ends within a thinking tag that is never closed"),
-            ("So:\n{\"events\": [{\"action\":", "the JSON that begins in line 2 is never finished"),
+            ("<think>{\"events\": []}", "the answer ends inside a thinking tag that is never closed"),
+            ("So:\n{\"events\": [{\"action\":", "the JSON that begins on line 2 is incomplete"),
             (
                 "{\"plan\": [1, 2]}",
-                "the JSON in the answer is no block log: expected an object with turns, events, rows or action_code, or a list of events",
+                "the JSON in the answer is not a block log: expected an object with turns, events, rows or action_code, or a list of events",
             ),
             ("```python\nprint(1)\n```", "the last code fence is \"python\", which is neither JSON nor JavaScript"),
             (

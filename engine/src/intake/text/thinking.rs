@@ -1,14 +1,16 @@
-//! What a model thinks aloud is no answer.
+//! Removal of a model's thoughts, which are not part of its answer.
 
-/// Names of the tags around thoughts.
+/// Names of the tags that enclose thoughts.
 const TAGS: [&str; 5] = ["think", "thinking", "thought", "reasoning", "scratchpad"];
 
-/// Bytes of the longest of them.
+/// Length in bytes of the longest tag name.
 const LONGEST: usize = 10;
 
-/// The text with spaces in place of what stands between thinking tags; lines and places stay. A tag that is never closed reaches to
-/// the end; what comes before a closing tag alone is thought too, because some templates put the opening one into the prompt.
-/// Tells as well whether the text ends within a thought.
+/// Replaces thinking tags and the thoughts between them with spaces, which keeps line numbers and byte offsets, and
+/// also returns whether the text ends inside a thought.
+///
+/// An unclosed tag extends to the end of the text. Everything before a closing tag without an opening one is a thought,
+/// because some templates put the opening tag into the prompt.
 #[must_use]
 pub fn without_thoughts(text: &str) -> (String, bool) {
     let mut shown = text.as_bytes().to_vec();
@@ -28,7 +30,7 @@ pub fn without_thoughts(text: &str) -> (String, bool) {
                 opened = None;
             }
             (None, true) => stray = tag.end,
-            // Within a thought.
+            // An opening tag inside a thought has no effect.
             (Some(_), false) => {}
         }
     }
@@ -36,7 +38,7 @@ pub fn without_thoughts(text: &str) -> (String, bool) {
     if let Some(begin) = opened {
         blank(begin, text.len());
     }
-    // Whole characters became spaces, one a byte: it is text still.
+    // Each byte of a blanked character became a space, so the text is still valid UTF-8.
     (String::from_utf8_lossy(&shown).into_owned(), opened.is_some())
 }
 
