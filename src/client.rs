@@ -1,4 +1,4 @@
-//! A client of the service, over HTTP like everybody else's: for `submit` and for the demo agents.
+//! HTTP client of the service, which `submit` and the demo agents use.
 
 use std::collections::HashSet;
 use std::time::Duration;
@@ -9,14 +9,14 @@ use serde_json::{Value, json};
 
 use plumbline_engine::voxel::BlockLog;
 
-/// Submissions posted in one body, at most.
+/// Maximum number of submissions in one body.
 const BATCH_LINES: usize = 100;
-/// A body is sent when it has grown to this.
+/// Size in bytes at which a body is sent.
 const BATCH_BYTES: usize = 8 << 20;
-/// Pause between two looks at a run.
+/// Interval between two requests for the state of a run.
 const LOOK: Duration = Duration::from_millis(200);
 
-/// A service to post to.
+/// Client of one service.
 #[derive(Debug, Clone)]
 pub struct Service {
     http: Client,
@@ -24,24 +24,25 @@ pub struct Service {
     key: Option<String>,
 }
 
-/// The answer to one task.
+/// Answer to one task.
 #[derive(Debug, Clone)]
 pub struct Answer {
     /// Number of the task in its suite.
     pub number: u32,
-    /// What was done.
+    /// Log of the build.
     pub log: BlockLog,
 }
 
 impl Service {
-    /// The service at this address, such as `http://localhost:7586`, with the key that writing needs there.
+    /// Creates a client of the service at this address, such as `http://localhost:7586`, with the key for writing, if
+    /// any.
     ///
     /// # Errors
-    /// Where no client can be made.
+    /// Returns an error if the HTTP client cannot be created.
     pub fn at(base: &str, key: Option<&str>) -> anyhow::Result<Self> {
         let base = if base.contains("://") { base.to_owned() } else { format!("http://{base}") };
         let builder = Client::builder().timeout(Duration::from_mins(2));
-        // A proxy of the environment cannot reach this very machine.
+        // A proxy from the environment cannot reach this machine.
         let is_local = ["//localhost", "//127.", "//[::1]"].iter().any(|host| base.contains(host));
         let http = if is_local { builder.no_proxy() } else { builder }.build()?;
         Ok(Self { http, base: base.trim_end_matches('/').to_owned(), key: key.map(str::to_owned) })
@@ -65,18 +66,18 @@ impl Service {
         self.send(request.header("content-type", kind).body(body)).await
     }
 
-    /// A document of the service.
+    /// Gets a JSON document from the service.
     ///
     /// # Errors
-    /// Where the service cannot be reached or refuses.
+    /// Returns an error if the service cannot be reached or rejects a request.
     pub async fn get(&self, path: &str) -> anyhow::Result<Value> {
         self.send(self.http.get(format!("{}{path}", self.base))).await
     }
 
-    /// Numbers of the tasks of a suite.
+    /// Gets the numbers of the tasks in a suite.
     ///
     /// # Errors
-    /// Where the service cannot be reached or refuses.
+    /// Returns an error if the service cannot be reached or rejects a request.
     pub async fn task_numbers(&self, suite: &str) -> anyhow::Result<HashSet<u32>> {
         let mut numbers = HashSet::new();
         let mut after = Value::from(0);
@@ -89,20 +90,20 @@ impl Service {
         Ok(numbers)
     }
 
-    /// Begins a run and gives its id.
+    /// Creates a run and returns its id.
     ///
     /// # Errors
-    /// Where the service cannot be reached or refuses.
+    /// Returns an error if the service cannot be reached or rejects a request.
     pub async fn create_run(&self, agent: &str, suite: &str, metadata: Value) -> anyhow::Result<String> {
         let body = json!({ "agent": agent, "suite": suite, "metadata": metadata });
         let run = self.post("/v1/runs", "application/json", body.to_string()).await?;
         Ok(run["id"].as_str().context("the run has no id")?.to_owned())
     }
 
-    /// Posts answers to a run, in bodies of several lines; `posted` is told how many went out each time.
+    /// Posts answers to a run in bodies of several lines, and calls `posted` with the number of answers in each.
     ///
     /// # Errors
-    /// Where the service cannot be reached or refuses.
+    /// Returns an error if the service cannot be reached or rejects a request.
     pub async fn post_answers(
         &self,
         run: &str,
@@ -123,10 +124,11 @@ impl Service {
         Ok(())
     }
 
-    /// Says that no more will come, and whether the rest is left out on purpose; waits until the run has finished, and gives it.
+    /// Finishes a run, stating whether unanswered tasks are skipped on purpose; waits until it has finished and returns
+    /// it. Meanwhile it calls `graded` with the number of graded submissions.
     ///
     /// # Errors
-    /// Where the service cannot be reached, refuses, or failed on a submission.
+    /// Returns an error if the service cannot be reached, rejects a request, or failed to grade a submission.
     pub async fn finish_run(&self, run: &str, skips_rest: bool, mut graded: impl FnMut(u64)) -> anyhow::Result<Value> {
         let body = if skips_rest { json!({ "skip": "unanswered" }) } else { json!({}) };
         self.post(&format!("/v1/runs/{run}/finish"), "application/json", body.to_string()).await?;
@@ -137,14 +139,14 @@ impl Service {
                 return Ok(state);
             }
             if state["pending"] == 0 && state["grader_errors"] != 0 {
-                bail!("the service failed on {} submissions of run {run}", state["grader_errors"]);
+                bail!("the service failed to grade {} submissions of run {run}", state["grader_errors"]);
             }
             tokio::time::sleep(LOOK).await;
         }
     }
 }
 
-/// An NDJSON line: the compact form, with the log's palette in each turn.
+/// Returns an NDJSON line in the compact form, with the log's palette in each turn.
 fn line(run: &str, answer: &Answer) -> String {
     json!({ "run": run, "task": answer.number, "turns": answer.log.compact_turns() }).to_string()
 }

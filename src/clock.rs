@@ -2,13 +2,14 @@
 
 use jiff::Timestamp;
 
-/// Milliseconds since 1970 (UTC).
+/// Returns the current time in milliseconds since 1970 (UTC).
 #[must_use]
 pub fn now_ms() -> i64 {
     Timestamp::now().as_millisecond() + set_off_ms()
 }
 
-/// How far a test has set the clock off: the milliseconds in the file that `PLUMBLINE_TEST_CLOCK` names. Only in debug builds.
+/// Returns the offset that a test has given the clock, in milliseconds, from the file that `PLUMBLINE_TEST_CLOCK`
+/// names. Only in debug builds.
 #[cfg(debug_assertions)]
 fn set_off_ms() -> i64 {
     static FILE: std::sync::LazyLock<Option<String>> =
@@ -22,13 +23,13 @@ const fn set_off_ms() -> i64 {
     0
 }
 
-/// The milliseconds of a time in RFC 3339; none where it is not one.
+/// Parses an RFC 3339 time into milliseconds since 1970; returns `None` if it is not one.
 #[must_use]
 pub fn milliseconds(text: &str) -> Option<i64> {
     text.parse::<Timestamp>().ok().map(Timestamp::as_millisecond)
 }
 
-/// A stored time as RFC 3339 in UTC with milliseconds, such as `2026-11-21T07:00:00.000Z`.
+/// Formats a stored time as RFC 3339 in UTC with milliseconds, such as `2026-11-21T07:00:00.000Z`.
 #[must_use]
 pub fn rfc3339(ms: i64) -> String {
     Timestamp::from_millisecond(ms).map_or_else(|_| ms.to_string(), |time| format!("{time:.3}"))

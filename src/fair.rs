@@ -1,22 +1,23 @@
-//! Fair shares: slots for which those who wait take turns by who they are, and places of which each may hold so many.
+//! Fair sharing: slots that waiting senders get in rotation, and permits that are limited in total and per sender.
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tokio::sync::oneshot;
 
-/// Slots for work, a few at once. Senders who wait for one take turns, so that one who asks often does not delay one who asks seldom.
+/// Slots for concurrent work. Waiting senders are served in rotation, so that a sender with many requests does not
+/// delay one with few.
 #[derive(Debug)]
 pub struct FairSlots {
     queue: Mutex<Queue>,
-    /// Slots that one sender may have at once.
+    /// Maximum number of slots that one sender may hold.
     each: usize,
 }
 
 #[derive(Debug)]
 struct Queue {
     free: usize,
-    /// Senders who wait, in the order of their turns.
+    /// Waiting senders, in the order in which they are served.
     order: VecDeque<Arc<str>>,
     senders: HashMap<Arc<str>, SenderState>,
 }
@@ -27,7 +28,7 @@ struct SenderState {
     waiting: VecDeque<oneshot::Sender<Slot>>,
 }
 
-/// A slot, until it is dropped.
+/// Slot, held until it is dropped.
 #[derive(Debug)]
 pub struct Slot {
     slots: Arc<FairSlots>,
@@ -50,7 +51,7 @@ impl Drop for Slot {
 }
 
 impl FairSlots {
-    /// So many slots, of which one sender may have `each` at once.
+    /// Creates `slots` slots, of which one sender may hold `each` at once.
     #[must_use]
     pub fn new(slots: usize, each: usize) -> Arc<Self> {
         let queue = Queue { free: slots.max(1), order: VecDeque::new(), senders: HashMap::new() };
@@ -61,20 +62,20 @@ impl FairSlots {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits for a slot. Whoever stops waiting loses the turn.
+    /// Waits for a slot. A caller that stops waiting loses its position in the queue.
     pub async fn take(self: &Arc<Self>, who: &Arc<str>) -> Slot {
         loop {
             let (give, given) = oneshot::channel();
             self.enter(who, give);
             self.hand_out();
-            // The other end is dropped only together with the slots.
+            // The sending end is only dropped together with the slots.
             if let Ok(slot) = given.await {
                 return slot;
             }
         }
     }
 
-    /// Enters one who waits.
+    /// Adds a waiting caller to the queue of its sender.
     fn enter(&self, who: &Arc<str>, give: oneshot::Sender<Slot>) {
         let mut queue = self.queue();
         let sender = queue.senders.entry(Arc::clone(who)).or_default();
@@ -84,15 +85,15 @@ impl FairSlots {
         }
     }
 
-    /// Gives free slots to those whose turn it is.
+    /// Hands free slots to the callers that are next.
     fn hand_out(self: &Arc<Self>) {
         while let Some((waiter, slot)) = self.next() {
-            // Where nobody waits any more the slot comes back at once, by being dropped.
+            // If the caller no longer waits, the slot is dropped, which frees it at once.
             let _ = waiter.send(slot);
         }
     }
 
-    /// The next who waits, with a slot of theirs.
+    /// Takes the next waiting caller from the queue, with a slot for it.
     fn next(self: &Arc<Self>) -> Option<(oneshot::Sender<Slot>, Slot)> {
         let mut queue = self.queue();
         let queue = &mut *queue;
@@ -126,7 +127,7 @@ impl FairSlots {
     }
 }
 
-/// Places, so many in all and so many for each sender.
+/// Permits, limited in total and per sender.
 #[derive(Debug)]
 pub struct Places {
     held: Mutex<(usize, HashMap<Arc<str>, usize>)>,
@@ -134,7 +135,7 @@ pub struct Places {
     each: usize,
 }
 
-/// A place, until it is dropped.
+/// Permit, held until it is dropped.
 #[derive(Debug)]
 pub struct Place {
     places: Arc<Places>,
@@ -154,26 +155,26 @@ impl Drop for Place {
     }
 }
 
-/// Why there is no place.
+/// Reason why there is no permit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NoPlace {
-    /// All are taken.
+    /// All permits are held.
     All,
-    /// The sender has as many as one may have.
+    /// The sender holds as many permits as one sender may.
     Own,
 }
 
 impl Places {
-    /// So many in all, of which each sender may hold `each`.
+    /// Creates `all` permits, of which one sender may hold `each`.
     #[must_use]
     pub fn new(all: usize, each: usize) -> Arc<Self> {
         Arc::new(Self { held: Mutex::default(), all, each })
     }
 
-    /// A place.
+    /// Takes a permit.
     ///
     /// # Errors
-    /// Where there is none.
+    /// Returns an error if there is none.
     pub fn take(self: &Arc<Self>, who: &Arc<str>) -> Result<Place, NoPlace> {
         let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
         if held.0 >= self.all {
@@ -217,7 +218,7 @@ mod tests {
             one.await.unwrap();
         }
         assert_eq!(*order.lock().unwrap(), ["a1", "b1", "a2", "a3"]);
-        assert!(slots.queue().senders.is_empty(), "who has gone is forgotten");
+        assert!(slots.queue().senders.is_empty(), "a sender that is gone is forgotten");
     }
 
     #[tokio::test]

@@ -5,16 +5,16 @@ use std::process::ExitCode;
 use clap::Parser as _;
 use plumbline::cli::{Cli, run};
 
-/// Requests are taken up on one thread and dropped on another; glibc's allocator makes them wait for each other.
+/// Requests are allocated on one thread and freed on another, which makes threads contend in glibc's allocator.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    // What it writes may hold grades that are not told yet, owners and keys: for its own user alone.
+    // Files may hold unreleased grades, owners and keys: only the user who runs the program may read them.
     rustix::process::umask(rustix::fs::Mode::from_raw_mode(0o077));
-    // Where whoever reads has seen enough (`plumbline openapi | head`), the command ends quietly, as others do. A service goes on
-    // without its log, and a process that feeds others sees for itself that one of them is gone.
+    // When its reader closes the pipe (`plumbline openapi | head`), a command ends quietly, like other tools. A service
+    // goes on without its log, and a process that feeds others detects closed pipes itself.
     if !cli.command.outlives_its_readers() {
         sigpipe::reset();
     }
@@ -30,7 +30,7 @@ fn main() -> ExitCode {
     })
 }
 
-/// An error with its causes, each once: many a library tells those of its own as well.
+/// Joins an error and its causes, each once: many libraries repeat the cause in their own message.
 fn told(error: &anyhow::Error) -> String {
     let mut told = String::new();
     for cause in error.chain().map(ToString::to_string) {

@@ -1,12 +1,12 @@
-//! Words for people: what a misspelt name was probably meant to be, and numbers of things.
+//! Texts for people: suggestions for misspelt names, and counts with their nouns.
 
-/// The name that is nearest to `given` (Damerau-Levenshtein), if it is near enough to have been meant: a third of its letters may
-/// be wrong. A name that begins with what was given is near too.
+/// Returns the name nearest to `given` (Damerau-Levenshtein), if it is near enough to have been meant: one letter and a
+/// third of the letters of `given` may be wrong. A name that begins with at least three given letters is near as well.
 pub fn nearest<'n>(given: &str, names: impl IntoIterator<Item = &'n str>) -> Option<&'n str> {
     near(given, names, 1).into_iter().next()
 }
 
-/// The names nearest to `given`, at most `most`, the nearest first.
+/// Returns at most `most` names that are near to `given`, the nearest first.
 pub fn near<'n>(given: &str, names: impl IntoIterator<Item = &'n str>, most: usize) -> Vec<&'n str> {
     let given: String = given.to_lowercase().chars().take(100).collect();
     let allowed = 1 + given.chars().count() / 3;
@@ -24,13 +24,13 @@ pub fn near<'n>(given: &str, names: impl IntoIterator<Item = &'n str>, most: usi
     found.into_iter().map(|(_, name)| name).collect()
 }
 
-/// So many of a thing, in words: `1 fault`, `2 faults`.
+/// Returns a count with its noun: `1 fault`, `2 faults`.
 #[must_use]
 pub fn counted(count: usize, thing: &str) -> String {
     format!("{count} {thing}{}", if count == 1 { "" } else { "s" })
 }
 
-/// The same as words to append to a fault: `; did you mean a, b?`, or nothing.
+/// Returns near names as a suggestion to append to a fault, `; did you mean a, b?`, or an empty string.
 pub fn did_you_mean<'n>(given: &str, names: impl IntoIterator<Item = &'n str>) -> String {
     match near(given, names, 3).as_slice() {
         [] => String::new(),

@@ -1,4 +1,4 @@
-//! The process that runs one script: it confines itself, reads the script, runs it, answers, and ends.
+//! The process that runs one script: it confines itself, reads the script, runs it, writes the answer, and exits.
 
 use std::io::{Read as _, Write as _};
 use std::process::ExitCode;
@@ -9,31 +9,32 @@ use super::confine::confine;
 use super::memory::PeakMemory;
 use super::{ActionLimits, Replayed, engine};
 
-/// Name of the command that is this process.
+/// Name of the command that runs as this process.
 pub const COMMAND: &str = "run-action-code";
 
-/// What the process is sent: the length in four bytes, the smaller first, and this as JSON.
+/// Job sent to the process: its length in bytes as a little-endian `u32`, then this struct as JSON.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Job {
-    /// The code.
+    /// Action code to run.
     pub code: String,
-    /// What it may use.
+    /// Limits on the code.
     pub limits: ActionLimits,
 }
 
-/// Runs the one script that standard input brings.
+/// Runs one script, read from standard input.
 ///
 /// # Errors
-/// Where the process cannot be confined, or is sent something else.
+/// Returns an error if the process cannot be confined, or its input is not a job.
 pub fn run(limits: &ActionLimits) -> anyhow::Result<ExitCode> {
-    // What libraries set up at their first use they set up before that needs system calls that are no longer there.
+    // Runs a script before confinement: libraries set themselves up at first use, with system calls that are then
+    // forbidden.
     engine::run("skills.wait(bot, 1); new Date(0).getHours()", limits, &PeakMemory::unknown());
     let peak = PeakMemory::of_this_process();
     confine(limits)?;
     let mut length = [0; 4];
     let mut input = std::io::stdin().lock();
     if input.read_exact(&mut length).is_err() {
-        // It was not needed.
+        // The pool no longer needs this process.
         return Ok(ExitCode::SUCCESS);
     }
     let mut job = vec![0; u32::from_le_bytes(length) as usize];

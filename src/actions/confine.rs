@@ -1,22 +1,24 @@
-//! What the operating system keeps a child from, whatever its code does: memory, processor time, files, sockets, processes.
+//! Confinement of a child by the operating system: limits on memory and processor time; no files, sockets or processes.
 
 use rustix::process::{Resource, Rlimit, setrlimit};
 
 use super::ActionLimits;
 
-/// Address space beyond what scripts may use: the program itself, the engine, stacks.
+/// Bytes of address space for the program itself, the engine and stacks, beyond what scripts may use.
 const OWN_BYTES: u64 = 512 << 20;
 
-/// Confines this process for good. What is open stays open: standard input and output, and the file that tells its memory.
+/// Confines this process permanently. Open files stay open: standard input and output, and the file that reports
+/// memory.
 ///
 /// # Errors
-/// Where the system refuses; then no code may be run.
+/// Returns an error if the system refuses; no code may be run then.
 pub fn confine(limits: &ActionLimits) -> anyhow::Result<()> {
     let seconds = limits.cpu_ms.div_ceil(1_000) + 1;
     let memory = OWN_BYTES + limits.memory_bytes as u64;
     let bounds = [
         (Resource::As, memory, memory),
-        // Should the engine not come back from a built-in, the system ends it: with SIGXCPU at the first bound, which tells why.
+        // If the engine does not return from a built-in, the system sends SIGXCPU at the first bound, which shows the
+        // reason.
         (Resource::Cpu, seconds, seconds + 1),
         (Resource::Fsize, 0, 0),
         (Resource::Core, 0, 0),
@@ -28,7 +30,7 @@ pub fn confine(limits: &ActionLimits) -> anyhow::Result<()> {
     system_calls()
 }
 
-/// Leaves the system calls that computing, reading what is sent and answering need; any other ends the process.
+/// Allows only the system calls needed to read the job, compute and answer; any other kills the process.
 #[cfg(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64")))]
 fn system_calls() -> anyhow::Result<()> {
     use seccompiler::{BpfProgram, SeccompAction, SeccompFilter, TargetArch};
@@ -66,7 +68,7 @@ fn system_calls() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Elsewhere the bounds above are what there is.
+/// Does nothing: on other platforms only the resource limits apply.
 #[cfg(not(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64"))))]
 fn system_calls() -> anyhow::Result<()> {
     Ok(())

@@ -1,4 +1,4 @@
-//! Runs action code in QuickJS, with limits that the engine can keep; those that it cannot are the operating system's.
+//! Runs action code in QuickJS under the limits that the engine can enforce; the operating system enforces the others.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -14,9 +14,9 @@ use super::{ActionLimits, CodeError, Dropped, LimitReached, RecordedEvent, Repla
 use plumbline_engine::voxel::cell;
 
 const PRELUDE: &str = include_str!("prelude.js");
-/// What the code is called in stacks of errors.
+/// File name of the code in stack traces.
 const FILE: &str = "action.js";
-/// Bytes of the engine's stack.
+/// Stack size of the engine, in bytes.
 const STACK_BYTES: usize = 512 << 10;
 
 type Intrinsics = (
@@ -31,12 +31,12 @@ type Intrinsics = (
     intrinsic::Promise,
 );
 
-/// What was recorded, and why it ended.
+/// Record of a script so far, and why it was stopped.
 #[derive(Default)]
 struct Recorder {
-    /// Whether the script's value was a function, and so was called.
+    /// Whether the script provided a main function, which was then called.
     has_main: bool,
-    /// Functions that a script without such a value defines.
+    /// Names of functions that a script without a main function defines.
     functions: Vec<String>,
     /// Whether the script could not be parsed.
     unreadable: bool,
@@ -44,7 +44,7 @@ struct Recorder {
     index: BTreeMap<String, u32>,
     events: Vec<RecordedEvent>,
     dropped: BTreeMap<&'static str, u64>,
-    /// Promises that were rejected and that nobody waits for, so far.
+    /// Errors of rejected promises that have no handler so far.
     unheard: Vec<CodeError>,
     stopped: Option<&'static str>,
 }
@@ -92,13 +92,13 @@ impl Recorder {
     }
 }
 
-/// The processor time that this process has used, in milliseconds.
+/// Returns the processor time that this process has used, in milliseconds.
 fn cpu_ms() -> u64 {
     let time = clock_gettime(ClockId::ProcessCPUTime);
     time.tv_sec as u64 * 1_000 + time.tv_nsec as u64 / 1_000_000
 }
 
-/// Runs a script to its end: its main function, then promises and timers until none is left.
+/// Runs a script to completion: its main function, then promises and timers until none is left.
 pub fn run(code: &str, limits: &ActionLimits, peak: &PeakMemory) -> Replayed {
     let recorder = Rc::new(RefCell::new(Recorder::default()));
     let error = run_with(code, limits, &recorder);
@@ -113,7 +113,7 @@ pub fn run(code: &str, limits: &ActionLimits, peak: &PeakMemory) -> Replayed {
         detail: detail(match limit {
             "events" => format!("more than {} events", limits.events),
             "memory" => format!("more than {} bytes of memory", limits.memory_bytes),
-            _ => format!("more than {} ms on the processor", limits.cpu_ms),
+            _ => format!("more than {} ms of processor time", limits.cpu_ms),
         }),
     });
     let dropped =
@@ -126,14 +126,14 @@ pub fn run(code: &str, limits: &ActionLimits, peak: &PeakMemory) -> Replayed {
     };
     let mut notes = notes;
     if recorder.unreadable && code.contains("await") && !code.contains("async") {
-        notes.push("await is for async functions only: put the code into (async (bot) => { … })".to_owned());
+        notes.push("await is only valid in async functions: wrap the code in (async (bot) => { … })".to_owned());
     }
     let unheard = (!recorder.unheard.is_empty()).then(|| recorder.unheard.swap_remove(0));
     Replayed {
         palette: recorder.palette,
         events: recorder.events,
         dropped,
-        // What ends because of a limit is not an error of the script.
+        // Stopping at a limit is not an error of the script.
         error: if stopped.is_some() { None } else { error.or(unheard) },
         stopped,
         notes,
@@ -142,16 +142,17 @@ pub fn run(code: &str, limits: &ActionLimits, peak: &PeakMemory) -> Replayed {
 }
 
 impl Recorder {
-    /// Whether memory ran out, also where the script caught the error and went on: what it did then depends on how much there was.
+    /// Returns whether memory ran out, even if the script caught the error and went on: what it did next depends on how
+    /// much memory there was.
     fn ran_out(&self, limits: &ActionLimits, peak: &PeakMemory, error: Option<&CodeError>) -> bool {
-        // Events and names are kept outside of the engine.
+        // Events and names are stored outside the engine.
         let own =
             self.events.capacity() * size_of::<RecordedEvent>() + self.palette.iter().map(String::len).sum::<usize>();
         let grown = (peak.grown_by() as usize).saturating_sub(own);
         let most = limits.memory_bytes;
         let is_so = |error: &CodeError| match error.message.as_str() {
             "InternalError: out of memory" => true,
-            // Where there is no memory for the error, the engine throws null.
+            // The engine throws null if there is no memory left for the error.
             "thrown: null" => grown >= most / 4,
             _ => false,
         };
@@ -159,13 +160,14 @@ impl Recorder {
     }
 }
 
-/// Why a script that ended well recorded nothing, as far as that can be told.
+/// Returns the likely reason why a script that ended without an error recorded nothing.
 fn nothing_recorded(has_main: bool, functions: &[String]) -> String {
     match functions {
         _ if has_main => "the script ended without placing or removing a block".to_owned(),
         [] => "the script recorded nothing, and neither its value nor module.exports is a function to call".to_owned(),
         [first, ..] => format!(
-            "the script defines {} and recorded nothing: nobody called it. End the script with (async (bot) => {{ await {first}(bot); }})",
+            "the script defines {} and recorded nothing: it was never called. End the script with \
+             (async (bot) => {{ await {first}(bot); }})",
             functions.join(", ")
         ),
     }
@@ -177,7 +179,7 @@ fn run_with(code: &str, limits: &ActionLimits, recorder: &Rc<RefCell<Recorder>>)
     runtime.set_memory_limit(limits.memory_bytes);
     runtime.set_max_stack_size(STACK_BYTES);
     let (watched, end) = (Rc::clone(recorder), cpu_ms() + limits.cpu_ms);
-    // Once it says stop it goes on saying so: an interrupt inside a promise is a rejection like another.
+    // Once stopped, the handler keeps interrupting: an interrupt inside a promise is just another rejection.
     runtime.set_interrupt_handler(Some(Box::new(move || {
         let Ok(mut recorder) = watched.try_borrow_mut() else { return false };
         if recorder.stopped.is_none() && cpu_ms() >= end {
@@ -225,7 +227,7 @@ fn run_with(code: &str, limits: &ActionLimits, recorder: &Rc<RefCell<Recorder>>)
     error
 }
 
-/// The function that fires timers; where the script has failed at once, with its error.
+/// Function that fires timers; if the script failed at once, the error, with that function if there is one.
 type Begun<'js> = Result<Function<'js>, (Option<rquickjs::Persistent<Function<'static>>>, CodeError)>;
 
 fn begin<'js>(ctx: &Ctx<'js>, code: &str, limits: &ActionLimits, recorder: &Rc<RefCell<Recorder>>) -> Begun<'js> {
@@ -245,8 +247,8 @@ fn begin<'js>(ctx: &Ctx<'js>, code: &str, limits: &ActionLimits, recorder: &Rc<R
     let given: Object<'js> = prelude.call((record,)).map_err(fail)?;
     let fire: Function<'js> = given.get("fire").map_err(fail)?;
     let run = || -> rquickjs::Result<()> {
-        // As the published pipeline does: the words are taken out, and what is left is a script whose value is a function. As
-        // many spaces stand in for them, so that columns stay true.
+        // As in the published pipeline, `export default` is removed, which leaves a script whose value is a function.
+        // Spaces replace the words, so that column numbers stay correct.
         let script = code.replacen("export default", &" ".repeat("export default".len()), 1);
         let mut options = EvalOptions::default();
         options.strict = false;
@@ -255,7 +257,7 @@ fn begin<'js>(ctx: &Ctx<'js>, code: &str, limits: &ActionLimits, recorder: &Rc<R
         let module: Object<'js> = given.get("module")?;
         let bot: Value<'js> = given.get("bot")?;
         for candidate in [value, module.get("exports")?] {
-            // A promise that it gives, where nobody waits for it, is reported as any other.
+            // If it returns a promise that is rejected and not handled, that is reported like any other.
             if let Some(main) = candidate.as_function() {
                 recorder.borrow_mut().has_main = true;
                 main.call::<_, Value<'js>>((bot,))?;
@@ -286,7 +288,7 @@ fn begin<'js>(ctx: &Ctx<'js>, code: &str, limits: &ActionLimits, recorder: &Rc<R
     }
 }
 
-/// Names of the functions that the code defines at its top level, the first few.
+/// Returns the names of the first few functions that the code defines at its top level.
 fn functions_of(ctx: &Ctx<'_>, code: &str) -> Vec<String> {
     const MOST: usize = 3;
     let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '$';
@@ -297,12 +299,12 @@ fn functions_of(ctx: &Ctx<'_>, code: &str) -> Vec<String> {
             continue;
         }
         let Some(name) = words.next().filter(|name| !name.starts_with(|c: char| c.is_ascii_digit())) else { continue };
-        // A name that is a function's own, not a global one, has no type here.
+        // A name that is local to a function is undefined here.
         let kind = ctx.eval::<String, _>(format!("typeof {name}"));
         match kind {
             Ok(kind) if kind == "function" && !found.iter().any(|known| known == name) => found.push(name.to_owned()),
             Ok(_) => {}
-            // A reserved word; the exception must not stay with the engine.
+            // The name is a reserved word; the exception must be cleared from the engine.
             Err(_) => drop(ctx.catch()),
         }
         if found.len() == MOST {
@@ -312,7 +314,7 @@ fn functions_of(ctx: &Ctx<'_>, code: &str) -> Vec<String> {
     found
 }
 
-/// A coordinate: a number, or a text of one; nothing is asked of the script's own objects.
+/// Reads a coordinate from a number or its text, without calling into the script's own objects.
 fn coordinate(value: &Opt<Value<'_>>) -> Option<i64> {
     let value = value.0.as_ref()?;
     if let Some(number) = value.as_number() {
@@ -321,7 +323,7 @@ fn coordinate(value: &Opt<Value<'_>>) -> Option<i64> {
     integers::of_text(&value.as_string()?.to_string().ok()?)
 }
 
-/// A material's name; one that is missing has the name that the published pipeline gives it.
+/// Reads a material's name; a missing one gets the name that the published pipeline gives it.
 fn material(value: &Value<'_>) -> Option<String> {
     if value.is_undefined() {
         return Some("unknown".to_owned());
@@ -335,14 +337,15 @@ fn material(value: &Value<'_>) -> Option<String> {
     value.as_string()?.to_string().ok()
 }
 
-/// Whether an error is that the code is no JavaScript: no function had been entered yet, not even the script itself.
+/// Returns whether an error means that the code is not JavaScript: nothing had been entered yet, not even the script
+/// itself.
 fn is_parse_error(error: &CaughtError<'_>) -> bool {
     let CaughtError::Exception(exception) = error else { return false };
     let text = |name: &str| exception.get::<_, String>(name).unwrap_or_default();
     text("name") == "SyntaxError" && !text("stack").contains('(')
 }
 
-/// What an error says, and where in the code it came from.
+/// Converts an error into its message and its location in the code.
 fn told(error: CaughtError<'_>) -> CodeError {
     const MOST: usize = 1_000;
     let (message, stack) = match error {
@@ -360,7 +363,7 @@ fn told(error: CaughtError<'_>) -> CodeError {
         },
         CaughtError::Error(error) => (error.to_string(), String::new()),
     };
-    // The first place in the code itself: `… (action.js:12:34)`.
+    // The first location in the code itself: `… (action.js:12:34)`.
     let place = stack.split(&format!("{FILE}:")).nth(1).unwrap_or_default();
     let mut numbers = place.split(|c: char| !c.is_ascii_digit()).map(|digits| digits.parse::<u32>().ok());
     let (line, column) = (numbers.next().flatten(), numbers.next().flatten());

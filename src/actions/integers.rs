@@ -1,6 +1,6 @@
-//! Coordinates as the published pipeline reads them: `int(str(value).strip())` of Python.
+//! Coordinates as the published pipeline reads them: `int(str(value).strip())` in Python.
 
-/// The integer that a text is; none where Python's `int` would refuse it.
+/// Parses text as an integer; returns `None` if Python's `int` would reject it.
 pub fn of_text(text: &str) -> Option<i64> {
     let text = text.trim();
     let (sign, digits) = match text.strip_prefix(['+', '-']) {
@@ -12,7 +12,7 @@ pub fn of_text(text: &str) -> Option<i64> {
     for character in digits.chars() {
         match character.to_digit(10) {
             Some(digit) => {
-                // What is far out of the world stays so.
+                // Saturates: a value far out of range stays out of range.
                 value = value.saturating_mul(10).saturating_add(i64::from(digit));
                 after_digit = true;
             }
@@ -24,7 +24,8 @@ pub fn of_text(text: &str) -> Option<i64> {
     after_digit.then_some(sign * value)
 }
 
-/// The integer that a number is; none for fractions and what is not finite, and beyond 1e21, where its text has an exponent.
+/// Converts a number to an integer; returns `None` for fractions, for values that are not finite, and from 1e21 on,
+/// where the number's text has an exponent.
 pub fn of_number(value: f64) -> Option<i64> {
     (value.is_finite() && value.fract() == 0.0 && value.abs() < 1e21).then_some(value as i64)
 }

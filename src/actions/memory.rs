@@ -1,25 +1,25 @@
-//! How much memory a script took at most: the engine does not say where a script catches that memory ran out, or where there was too
-//! little left to say so.
+//! Peak memory of a script. The engine does not report that memory ran out if the script catches the error, or if too
+//! little memory was left to report it.
 
 use std::fs::File;
 use std::os::unix::fs::FileExt as _;
 
-/// The greatest size of this process in memory, beyond what it was in the beginning.
+/// Growth of this process's peak memory since the start of the measurement.
 #[derive(Debug)]
 pub struct PeakMemory {
-    /// Opened before files can no longer be opened, and never closed: a confined process may not do that either.
+    /// Opened before confinement and never closed, since a confined process may neither open nor close files.
     status: Option<&'static File>,
     before: u64,
 }
 
 impl PeakMemory {
-    /// Where nobody asks.
+    /// Creates a measurement that always reports 0.
     #[must_use]
     pub const fn unknown() -> Self {
         Self { status: None, before: 0 }
     }
 
-    /// From now on.
+    /// Starts measuring this process.
     #[must_use]
     pub fn of_this_process() -> Self {
         let status = File::open("/proc/self/status").ok().map(|file| &*Box::leak(Box::new(file)));
@@ -28,7 +28,7 @@ impl PeakMemory {
         own
     }
 
-    /// Bytes by which it has grown; 0 where the system does not tell.
+    /// Returns the growth in bytes, or 0 if the system does not report it.
     #[must_use]
     pub fn grown_by(&self) -> u64 {
         self.read().map_or(0, |now| now.saturating_sub(self.before))

@@ -1,8 +1,9 @@
-//! Action code: what agents write for the mindcraft framework, run against stand-ins that record what it places and removes
-//! (SPEC 8).
+//! Action code, which agents write for the mindcraft framework, run against stand-ins that record what it places and
+//! removes (SPEC 8).
 //!
-//! The code is not trusted. It runs in a process of its own (`child`) that the operating system confines (`confine`), one
-//! process a script, taken from a few that wait (`pool`). `engine` runs it there; `prelude.js` holds the stand-ins.
+//! The code is not trusted. Each script runs in its own process (`child`), which the operating system confines
+//! (`confine`) and which is taken from a few ready ones (`pool`). `engine` runs the script there; `prelude.js` holds
+//! the stand-ins.
 
 pub mod child;
 mod confine;
@@ -15,27 +16,27 @@ use serde::{Deserialize, Serialize};
 
 use plumbline_engine::voxel::cell;
 
-/// What action code may use.
+/// Limits on action code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ActionLimits {
-    /// Bytes of the code.
+    /// Maximum size of the code, in bytes.
     pub code_bytes: usize,
-    /// Events that it may record.
+    /// Maximum number of events that it may record.
     pub events: usize,
-    /// Milliseconds that it may take on the processor.
+    /// Processor time that it may use, in milliseconds.
     pub cpu_ms: u64,
-    /// Milliseconds after which its process is ended, whatever it does: much more than it may take on the processor, so that it
-    /// only happens where the machine has no time for it.
+    /// Wall-clock time in milliseconds after which its process is killed: much longer than `cpu_ms`, so that it only
+    /// runs out if the machine is overloaded.
     pub wall_ms: u64,
-    /// Bytes of memory for its objects.
+    /// Memory for its objects, in bytes.
     pub memory_bytes: usize,
-    /// Distinct materials.
+    /// Maximum number of distinct materials.
     pub materials: usize,
-    /// Characters of a material's name.
+    /// Maximum length of a material's name, in characters.
     pub material_chars: usize,
 }
 
-/// The limits in force, but for those that a log has too.
+/// Limits in force. Those on events and materials are also the limits of a log.
 pub const ACTION_LIMITS: ActionLimits = ActionLimits {
     code_bytes: 512 << 10,
     events: 400_000,
@@ -46,29 +47,29 @@ pub const ACTION_LIMITS: ActionLimits = ActionLimits {
     material_chars: 128,
 };
 
-/// What a script did.
+/// Result of running a script.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Replayed {
-    /// Names of materials.
+    /// Names of the materials in the events.
     pub palette: Vec<String>,
-    /// Events in order.
+    /// Recorded events, in order.
     pub events: Vec<RecordedEvent>,
     /// Calls that recorded nothing, by reason.
     pub dropped: Vec<Dropped>,
-    /// The error that ended the script or that nobody waited for.
+    /// Error that ended the script, or of a rejected promise without a handler.
     pub error: Option<CodeError>,
-    /// What its author may want to know although nothing failed, such as that a function was defined and never called.
+    /// Hints for the author although nothing failed, such as a function that was defined and never called.
     #[serde(default)]
     pub notes: Vec<String>,
-    /// Whether the code is not JavaScript, so that none of it was run.
+    /// Whether the code is not JavaScript, in which case none of it was run.
     #[serde(default)]
     pub unreadable: bool,
-    /// The limit at which it was stopped; then its events are not all that it would have recorded.
+    /// Limit at which the script was stopped, in which case its events are incomplete.
     pub stopped: Option<LimitReached>,
 }
 
 impl Replayed {
-    /// Whether its events are such as can be: cells of the world, materials of the palette.
+    /// Returns whether all events are valid: cells within the world, and materials within the palette.
     #[must_use]
     pub fn is_sound(&self) -> bool {
         let is_sound = |event: &RecordedEvent| {
@@ -82,44 +83,44 @@ impl Replayed {
     }
 }
 
-/// A place or remove event: cell, and the material's place in the palette where one is placed.
+/// Event that places or removes a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RecordedEvent {
-    /// The cell.
+    /// Cell of the block: x, y and z.
     pub cell: [i32; 3],
-    /// The material; none where the block is removed.
+    /// Index of the placed material in the palette; `None` if the block is removed.
     pub material: Option<u32>,
 }
 
-/// Calls that recorded nothing.
+/// Calls that recorded nothing, for the same reason.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Dropped {
-    /// Why.
+    /// Reason why the calls recorded nothing.
     #[schema(example = "a coordinate is not an integer")]
     pub reason: String,
-    /// How many.
+    /// Number of such calls.
     pub count: u64,
 }
 
-/// An error of the script.
+/// Error of a script.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct CodeError {
-    /// What it says.
+    /// Error message, with the name of the error.
     #[schema(example = "TypeError: not a function")]
     pub message: String,
-    /// Line in the code, from 1, where it is known.
+    /// Line in the code, counted from 1, if known.
     pub line: Option<u32>,
-    /// Column in that line, from 1.
+    /// Column in that line, counted from 1.
     pub column: Option<u32>,
 }
 
-/// A limit that a script reached.
+/// Limit that a script reached.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct LimitReached {
-    /// `time`, `memory` or `events`.
+    /// Name of the limit: `time`, `memory` or `events`.
     #[schema(example = "time")]
     pub limit: String,
-    /// What was reached, in words.
-    #[schema(example = "more than 2000 ms on the processor; 1 event recorded before")]
+    /// Description of the limit that was reached.
+    #[schema(example = "more than 2000 ms of processor time; 25 events recorded before")]
     pub detail: String,
 }

@@ -1,4 +1,4 @@
-//! Children that wait for a script each, so that nobody waits for one to start.
+//! Pool of child processes, each ready to run one script, so that no script waits for a process to start.
 
 use std::os::unix::process::ExitStatusExt as _;
 use std::process::Stdio;
@@ -12,14 +12,14 @@ use super::child::{COMMAND, Job};
 use super::{ActionLimits, LimitReached, Replayed};
 use crate::fair::FairSlots;
 
-/// Milliseconds on the processor that a script may take at first. Most take a few.
+/// Processor time for the first attempt at a script, in milliseconds. Most scripts take a few.
 const FIRST_MS: u64 = 250;
-/// Milliseconds after which it is ended at first, whatever it does: it may be in a built-in that does not look at the time.
+/// Wall-clock time for the first attempt, in milliseconds: a script may be in a built-in that does not check the time.
 const FIRST_WALL_MS: u64 = 1_000;
-/// Bytes of an answer at most: more than the events that are allowed can take.
+/// Maximum size of an answer in bytes, which is more than the allowed events can take.
 const ANSWER_BYTES: u32 = 128 << 20;
 
-/// Runs scripts, a few at a time, each in a process of its own.
+/// Runs scripts, a few at a time, each in its own process.
 #[derive(Debug, Clone)]
 pub struct Pool {
     inner: Arc<Inner>,
@@ -28,16 +28,17 @@ pub struct Pool {
 #[derive(Debug)]
 struct Inner {
     ready: Mutex<Vec<Child>>,
-    /// Turns for scripts that were not begun.
+    /// Slots for first attempts.
     first: Arc<FairSlots>,
-    /// Turns for scripts that took longer than [`FIRST_MS`].
+    /// Slots for scripts that took longer than [`FIRST_MS`].
     again: Arc<FairSlots>,
     size: usize,
     limits: ActionLimits,
 }
 
 impl Pool {
-    /// A pool that runs at most `size` scripts at the same time and has as many children waiting.
+    /// Creates a pool that runs at most `size` first attempts and `size` second ones at the same time, and keeps `size`
+    /// children ready.
     #[must_use]
     pub fn new(size: usize, limits: ActionLimits) -> Self {
         let size = size.max(1);
@@ -45,17 +46,18 @@ impl Pool {
         Self { inner: Arc::new(Inner { ready: Mutex::default(), first, again, size, limits }) }
     }
 
-    /// What scripts may use.
+    /// Returns the limits on scripts.
     #[must_use]
     pub fn limits(&self) -> &ActionLimits {
         &self.inner.limits
     }
 
-    /// Runs a script to its end or to a limit, when its sender's turn comes. A script that takes long is ended and begun again where
-    /// only such scripts wait: what it does depends on nothing else, so it does the same, and short ones need not wait for it.
+    /// Runs a script to completion or to a limit, once its sender gets a slot. A script that takes long is killed and
+    /// run again in a slot for long scripts, so that short ones need not wait for it. Scripts are deterministic, so the
+    /// second attempt does the same.
     ///
     /// # Errors
-    /// Where no process can be had: a failure of ours.
+    /// Returns an error if no process can be started or used, which is a failure of the service.
     pub async fn run(&self, code: &str, who: &Arc<str>) -> anyhow::Result<Replayed> {
         let all = self.inner.limits;
         let first = ActionLimits { cpu_ms: FIRST_MS.min(all.cpu_ms), wall_ms: FIRST_WALL_MS.min(all.wall_ms), ..all };
@@ -68,11 +70,11 @@ impl Pool {
         }
         let _turn = self.inner.again.take(who).await;
         let done = self.run_within(code, &all).await?;
-        // No script may take so much of the processor: the machine had no time for it.
-        done.ok_or_else(|| anyhow::anyhow!("action code was not done after {} ms", all.wall_ms))
+        // No script may use that much processor time, so the machine is overloaded.
+        done.ok_or_else(|| anyhow::anyhow!("action code did not finish within {} ms", all.wall_ms))
     }
 
-    /// Runs a script in a child; none where its time is over, whatever it did with it.
+    /// Runs a script in a child; returns `None` if its wall-clock time ran out.
     async fn run_within(&self, code: &str, limits: &ActionLimits) -> anyhow::Result<Option<Replayed>> {
         let mut child = self.take()?;
         let wall = Duration::from_millis(limits.wall_ms);
@@ -83,17 +85,17 @@ impl Pool {
             }
         });
         let done = asked.await;
-        // It is done, one way or another, and so is its process.
+        // Each process runs one script, and this one is done, one way or another.
         child.kill().await?;
         self.refill();
         done.ok().transpose()
     }
 
-    /// A child that waits, or a new one.
+    /// Takes a ready child, or starts a new one.
     fn take(&self) -> anyhow::Result<Child> {
         let mut ready = self.inner.ready.lock().unwrap_or_else(PoisonError::into_inner);
         while let Some(mut child) = ready.pop() {
-            // One may have been ended from outside while it waited.
+            // A child may have been killed from outside while it waited.
             if matches!(child.try_wait(), Ok(None)) {
                 return Ok(child);
             }
@@ -101,14 +103,14 @@ impl Pool {
         start()
     }
 
-    /// Has as many children wait as may run.
+    /// Starts children until `size` of them are ready.
     pub fn refill(&self) {
         let mut ready = self.inner.ready.lock().unwrap_or_else(PoisonError::into_inner);
         while ready.len() < self.inner.size {
             match start() {
                 Ok(child) => ready.push(child),
                 Err(error) => {
-                    tracing::warn!(%error, "a process for action code could not be started");
+                    tracing::warn!(%error, "could not start a process for action code");
                     return;
                 }
             }
@@ -116,15 +118,15 @@ impl Pool {
     }
 }
 
-/// Starts a child: this program, with nothing of this process but two pipes.
+/// Starts a child: this program, which gets nothing from this process but two pipes.
 fn start() -> anyhow::Result<Child> {
     let child = Command::new(std::env::current_exe()?)
         .arg(COMMAND)
         .env_clear()
-        // Local time is the same on every machine.
+        // Makes local time the same on every machine.
         .env("TZ", "UTC0")
         .current_dir("/")
-        // What is sent to the service's group, such as Ctrl-C, is not meant for it.
+        // Signals to the service's process group, such as Ctrl-C, are not meant for the child.
         .process_group(0)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
@@ -134,10 +136,10 @@ fn start() -> anyhow::Result<Child> {
     Ok(child)
 }
 
-/// Hands a script over and reads the answer; none where the process ends without one.
+/// Sends a script to a child and reads the answer; returns `None` if the process ends without one.
 ///
 /// # Errors
-/// Where it cannot be handed over, or the answer does not read back.
+/// Returns an error if the script cannot be sent, or the answer is too long or invalid.
 async fn ask(child: &mut Child, code: &str, limits: &ActionLimits) -> anyhow::Result<Option<Replayed>> {
     let job = serde_json::to_vec(&Job { code: code.to_owned(), limits: *limits })?;
     let (Some(input), Some(output)) = (child.stdin.as_mut(), child.stdout.as_mut()) else {
@@ -147,27 +149,27 @@ async fn ask(child: &mut Child, code: &str, limits: &ActionLimits) -> anyhow::Re
     input.write_all(&job).await?;
     input.flush().await?;
     let Ok(length) = output.read_u32_le().await else { return Ok(None) };
-    anyhow::ensure!(length <= ANSWER_BYTES, "an answer of {length} bytes");
+    anyhow::ensure!(length <= ANSWER_BYTES, "the answer is too long: {length} bytes");
     let mut answer = vec![0; length as usize];
     if output.read_exact(&mut answer).await.is_err() {
         return Ok(None);
     }
     let replayed = tokio::task::spawn_blocking(move || serde_json::from_slice::<Replayed>(&answer)).await??;
-    anyhow::ensure!(replayed.is_sound(), "an answer that cannot be");
+    anyhow::ensure!(replayed.is_sound(), "the answer contains invalid events");
     Ok(Some(replayed))
 }
 
-/// What it means that a child ended without an answer. It had confined itself and run a script before, so these signals are the
-/// script's doing; others, and an exit of its own, come from outside and are a failure of ours.
+/// Interprets the end of a child without an answer. The child had confined itself and run a script before, so these
+/// signals are caused by the script; others, and a regular exit, come from outside and are a failure of the service.
 fn how_it_ended(signal: Option<i32>, limits: &ActionLimits) -> anyhow::Result<Replayed> {
     let stopped = |limit: &str, detail: String| Replayed {
         stopped: Some(LimitReached { limit: limit.to_owned(), detail }),
         ..Replayed::default()
     };
     match signal {
-        Some(libc::SIGXCPU) => Ok(stopped("time", format!("more than {} ms on the processor", limits.cpu_ms))),
+        Some(libc::SIGXCPU) => Ok(stopped("time", format!("more than {} ms of processor time", limits.cpu_ms))),
         Some(signal @ (libc::SIGABRT | libc::SIGSEGV | libc::SIGBUS | libc::SIGSYS | libc::SIGILL | libc::SIGFPE)) => {
-            Ok(stopped("memory", format!("the script brought its process down (signal {signal})")))
+            Ok(stopped("memory", format!("the script crashed its process (signal {signal})")))
         }
         other => anyhow::bail!("a process for action code ended without an answer (signal {other:?})"),
     }

@@ -1,7 +1,7 @@
-// Stand-ins for what action code is given (SPEC 8). Evaluated with the recording function and the clock of the timers.
+// Stand-ins for what action code is given (SPEC 8). Called with the recording function.
 (function (record) {
   "use strict";
-  // Also called without `new`, as the game's own library allows it.
+  // May be called without `new`, as in the game's own library.
   function Vec3(x, y, z) {
     if (!new.target) return new Vec3(x, y, z);
     this.x = x; this.y = y; this.z = z;
@@ -17,7 +17,7 @@
     Object.defineProperty(Vec3.prototype, name, { value, writable: true, configurable: true });
   const air = () => ({ name: "air", type: 0 });
 
-  // Timers fire in the order of virtual time, and of their setting where that is the same. Nothing sleeps.
+  // Timers fire in the order of virtual time, and at equal times in the order in which they were set. Nothing sleeps.
   let now = 0, next = 1;
   const timers = [];
   const set = (call, after, every, args) => {
@@ -54,7 +54,8 @@
     return ((t ^ (t >>> 14)) >>> 0) / 4294967296;
   };
 
-  // The clock is that of the timers, from 1970 on. Each look at it takes a millisecond, so that waiting for it in a loop ends.
+  // The clock is that of the timers and starts in 1970. Reading it advances it by a millisecond, so that busy waiting
+  // ends.
   let looks = 0;
   const clock = () => now + looks++;
   const RealDate = Date;

@@ -1,4 +1,4 @@
-//! `plumbline build`: the log of a good build for a task, as an example to post or to look at.
+//! `plumbline build`: prints the log of a good build for a task, as an example to post or to study.
 
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -19,33 +19,33 @@ use plumbline_engine::voxel::block_log::Event;
 /// Arguments of `build`.
 #[derive(Debug, Args)]
 pub struct BuildArgs {
-    /// The task, by its id or its number in the suite; `plumbline tasks list` lists them.
+    /// Id of the task, or its number in the suite; see `plumbline tasks list`.
     #[arg(required_unless_present = "all")]
     task: Option<String>,
-    /// Every task of the suite, a line each, whose build has at least this many events and at most that many.
+    /// Print the submissions for all tasks of the suite whose builds have LEAST to MOST events, one per line.
     #[arg(long, value_names = ["LEAST", "MOST"], num_args = 2, conflicts_with_all = ["task", "format"])]
     all: Option<Vec<usize>>,
-    /// Spoil it in one way, to see which checks fail; an unknown name lists them all.
+    /// Saboteur that spoils the build in one way, to see which checks fail; an unknown name lists all saboteurs.
     #[arg(long, value_name = "NAME")]
     saboteur: Option<String>,
-    /// How the log is written.
+    /// Output format of the log.
     #[arg(long, value_enum, default_value_t = Format::Submission)]
     format: Format,
 }
 
-/// How a log is written.
+/// Output formats of a log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Format {
-    /// A body for POST /v1/submissions, with compact rows.
+    /// Request body for POST /v1/submissions, with compact rows.
     Submission,
-    /// One event a line, in order, with its turn.
+    /// One event per line, in order, with its turn.
     Events,
 }
 
 /// Runs the command.
 ///
 /// # Errors
-/// Where there is no such task or saboteur.
+/// Returns an error if the task or the saboteur does not exist.
 pub fn run(args: &BuildArgs) -> anyhow::Result<ExitCode> {
     let saboteur = match &args.saboteur {
         None => None,
@@ -53,7 +53,7 @@ pub fn run(args: &BuildArgs) -> anyhow::Result<ExitCode> {
             None => {
                 let known: Vec<String> =
                     SABOTEURS.iter().map(|one| format!("  {:<15} {}", one.name, one.what)).collect();
-                bail!("there is no saboteur {name:?}; there are:\n{}", known.join("\n"));
+                bail!("there is no saboteur {name:?}; known saboteurs:\n{}", known.join("\n"));
             }
             found => found,
         },

@@ -1,4 +1,4 @@
-//! `plumbline conformance`: runs vector files and compares with the published evaluator's values they carry.
+//! `plumbline conformance`: runs test vectors and compares the results with the published evaluator's values.
 
 mod vectors;
 
@@ -14,7 +14,7 @@ use serde_json::Value;
 use super::{grade, progress};
 use vectors::{Case, Verdict};
 
-/// Mismatches printed at most.
+/// Maximum number of mismatches to print.
 const PRINTED: usize = 100;
 
 #[derive(Debug, Default)]
@@ -27,7 +27,7 @@ struct Tally {
 /// Runs the command.
 ///
 /// # Errors
-/// Where a file cannot be read or is in none of the formats.
+/// Returns an error if a path does not exist, a file cannot be read or parsed, or there are no vectors.
 pub fn run(paths: &[PathBuf]) -> anyhow::Result<ExitCode> {
     let mut cases = Vec::new();
     let mut passed_over = Vec::new();
@@ -76,26 +76,26 @@ pub fn run(paths: &[PathBuf]) -> anyhow::Result<ExitCode> {
     }
     println!("{table}");
     for file in passed_over {
-        println!("passed over, in no format that is run here: {}", file.display());
+        println!("skipped, not in a known vector format: {}", file.display());
     }
     let mismatches: u64 = tallies.values().map(|tally| tally.mismatches).sum();
     println!("{} cases, {mismatches} mismatches", verdicts.len());
     Ok(if mismatches == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Whether the file is the summary of a run that lies beside it.
+/// Returns whether the file holds the expected summary of a run file beside it.
 fn is_read_with_a_run(file: &Path) -> bool {
     let stem = file.file_name().and_then(|name| name.to_str()).and_then(|name| name.strip_suffix("_expected.json"));
     stem.is_some_and(|stem| file.with_file_name(format!("{stem}.jsonl")).exists())
 }
 
-/// All files named, and all below folders named, in the order of their paths.
+/// Returns all named files and all files below named folders, with the entries of each folder sorted by path.
 fn files_under(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     let mut open: Vec<PathBuf> = paths.iter().rev().cloned().collect();
     while let Some(path) = open.pop() {
         if !path.exists() {
-            bail!("there is no {}", path.display());
+            bail!("no such file or folder: {}", path.display());
         }
         if path.is_dir() {
             let entries = std::fs::read_dir(&path).with_context(|| path.display().to_string())?;
@@ -109,7 +109,7 @@ fn files_under(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// Adds the cases of a file, told by its content; a file in no known format adds none.
+/// Adds the cases of a file, detecting the format from its content; a file in no known format adds none.
 fn read_file(file: &Path, cases: &mut Vec<Case>) -> anyhow::Result<()> {
     let extension = file.extension().and_then(|e| e.to_str()).unwrap_or_default();
     if extension != "json" && extension != "jsonl" {
@@ -144,7 +144,8 @@ fn read_document(file: &Path, text: &str, cases: &mut Vec<Case>) -> anyhow::Resu
     Ok(())
 }
 
-/// Raw records, with the expected summary from the file beside them that has `_expected.json` for `.jsonl`.
+/// Reads raw records and their expected summary, from the file beside them that ends in `_expected.json` instead of
+/// `.jsonl`.
 fn read_run(file: &Path, text: &str, cases: &mut Vec<Case>) -> anyhow::Result<()> {
     let stem = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let expected_file = file.with_file_name(format!("{stem}_expected.json"));

@@ -1,4 +1,5 @@
-//! `plumbline backup`, `restore`, `export` and `import`: the database as a file, as files of lines, and back again.
+//! `plumbline backup`, `restore`, `export` and `import`: copy the database to a file or to files of JSON lines, and
+//! back.
 
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead as _, BufReader, BufWriter, Lines, Write as _};
@@ -17,12 +18,13 @@ use crate::store::transfer_tables::{KINDS, Kind};
 /// Arguments of `backup` and `restore`.
 #[derive(Debug, Args)]
 pub struct CopyArgs {
-    /// The copy.
+    /// Backup file.
     file: PathBuf,
-    /// The service's database.
+    /// Database file of the service.
     #[arg(long, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
     database: PathBuf,
-    /// Copy the keys too, of epochs and of receipts: the folder FILE.secrets. Whoever has it can draw what is still hidden.
+    /// Include the keys of epochs and receipts, in the folder FILE.secrets. Anyone who has it can draw what is
+    /// still hidden.
     #[arg(long)]
     with_secrets: bool,
 }
@@ -32,7 +34,7 @@ pub struct CopyArgs {
 pub struct RestoreArgs {
     #[command(flatten)]
     copy: CopyArgs,
-    /// Only say what would be done.
+    /// Print what would be done, without doing it.
     #[arg(long)]
     dry_run: bool,
 }
@@ -40,17 +42,17 @@ pub struct RestoreArgs {
 /// Arguments of `export` and `import`.
 #[derive(Debug, Args)]
 pub struct ExportArgs {
-    /// Folder of `runs.ndjson`, `submissions.ndjson`, `reports.ndjson` and the other files.
+    /// Folder of the exported files: `runs.ndjson`, `submissions.ndjson`, `reports.ndjson` and others.
     folder: PathBuf,
-    /// The service's database.
+    /// Database file of the service.
     #[arg(long, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
     database: PathBuf,
 }
 
-/// Writes a consistent copy, while the service runs or not.
+/// Writes a consistent copy, whether or not the service runs.
 ///
 /// # Errors
-/// Where the copy exists already, or cannot be written.
+/// Returns an error if the database does not exist, or the copy already exists or cannot be written.
 pub fn back_up(args: &CopyArgs) -> anyhow::Result<ExitCode> {
     must_exist(&args.database)?;
     database::name(&args.database);
@@ -62,35 +64,35 @@ pub fn back_up(args: &CopyArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Puts a copy where the service's database shall be. The service must not run; a database that is there stays.
+/// Restores the database from a copy. The service must not run, and an existing database is never overwritten.
 ///
 /// # Errors
-/// Where there is a database already, or the copy is damaged or another program's.
+/// Returns an error if a database already exists, or the copy is damaged or belongs to another program.
 pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
     let RestoreArgs { copy: args, dry_run } = args;
     let (from, to) = (args.file.display(), std::path::absolute(&args.database)?);
     let keys = Secrets::beside(&args.file);
-    println!("restores {from} to {}", to.display());
+    println!("restoring {from} to {}", to.display());
     if args.with_secrets && !keys.folder().is_dir() {
-        bail!("there are no keys beside {from}: it was made without --with-secrets");
+        bail!("there are no keys beside {from}: the backup was made without --with-secrets");
     }
     match (args.with_secrets, keys.folder().exists()) {
         (true, _) => println!("with the keys in {}", keys.folder().display()),
-        (false, true) => println!("without the keys in {}; --with-secrets takes them along", keys.folder().display()),
+        (false, true) => println!("without the keys in {}; --with-secrets includes them", keys.folder().display()),
         (false, false) => {
-            println!("without keys: open epochs close, and receipts are signed with a new key, which their log says");
+            println!("without keys: open epochs close, and receipts are signed with a new key, which their log notes");
         }
     }
     must_exist(&args.file)?;
     let beside = |ending: &str| PathBuf::from(format!("{}{ending}", args.database.display()));
     for left in [args.database.clone(), beside("-wal"), beside("-shm")] {
         if left.exists() {
-            bail!("{} is there; move it away first (and stop the service)", left.display());
+            bail!("{} already exists; move it away first (and stop the service)", left.display());
         }
     }
     let contents = run(inspect(&args.file))?.with_context(|| args.file.display().to_string())?;
     if *dry_run {
-        tell("nothing was changed; it would hold", &args.file, contents);
+        tell("nothing was changed; would restore", &args.file, contents);
         return Ok(ExitCode::SUCCESS);
     }
     if args.with_secrets {
@@ -101,10 +103,10 @@ pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Writes runs, submissions, reports and what else boards are made of as files of lines.
+/// Writes runs, submissions, reports and all other board data as files of JSON lines.
 ///
 /// # Errors
-/// Where a file exists already or cannot be written.
+/// Returns an error if the database does not exist, or a file already exists or cannot be written.
 pub fn export_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
     must_exist(&args.database)?;
     database::name(&args.database);
@@ -113,7 +115,7 @@ pub fn export_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
     for kind in KINDS {
         let path = lines_file(&args.folder, kind);
         let file = OpenOptions::new().write(true).create_new(true).open(&path);
-        let place = || format!("{} cannot be made; export into a folder that has no export yet", path.display());
+        let place = || format!("cannot create {}; export into a folder that holds no export yet", path.display());
         files.push((BufWriter::new(file.with_context(place)?), path.clone(), 0_u64));
     }
     let write = |kind: &'static Kind, line: &str| {
@@ -134,15 +136,15 @@ fn lines_file(folder: &Path, kind: &Kind) -> PathBuf {
     folder.join(format!("{}.ndjson", kind.name))
 }
 
-/// Reads such files into a database that has no runs yet: the same boards, on another machine.
+/// Imports exported files into a database that has no runs yet, which gives the same boards on another machine.
 ///
 /// # Errors
-/// Where the database is not empty, or a line does not fit; then nothing was stored.
+/// Returns an error if a file is missing, the database is not empty, or a line is invalid; nothing is stored then.
 pub fn import_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
     let is_missing = |kind: &&Kind| !lines_file(&args.folder, kind).is_file();
     let missing: Vec<String> = KINDS.iter().filter(is_missing).map(|kind| format!("{}.ndjson", kind.name)).collect();
     if !missing.is_empty() {
-        bail!("{} holds no whole export: {} missing", args.folder.display(), missing.join(", "));
+        bail!("{} holds no complete export: {} missing", args.folder.display(), missing.join(", "));
     }
     run(async {
         let store = database::open(&args.database).await?;
@@ -162,10 +164,10 @@ pub fn import_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
     })?
 }
 
-/// Copies beside the target, looks through the copy, and only then gives it its name.
+/// Copies to a file beside the target, inspects the copy, and only then renames it to the target.
 fn copy_checked(from: &Path, to: &Path) -> anyhow::Result<Contents> {
     if to.exists() {
-        bail!("{} is there already", to.display());
+        bail!("{} already exists", to.display());
     }
     let partial = PathBuf::from(format!("{}.partial", to.display()));
     if partial.exists() {

@@ -1,4 +1,4 @@
-//! The database that a command works on: named before anything is done to it, and never made by accident.
+//! The database that a command works on. Commands print its path before they touch it and never create it by accident.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -7,16 +7,16 @@ use clap::Args;
 
 use crate::store::{Store, schema};
 
-/// Opens a database that is there, and says which it is.
+/// Opens an existing database and prints its path.
 ///
 /// # Errors
-/// Where there is none, it is of another version, or it cannot be opened.
+/// Returns an error if the database does not exist, has another schema version, or cannot be opened.
 pub async fn open(file: &Path) -> anyhow::Result<Store> {
     name(file);
     Ok(Store::open_existing(file).await?)
 }
 
-/// Says on standard error which file is worked on.
+/// Prints the absolute path of the database file on standard error.
 pub fn name(file: &Path) {
     let whole = std::path::absolute(file);
     eprintln!("database {}", whole.as_deref().unwrap_or(file).display());
@@ -25,21 +25,21 @@ pub fn name(file: &Path) {
 /// Arguments of `migrate`.
 #[derive(Debug, Args)]
 pub struct MigrateArgs {
-    /// The service's database. The service must not run.
+    /// Database file of the service, which must not be running.
     #[arg(long, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
     database: PathBuf,
-    /// Only say what would be done.
+    /// Print what would be done, without doing it.
     #[arg(long)]
     dry_run: bool,
-    /// Make a new database where there is none.
+    /// Create the database if it does not exist.
     #[arg(long)]
     create: bool,
 }
 
-/// Brings a database's schema up to date. A copy is made first, beside it.
+/// Brings a database's schema up to date, after making a copy beside it.
 ///
 /// # Errors
-/// Where there is no database, or it is of a newer program.
+/// Returns an error if the database does not exist, was written by a newer program, or cannot be copied or changed.
 pub fn migrate(args: &MigrateArgs) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
@@ -49,17 +49,17 @@ pub fn migrate(args: &MigrateArgs) -> anyhow::Result<ExitCode> {
         let is_new = !before.is_there && args.create;
         if is_new && !args.dry_run {
             Store::open(&args.database).await?.close().await;
-            println!("made with schema {}", before.known);
+            println!("created with schema {}", before.known);
             return Ok(ExitCode::SUCCESS);
         }
         if !is_new && !before.is_there {
             before.must_be_current(&args.database)?;
         }
         if before.lacking.is_empty() {
-            println!("schema {}, which is this program's: nothing to do", before.found);
+            println!("schema {} is up to date: nothing to do", before.found);
             return Ok(ExitCode::SUCCESS);
         }
-        println!("schema {}, to become {}:", before.found, before.known);
+        println!("migrations from schema {} to {}:", before.found, before.known);
         for (version, what) in &before.lacking {
             println!("  {version:04} {what}");
         }
@@ -68,7 +68,7 @@ pub fn migrate(args: &MigrateArgs) -> anyhow::Result<ExitCode> {
             return Ok(ExitCode::SUCCESS);
         }
         if let Some(copy) = schema::migrate(&args.database).await? {
-            println!("done; as it was before it is kept as {}", copy.display());
+            println!("done; the previous database is kept as {}", copy.display());
         }
         Ok(ExitCode::SUCCESS)
     })

@@ -1,4 +1,4 @@
-//! Three demo agents of different skill, who post to the service over HTTP as everybody does.
+//! Three demo agents of different skill, which post to the service over HTTP like any other client.
 
 use anyhow::Context as _;
 use serde_json::json;
@@ -12,14 +12,14 @@ use plumbline_engine::tasks::embedded::LITE_SEED;
 use plumbline_engine::tasks::{Suite, Task};
 use plumbline_engine::voxel::BlockLog;
 
-/// What an agent makes of a good build.
+/// Function that turns a good build into what an agent of this skill builds.
 type Skill = fn(&Task, BlockLog) -> BlockLog;
 
-/// Name on the board, and skill.
+/// Name on the board and skill of each demo agent.
 const AGENTS: [(&str, Skill); 3] =
     [("demo: careful", careful), ("demo: hurried", hurried), ("demo: confused", confused)];
 
-/// Posts the demo agents to the service at `base`; agents that are on the board already are left out.
+/// Posts the demo agents to the service at `base`, skipping agents that are already on the board.
 pub async fn run(base: String, key: Option<String>) {
     match post_all(&base, key.as_deref()).await {
         Ok(()) => tracing::info!("the demo agents are on the board: {base}/"),
@@ -62,7 +62,7 @@ fn hurried(task: &Task, log: BlockLog) -> BlockLog {
     if task.number.is_multiple_of(5) { spoiled("drop-corner", log) } else { log }
 }
 
-/// Goes wrong on two tasks of three, in every way that there is.
+/// Spoils two tasks out of three, using all saboteurs in turn.
 fn confused(task: &Task, log: BlockLog) -> BlockLog {
     if task.number.is_multiple_of(3) {
         return log;

@@ -21,7 +21,7 @@ use plumbline_engine::hidden::secret::EpochKey;
 /// Arguments of `epochs`.
 #[derive(Debug, Args)]
 pub struct EpochsArgs {
-    /// The service's database.
+    /// Database file of the service.
     #[arg(long, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db", global = true)]
     database: PathBuf,
     #[command(subcommand)]
@@ -30,63 +30,64 @@ pub struct EpochsArgs {
 
 #[derive(Debug, Subcommand)]
 enum EpochsCommand {
-    /// Make a key, draw and certify a pool of specifications, and publish the commitment to both.
+    /// Announce an epoch: create a key, draw and certify a pool of specifications, and publish the commitment to both.
     Create(CreateArgs),
     /// List epochs.
     List,
-    /// Close an epoch before its time; the reason is public.
+    /// Close an epoch early; the reason is published.
     Close {
-        /// The epoch.
+        /// Name of the epoch.
         name: String,
-        /// Why.
+        /// Reason, which is published.
         #[arg(long)]
         reason: String,
     },
 }
 
-/// What entries of the dev tier are told once they are finalized.
+/// Feedback on finalized entries of the dev tier.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum DevFeedback {
-    /// How many instances pass.
+    /// Number of instances that pass.
     ScoreOnly,
-    /// That, and how many per criterion.
+    /// Number of instances that pass, in all and per criterion.
     Criteria,
-    /// Nothing before the epoch is over.
+    /// No feedback before the epoch is over.
     AfterEpoch,
 }
 
 #[derive(Debug, Args)]
 struct CreateArgs {
-    /// Its name: lower-case letters, digits and dashes, such as 2026-11.
+    /// Name of the epoch: lower-case letters, digits and dashes, such as 2026-11.
     name: String,
-    /// When it opens, such as 2026-11-01T00:00:00Z; by default at once.
+    /// Opening time, such as 2026-11-01T00:00:00Z; by default, at once.
     #[arg(long)]
     opens: Option<Timestamp>,
-    /// When it closes, such as 2026-12-01T00:00:00Z.
+    /// Closing time, such as 2026-12-01T00:00:00Z.
     #[arg(long)]
     closes: Timestamp,
-    /// Specifications for each instance of a draw: so many runs can be drawn before the pool is used up.
+    /// Specifications for each instance of a draw, which is the number of runs that can be drawn from the pool.
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1_000))]
     per_instance: u32,
-    /// What entries of the dev tier are told.
+    /// Feedback on finalized entries of the dev tier, while the epoch is open.
     #[arg(long, value_enum, default_value_t = DevFeedback::ScoreOnly)]
     dev_feedback: DevFeedback,
-    /// Seconds in which an instance is to be answered.
+    /// Seconds within which an instance must be answered.
     #[arg(long, default_value_t = 86_400, value_parser = clap::value_parser!(u32).range(1..=31_536_000))]
     instance_seconds: u32,
-    /// Entries to the dev tier that one owner may register.
+    /// Number of entries to the dev tier that one owner may register.
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
     dev_entries: u32,
-    /// Entries to the official tier that one owner may register.
+    /// Number of entries to the official tier that one owner may register.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
     official_entries: u32,
-    /// Percent of the pool that one owner may hold, in runs drawn or reserved.
+    /// Percentage of the pool that one owner may hold in drawn and reserved runs.
     #[arg(long, default_value_t = 25, value_parser = clap::value_parser!(u8).range(1..=100))]
     owner_percent: u8,
-    /// Seconds for which a run that is registered and not drawn keeps its part of the pool; later it is drawn only where there is room.
+    /// Seconds for which a registered run that is not drawn keeps its share of the pool; later, it can only be drawn if
+    /// the pool has room.
     #[arg(long, default_value_t = 259_200, value_parser = clap::value_parser!(u32).range(1..=31_536_000))]
     reservation_seconds: u32,
-    /// Bits of information that may be released before the epoch closes by itself.
+    /// Bits of information that may be released before the epoch closes automatically.
     #[arg(long, default_value_t = 2_000)]
     budget_bits: u32,
 }
@@ -94,7 +95,7 @@ struct CreateArgs {
 /// Runs `epochs`.
 ///
 /// # Errors
-/// Where arguments do not fit, or a file or the database fails.
+/// Returns an error if the arguments are invalid, or a file or the database cannot be read or written.
 pub fn run(args: &EpochsArgs) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
@@ -104,13 +105,13 @@ pub fn run(args: &EpochsArgs) -> anyhow::Result<ExitCode> {
             EpochsCommand::List => list(&store).await?,
             EpochsCommand::Close { name, reason } => {
                 if reason.trim().is_empty() {
-                    bail!("--reason is public and may not be empty");
+                    bail!("--reason: must not be empty; it is published");
                 }
                 if store.epoch(name).await?.is_none() {
                     bail!("there is no epoch {name:?}");
                 }
                 if !store.close_epoch(name, reason.trim(), now_ms()).await? {
-                    bail!("the epoch {name:?} is over");
+                    bail!("the epoch {name:?} is already over");
                 }
                 println!("closed {name}");
             }
@@ -123,17 +124,17 @@ pub fn run(args: &EpochsArgs) -> anyhow::Result<ExitCode> {
 async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
     let is_slug = |b: u8| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-';
     if new.name.is_empty() || new.name.len() > 64 || !new.name.bytes().all(is_slug) {
-        bail!("{:?} is not a name of lower-case letters, digits and dashes, 64 at most", new.name);
+        bail!("{:?} is not an epoch name: expected 1 to 64 lower-case letters, digits and dashes", new.name);
     }
     let closes_at_ms = new.closes.as_millisecond();
     if new.opens.is_some_and(|opens| opens.as_millisecond() < now_ms()) {
-        bail!("it would open in the past, before anybody has seen its commitment");
+        bail!("--opens: must not be in the past, before anyone has seen the commitment");
     }
     if closes_at_ms <= new.opens.map_or_else(now_ms, Timestamp::as_millisecond) {
-        bail!("it would close at {}, before it opens or in the past", rfc3339(closes_at_ms));
+        bail!("--closes: {} is in the past or before the epoch opens", rfc3339(closes_at_ms));
     }
     if store.epoch(&new.name).await?.is_some() {
-        bail!("there is an epoch {:?} already", new.name);
+        bail!("the epoch {:?} already exists", new.name);
     }
     let key = EpochKey::new(random_key()?);
     let generator = Generator::new()?;
@@ -144,7 +145,7 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
         strata.par_iter().map(|stratum| generator.specifications(&key, stratum, &|| bar.inc(1))).collect();
     bar.finish_and_clear();
     let specifications = drawn?.concat();
-    // Drawing takes its time; the epoch opens after it, whatever was asked for.
+    // Drawing takes time; the epoch opens once it is done, even if an earlier time was requested.
     let now = now_ms();
     let opens_at_ms = new.opens.map_or(now, Timestamp::as_millisecond).max(now);
     let hashes: Vec<_> = specifications.iter().map(|own| leaf_hash(&key, own)).collect();
@@ -172,12 +173,12 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
     let commitment = Commitment::to(&terms, &key, &strata, &hashes);
     let secret = EpochSecret { key, strata, specifications };
     if !store.create_epoch(&commitment, &EpochRules::from(&rules), &secret, now).await? {
-        bail!("a key of an epoch {:?} is kept already in {}", new.name, store.secrets().folder().display());
+        bail!("a key of an epoch {:?} already exists in {}", new.name, store.secrets().folder().display());
     }
     println!("{}", serde_json::to_string_pretty(&commitment)?);
     eprintln!(
-        "epoch {} is announced; its key and pool are in {}: copies of the database do not hold them, so keep a copy where only you \
-         can read it",
+        "epoch {} is announced; its key and pool are in {}. Copies of the database do not contain them: keep a \
+         backup that only you can read",
         new.name,
         store.secrets().folder().display()
     );

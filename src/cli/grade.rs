@@ -1,4 +1,4 @@
-//! `plumbline grade`: raw records in, the summary of the run out.
+//! `plumbline grade`: grades raw records and prints the summary of the run.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -21,9 +21,9 @@ use plumbline_engine::tasks::{embedded, lite};
 /// Arguments of `grade`.
 #[derive(Debug, Args)]
 pub struct GradeArgs {
-    /// Raw records, one JSON object a line.
+    /// File of raw records, one JSON object per line.
     pub file: PathBuf,
-    /// Print one JSON object with `check_level`, `problem_level`, graded and `passed_runs`.
+    /// Print one JSON object with `check_level`, `problem_level`, `graded` and `passed_runs`.
     #[arg(long)]
     pub json: bool,
     /// Grade only the problems of the Lite draw with this seed (the published one is 42).
@@ -31,7 +31,7 @@ pub struct GradeArgs {
     pub lite: Option<u64>,
 }
 
-/// What `--json` prints.
+/// Output of `--json`.
 #[derive(Debug, Serialize)]
 struct Output {
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -43,7 +43,7 @@ struct Output {
 /// Runs the command.
 ///
 /// # Errors
-/// Where the file cannot be read or has faults.
+/// Returns an error if the file cannot be read, has faults, or lacks problems of the requested draw.
 pub fn run(args: &GradeArgs) -> anyhow::Result<ExitCode> {
     let text = std::fs::read_to_string(&args.file).with_context(|| format!("cannot read {}", args.file.display()))?;
     let mut problems = read_problems(&text).with_context(|| format!("{} is faulty", args.file.display()))?;
@@ -63,10 +63,10 @@ pub fn run(args: &GradeArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Reads records and puts them together; all faults in one error.
+/// Reads raw records and groups them into problems.
 ///
 /// # Errors
-/// Where the text has faults.
+/// Returns one error that lists all faults of the text.
 pub fn read_problems(text: &str) -> anyhow::Result<Vec<RecordedProblem>> {
     let told = |faults: Vec<Fault>| {
         let lines: Vec<String> = faults.iter().map(ToString::to_string).collect();
@@ -75,10 +75,10 @@ pub fn read_problems(text: &str) -> anyhow::Result<Vec<RecordedProblem>> {
     problems(read_records(text).map_err(told)?).map_err(told)
 }
 
-/// Numbers of the problems of a Lite draw, in its order.
+/// Returns the numbers of the problems in a Lite draw, in the order of the draw.
 ///
 /// # Errors
-/// Where the suite in the binary is faulty.
+/// Returns an error if the suite in the binary has faults.
 pub fn lite_numbers(seed: u64) -> anyhow::Result<Vec<u32>> {
     let full = embedded::suite(embedded::PUBLISHED_VERSION).map_err(|faults| anyhow::anyhow!("{faults:?}"))?;
     Ok(lite::draw(&full, seed).into_iter().map(|task| task.number).collect())
@@ -93,7 +93,7 @@ pub fn grade_all(problems: &[RecordedProblem]) -> Vec<ProblemScores> {
         .filter_map(|problem| {
             let report = grade_structures(&problem.task, problem.structures.iter().cloned(), &Control::unhurried());
             bar.inc(1);
-            // Nothing asks it to stop.
+            // Grading fails only when it is stopped, which never happens here.
             report.ok().map(|report| report.scores())
         })
         .collect();

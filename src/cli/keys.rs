@@ -1,4 +1,4 @@
-//! `plumbline keys`: make, list and revoke API keys.
+//! `plumbline keys`: creates, rotates, lists and revokes API keys.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -15,44 +15,44 @@ use crate::store::keys::{KeyRow, LIVE_KEYS, Scope, parts};
 /// Arguments of `keys`.
 #[derive(Debug, Args)]
 pub struct KeysArgs {
-    /// The service's database; the service may run.
+    /// Database file of the service, which may keep running.
     #[arg(long, global = true, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
     database: PathBuf,
     #[command(subcommand)]
     command: KeysCommand,
 }
 
-/// What is done with keys.
+/// Commands on keys.
 #[derive(Debug, Subcommand)]
 enum KeysCommand {
-    /// Make a key and show it, this once.
+    /// Create a key and print it; it is shown only once.
     Create {
-        /// Who will use it. An owner may have two live keys, to change over from one to the other.
+        /// Owner of the key. An owner may have two live keys, to switch from one to the other.
         #[arg(long)]
         name: String,
-        /// What it allows: submit, grade, read, admin.
+        /// Scopes of the key: submit, grade, read, admin.
         #[arg(long, value_delimiter = ',', default_value = "submit,grade,read")]
         scopes: Vec<String>,
-        /// How long it lives, in days (30, 30d) or hours (12h); without this it does not end.
+        /// Lifetime in days (30, 30d) or hours (12h); without it, the key does not expire.
         #[arg(long, value_name = "TIME", value_parser = lifetime)]
         expires: Option<i64>,
     },
-    /// Make a new key with the scopes of another one, which ends some hours later: time to change over.
+    /// Replace a key by a new one with the same scopes; both work for some hours, to switch over.
     Rotate {
-        /// The public part of the key to be replaced, as `list` shows it.
+        /// Public part of the key to replace, as shown by `list`, or the whole key.
         id: String,
-        /// Hours for which both keys work.
+        /// Hours during which both keys work.
         #[arg(long, value_name = "HOURS", default_value_t = 24, value_parser = clap::value_parser!(u32).range(0..=8_760))]
         overlap: u32,
-        /// How long the new key lives, in days (30, 30d) or hours (12h); by default as long as the old one was to.
+        /// Lifetime of the new key in days (30, 30d) or hours (12h); by default, the lifetime of the old one.
         #[arg(long, value_name = "TIME", value_parser = lifetime)]
         expires: Option<i64>,
     },
     /// List keys, without their secrets.
     List,
-    /// Revoke a key. Running services follow within half a second.
+    /// Revoke a key; running services reject it within half a second.
     Revoke {
-        /// The public part, as `list` shows it, or the whole key.
+        /// Public part of the key, as shown by `list`, or the whole key.
         id: String,
     },
 }
@@ -60,7 +60,8 @@ enum KeysCommand {
 /// Runs the command.
 ///
 /// # Errors
-/// Where the database cannot be opened; where the owner has two live keys; where there is no such key.
+/// Returns an error if the database cannot be opened, an argument is invalid, the owner already has two live keys, or
+/// there is no such key.
 pub fn run(args: &KeysArgs) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
@@ -82,12 +83,12 @@ async fn create(store: &Store, name: &str, scopes: &[String], expires: Option<i6
         bail!("--name: expected 1 to 100 characters");
     }
     if name.chars().any(char::is_control) || name.trim() != name {
-        bail!("--name: control characters, and spaces at its ends, are not allowed: {name:?}");
+        bail!("--name: control characters and leading or trailing spaces are not allowed: {name:?}");
     }
     let mut allowed = Vec::new();
     for scope in scopes {
         let Some(known) = Scope::ALL.into_iter().find(|known| known.name() == scope) else {
-            bail!("--scopes: {scope:?} is none of {}", Scope::ALL.map(Scope::name).join(", "));
+            bail!("--scopes: {scope:?} is not one of {}", Scope::ALL.map(Scope::name).join(", "));
         };
         allowed.push(known);
     }
@@ -97,14 +98,14 @@ async fn create(store: &Store, name: &str, scopes: &[String], expires: Option<i6
         bail!("{name:?} has {LIVE_KEYS} live keys; revoke one first (plumbline keys list)");
     };
     println!("{key}");
-    eprintln!("this key is shown once; send it as Authorization: Bearer, or in PLUMBLINE_KEY for plumbline submit");
+    eprintln!("this key is shown once; send it as Authorization: Bearer, or set PLUMBLINE_KEY for plumbline submit");
     Ok(())
 }
 
 async fn list(store: &Store) -> anyhow::Result<()> {
     let mut table = Table::new();
     table.load_style(presets::ASCII_MARKDOWN);
-    table.set_header(["id", "owner", "scopes", "made", "last used", "state"]);
+    table.set_header(["id", "owner", "scopes", "created", "last used", "state"]);
     for key in store.keys().await? {
         let scopes: Vec<&str> = key.scopes.iter().map(|scope| scope.name()).collect();
         let state = match (key.revoked_at_ms, key.expires_at_ms) {
@@ -120,22 +121,22 @@ async fn list(store: &Store) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The public part of a key, which may be given whole; its secret is never told again.
+/// Returns the public part of a key that may be given whole, whose secret is never printed again.
 fn public_part(given: &str) -> &str {
     parts(given.trim()).map_or(given.trim(), |(id, _)| id)
 }
 
-/// The live key with this public part.
+/// Finds the live key with this public part.
 async fn live_key(store: &Store, given: &str) -> anyhow::Result<KeyRow> {
     let id = public_part(given);
-    // What has not the form of a public part may be a secret, and is not repeated.
+    // Text that does not look like a public part may be a secret, so it is not echoed.
     let is_public = id.len() <= 12 && id.chars().all(|c| c.is_ascii_hexdigit());
     let Some(key) = store.key(id).await? else {
         let shown = if is_public { format!("there is no key {id:?}") } else { "there is no such key".to_owned() };
         bail!("{shown}; plumbline keys list shows the public parts");
     };
     if !key.is_live(now_ms()) {
-        bail!("the key {id} is not live any more");
+        bail!("the key {id} is no longer live");
     }
     Ok(key)
 }
@@ -152,19 +153,19 @@ async fn rotate(store: &Store, given: &str, overlap_hours: u32, expires: Option<
     let now = now_ms();
     let overlap_end = now + i64::from(overlap_hours) * HOUR_MS;
     let end = old.expires_at_ms.map_or(overlap_end, |own| own.min(overlap_end));
-    // A key that was to end is followed by one that lives as long.
+    // A key that expires is replaced by one with the same lifetime.
     let lifetime_ms = expires.or_else(|| old.expires_at_ms.map(|own| own - old.created_at_ms));
     let Some(key) = store.rotate_key(&old.id, end, lifetime_ms.map(|lifetime_ms| now + lifetime_ms), now).await? else {
         bail!("{:?} has {LIVE_KEYS} live keys; revoke the other one first (plumbline keys list)", old.owner);
     };
     println!("{key}");
-    eprintln!("this key is shown once; {} of {} works until {}", old.id, old.owner, rfc3339(end));
+    eprintln!("this key is shown only once; {} of {} works until {}", old.id, old.owner, rfc3339(end));
     Ok(())
 }
 
 const HOUR_MS: i64 = 3_600_000;
 
-/// The milliseconds of `30`, `30d` (days) or `12h` (hours).
+/// Parses `30` or `30d` (days) or `12h` (hours) into milliseconds.
 fn lifetime(text: &str) -> Result<i64, String> {
     const MOST_HOURS: i64 = 24 * 36_500;
     let (number, hours) = match text.strip_suffix('h') {

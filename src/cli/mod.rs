@@ -1,4 +1,4 @@
-//! The command line: its commands, and what each does with what it is given.
+//! The command line: the commands, their arguments and what they do.
 
 pub mod build;
 pub mod conformance;
@@ -27,85 +27,85 @@ use clap::{Parser, Subcommand};
 
 use crate::telemetry::LogFormat;
 
-/// Grades what AI agents build as construction engineers in Minecraft (the MineCEraft benchmark).
+/// Grade what AI agents build as construction engineers in Minecraft (the MineCEraft benchmark).
 #[derive(Debug, Parser)]
 #[command(version, about, propagate_version = true)]
 pub struct Cli {
-    /// What to do.
+    /// Command to run.
     #[command(subcommand)]
     pub command: Command,
 }
 
-/// The commands.
+/// Commands of the program.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Serve the API, the pages and the workers, from one SQLite file.
+    /// Run the service: the API, the web pages and the grading workers, on one SQLite file.
     Serve(serve::ServeArgs),
-    /// Post raw records (JSONL) to a service as one run, and wait for its summary.
+    /// Post raw records (JSONL) to a service as one run and wait for its summary.
     Submit(submit::SubmitArgs),
     /// Grade raw records (JSONL) and print the summary of the run.
     Grade(grade::GradeArgs),
-    /// Run vector files and compare with the values they carry; exit 1 on any mismatch.
+    /// Run test vectors and compare the results with the values they carry; exit 1 on any mismatch.
     Conformance {
-        /// Vector files, or folders of them.
+        /// Vector files, or folders that contain them.
         #[arg(required = true)]
         paths: Vec<PathBuf>,
     },
-    /// List and show tasks, and work with task files.
+    /// List and show tasks; validate and import task files.
     #[command(subcommand)]
     Tasks(tasks::TasksCommand),
     /// Print the log of a good build for a task.
     Build(build::BuildArgs),
-    /// Make, rotate, list and revoke API keys.
+    /// Create, rotate, list and revoke API keys.
     Keys(keys::KeysArgs),
-    /// Grant owners submissions, lift their limit, and look at what they used.
+    /// Grant submissions to owners, lift their limits and show their usage.
     Quota(quota::QuotaArgs),
-    /// Grade a suite's submissions again with this program's checks, look at what changes, and apply or discard it.
+    /// Regrade a suite's submissions with this program's checks, review what changes, and apply or discard it.
     Regrade(regrade::RegradeArgs),
     /// Announce, list and close epochs of hidden evaluation.
     Epochs(epochs::EpochsArgs),
-    /// Check what a closed epoch revealed: specifications, draws and grades, all made again from its key; exit 1 where anything
-    /// does not hold.
+    /// Verify the reveal of a closed epoch by recomputing its specifications, draws and grades from its key; exit 1 if
+    /// anything does not match.
     VerifyEpoch(verify_epoch::VerifyEpochArgs),
-    /// Check signed receipts, and the log that chains them; exit 1 where anything does not hold.
+    /// Verify signed receipts and the log that chains them; exit 1 if anything does not verify.
     VerifyReceipt(receipts::VerifyReceiptArgs),
-    /// Bring a database's schema up to date; a copy is made first.
+    /// Bring a database's schema up to date, after making a copy.
     Migrate(database::MigrateArgs),
-    /// Copy the database to a file, consistently, also while the service runs.
+    /// Write a consistent copy of the database to a file; the service may keep running.
     Backup(copies::CopyArgs),
-    /// Put a backup where the database shall be.
+    /// Restore the database from a backup.
     Restore(copies::RestoreArgs),
-    /// Write runs, submissions, reports and what else boards are made of as files of JSON lines, also while the service runs.
+    /// Export runs, submissions, reports and all other board data as files of JSON lines; the service may keep running.
     Export(copies::ExportArgs),
-    /// Read such files into a database that has no runs yet.
+    /// Import exported files into a database that has no runs yet.
     Import(copies::ExportArgs),
-    /// Run action code (JavaScript) against stand-ins and print one event a line.
+    /// Run action code (JavaScript) against stand-ins and print one event per line.
     Replay(replay::ReplayArgs),
     /// Print the OpenAPI document.
     Openapi,
-    /// Run the one script that standard input brings, confined: a process that `serve` and `replay` start.
+    /// Run one script from standard input in a confined process, which `serve` and `replay` start.
     #[command(name = crate::actions::child::COMMAND, hide = true)]
     RunActionCode,
 }
 
 impl Command {
-    /// Whether it goes on where nobody reads what it writes.
+    /// Returns whether the command goes on after the reader of its output is gone.
     #[must_use]
     pub const fn outlives_its_readers(&self) -> bool {
         matches!(self, Self::Serve(_) | Self::Submit(_) | Self::Replay(_) | Self::RunActionCode)
     }
 
-    /// Whether its log lines, and so its last words, are JSON.
+    /// Returns whether log lines, and so the final error message, are JSON.
     #[must_use]
     pub fn logs_json(&self) -> bool {
         matches!(self, Self::Serve(args) if args.log_format == LogFormat::Json)
     }
 }
 
-/// Runs a command to its end.
+/// Runs a command to completion.
 ///
 /// # Errors
-/// What went wrong, in words for the person at the terminal.
+/// Returns an error that tells the person at the terminal what went wrong.
 pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     match cli.command {
         Command::Grade(args) => grade::run(&args),

@@ -1,8 +1,8 @@
-//! Progress bars for long work: on a terminal only, on standard error.
+//! Progress bars for long operations, shown on standard error if it is a terminal.
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// A bar over `total` steps. Draws nothing where standard error is not a terminal.
+/// Creates a bar of `total` steps, which draws nothing if standard error is not a terminal.
 #[must_use]
 pub fn bar(total: usize, what: &'static str) -> ProgressBar {
     let bar = ProgressBar::new(total as u64).with_message(what);

@@ -1,4 +1,4 @@
-//! `plumbline quota`: grant owners submissions, and look at what they used.
+//! `plumbline quota`: grants submissions to owners, lifts their limits and shows their usage.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -14,43 +14,43 @@ use crate::store::Store;
 /// Arguments of `quota`.
 #[derive(Debug, Args)]
 pub struct QuotaArgs {
-    /// The service's database; the service may run.
+    /// Database file of the service, which may keep running.
     #[arg(long, global = true, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
     database: PathBuf,
     #[command(subcommand)]
     command: QuotaCommand,
 }
 
-/// What is done with quotas.
+/// Commands on quotas.
 #[derive(Debug, Subcommand)]
 enum QuotaCommand {
-    /// Grant an owner submissions. Without any grant an owner may submit as much as they like.
+    /// Grant submissions to an owner. An owner without any grant has no limit.
     Grant {
-        /// Whose.
+        /// Name of the owner.
         #[arg(long)]
         name: String,
-        /// How many more; fewer where negative.
+        /// Number of submissions to add; a negative number takes submissions away.
         #[arg(long, allow_negative_numbers = true)]
         submissions: i64,
-        /// Why; it stands in the ledger.
+        /// Reason, recorded in the ledger.
         #[arg(long)]
         reason: String,
-        /// Grant to a name that nobody has a key for yet.
+        /// Accept an owner who has no key yet.
         #[arg(long)]
         new_owner: bool,
     },
-    /// Take the end off what an owner may submit: from now on as much as they like.
+    /// Remove the limit of an owner, who may then submit without limit.
     Lift {
-        /// Whose.
+        /// Name of the owner.
         #[arg(long)]
         name: String,
-        /// Why; it stands in the ledger.
+        /// Reason, recorded in the ledger.
         #[arg(long)]
         reason: String,
     },
-    /// Show what an owner was granted and has used, with the latest of the ledger.
+    /// Show what an owner was granted and has used, with the latest ledger entries.
     Show {
-        /// Whose.
+        /// Name of the owner.
         #[arg(long)]
         name: String,
     },
@@ -59,7 +59,7 @@ enum QuotaCommand {
 /// Runs the command.
 ///
 /// # Errors
-/// Where the database cannot be opened.
+/// Returns an error if the database cannot be opened, the owner is unknown, or the change is not allowed.
 pub fn run(args: &QuotaArgs) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
@@ -80,23 +80,23 @@ pub fn run(args: &QuotaArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Refuses a name that nobody has: it is misspelt, more likely than not.
+/// Rejects the name of an unknown owner, which is probably misspelt.
 async fn must_be_known(store: &Store, name: &str) -> anyhow::Result<()> {
     if store.knows_owner(name).await? {
         return Ok(());
     }
     let owners = store.owners().await?;
     let near = did_you_mean(name, owners.iter().map(String::as_str));
-    bail!("there is no owner {name:?}{near} (`quota grant --new-owner` grants to a name that has no key yet)");
+    bail!("there is no owner {name:?}{near} (`quota grant --new-owner` accepts an owner who has no key yet)");
 }
 
 async fn lift(store: &Store, name: &str, reason: &str) -> anyhow::Result<()> {
     must_be_known(store, name).await?;
     if reason.trim().is_empty() {
-        bail!("--reason: lifting a quota needs one; it stands in the ledger");
+        bail!("--reason: must not be empty; it is recorded in the ledger");
     }
     if !store.lift_quota(name, reason, now_ms()).await? {
-        bail!("{name} has no limit already");
+        bail!("{name} already has no limit");
     }
     show(store, name).await
 }
@@ -104,13 +104,13 @@ async fn lift(store: &Store, name: &str, reason: &str) -> anyhow::Result<()> {
 async fn grant(store: &Store, name: &str, submissions: i64, reason: &str) -> anyhow::Result<()> {
     const MOST: i64 = 1_000_000_000_000;
     if reason.trim().is_empty() {
-        bail!("--reason: a grant needs one; it stands in the ledger");
+        bail!("--reason: must not be empty; it is recorded in the ledger");
     }
     if submissions == 0 || submissions.abs() > MOST {
-        bail!("--submissions: expected a number other than 0, at most {MOST}");
+        bail!("--submissions: expected a number other than 0, between -{MOST} and {MOST}");
     }
     if submissions < 0 && store.quota(name).await?.granted.is_none() {
-        bail!("--submissions: {name} has no grant to take from; a first grant is a number above 0");
+        bail!("--submissions: {name} has no grant to take from; the first grant must be positive");
     }
     store.grant(name, submissions, reason, now_ms()).await?;
     show(store, name).await

@@ -1,4 +1,4 @@
-//! `plumbline verify-receipt`: checks receipts, and the log that chains them, without the service.
+//! `plumbline verify-receipt`: verifies receipts and the log that chains them, without the service.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -14,19 +14,20 @@ use plumbline_engine::hidden::receipts::{
 /// Arguments of `verify-receipt`.
 #[derive(Debug, Args)]
 pub struct VerifyReceiptArgs {
-    /// Receipts (`GET /v1/submissions/ID/receipt`), or pages of the log (`GET /v1/receipts`) in order.
+    /// Files of receipts (`GET /v1/submissions/ID/receipt`), or of pages of the log (`GET /v1/receipts`) in order.
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// A public key to trust, in hex: `public_key` of `/.well-known/plumbline-receipts.json`. Give each one where the key changed.
+    /// Public key to trust, in hex: `public_key` in `/.well-known/plumbline-receipts.json`. If the key changed, give
+    /// every key.
     #[arg(long = "key", required = true, value_name = "HEX")]
     keys: Vec<String>,
-    /// Take pages that do not reach the signed end of the log, and receipts whose place in it is not signed: what was cut off or moved
-    /// is not found then.
+    /// Accept pages that do not reach the signed end of the log, and receipts whose position in it is not signed.
+    /// Receipts that were cut off or moved are then not detected.
     #[arg(long)]
     part: bool,
 }
 
-/// What the files hold.
+/// Contents of the files.
 #[derive(Default)]
 struct Given {
     alone: Vec<ReceiptFile>,
@@ -49,7 +50,7 @@ impl Given {
         Ok(())
     }
 
-    /// What is wrong with the places of the receipts.
+    /// Returns the faults in the positions of the receipts.
     fn places(&self, trusted: &[&str], has_log: bool) -> Vec<ReceiptFault> {
         let mut faults: Vec<ReceiptFault> =
             self.alone.iter().filter_map(|receipt| receipt.verify_place(trusted).err()).collect();
@@ -68,10 +69,10 @@ impl Given {
     }
 }
 
-/// Runs the command: exit 1 where a receipt or the chain does not hold.
+/// Runs the command, with exit code 1 if a receipt or the chain does not verify.
 ///
 /// # Errors
-/// Where a file cannot be read.
+/// Returns an error if a file cannot be read or parsed, or the files hold no receipts.
 pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
     let mut given = Given::default();
     for file in &args.files {
@@ -79,7 +80,7 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
     }
     let log = &given.log;
     let mut chains: Vec<Vec<&ReceiptFile>> = given.alone.iter().map(|single| vec![single]).collect();
-    // Pages follow each other, without a gap.
+    // Pages of the log form one chain without gaps.
     chains.push(log.iter().collect());
     let all: Vec<&ReceiptFile> = chains.concat();
     if all.is_empty() && given.heads.is_empty() {
@@ -105,7 +106,7 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
     for alone in &given.alone {
         if given.log.iter().any(|own| own.seq == alone.seq && (own.link != alone.link || own.hash != alone.hash)) {
             is_good = false;
-            println!("BROKEN  receipt {}: the log has another one at its place", alone.seq);
+            println!("BROKEN  receipt {}: the log has a different receipt at this position", alone.seq);
         }
     }
     let has_log = given.alone.len() < args.files.len();
@@ -123,7 +124,7 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
             println!("NOTE    receipt {}: the key changed from {} to {}", receipt.seq, change["before"], change["now"]);
         }
     }
-    let chain = if log.is_empty() { "" } else { ", each of the log linked to the one before" };
+    let chain = if log.is_empty() { "" } else { ", each log entry linked to the one before" };
     println!("{} receipts{chain}; {withheld} of them not released yet", all.len());
     Ok(if is_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

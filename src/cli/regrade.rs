@@ -1,4 +1,5 @@
-//! `plumbline regrade`: grade a suite's submissions again with this program's checks, beside what holds; look; apply or discard.
+//! `plumbline regrade`: regrades a suite's submissions with this program's checks beside the current results, shows
+//! what changes, and applies or discards it.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -22,11 +23,11 @@ use plumbline_engine::elasticity::Control;
 use plumbline_engine::grading::{Summary, grade_hashed};
 use plumbline_engine::tasks::catalogue::Entry;
 
-/// Submissions graded between two writes.
+/// Number of submissions graded between two writes.
 const CHUNK: i64 = 200;
-/// How much this yields to a service on the same machine (niceness).
+/// Niceness of this process, so that a service on the same machine goes first.
 const NICENESS: i32 = 10;
-/// Flipped submissions that are listed.
+/// Maximum number of flipped submissions to list.
 const LISTED: usize = 50;
 
 /// Arguments of `regrade`.
@@ -41,13 +42,13 @@ pub struct RegradeArgs {
 
 #[derive(Debug, Args)]
 struct ComputeArgs {
-    /// Suite whose submissions are graded again: name@version.
+    /// Suite whose submissions are regraded, as name@version.
     #[arg(long)]
     suite: Option<String>,
-    /// Why; it stands beside every row that changes.
+    /// Reason, recorded with every row that changes.
     #[arg(long)]
     reason: Option<String>,
-    /// Who does it; it stands there too.
+    /// Person who regrades, recorded with every row that changes.
     #[arg(long, default_value = "operator")]
     actor: String,
     #[command(flatten)]
@@ -56,27 +57,27 @@ struct ComputeArgs {
 
 #[derive(Debug, Args)]
 struct Database {
-    /// The service's database; the service may run.
+    /// Database file of the service, which may keep running.
     #[arg(long, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
     database: PathBuf,
 }
 
-/// What is done with a regrade that was computed.
+/// Commands on computed regrades.
 #[derive(Debug, Subcommand)]
 enum RegradeCommand {
     /// List regrades.
     List(Database),
     /// Show what a regrade would change.
     Show(Named),
-    /// Make a regrade hold: boards change at once, old reports stay.
+    /// Apply a regrade: boards change at once, and old reports are kept.
     Apply(Named),
-    /// Throw a regrade away.
+    /// Discard a regrade.
     Discard(Named),
 }
 
 #[derive(Debug, Args)]
 struct Named {
-    /// Its id.
+    /// Id of the regrade.
     id: String,
     #[command(flatten)]
     at: Database,
@@ -85,7 +86,8 @@ struct Named {
 /// Runs the command.
 ///
 /// # Errors
-/// Where the database cannot be opened, there is no such suite or regrade, or a submission cannot be graded.
+/// Returns an error if the database cannot be opened, there is no such suite or regrade, or a submission cannot be
+/// graded.
 pub fn run(args: &RegradeArgs) -> anyhow::Result<ExitCode> {
     let database = match &args.command {
         None => &args.compute.at.database,
@@ -94,7 +96,7 @@ pub fn run(args: &RegradeArgs) -> anyhow::Result<ExitCode> {
             &named.at.database
         }
     };
-    // A service on this machine goes first; where that cannot be had, the numbers are the same.
+    // Lets a service on this machine go first. A failure does not change the results.
     let _ = rustix::process::setpriority_process(None, NICENESS);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
@@ -113,16 +115,16 @@ pub fn run(args: &RegradeArgs) -> anyhow::Result<ExitCode> {
 }
 
 async fn compute(store: &Store, args: &ComputeArgs) -> anyhow::Result<()> {
-    let Some(name) = &args.suite else { bail!("--suite: which suite shall be graded again? (name@version)") };
+    let Some(name) = &args.suite else { bail!("--suite: name the suite to regrade (name@version)") };
     let Some(reason) = args.reason.as_deref().map(str::trim).filter(|reason| !reason.is_empty()) else {
-        bail!("--reason: it stands beside every row that changes");
+        bail!("--reason: must not be empty; it is recorded with every row that changes");
     };
     let catalogue = store.catalogue();
     let entry = catalogue.suite(name).with_context(|| format!("there is no suite {name:?}"))?;
     let suite_id = entry.suite.id();
     let id = Uuid::now_v7().to_string();
     store.begin_regrade(&id, &suite_id, reason, &args.actor, now_ms()).await?;
-    let progress = bar(0, "graded again");
+    let progress = bar(0, "regrading");
     let mut after = String::new();
     loop {
         let chunk = store.to_regrade(&suite_id, &after, CHUNK).await?;
@@ -142,7 +144,7 @@ async fn compute(store: &Store, args: &ComputeArgs) -> anyhow::Result<()> {
 
 fn grade(entry: &Entry, one: &ToRegrade) -> anyhow::Result<(String, PackedReport)> {
     let begun = Instant::now();
-    let (task, hash) = entry.task_numbered(one.task_number).context("a submission to a task that is not there")?;
+    let (task, hash) = entry.task_numbered(one.task_number).context("a submission to a task that does not exist")?;
     let report = grade_hashed(task, hash, &one.read_log()?, &Control::unhurried());
     let report = report.map_err(|_stopped| anyhow::anyhow!("grading {} stopped", one.submission_id))?;
     let took = i64::try_from(begun.elapsed().as_micros()).unwrap_or(i64::MAX);
@@ -165,11 +167,11 @@ async fn show(store: &Store, id: &str) -> anyhow::Result<()> {
     let all = store.regrades().await?;
     let regrade = all.iter().find(|row| row.id == id).with_context(|| format!("there is no regrade {id:?}"))?;
     let catalogue = store.catalogue();
-    let entry = catalogue.suite(&regrade.suite_id).context("its suite is gone")?;
+    let entry = catalogue.suite(&regrade.suite_id).context("the suite of the regrade no longer exists")?;
     println!("{} of {}: {} ({})", regrade.id, regrade.suite_id, regrade.state, regrade.reason);
     let differences = store.differences(id).await?;
     let flips: Vec<&Difference> = differences.iter().filter(|d| d.before != d.after).collect();
-    println!("{} submissions score otherwise; {} problems flip", differences.len(), flips.len());
+    println!("{} submissions score differently; {} problems flip", differences.len(), flips.len());
     for flip in flips.iter().take(LISTED) {
         let task = u32::try_from(flip.task_number).ok().and_then(|n| entry.task_numbered(n)).map(|(task, _)| &task.id);
         let becomes = if flip.after { "solved" } else { "not solved" };
@@ -181,10 +183,10 @@ async fn show(store: &Store, id: &str) -> anyhow::Result<()> {
     ranks(store, id, entry, &differences).await
 }
 
-/// How runs move.
+/// Prints how the rates and ranks of runs change.
 async fn ranks(store: &Store, id: &str, entry: &Entry, differences: &[Difference]) -> anyhow::Result<()> {
     let news = store.board_news(&entry.suite.id(), &entry.suite.tasks, Read::default()).await?;
-    // The last result of a run holds.
+    // The last result of a run counts.
     let before: BTreeMap<String, (String, f64)> = news
         .results
         .into_iter()
@@ -218,7 +220,7 @@ async fn ranks(store: &Store, id: &str, entry: &Entry, differences: &[Difference
         ]);
     }
     if table.row_count() == 0 {
-        println!("no run of the board moves");
+        println!("no run on the board moves");
     } else {
         println!("{table}");
     }
@@ -229,10 +231,10 @@ async fn apply(store: &Store, id: &str) -> anyhow::Result<()> {
     let all = store.regrades().await?;
     let regrade = all.iter().find(|row| row.id == id).with_context(|| format!("there is no regrade {id:?}"))?;
     let catalogue = store.catalogue();
-    let entry = catalogue.suite(&regrade.suite_id).context("its suite is gone")?;
+    let entry = catalogue.suite(&regrade.suite_id).context("the suite of the regrade no longer exists")?;
     let left_out = store.left_out(id).await?;
     if regrade.state == "ready" && left_out > 0 {
-        bail!("{left_out} submissions were graded meanwhile by other checks; grade again, and then apply");
+        bail!("{left_out} submissions were graded by other checks in the meantime; regrade again before applying");
     }
     match store.apply_regrade(id, &entry.suite.tasks, now_ms()).await? {
         Some(runs) => println!("applied; {runs} finished runs have new results"),
@@ -243,7 +245,7 @@ async fn apply(store: &Store, id: &str) -> anyhow::Result<()> {
 
 async fn discard(store: &Store, id: &str) -> anyhow::Result<()> {
     if !store.end_computing(id, false, now_ms()).await? {
-        bail!("there is no regrade {id:?} that waits to be applied");
+        bail!("there is no regrade {id:?} to discard");
     }
     println!("discarded");
     Ok(())

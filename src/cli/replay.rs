@@ -1,4 +1,4 @@
-//! `plumbline replay`: action code to events, one a line.
+//! `plumbline replay`: runs action code and prints its events, one per line.
 
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -15,16 +15,16 @@ use plumbline_engine::intake::code::without_fences;
 /// Arguments of `replay`.
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
-    /// Files of action code; `-` is standard input.
+    /// Files of action code; `-` reads standard input.
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
 }
 
-/// Runs the command. Events go to standard output, in the order of the files; what a script says or does wrong to standard
-/// error. A script that is stopped at a limit, or cannot be read as JavaScript, makes the exit code 1.
+/// Runs the command. Events go to standard output, in the order of the files; dropped calls, notes and errors go to
+/// standard error. The exit code is 1 if a script is stopped at a limit or is not JavaScript.
 ///
 /// # Errors
-/// Where a file cannot be read or no process be had.
+/// Returns an error if a file cannot be read or is too large, or a script cannot be run in a process.
 pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
@@ -44,7 +44,7 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
             let replayed = pool.run(&without_fences(&code), &who).await?;
             is_whole &= replayed.stopped.is_none() && !replayed.unreadable;
             match print(&name, &replayed) {
-                // Whoever reads has seen enough.
+                // The reader has closed the pipe.
                 Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => return Ok(ExitCode::SUCCESS),
                 printed => printed?,
             }

@@ -1,4 +1,4 @@
-//! `plumbline submit`: raw records of the published pipeline, posted to a service as one run.
+//! `plumbline submit`: posts raw records of the published pipeline to a service as one run.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -17,30 +17,31 @@ use plumbline_engine::voxel::{BlockLog, Structure};
 #[derive(Debug, Args)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a flag of its own")]
 pub struct SubmitArgs {
-    /// Raw records, one JSON object a line.
+    /// File of raw records, one JSON object per line.
     file: PathBuf,
-    /// Who built, as the board shall show it.
+    /// Name of the agent that built, as shown on the board.
     #[arg(long)]
     agent: String,
-    /// Go on with this run, where an earlier attempt broke off: what it has already is not stored again.
+    /// Continue this run after an interrupted attempt; answers that it already has are not stored again.
     #[arg(long, value_name = "ID")]
     run: Option<String>,
-    /// Leave out problems that the suite does not have, such as those outside a Lite draw.
+    /// Skip problems that are not in the suite, such as those outside a Lite draw.
     #[arg(long)]
     only_suite: bool,
-    /// Say that tasks without a record are left out on purpose: they count as failed, and the run is compared with others on the board.
+    /// Declare that tasks without a record are skipped on purpose: they count as failed, and the run is still compared
+    /// with others on the board.
     #[arg(long, conflicts_with = "keep_open")]
     skip_rest: bool,
-    /// Leave the run open for more; without this it is finished, and tasks without a record count as failed.
+    /// Leave the run open for more answers; otherwise it is finished, and tasks without a record count as failed.
     #[arg(long)]
     keep_open: bool,
-    /// Only say what would be posted, and where.
+    /// Print what would be posted and where, without posting.
     #[arg(long)]
     dry_run: bool,
-    /// Suite: name, or name@version. Its own checks count, not those in the records; version 1 has the published ones.
+    /// Suite, as name or name@version. Its checks count, not those in the records; version 1 has the published checks.
     #[arg(long, default_value = "mineceraft@1")]
     suite: String,
-    /// Key for writing, where the service asks for one.
+    /// API key for writing, if the service requires one.
     #[arg(long, env = "PLUMBLINE_KEY", hide_env_values = true)]
     key: Option<String>,
     /// Address of the service.
@@ -51,7 +52,7 @@ pub struct SubmitArgs {
 /// Runs the command.
 ///
 /// # Errors
-/// Where the file is faulty, or the service cannot be reached or refuses.
+/// Returns an error if the file cannot be read or has faults, or the service cannot be reached or rejects a request.
 pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
     eprintln!("server {}{}", args.server, if args.key.is_some() { ", with a key" } else { "" });
     let text = std::fs::read_to_string(&args.file).with_context(|| format!("cannot read {}", args.file.display()))?;
@@ -75,7 +76,7 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
             let then = if args.skip_rest {
                 ""
             } else {
-                ", and the run is not compared with others (--skip-rest says that it is on purpose)"
+                ", and the run is not compared with others (--skip-rest declares that they are skipped on purpose)"
             };
             eprintln!("{missing} of {} tasks have no record and count as failed{then}", tasks.len());
         }
@@ -105,7 +106,8 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
     })
 }
 
-/// The events that lead to the recorded structures. Entries of one cell become one: a log cannot list a cell twice.
+/// Converts recorded structures into the events that lead to them. Several entries for one cell become one, since a log
+/// cannot list a cell twice.
 fn answer(problem: &RecordedProblem) -> Answer {
     let mut log = BlockLog::default();
     let mut before = Structure::from_named([]);

@@ -1,4 +1,4 @@
-//! `plumbline tasks`: the tasks of the suite in this program, and task files of others.
+//! `plumbline tasks`: shows the tasks of this program's suite, and validates and imports task files.
 
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -20,45 +20,46 @@ use plumbline_engine::tasks::family::json_schema;
 use plumbline_engine::tasks::published::{TaskFile, read_task_files};
 use plumbline_engine::tasks::{Suite, Task, embedded};
 
-/// Names that suites of others cannot have.
+/// Suite names that are reserved for this program.
 const OWN_SUITES: [&str; 3] = [embedded::FULL, "mineceraft-lite", "hidden"];
 
 /// Commands on tasks and task files.
 #[derive(Debug, Subcommand)]
 pub enum TasksCommand {
-    /// List the tasks of the suite, one a line: number, id, turns, criteria.
+    /// List the tasks of the suite, one per line: number, id, number of turns, criteria.
     List {
-        /// Only families whose name contains this.
+        /// List only families whose name contains this text.
         #[arg(long)]
         family: Option<String>,
-        /// Only tasks to which this criterion applies.
+        /// List only tasks to which this criterion applies.
         #[arg(long)]
         criterion: Option<String>,
     },
-    /// Show a task: its prompts and checks.
+    /// Show the prompts and checks of a task.
     Show {
-        /// The task, by its id or its number.
+        /// Id or number of the task.
         task: String,
-        /// As JSON.
+        /// Print the task as JSON.
         #[arg(long)]
         json: bool,
     },
-    /// Check the files of a suite, and that every task is solved by its builder.
+    /// Validate the files of a suite, and check that every task is solved by its builder.
     Validate(ValidateArgs),
     /// Print the JSON Schema of family files.
     Schema,
-    /// Print the table that shows which saboteur makes which criteria fail, by family.
+    /// Print a table of the criteria that each saboteur makes fail, by family.
     Saboteurs,
-    /// Read task files in the published format (JSON), or a folder of family files (TOML), check them, and add them to a database as a
-    /// suite. A stored suite never changes; a change is a new version.
+    /// Check task files in the published format (JSON) or a folder of family files (TOML), and add them to a database
+    /// as a suite. A stored suite never changes; import changes as a new version.
     Import {
-        /// Task files, or one folder with `suite.toml` and a file per family.
+        /// Task files, or one folder with `suite.toml` and one file per family.
         #[arg(required = true, value_name = "FILE|FOLDER")]
         files: Vec<PathBuf>,
-        /// Name and version of the suite that task files make, by default imported@1; the files of a folder say it themselves.
+        /// Name and version for a suite made of task files, by default imported@1; a folder states its own in
+        /// `suite.toml`.
         #[arg(long)]
         suite: Option<String>,
-        /// Database that takes the suite; without it the files are only checked. The service may run.
+        /// Database to add the suite to; without it, the files are only checked. The service may keep running.
         #[arg(long, value_name = "FILE")]
         database: Option<PathBuf>,
     },
@@ -67,7 +68,8 @@ pub enum TasksCommand {
 /// Runs the command.
 ///
 /// # Errors
-/// Where there is no such task; where a file cannot be read or has faults, all of them told.
+/// Returns an error if there is no such task or criterion, or a file cannot be read or has faults; all faults are
+/// listed.
 pub fn run(command: TasksCommand) -> anyhow::Result<ExitCode> {
     match command {
         TasksCommand::List { family, criterion } => list(family.as_deref(), criterion.as_deref()),
@@ -79,10 +81,10 @@ pub fn run(command: TasksCommand) -> anyhow::Result<ExitCode> {
     }
 }
 
-/// The task of the suite in this program with this id or number.
+/// Returns the task of this program's suite with this id or number.
 ///
 /// # Errors
-/// Where there is none.
+/// Returns an error if there is no such task.
 pub fn find(wanted: &str) -> anyhow::Result<Task> {
     let is_wanted = |task: &Task| task.id == wanted || Ok(task.number) == wanted.parse();
     let found = suite()?.tasks.into_iter().find(is_wanted);
@@ -93,10 +95,10 @@ pub fn find(wanted: &str) -> anyhow::Result<Task> {
     })
 }
 
-/// The latest version of the suite in this program.
+/// Returns the latest version of this program's suite.
 ///
 /// # Errors
-/// Where it is faulty.
+/// Returns an error if its files have faults.
 pub fn suite() -> anyhow::Result<Suite> {
     embedded::latest().map_err(|faults| anyhow::anyhow!("the suite of this program is faulty: {faults:?}"))
 }
@@ -148,7 +150,7 @@ fn import(files: &[PathBuf], suite: Option<&str>, database: Option<&Path>) -> an
     let suites = match files {
         [folder] if folder.is_dir() => {
             if suite.is_some() {
-                bail!("--suite: {} says name and version itself, in suite.toml", folder.display());
+                bail!("--suite: {} states its own name and version in suite.toml", folder.display());
             }
             validate::suites_of(&validate::read_folder(folder)?)?
         }
@@ -192,9 +194,9 @@ fn store(suite: &Suite, database: &Path) -> anyhow::Result<()> {
         store.close().await;
         match stored {
             SuiteStored::Added => println!("stored as {}", suite.id()),
-            SuiteStored::Unchanged => println!("{} was stored before, with the same content", suite.id()),
+            SuiteStored::Unchanged => println!("{} is already stored with the same content", suite.id()),
             SuiteStored::Conflict => {
-                bail!("{} exists with another content; a change is a new version", suite.id())
+                bail!("{} exists with different content; a change is a new version", suite.id())
             }
         }
         Ok(())
@@ -225,7 +227,7 @@ fn parse_suite_id(id: &str) -> anyhow::Result<(String, u32)> {
 fn must_be_a_name(name: &str) -> anyhow::Result<()> {
     let is_name = !name.is_empty() && name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-');
     if !is_name {
-        bail!("{name:?} is not a suite name: lower-case letters, digits and dashes");
+        bail!("{name:?} is not a suite name: expected lower-case letters, digits and dashes");
     }
     Ok(())
 }

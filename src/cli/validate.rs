@@ -1,4 +1,4 @@
-//! `plumbline tasks validate`: whether a folder of family files is sound, and each of its tasks can be solved.
+//! `plumbline tasks validate`: checks that a folder of family files is valid and that its tasks can be solved.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -22,9 +22,9 @@ const HIDDEN: &str = "hidden";
 /// Arguments of `tasks validate`.
 #[derive(Debug, Args)]
 pub struct ValidateArgs {
-    /// Folder with `suite.toml` and a file per family; the suite of this program where none is given.
+    /// Folder with `suite.toml` and one file per family; by default, the suite of this program.
     folder: Option<PathBuf>,
-    /// Only read and expand, without building and grading.
+    /// Read and expand the files without building and grading the tasks.
     #[arg(long)]
     no_build: bool,
 }
@@ -32,7 +32,8 @@ pub struct ValidateArgs {
 /// Runs the command.
 ///
 /// # Errors
-/// Where the files have faults, all of them told, or a good build of the latest version fails.
+/// Returns an error that lists all faults of the files, or all tasks of the latest version that their builders do not
+/// solve.
 pub fn run(args: &ValidateArgs) -> anyhow::Result<ExitCode> {
     let begin = Instant::now();
     let source = match &args.folder {
@@ -63,22 +64,22 @@ pub fn run(args: &ValidateArgs) -> anyhow::Result<ExitCode> {
     if !unsolved.is_empty() {
         bail!("{} tasks of {} are not solved by their builder:\n{}", unsolved.len(), latest.id(), unsolved.join("\n"));
     }
-    let which = if notes.is_empty() { "every task" } else { "every other task" };
+    let which = if notes.is_empty() { "every task" } else { "every certified task" };
     if notes.len() < latest.families().len() {
-        println!("{which} of {} is solved by its builder, every check at 1", latest.id());
+        println!("{which} of {} is solved by its builder, with every check at 1", latest.id());
     }
     Ok(ExitCode::SUCCESS)
 }
 
-/// All versions of a suite.
+/// Returns all versions of a suite.
 ///
 /// # Errors
-/// All faults of its files.
+/// Returns an error that lists all faults of a version.
 pub fn suites_of(source: &SuiteSource) -> anyhow::Result<Vec<Suite>> {
     source.versions.iter().map(|version| source.suite(version.number).map_err(|faults| told(&faults))).collect()
 }
 
-/// What is said of families that this program has no builder for, a line each: nobody has shown that they can be solved.
+/// Returns a note for each family without a builder in this program: nothing shows that its tasks can be solved.
 #[must_use]
 pub fn not_certified(suite: &Suite) -> Vec<String> {
     let families = suite.families().into_iter().filter_map(|tasks| tasks.first().map(Task::family));
@@ -88,15 +89,15 @@ pub fn not_certified(suite: &Suite) -> Vec<String> {
         .collect()
 }
 
-/// Whether a builder shows that a family can be solved: those of this program are for its own suites.
+/// Returns whether a builder shows that a family can be solved. This program's builders cover only its own suites.
 fn is_certified(suite: &Suite, family: &str) -> bool {
     [embedded::FULL, HIDDEN].contains(&suite.name.as_str()) && has_builder(family)
 }
 
-/// The files of a suite in a folder.
+/// Reads the files of a suite from a folder.
 ///
 /// # Errors
-/// Where it cannot be read, or its files have faults.
+/// Returns an error if the folder cannot be read, or its files have faults.
 pub fn read_folder(folder: &Path) -> anyhow::Result<SuiteSource> {
     let place = || folder.display().to_string();
     let mut texts = Vec::new();
@@ -117,7 +118,7 @@ fn told(faults: &[TaskFileFault]) -> anyhow::Error {
     anyhow::anyhow!("{}:\n{}", crate::near::counted(lines.len(), "fault"), lines.join("\n"))
 }
 
-/// What keeps tasks from being solved by their builders, a line each.
+/// Returns one line for each task that its builder does not solve, with the reason.
 fn unsolved(suite: &Suite) -> Vec<String> {
     let bar = progress::bar(suite.tasks.len(), "building");
     let fault = |task: &Task| {

@@ -1,4 +1,4 @@
-//! `plumbline verify-epoch`: checks a reveal without the service.
+//! `plumbline verify-epoch`: verifies a reveal without the service.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -15,29 +15,29 @@ use plumbline_engine::hidden::reveal::Reveal;
 use plumbline_engine::hidden::verify::{Kept, verify};
 use plumbline_engine::voxel::BlockLog;
 
-/// Arguments of `verify-epoch`. The more is given, the more is checked; what is not given is named in the output.
+/// Arguments of `verify-epoch`. Each file enables more checks; the output names the checks that could not be made.
 #[derive(Debug, Args)]
 pub struct VerifyEpochArgs {
-    /// What `GET /v1/epochs/NAME/reveal` gave.
+    /// Reveal of the epoch, from `GET /v1/epochs/NAME/reveal`.
     reveal: PathBuf,
-    /// What `GET /v1/epochs/NAME/answers` gave: the logs, which are graded again.
+    /// Answers of the epoch, from `GET /v1/epochs/NAME/answers`, whose logs are graded again.
     #[arg(long, value_name = "FILE")]
     answers: Option<PathBuf>,
-    /// The epoch as it was published before it opened, kept since (`GET /v1/epochs/NAME`). Without it the reveal is compared with
-    /// the commitment that it brings itself.
+    /// Epoch as published before it opened, saved from `GET /v1/epochs/NAME`. Without it, the reveal is compared with
+    /// its own copy of the commitment.
     #[arg(long, value_name = "FILE")]
     commitment: Option<PathBuf>,
-    /// Pages of the public log (`GET /v1/receipts`), from the first to the last; pages kept from earlier too, which show whether the
-    /// log was written anew.
+    /// Pages of the public log (`GET /v1/receipts`), from the first to the last. Pages saved earlier show whether the
+    /// log was rewritten.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     receipts: Vec<PathBuf>,
-    /// Answers of the service that hold a receipt: to the registration of an entry, or to the answer of an instance.
+    /// Responses of the service that contain a receipt, to the registration of an entry or the answer to an instance.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     given: Vec<PathBuf>,
-    /// Boards as the service shows them (`GET /v1/epochs/NAME/leaderboard`), which are made again.
+    /// Boards as served by `GET /v1/epochs/NAME/leaderboard`, which are recomputed.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     board: Vec<PathBuf>,
-    /// A public key to trust beside the one that the epoch committed to, in hex: where it changed, and no pages of the log say so.
+    /// Additional public key to trust, in hex, besides the one that the epoch committed to; needed if the key changed.
     #[arg(long = "key", value_name = "HEX")]
     keys: Vec<String>,
 }
@@ -47,14 +47,14 @@ fn read_json(path: &Path) -> anyhow::Result<Value> {
     serde_json::from_slice(&text).with_context(|| path.display().to_string())
 }
 
-/// Reads a file of JSON values, one after another.
+/// Reads a file of concatenated JSON values.
 fn read_values(path: &Path) -> anyhow::Result<Vec<Value>> {
     let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
     let values: Result<Vec<Value>, _> = Deserializer::from_str(&text).into_iter().collect();
     values.with_context(|| path.display().to_string())
 }
 
-/// Reads answers: a JSON object a line, with the instance and its log.
+/// Reads answers, one JSON object per line with the instance and its log.
 fn read_answers(path: &Path) -> anyhow::Result<BTreeMap<String, BlockLog>> {
     let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
     let mut logs = BTreeMap::new();
@@ -65,13 +65,13 @@ fn read_answers(path: &Path) -> anyhow::Result<BTreeMap<String, BlockLog>> {
         let log = BlockLog::from_canonical_json(answer["log"].to_string().as_bytes());
         let log = log.map_err(|error| anyhow::anyhow!("{}: {error}", place()))?;
         if logs.insert(instance, log).is_some() {
-            bail!("{}: the instance stands there twice", place());
+            bail!("{}: the instance occurs twice", place());
         }
     }
     Ok(logs)
 }
 
-/// A receipt as the service gave it: alone, or in the answer to what it is about.
+/// Reads a receipt as the service returned it: alone, or inside the response to the step that it confirms.
 fn read_given(value: &Value) -> Option<GivenReceipt> {
     let inner = value.get("receipt").filter(|inner| inner.get("signature").is_some());
     serde_json::from_value(inner.unwrap_or(value).clone()).ok()
@@ -81,7 +81,7 @@ fn read_kept(args: &VerifyEpochArgs) -> anyhow::Result<Kept> {
     let mut kept = Kept { keys: args.keys.iter().map(|key| key.trim().to_owned()).collect(), ..Kept::default() };
     if let Some(path) = &args.commitment {
         let value = read_json(path)?;
-        // The epoch's own page, or the commitment alone.
+        // Either the epoch document or the commitment alone.
         let commitment: Value = value.get("commitment").cloned().unwrap_or(value);
         let commitment: Commitment = serde_json::from_value(commitment).with_context(|| path.display().to_string())?;
         kept.commitment = Some(commitment);
@@ -106,10 +106,10 @@ fn read_kept(args: &VerifyEpochArgs) -> anyhow::Result<Kept> {
     Ok(kept)
 }
 
-/// Runs `verify-epoch`: exit 1 where anything does not hold.
+/// Runs `verify-epoch`, with exit code 1 if anything does not match.
 ///
 /// # Errors
-/// Where a file cannot be read.
+/// Returns an error if a file cannot be read or parsed.
 pub fn run(args: &VerifyEpochArgs) -> anyhow::Result<ExitCode> {
     let place = || args.reveal.display().to_string();
     let reveal: Reveal = serde_json::from_value(read_json(&args.reveal)?).with_context(place)?;
@@ -117,7 +117,7 @@ pub fn run(args: &VerifyEpochArgs) -> anyhow::Result<ExitCode> {
     let found = verify(&reveal, &kept)?;
     let graded = reveal.instances.iter().filter(|instance| instance.log_sha256.is_some()).count();
     println!(
-        "epoch {}: {} of {} specifications, {} of {} draws and {} of {graded} grades were made again and are the same",
+        "epoch {}: {} of {} specifications, {} of {} draws and {} of {graded} grades recomputed and identical",
         reveal.commitment.epoch,
         found.specifications,
         reveal.commitment.specifications,
@@ -125,17 +125,12 @@ pub fn run(args: &VerifyEpochArgs) -> anyhow::Result<ExitCode> {
         reveal.instances.len(),
         found.grades
     );
-    println!(
-        "{} receipts say the same as the reveal; {} boards were made again and are the same",
-        found.receipts, found.boards
-    );
+    println!("{} receipts agree with the reveal; {} boards recomputed and identical", found.receipts, found.boards);
     if found.ungraded > 0 {
-        println!("{} answers were not graded, through failures of the service, and count as failed", found.ungraded);
+        println!("{} answers were not graded because the service failed, and count as failed", found.ungraded);
     }
     if kept.commitment.is_none() {
-        println!(
-            "NOT CHECKED  commitment: none kept from before the epoch opened was given; the reveal's own was taken"
-        );
+        println!("NOT CHECKED  commitment: no copy saved before the epoch opened was given; the reveal's own was used");
     }
     for what in &found.unchecked {
         println!("NOT CHECKED  {what}");

@@ -75,13 +75,13 @@ async fn writing_needs_a_key_and_reading_does_not() {
     assert!(keys(&database, &["create", "--name", "lab"]).unwrap_err().contains("2 live keys"));
     keys(&database, &["revoke", id]).unwrap();
     keys(&database, &["create", "--name", "lab"]).unwrap();
-    assert!(keys(&database, &["revoke", id]).unwrap_err().contains("not live any more"));
+    assert!(keys(&database, &["revoke", id]).unwrap_err().contains("no longer live"));
     tokio::time::sleep(std::time::Duration::from_millis(600)).await;
     assert_eq!(post(&service, "/v1/runs", Some(&submit), &run).await.status, StatusCode::UNAUTHORIZED);
     assert!(
         keys(&database, &["create", "--name", "x", "--scopes", "all"])
             .unwrap_err()
-            .contains("\"all\" is none of submit")
+            .contains("\"all\" is not one of submit")
     );
 }
 

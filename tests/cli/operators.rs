@@ -65,7 +65,7 @@ async fn only_serve_and_migrate_change_a_schema_and_nothing_else_makes_a_file() 
         let said = refused(&plumbline(command, &old));
         assert!(said.contains("written by a newer plumbline (schema 9999"), "{said}");
     }
-    assert!(succeeded(&plumbline(&["migrate", "--create"], &none)).contains("made with schema"));
+    assert!(succeeded(&plumbline(&["migrate", "--create"], &none)).contains("created with schema"));
 }
 
 #[tokio::test]
@@ -76,7 +76,7 @@ async fn keys_are_rotated_revoked_whole_and_named_plainly() {
     let made = plumbline(&["keys", "create", "--name", "lab", "--scopes", "submit", "--expires", "12h"], &database);
     let key = succeeded(&made);
     assert!(told(&made).contains("p.db"), "a command names its file");
-    for (name, why) in [("a\nb", "control characters"), (" lab", "spaces at its ends"), ("", "1 to 100")] {
+    for (name, why) in [("a\nb", "control characters"), (" lab", "leading or trailing spaces"), ("", "1 to 100")] {
         assert!(refused(&plumbline(&["keys", "create", "--name", name], &database)).contains(why));
     }
     for (time, why) in [("0h", "out of range"), ("1w", "neither days")] {
@@ -136,7 +136,7 @@ async fn a_first_grant_begins_to_count_then_and_can_be_lifted() {
     let lift = || plumbline(&["quota", "lift", "--name", "lab", "--reason", "a partner"], &database);
     assert!(succeeded(&lift()).contains("granted no limit"));
     assert_eq!(submit(9).await, StatusCode::ACCEPTED);
-    assert!(refused(&lift()).contains("no limit already"));
+    assert!(refused(&lift()).contains("already has no limit"));
 }
 
 #[tokio::test]

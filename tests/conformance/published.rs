@@ -103,8 +103,8 @@ fn task_files_are_counted_and_stored_once() {
     let first = text(&import("theirs@3", &files).stdout);
     assert!(first.contains("25 files, 723 problems, 3530 check rows over 747 entries"), "{first}");
     assert!(first.contains("stored as theirs@3"), "{first}");
-    assert!(text(&import("theirs@3", &files).stdout).contains("was stored before"));
+    assert!(text(&import("theirs@3", &files).stdout).contains("is already stored with the same content"));
     let other = import("theirs@3", &files[..1]);
     assert_eq!(other.status.code(), Some(1));
-    assert!(text(&other.stderr).contains("exists with another content"));
+    assert!(text(&other.stderr).contains("exists with different content"));
 }

@@ -48,7 +48,7 @@ async fn a_backup_of_a_running_service_restores_to_the_same_answers() {
     let first = submissions["submissions"][0]["id"].as_str().unwrap().to_owned();
     let report = service.get(&format!("/v1/submissions/{first}/report")).await.text;
     let again = plumbline("backup", &path("copy.db"), &path("p.db"));
-    assert!(String::from_utf8_lossy(&again.stderr).contains("is there already"), "a copy is never overwritten");
+    assert!(String::from_utf8_lossy(&again.stderr).contains("already exists"), "a copy is never overwritten");
     let taken = plumbline("restore", &path("copy.db"), &path("p.db"));
     assert!(String::from_utf8_lossy(&taken.stderr).contains("move it away first"), "nor a database");
     service.kill();

@@ -112,7 +112,7 @@ fn verify_offline(scene: &Scene, key: &str) {
     let checked = run(&["verify-receipt", scene.file("log.json").to_str().unwrap(), "--key", key], None);
     assert!(checked.status.success(), "{}", said(&checked));
     assert!(
-        said(&checked).contains("162 receipts, each of the log linked to the one before; 0 of them"),
+        said(&checked).contains("162 receipts, each log entry linked to the one before; 0 of them"),
         "{}",
         said(&checked)
     );

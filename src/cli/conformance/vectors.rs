@@ -1,4 +1,4 @@
-//! One vector of each kind: how it is read, run and compared.
+//! Test vectors of each kind: reading, running and comparing them.
 
 use anyhow::{Context as _, bail};
 use serde::Deserialize;
@@ -14,27 +14,27 @@ use plumbline_engine::tasks::published::{TaskFile, read_check, read_task_files};
 use plumbline_engine::voxel::replay::Replay;
 use plumbline_engine::voxel::{BlockLog, Cell, Structure};
 
-/// Stresses agree within this part of the expected value …
+/// Relative tolerance of stresses, added to [`STRESS_ABSOLUTE_PA`].
 const STRESS_RELATIVE: f64 = 1e-6;
-/// … plus this many Pa.
+/// Absolute tolerance of stresses, in Pa.
 const STRESS_ABSOLUTE_PA: f64 = 1e-3;
-/// Means agree within this.
+/// Tolerance of means: relative to expected values above 1, absolute for smaller ones.
 const MEAN_TOLERANCE: f64 = 1e-9;
-/// Means that hold stress scores agree within this.
+/// Tolerance of means that include stress scores.
 const STRESS_MEAN_TOLERANCE: f64 = 1e-6;
 
-/// What came of a vector.
+/// Result of running a vector.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Verdict {
-    /// As expected.
+    /// The result is as expected.
     Match,
-    /// Marked as undefined: rounding decides the value.
+    /// The vector is marked as undefined, because rounding decides its value.
     NotAsserted,
-    /// Not as expected, and how.
+    /// The result is not as expected; the text describes the difference.
     Mismatch(String),
 }
 
-/// A vector.
+/// Test vector.
 #[derive(Debug)]
 pub enum Case {
     /// One check on one list of blocks.
@@ -49,7 +49,7 @@ pub enum Case {
     TaskFile { name: String, text: String },
 }
 
-/// What a stress simulation must give.
+/// Expected result of a stress simulation.
 #[derive(Debug)]
 pub struct ExpectedStress {
     max_pa: f64,
@@ -96,7 +96,7 @@ fn structure(blocks: &[Block]) -> Structure {
 /// Reads a line of a vector file: a check or a merge.
 ///
 /// # Errors
-/// Where the line is neither.
+/// Returns an error if the line is neither.
 pub fn read_line(line: &str) -> anyhow::Result<Case> {
     let value: Value = serde_json::from_str(line)?;
     if value.get("fn").is_some() {
@@ -126,7 +126,7 @@ pub fn read_line(line: &str) -> anyhow::Result<Case> {
 /// Reads a named structure.
 ///
 /// # Errors
-/// Where it is none.
+/// Returns an error if the item is not a named structure.
 pub fn read_structure(item: &Value) -> anyhow::Result<Case> {
     let item = StructureItem::deserialize(item)?;
     let stress = ExpectedStress {
@@ -138,7 +138,7 @@ pub fn read_structure(item: &Value) -> anyhow::Result<Case> {
 }
 
 impl Case {
-    /// Kind of the vector, for the table.
+    /// Returns the kind of the vector, as shown in the table.
     #[must_use]
     pub const fn kind(&self) -> &'static str {
         match self {
@@ -150,7 +150,7 @@ impl Case {
         }
     }
 
-    /// Name of the vector.
+    /// Returns the name of the vector.
     #[must_use]
     pub fn id(&self) -> &str {
         match self {
@@ -159,7 +159,7 @@ impl Case {
         }
     }
 
-    /// Runs it and compares.
+    /// Runs the vector and compares the result with the expected one.
     #[must_use]
     pub fn run(&self) -> Verdict {
         match self {
@@ -246,7 +246,7 @@ fn run_records(problems: &[RecordedProblem], expected: &Value) -> Verdict {
     if differences.is_empty() { Verdict::Match } else { Verdict::Mismatch(differences.join("; ")) }
 }
 
-/// Compares all that is expected; what is found beyond it does not count.
+/// Compares every expected value with the one found; additional values are ignored.
 fn compare(path: &str, found: &Value, expected: &Value, differences: &mut Vec<String>) {
     match expected {
         Value::Object(members) => {
