@@ -13,17 +13,36 @@ use tokio_util::sync::CancellationToken;
 
 use crate::actions::ACTION_LIMITS;
 use crate::actions::pool::Pool;
-use crate::app::limits::LIMITS;
+use crate::app::App;
+use crate::app::access::{Keys, Openness};
+use crate::app::boards::Boards;
+use crate::app::limits::{LIMITS, Limits};
 use crate::app::load::Connections;
+use crate::app::rewards::grader::Grader;
+use crate::app::stress::StressFields;
 use crate::clock::now_ms;
-use crate::http::middleware::rates::Rates;
-use crate::http::{self, HttpParts, HttpSettings};
+use crate::fair::Places;
+use crate::http::middleware::rates::{RateSettings, Rates};
+use crate::http::{self, HttpParts};
 use crate::store::Store;
 use crate::store::keys::Scope;
 use crate::store::suites::SuiteStored;
 use crate::worker::{WorkerSettings, Workers};
 use plumbline_engine::hidden::receipts::Signer;
 use plumbline_engine::tasks::embedded;
+
+/// What the one who starts the service decides.
+#[derive(Debug, Clone, Copy)]
+pub struct ServiceSettings {
+    /// Bytes of memory for results of `/v1/grade`; 0 for none.
+    pub grade_cache_bytes: usize,
+    /// What needs no key.
+    pub open: Openness,
+    /// The share of a suite that a run must have answered, or skipped on purpose, to be compared on its board.
+    pub least_coverage: f64,
+    /// How many requests a second.
+    pub rates: RateSettings,
+}
 
 /// What a service is started with.
 #[derive(Debug, Clone)]
@@ -41,7 +60,7 @@ pub struct Config {
     /// How often entries of open epochs are completed and receipts of hidden evaluation published.
     pub hidden_publish: Duration,
     /// What HTTP is started with.
-    pub http: HttpSettings,
+    pub settings: ServiceSettings,
 }
 
 /// A running service.
@@ -53,7 +72,7 @@ pub struct RunningService {
     pub admin_address: Option<SocketAddr>,
     /// What whoever started it ought to know.
     pub notices: Vec<String>,
-    store: Store,
+    app: Arc<App>,
     workers: Workers,
     stop: CancellationToken,
     serving: Vec<JoinHandle<std::io::Result<()>>>,
@@ -98,27 +117,40 @@ impl RunningService {
         let workers = Workers::start(&store, settings, &signer)?;
         let stop = CancellationToken::new();
         let connections = Connections::default();
-        let rates = Arc::new(Rates::new(config.http.rates));
+        let rates = Arc::new(Rates::new(config.settings.rates));
         crate::telemetry::describe_metrics();
-        tokio::spawn(keep_up(metrics.clone(), store.clone(), Arc::clone(&rates), stop.clone()));
         tokio::spawn(keep_hidden(store.clone(), config.hidden_publish, stop.clone()));
         let actions = Pool::new(config.workers, ACTION_LIMITS);
         actions.refill();
-        let around = HttpParts {
+        let limits = Limits {
+            requests_per_second_per_key: config.settings.rates.per_key,
+            requests_per_second_per_address: config.settings.rates.per_address,
+            grade_cache_bytes: config.settings.grade_cache_bytes,
+            connections_per_address: config.settings.rates.connections_per_address,
+            ..LIMITS
+        };
+        let app = App {
             store: store.clone(),
-            metrics,
-            connections: connections.clone(),
-            rates,
+            grader: Arc::new(Grader::new(config.settings.grade_cache_bytes, &connections, stop.clone())?),
+            keys: Keys::new(config.settings.open),
+            least_coverage: config.settings.least_coverage,
+            boards: Boards::default(),
+            stress: StressFields::new()?,
+            limits,
             actions,
+            action_requests: Places::new(limits.action_requests, limits.action_requests_per_sender),
             signer,
             stop: stop.clone(),
         };
-        let routers = http::routers(around, &config.http)?;
+        let app = Arc::new(app);
+        tokio::spawn(keep_up(metrics.clone(), Arc::clone(&app), Arc::clone(&rates), stop.clone()));
+        let parts = HttpParts { app: Arc::clone(&app), metrics, rates };
+        let routers = http::routers(parts, admin_listener.is_some())?;
         // All clients of a proxy have its address.
-        let per_address = if config.http.rates.is_behind_proxy {
+        let per_address = if config.settings.rates.is_behind_proxy {
             LIMITS.connections
         } else {
-            config.http.rates.connections_per_address
+            config.settings.rates.connections_per_address
         };
         let serve = http::server::accept::serve(listener, routers.public, connections, per_address, stop.clone());
         let mut serving = vec![tokio::spawn(serve)];
@@ -129,7 +161,7 @@ impl RunningService {
         }
         let admin = admin_address.map(|address| address.to_string());
         tracing::info!(%address, admin_address = admin, database = %config.database.display(), workers = config.workers, "listening");
-        Ok(Self { address, admin_address, notices, store, workers, stop, serving })
+        Ok(Self { address, admin_address, notices, app, workers, stop, serving })
     }
 
     /// A key for the demo agents, for a day; what they had before is revoked.
@@ -140,10 +172,10 @@ impl RunningService {
         const OWNER: &str = "demo";
         const DAY_MS: i64 = 86_400_000;
         let now = now_ms();
-        for key in self.store.keys().await?.iter().filter(|key| key.owner == OWNER && key.is_live(now)) {
-            self.store.revoke_key(&key.id, now).await?;
+        for key in self.app.store.keys().await?.iter().filter(|key| key.owner == OWNER && key.is_live(now)) {
+            self.app.store.revoke_key(&key.id, now).await?;
         }
-        let key = self.store.create_key(OWNER, &[Scope::Submit], Some(now + DAY_MS), now).await?;
+        let key = self.app.store.create_key(OWNER, &[Scope::Submit], Some(now + DAY_MS), now).await?;
         key.context("the demo has too many keys")
     }
 
@@ -156,7 +188,10 @@ impl RunningService {
             }
         }
         self.workers.shut_down().await;
-        self.store.close().await;
+        if let Err(error) = self.app.keys.store_uses(&self.app.store).await {
+            tracing::warn!(?error, "could not store when keys were last used");
+        }
+        self.app.store.close().await;
     }
 }
 
@@ -179,13 +214,16 @@ async fn receipt_key_notice(store: &Store, signer: &Signer) -> anyhow::Result<Op
 
 /// What is done every few seconds: who was quiet is forgotten by the rate limits; samples of histograms are folded together,
 /// which would pile up where nobody reads the metrics; suites that another process has added are read.
-async fn keep_up(metrics: PrometheusHandle, store: Store, rates: Arc<Rates>, stop: CancellationToken) {
+async fn keep_up(metrics: PrometheusHandle, app: Arc<App>, rates: Arc<Rates>, stop: CancellationToken) {
     const EVERY: Duration = Duration::from_secs(5);
     while stop.run_until_cancelled(tokio::time::sleep(EVERY)).await.is_some() {
         metrics.run_upkeep();
         rates.evict_idle();
-        if let Err(error) = store.current_catalogue().await {
+        if let Err(error) = app.store.current_catalogue().await {
             tracing::warn!(%error, "could not look for new suites");
+        }
+        if let Err(error) = app.keys.store_uses(&app.store).await {
+            tracing::warn!(?error, "could not store when keys were last used");
         }
     }
 }
@@ -193,7 +231,7 @@ async fn keep_up(metrics: PrometheusHandle, store: Store, rates: Arc<Rates>, sto
 /// Settles epochs as soon as they are over. In open ones entries are completed, and receipts published, at fixed times only: full
 /// multiples of `every` since 1970, so that nobody sees when an answer was graded.
 async fn keep_hidden(store: Store, every: Duration, stop: CancellationToken) {
-    const LOOK: Duration = Duration::from_secs(1);
+    const LOOK: Duration = Duration::from_millis(250);
     let every_ms = i64::try_from(every.as_millis()).unwrap_or(i64::MAX).max(1);
     let mut published = now_ms() / every_ms;
     // The file grows when a hidden answer is graded, so its size is told at these times only.

@@ -4,7 +4,7 @@
 //! sent is looked up all the same.
 
 use std::collections::HashMap;
-use std::sync::{Arc, PoisonError, RwLock};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
 use crate::app::error::{AppError, AppResult, Kind};
@@ -14,6 +14,8 @@ use crate::store::keys::{KeyRow, Scope, parts};
 
 /// How long a key that was found is taken for good before it is looked up again: a revoked one works no longer than this.
 const TRUSTED_FOR: Duration = Duration::from_millis(500);
+/// How often the use of a key is noted.
+const USE_NOTED_EVERY_MS: i64 = 60_000;
 /// Keys held at most; a request with an unknown key is not held.
 const MAX_HELD: usize = 10_000;
 
@@ -21,6 +23,8 @@ const MAX_HELD: usize = 10_000;
 #[derive(Debug)]
 pub struct Keys {
     held: RwLock<HashMap<String, (KeyRow, Instant)>>,
+    /// Times of use that are not stored yet.
+    uses: Mutex<HashMap<String, i64>>,
     /// What needs no key.
     pub open: Openness,
 }
@@ -101,7 +105,7 @@ impl Keys {
     /// None held yet.
     #[must_use]
     pub fn new(open: Openness) -> Self {
-        Self { held: RwLock::default(), open }
+        Self { held: RwLock::default(), uses: Mutex::default(), open }
     }
 
     /// Whether a key of this public part was found before.
@@ -116,6 +120,22 @@ impl Keys {
         held.get(id).filter(|(_, since)| since.elapsed() < TRUSTED_FOR).map(|(key, _)| key.clone())
     }
 
+    /// Stores when keys were last used, all in one transaction. Requests never wait for it.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails; the next call tries again.
+    pub async fn store_uses(&self, store: &Store) -> AppResult<()> {
+        let uses: Vec<(String, i64)> =
+            self.uses.lock().unwrap_or_else(PoisonError::into_inner).iter().map(|(id, at)| (id.clone(), *at)).collect();
+        if uses.is_empty() {
+            return Ok(());
+        }
+        store.note_key_uses(&uses).await?;
+        let mut all = self.uses.lock().unwrap_or_else(PoisonError::into_inner);
+        all.retain(|id, at| !uses.iter().any(|(stored, stored_at)| stored == id && stored_at == at));
+        Ok(())
+    }
+
     /// Returns the key that was sent, if it may be used now.
     ///
     /// # Errors
@@ -127,7 +147,9 @@ impl Keys {
             return Ok(Some(key).filter(is_live));
         }
         let Some(key) = store.key(id).await?.filter(is_live) else { return Ok(None) };
-        store.note_key_use(&key, now_ms()).await?;
+        if key.last_used_at_ms.is_none_or(|last| now_ms() - last >= USE_NOTED_EVERY_MS) {
+            self.uses.lock().unwrap_or_else(PoisonError::into_inner).insert(id.to_owned(), now_ms());
+        }
         let mut held = self.held.write().unwrap_or_else(PoisonError::into_inner);
         if held.len() >= MAX_HELD {
             held.clear();

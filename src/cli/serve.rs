@@ -10,9 +10,8 @@ use tokio::signal::unix::{SignalKind, signal};
 
 use crate::app::access::Openness;
 use crate::app::limits::LIMITS;
-use crate::http::HttpSettings;
 use crate::http::middleware::rates::RateSettings;
-use crate::startup::{Config, RunningService};
+use crate::startup::{Config, RunningService, ServiceSettings};
 use crate::telemetry::{self, LogFormat};
 
 /// Arguments of `serve`; each but `--demo` can also be set in the environment.
@@ -121,14 +120,13 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
         workers: args.workers.map_or(processors, usize::from),
         lease: Duration::from_secs(args.lease_seconds),
         hidden_publish: Duration::from_secs(args.hidden_publish_seconds),
-        http: HttpSettings {
+        settings: ServiceSettings {
             grade_cache_bytes: args.grade_cache_mib << 20,
             open: match (args.open, args.open_grade) {
                 (true, _) => Openness::Open,
                 (false, true) => Openness::Grading,
                 (false, false) => Openness::Keyed,
             },
-            has_admin_listener: args.admin_listen.is_some(),
             least_coverage: f64::from(args.board_coverage) / 100.0,
             rates: RateSettings {
                 per_key: args.rate_per_key,

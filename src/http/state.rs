@@ -39,7 +39,7 @@ impl std::ops::Deref for AppState {
 #[derive(Debug)]
 pub struct Shared {
     /// What use cases share.
-    pub app: App,
+    pub app: Arc<App>,
     /// Memory for request bodies.
     pub bodies: Arc<Semaphore>,
     /// Requests with an `Idempotency-Key` that are being carried out.

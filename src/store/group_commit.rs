@@ -9,7 +9,7 @@ use sqlx::{Connection as _, SqliteConnection, SqlitePool};
 use tokio::sync::{Notify, mpsc, oneshot};
 
 use super::idempotency::{Before, Once};
-use super::submissions::{Acceptability, Accepted, NewSubmission, accept_one};
+use super::submissions::{Acceptability, Accepted, Decide, NewSubmission, accept_one};
 use super::{StoreError, StoreResult, commit};
 
 /// Requests that one transaction takes at most: with more, the first would wait long for the last.
@@ -22,6 +22,7 @@ const WAITING: usize = 1_024;
 pub(super) struct Acceptance {
     submissions: Arc<[NewSubmission]>,
     once: Option<Once>,
+    decide: Decide,
     now_ms: i64,
     answer: oneshot::Sender<StoreResult<Acceptability>>,
 }
@@ -50,11 +51,12 @@ impl Acceptances {
         &self,
         submissions: Arc<[NewSubmission]>,
         once: Option<Once>,
+        decide: Decide,
         now_ms: i64,
     ) -> StoreResult<Acceptability> {
         let (answer, answered) = oneshot::channel();
         let closed = || StoreError::Database(sqlx::Error::PoolClosed);
-        self.0.send(Acceptance { submissions, once, now_ms, answer }).await.map_err(|_| closed())?;
+        self.0.send(Acceptance { submissions, once, decide, now_ms, answer }).await.map_err(|_| closed())?;
         answered.await.map_err(|_| closed())?
     }
 }
@@ -91,7 +93,7 @@ async fn together(writer: &SqlitePool, group: &[Acceptance]) -> StoreResult<Vec<
     for request in group {
         // A single submission that is refused has written nothing.
         if let ([only], None) = (&*request.submissions, &request.once) {
-            let answer = accept_one(&mut tx, only, request.now_ms).await?;
+            let answer = accept_one(&mut tx, only, request.decide, request.now_ms).await?;
             all.push(Acceptability::Decided(vec![answer]));
             continue;
         }
@@ -120,7 +122,7 @@ async fn store_request(tx: &mut SqliteConnection, request: &Acceptance) -> Store
     }
     let mut answers = Vec::with_capacity(request.submissions.len());
     for submission in &*request.submissions {
-        answers.push(accept_one(tx, submission, request.now_ms).await?);
+        answers.push(accept_one(tx, submission, request.decide, request.now_ms).await?);
     }
     let is_stored = answers.iter().all(|answer| matches!(answer, Accepted::New | Accepted::Same(_)));
     if let (Some(once), true) = (&request.once, is_stored) {

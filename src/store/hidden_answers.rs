@@ -4,7 +4,7 @@ use super::entries::entry_in;
 use super::epochs::epoch_in;
 use super::evidence::witness;
 use super::instances::instance_in;
-use super::submissions::{Accepted, NewSubmission, accept_instead};
+use super::submissions::{Accepted, Decide, NewSubmission, accept_instead};
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::hidden::evidence::{AnswerFact, Fact};
 
@@ -37,6 +37,7 @@ impl Store {
         instance_id: &str,
         new: &NewSubmission,
         transcript_hash: Option<&str>,
+        decide: Decide,
         now_ms: i64,
     ) -> StoreResult<Answered> {
         let mut tx = self.begin().await?;
@@ -77,7 +78,7 @@ impl Store {
         }
         // What is graded again has its unit already; that it needs none more tells nobody that grading failed.
         let earlier = before.as_ref().map(|(id, _, _, _)| id.as_str());
-        if accept_instead(&mut tx, new, earlier, now_ms).await? == Accepted::QuotaUsedUp {
+        if accept_instead(&mut tx, new, earlier, decide, now_ms).await? == Accepted::QuotaUsedUp {
             return Ok(Answered::QuotaUsedUp);
         }
         sqlx::query("UPDATE submissions SET instance_id = $2 WHERE id = $1")

@@ -10,7 +10,6 @@ use plumbline_engine::tasks::hex;
 /// Live keys that an owner may have: one in use and one to change over to.
 pub const LIVE_KEYS: i64 = 2;
 /// How often the last use of a key is written at most.
-const USE_NOTED_EVERY_MS: i64 = 60_000;
 /// What every key begins with, so that it is known for one wherever it turns up.
 const PREFIX: &str = "plk";
 
@@ -245,21 +244,19 @@ impl Store {
         Ok(found > 0)
     }
 
-    /// Notes that a key was used, at most once a minute.
+    /// Notes when keys were last used, in one transaction.
     ///
     /// # Errors
-    /// Where the database fails.
-    pub async fn note_key_use(&self, key: &KeyRow, now_ms: i64) -> StoreResult<()> {
-        if key.last_used_at_ms.is_some_and(|last| now_ms - last < USE_NOTED_EVERY_MS) {
-            return Ok(());
-        }
+    /// Returns an error if the database fails.
+    pub async fn note_key_uses(&self, uses: &[(String, i64)]) -> StoreResult<()> {
         let mut tx = self.begin().await?;
-        sqlx::query("UPDATE keys SET last_used_at_ms = $2 WHERE id = $1")
-            .bind(&key.id)
-            .bind(now_ms)
-            .execute(&mut *tx)
-            .await?;
-        commit(tx, "note_key_use").await?;
-        Ok(())
+        for (id, used_at_ms) in uses {
+            sqlx::query("UPDATE keys SET last_used_at_ms = $2 WHERE id = $1")
+                .bind(id)
+                .bind(used_at_ms)
+                .execute(&mut *tx)
+                .await?;
+        }
+        commit(tx, "note_key_uses").await
     }
 }

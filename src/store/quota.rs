@@ -50,19 +50,27 @@ pub struct QuotaEntry {
 
 from_row!(QuotaEntry { id, kind, units, submission_id, reason, at_ms });
 
-/// Reserves a unit for a submission about to be stored. False where the owner has none left. What nobody owns is free.
-pub(super) async fn reserve(tx: &mut SqliteConnection, owner: Option<&str>) -> StoreResult<bool> {
-    let Some(owner) = owner else { return Ok(true) };
-    let reserved = sqlx::query(
-        "INSERT INTO quotas (owner, reserved) VALUES ($1, 1)
-         ON CONFLICT (owner) DO UPDATE SET reserved = reserved + 1
-         WHERE quotas.granted IS NULL OR quotas.granted > quotas.charged + quotas.reserved - quotas.used_before",
+/// Returns the units that an owner may still use; `None` without a limit. Submissions that nobody owns are free.
+pub(super) async fn left(connection: &mut SqliteConnection, owner: Option<&str>) -> StoreResult<Option<i64>> {
+    let Some(owner) = owner else { return Ok(None) };
+    let left: Option<Option<i64>> =
+        sqlx::query_scalar("SELECT granted - (charged + reserved - used_before) FROM quotas WHERE owner = $1")
+            .bind(owner)
+            .fetch_optional(connection)
+            .await?;
+    Ok(left.flatten())
+}
+
+/// Reserves a unit for a submission about to be stored.
+pub(super) async fn reserve(tx: &mut SqliteConnection, owner: Option<&str>) -> StoreResult<()> {
+    let Some(owner) = owner else { return Ok(()) };
+    sqlx::query(
+        "INSERT INTO quotas (owner, reserved) VALUES ($1, 1) ON CONFLICT (owner) DO UPDATE SET reserved = reserved + 1",
     )
     .bind(owner)
     .execute(tx)
-    .await?
-    .rows_affected();
-    Ok(reserved > 0)
+    .await?;
+    Ok(())
 }
 
 /// Writes down what was reserved, once the submission is stored.

@@ -113,6 +113,43 @@ pub enum Accepted {
     QuotaUsedUp,
 }
 
+/// An answer that a run has for a task.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EarlierAnswer {
+    /// Identifier of the submission.
+    pub id: String,
+    /// SHA-256 of its log's canonical JSON, in hex.
+    pub log_hash: String,
+    /// State of the submission.
+    pub state: SubmissionState,
+}
+
+/// Everything stored that decides whether a submission may be stored.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AcceptFacts {
+    /// State of its run; `None` if it belongs to none, or to one that does not exist.
+    pub run: Option<RunState>,
+    /// Answer that its run has for the same task.
+    pub earlier: Option<EarlierAnswer>,
+    /// Submissions that its owner may still post; `None` without a limit.
+    pub quota_left: Option<i64>,
+}
+
+/// Decision on a submission.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Decision {
+    /// It is stored; the earlier answer, which ended without a grade, no longer counts.
+    Store {
+        /// The earlier answer.
+        supersedes: Option<EarlierAnswer>,
+    },
+    /// It is not stored.
+    Answer(Accepted),
+}
+
+/// Decides on a submission from stored facts; the use cases own the rule.
+pub type Decide = fn(&NewSubmission, &AcceptFacts) -> Decision;
+
 /// What came of a request to store submissions.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Acceptability {
@@ -208,24 +245,24 @@ impl Store {
         &self,
         submissions: Arc<[NewSubmission]>,
         once: Option<Once>,
+        decide: Decide,
         now_ms: i64,
     ) -> StoreResult<Acceptability> {
-        self.acceptances.store(submissions, once, now_ms).await
+        self.acceptances.store(submissions, once, decide, now_ms).await
     }
 
-    /// What storing submissions would come to, without storing any.
+    /// Returns what decides whether each submission may be stored, without waiting for the writer.
     ///
     /// # Errors
-    /// Where the database fails.
-    pub async fn would_accept(&self, submissions: &[NewSubmission]) -> StoreResult<Vec<Accepted>> {
-        // The same statements, taken back: nothing that decides can differ.
-        let mut tx = self.begin().await?;
-        let mut answers = Vec::with_capacity(submissions.len());
+    /// Returns an error if the database fails.
+    pub async fn accept_facts(&self, submissions: &[NewSubmission]) -> StoreResult<Vec<AcceptFacts>> {
+        // One transaction reads all of them, so they are facts of the same moment.
+        let mut reading = self.readers.begin().await?;
+        let mut facts = Vec::with_capacity(submissions.len());
         for submission in submissions {
-            answers.push(accept_one(&mut tx, submission, 0).await?);
+            facts.push(facts_of(&mut reading, submission).await?);
         }
-        tx.rollback().await?;
-        Ok(answers)
+        Ok(facts)
     }
 
     /// The submission with this id; none where it answers a hidden instance, which `instances` alone speaks of.
@@ -283,55 +320,61 @@ impl Store {
     }
 }
 
-/// Stores a submission and its job, where nothing speaks against it.
-pub(super) async fn accept_one(tx: &mut SqliteConnection, new: &NewSubmission, now_ms: i64) -> StoreResult<Accepted> {
-    accept_instead(tx, new, None, now_ms).await
-}
-
-/// The same; where it takes the place of an earlier submission, it takes over what that one has reserved of the quota.
-pub(super) async fn accept_instead(
-    tx: &mut SqliteConnection,
-    new: &NewSubmission,
-    earlier: Option<&str>,
-    now_ms: i64,
-) -> StoreResult<Accepted> {
-    let mut superseded = None;
+/// Reads what decides whether a submission may be stored.
+async fn facts_of(connection: &mut SqliteConnection, new: &NewSubmission) -> StoreResult<AcceptFacts> {
+    let (mut run, mut earlier) = (None, None);
     if let Some(run_id) = &new.run_id {
-        let earlier: Option<(String, String, String)> = sqlx::query_as(
+        run = run_in(connection, run_id).await?.map(|run| run.state);
+        let found: Option<(String, String, String)> = sqlx::query_as(
             "SELECT id, log_hash, state FROM submissions WHERE run_id = $1 AND task_number = $2 AND superseded = 0",
         )
         .bind(run_id)
         .bind(i64::from(new.task_number))
-        .fetch_optional(&mut *tx)
+        .fetch_optional(&mut *connection)
         .await?;
-        let state = run_in(tx, run_id).await?.map(|run| run.state);
-        match earlier {
-            // What ended without a grade may be posted again.
-            Some((id, _, ended))
-                if [SubmissionState::GraderError, SubmissionState::Cancelled].iter().any(|s| s.name() == ended) =>
-            {
-                if state.is_none_or(|state| matches!(state, RunState::Finished | RunState::Deleted)) {
-                    return Ok(Accepted::RunClosed);
-                }
-                superseded = Some((id, i64::from(ended == SubmissionState::GraderError.name())));
-            }
-            Some(_) if state == Some(RunState::Deleted) => return Ok(Accepted::RunClosed),
-            Some((id, log_hash, _)) if log_hash == new.log_hash => return Ok(Accepted::Same(id)),
-            Some((id, _, _)) => return Ok(Accepted::Other(id)),
-            None if state != Some(RunState::Open) => return Ok(Accepted::RunClosed),
-            None => {}
+        if let Some((id, log_hash, state)) = found {
+            earlier = Some(EarlierAnswer { id, log_hash, state: SubmissionState::read(&state)? });
         }
     }
-    // The last that may refuse, and the first that writes.
-    if earlier.is_none() && !quota::reserve(tx, new.owner.as_deref()).await? {
-        return Ok(Accepted::QuotaUsedUp);
+    let quota_left = quota::left(connection, new.owner.as_deref()).await?;
+    Ok(AcceptFacts { run, earlier, quota_left })
+}
+
+/// Stores a submission and its job, if `decide` allows it.
+pub(super) async fn accept_one(
+    tx: &mut SqliteConnection,
+    new: &NewSubmission,
+    decide: Decide,
+    now_ms: i64,
+) -> StoreResult<Accepted> {
+    accept_instead(tx, new, None, decide, now_ms).await
+}
+
+/// Does the same. A submission that replaces an earlier one takes over that one's reservation of the quota.
+pub(super) async fn accept_instead(
+    tx: &mut SqliteConnection,
+    new: &NewSubmission,
+    earlier: Option<&str>,
+    decide: Decide,
+    now_ms: i64,
+) -> StoreResult<Accepted> {
+    let mut facts = facts_of(tx, new).await?;
+    if earlier.is_some() {
+        facts.quota_left = None;
+    }
+    let supersedes = match decide(new, &facts) {
+        Decision::Answer(answer) => return Ok(answer),
+        Decision::Store { supersedes } => supersedes,
+    };
+    if earlier.is_none() {
+        quota::reserve(tx, new.owner.as_deref()).await?;
     }
     if let Some(run_id) = &new.run_id {
-        let errors = superseded.as_ref().map_or(0, |(_, errors)| *errors);
-        count(tx, run_id, 1, 0, -errors).await?;
+        let was_error = supersedes.as_ref().is_some_and(|answer| answer.state == SubmissionState::GraderError);
+        count(tx, run_id, 1, 0, -i64::from(was_error)).await?;
     }
-    if let Some((id, _)) = superseded {
-        sqlx::query("UPDATE submissions SET superseded = 1 WHERE id = $1").bind(id).execute(&mut *tx).await?;
+    if let Some(answer) = supersedes {
+        sqlx::query("UPDATE submissions SET superseded = 1 WHERE id = $1").bind(answer.id).execute(&mut *tx).await?;
     }
     sqlx::query(
         "INSERT INTO submissions (id, run_id, suite_id, task_hash, task_number, log_hash, log, log_bytes, turns, events,

@@ -6,7 +6,7 @@ use super::materials;
 use super::site::Site;
 use crate::voxel::Cell;
 
-/// Parameters of a bridge: from support to support, height of the boats, width across, and of an arch its rise, in blocks.
+/// Parameters of a bridge, in blocks: span between the supports, clearance for boats, width, and the rise of an arch.
 #[derive(Debug, Clone, Deserialize)]
 pub struct River {
     w: i32,
@@ -27,7 +27,7 @@ const fn two() -> i32 {
     2
 }
 
-/// A flat deck between two piers, with posts at its ends.
+/// Builds a flat deck between two piers, with posts at its ends.
 pub fn bridge(site: &mut Site, river: &River) {
     let (span, clear, across) = (river.w, river.boat, 0..=river.width - 1);
     for x in [0, span] {
@@ -42,7 +42,7 @@ pub fn bridge(site: &mut Site, river: &River) {
     }
 }
 
-/// An arch between two piers: both surfaces rise from the supports and level out over the river.
+/// Builds an arch between two piers. Both surfaces rise from the supports and level out over the river.
 pub fn arch_bridge(site: &mut Site, river: &River) {
     let (span, clear, across) = (river.w, river.boat, 0..=river.width - 1);
     for x in [0, span] {
@@ -50,13 +50,13 @@ pub fn arch_bridge(site: &mut Site, river: &River) {
     }
     let rise = |x: i32| x.min(span - x).min(river.crown);
     for x in 0..=span {
-        // Down to the level of the neighbour nearer to the support, so that faces touch.
+        // Reaches down to the level of the neighbour nearer to the support, so that faces touch.
         let below = rise(x - 1).min(rise(x + 1)).max(0).min(rise(x));
         site.fill(&(x..=x), &(clear + below..=clear + rise(x)), &across, &river.material);
     }
 }
 
-/// Parameters of a gateway: width and height of its opening, thickness, in blocks.
+/// Parameters of a gateway: width and height of its opening and thickness, in blocks; materials of pillars and lintel.
 #[derive(Debug, Clone, Deserialize)]
 pub struct Gateway {
     free: i32,
@@ -66,7 +66,7 @@ pub struct Gateway {
     lintel: String,
 }
 
-/// Two pillars and a lintel over them.
+/// Builds two pillars with a lintel over them.
 pub fn gateway(site: &mut Site, gateway: &Gateway) {
     let Gateway { free, clear, thickness, ref pillar, ref lintel } = *gateway;
     let through = 0..=thickness - 1;
@@ -76,7 +76,7 @@ pub fn gateway(site: &mut Site, gateway: &Gateway) {
     site.fill(&(0..=free + 1), &(clear..=clear), &through, lintel);
 }
 
-/// Parameters of an arch under stress: width across, length of its legs, height of the crown (3 or 4), in blocks.
+/// Parameters of an arch under stress, in blocks: width, length of the legs, height of the crown (3 or 4).
 #[derive(Debug, Clone, Deserialize)]
 pub struct StressedArch {
     width: i32,
@@ -86,7 +86,7 @@ pub struct StressedArch {
     material: String,
 }
 
-/// The reference arches of SPEC 4: leaning legs that meet under a crown, over a span of five.
+/// Builds an arch like the reference arches of SPEC 4: leaning legs that meet under a crown, over a span of five.
 pub fn arch_under_stress(site: &mut Site, arch: &StressedArch) {
     let StressedArch { width, leg, height, ref material } = *arch;
     let across = 0..=width - 1;
@@ -98,24 +98,24 @@ pub fn arch_under_stress(site: &mut Site, arch: &StressedArch) {
     site.fill(&(-1..=1), &(height..=height), &across, material);
 }
 
-/// Parameters of a dome: its diameter, in blocks.
+/// Parameters of a dome: its diameter, in blocks, and its material.
 #[derive(Debug, Clone, Deserialize)]
 pub struct Dome {
     d: i32,
     material: Option<String>,
 }
 
-/// A dome of concrete.
+/// Builds a dome, of white concrete unless the parameters name another material.
 pub fn dome(site: &mut Site, dome: &Dome) {
     shell(site, dome.d, dome.material.as_deref().unwrap_or("white_concrete"));
 }
 
-/// A dome of snow.
+/// Builds a dome of snow.
 pub fn igloo(site: &mut Site, dome: &Dome) {
     shell(site, dome.d, "snow_block");
 }
 
-/// A hollow dome: level at the crown, ever steeper towards the ground, closed ring by ring.
+/// Builds a hollow dome that is level at the crown, gets steeper towards the ground, and is closed ring by ring.
 fn shell(site: &mut Site, diameter: i32, material: &str) {
     let radius = (diameter + 1) / 2;
     let slope = |ring: i32| if 3 * ring <= radius { 0 } else { 1 + i32::from(3 * ring > 2 * radius) };

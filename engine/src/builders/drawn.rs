@@ -1,4 +1,4 @@
-//! Houses of hidden suites: as the public ones, with measures, materials and stories drawn.
+//! Houses of hidden suites. They are built like the public ones, but their dimensions, materials and stories are drawn.
 
 use serde::Deserialize;
 
@@ -33,10 +33,10 @@ pub struct DrawnHouse {
     door: String,
     #[serde(default = "one")]
     doors_wide: i32,
-    /// Levels that a chimney rises above the roof.
+    /// Number of levels by which a chimney rises above the roof; 0 for no chimney.
     #[serde(default)]
     chimney: i32,
-    /// Steps in which the roof rises to the back.
+    /// Number of steps in which the roof rises towards the back.
     #[serde(default)]
     steps: i32,
 }
@@ -78,12 +78,12 @@ impl DrawnHouse {
     }
 }
 
-/// A house in one turn.
+/// Builds a house in one turn.
 pub fn house(site: &mut Site, house: &DrawnHouse) {
     house.raise(site, house.rooms);
 }
 
-/// Parameters of a house that changes from turn to turn: its rooms in each.
+/// Parameters of a house that changes from turn to turn: its number of rooms in each turn, and the rest of it.
 #[derive(Debug, Clone, Deserialize)]
 pub struct Phases {
     phases: Vec<i32>,
@@ -91,14 +91,14 @@ pub struct Phases {
     house: DrawnHouse,
 }
 
-/// A house that has another number of rooms in each turn. The wall between two rooms becomes the outer wall where it shrinks.
+/// Builds one turn of a house whose number of rooms changes. If it shrinks, an inner wall becomes the outer wall.
 pub fn phased(site: &mut Site, phases: &Phases, turn: usize) {
     let rooms = phases.phases.get(turn - 1).copied().unwrap_or(1);
     site.remove(|cell| cell.x > rooms * phases.house.pitch);
     phases.house.raise(site, rooms);
 }
 
-/// Parameters of a cabin from stock: its extent along each axis, and its material.
+/// Parameters of a cabin built from stock: its size along each axis, in blocks, its material and its door.
 #[derive(Debug, Clone, Deserialize)]
 pub struct StockCabin {
     size: i32,
@@ -106,7 +106,7 @@ pub struct StockCabin {
     door: String,
 }
 
-/// The largest hollow cube, its floor flush with the ground, with a door.
+/// Builds a hollow cube with a door, its floor flush with the ground: the largest cabin for the stock.
 pub fn stock_cabin(site: &mut Site, cabin: &StockCabin) {
     let last = cabin.size - 1;
     let whole = 0..=last;

@@ -6,7 +6,7 @@ use super::materials;
 use super::site::Site;
 use crate::voxel::Cell;
 
-/// What a house is made of.
+/// Materials of a house, and the width of its doors.
 pub(super) struct Fabric<'a> {
     pub(super) floor: Option<&'a str>,
     pub(super) pillars: &'a str,
@@ -27,14 +27,14 @@ pub(super) const PLAIN: Fabric<'static> = Fabric {
     doors_wide: 1,
 };
 
-/// How large a house is.
+/// Dimensions of a house, in blocks.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Measures {
-    /// From one dividing wall to the next.
+    /// Distance from one dividing wall to the next.
     pub(super) pitch: i32,
-    /// The back wall's z; the front wall stands at z = 0.
+    /// z of the back wall; the front wall is at z = 0.
     pub(super) back: i32,
-    /// Level of the roof over the ground floor, up to which walls reach from y = 0.
+    /// Level of the roof over the ground floor; walls reach from y = 0 up to it.
     pub(super) height: i32,
 }
 
@@ -44,46 +44,46 @@ impl Default for Measures {
     }
 }
 
-/// What a house shall have.
+/// Features that a house is to have.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Wants {
     pub(super) rooms: i32,
     pub(super) beds: i32,
     pub(super) measures: Measures,
-    /// Whether a second story of one room stands on the first, its door at the head of the stairs.
+    /// Whether a second story of one room stands on the first, with its door at the head of the stairs.
     pub(super) has_upper_story: bool,
-    /// Level that stairs lead to.
+    /// Level that outer stairs lead to.
     pub(super) stairs_to_y: Option<i32>,
-    /// Level that a chimney reaches.
+    /// Highest level of a chimney.
     pub(super) chimney_to_y: Option<i32>,
-    /// Steps that the roof rises by, two blocks apart.
+    /// Number of steps by which the roof rises, two blocks apart.
     pub(super) roof_steps: i32,
 }
 
-/// Parameters of a house by its rooms.
+/// Parameters of a house: its number of rooms.
 #[derive(Debug, Clone, Copy, Deserialize)]
 pub struct Rooms {
     n: i32,
 }
 
-/// A house with rooms.
+/// Builds a house with rooms.
 pub fn rooms(site: &mut Site, rooms: &Rooms) {
     raise(site, Wants { rooms: rooms.n, ..Wants::default() }, &PLAIN);
 }
 
-/// A house with rooms and a bed in each.
+/// Builds a house with rooms and a bed in each.
 pub fn bedrooms(site: &mut Site, rooms: &Rooms) {
     raise(site, Wants { rooms: rooms.n, beds: rooms.n, ..Wants::default() }, &PLAIN);
 }
 
-/// Parameters of a revision: rooms in the first and in the second turn.
+/// Parameters of a revision: the number of rooms in the first and in the second turn.
 #[derive(Debug, Clone, Copy, Deserialize)]
 pub struct Revision {
     first: i32,
     second: i32,
 }
 
-/// A house that is enlarged or made smaller in the second turn.
+/// Builds one turn of a house that is enlarged or made smaller in the second turn.
 pub fn revised(site: &mut Site, revision: &Revision, turn: usize) {
     let rooms = if turn == 1 { revision.first } else { revision.second };
     // The wall between two rooms becomes the outer wall.
@@ -91,7 +91,7 @@ pub fn revised(site: &mut Site, revision: &Revision, turn: usize) {
     raise(site, Wants { rooms, ..Wants::default() }, &PLAIN);
 }
 
-/// A house that has a room more in each turn.
+/// Builds one turn of a house that gains a room in each turn.
 pub fn grown(site: &mut Site, turn: usize) {
     raise(site, Wants { rooms: i32::try_from(turn).unwrap_or(1), ..Wants::default() }, &PLAIN);
 }
@@ -102,13 +102,13 @@ pub struct Basic {
     colour: String,
 }
 
-/// Stone pillars, dirt walls, and a roof of a colour.
+/// Builds a house with stone pillars, dirt walls and a roof of coloured wool.
 pub fn basic(site: &mut Site, basic: &Basic) {
     let roof = format!("{}_wool", basic.colour);
     raise(site, Wants::default(), &Fabric { pillars: "stone", walls: "dirt", roof: &roof, ..PLAIN });
 }
 
-/// Parameters of a house by rooms, beds and stories.
+/// Parameters of a house: its numbers of rooms, beds and stories.
 #[derive(Debug, Clone, Copy, Deserialize)]
 pub struct House {
     rooms: i32,
@@ -129,28 +129,28 @@ impl House {
     }
 }
 
-/// On one level with a floor, and with doors two wide.
+/// Builds a house on one level, with a floor and with doors two blocks wide.
 pub fn accessible(site: &mut Site, house: &House) {
     raise(site, house.wants(None), &Fabric { floor: Some("smooth_stone"), doors_wide: 2, ..PLAIN });
 }
 
-/// With a chimney in one corner, so that it is no mirror image of itself.
+/// Builds a house with a chimney in one corner, so that it is not its own mirror image.
 pub fn asymmetric(site: &mut Site, house: &House) {
     raise(site, house.wants(Some(Measures::default().height + 1)), &PLAIN);
 }
 
-/// With ceilings of three heights: the roof rises in two steps towards the back.
+/// Builds a house with ceilings of three heights: its roof rises in two steps towards the back.
 pub fn high(site: &mut Site, house: &House) {
     raise(site, Wants { roof_steps: 2, ..house.wants(None) }, &PLAIN);
 }
 
-/// Concrete foundation, stone pillars, dirt walls, a roof of planks.
+/// Builds a house with a concrete foundation, stone pillars, dirt walls and a roof of planks.
 pub fn one_story(site: &mut Site) {
     let fabric = Fabric { floor: Some("gray_concrete"), pillars: "stone", walls: "dirt", roof: "oak_planks", ..PLAIN };
     raise(site, Wants::default(), &fabric);
 }
 
-/// Stone foundation, concrete pillars, walls of planks, a red roof, and stairs up the wall.
+/// Builds a house with a stone foundation, concrete pillars, walls of planks, a red roof and outer stairs.
 pub fn two_story(site: &mut Site) {
     let fabric =
         Fabric { floor: Some("stone"), pillars: "white_concrete", walls: "oak_planks", roof: "red_wool", ..PLAIN };
@@ -203,7 +203,7 @@ pub(super) fn raise(site: &mut Site, wants: Wants, fabric: &Fabric<'_>) {
     }
 }
 
-/// A roof over all rooms; where it steps up, walls close the steps.
+/// Lays a roof over all rooms. Where it steps up, walls close the steps.
 fn lay_roof(site: &mut Site, right: i32, wants: Wants, fabric: &Fabric<'_>) {
     let (steps, Measures { back, height, .. }) = (wants.roof_steps, wants.measures);
     site.fill(&(0..=right), &(height..=height), &(0..=if steps == 0 { back } else { 1 }), fabric.roof);
@@ -221,7 +221,7 @@ fn lay_roof(site: &mut Site, right: i32, wants: Wants, fabric: &Fabric<'_>) {
     }
 }
 
-/// Straight stairs behind the house, each step on a block.
+/// Builds straight stairs behind the house, each step on a block of its own.
 fn outer_stairs(site: &mut Site, z: i32, top: i32, material: &str) {
     for y in 0..=top {
         if y > 0 {
@@ -231,7 +231,7 @@ fn outer_stairs(site: &mut Site, z: i32, top: i32, material: &str) {
     }
 }
 
-/// The floor and the walls of a second story, and stairs behind the house to a landing before its door.
+/// Builds the floor and the walls of a second story, and stairs behind the house to a landing in front of its door.
 fn upper_story(site: &mut Site, right: i32, Measures { back, height, .. }: Measures, fabric: &Fabric<'_>) {
     site.fill(&(0..=right), &(height..=height), &(0..=back), fabric.walls);
     outer_stairs(site, back + 2, height, fabric.walls);
@@ -241,13 +241,13 @@ fn upper_story(site: &mut Site, right: i32, Measures { back, height, .. }: Measu
     site.place(Cell::new(height, height + 1, back), fabric.door);
 }
 
-/// Parameters of a cabin: its extent along each axis, in blocks.
+/// Parameters of a cabin: its size along each axis, in blocks.
 #[derive(Debug, Clone, Copy, Deserialize)]
 pub struct Cabin {
     size: i32,
 }
 
-/// The largest hollow cube: all six sides, one block thick.
+/// Builds a hollow cube whose six sides are one block thick: the largest cabin for the stock.
 pub fn cabin(site: &mut Site, cabin: &Cabin) {
     let last = cabin.size - 1;
     let whole = 0..=last;
@@ -256,7 +256,7 @@ pub fn cabin(site: &mut Site, cabin: &Cabin) {
     site.fill(&whole, &(last..=last), &whole, "oak_planks");
 }
 
-/// Parameters of a theatre: its seats, and what seats and walls are made of.
+/// Parameters of a theatre: its number of seats, and the materials of seats, walls and doors.
 #[derive(Debug, Clone, Deserialize)]
 pub struct Theatre {
     seats: usize,
@@ -268,7 +268,7 @@ pub struct Theatre {
     door: String,
 }
 
-/// Seats in rows beside an aisle, double doors at both ends of it, lanterns beside the doors.
+/// Builds rows of seats beside an aisle, with double doors at both ends of it and lanterns beside the doors.
 pub fn theatre(site: &mut Site, theatre: &Theatre) {
     const LAST: i32 = 12;
     const CEILING: i32 = 4;

@@ -1,9 +1,9 @@
-//! What builds are made of where their parameters do not say.
+//! Default materials of builds, for parameters that leave them open.
 
 macro_rules! defaults {
     ($($name:ident)*) => {
         $(
-            /// The block of this name.
+            /// Returns the name of this block.
             pub fn $name() -> String {
                 stringify!($name).to_owned()
             }

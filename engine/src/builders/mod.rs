@@ -1,8 +1,8 @@
-//! Builders: for each family of the suite, from an instance's parameters to the block log of a good build.
+//! Builders: one per family, which turn an instance's parameters into the block log of a good build.
 //!
-//! Each builds as the best human would: what carries comes first, and the way from block to block is short. The builds
-//! pass every check of every task but one: the published rule for the lower surface of an arch rejects a true arch
-//! (SPEC 3), and a true arch is what these builders make.
+//! Each builds as the best human would: load-bearing parts come first, and the path from block to block is short. The
+//! builds pass every check of every task but one: the published rule for the lower surface of an arch rejects a true
+//! arch (SPEC 3), which is what these builders make.
 
 pub mod civil;
 pub mod drawn;
@@ -22,10 +22,10 @@ use crate::voxel::BlockLog;
 use crate::voxel::replay::Replay;
 use site::Site;
 
-/// A builder: adds to the site what the parameters ask for in a turn, counted from 1.
+/// A builder, which adds to the site what the parameters ask for in a turn. Turns count from 1.
 type Builder = fn(&mut Site, &Parameters, usize) -> Result<(), serde_json::Error>;
 
-/// The builder of each family, by the family's name.
+/// Builder of each family, by the family's name.
 const BUILDERS: &[(&str, Builder)] = &[
     ("foundations", |site, p, _| with(p, |p| structural::foundation(site, p))),
     ("deep-foundations", |site, p, _| with(p, |p| structural::deep_foundation(site, p))),
@@ -63,7 +63,7 @@ const BUILDERS: &[(&str, Builder)] = &[
     ("arch-bridges", |site, p, _| with(p, |p| civil::arch_bridge(site, p))),
     ("domes", |site, p, _| with(p, |p| civil::dome(site, p))),
     ("igloos", |site, p, _| with(p, |p| civil::igloo(site, p))),
-    // Of the hidden suite.
+    // Families of the hidden suite.
     ("slabs", |site, p, _| with(p, |p| structural::foundation(site, p))),
     ("pile-foundations", |site, p, _| with(p, |p| structural::deep_foundation(site, p))),
     ("solid-walls", |site, p, _| with(p, |p| structural::wall(site, p))),
@@ -90,46 +90,46 @@ const BUILDERS: &[(&str, Builder)] = &[
     ("terraces", |site, p, _| with(p, |p| structural::terraces(site, p))),
 ];
 
-/// Reads the parameters and builds with them.
+/// Deserializes the parameters and builds with them.
 fn with<P: DeserializeOwned>(parameters: &Parameters, build: impl FnOnce(&P)) -> Result<(), serde_json::Error> {
     build(&serde_json::from_value(Value::Object(parameters.clone()))?);
     Ok(())
 }
 
-/// Why there is no build.
+/// Reason why an instance cannot be built.
 #[derive(Debug, thiserror::Error)]
 pub enum BuildError {
-    /// No builder knows the family.
-    #[error("no builder knows the family {0:?}")]
+    /// There is no builder for the family.
+    #[error("there is no builder for the family {0:?}")]
     UnknownFamily(String),
-    /// The family's builder needs other parameters.
+    /// The family's builder cannot read the parameters.
     #[error("the builder of {family:?} cannot read the parameters: {source}")]
     Parameters {
-        /// The family.
+        /// Name of the family.
         family: String,
-        /// What is missing or ill-typed.
+        /// Error that names what is missing or ill-typed.
         source: serde_json::Error,
     },
 }
 
-/// Whether a family, by its name, has a builder.
+/// Returns whether the family of this name has a builder.
 #[must_use]
 pub fn has_builder(family: &str) -> bool {
     BUILDERS.iter().any(|(name, _)| *name == family)
 }
 
-/// The log of a good build.
+/// Returns the log of a good build of a task.
 ///
 /// # Errors
-/// Where no builder knows the family, or the parameters are not those of the family.
+/// Returns an error if there is no builder for the family, or the parameters are not those of the family.
 pub fn build(task: &Task) -> Result<BlockLog, BuildError> {
     build_instance(task.family(), &task.parameters, task.turns.len())
 }
 
-/// The log of a good build of a family's instance in so many turns.
+/// Returns the log of a good build, in `turns` turns, of an instance of a family.
 ///
 /// # Errors
-/// Where no builder knows the family, or the parameters are not those of the family.
+/// Returns an error if there is no builder for the family, or the parameters are not those of the family.
 pub fn build_instance(family: &str, parameters: &Parameters, turns: usize) -> Result<BlockLog, BuildError> {
     let found = BUILDERS.iter().find(|(name, _)| *name == family);
     let Some((_, builder)) = found else { return Err(BuildError::UnknownFamily(family.to_owned())) };
@@ -142,19 +142,21 @@ pub fn build_instance(family: &str, parameters: &Parameters, turns: usize) -> Re
     Ok(site.into_log())
 }
 
-/// Greatest von Mises stress of a build, Pa: what a task of other than the published parameters takes as its reference.
+/// Computes the greatest von Mises stress of a build by the published simulation, in Pa. Tasks whose parameters are not
+/// published ones take it as their reference.
 ///
 /// # Errors
-/// Where `control` says to stop.
+/// Returns an error if `control` stops the computation.
 pub fn reference_stress_pa(build: &BlockLog, control: &Control<'_>) -> Result<f64, Stopped> {
     let standing = Replay::new(build).last();
     Ok(sph::simulate(standing.as_ref().map_or(&[], |structure| structure.cells()), control)?.max_von_mises_pa)
 }
 
-/// Greatest von Mises stress of a build in equilibrium, Pa: the reference of hidden tasks.
+/// Computes the greatest von Mises stress of a build in equilibrium, in Pa, which hidden tasks take as their reference.
+/// Returns `None` if nothing is supported, or the equations were not solved.
 ///
 /// # Errors
-/// Where `control` says to stop.
+/// Returns an error if `control` stops the computation.
 pub fn equilibrium_stress_pa(build: &BlockLog, control: &Control<'_>) -> Result<Option<f64>, Stopped> {
     let standing = Replay::new(build).last();
     let cells = standing.as_ref().map_or(&[][..], |structure| structure.cells());
@@ -169,12 +171,12 @@ mod tests {
     use crate::tasks::embedded;
     use serde_json::json;
 
-    /// Failed checks of the good builds of a version's tasks.
+    /// Returns the checks that the good builds of a version's tasks fail, with the ids of the tasks.
     fn failures(version: u32) -> Vec<(String, String)> {
         let mut failures = Vec::new();
         let mut simulated = Vec::new();
         for task in &embedded::suite(version).unwrap().tasks {
-            // The stress of an instance is the same for all wordings; one shows it.
+            // The stress of an instance is the same for all wordings, so one is enough.
             if task.criteria().contains(&Criterion::StructuralStability) {
                 let instance = (task.family().to_owned(), task.parameters.clone());
                 if simulated.contains(&instance) {
@@ -210,7 +212,7 @@ mod tests {
         assert_eq!(failures.len(), 39);
     }
 
-    /// Consecutive blocks cannot be nearer than 1, so the lower bound of the way is one less than the blocks.
+    /// Consecutive blocks are at least 1 apart, so the shortest path is one less than the number of blocks.
     #[test]
     fn where_movement_is_measured_it_is_the_least() {
         for task in &embedded::suite(2).unwrap().tasks {

@@ -1,19 +1,19 @@
-//! Saboteurs: each spoils a good build in one named way, so that checks can be seen to fail where they should.
+//! Saboteurs, each of which spoils a good build in one named way, to show that checks fail where they should.
 
 use crate::voxel::{BlockLog, Bounds, Cell, CellSet, Event, Palette};
 
 /// One way to spoil a build.
 #[derive(Debug, Clone, Copy)]
 pub struct Saboteur {
-    /// Its name on the command line.
+    /// Name of the saboteur on the command line.
     pub name: &'static str,
-    /// What it does, in words.
+    /// Description of what it does.
     pub what: &'static str,
     spoil: fn(&mut BlockLog),
 }
 
 impl Saboteur {
-    /// The log, spoiled.
+    /// Returns the log after spoiling it.
     #[must_use]
     pub fn spoil(&self, mut log: BlockLog) -> BlockLog {
         (self.spoil)(&mut log);
@@ -25,40 +25,40 @@ const fn saboteur(name: &'static str, what: &'static str, spoil: fn(&mut BlockLo
     Saboteur { name, what, spoil }
 }
 
-/// All of them.
+/// All saboteurs.
 pub const SABOTEURS: &[Saboteur] = &[
-    saboteur("float-block", "leaves one block hanging in the air", float_block),
-    saboteur("add-block", "puts one block more on top of the first", add_block),
+    saboteur("float-block", "adds one block that hangs in the air", float_block),
+    saboteur("add-block", "adds one block on top of the first", add_block),
     saboteur("drop-corner", "leaves out the column at one corner", drop_corner),
     saboteur("drop-top", "leaves out the highest level", drop_top),
     saboteur("drop-bottom", "leaves out the lowest level", drop_bottom),
     saboteur("drop-half", "stops halfway in each turn", drop_half),
     saboteur("breach-wall", "leaves out the whole side at the least x", breach_wall),
-    saboteur("drop-fittings", "leaves out doors, beds, stairs and all else that is rare", drop_fittings),
-    saboteur("drop-common", "leaves out all but the rare materials", drop_common),
+    saboteur("drop-fittings", "leaves out all but the most common material, such as doors and beds", drop_fittings),
+    saboteur("drop-common", "leaves out the most common material", drop_common),
     saboteur("wrong-material", "uses sponge for everything", wrong_material),
-    saboteur("misname", "uses names that contain the right ones and are no blocks of the game", misname),
-    saboteur("raise", "builds everything two higher", raise),
-    saboteur("sink", "builds everything ten lower", sink),
-    saboteur("widen", "adds a row of blocks beyond the greatest x and z", widen),
+    saboteur("misname", "uses names that contain the right ones but are not blocks of the game", misname),
+    saboteur("raise", "builds everything two blocks higher", raise),
+    saboteur("sink", "builds everything ten blocks lower", sink),
+    saboteur("widen", "adds rows of blocks beyond the greatest x and the greatest z", widen),
     saboteur("sprawl", "adds a row of thirty blocks beyond the greatest x", sprawl),
-    saboteur("midway-pillar", "stands a pillar in the middle, where a span should be clear", midway_pillar),
-    saboteur("touch-corner", "stands a pillar that touches the corner at the least x and z in an edge", touch_corner),
-    saboteur("fill", "fills the whole box around the build", fill),
-    saboteur("hollow", "leaves out what has blocks on all sides", hollow),
-    saboteur("mirror", "adds the mirror image of everything about the middle", mirror),
-    saboteur("overload", "heaps blocks on top of the highest", overload),
-    saboteur("reverse", "places everything in the reverse order", reverse),
-    saboteur("to-and-fro", "places blocks from both ends in turn", to_and_fro),
+    saboteur("midway-pillar", "adds a pillar in the middle, where a span should be clear", midway_pillar),
+    saboteur("touch-corner", "adds a pillar that touches the corner at the least x and z by an edge", touch_corner),
+    saboteur("fill", "fills the bounding box of the build", fill),
+    saboteur("hollow", "leaves out blocks that have blocks on all six sides", hollow),
+    saboteur("mirror", "adds the mirror images of everything about the middle", mirror),
+    saboteur("overload", "piles eight blocks on top of each of the highest", overload),
+    saboteur("reverse", "places everything in reverse order", reverse),
+    saboteur("to-and-fro", "places blocks alternately from the beginning and from the end", to_and_fro),
 ];
 
-/// The saboteur of this name.
+/// Finds a saboteur by its name.
 #[must_use]
 pub fn find(name: &str) -> Option<&'static Saboteur> {
     SABOTEURS.iter().find(|saboteur| saboteur.name == name)
 }
 
-/// Cells at which blocks are placed, in any turn.
+/// Returns the cells at which blocks are placed, over all turns.
 fn placed(log: &BlockLog) -> Vec<Cell> {
     let place = |event: &Event| match *event {
         Event::Place { cell, .. } => Some(cell),
@@ -71,7 +71,7 @@ fn bounds(log: &BlockLog) -> Bounds {
     Bounds::of(placed(log)).unwrap_or(Bounds { min: Cell::new(0, 0, 0), max: Cell::new(0, 0, 0) })
 }
 
-/// The material placed most often.
+/// Returns the material that is placed most often.
 fn common_material(log: &BlockLog) -> Option<u32> {
     let mut counts = vec![0_u32; log.palette.len()];
     for event in log.turns.iter().flatten() {
@@ -82,7 +82,7 @@ fn common_material(log: &BlockLog) -> Option<u32> {
     (0..).zip(counts).max_by_key(|(_, count)| *count).map(|(material, _)| material)
 }
 
-/// Keeps the placements for which `is_kept` holds.
+/// Keeps the placements for which `is_kept` holds, and all removals.
 fn keep(log: &mut BlockLog, is_kept: impl Fn(Cell, u32) -> bool) {
     for turn in &mut log.turns {
         turn.retain(|event| match *event {
@@ -277,13 +277,13 @@ mod tests {
     use crate::grading::grade_log;
     use crate::tasks::embedded;
 
-    /// A published check that nothing can fail: two clusters of one level are never less than 1 apart, and fewer than two
-    /// pass (SPEC 3).
+    /// Returns whether nothing can fail a published check: two clusters of one level are never less than 1 apart, and
+    /// fewer than two pass (SPEC 3).
     fn cannot_fail(check: &Check) -> bool {
         matches!(check, Check::ClustersAtYHaveMinSpan(rule) if rule.min_span.0 <= 1.0)
     }
 
-    /// For each check of each family that holds on the good build, some saboteur makes it fail; and none spoils nothing.
+    /// Each check that holds on the good build of a family is failed by some saboteur, and no saboteur spoils nothing.
     #[test]
     fn every_check_of_every_family_is_failed_by_some_saboteur() {
         let mut missed = Vec::new();
@@ -314,7 +314,7 @@ mod tests {
         assert!(idle.is_empty(), "{idle:?} spoil nothing");
     }
 
-    /// What each does to a wall of 5 by 5 of stone, exactly.
+    /// Lists exactly which checks each saboteur makes a stone wall of 5 by 5 fail.
     #[test]
     fn a_wall_fails_where_it_was_spoiled() {
         let suite = embedded::latest().unwrap();
@@ -340,7 +340,7 @@ mod tests {
             ("drop-top", &[count, size, top]),
             ("drop-bottom", &[count, size, ground]),
             ("drop-half", &[count, size, top]),
-            // The whole wall lies at the least x.
+            // The whole wall is at the least x.
             ("breach-wall", &[count, stone, size, top]),
             ("drop-common", &[count, stone, size, top]),
             ("wrong-material", &[stone]),

@@ -1,4 +1,4 @@
-//! The building site: blocks placed once each, in order, and the paths that place them without wasted movement.
+//! The building site, which places each block once, in order, along paths without wasted movement.
 
 use crate::voxel::{BlockLog, Cell, CellSet, Event};
 
@@ -18,14 +18,14 @@ impl Site {
         self.log.turns.push(Vec::new());
     }
 
-    /// Places a block, unless one stands there.
+    /// Places a block, unless the cell already holds one.
     pub fn place(&mut self, cell: Cell, material: &str) {
         if self.standing.insert(cell) {
             self.log.place(cell, material);
         }
     }
 
-    /// Removes every block for which `is_unwanted` holds, the last placed first.
+    /// Removes every block for which `is_unwanted` holds, in reverse order of placement.
     pub fn remove(&mut self, is_unwanted: impl Fn(Cell) -> bool) {
         let placed = self.log.turns.iter().flatten().map(Event::cell);
         let mut unwanted: Vec<Cell> =
@@ -38,7 +38,7 @@ impl Site {
         }
     }
 
-    /// Fills a box layer by layer, to and fro, so that each block touches the one before it.
+    /// Fills a box layer by layer, back and forth, so that each block touches the one before it.
     pub fn fill(&mut self, xs: &Span, ys: &Span, zs: &Span, material: &str) {
         let (mut x_back, mut z_back) = (false, false);
         for y in ys.clone() {
@@ -52,7 +52,7 @@ impl Site {
         }
     }
 
-    /// Lays a ring of walls, level by level, walking round. Cells that `is_open` are left out.
+    /// Lays a ring of walls, level by level, walking around it. Leaves out the cells for which `is_open` holds.
     pub fn ring(&mut self, xs: &Span, ys: &Span, zs: &Span, material: &str, is_open: &dyn Fn(Cell) -> bool) {
         let (x0, x1, z0, z1) = (*xs.start(), *xs.end(), *zs.start(), *zs.end());
         for y in ys.clone() {
@@ -69,7 +69,7 @@ impl Site {
         }
     }
 
-    /// The log of all that was placed.
+    /// Returns the log of everything placed and removed.
     #[must_use]
     pub fn into_log(self) -> BlockLog {
         self.log

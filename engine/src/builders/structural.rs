@@ -6,7 +6,7 @@ use super::materials;
 use super::site::Site;
 use crate::voxel::Cell;
 
-/// Parameters of a slab: plan and depth, in blocks.
+/// Parameters of a slab: sides of its plan and its depth, in blocks.
 #[derive(Debug, Clone, Deserialize)]
 pub struct Slab {
     a: i32,
@@ -16,12 +16,12 @@ pub struct Slab {
     material: String,
 }
 
-/// A slab in the ground, its top at y = -1.
+/// Builds a slab in the ground, with its top at y = -1.
 pub fn foundation(site: &mut Site, slab: &Slab) {
     site.fill(&(0..=slab.a - 1), &(-slab.d..=-1), &(0..=slab.b - 1), &slab.material);
 }
 
-/// Parameters of a deep foundation: plan and thickness of the cap, number and depth of the piles.
+/// Parameters of a deep foundation: plan and thickness of its cap, number and depth of its piles.
 #[derive(Debug, Clone, Deserialize)]
 pub struct DeepFoundation {
     a: i32,
@@ -38,12 +38,12 @@ const fn five() -> i32 {
     5
 }
 
-/// A cap whose top is at y = 0, on piles.
+/// Builds a cap, with its top at y = 0, on piles.
 pub fn deep_foundation(site: &mut Site, foundation: &DeepFoundation) {
     let DeepFoundation { a, b, t, p, depth, ref material } = *foundation;
     let lowest = 1 - t - depth;
     let places = [(1, 1), (a / 2, 1), (a - 2, 1), (a - 2, b - 2), (a / 2, b - 2), (1, b - 2)];
-    // Four stand in the corners, a fifth in the middle of a side, a sixth across from it.
+    // Four piles stand in the corners, a fifth in the middle of a side, a sixth opposite it.
     let order: &[usize] = if p == 4 { &[0, 2, 3, 5] } else { &[0, 1, 2, 3, 4, 5] };
     let order = if p == 5 { &[0, 1, 2, 3, 5] } else { order };
     for (x, z) in order.iter().filter_map(|&i| places.get(i)).copied() {
@@ -62,12 +62,12 @@ pub struct Wall {
     material: String,
 }
 
-/// A wall on the ground.
+/// Builds a wall on the ground.
 pub fn wall(site: &mut Site, wall: &Wall) {
     site.fill(&(0..=wall.t - 1), &(0..=wall.h - 1), &(0..=wall.w - 1), &wall.material);
 }
 
-/// Parameters of a roof: plan, height of its columns and their number.
+/// Parameters of a roof: its plan, and the height and number of its columns.
 #[derive(Debug, Clone, Deserialize)]
 pub struct Roof {
     a: i32,
@@ -80,7 +80,7 @@ pub struct Roof {
     cover: String,
 }
 
-/// A flat roof of one layer on columns one block thick.
+/// Builds a flat roof of one layer on columns one block thick.
 pub fn roof_on_columns(site: &mut Site, roof: &Roof) {
     let Roof { a, b, h, n, ref column, ref cover } = *roof;
     let places: &[(i32, i32)] = match n {
@@ -95,7 +95,7 @@ pub fn roof_on_columns(site: &mut Site, roof: &Roof) {
     site.fill(&(0..=a - 1), &(h..=h), &(0..=b - 1), cover);
 }
 
-/// Parameters of a roof under stress: number and height of its columns, length of its sides.
+/// Parameters of a roof under stress: number and height of its columns, and length of its sides.
 #[derive(Debug, Clone, Deserialize)]
 pub struct Columns {
     n: usize,
@@ -103,7 +103,7 @@ pub struct Columns {
     height: i32,
     #[serde(default = "ten")]
     side: i32,
-    /// Of the columns, then of each layer.
+    /// Material of the columns, then that of each layer from the lowest up; empty for the default materials.
     #[serde(default)]
     materials: Vec<String>,
 }
@@ -116,8 +116,8 @@ const fn ten() -> i32 {
     10
 }
 
-/// A square roof on balanced columns of two by two: ten by ten on columns two high are the reference structures of SPEC 4. Of
-/// the materials the first makes the columns, each further one a layer; `materials` are those where none are asked for.
+/// Builds a square roof on balanced columns of two by two. Ten by ten on columns two high are the reference structures
+/// of SPEC 4. The first material is for the columns, each further one for a layer; `materials` are the defaults.
 pub fn roof_under_stress(site: &mut Site, columns: &Columns, materials: &[&str]) {
     let Columns { n, height, side, materials: ref own } = *columns;
     let own: Vec<&str> = own.iter().map(String::as_str).collect();
@@ -132,7 +132,7 @@ pub fn roof_under_stress(site: &mut Site, columns: &Columns, materials: &[&str])
     }
 }
 
-/// Parameters of a frame: its stories, their height, and the distance of its columns.
+/// Parameters of a frame: the number and height of its stories, and the distance between its columns.
 #[derive(Debug, Clone, Deserialize)]
 pub struct Frame {
     n: i32,
@@ -152,7 +152,7 @@ const fn eight() -> i32 {
     8
 }
 
-/// Four columns, beams at every floor, and stairs that wind up inside.
+/// Builds four columns with beams at every floor, and stairs that wind up inside.
 pub fn frame(site: &mut Site, frame: &Frame) {
     let Frame { n, story, bay: last, ref material } = *frame;
     let top = story * n;
@@ -165,7 +165,7 @@ pub fn frame(site: &mut Site, frame: &Frame) {
     winding_stairs(site, story * (n - 1), material);
 }
 
-/// Stairs round a square of five by five, each step on a block of its own, up to `top`.
+/// Builds stairs around a square of five by five up to `top`, each step on a block of its own.
 fn winding_stairs(site: &mut Site, top: i32, material: &str) {
     let side = |from: (i32, i32), step: (i32, i32)| (0..4).map(move |i| (from.0 + i * step.0, from.1 + i * step.1));
     let round: Vec<(i32, i32)> = side((2, 2), (1, 0))
@@ -181,7 +181,7 @@ fn winding_stairs(site: &mut Site, top: i32, material: &str) {
     }
 }
 
-/// Parameters of a slab on columns: their number, four to six, and the slab's plan and level.
+/// Parameters of a slab on columns: the number of columns, four to six, and the slab's plan and level.
 #[derive(Debug, Clone, Deserialize)]
 pub struct Platform {
     #[serde(default = "four_columns")]
@@ -204,7 +204,7 @@ const fn nine() -> i32 {
     9
 }
 
-/// Columns in the corners, a fifth and a sixth in the middle of two sides, and the slab of a second floor over them.
+/// Builds the slab of a second floor on columns in the corners, and on a fifth and sixth in the middle of two sides.
 pub fn platform(site: &mut Site, platform: &Platform) {
     let Platform { n, a, b, h, ref material } = *platform;
     let (x, z) = (a - 1, b - 1);
@@ -214,7 +214,7 @@ pub fn platform(site: &mut Site, platform: &Platform) {
     site.fill(&(0..=x), &(h..=h), &(0..=z), material);
 }
 
-/// Parameters of a solid flight of terraces: their number, the depth of each, the width of all.
+/// Parameters of a solid flight of terraces: their number, the depth of each, and the width of all.
 #[derive(Debug, Clone, Deserialize)]
 pub struct Terraces {
     steps: i32,
@@ -223,7 +223,7 @@ pub struct Terraces {
     material: String,
 }
 
-/// Terraces, each one block higher than the one before, solid down to the ground.
+/// Builds terraces, each one block higher than the one before, solid down to the ground.
 pub fn terraces(site: &mut Site, terraces: &Terraces) {
     let Terraces { steps, tread, width, ref material } = *terraces;
     for y in 0..steps {

@@ -1,4 +1,4 @@
-//! Advisories: what a reader of a report must know beside the scores (SPEC 7). They never change a score.
+//! Advisories: warnings that help to read the scores of a report (SPEC 7). They never change a score.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,55 +7,55 @@ use crate::checks::Check;
 use crate::tasks::Instruction;
 use crate::voxel::{Structure, blocks};
 
-/// One thing to know about a graded structure.
+/// A warning about a graded structure or one of its checks.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Advisory {
-    /// What kind of thing; stable, for programs.
+    /// Kind of the advisory: a stable code, for programs.
     pub code: AdvisoryCode,
-    /// Turn it concerns, from 1.
+    /// Turn that it concerns, from 1.
     pub turn: u32,
-    /// Check it concerns: index in the turn's checks.
+    /// Check that it concerns, as an index into the turn's checks, from 0; absent if it concerns the whole structure.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub check: Option<u32>,
-    /// The thing in words.
+    /// Description of the advisory, for people.
     pub detail: String,
 }
 
 impl Advisory {
-    /// Bytes of memory that it takes.
+    /// Returns the memory that the advisory takes, in bytes.
     #[must_use]
     pub const fn heap_bytes(&self) -> usize {
         size_of::<Self>() + self.detail.capacity()
     }
 }
 
-/// Kinds of advisories.
+/// Kind of an advisory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum AdvisoryCode {
-    /// Nothing stands.
+    /// The structure has no blocks.
     EmptyStructure,
-    /// A check held because there was nothing to check.
+    /// A check passed only because there was nothing to check.
     HeldVacuously,
-    /// The stress figure is unreliable or undefined.
+    /// The stress that a check measured is unreliable or undefined.
     UnreliableStress,
-    /// The equilibrium shown beside the stress figure leaves something out.
+    /// The stress in equilibrium, shown for comparison, is incomplete.
     IncompleteEquilibrium,
-    /// One cell is listed more than once.
+    /// The structure lists a cell more than once.
     RepeatedCell,
-    /// "air" was placed as a block.
+    /// Air was placed as a block.
     AirPlaced,
-    /// Names carry the `minecraft:` prefix, which exact comparisons do not strip.
+    /// Names have the `minecraft:` prefix, which exact comparisons do not strip.
     NamespacedNames,
-    /// Every block lies at y <= 0.
+    /// Every block is at y <= 0.
     EntirelyInGround,
-    /// A wanted material matched only as part of another block's name.
+    /// A required material was matched only as part of other blocks' names.
     LookalikeMaterial,
-    /// The game has no block of a name.
+    /// A name is not that of a block of the game.
     UnknownBlock,
 }
 
-/// Pairs of a wanted word and a block family that contains it by accident of spelling.
+/// Pairs of a required word and the word for other blocks whose spelling happens to contain it.
 const LOOKALIKES: [(&str, &str); 6] = [
     ("bed", "bedrock"),
     ("bed", "embedded"),
@@ -65,40 +65,42 @@ const LOOKALIKES: [(&str, &str); 6] = [
     ("stone", "cobblestone"),
 ];
 
-/// Adds the advisories on one turn.
+/// Adds the advisories on one turn to `advisories`.
 pub fn advise(structure: &Structure, instruction: &Instruction, report: &TurnReport, advisories: &mut Vec<Advisory>) {
     let mut add = |code, check: Option<usize>, detail: String| {
         let check = check.and_then(|c| u32::try_from(c).ok());
         advisories.push(Advisory { code, turn: report.turn, check, detail });
     };
     if structure.is_empty() {
-        add(AdvisoryCode::EmptyStructure, None, "no blocks stand".to_owned());
+        add(AdvisoryCode::EmptyStructure, None, "the structure is empty: no blocks stand".to_owned());
     } else if structure.cells().iter().all(|cell| cell.y <= 0) {
-        add(AdvisoryCode::EntirelyInGround, None, "every block lies at y <= 0".to_owned());
+        add(AdvisoryCode::EntirelyInGround, None, "every block is at y <= 0; none stands above that level".to_owned());
     }
     let repeated = structure.len() - structure.distinct_cells();
     if repeated > 0 {
-        add(AdvisoryCode::RepeatedCell, None, format!("{repeated} entries repeat a cell that is already listed"));
+        add(AdvisoryCode::RepeatedCell, None, format!("{repeated} blocks repeat a cell that is already listed"));
     }
     let standing = standing_names(structure);
     if standing
         .iter()
         .any(|name| matches!(name.strip_prefix("minecraft:").unwrap_or(name), "air" | "cave_air" | "void_air"))
     {
-        add(AdvisoryCode::AirPlaced, None, "air was placed and counts as a block".to_owned());
+        add(AdvisoryCode::AirPlaced, None, "air was placed; the checks count it as a block".to_owned());
     }
     let prefixed = standing.iter().filter(|name| name.starts_with("minecraft:")).count();
     if prefixed > 0 {
-        add(AdvisoryCode::NamespacedNames, None, format!("{prefixed} material names start with \"minecraft:\""));
+        let detail = format!("{prefixed} material names start with \"minecraft:\"; exact comparisons do not strip it");
+        add(AdvisoryCode::NamespacedNames, None, detail);
     }
     let unknown: Vec<&str> = standing.iter().copied().filter(|name| !blocks::is_known(name)).collect();
     if !unknown.is_empty() {
-        let detail = format!("Minecraft {} has no block called {}", blocks::GAME_VERSION, unknown.join(", "));
+        let detail = format!("Minecraft {} has no blocks named {}", blocks::GAME_VERSION, unknown.join(", "));
         add(AdvisoryCode::UnknownBlock, None, detail);
     }
     for (i, check) in report.checks.iter().enumerate() {
         if check.finding.vacuous {
-            add(AdvisoryCode::HeldVacuously, Some(i), format!("{}: {}", check.name, check.finding.summary));
+            let detail = format!("{} passed, but there was nothing to check: {}", check.name, check.finding.summary);
+            add(AdvisoryCode::HeldVacuously, Some(i), detail);
         }
         for caution in &check.finding.cautions {
             add(AdvisoryCode::UnreliableStress, Some(i), caution.clone());
@@ -115,14 +117,14 @@ pub fn advise(structure: &Structure, instruction: &Instruction, report: &TurnRep
             let matching = || standing.iter().filter(|name| name.to_lowercase().contains(wanted));
             let accidental = |name: &&&str| name.to_lowercase().contains(family);
             if matching().next().is_some() && matching().all(|name| accidental(&name)) {
-                let detail = format!("{}: {wanted:?} matched only as part of {family:?}", check.name());
+                let detail = format!("{} found {wanted:?} only as part of {family:?}", check.name());
                 add(AdvisoryCode::LookalikeMaterial, Some(i), detail);
             }
         }
     }
 }
 
-/// Names that some standing block has.
+/// Returns the distinct names of the blocks that stand.
 fn standing_names(structure: &Structure) -> Vec<&str> {
     let mut stands = vec![false; structure.palette().len()];
     for &id in structure.material_ids() {
@@ -131,7 +133,7 @@ fn standing_names(structure: &Structure) -> Vec<&str> {
     structure.palette().names().zip(stands).filter(|(_, stands)| *stands).map(|(name, _)| name).collect()
 }
 
-/// Whether the check wants `word` and takes it as part of a longer name.
+/// Returns whether the check requires `word` and accepts it as part of a longer name.
 fn wants_as_part_of_a_name(check: &Check, word: &str) -> bool {
     let counted = |material: &Option<String>, substring: bool| substring && material.as_deref() == Some(word);
     match check {

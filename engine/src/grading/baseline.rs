@@ -1,4 +1,4 @@
-//! What a log earns that does nothing: the scores that an empty log or a single block gets, so that a reward can begin above them.
+//! Baselines: what an empty log or a single block earns on a task. The shaped reward begins above it.
 
 use serde_json::Value;
 
@@ -9,14 +9,14 @@ use crate::tasks::Task;
 use crate::voxel::blocks::BlockSet;
 use crate::voxel::{Cell, Structure};
 
-/// Levels at which a single block is tried, beside those that a check names.
+/// Levels at which a single block is tried, in addition to those that checks name.
 const LEVELS: [i32; 3] = [-1, 0, 1];
-/// Checks from which a task is tried with stone alone, at the first levels.
+/// Number of checks above which a task is tried with stone only, at [`LEVELS`] only.
 const MANY_CHECKS: usize = 256;
-/// Levels and materials taken from the arguments of a check at most.
+/// Greatest number of materials, and of levels, taken from the arguments of a task's checks.
 const MOST_NAMED: usize = 8;
 
-/// What an empty log scores on each check of a task, and the most that a single block earns beyond that.
+/// The scores of an empty log on each check of a task, and the most that a single block earns beyond them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Baseline {
     /// Scores of the empty structure, by turn and check.
@@ -25,22 +25,22 @@ pub struct Baseline {
     single: f64,
 }
 
-/// A score of a check, with what the empty structure scores on it.
+/// Criterion of a check, its score, and the score of the empty structure on it.
 type Scored = (Criterion, f64, f64);
 
 impl Baseline {
-    /// Of a task: its checks are put to the empty structure and to single blocks, of stone and of each material that they name, in the
-    /// ground, on it, above it and at each level that they name.
+    /// Computes the baseline of a task. Evaluates its checks on the empty structure and on single blocks, of stone and
+    /// of each material that the checks name, in the ground, on it, above it, and at each level that the checks name.
     ///
     /// # Errors
-    /// Only where `control` asked a long computation to end.
+    /// Returns an error only if `control` stops a long computation.
     pub fn of(task: &Task, control: &Control<'_>) -> Result<Self, Stopped> {
         let (mut materials, mut levels) = (vec!["stone".to_owned()], LEVELS.to_vec());
         for check in task.checks().filter(|check| !is_simulated(check)) {
             let data = serde_json::to_value(check).unwrap_or_default();
             name_all(&data["args"], &mut materials, &mut levels);
         }
-        // A task of thousands of checks is tried with less, or it would take as long as all of them together.
+        // Trying every material and level takes too long for a task of thousands of checks.
         if task.checks().count() > MANY_CHECKS {
             materials.truncate(1);
             levels.truncate(LEVELS.len());
@@ -51,7 +51,7 @@ impl Baseline {
         levels.dedup();
         let empty = scores(task, &Structure::from_named([]), None, control)?;
         let mut baseline = Self { empty, single: 0.0 };
-        // Of what a single block is, and where, is the same to its stress.
+        // The stress of a single block depends on neither its material nor its level.
         let mut known = None;
         for (material, level) in
             materials.iter().flat_map(|material| levels.iter().map(move |level| (material, *level)))
@@ -68,18 +68,19 @@ impl Baseline {
         Ok(baseline)
     }
 
-    /// Whether a good build earns more than a log that does nothing.
+    /// Returns whether a good build earns more than a log that does nothing.
     #[must_use]
     pub fn can_be_beaten(&self) -> bool {
         self.single < 1.0 && self.empty.iter().flatten().any(|empty| *empty < 1.0)
     }
 
-    /// The shaped reward of a report on the same task, in [0, 1].
+    /// Computes the shaped reward of a report on the same task, in [0, 1].
     ///
-    /// A check on which an empty log scores *e* below 1 earns max(0, (*s* - *e*) / (1 - *e*)) for its score *s*. What a log earns is the
-    /// mean over the criteria that have such checks, each the mean of its own, times the mean score of all other checks, those that an
-    /// empty log passes. The most that a single block earns, *b*, is taken off: the reward is max(0, (earned - *b*) / (1 - *b*)), and 0
-    /// where at most one block stands after every turn. It never falls where a check's score rises, and is 1 where all are 1.
+    /// A check on which an empty log scores *e* < 1 gains max(0, (*s* - *e*) / (1 - *e*)) for its score *s*. Gains are
+    /// averaged per criterion, and then over the criteria that have such checks. This mean, times the mean score of all
+    /// other checks, which an empty log passes, is what the log earns. If a single block earns at most *b*, the reward
+    /// is max(0, (earned - *b*) / (1 - *b*)), or 0 if at most one block stands after every turn. The reward never falls
+    /// when the score of a check rises, and is 1 if all scores are 1.
     #[must_use]
     pub fn shaped(&self, report: &Report) -> f64 {
         if report.turns.iter().all(|turn| turn.blocks <= 1) {
@@ -92,7 +93,7 @@ impl Baseline {
     }
 }
 
-/// What scores earn beyond the empty structure's.
+/// Computes what scores earn beyond those of the empty structure, as [`Baseline::shaped`] explains.
 fn earned(scored: impl Iterator<Item = Scored>) -> f64 {
     let mut gains: Vec<(Criterion, f64, f64)> = Vec::new();
     let (mut kept, mut others) = (0.0, 0.0);
@@ -118,7 +119,7 @@ fn is_simulated(check: &Check) -> bool {
     check.criterion() == Criterion::StructuralStability
 }
 
-/// Scores of a structure that stands after every turn; those of simulations are taken from `known` where it is given.
+/// Returns the scores of a structure that stands after every turn. Takes those of simulations from `known` if given.
 fn scores(
     task: &Task,
     structure: &Structure,
@@ -143,7 +144,7 @@ fn scores(
     Ok(turns)
 }
 
-/// Adds the names and the levels that arguments hold.
+/// Adds the materials and the levels that arguments contain.
 fn name_all(args: &Value, materials: &mut Vec<String>, levels: &mut Vec<i32>) {
     match args {
         Value::String(name) if materials.len() <= MOST_NAMED => {
@@ -171,13 +172,13 @@ mod tests {
     use crate::voxel::BlockLog;
     use std::collections::BTreeMap;
 
-    /// One task of every family; `tests/hidden_checks.rs` has those that are hidden.
+    /// Returns one task of every public family; `tests/hidden_checks.rs` covers the hidden families.
     fn one_of_each_family() -> Vec<Task> {
         let mut tasks: BTreeMap<String, Task> = BTreeMap::new();
         for task in embedded::latest().unwrap().tasks {
             tasks.entry(task.family().to_owned()).or_insert(task);
         }
-        // Stress takes long and has its own tests.
+        // Stress simulations take long and have tests of their own.
         for task in tasks.values_mut() {
             for turn in &mut task.turns {
                 turn.checks.retain(|check| check.criterion() != Criterion::StructuralStability);
@@ -207,7 +208,7 @@ mod tests {
                     assert_eq!(shaped(task, &log).0, 0.0, "{}: {material} at {y}", task.id);
                 }
             }
-            // Something spoiled lies between, and every task can be shaped.
+            // A spoiled build earns something in between, and every baseline can be beaten.
             assert!(Baseline::of(task, &Control::unhurried()).unwrap().can_be_beaten(), "{}", task.id);
             for saboteur in SABOTEURS {
                 let (reward, report) = shaped(task, &saboteur.spoil(good.clone()));
@@ -232,7 +233,7 @@ mod tests {
                         assert!(reward >= before, "{}", task.id);
                         before = reward;
                     }
-                    // The next check is varied with this one half earned.
+                    // Leaves this check half earned while the next one varies.
                     report.turns[turn].checks[check].finding.score = 0.5;
                 }
             }

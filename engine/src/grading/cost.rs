@@ -1,38 +1,39 @@
-//! What grading costs at most, from its checks and the size of the log: decides where it is done, never what comes of it.
+//! Estimates what grading costs at most, from the checks and the size of the log. The estimate decides where grading is
+//! done, never its result.
 //!
-//! The figures are upper bounds in nanoseconds, on the slower of the machines at hand, from `tests/bench/worst_checks.rs`, which runs
-//! each check on builds that are made to be hard for it.
+//! The figures are upper bounds in nanoseconds, on the slower of the machines at hand. They come from
+//! `tests/bench/worst_checks.rs`, which runs each check on builds that are designed to be hard for it.
 
 use crate::checks::Check;
 use crate::tasks::Task;
 use crate::voxel::terrain::MAX_EXTENT;
 use crate::voxel::{BlockLog, Bounds, Event};
 
-/// Where grading belongs.
+/// Class of grading by its cost, which decides where it is done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Cost {
-    /// It takes less than two milliseconds.
+    /// Takes less than two milliseconds.
     Immediate,
-    /// It takes up to about half a second.
+    /// Takes up to about half a second.
     Short,
-    /// It may take longer.
+    /// May take longer.
     Long,
 }
 
-/// Up to here grading is done in an instant.
+/// Greatest estimate of immediate grading.
 const IMMEDIATE_NS: u64 = 1_000_000;
-/// Up to here it is short.
+/// Greatest estimate of short grading.
 const SHORT_NS: u64 = 500_000_000;
-/// Replaying an event, and making it part of the structure of a turn.
+/// Replaying an event and adding it to the structure of a turn.
 const REPLAY_NS: u64 = 200;
-/// What a check costs however small the build is: its finding is written.
+/// Fixed cost of a check, for writing its finding.
 const FINDING_NS: u64 = 2_000;
-/// A byte of a name, for checks that compare names.
+/// One byte of a name, in checks that compare names.
 const NAME_NS: u64 = 50;
-/// A cell of the space that a build takes, for checks that walk through it.
+/// One cell of the space around a build, in checks that walk through it.
 const WALK_NS: u64 = 150;
 
-/// What grading a log against a task costs at most.
+/// Estimates what grading a log against a task costs at most.
 #[must_use]
 pub fn cost(task: &Task, log: &BlockLog) -> Cost {
     let ns = nanoseconds(task, log);
@@ -49,10 +50,10 @@ fn nanoseconds(task: &Task, log: &BlockLog) -> u64 {
     let mut blocks = 0;
     let mut sum = 0_u64;
     let mut space = None;
-    // Checks of names look at each name, some once for each name that they ask for.
+    // Checks of names look at each name, some of them once for each name that they ask for.
     let names: u64 = log.palette.names().map(|name| name.len() as u64 + 1).sum();
     for (turn, instruction) in task.turns.iter().enumerate() {
-        // No more can stand than was placed.
+        // No more blocks can stand than were placed.
         blocks += log.turns.get(turn).map_or(0, |events| events.len() as u64);
         sum += blocks * REPLAY_NS;
         for check in instruction.checks.iter().chain(&instruction.informational) {
@@ -69,17 +70,17 @@ fn nanoseconds(task: &Task, log: &BlockLog) -> u64 {
     sum
 }
 
-/// Cells of the space around everything that a log places.
+/// Counts the cells of the space around everything that a log places.
 fn walked_cells(log: &BlockLog) -> u64 {
     let placed = log.turns.iter().flatten().filter(|event| matches!(event, Event::Place { .. })).map(Event::cell);
     let Some(bounds) = Bounds::of(placed) else { return 0 };
-    // It begins at the ground, wherever the build does; none is made for a larger build.
+    // The space begins at the ground, wherever the build does. No terrain is made for a larger build.
     let [x, _, z] = bounds.extent();
     let height = i64::from(bounds.max.y.max(0));
     [x, height, z].iter().map(|extent| (extent.min(&MAX_EXTENT) + 5) as u64).product()
 }
 
-/// How many names a check asks for, one after another.
+/// Returns how many names a check asks for, one after another.
 fn asked_names(check: &Check) -> u64 {
     let asked = match check {
         Check::LayersFollow(rule) => rule.layers.len(),
@@ -92,7 +93,7 @@ fn asked_names(check: &Check) -> u64 {
 
 enum PerBlock {
     Flat(u64),
-    /// By the space that the build takes, and not by its blocks.
+    /// The cost depends on the space around the build, not on its blocks.
     Space,
 }
 

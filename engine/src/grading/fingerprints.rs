@@ -1,20 +1,20 @@
-//! Fingerprints of logs: near-identical ones of different owners are found without comparing the logs themselves.
+//! Fingerprints of logs, which find near-identical logs of different owners without comparing the logs themselves.
 //!
-//! Two sketches, one of the set of blocks and one of the pairs of blocks placed one after another, each counted from the least
-//! corner of its build, so that moving a build changes nothing. A sketch keeps the least hash in each of 64 bins (MinHash with
-//! one permutation: Li, Owen and Zhang, 2012); the share of bins that agree estimates the share of elements in common
-//! (Jaccard). Sketches of parts merge into that of the whole.
+//! A fingerprint has two sketches: one of the set of blocks, and one of the pairs of cells filled one after the other.
+//! Cells are relative to the least corner of the build, so moving a build changes nothing. A sketch keeps the least
+//! hash in each of 64 bins (MinHash with one permutation: Li, Owen and Zhang, 2012); the share of bins that agree
+//! estimates the share of elements in common (Jaccard). Sketches of parts merge into that of the whole.
 
 use crate::voxel::{BlockLog, Bounds, Cell, Event};
 
 const BINS: usize = 64;
-/// What an empty bin holds.
+/// Value of an empty bin.
 const EMPTY: u32 = u32::MAX;
-/// Shares of blocks and of pairs in common from which on two runs are near-identical. Builds of one task are alike whoever makes
-/// them; the order in which independent builders place a thousand blocks is not.
+/// Least share in common, of both blocks and pairs, at which two runs are near-identical. Builds of one task are alike
+/// whoever makes them, but the order in which independent builders place a thousand blocks is not.
 const NEAR: f64 = 0.9;
 
-/// Sketches of a log, or of all logs of a run.
+/// Sketches of one log, or of all logs of a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Fingerprint {
     blocks: [u32; BINS],
@@ -27,14 +27,14 @@ impl Default for Fingerprint {
     }
 }
 
-/// A well-mixed number of a number (the finalizer of `SplitMix64`).
+/// Mixes the bits of a number (the finalizer of `SplitMix64`).
 const fn mixed(number: u64) -> u64 {
     let number = (number ^ (number >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let number = (number ^ (number >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     number ^ (number >> 31)
 }
 
-/// A hash of text that is the same everywhere (FNV-1a).
+/// Hashes text, with the same result everywhere (FNV-1a).
 fn hashed(text: &str) -> u64 {
     text.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
 }
@@ -46,7 +46,7 @@ fn add(sketch: &mut [u32; BINS], element: u64) {
 }
 
 impl Fingerprint {
-    /// Of the log that answered a task.
+    /// Computes the fingerprint of a log that answers a task.
     #[must_use]
     pub fn of(task_hash: &str, log: &BlockLog) -> Self {
         let mut own = Self::default();
@@ -75,27 +75,27 @@ impl Fingerprint {
         own
     }
 
-    /// With what another one is of.
+    /// Merges another fingerprint into this one, which then covers the logs of both.
     pub fn merge(&mut self, other: &Self) {
         for (own, other) in [(&mut self.blocks, &other.blocks), (&mut self.order, &other.order)] {
             own.iter_mut().zip(other).for_each(|(own, other)| *own = (*own).min(*other));
         }
     }
 
-    /// Whether two are of nearly the same blocks in nearly the same order; never where nothing was placed.
+    /// Returns whether two are of nearly the same blocks in nearly the same order; false if nothing was placed.
     #[must_use]
     pub fn is_near(&self, other: &Self) -> bool {
-        // The order differs first between independent builders.
+        // Between independent builders the order is the first to differ.
         in_common(&self.order, &other.order) >= NEAR && in_common(&self.blocks, &other.blocks) >= NEAR
     }
 
-    /// As it is stored.
+    /// Encodes the fingerprint for storage.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
         self.blocks.iter().chain(&self.order).flat_map(|bin| bin.to_le_bytes()).collect()
     }
 
-    /// From what was stored; none where it is not one.
+    /// Decodes a stored fingerprint. Returns `None` if the bytes are not one.
     #[must_use]
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let (bins, rest) = bytes.as_chunks::<4>();
@@ -110,7 +110,7 @@ impl Fingerprint {
     }
 }
 
-/// Share of the bins in use that agree.
+/// Returns the share of the bins in use that agree; 0 if none is in use.
 fn in_common(one: &[u32; BINS], other: &[u32; BINS]) -> f64 {
     let used = one.iter().zip(other).filter(|(a, b)| **a != EMPTY || **b != EMPTY);
     let (agreeing, all) = used.fold((0, 0), |(agreeing, all), (a, b)| (agreeing + u32::from(a == b), all + 1));
@@ -121,7 +121,7 @@ fn in_common(one: &[u32; BINS], other: &[u32; BINS]) -> f64 {
 mod tests {
     use super::*;
 
-    /// A slab, row by row; the first so many blocks last, moved by `dx`.
+    /// Builds a slab row by row, moved by `dx`, with its first `late` blocks placed last.
     fn slab(side: i32, late: usize, dx: i32) -> BlockLog {
         let mut cells: Vec<Cell> = (0..side).flat_map(|x| (0..side).map(move |z| Cell::new(x + dx, 0, z))).collect();
         cells.rotate_left(late);

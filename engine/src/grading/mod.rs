@@ -1,4 +1,4 @@
-//! Grading: a task and a log give a report; reports give the summary of a run.
+//! Grading: makes a report from a task and a log, and the summary of a run from its reports.
 
 pub mod advisories;
 pub mod baseline;

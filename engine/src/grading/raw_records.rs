@@ -1,4 +1,4 @@
-//! Raw records of the published pipeline (SPEC 8): one JSON line per turn, with its checks and cumulative blocks.
+//! Raw records of the published pipeline (SPEC 8): one line of JSON per turn, with its checks and cumulative blocks.
 
 use std::collections::BTreeMap;
 
@@ -12,24 +12,24 @@ use crate::tasks::published::read_checks;
 use crate::tasks::{Instruction, Task};
 use crate::voxel::{Cell, Structure};
 
-/// One turn of one problem, as recorded.
+/// Record of one turn of one problem.
 #[derive(Debug, Clone)]
 pub struct RawRecord {
     /// Number of the problem, from 1.
     pub run_idx: u32,
-    /// Turn, from 1.
+    /// Number of the turn, from 1.
     pub turn_idx: u32,
-    /// Turns of the problem.
+    /// Number of turns of the problem.
     pub n_turns: u32,
-    /// The instruction, where the record has it.
+    /// Instruction; empty if the record does not give it.
     pub prompt: String,
-    /// The turn's checks.
+    /// Checks of the turn.
     pub checks: Vec<Check>,
-    /// The blocks that stand after the turn, as given.
+    /// Blocks that stand after the turn, in the order given.
     pub structure: Structure,
-    /// Who built it, where the record says so.
+    /// Name of the model that built, if the record gives it.
     pub builder_model: Option<String>,
-    /// Line in the file, from 1.
+    /// Line of the record in the file, from 1.
     pub line: u64,
 }
 
@@ -55,7 +55,7 @@ struct Block {
     material: Option<String>,
 }
 
-/// An integer, also when written as `3.0`.
+/// An integer, which may be written as `3.0`.
 #[derive(Deserialize)]
 #[serde(try_from = "f64")]
 struct Coordinate(i32);
@@ -67,24 +67,24 @@ impl TryFrom<f64> for Coordinate {
         if value.fract() == 0.0 && value.abs() <= f64::from(i32::MAX) {
             Ok(Self(value as i32))
         } else {
-            Err(format!("{value} is not a coordinate: an integer is expected"))
+            Err(format!("{value} is not a coordinate: expected an integer"))
         }
     }
 }
 
-/// A problem put together from its records.
+/// A problem assembled from its records.
 #[derive(Debug, Clone)]
 pub struct RecordedProblem {
-    /// The checks as a task.
+    /// Prompts and checks as a task.
     pub task: Task,
-    /// The structure after each turn.
+    /// Structure after each turn.
     pub structures: Vec<Structure>,
 }
 
-/// Reads the records of a JSONL text; blank lines are passed over.
+/// Reads the records of a text in JSON Lines. Skips blank lines.
 ///
 /// # Errors
-/// All faulty lines, each with its place; at most [`Faults::KEPT`] are told.
+/// Returns the faults of all lines with their locations, but lists at most [`Faults::KEPT`] of them.
 pub fn read_records(text: &str) -> Result<Vec<RawRecord>, Vec<Fault>> {
     let mut faults = Faults::new();
     let mut records = Vec::new();
@@ -111,7 +111,7 @@ fn record(line: Line, number: u64, faults: &mut Faults) -> Option<RawRecord> {
     let checks = read_checks(&line.checks, faults);
     faults.leave();
     if line.run_idx == 0 || line.turn_idx == 0 || line.turn_idx > line.n_turns {
-        faults.add(format!("run_idx {} and turn_idx {} of {} do not fit", line.run_idx, line.turn_idx, line.n_turns));
+        faults.add(format!("run_idx {} or turn_idx {} of {} is invalid", line.run_idx, line.turn_idx, line.n_turns));
     }
     faults.enter_key("coords");
     for (i, block) in line.coords.iter().enumerate() {
@@ -139,10 +139,10 @@ impl Block {
     }
 }
 
-/// Puts records together into problems, in the order of their numbers.
+/// Assembles records into problems, in the order of their numbers.
 ///
 /// # Errors
-/// Where a turn is recorded twice or is missing.
+/// Returns faults if a turn is recorded twice or is missing, or lines disagree on the number of turns of a problem.
 pub fn problems(records: Vec<RawRecord>) -> Result<Vec<RecordedProblem>, Vec<Fault>> {
     let mut faults = Faults::new();
     let mut by_number: BTreeMap<u32, BTreeMap<u32, RawRecord>> = BTreeMap::new();
@@ -155,7 +155,7 @@ pub fn problems(records: Vec<RawRecord>) -> Result<Vec<RecordedProblem>, Vec<Fau
             continue;
         }
         if turns.values().any(|earlier| earlier.n_turns != record.n_turns) {
-            faults.add(format!("problem {} has another number of turns in other lines", record.run_idx));
+            faults.add(format!("problem {} has a different n_turns in an earlier line", record.run_idx));
         }
         turns.insert(record.turn_idx, record);
     }

@@ -1,4 +1,4 @@
-//! The report on one submission: per turn, check and criterion, and for the problem as a whole (SPEC 5).
+//! The report on one submission, by turn, check and criterion, and for the problem as a whole (SPEC 5).
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -12,79 +12,79 @@ use crate::tasks::Task;
 use crate::voxel::replay::Replay;
 use crate::voxel::{BlockLog, Structure};
 
-/// One check of a report.
+/// Result of one check.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct CheckReport {
-    /// The check's published name.
+    /// Name of the check, such as `size.is_equal`.
     #[serde(rename = "fn")]
     pub name: String,
-    /// Its arguments.
+    /// Arguments of the check, by name.
     pub args: Value,
-    /// The criterion it counts for.
+    /// Criterion that the check belongs to.
     pub criterion: Criterion,
     /// Score and evidence.
     #[serde(flatten)]
     pub finding: Finding,
 }
 
-/// One turn of a report.
+/// Results of one turn.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct TurnReport {
     /// Turn number, from 1.
     pub turn: u32,
-    /// Blocks that stand after it.
+    /// Number of blocks that stand after the turn.
     pub blocks: u64,
-    /// Its checks, in the task's order.
+    /// Results of the checks that count, in the task's order.
     pub checks: Vec<CheckReport>,
-    /// Checks that are shown and do not count.
+    /// Results of the checks that are reported but do not count.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub informational: Vec<CheckReport>,
 }
 
-/// One criterion over all turns.
+/// Result of one criterion over all turns.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct CriterionReport {
     /// The criterion.
     pub criterion: Criterion,
-    /// The dimension it belongs to.
+    /// Dimension that the criterion belongs to.
     pub dimension: Dimension,
-    /// Whether every check of it scored 1.
+    /// Whether all its checks scored 1.
     pub holds: bool,
     /// Mean score of its checks.
     #[schema(minimum = 0, maximum = 1)]
     pub mean: f64,
     /// Number of its checks.
     pub checks: u32,
-    /// How many of them scored 1.
+    /// Number of its checks that scored 1.
     pub checks_at_1: u32,
 }
 
-/// The report on one submission. Carries no time and no host: the same log, task and checks give the same bytes.
+/// The report on one submission. It holds neither times nor hosts: the same log, task and checks yield the same bytes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Report {
-    /// The task's id.
+    /// Identifier of the task.
     pub task: String,
-    /// The task's number in its suite.
+    /// Number of the task in its suite.
     pub number: u32,
-    /// SHA-256 of the task, in hex.
+    /// SHA-256 hash of the task's JSON, in hex.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub task_hash: String,
-    /// Version of the rules that scored it.
+    /// Version of the checks that scored the submission.
     pub checks_version: u32,
-    /// Accuracy and physical plausibility and dependency, as far as they apply (SPEC 5).
+    /// Whether accuracy, physical plausibility and dependency all pass, as far as they apply (SPEC 5).
     pub overall: bool,
-    /// Material and shape and size, as far as they apply; null where the task has no such check.
+    /// Whether material, shape and size all pass, as far as they apply; null if the task has no such check.
     pub accuracy: Option<bool>,
-    /// The criteria that apply, in the paper's order.
+    /// Results of the criteria that apply, in the paper's order.
     pub criteria: Vec<CriterionReport>,
-    /// The turns in order.
+    /// Results of the turns, in order.
     pub turns: Vec<TurnReport>,
-    /// What a reader must know beside the scores; never changes one.
+    /// Warnings that help to read the scores. They never change a score.
     pub advisories: Vec<Advisory>,
 }
 
 impl Report {
-    /// Bytes of memory that it takes.
+    /// Returns the memory that the report takes, in bytes.
     #[must_use]
     pub fn memory_bytes(&self) -> usize {
         let checks = |list: &Vec<CheckReport>| {
@@ -102,7 +102,7 @@ impl Report {
             + turns
     }
 
-    /// The scores that the summary of a run needs.
+    /// Returns the scores that the summary of a run needs.
     #[must_use]
     pub fn scores(&self) -> ProblemScores {
         let checks = self.turns.iter().flat_map(|turn| &turn.checks);
@@ -115,18 +115,18 @@ impl Report {
 
 /// Grades a log against a task, turn by turn.
 ///
-/// A turn that the log lacks repeats the structure before it, as a turn without events does (SPEC 2).
+/// A turn that the log lacks keeps the structure of the turn before, like a turn without events (SPEC 2).
 ///
 /// # Errors
-/// Only where `control` asked a long computation to end.
+/// Returns an error only if `control` stops a long computation.
 pub fn grade_log(task: &Task, log: &BlockLog, control: &Control<'_>) -> Result<Report, Stopped> {
     grade_structures(task, Replay::new(log), control)
 }
 
-/// The same for a task whose content hash is known, which takes as long to compute as grading a small log.
+/// Grades a log as [`grade_log`] does, given the task's hash, which takes as long to compute as grading a small log.
 ///
 /// # Errors
-/// The same.
+/// Returns an error only if `control` stops a long computation.
 pub fn grade_hashed(task: &Task, hash: &str, log: &BlockLog, control: &Control<'_>) -> Result<Report, Stopped> {
     grade(task, hash.to_owned(), Replay::new(log), control)
 }
@@ -134,7 +134,7 @@ pub fn grade_hashed(task: &Task, hash: &str, log: &BlockLog, control: &Control<'
 /// Grades structures, one per turn, against a task.
 ///
 /// # Errors
-/// Only where `control` asked a long computation to end.
+/// Returns an error only if `control` stops a long computation.
 pub fn grade_structures(
     task: &Task,
     structures: impl IntoIterator<Item = Structure>,

@@ -1,4 +1,4 @@
-//! Rewards: one number from a report, by a scheme that the trainer names.
+//! Rewards: one number from a report, by a scheme that the trainer chooses.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,22 +6,22 @@ use super::Report;
 use super::baseline::Baseline;
 use crate::checks::Criterion;
 
-/// How a report becomes a number in [0, 1].
+/// Scheme that turns a report into a number in [0, 1].
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Scheme {
-    /// 1 where the problem passes overall (SPEC 5), else 0.
+    /// 1 if the problem passes overall (SPEC 5), else 0.
     #[default]
     Strict,
-    /// The mean over the criteria that apply, each the mean score of its checks. A log that does nothing earns much of it.
+    /// The mean, over the criteria that apply, of the mean score of their checks. Doing nothing earns much of it.
     Mean,
-    /// What is earned beyond a log that does nothing ([`Baseline::shaped`]): for training.
+    /// The gain over a log that does nothing ([`Baseline::shaped`]), for training.
     Shaped,
-    /// The weighted mean of the same, over the criteria that apply and have a weight.
+    /// The weighted mean, over the criteria that apply and have a weight, of the mean score of their checks.
     Weighted(Vec<(Criterion, f64)>),
 }
 
 impl Scheme {
-    /// Its name in the API.
+    /// Returns the name of the scheme in the API.
     #[must_use]
     pub const fn name(&self) -> &'static str {
         match self {
@@ -32,8 +32,8 @@ impl Scheme {
         }
     }
 
-    /// The reward; none where no criterion that applies has a weight. `baseline` is that of the task, for [`Self::Shaped`]; none where
-    /// each check is passed by a log that does nothing.
+    /// Computes the reward of a report. Returns `None` if no criterion that applies has a weight. [`Self::Shaped`]
+    /// needs the `baseline` of the task, and returns `None` unless it can be beaten.
     #[must_use]
     pub fn reward(&self, report: &Report, baseline: Option<&Baseline>) -> Option<f64> {
         let weight = |criterion: Criterion| match self {
@@ -54,44 +54,44 @@ impl Scheme {
     }
 }
 
-/// What a reward is made of: the mean score of each criterion that applies, and overall success.
+/// Components of a reward: the mean score of each criterion that applies, and overall success.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct RewardComponents {
-    /// 1 where the problem passes overall, else 0.
+    /// 1 if the problem passes overall, else 0.
     #[schema(minimum = 0, maximum = 1)]
     pub overall: f64,
-    /// Material; absent where it does not apply, as the others.
+    /// Mean score of the material checks; absent if the criterion does not apply, like the ones below.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0, maximum = 1)]
     pub material: Option<f64>,
-    /// Shape.
+    /// Mean score of the shape checks.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0, maximum = 1)]
     pub shape: Option<f64>,
-    /// Size.
+    /// Mean score of the size checks.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0, maximum = 1)]
     pub size: Option<f64>,
-    /// Physical plausibility.
+    /// Mean score of the physical plausibility checks.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0, maximum = 1)]
     pub physical_plausibility: Option<f64>,
-    /// Structural stability.
+    /// Mean score of the structural stability checks.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0, maximum = 1)]
     pub structural_stability: Option<f64>,
-    /// Efficiency.
+    /// Mean score of the efficiency checks.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0, maximum = 1)]
     pub efficiency: Option<f64>,
-    /// Dependency.
+    /// Mean score of the dependency checks.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0, maximum = 1)]
     pub dependency: Option<f64>,
 }
 
 impl RewardComponents {
-    /// Of nothing that could be graded: 0 for each criterion that applies.
+    /// Returns the components if there is nothing to grade: 0 for each criterion that applies.
     #[must_use]
     pub fn none_of(criteria: &[Criterion]) -> Self {
         let none = |wanted| criteria.contains(&wanted).then_some(0.0);
@@ -107,7 +107,7 @@ impl RewardComponents {
         }
     }
 
-    /// Of a report.
+    /// Returns the components of a report.
     #[must_use]
     pub fn of(report: &Report) -> Self {
         let mean = |wanted| report.criteria.iter().find(|c| c.criterion == wanted).map(|c| c.mean);
@@ -138,7 +138,7 @@ mod tests {
         let suite = embedded::latest().unwrap();
         let task = suite.tasks.iter().find(|task| task.id == "walls/5x1x5-raise").unwrap();
         let good = build(task).unwrap();
-        // Five checks in four criteria; more blocks spoil one of two for material, one of two for size, and movement.
+        // Six checks in four criteria; extra blocks spoil one of two for material, one of two for size, and movement.
         let wide = find("widen").unwrap().spoil(good.clone());
         let report = |log| grade_log(task, log, &Control::unhurried()).unwrap();
         let (good, wide) = (report(&good), report(&wide));

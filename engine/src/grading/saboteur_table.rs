@@ -1,4 +1,4 @@
-//! `plumbline tasks saboteurs`: the table of saboteurs: which criteria each makes fail in each family.
+//! `plumbline tasks saboteurs`: the table of the criteria that each saboteur makes fail in each family.
 
 use std::fmt::Write as _;
 
@@ -10,18 +10,18 @@ use crate::elasticity::Control;
 use crate::tasks::{Suite, Task};
 use crate::voxel::BlockLog;
 
-/// What a cell shows where the saboteur finds nothing to spoil.
+/// Text of a cell if the saboteur finds nothing to spoil.
 const UNCHANGED: &str = "=";
-/// What a cell shows where the build is spoiled in a way that the family does not ask about.
+/// Text of a cell if the build is spoiled in a way that no criterion of the family detects.
 const UNSEEN: &str = ".";
 
-/// The table as Markdown: a row per saboteur, a column per family of the suite, by the first task of each.
+/// Makes the table in Markdown: a row per saboteur and a column per family of the suite, from the first task of each.
 #[must_use]
 pub fn markdown(suite: &Suite) -> String {
     let families: Vec<(&Task, BlockLog)> =
         suite.families().iter().filter_map(|tasks| Some((tasks.first()?, build(tasks.first()?).ok()?))).collect();
     let mut text = String::from("| saboteur |");
-    // Writing to a string does not fail.
+    // Writing to a string cannot fail.
     for number in 1..=families.len() {
         let _ = write!(text, " {number} |");
     }
@@ -51,7 +51,7 @@ fn cell(task: &Task, good: &BlockLog, spoiled: &BlockLog) -> String {
     if letters.is_empty() { UNSEEN.to_owned() } else { letters }
 }
 
-/// One letter per criterion.
+/// Returns the letter of a criterion.
 const fn letter(criterion: Criterion) -> char {
     match criterion {
         Criterion::Material => 'M',

@@ -11,19 +11,19 @@ use super::statistics::ranks::{Comparisons, RankRange, range};
 use super::summary::Summary;
 use crate::tasks::Task;
 
-/// What standings need to know of a suite's tasks.
+/// Facts about a suite's tasks that standings need.
 #[derive(Debug)]
 pub struct Field {
-    /// For each task the number of its cluster: tasks that are wordings of one problem share one.
+    /// Number of the cluster of each task; tasks that are wordings of one problem share a cluster.
     cluster_of: Vec<usize>,
     clusters: usize,
-    /// For each task the name of its wording; none where its problem has one only.
+    /// Name of the wording of each task; `None` if its problem has only one.
     wordings: Vec<Option<String>>,
     test: McNemar,
 }
 
 impl Field {
-    /// Of the tasks of a suite, in its order.
+    /// Derives the facts from the tasks of a suite, in its order.
     #[must_use]
     pub fn of(tasks: &[Task]) -> Self {
         let mut numbers: HashMap<String, usize> = HashMap::new();
@@ -48,13 +48,13 @@ impl Field {
         }
     }
 
-    /// Name of a task's wording; none where its problem has one only.
+    /// Returns the name of the wording of the task at this position, or `None` if its problem has only one.
     #[must_use]
     pub fn wording(&self, place: usize) -> Option<&str> {
         self.wordings[place].as_deref()
     }
 
-    /// The 95 % interval of the share of tasks that is solved; unanswered ones are not.
+    /// Returns the 95 % interval of the share of tasks solved. Unanswered tasks count as not solved.
     #[must_use]
     pub fn interval(&self, outcomes: &Outcomes) -> Option<Interval> {
         let mut clusters = vec![(0_u32, 0_u32); self.clusters];
@@ -66,15 +66,15 @@ impl Field {
         clustered(&clusters)
     }
 
-    /// The p-value of a comparison on the tasks that both answered, with the numbers that only the one and only the other
-    /// solves.
+    /// Compares two runs on the tasks that both answered or skipped. Returns the p-value, and the numbers of tasks that
+    /// only the one and only the other solves.
     #[must_use]
     pub fn compare(&self, one: &Standing, other: &Standing) -> (f64, usize, usize) {
         let (only_one, only_other) = Places::discordant((&one.solved, &one.answered), (&other.solved, &other.answered));
         (self.test.p_value(only_one, only_other), only_one, only_other)
     }
 
-    /// The places that a run may have among others, where p-values up to the threshold show a difference.
+    /// Returns the range of ranks that a run may have among others, if p-values up to `threshold` show a difference.
     #[must_use]
     pub fn places(&self, one: &Standing, all: &[Arc<Standing>], threshold: f64) -> RankRange {
         let tested = all.iter().filter(|other| other.run != one.run && one.can_be_compared(other));
@@ -88,8 +88,9 @@ impl Field {
         range(others, threshold)
     }
 
-    /// A p-value on the same side of the threshold as that of two runs, where the numbers that they solve decide it: of runs that
-    /// answered all, the difference of what only each solves is known, and p grows with the sum. Saves most of the counting.
+    /// Returns a p-value on the same side of `threshold` as that of two runs, if the numbers of tasks solved decide it.
+    /// For runs that cover all tasks, the numbers of tasks that only the one and only the other solves have a known
+    /// difference, and the p-value grows with their sum. This saves most of the counting.
     fn decided(&self, one: &Standing, other: &Standing, threshold: f64) -> Option<f64> {
         if !(one.is_whole && other.is_whole) {
             return None;
@@ -99,19 +100,19 @@ impl Field {
         if least > threshold {
             return Some(least);
         }
-        // At most all that either solves, each alone.
+        // The sum is greatest if no task is solved by both.
         let most = (one.solved_count + other.solved_count).min(one.outcomes.len());
         let shared = (most - difference) / 2;
         let greatest = self.test.p_value(shared + difference, shared);
         (greatest <= threshold).then_some(greatest)
     }
 
-    /// Adds a run's comparisons with others, or takes them back.
+    /// Adds a run's comparisons with others, or takes them back if `is_new` is false.
     pub fn count(&self, comparisons: &mut Comparisons, one: &Standing, others: &[Arc<Standing>], is_new: bool) {
         for other in others.iter().filter(|other| one.can_be_compared(other)) {
             let (_, only_one, only_other) = self.compare(one, other);
-            // Runs that solve the same cannot be told apart by any test: such a pair is no hypothesis (Tarone, Biometrics 46, 1990,
-            // 515-522), and any number of empty runs makes it no harder to tell others apart.
+            // No test can distinguish runs that solve the same tasks, so such a pair is no hypothesis (Tarone,
+            // Biometrics 46, 1990, 515-522), and no number of empty runs makes it harder to distinguish others.
             if only_one + only_other == 0 {
                 continue;
             }
@@ -119,14 +120,14 @@ impl Field {
         }
     }
 
-    /// The greatest p-value that shows a difference.
+    /// Returns the greatest p-value that shows a difference.
     #[must_use]
     pub fn threshold(&self, comparisons: &Comparisons) -> f64 {
         comparisons.threshold(&self.test)
     }
 }
 
-/// What names a problem whatever its wording.
+/// Returns a key of the task's problem that is the same for all its wordings.
 fn problem(task: &Task) -> String {
     if task.parameters.is_empty() {
         return task.id.clone();
@@ -134,7 +135,7 @@ fn problem(task: &Task) -> String {
     format!("{}/{}", task.family(), serde_json::to_string(&task.parameters).unwrap_or_default())
 }
 
-/// Where the wordings of these ids begin: after the last dash that they share the text before.
+/// Returns the offset at which the wordings of these ids begin: after the last dash of their common beginning.
 fn common_head(ids: &[&str]) -> Option<usize> {
     let [first, rest @ ..] = ids else { return None };
     if rest.is_empty() {
@@ -149,7 +150,7 @@ fn common_head(ids: &[&str]) -> Option<usize> {
 #[derive(Debug)]
 pub struct Standing {
     finished: Finished,
-    /// The interval of its overall rate.
+    /// The 95 % interval of its overall rate.
     pub interval: Option<Interval>,
     solved: Places,
     answered: Places,
@@ -157,31 +158,31 @@ pub struct Standing {
     is_whole: bool,
 }
 
-/// A finished run as it is kept.
+/// A finished run as it is stored.
 #[derive(Debug)]
 pub struct Finished {
-    /// The run.
+    /// Identifier of the run.
     pub run: String,
-    /// Who built.
+    /// Name of the agent that built.
     pub agent: String,
-    /// When this result came to hold.
+    /// Time from which this result holds, in milliseconds since 1970.
     pub since_ms: i64,
-    /// When the run finished.
+    /// Time at which the run finished, in milliseconds since 1970.
     pub finished_at_ms: i64,
-    /// Its summary.
+    /// Summary of the run.
     pub summary: Summary,
-    /// What it came to on each task.
+    /// Outcome of the run on each task.
     pub outcomes: Outcomes,
-    /// Who began it; none where the service was open to everybody.
+    /// Owner who began the run; `None` if the service was open to everybody.
     pub owner: Option<String>,
-    /// How its logs came about.
+    /// Origin of its logs, such as `self-reported`.
     pub provenance: String,
-    /// What it built and in which order; none of runs that finished before fingerprints were kept.
+    /// Fingerprint of its logs; `None` if the run finished before fingerprints were stored.
     pub fingerprint: Option<Fingerprint>,
 }
 
 impl Finished {
-    /// Whether it is near-identical with a run of another owner.
+    /// Returns whether the run has another owner than `other` and is near-identical with it.
     #[must_use]
     pub fn resembles(&self, other: &Self) -> bool {
         let are_near = || self.fingerprint.as_ref().zip(other.fingerprint.as_ref()).is_some_and(|(a, b)| a.is_near(b));
@@ -198,7 +199,7 @@ impl std::ops::Deref for Standing {
 }
 
 impl Standing {
-    /// Of a finished run.
+    /// Prepares a finished run for comparisons.
     #[must_use]
     pub fn of(field: &Field, finished: Finished) -> Self {
         let outcomes = &finished.outcomes;
@@ -213,37 +214,37 @@ impl Standing {
         }
     }
 
-    /// Whether there are tasks that both answered or skipped: without any, nothing is known of which one is better.
+    /// Returns whether both runs answered or skipped some task. Without one, nothing is known about which is better.
     fn can_be_compared(&self, other: &Self) -> bool {
         (self.is_whole && other.is_whole && !self.outcomes.is_empty()) || self.answered.common(&other.answered) > 0
     }
 
-    /// Whether at least this share of the tasks was answered, or skipped on purpose.
+    /// Returns whether the run answered, or skipped on purpose, at least this share of the tasks.
     #[must_use]
     pub fn covers(&self, share: f64) -> bool {
         self.outcomes.covered() as f64 + 1e-9 >= share * self.outcomes.len() as f64
     }
 
-    /// Number of tasks that the run skips.
+    /// Counts the tasks that the run skips.
     #[must_use]
     pub fn skipped(&self) -> usize {
         (0..self.outcomes.len()).filter(|place| self.outcomes.is_skipped(*place)).count()
     }
 
-    /// Share of tasks that is solved; none without tasks.
+    /// Returns the share of tasks solved, or `None` without tasks.
     #[must_use]
     pub fn rate(&self) -> Option<f64> {
         self.summary.problem_level.overall.rate
     }
 
-    /// Number of tasks that were graded.
+    /// Counts the tasks that were answered and graded.
     #[must_use]
     pub fn answered(&self) -> usize {
         (0..self.outcomes.len()).filter(|place| self.outcomes.is_answered(*place)).count()
     }
 }
 
-/// The best first; of equal ones that which finished first.
+/// Sorts runs by their rate, the best first. Runs with equal rates are sorted by the time at which they finished.
 pub fn order(standings: &mut [Arc<Standing>]) {
     let rate = |standing: &Standing| standing.rate().unwrap_or(-1.0);
     standings.sort_by(|a, b| {
@@ -300,7 +301,7 @@ mod tests {
             assert_eq!(Outcomes::from_bytes(&outcomes.to_bytes(), tasks.len()), Some(outcomes));
             Arc::new(Standing::of(&field, finished))
         };
-        // The second and third differ in two tasks each way; the last lacks forty that the first solves.
+        // Once ordered, the first two differ in two tasks each way; the last lacks forty that the first solves.
         let mut all = vec![run("d", 0..30), run("a", 0..70), run("b", 2..72), run("c", 4..68)];
         order(&mut all);
         let names: Vec<&str> = all.iter().map(|standing| standing.run.as_str()).collect();
@@ -314,7 +315,7 @@ mod tests {
         let places: Vec<(usize, usize)> = places.map(|range| (range.first, range.last)).collect();
         assert_eq!(places, [(1, 3), (1, 3), (1, 3), (4, 4)]);
         assert_eq!(field.compare(&all[0], &all[1]), (1.0, 2, 2));
-        // What is decided by numbers alone is as counting would have it.
+        // Deciding by the numbers solved agrees with counting.
         for (one, other) in all.iter().flat_map(|one| all.iter().map(move |other| (one, other))) {
             for level in [1e-12, 1e-6, 1e-3, threshold, 0.5] {
                 let p = field.compare(one, other).0;

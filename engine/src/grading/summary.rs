@@ -6,24 +6,24 @@ use serde::{Deserialize, Serialize};
 
 use crate::checks::{Criterion, Dimension};
 
-/// Scores of one problem: a row per check.
+/// Scores of one problem, with one row per check.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ProblemScores {
-    /// The problem's number in its suite.
+    /// Number of the problem in its suite.
     pub number: u32,
     /// Criterion and score of each check, over all turns in order.
     pub rows: Vec<(Criterion, f64)>,
 }
 
 impl ProblemScores {
-    /// Whether every check that `wanted` picks scored 1; `None` where it picks none.
+    /// Returns whether every check that `wanted` picks scored 1, or `None` if it picks none.
     #[must_use]
     pub fn holds(&self, wanted: impl Fn(Criterion) -> bool) -> Option<bool> {
         let mut picked = self.rows.iter().filter(|(criterion, _)| wanted(*criterion)).peekable();
         picked.peek().is_some().then(|| picked.all(|(_, score)| *score >= 1.0))
     }
 
-    /// Mean score of a criterion's checks; `None` where it has none.
+    /// Returns the mean score of a criterion's checks, or `None` if it has none.
     fn mean(&self, wanted: Criterion) -> Option<f64> {
         let scores: Vec<f64> = self.rows.iter().filter(|(c, _)| *c == wanted).map(|(_, score)| *score).collect();
         (!scores.is_empty()).then(|| scores.iter().sum::<f64>() / scores.len() as f64)
@@ -33,7 +33,7 @@ impl ProblemScores {
         self.holds(|c| c.dimension() == Dimension::Accuracy)
     }
 
-    /// Whether the problem passes as a whole (SPEC 5).
+    /// Returns whether the problem passes overall (SPEC 5).
     #[must_use]
     pub fn overall(&self) -> bool {
         let parts = [
@@ -45,28 +45,28 @@ impl ProblemScores {
     }
 }
 
-/// Scores of checks, whichever problems they belong to.
+/// Scores of checks, over all problems.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct CheckRate {
     /// Sum of the scores.
     pub sum: f64,
     /// Number of checks.
     pub rows: u64,
-    /// How many scored 1.
+    /// Number of checks that scored 1.
     pub rows_at_1: u64,
-    /// Mean score; null without checks.
+    /// Mean score; null if there are no checks.
     #[schema(minimum = 0, maximum = 1)]
     pub mean: Option<f64>,
 }
 
-/// Problems that pass, of those to which a criterion applies.
+/// Share of the problems that pass, among those to which a criterion or dimension applies.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct ProblemRate {
-    /// Problems that pass.
+    /// Number of problems that pass.
     pub pass: u64,
-    /// Problems to which it applies.
+    /// Number of problems to which the criterion or dimension applies.
     pub of: u64,
-    /// Pass over of; null where it applies to none.
+    /// `pass` divided by `of`; null if `of` is 0.
     #[schema(minimum = 0, maximum = 1)]
     pub rate: Option<f64>,
 }
@@ -76,7 +76,7 @@ pub struct ProblemRate {
 pub struct GradedMean {
     /// Number of problems.
     pub n: u64,
-    /// Mean of their scores; null without problems.
+    /// Mean of their scores; null if there are no problems.
     #[schema(minimum = 0, maximum = 1)]
     pub mean: Option<f64>,
 }
@@ -84,25 +84,25 @@ pub struct GradedMean {
 /// One value per criterion and per dimension.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct PerCriterion<T> {
-    /// Blocks of the right material.
+    /// Material of the blocks.
     pub material: T,
-    /// The right form.
+    /// Shape of the build.
     pub shape: T,
-    /// The right size.
+    /// Size of the build.
     pub size: T,
-    /// Nothing floats.
+    /// Physical plausibility: nothing floats.
     pub physical_plausibility: T,
-    /// Greatest stress against the reference.
+    /// Structural stability: the greatest stress, compared with the reference.
     pub structural_stability: T,
-    /// Little movement.
+    /// Efficiency: little movement between blocks.
     pub efficiency: T,
-    /// The right order.
+    /// Dependency: the order of construction.
     pub dependency: T,
-    /// Material, shape and size.
+    /// Accuracy: material, shape and size.
     pub accuracy: T,
-    /// Plausibility and stability.
+    /// Safety: physical plausibility and structural stability.
     pub safety: T,
-    /// Efficiency and dependency.
+    /// Planning: efficiency and dependency.
     pub planning: T,
 }
 
@@ -128,7 +128,7 @@ impl<T> PerCriterion<T> {
         }
     }
 
-    /// The value of one criterion.
+    /// Returns the value of one criterion.
     #[must_use]
     pub const fn criterion(&self, criterion: Criterion) -> &T {
         match criterion {
@@ -146,45 +146,45 @@ impl<T> PerCriterion<T> {
 /// Problem-level rates.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct ProblemLevel {
-    /// Per criterion and dimension.
+    /// Rates per criterion and dimension.
     #[serde(flatten)]
     pub per: PerCriterion<ProblemRate>,
-    /// Accuracy and physical plausibility and dependency, over all problems.
+    /// Rate at which accuracy, physical plausibility and dependency all pass, as far as they apply, over all problems.
     pub overall: ProblemRate,
 }
 
 /// Means of the graded criteria over problems.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Graded {
-    /// Efficiency, over the problems that have it.
+    /// Efficiency, over the problems that have such checks.
     pub efficiency: GradedMean,
-    /// Structural stability, over the problems that have it.
+    /// Structural stability, over the problems that have such checks.
     pub stress: GradedMean,
-    /// Efficiency, over those whose accuracy passes.
+    /// Efficiency, over those of them whose accuracy passes.
     pub efficiency_accurate: GradedMean,
-    /// Structural stability, over those whose accuracy passes.
+    /// Structural stability, over those of them whose accuracy passes.
     pub stress_accurate: GradedMean,
 }
 
-/// Numbers of the problems that pass.
+/// Numbers, in the suite, of the problems that pass.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct PassedRuns {
-    /// Accuracy.
+    /// Problems whose accuracy passes.
     pub accuracy: Vec<u32>,
-    /// Physical plausibility.
+    /// Problems whose physical plausibility passes.
     pub physical_plausibility: Vec<u32>,
-    /// Dependency.
+    /// Problems whose dependency passes.
     pub dependency: Vec<u32>,
-    /// Overall.
+    /// Problems that pass overall.
     pub overall: Vec<u32>,
 }
 
 /// The summary of a run.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Summary {
-    /// Scores of checks.
+    /// Scores of checks, per criterion and dimension.
     pub check_level: PerCriterion<CheckRate>,
-    /// Problems that pass.
+    /// Rates of problems that pass, per criterion and dimension and overall.
     pub problem_level: ProblemLevel,
     /// Means of the graded criteria.
     pub graded: Graded,
@@ -199,9 +199,9 @@ impl Summary {
         Self::with_unanswered(problems, &[])
     }
 
-    /// Summarises problems; those of `unanswered` count as failed at the problem level and have no checks scored.
+    /// Summarises problems. Those in `unanswered` count as failed at the problem level, without scored checks.
     ///
-    /// The rows of an unanswered problem tell only which criteria apply to it.
+    /// The rows of an unanswered problem only show which criteria apply to it.
     #[must_use]
     pub fn with_unanswered(problems: &[ProblemScores], unanswered: &[ProblemScores]) -> Self {
         let mut problems: Vec<&ProblemScores> = problems.iter().collect();

@@ -1,41 +1,41 @@
-//! The suites that a service offers, and how tasks are found in them.
+//! The suites that a service offers, and the lookup of their tasks.
 
 use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::{Suite, Task};
 
-/// All suites, with their tasks found by id and by number.
+/// All suites, with their tasks indexed by id and by number.
 #[derive(Debug, Default)]
 pub struct Catalogue {
     suites: Vec<Arc<Entry>>,
 }
 
-/// A suite with its index.
+/// A suite with indexes of its tasks.
 #[derive(Debug)]
 pub struct Entry {
     /// The suite.
     pub suite: Suite,
-    /// Hash of each task, in the suite's order.
+    /// Content hash of each task, in the suite's order.
     pub hashes: Vec<String>,
     by_id: HashMap<String, usize>,
     by_number: HashMap<u32, usize>,
 }
 
 impl Catalogue {
-    /// The catalogue of these suites.
+    /// Creates the catalogue of these suites, in the given order.
     #[must_use]
     pub fn new(suites: Vec<Suite>) -> Self {
         Self { suites: suites.into_iter().map(|suite| Arc::new(Entry::new(suite))).collect() }
     }
 
-    /// All suites, by name and version.
+    /// Returns all suites, in the order in which they were given.
     #[must_use]
     pub fn suites(&self) -> &[Arc<Entry>] {
         &self.suites
     }
 
-    /// The suite called `name@version`, or the latest version of the one called `name`.
+    /// Finds a suite by `name@version`, or the latest version of it by `name`.
     #[must_use]
     pub fn suite(&self, name: &str) -> Option<&Arc<Entry>> {
         if name.contains('@') {
@@ -56,13 +56,13 @@ impl Entry {
         }
     }
 
-    /// The task with this id, with its hash.
+    /// Finds a task by its id; returns it with its hash.
     #[must_use]
     pub fn task(&self, id: &str) -> Option<(&Task, &str)> {
         self.by_id.get(id).map(|&i| (&self.suite.tasks[i], self.hashes[i].as_str()))
     }
 
-    /// The task with this number, with its hash.
+    /// Finds a task by its number; returns it with its hash.
     #[must_use]
     pub fn task_numbered(&self, number: u32) -> Option<(&Task, &str)> {
         self.by_number.get(&number).map(|&i| (&self.suite.tasks[i], self.hashes[i].as_str()))

@@ -1,4 +1,4 @@
-//! The suites inside the binary: the files of the `tasks/` folder at build time.
+//! The public suites, embedded in the binary from `tasks/mineceraft/` at build time.
 
 use std::borrow::Cow;
 
@@ -11,26 +11,26 @@ use super::{Suite, Task};
 
 /// Name of the full suite.
 pub const FULL: &str = "mineceraft";
-/// What is added to the name of a suite for its Lite draw with the kept seed.
+/// Suffix that a Lite draw adds to the name of its suite.
 pub const LITE_SUFFIX: &str = "-lite";
-/// Seed of the Lite draw that is kept: the published one.
+/// Seed of the published Lite draw, which `suite.toml` lists.
 pub const LITE_SEED: u64 = 42;
-/// The version that holds the published rules alone.
+/// Version of the full suite that has the published rules only.
 pub const PUBLISHED_VERSION: u32 = 1;
 
 #[derive(RustEmbed)]
 #[folder = "../tasks/mineceraft/"]
 struct Files;
 
-/// The files of the full suite.
+/// Reads the embedded files of the full suite.
 ///
 /// # Errors
-/// Faults of the files; a test shows that there are none.
+/// Returns the faults of the files; a test shows that there are none.
 pub fn source() -> Result<SuiteSource, Vec<TaskFileFault>> {
     read_source::<Files>()
 }
 
-/// The files of a folder of families.
+/// Reads the embedded TOML files of a folder of families.
 pub(super) fn read_source<F: RustEmbed>() -> Result<SuiteSource, Vec<TaskFileFault>> {
     let files: Vec<(Cow<'_, str>, Cow<'_, [u8]>)> = F::iter()
         .filter(|name| name.ends_with(".toml"))
@@ -43,18 +43,18 @@ pub(super) fn read_source<F: RustEmbed>() -> Result<SuiteSource, Vec<TaskFileFau
     SuiteSource::read(&texts)
 }
 
-/// A version of the full suite: 723 tasks in 25 families.
+/// Returns a version of the full suite, which has 723 tasks in 25 families.
 ///
 /// # Errors
-/// Faults of the files; a test shows that there are none.
+/// Returns the faults of the files; a test shows that there are none.
 pub fn suite(version: u32) -> Result<Suite, Vec<TaskFileFault>> {
     source()?.suite(version)
 }
 
-/// Every version of the full suite, each after its Lite draw.
+/// Returns every version of the full suite, each preceded by its Lite draw with [`LITE_SEED`].
 ///
 /// # Errors
-/// Faults of the files; a test shows that there are none.
+/// Returns the faults of the files; a test shows that there are none.
 pub fn suites() -> Result<Vec<Suite>, Vec<TaskFileFault>> {
     let source = source()?;
     let mut suites = Vec::new();
@@ -66,16 +66,16 @@ pub fn suites() -> Result<Vec<Suite>, Vec<TaskFileFault>> {
     Ok(suites)
 }
 
-/// The version that new runs take where they name none.
+/// Returns the latest version of the full suite, which new runs use if they name none.
 ///
 /// # Errors
-/// Faults of the files; a test shows that there are none.
+/// Returns the faults of the files; a test shows that there are none.
 pub fn latest() -> Result<Suite, Vec<TaskFileFault>> {
     let source = source()?;
     source.suite(source.versions.iter().map(|version| version.number).max().unwrap_or(PUBLISHED_VERSION))
 }
 
-/// The Lite subset of a suite: one task per family, drawn with a seed; tasks keep id and number.
+/// Draws the Lite subset of a suite, one task per family, with a seed. Tasks keep their ids and numbers.
 #[must_use]
 pub fn lite(full: &Suite, seed: u64) -> Suite {
     let tasks: Vec<Task> = draw(full, seed).into_iter().cloned().collect();
@@ -104,7 +104,7 @@ mod tests {
         assert_eq!(tasks_by_criterion(&suite), ([455, 563, 369, 723, 21, 112, 156], 699));
     }
 
-    /// What the second version adds: foundations, walls and theatres by size; plans and creative buildings by rooms.
+    /// Version 2 also checks the size of foundations, walls and theatres, and rooms of plans and creative buildings.
     #[test]
     fn the_second_version_adds_checks_and_no_tasks() {
         let (first, second) = (suite(1).unwrap(), suite(2).unwrap());
@@ -115,8 +115,8 @@ mod tests {
         }
     }
 
-    /// 64 foundations, 48 walls, 9 theatres, 6 creative buildings and 48 plans have one more; of 45 arches two published
-    /// checks are shown only, and our own takes their place.
+    /// 64 foundations, 48 walls, 9 theatres, 6 creative buildings and 48 plans have one more check each. For 45
+    /// arches two published checks become informational, and one of our own replaces them.
     const SECOND_CHECKS: usize = 3_530 + 64 + 48 + 9 + 6 + 48 - 45;
 
     #[test]

@@ -1,4 +1,4 @@
-//! The families of the hidden suite inside the binary: the files of `tasks/hidden/` at build time.
+//! The families of the hidden suite, embedded in the binary from `tasks/hidden/` at build time.
 
 use rust_embed::RustEmbed;
 
@@ -10,10 +10,10 @@ use super::published::TaskFileFault;
 #[folder = "../tasks/hidden/"]
 struct Files;
 
-/// The files of the hidden suite.
+/// Reads the embedded files of the hidden suite.
 ///
 /// # Errors
-/// Faults of the files; a test shows that there are none.
+/// Returns the faults of the files; a test shows that there are none.
 pub fn source() -> Result<SuiteSource, Vec<TaskFileFault>> {
     read_source::<Files>()
 }

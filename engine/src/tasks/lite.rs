@@ -1,13 +1,13 @@
-//! The Lite draw: one task per family, as Python draws it (SPEC 6).
+//! The Lite draw: one task per family, drawn as Python's `random` draws it (SPEC 6).
 //!
-//! CPython's `random.Random(seed)` is a Mersenne Twister keyed with the seed's 32-bit words; `choice` draws as many bits
-//! as the length needs and draws again while they exceed it. The numbers themselves come from a crate.
+//! CPython's `random.Random(seed)` is a Mersenne Twister keyed with the seed's 32-bit words. `choice` draws as many
+//! bits as the length has, and draws again until the result is below the length. The generator comes from `rand_mt`.
 
 use rand_mt::Mt;
 
 use super::{Suite, Task};
 
-/// Indices drawn by `random.Random(seed).choice`, one per length in `lengths`, in order.
+/// Returns the indices that `random.Random(seed).choice` draws, one for each of `lengths`, in order.
 #[must_use]
 pub fn draw_indices(seed: u64, lengths: &[usize]) -> Vec<usize> {
     let (low, high) = (seed & 0xffff_ffff, seed >> 32);
@@ -16,7 +16,7 @@ pub fn draw_indices(seed: u64, lengths: &[usize]) -> Vec<usize> {
     lengths.iter().map(|&n| below(&mut twister, n)).collect()
 }
 
-/// A number below `n`, or 0 where `n` is 0.
+/// Draws a number below `n`; returns 0 if `n` is 0.
 fn below(twister: &mut Mt, n: usize) -> usize {
     if n == 0 {
         return 0;
@@ -30,7 +30,7 @@ fn below(twister: &mut Mt, n: usize) -> usize {
     }
 }
 
-/// The tasks of `suite` that a Lite draw with this seed holds, in family order.
+/// Draws one task of each family of `suite` with this seed, in family order.
 #[must_use]
 pub fn draw(suite: &Suite, seed: u64) -> Vec<&Task> {
     let families = suite.families();

@@ -1,4 +1,4 @@
-//! Tasks: what agents are asked to build and how it is checked; suites of tasks; draws from them.
+//! Tasks, the suites that contain them, and draws from suites. A task says what to build and how to check it.
 
 pub mod catalogue;
 pub mod embedded;
@@ -15,40 +15,40 @@ use sha2::{Digest, Sha256};
 use crate::checks::{Check, Criterion};
 use family::Category;
 
-/// One instruction of a task and the checks of what stands after it.
+/// One instruction of a task, with the checks of the structure that stands after it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Instruction {
-    /// What the agent is told.
+    /// Text given to the agent.
     pub prompt: String,
-    /// The checks, in order.
+    /// Checks that count, in order.
     pub checks: Vec<Check>,
-    /// Checks whose result is shown and does not count.
+    /// Checks whose results are reported but do not count.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub informational: Vec<Check>,
 }
 
-/// A problem: one or more instructions, each with its checks.
+/// A problem of one or more instructions, each with its checks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Task {
-    /// `family/instance`: readable, stable, unique in its suite.
+    /// Readable and stable identifier, `family/instance`, unique in its suite.
     pub id: String,
-    /// Number in the suite, from 1: the `run_idx` of published records.
+    /// Number in the suite, from 1; the `run_idx` of published records.
     pub number: u32,
-    /// One of the five categories; absent in suites of others.
+    /// One of the five categories; absent if the task does not come from a family file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub category: Option<Category>,
-    /// One of the paper's 17 types; absent in suites of others.
+    /// One of the paper's 17 types; absent if the task does not come from a family file.
     #[serde(rename = "type", default, skip_serializing_if = "Option::is_none")]
     pub kind: Option<String>,
-    /// What this instance of its family is made from, by name.
+    /// Parameters of this instance of its family, by name.
     #[serde(default, skip_serializing_if = "Map::is_empty")]
     pub parameters: Map<String, Value>,
-    /// The instructions, one per turn.
+    /// Instructions, one per turn.
     pub turns: Vec<Instruction>,
 }
 
 impl Instruction {
-    /// An instruction all of whose checks count.
+    /// Creates an instruction whose checks all count.
     #[must_use]
     pub const fn new(prompt: String, checks: Vec<Check>) -> Self {
         Self { prompt, checks, informational: Vec::new() }
@@ -56,30 +56,30 @@ impl Instruction {
 }
 
 impl Task {
-    /// A task of others, of which no parameters are known.
+    /// Creates a task that comes from no family file, so that it has neither category nor type nor parameters.
     #[must_use]
     pub fn foreign(id: String, number: u32, turns: Vec<Instruction>) -> Self {
         Self { id, number, category: None, kind: None, parameters: Map::new(), turns }
     }
 
-    /// The group of tasks this one belongs to: the part of its id before the slash.
+    /// Returns the name of the task's family, which is the part of its id before the slash.
     #[must_use]
     pub fn family(&self) -> &str {
         self.id.split_once('/').map_or(self.id.as_str(), |(family, _)| family)
     }
 
-    /// SHA-256 over the task's JSON, in hex: changes with any prompt, check or argument.
+    /// Returns the SHA-256 hash of the task's JSON, in hex. It changes with any prompt, check or argument.
     #[must_use]
     pub fn content_hash(&self) -> String {
         hex(&Sha256::digest(serde_json::to_vec(self).unwrap_or_default()))
     }
 
-    /// All checks of all turns that count.
+    /// Returns the checks that count, over all turns.
     pub fn checks(&self) -> impl Iterator<Item = &Check> {
         self.turns.iter().flat_map(|turn| &turn.checks)
     }
 
-    /// The criteria that apply: those with at least one check (SPEC 5), in the paper's order.
+    /// Returns the criteria that apply, i.e. those with at least one check (SPEC 5), in the paper's order.
     #[must_use]
     pub fn criteria(&self) -> Vec<Criterion> {
         let applies = |criterion: &Criterion| self.checks().any(|check| check.criterion() == *criterion);
@@ -87,44 +87,44 @@ impl Task {
     }
 }
 
-/// An ordered set of tasks under a name and a version. A change to any task makes a new version.
+/// An ordered set of tasks with a name and a version. Changing any task requires a new version.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Suite {
-    /// Name without version, such as `mineceraft`.
+    /// Name without the version, such as `mineceraft`.
     pub name: String,
-    /// Version, from 1.
+    /// Version number, from 1.
     pub version: u32,
-    /// The tasks in order of their numbers.
+    /// Tasks in the order of their numbers.
     pub tasks: Vec<Task>,
 }
 
 impl Suite {
-    /// `name@version`.
+    /// Returns the suite's identifier, `name@version`.
     #[must_use]
     pub fn id(&self) -> String {
         format!("{}@{}", self.name, self.version)
     }
 
-    /// Number of turns over all tasks: the "instruction entries" of the paper.
+    /// Counts the turns of all tasks, which the paper calls "instruction entries".
     #[must_use]
     pub fn instruction_count(&self) -> usize {
         self.tasks.iter().map(|task| task.turns.len()).sum()
     }
 
-    /// Number of checks over all turns.
+    /// Counts the checks that count, over all turns of all tasks.
     #[must_use]
     pub fn check_count(&self) -> usize {
         self.tasks.iter().map(|task| task.checks().count()).sum()
     }
 
-    /// Tasks by family, in the order of the suite.
+    /// Groups the tasks by family, in the order of the suite.
     #[must_use]
     pub fn families(&self) -> Vec<&[Task]> {
         self.tasks.chunk_by(|a, b| a.family() == b.family()).collect()
     }
 }
 
-/// Bytes as lower-case hexadecimal.
+/// Encodes bytes as lower-case hexadecimal.
 #[must_use]
 pub fn hex(bytes: &[u8]) -> String {
     use std::fmt::Write as _;

@@ -1,4 +1,4 @@
-//! Task files in the published format (SPEC 8): a JSON list of items, each with wordings and checks per turn.
+//! Task files in the published format (SPEC 8), which is a JSON list of items, each with wordings and checks per turn.
 
 use serde_json::{Map, Value};
 
@@ -6,29 +6,29 @@ use super::{Instruction, Task};
 use crate::checks::Check;
 use crate::intake::{Fault, Faults};
 
-/// A published task file as text.
+/// Text of a task file.
 #[derive(Debug, Clone, Copy)]
 pub struct TaskFile<'a> {
-    /// File name with its extension; files are numbered in the byte order of these.
+    /// File name with its extension. Tasks are numbered in the byte order of the file names.
     pub name: &'a str,
-    /// Content.
+    /// Content of the file.
     pub text: &'a str,
 }
 
-/// What is wrong with a task file, and where.
+/// A fault in a task file and its location.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{file}: {fault}")]
 pub struct TaskFileFault {
-    /// File name.
+    /// Name of the faulty file.
     pub file: String,
-    /// Place and reason; the line is that of a syntax error.
+    /// Location and reason. In JSON files only syntax errors have a line.
     pub fault: Fault,
 }
 
-/// Reads task files and numbers their problems from 1: files in name order, then items, then wordings.
+/// Reads task files and numbers their problems from 1, ordered by file name, then item, then wording.
 ///
 /// # Errors
-/// All faults of all files.
+/// Returns all faults of all files.
 pub fn read_task_files(files: &[TaskFile<'_>]) -> Result<Vec<Task>, Vec<TaskFileFault>> {
     let mut ordered = files.to_vec();
     ordered.sort_by_key(|file| file.name.as_bytes());
@@ -57,8 +57,8 @@ pub fn read_task_files(files: &[TaskFile<'_>]) -> Result<Vec<Task>, Vec<TaskFile
     if problems.is_empty() { Ok(tasks) } else { Err(problems) }
 }
 
-/// The family of a file: its name without extension, with each run of characters other than letters, digits, dots and
-/// underscores made one dash, so that ids need no escaping.
+/// Returns the family of a file: its name without the extension, with one dash in place of each run of characters other
+/// than letters, digits, dots and underscores, so that ids need no escaping.
 fn family_name(file_name: &str) -> String {
     let stem = file_name.strip_suffix(".json").unwrap_or(file_name);
     let words = stem.split(|c: char| !c.is_ascii_alphanumeric() && c != '.' && c != '_');
@@ -130,7 +130,7 @@ fn read_turns(turns: &Value, faults: &mut Faults) -> Vec<Vec<Check>> {
     all
 }
 
-/// Reads the checks of one turn, as task files and raw records list them; faults go to their places.
+/// Reads the checks of one turn as task files and raw records list them. Adds each fault at its location.
 pub fn read_checks(turn: &Value, faults: &mut Faults) -> Vec<Check> {
     let mut checks = Vec::new();
     for (c, check) in array(turn, "a list of checks", faults).into_iter().flatten().enumerate() {
@@ -141,7 +141,7 @@ pub fn read_checks(turn: &Value, faults: &mut Faults) -> Vec<Check> {
     checks
 }
 
-/// Reads `{"fn": name, "args": {…}}`.
+/// Reads one check, `{"fn": name, "args": {…}}`. Returns `None` after adding a fault if it cannot be read.
 pub fn read_check(check: &Value, faults: &mut Faults) -> Option<Check> {
     let members = object(check, &["fn"], &["args"], faults)?;
     let Some(name) = members["fn"].as_str() else {

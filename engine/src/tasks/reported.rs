@@ -1,27 +1,27 @@
-//! Results that others report on these suites, to read a board by. They were not graded here.
+//! Results that others have reported for these suites, shown beside boards for comparison. They were not graded here.
 
 use serde::{Deserialize, Serialize};
 
 use super::embedded::{FULL, LITE_SUFFIX};
 
-/// A reported row. Means and spreads are in percent, per criterion in the paper's order.
+/// Results reported for one agent. Means and spreads are in percent, per criterion in the paper's order.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReportedRow {
-    /// Who built.
+    /// Name of the model, or of the group of people, that built.
     pub agent: String,
-    /// Problems solved.
+    /// Number of problems solved.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub solved: Option<usize>,
-    /// Of how many.
+    /// Number of problems that `solved` is out of.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub of: Option<usize>,
-    /// Problems solved, in percent, where that is all that is told.
+    /// Problems solved, in percent, if the source gives no counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub overall: Option<f64>,
-    /// Mean score per criterion.
+    /// Mean score per criterion, in percent.
     pub means: Vec<f64>,
-    /// Half the range over seeds or people.
+    /// Half the range of each mean over seeds or people, in percentage points; empty if not reported.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub spreads: Vec<f64>,
 }
@@ -33,10 +33,10 @@ struct File {
     lite: Vec<ReportedRow>,
 }
 
-/// What is reported on the suite of this name, whatever its version.
+/// Returns the results reported for the suite of this name, whatever its version.
 ///
 /// # Errors
-/// A fault of the file in the binary; a test shows that there is none.
+/// Returns an error if the embedded file is faulty; a test shows that it is not.
 pub fn on(suite_name: &str) -> Result<Vec<ReportedRow>, toml::de::Error> {
     let file: File = toml::from_str(include_str!("../../../tasks/reported.toml"))?;
     Ok(match suite_name.strip_prefix(FULL) {

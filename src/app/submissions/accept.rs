@@ -7,6 +7,7 @@ use bytes::Bytes;
 use sha2::{Digest as _, Sha256};
 use uuid::Uuid;
 
+use super::decision::{decide, decide_all};
 use super::posted::{Format, Posted, PostedSubmission, check_against_task, read_submissions};
 use crate::app::App;
 use crate::app::access::Caller;
@@ -65,7 +66,7 @@ pub async fn accept(
     caller.require(Scope::Submit)?;
     let Checked { submissions, lines } = check(app, caller, body, format).await?;
     let submissions: Arc<[NewSubmission]> = submissions.into();
-    match app.store.accept(Arc::clone(&submissions), once, now_ms()).await? {
+    match app.store.accept(Arc::clone(&submissions), once, decide, now_ms()).await? {
         Acceptability::Decided(answers) => {
             Ok(Acceptance { submissions: decided(&submissions, answers, &lines)?, is_replayed: false })
         }
@@ -91,7 +92,7 @@ pub async fn validate(
 ) -> AppResult<Vec<(NewSubmission, AcceptedSubmission)>> {
     caller.require(Scope::Submit)?;
     let Checked { submissions, lines } = check(app, caller, body, format).await?;
-    let answers = app.store.would_accept(&submissions).await?;
+    let answers = decide_all(&submissions, app.store.accept_facts(&submissions).await?);
     let accepted = decided(&submissions, answers, &lines)?;
     Ok(submissions.into_iter().zip(accepted).collect())
 }

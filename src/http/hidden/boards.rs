@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 
 use super::epochs::stored_epoch;
 use crate::app::error::AppResult;
-use crate::clock::now_ms;
 use crate::http::extract::params::Params;
 use crate::http::problem::Problem;
 use crate::http::state::AppState;
@@ -49,9 +48,8 @@ pub struct EpochBoard {
 /// # Errors
 /// Where the database fails.
 pub async fn board_of(state: &AppState, epoch: &EpochRow, tier: Tier) -> AppResult<EpochBoard> {
-    let now = now_ms();
-    let is_released = epoch.is_over(now) || tier.feedback(epoch.commitment.dev_feedback) > Feedback::AfterEpoch;
-    state.store.settle_epoch(epoch, now).await?;
+    // The worker of epochs seals an epoch within a second of its end; until then nothing more is released.
+    let is_released = epoch.closed.is_some() || tier.feedback(epoch.commitment.dev_feedback) > Feedback::AfterEpoch;
     let entries: Vec<EntryRow> =
         state.store.entries(epoch.id()).await?.into_iter().filter(|entry| entry.tier == tier).collect();
     let registered = entries.len();

@@ -109,14 +109,11 @@ fn with_undrawn(mut outcomes: Vec<Outcome>, entry: &EntryRow, epoch: &EpochRow) 
 async fn entry_body(state: &AppState, id: &str) -> AppResult<EntryBody> {
     let row = stored_entry(state, id).await?;
     let epoch = stored_epoch(state, &row.epoch_id).await?;
-    let now = now_ms();
-    state.store.settle_epoch(&epoch, now).await?;
-    let row = if epoch.is_over(now) { stored_entry(state, id).await? } else { row };
     let instances = state.store.instances_of_entry(id).await?;
     let mut result = Value::Null;
     if row.completed_at_ms.is_some() {
         let outcomes = with_undrawn(state.store.outcomes_of_entry(id).await?, &row, &epoch);
-        result = told(row.tier.feedback(epoch.commitment.dev_feedback), epoch.is_over(now), &outcomes);
+        result = told(row.tier.feedback(epoch.commitment.dev_feedback), epoch.closed.is_some(), &outcomes);
     }
     Ok(EntryBody {
         state: match (row.finalized_at_ms, row.completed_at_ms) {

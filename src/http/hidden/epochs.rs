@@ -190,9 +190,9 @@ async fn over(state: &AppState, id: &str) -> AppResult<(EpochRow, Arc<EpochSecre
             format!("the epoch closes at {}; nothing is revealed before", rfc3339(row.commitment.closes_at_ms));
         return Err(AppError::conflict("epoch-not-over", detail));
     }
-    if !state.store.settle_epoch(&row, now).await? {
-        let detail = "the epoch is over, and its last answers are being graded";
-        return Err(AppError::conflict("still-grading", detail).retry_after(5));
+    if row.settled_at_ms.is_none() {
+        let detail = "the epoch is over; its last answers are being graded, and then its results are sealed";
+        return Err(AppError::conflict("still-grading", detail).retry_after(1));
     }
     let secret = state.store.epoch_secret(&row, now).await?;
     let lost = || AppError::conflict("key-lost", crate::store::epochs::LOST_KEY);

@@ -16,6 +16,7 @@ use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::hidden::answer::{AnswerShape, PostedAnswer};
 use crate::app::limits::LIMITS;
 use crate::app::replay::run_code;
+use crate::app::submissions::decision::decide;
 use crate::app::submissions::posted::Format;
 use crate::clock::{now_ms, rfc3339};
 use crate::http::extract::body::JsonBody;
@@ -221,7 +222,7 @@ pub async fn answer_instance(
         new_submission(&sent.log, &task, &issued, &by, told)
     });
     let new = prepared.await.map_err(|error| AppError::internal(&error))??;
-    let answered = state.store.answer_instance(&id, &new, transcript_sha256.as_deref(), now_ms()).await?;
+    let answered = state.store.answer_instance(&id, &new, transcript_sha256.as_deref(), decide, now_ms()).await?;
     let is_repeated = matches!(answered, Answered::Same(_));
     let receipt = match answered {
         Answered::New(receipt) => Some(receipt),
@@ -361,8 +362,7 @@ pub async fn get_instance_report(State(state): State<AppState>, Path(id): Path<S
     let missing = || AppError::not_found(format!("there is no instance {id:?}"));
     let row = state.store.instance(&id).await?.ok_or_else(missing)?;
     let epoch = stored_epoch(&state, &row.epoch_id).await?;
-    let now = now_ms();
-    if !state.store.settle_epoch(&epoch, now).await? && !epoch.is_over(now) {
+    if epoch.closed.is_none() {
         let detail = format!("reports are shown when the epoch is over, at {}", rfc3339(epoch.commitment.closes_at_ms));
         return Err(AppError::conflict("epoch-not-over", detail));
     }

@@ -1,4 +1,4 @@
-//! Whether two runs differ: on the same problems (McNemar 1947, exact), and where only rates are known (Fisher 1935, exact).
+//! Exact tests of whether two runs differ: on the same problems (McNemar 1947), or by their rates alone (Fisher 1935).
 
 use super::ALPHA;
 
@@ -25,19 +25,19 @@ impl LogFactorials {
     }
 }
 
-/// McNemar's exact test: whether the problems that only one of two runs solves are as often the one's as the other's.
+/// McNemar's exact test of whether problems that only one of two runs solves are equally often solved by either run.
 #[derive(Debug, Clone)]
 pub struct McNemar {
-    /// By the number of such problems, then by the smaller share: the p-value.
+    /// P-values, by the number of such problems, then by the smaller of the two shares.
     p: Vec<f64>,
-    /// Where the p-values of a number of problems begin.
+    /// Index of the first p-value of each number of problems.
     begin: Vec<usize>,
-    /// Places of those p-values that may show a difference, the smallest first.
+    /// Indices of the p-values that may show a difference, the smallest p-value first.
     ascending: Vec<u32>,
 }
 
 impl McNemar {
-    /// For runs over at most so many problems.
+    /// Computes the p-values for runs over at most `problems` problems.
     #[must_use]
     pub fn up_to(problems: usize) -> Self {
         let logs = LogFactorials::up_to(problems);
@@ -45,7 +45,7 @@ impl McNemar {
             let mut tail = 0.0;
             let p = |k: usize| {
                 tail += (logs.choose(n, k) - n as f64 * std::f64::consts::LN_2).exp();
-                // Two sides; where both shares are the same, the sides overlap.
+                // Two-sided; if both shares are equal, the sides overlap.
                 f64::min(2.0 * tail, 1.0)
             };
             (0..=n / 2).map(p).collect::<Vec<f64>>()
@@ -60,34 +60,34 @@ impl McNemar {
         Self { p, begin, ascending }
     }
 
-    /// The two-sided p-value, where one run alone solves `one` problems and the other alone `other`.
+    /// Returns the two-sided p-value if only the one run solves `one` problems and only the other solves `other`.
     #[must_use]
     pub fn p_value(&self, one: usize, other: usize) -> f64 {
         self.p[self.number_of(one, other)]
     }
 
-    /// The number of that p-value among all.
+    /// Returns the index of that p-value among all.
     #[must_use]
     pub fn number_of(&self, one: usize, other: usize) -> usize {
         self.begin[one + other] + one.min(other)
     }
 
-    /// How many p-values there are.
+    /// Returns the number of p-values.
     #[must_use]
     pub fn distinct(&self) -> usize {
         self.p.len()
     }
 
-    /// The p-values that may show a difference, with their numbers, the smallest first.
+    /// Returns the p-values that may show a difference, with their indices, the smallest first.
     pub fn ascending(&self) -> impl Iterator<Item = (f64, usize)> {
         self.ascending.iter().map(|number| (self.p[*number as usize], *number as usize))
     }
 }
 
-/// Fisher's exact test, two-sided: whether `pass` of `of` and `other_pass` of `other_of` differ, as far as rates alone tell.
+/// Returns the two-sided p-value of Fisher's exact test for the rates `pass` of `of` and `other_pass` of `other_of`.
 #[must_use]
 pub fn fisher(pass: usize, of: usize, other_pass: usize, other_of: usize) -> f64 {
-    /// Tables that are as likely but for rounding count as as likely.
+    /// Tolerance for rounding within which log-likelihoods count as equal.
     const SAME: f64 = 1e-9;
     let logs = LogFactorials::up_to(of + other_of);
     let all = pass + other_pass;
@@ -125,7 +125,7 @@ mod tests {
         }
     }
 
-    /// The paper's models (table "Overall problem-level accuracy"); values from exact fractions too.
+    /// The paper's models (table "Overall problem-level accuracy"); values from exact fractions as well.
     #[test]
     fn the_papers_first_two_are_not_separated_and_its_others_are() {
         assert!(near(fisher(286, 723, 277, 723), 0.666_152_476_257_335_3));

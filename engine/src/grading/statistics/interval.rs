@@ -1,15 +1,16 @@
 //! Confidence intervals of rates.
 //!
-//! Wilson's score interval (Wilson 1927; method 3 of Newcombe, Statistics in Medicine 17, 1998, 857-872). Where answers depend
-//! on each other, as those to several wordings of one problem do, the same with the effective number of problems: the number
-//! over the design effect (Kish 1965), which is the variance of the rate between clusters over that of independent answers.
+//! These are Wilson's score intervals (Wilson 1927; method 3 of Newcombe, Statistics in Medicine 17, 1998, 857-872). If
+//! answers depend on each other, as those to several wordings of one problem do, the intervals use the effective number
+//! of problems: their number divided by the design effect (Kish 1965), which is the variance of the rate between
+//! clusters divided by that of independent answers.
 
 use serde::{Deserialize, Serialize};
 
-/// The quantile of the normal distribution for 95 %, two-sided.
+/// Quantile of the normal distribution for a two-sided interval of 95 %.
 const Z: f64 = 1.959_963_984_540_054;
 
-/// Bounds of a rate.
+/// Bounds of the 95 % confidence interval of a rate.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Interval {
     /// Lower bound.
@@ -20,7 +21,7 @@ pub struct Interval {
     pub high: f64,
 }
 
-/// Wilson's 95 % interval of a rate that was found in so many independent trials; none without any.
+/// Returns Wilson's 95 % interval of a rate found in `trials` independent trials, or `None` without trials.
 #[must_use]
 pub fn wilson(rate: f64, trials: f64) -> Option<Interval> {
     if trials <= 0.0 {
@@ -30,15 +31,15 @@ pub fn wilson(rate: f64, trials: f64) -> Option<Interval> {
     let centre = rate + square / (2.0 * trials);
     let half = Z * (rate * (1.0 - rate) / trials + square / (4.0 * trials * trials)).sqrt();
     let scale = 1.0 + square / trials;
-    // At the ends the bound is the end itself, which rounding would miss.
+    // At 0 and 1 the bound is the rate itself, which rounding would miss.
     let low = if rate <= 0.0 { 0.0 } else { ((centre - half) / scale).max(0.0) };
     let high = if rate >= 1.0 { 1.0 } else { ((centre + half) / scale).min(1.0) };
     Some(Interval { low, high })
 }
 
-/// The same from clusters, each with how many pass and of how many.
+/// Returns the 95 % interval of a rate from clusters, each with its numbers of passes and of trials.
 ///
-/// Where all pass or none does, the clusters do not show how much answers depend on each other, and each counts as one.
+/// If all pass or none does, the clusters do not show how much answers depend on each other, and each counts as one.
 #[must_use]
 pub fn clustered(clusters: &[(u32, u32)]) -> Option<Interval> {
     let pass: f64 = clusters.iter().map(|(pass, _)| f64::from(*pass)).sum();
@@ -57,7 +58,7 @@ fn design_effect(clusters: &[(u32, u32)], rate: f64, of: f64) -> f64 {
         return clusters.iter().map(|(_, of)| f64::from(*of).powi(2)).sum::<f64>() / of;
     }
     let between: f64 = clusters.iter().map(|(pass, of)| (f64::from(*pass) - rate * f64::from(*of)).powi(2)).sum();
-    // Each with the correction for the mean that was estimated from the same data.
+    // Both variances are corrected for the mean, which is estimated from the same data.
     let effect = (between * count / (count - 1.0)) / (independent * of / (of - 1.0));
     effect.max(1.0)
 }

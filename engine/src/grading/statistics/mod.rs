@@ -1,8 +1,8 @@
-//! Statistics of boards: how sure a rate is, whether two runs differ, and which places a run may have.
+//! Statistics of boards: confidence intervals of rates, tests of whether runs differ, and ranges of ranks.
 
 pub mod comparison;
 pub mod interval;
 pub mod ranks;
 
-/// How often a statement may be wrong that is made of something which is not so.
+/// Significance level: the greatest probability of claiming a difference that does not exist.
 pub const ALPHA: f64 = 0.05;

@@ -1,31 +1,31 @@
-//! Places that a run may have, as far as the data tell.
+//! Ranges of ranks that runs may have, as far as the data tell.
 //!
-//! All pairs of a board are compared; of these comparisons Holm's procedure (Scandinavian Journal of Statistics 6, 1979, 65-70)
-//! keeps those that show a difference, with at most 5 % risk that any of them is wrong. Runs shown to be better come before a
-//! run, those shown to be worse after it, and among the rest it may have any place.
+//! All pairs of runs on a board are compared. Of these comparisons Holm's procedure (Scandinavian Journal of Statistics
+//! 6, 1979, 65-70) keeps those that show a difference, with a risk of at most 5 % that any of them is wrong. A run
+//! ranks below the runs shown to be better and above those shown to be worse; among the rest it may have any rank.
 
 use serde::Serialize;
 
 use super::ALPHA;
 use super::comparison::McNemar;
 
-/// First and last place that a run may have.
+/// Range of ranks that a run may have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 pub struct RankRange {
-    /// The best place, from 1.
+    /// Best rank, from 1.
     #[schema(example = 1)]
     pub first: usize,
-    /// The worst.
+    /// Worst rank.
     #[schema(example = 3)]
     pub last: usize,
 }
 
-/// The greatest p-value that Holm's procedure keeps, of so many comparisons; below all where it keeps none. They come as value
-/// and number, the smallest value first.
+/// Returns the greatest p-value that Holm's procedure keeps out of `comparisons` comparisons, or -1 if it keeps none.
+/// `values` holds each p-value with its number of comparisons, the smallest p-value first.
 fn greatest_kept(comparisons: u64, values: impl Iterator<Item = (f64, u64)>) -> f64 {
     let (mut kept, mut greatest) = (0, -1.0);
     for (p, number) in values.filter(|(_, number)| *number > 0) {
-        // Of equal ones the first has the hardest bound.
+        // Of equal p-values the first has the strictest bound.
         if p > ALPHA / (comparisons - kept) as f64 {
             break;
         }
@@ -35,15 +35,15 @@ fn greatest_kept(comparisons: u64, values: impl Iterator<Item = (f64, u64)>) -> 
     greatest
 }
 
-/// The greatest of these p-values that Holm's procedure keeps; below all where it keeps none.
+/// Returns the greatest of these p-values that Holm's procedure keeps, or -1 if it keeps none.
 #[must_use]
 pub fn threshold(mut p_values: Vec<f64>) -> f64 {
     p_values.sort_by(f64::total_cmp);
     greatest_kept(p_values.len() as u64, p_values.into_iter().map(|p| (p, 1)))
 }
 
-/// The places of a run that was compared with each other one: whether that one is better, and the p-value, which shows a
-/// difference up to the threshold.
+/// Returns the range of ranks of a run that was compared with each other run. A comparison says whether the other run
+/// is better, and gives the p-value, which shows a difference if it is at most `threshold`.
 #[must_use]
 pub fn range(comparisons: impl Iterator<Item = (bool, f64)>, threshold: f64) -> RankRange {
     let (mut others, mut better, mut worse) = (0, 0, 0);
@@ -57,17 +57,17 @@ pub fn range(comparisons: impl Iterator<Item = (bool, f64)>, threshold: f64) -> 
     RankRange { first: 1 + better, last: 1 + others - worse }
 }
 
-/// How often each p-value came of comparing the runs of a board, so that one run more costs a comparison with each other one,
-/// and not of all with all.
+/// Counts how often each p-value results from comparing the runs of a board, so that a new run costs one comparison
+/// with each other run instead of comparing all pairs again.
 #[derive(Debug, Clone, Default)]
 pub struct Comparisons {
     all: u64,
-    /// By the test's number of the p-value.
+    /// Number of comparisons that result in each p-value, by its index in the test.
     numbers: Vec<u32>,
 }
 
 impl Comparisons {
-    /// Adds a comparison, or takes it back.
+    /// Adds a comparison, or takes it back if `is_new` is false.
     pub fn count(&mut self, test: &McNemar, one: usize, other: usize, is_new: bool) {
         self.numbers.resize(test.distinct(), 0);
         let number = &mut self.numbers[test.number_of(one, other)];
@@ -78,7 +78,7 @@ impl Comparisons {
         }
     }
 
-    /// The greatest p-value that Holm's procedure keeps.
+    /// Returns the greatest p-value that Holm's procedure keeps, or -1 if it keeps none.
     #[must_use]
     pub fn threshold(&self, test: &McNemar) -> f64 {
         if self.all == 0 {
@@ -93,7 +93,7 @@ mod tests {
     use super::*;
 
     /// Of 0.01, 0.04, 0.03, 0.005 at 5 %, with bounds 0.05/4, 0.05/3, 0.05/2, 0.05: 0.005 and 0.01 are kept, and 0.03 > 0.025
-    /// ends it, though 0.04 < 0.05 (the worked example of Wikipedia's article on the procedure).
+    /// ends it, although 0.04 < 0.05 (the worked example of Wikipedia's article on the procedure).
     #[test]
     fn holms_procedure_ends_at_the_first_that_is_too_large() {
         assert_eq!(threshold(vec![0.01, 0.04, 0.03, 0.005]), 0.01);

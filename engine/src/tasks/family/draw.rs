@@ -1,4 +1,4 @@
-//! Drawing the parameters of a hidden family's instance.
+//! Draws the parameters of an instance of a hidden family.
 
 use super::expand::is_true;
 use super::template::{self, Context, Datum};
@@ -6,10 +6,10 @@ use super::{Family, Parameters, faults};
 use crate::tasks::published::TaskFileFault;
 
 impl Family {
-    /// Draws parameters: `choose(n)` picks one of n. None where the rules tell to draw again.
+    /// Draws parameters, where `choose(n)` picks a number below `n`. Returns `None` if they must be drawn again.
     ///
     /// # Errors
-    /// Where the family has no rules, or one of them is wrong.
+    /// Returns faults if the family has no `draw` rules, or one of them is faulty.
     pub fn draw(&self, choose: &mut dyn FnMut(u64) -> u64) -> Result<Option<Parameters>, Vec<TaskFileFault>> {
         let environment = template::environment();
         let at = |detail: String| vec![faults::of_file(&self.file, detail)];
@@ -28,7 +28,7 @@ impl Family {
                 (None, None, Some(is)) => Datum::compile(&environment, is, &field)
                     .and_then(|datum| datum.value(&context))
                     .map_err(|misfit| vec![self.fault(&misfit)])?,
-                _ => return Err(at(format!("{field}: expected one of from, of and is"))),
+                _ => return Err(at(format!("{field}: expected exactly one of from, of and is, and not empty"))),
             };
             context.insert(parameter.name.clone(), template::value(&value));
             drawn.insert(parameter.name.clone(), value);

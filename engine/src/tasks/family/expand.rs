@@ -1,4 +1,4 @@
-//! From a family file to its tasks: grid to items, wordings to prompts, expressions to arguments.
+//! Expands a family file into its tasks: the grid into items, wordings into prompts, expressions into arguments.
 
 use std::collections::BTreeMap;
 
@@ -16,7 +16,7 @@ use crate::tasks::{Instruction, Task};
 /// Parameters of an instance, by name.
 pub type Parameters = Map<String, Value>;
 
-/// Points of the grid: within a table values go together, tables multiply, the first slowest.
+/// Returns the points of the grid. The lists of a table vary together; tables multiply, the first varying slowest.
 pub fn items(grid: &[BTreeMap<String, Spanned<Vec<toml::Value>>>]) -> Vec<Parameters> {
     let mut items = vec![Parameters::new()];
     for table in grid {
@@ -32,7 +32,7 @@ pub fn items(grid: &[BTreeMap<String, Spanned<Vec<toml::Value>>>]) -> Vec<Parame
     items
 }
 
-/// A family's templates, compiled.
+/// The compiled templates of a family.
 struct Compiled<'e> {
     family: &'e Family,
     instance: Text<'e>,
@@ -57,10 +57,10 @@ struct CompiledCheck<'e> {
 }
 
 impl Family {
-    /// The tasks of these items in a version of the suite, without numbers: items in order, then wordings.
+    /// Expands items into the tasks of a version of the suite, ordered by item, then wording. Their numbers are 0.
     ///
     /// # Errors
-    /// All faults found, each with its line and field.
+    /// Returns all faults found, each with its line and field.
     pub fn tasks(
         &self,
         items: &[Parameters],
@@ -77,7 +77,7 @@ impl Family {
                 Err(misfits) => found.extend(misfits.iter().map(|misfit| self.fault(misfit))),
             }
         }
-        // The same fault in many items is told once.
+        // Reports a fault once, even if many items have it.
         found.sort_by(|a, b| (a.fault.line, &a.fault.pointer).cmp(&(b.fault.line, &b.fault.pointer)));
         found.dedup_by(|a, b| (a.fault.line, &a.fault.pointer) == (b.fault.line, &b.fault.pointer));
         if found.is_empty() { Ok(tasks) } else { Err(found) }
@@ -87,7 +87,7 @@ impl Family {
         faults::at(&self.file, &self.text, &misfit.place.span, &misfit.place.field, &misfit.detail)
     }
 
-    /// Faults that need no expansion: names, and tables of the grid whose lists differ in length.
+    /// Finds the faults that show without expansion, such as bad names and lists of a grid table that differ in length.
     fn faults_of_form(&self) -> Vec<TaskFileFault> {
         let at = |span, field: &str, detail: String| faults::at(&self.file, &self.text, &span, field, detail);
         let content = &self.content;
@@ -106,7 +106,7 @@ impl Family {
                 let length = values.get_ref().len();
                 if length != longest || length == 0 {
                     let field = format!("grid.{name}");
-                    found.push(at(values.span(), &field, format!("{length} values, where others have {longest}")));
+                    found.push(at(values.span(), &field, format!("{length} values, but others have {longest}")));
                 }
             }
         }
@@ -117,13 +117,13 @@ impl Family {
             }
         }
         if content.wordings.is_empty() {
-            found.push(faults::of_file(&self.file, "wordings: there is none"));
+            found.push(faults::of_file(&self.file, "wordings: the list is empty"));
         }
         found
     }
 }
 
-/// What names must be.
+/// Rule for names, as faults state it.
 const SLUG: &str = "a name of lower-case letters, digits and dashes";
 
 fn is_slug(name: &str) -> bool {
@@ -208,7 +208,7 @@ impl<'e> Compiled<'e> {
                 turns.push(Instruction { prompt, checks, informational });
             }
             if turns.is_empty() {
-                let detail = "the wording has no prompts, and neither has the family".to_owned();
+                let detail = "neither the wording nor the family has prompts".to_owned();
                 return Err(vec![Misfit { place: self.instance.place.clone(), detail }]);
             }
             tasks.push(Task {
@@ -223,7 +223,7 @@ impl<'e> Compiled<'e> {
         Ok(tasks)
     }
 
-    /// The checks of a turn: those that count and those that are shown only.
+    /// Returns the checks of a turn: those that count, and those that are informational.
     fn checks(&self, context: &Context, version: u32) -> Result<(Vec<Check>, Vec<Check>), Vec<Misfit>> {
         let (mut counting, mut shown, mut misfits) = (Vec::new(), Vec::new(), Vec::new());
         for check in self.checks.iter().filter(|check| check.entry.since <= version) {

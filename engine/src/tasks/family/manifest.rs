@@ -1,4 +1,4 @@
-//! The suite file: which families a suite has, in which order, and its versions.
+//! The suite file, which lists the families of a suite in order, and its versions.
 
 use std::collections::BTreeMap;
 
@@ -8,20 +8,20 @@ use super::{Family, faults};
 use crate::tasks::published::{TaskFile, TaskFileFault};
 use crate::tasks::{Suite, Task};
 
-/// Name of the suite file in its folder.
+/// Name of the suite file in the folder of a suite.
 pub const MANIFEST: &str = "suite.toml";
 
 /// A version of a suite.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Version {
-    /// Its number.
+    /// Number of the version.
     pub number: u32,
-    /// What it is for.
+    /// Description of the version.
     pub description: String,
 }
 
-/// The Lite draw that the suite keeps.
+/// The Lite draw that the suite file lists.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Lite {
@@ -43,26 +43,26 @@ struct Manifest {
     lite: Lite,
 }
 
-/// A suite as its files tell it.
+/// A suite as read from its files.
 #[derive(Debug, Clone)]
 pub struct SuiteSource {
-    /// Name without version.
+    /// Name without the version.
     pub name: String,
-    /// Versions, ascending.
+    /// Versions, in the order of the suite file.
     pub versions: Vec<Version>,
-    /// Families in order.
+    /// Families, in the order of the suite file.
     pub families: Vec<Family>,
-    /// Phrases that all prompts may use.
+    /// Phrases that all prompts can use as variables.
     pub words: BTreeMap<String, String>,
-    /// The Lite draw kept beside it.
+    /// Lite draw that the suite file lists.
     pub lite: Lite,
 }
 
 impl SuiteSource {
-    /// Reads a folder's files: `suite.toml` and one `NAME.toml` per family that it lists.
+    /// Reads the files of a folder: `suite.toml`, and `NAME.toml` for each family that it lists.
     ///
     /// # Errors
-    /// All faults: unreadable files, families without a file, files that no list names.
+    /// Returns all faults: unreadable files, families without a file, and files of families that are not listed.
     pub fn read(files: &[TaskFile<'_>]) -> Result<Self, Vec<TaskFileFault>> {
         let Some(manifest) = files.iter().find(|file| file.name == MANIFEST) else {
             return Err(vec![faults::of_file(MANIFEST, "there is no such file")]);
@@ -80,7 +80,7 @@ impl SuiteSource {
                     Ok(family) if family.name() != name => {
                         found.push(faults::of_file(
                             file.name,
-                            format!("family: expected {name:?}, as the file is named"),
+                            format!("family: expected {name:?}, the name of the file"),
                         ));
                     }
                     Ok(family) => families.push(family),
@@ -93,7 +93,7 @@ impl SuiteSource {
             }
         }
         if manifest.versions.is_empty() {
-            found.push(faults::of_file(MANIFEST, "versions: there is none"));
+            found.push(faults::of_file(MANIFEST, "versions: the list is empty"));
         }
         if !found.is_empty() {
             return Err(found);
@@ -102,10 +102,10 @@ impl SuiteSource {
         Ok(Self { name, versions, families, words, lite })
     }
 
-    /// All tasks of a version, numbered from 1 in the order of families, items and wordings.
+    /// Expands all tasks of a version, numbered from 1 in the order of families, items and wordings.
     ///
     /// # Errors
-    /// All faults of all families, and ids that occur twice.
+    /// Returns all faults of all families, and ids that occur twice.
     pub fn suite(&self, version: u32) -> Result<Suite, Vec<TaskFileFault>> {
         let mut tasks: Vec<Task> = Vec::new();
         let mut found = Vec::new();
@@ -127,7 +127,7 @@ impl SuiteSource {
         if found.is_empty() { Ok(Suite { name: self.name.clone(), version, tasks }) } else { Err(found) }
     }
 
-    /// The family of this name.
+    /// Finds a family by its name.
     #[must_use]
     pub fn family(&self, name: &str) -> Option<&Family> {
         self.families.iter().find(|family| family.name() == name)

@@ -1,7 +1,7 @@
-//! Family files: one TOML file per family of tasks, from which its instances are expanded.
+//! Family files: one TOML file per family of tasks, which is expanded into the tasks of the family.
 //!
-//! A file gives a grid of parameters, wordings, and checks whose arguments are expressions of the parameters. Each
-//! point of the grid is an item, each wording of an item a task. `tasks/README.md` explains the format to its writers.
+//! A file has a grid of parameters, wordings, and checks whose arguments are expressions of the parameters. Each point
+//! of the grid is an item, and each wording of an item is a task. `tasks/README.md` documents the format for authors.
 
 mod draw;
 mod expand;
@@ -53,7 +53,7 @@ pub enum Category {
 }
 
 impl Category {
-    /// Its name in files and the API.
+    /// Returns the name of the category in files and the API.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -66,107 +66,107 @@ impl Category {
     }
 }
 
-/// A family file as its writer sees it. Strings are templates: `{{ … }}` holds an expression of the parameters.
+/// Content of a family file. Strings are templates, in which `{{ … }}` holds an expression of the parameters.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(title = "plumbline task family")]
 pub struct FamilyFile {
-    /// First part of the ids of its tasks: lower-case letters, digits and dashes.
+    /// Name of the family, and first part of the ids of its tasks: lower-case letters, digits and dashes.
     #[schemars(with = "String")]
     pub family: Spanned<String>,
-    /// What the family is called in lists.
+    /// Title of the family in lists.
     pub title: String,
-    /// One of the five categories.
+    /// Category of the family, one of five.
     pub category: Category,
-    /// One of the 17 types that the paper tells apart.
+    /// Type of the family; the paper distinguishes 17.
     #[serde(rename = "type")]
     pub kind: String,
-    /// What the family asks for, in a sentence or two.
+    /// Summary of what the family asks for, in a sentence or two.
     pub description: String,
-    /// Second part of an id, before the wording's name; empty where the grid has one point.
+    /// Second part of an id, before the wording's name; may be empty if the grid has only one point.
     #[schemars(with = "String")]
     pub instance: Spanned<String>,
-    /// The grid of parameters. Within a table, parameters vary together; tables multiply, the first slowest.
+    /// Grid of parameters. The lists of a table vary together; tables multiply, the first varying slowest.
     #[serde(default)]
     #[schemars(with = "Vec<BTreeMap<String, Vec<Value>>>")]
     pub grid: Vec<BTreeMap<String, Spanned<Vec<toml::Value>>>>,
-    /// Phrases that prompts may use as variables.
+    /// Phrases that prompts can use as variables.
     #[serde(default)]
     #[schemars(with = "BTreeMap<String, String>")]
     pub words: BTreeMap<String, Spanned<String>>,
-    /// The prompts of wordings that have none of their own, one per turn.
+    /// Prompts for wordings that have none of their own, one per turn.
     #[serde(default)]
     #[schemars(with = "Vec<String>")]
     pub prompts: Vec<Spanned<String>>,
-    /// The wordings: each makes a task of each item.
+    /// Wordings; each makes a task of each item.
     pub wordings: Vec<Wording>,
-    /// The checks of every turn.
+    /// Checks of every turn.
     pub checks: Vec<CheckEntry>,
-    /// How parameters are drawn, where a hidden suite has the family; it has no grid then.
+    /// Rules for drawing parameters; a family of a hidden suite has them instead of a grid.
     #[serde(default)]
     pub draw: Option<DrawRules>,
 }
 
-/// How the parameters of a hidden family's instances are drawn.
+/// Rules for drawing the parameters of a hidden family's instances.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DrawRules {
-    /// Families of the public suite whose difficulty it keeps: a draw takes as many instances. None for a family of which the
-    /// public suite has nothing; a draw takes one of those.
+    /// Public families whose difficulty this family matches; a run gets one instance for each of them. Empty for a
+    /// family without a public counterpart: the epoch's key picks one such family, and a run gets one instance of it.
     #[serde(default)]
     pub stands_for: Vec<String>,
-    /// The parameters, in the order in which they are drawn.
+    /// Parameters, in the order in which they are drawn.
     pub parameters: Vec<DrawnParameter>,
-    /// Expressions: what is drawn counts where all are true; else it is drawn again.
+    /// Expressions that must all be true of the parameters drawn; otherwise they are drawn again.
     #[serde(default)]
     #[schemars(with = "Vec<String>")]
     pub only: Vec<Spanned<String>>,
-    /// Whether the stress in equilibrium of the reference build becomes the parameter `reference_pa`.
+    /// Whether the greatest equilibrium stress of the reference build, in Pa, becomes the parameter `reference_pa`.
     #[serde(default)]
     pub needs_reference: bool,
 }
 
-/// A parameter: drawn from whole numbers or from a list, or computed.
+/// A parameter that is drawn from a range or a list, or computed. Exactly one of `from`, `of` and `is` is set.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DrawnParameter {
-    /// Its name.
+    /// Name of the parameter.
     pub name: String,
-    /// The least and the greatest whole number.
+    /// Least and greatest whole number that can be drawn.
     #[serde(default)]
     pub from: Option<[i64; 2]>,
-    /// The list.
+    /// Values that can be drawn.
     #[serde(default)]
     #[schemars(with = "Option<Vec<Value>>")]
     pub of: Option<Vec<toml::Value>>,
-    /// A value with expressions of the parameters before it.
+    /// Value computed with expressions of the parameters before it.
     #[serde(default)]
     #[schemars(with = "Option<Value>")]
     pub is: Option<Spanned<toml::Value>>,
 }
 
-/// One way to word the instructions.
+/// One wording of the instructions.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Wording {
-    /// Last part of the id: lower-case letters, digits and dashes; may be empty where there is one wording only.
+    /// Last part of the id: lower-case letters, digits and dashes; may be empty if there is only one wording.
     #[schemars(with = "String")]
     pub name: Spanned<String>,
-    /// Expression: only items for which it is true have this wording.
+    /// Expression; only items for which it is true have this wording.
     #[serde(default)]
     #[schemars(with = "Option<String>")]
     pub when: Option<Spanned<String>>,
-    /// Phrases that prompts may use as variables, beside the family's.
+    /// Phrases that prompts can use as variables, in addition to the family's.
     #[serde(default)]
     #[schemars(with = "BTreeMap<String, String>")]
     pub words: BTreeMap<String, Spanned<String>>,
-    /// One prompt per turn, instead of the family's.
+    /// Prompts in place of the family's, one per turn.
     #[serde(default)]
     #[schemars(with = "Vec<String>")]
     pub prompts: Vec<Spanned<String>>,
 }
 
-/// A check with arguments that may be expressions.
+/// A check whose arguments may be expressions.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CheckEntry {
@@ -174,22 +174,22 @@ pub struct CheckEntry {
     #[serde(rename = "fn")]
     #[schemars(with = "String")]
     pub name: Spanned<String>,
-    /// Its arguments by name. A string that is one `{{ … }}` takes the value of the expression.
+    /// Arguments by name. A string that is a single `{{ … }}` takes the value, of any type, of the expression.
     #[serde(default)]
     #[schemars(with = "BTreeMap<String, Value>")]
     pub args: BTreeMap<String, Spanned<toml::Value>>,
-    /// Expression: only items and turns for which it is true have this check.
+    /// Expression; only items and turns for which it is true have this check.
     #[serde(default)]
     #[schemars(with = "Option<String>")]
     pub when: Option<Spanned<String>>,
-    /// Repeats the check for each value of a list: a variable's name with an expression for the list.
+    /// Repeats the check for each value of a list: the name of a variable, with an expression for the list.
     #[serde(default)]
     #[schemars(with = "BTreeMap<String, String>")]
     pub each: BTreeMap<String, Spanned<String>>,
     /// First version of the suite that has this check.
     #[serde(default = "first")]
     pub since: u32,
-    /// From this version of the suite on the check is shown and does not count.
+    /// Version of the suite from which on the check is reported but does not count.
     #[serde(default)]
     pub informational_since: Option<u32>,
 }
@@ -198,33 +198,33 @@ const fn first() -> u32 {
     1
 }
 
-/// A family file with its text, which faults refer to.
+/// A family file with its text, in which faults are located.
 #[derive(Debug, Clone)]
 pub struct Family {
-    /// File name.
+    /// Name of the file.
     pub file: String,
     text: String,
-    /// Content.
+    /// Parsed content of the file.
     pub content: FamilyFile,
 }
 
 impl Family {
-    /// Reads a family file.
+    /// Parses the text of a family file.
     ///
     /// # Errors
-    /// A fault with its line where the text is not TOML or has not the fields of a family.
+    /// Returns a fault with its line if the text is not TOML, or its fields are not those of a family.
     pub fn read(file: &str, text: &str) -> Result<Self, TaskFileFault> {
         let content = toml::from_str(text).map_err(|error| faults::of_toml(file, text, &error))?;
         Ok(Self { file: file.to_owned(), text: text.to_owned(), content })
     }
 
-    /// The family's name.
+    /// Returns the name of the family.
     #[must_use]
     pub fn name(&self) -> &str {
         self.content.family.get_ref()
     }
 
-    /// The items of the grid, in order; one without parameters where there is no grid.
+    /// Returns the items of the grid, in order. Without a grid there is one item, which has no parameters.
     #[must_use]
     pub fn items(&self) -> Vec<Map<String, Value>> {
         expand::items(&self.content.grid)

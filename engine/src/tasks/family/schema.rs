@@ -1,11 +1,11 @@
-//! The JSON Schema of family files, so that editors complete and check them.
+//! The JSON Schema of family files, with which editors complete and check them.
 
 use serde_json::{Value, json};
 
 use super::FamilyFile;
 use crate::checks::Check;
 
-/// The schema, generated from [`FamilyFile`] and the list of checks.
+/// Generates the schema from [`FamilyFile`] and the list of checks.
 #[must_use]
 pub fn json_schema() -> Value {
     let mut schema = schemars::schema_for!(FamilyFile).to_value();

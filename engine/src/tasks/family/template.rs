@@ -1,4 +1,4 @@
-//! Templates of family files: text and values with expressions of the parameters.
+//! Templates of family files: texts and values that contain expressions of the parameters.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -8,10 +8,10 @@ use minijinja::{Environment, Error, ErrorKind, Expression, Template, UndefinedBe
 use serde_json::Value;
 use toml::Spanned;
 
-/// Values by the names under which templates see them.
+/// Values that templates can use, by name.
 pub type Context = BTreeMap<String, minijinja::Value>;
 
-/// What templates may use beside the parameters.
+/// Creates the environment of templates, with the filter and the function that they can use.
 pub fn environment<'a>() -> Environment<'a> {
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
@@ -21,39 +21,39 @@ pub fn environment<'a>() -> Environment<'a> {
     environment
 }
 
-/// `3` as `three`; numbers above twelve in digits.
+/// Spells a number, e.g. `three` for `3`; numbers below zero or above twelve stay digits.
 fn spelled(number: i64) -> String {
     const WORDS: [&str; 13] =
         ["no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve"];
     usize::try_from(number).ok().and_then(|i| WORDS.get(i)).map_or_else(|| number.to_string(), ToString::to_string)
 }
 
-/// `count(3, "room")` as `three rooms`.
+/// Spells a number with its noun, e.g. `three rooms` for `count(3, "room")`.
 fn count(number: i64, noun: &str) -> String {
     format!("{} {noun}{}", spelled(number), if number == 1 { "" } else { "s" })
 }
 
-/// A place in a file, for faults.
+/// Location in a family file, for faults.
 #[derive(Debug, Clone)]
 pub struct Place {
-    /// Bytes of the file.
+    /// Range of bytes in the file.
     pub span: Range<usize>,
-    /// Field, as a path from the top.
+    /// Path of the field from the top of the file, joined by dots.
     pub field: String,
 }
 
-/// A template with its place.
+/// A compiled text with its location.
 pub struct Text<'e> {
     template: Template<'e, 'e>,
-    /// Where it stands.
+    /// Location of the text.
     pub place: Place,
 }
 
 impl<'e> Text<'e> {
-    /// Compiles text.
+    /// Compiles a text.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// Returns the fault if the text has a syntax error.
     pub fn compile(environment: &'e Environment<'e>, text: &'e Spanned<String>, field: &str) -> Result<Self, Misfit> {
         let place = Place { span: text.span(), field: field.to_owned() };
         match environment.template_from_str(text.get_ref()) {
@@ -62,17 +62,17 @@ impl<'e> Text<'e> {
         }
     }
 
-    /// The text with its expressions replaced, without blanks at its ends and line breaks inside.
+    /// Renders the text with its expressions replaced. Trims it, and makes each run of whitespace a single space.
     ///
     /// # Errors
-    /// What is wrong with an expression.
+    /// Returns the fault if an expression cannot be evaluated.
     pub fn render(&self, context: &Context) -> Result<String, Misfit> {
         let text = self.template.render(context).map_err(|error| Misfit::new(&self.place, &error))?;
         Ok(text.split_whitespace().collect::<Vec<_>>().join(" "))
     }
 }
 
-/// A compiled value: what it holds may depend on the parameters.
+/// A compiled value, which may depend on the parameters.
 enum Node<'e> {
     Fixed(Value),
     Computed(Expression<'e, 'e>),
@@ -80,18 +80,18 @@ enum Node<'e> {
     List(Vec<Self>),
 }
 
-/// A value with its place.
+/// A compiled value with its location.
 pub struct Datum<'e> {
     node: Node<'e>,
-    /// Where it stands.
+    /// Location of the value.
     pub place: Place,
 }
 
 impl<'e> Datum<'e> {
-    /// Compiles a value: a string that is one `{{ … }}` is an expression, other strings are text.
+    /// Compiles a value. A string that is a single `{{ … }}` is an expression; other strings are texts.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// Returns the fault if an expression has a syntax error, or the value is a date or a table.
     pub fn compile(
         environment: &'e Environment<'e>,
         value: &'e Spanned<toml::Value>,
@@ -107,7 +107,7 @@ impl<'e> Datum<'e> {
     /// Compiles a bare expression.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// Returns the fault if the text has a syntax error.
     pub fn expression(
         environment: &'e Environment<'e>,
         text: &'e Spanned<String>,
@@ -120,10 +120,10 @@ impl<'e> Datum<'e> {
         }
     }
 
-    /// The value.
+    /// Evaluates the value.
     ///
     /// # Errors
-    /// What is wrong with an expression.
+    /// Returns the fault if an expression cannot be evaluated.
     pub fn value(&self, context: &Context) -> Result<Value, Misfit> {
         evaluate(&self.node, context).map_err(|error| Misfit::new(&self.place, &error))
     }
@@ -146,12 +146,12 @@ fn node<'e>(environment: &'e Environment<'e>, value: &'e toml::Value) -> Result<
     })
 }
 
-/// A JSON value as templates see it.
+/// Converts a JSON value to one that templates can use.
 pub fn value(value: &Value) -> minijinja::Value {
     minijinja::Value::from(Serde(value))
 }
 
-/// A TOML value as JSON.
+/// Converts a TOML value to JSON.
 pub fn plain(value: &toml::Value) -> Value {
     serde_json::to_value(value).unwrap_or_default()
 }
@@ -176,12 +176,12 @@ fn evaluate(node: &Node<'_>, context: &Context) -> Result<Value, Error> {
     })
 }
 
-/// What is wrong with a template, and where.
+/// A fault in a template and its location.
 #[derive(Debug, Clone)]
 pub struct Misfit {
-    /// Where it stands.
+    /// Location of the template.
     pub place: Place,
-    /// What is wrong.
+    /// Description of the fault.
     pub detail: String,
 }
 
