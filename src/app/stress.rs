@@ -93,7 +93,6 @@ impl StressFields {
         if let Some(kept) = self.kept(&key) {
             return kept.map_err(|_| too_long(blocks));
         }
-        let _admitted = self.admitted.take(who).map_err(|_| busy())?;
         let patience = Duration::from_secs(LIMITS.stress_wait_seconds);
         let slot = tokio::time::timeout(patience, self.slots.take(who)).await.map_err(|_late| busy())?;
         // Another request may have computed it meanwhile.
@@ -163,11 +162,16 @@ pub async fn of_submission(
     turn: usize,
     method: Method,
 ) -> AppResult<StressedStructure> {
+    let key = (Box::from(row.log_hash.as_str()), turn, method);
+    // Admitted before the log is read: with many requests, replaying large logs would itself be too much work.
+    let _admitted = match app.stress.kept(&key) {
+        Some(_) => None,
+        None => Some(app.stress.admitted.take(who).map_err(|_| busy())?),
+    };
     let log = app.store.log_json(&row.id).await?;
     let log = log.ok_or_else(|| AppError::not_found(format!("there is no submission {:?}", row.id)))?;
     let replaying = tokio::task::spawn_blocking(move || structure_after(&log, turn));
     let structure = Arc::new(replaying.await.map_err(|error| AppError::internal(&error))??);
-    let key = (Box::from(row.log_hash.as_str()), turn, method);
     let field = app.stress.field(key, &structure, who, &app.stop).await?;
     Ok(StressedStructure { structure, field })
 }

@@ -296,7 +296,7 @@ async fn near_identical_runs_of_two_owners_are_flagged_and_the_host_may_run_agai
     assert_eq!(similar(&runs[0]), [runs[1].clone()]);
     assert_eq!(similar(&runs[1]).len(), 2, "both runs of the first owner");
     assert!(similar(&runs[2]).is_empty());
-    assert!(service.get("/boards/mineceraft-lite").await.text.contains("copied?"));
+    assert!(service.get("/boards/mineceraft-lite").await.text.contains("possible copy"));
     assert!(service.get(&format!("/runs/{}", runs[0])).await.text.contains("near-identical"));
 
     let new = json!({ "agent": "first", "suite": "mineceraft-lite", "provenance": "re-run-by-host" });

@@ -243,7 +243,9 @@ async fn a_build_is_looked_at_from_all_sides() {
     page.goto(&format!("{}/submissions/{other}", service.url)).await.unwrap();
     browser.wait(CANVAS, |canvas| canvas["faces"] == "12").await;
     browser.click("[data-control=colour] option[value=witness]").await;
-    browser.wait(legend, |told| told.as_str().is_some_and(|told| told.contains("cells that checks point at"))).await;
+    browser
+        .wait(legend, |told| told.as_str().is_some_and(|told| told.contains("cells flagged by failed checks")))
+        .await;
     browser.see("witnesses").await;
     page.goto(&format!("{}/compare?a={id}&b={other}", service.url)).await.unwrap();
     browser.wait("return document.querySelectorAll('.viewer.live').length", |live| *live == 2).await;
@@ -293,7 +295,10 @@ async fn a_reader_sees_epochs_their_clocks_and_what_they_revealed() {
     let first = browser.wait(left, |told| told.as_str().is_some_and(|told| told.contains("min"))).await;
     browser.wait(left, |told| *told != first).await;
     let told = browser.run("return document.body.textContent").await;
-    assert!(told.as_str().unwrap().contains("Entries registered: 1. Scores are told when the epoch is over"), "{told}");
+    assert!(
+        told.as_str().unwrap().contains("Entries registered: 1. Scores are published when the epoch is over"),
+        "{told}"
+    );
     page.set_window_size(1280, 1000).await.unwrap();
     browser.see("epoch").await;
     browser.is_well(service).await;

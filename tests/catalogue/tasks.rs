@@ -41,7 +41,7 @@ async fn a_task_tells_its_parameters_and_what_is_measured_and_is_not_sent_twice(
         (&first["fn"], &first["args"]["expected_count"]),
         (&json!("material.is_block_cnt_equal_to"), &json!(70))
     );
-    assert_eq!(first["asks"], "So many blocks stand, of a material where one is given");
+    assert_eq!(first["asks"], "Exactly the expected number of blocks stand, counting one material if one is given");
     let known = service.http.get(format!("{}/v1/tasks/walls/5x2x7-courses", service.url));
     let known = service.send(known.header("if-none-match", &answer.headers["etag"])).await;
     assert_eq!((known.status, known.text.as_str()), (StatusCode::NOT_MODIFIED, ""));

@@ -4,12 +4,12 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize, Serializer};
 
-/// A number as task files write it: an integer or a fraction. Written back as an integer where it is one.
+/// Number in a task file, an integer or a fraction. An integer is serialised as an integer.
 #[derive(Debug, Clone, Copy, PartialEq, PartialOrd, Deserialize)]
 #[serde(transparent)]
 pub struct Amount(pub f64);
 
-/// Up to here every integer is exact.
+/// Greatest magnitude up to which `f64` represents every integer exactly: 2^53.
 const MAX_EXACT: f64 = 9_007_199_254_740_992.0;
 
 impl Serialize for Amount {

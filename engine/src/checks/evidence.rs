@@ -1,4 +1,4 @@
-//! What a check found: its score, what was measured against what was required, and the cells that show it.
+//! Findings of checks: the score, the measured and the required value, and the cells that explain them.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -6,54 +6,55 @@ use serde_json::Value;
 use super::safety::figures::StressFigures;
 use crate::voxel::Cell;
 
-/// Witness cells kept at most; all are counted.
+/// Greatest number of witness cells that a finding lists; it counts all of them.
 pub const MAX_WITNESSES: usize = 20;
 
-/// Items of a list in `measured` kept at most.
+/// Greatest number of items kept of a list in `measured` or `required`.
 pub const MAX_ITEMS: usize = 64;
-/// Characters of what a witness shows kept at most.
+/// Greatest number of characters kept of a witness's `why`.
 const MAX_WHY_CHARS: usize = 100;
-/// Characters of a text in a finding kept at most.
+/// Greatest number of characters kept of any other text in a finding.
 pub const MAX_CHARS: usize = 1_000;
 
-/// A cell that shows why a check scored as it did.
+/// Cell that shows why a check scored as it did.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Witness {
     /// The cell, as `[x, y, z]`.
     #[schema(value_type = [i32; 3])]
     pub cell: Cell,
-    /// What about it: a material name, or what it does ("floats", "leaks").
+    /// Reason to show the cell: its material name or a short description ("floats", "leaks").
     pub why: String,
 }
 
 /// Score of one check, with evidence.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Finding {
-    /// In [0, 1]; binary checks give 0 or 1.
+    /// Score in [0, 1]; binary checks give 0 or 1.
     #[schema(minimum = 0, maximum = 1)]
     pub score: f64,
-    /// What the structure has: a number, a list, a word or null.
+    /// Value measured in the structure, such as a number, a list or a word, or null.
     pub measured: Value,
-    /// What the check wants, as `{relation: value}`, such as `{"==": 49}`.
+    /// Value that the check requires, as `{relation: value}`, such as `{"==": 49}`.
     pub required: Value,
-    /// Both in one sentence.
+    /// Measured and required value in one sentence.
     pub summary: String,
-    /// Cells that show it; at most [`MAX_WITNESSES`].
+    /// Cells that show why the check scored as it did; at most [`MAX_WITNESSES`].
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub witnesses: Vec<Witness>,
-    /// How many such cells there are.
+    /// Total number of such cells, listed or not.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub witness_total: u64,
-    /// The check held only because there was nothing to check.
+    /// Whether the check held only because there was nothing to check.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub vacuous: bool,
-    /// Why the score must be read with care, beside being vacuous.
+    /// Reasons to read the score with care, other than being vacuous.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub cautions: Vec<String>,
-    /// Lists in `measured` and `required` are cut to their first items, or texts to their first characters: the build is large.
+    /// Whether lists in `measured` and `required` were cut to their first items, or texts to their first characters,
+    /// because the build is large.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub shortened: bool,
-    /// Of a stress check: both methods' figures.
+    /// Figures of both stress methods; present only for the stress check that runs both.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stress: Option<Box<StressFigures>>,
 }
@@ -64,13 +65,13 @@ const fn is_zero(n: &u64) -> bool {
 }
 
 impl Finding {
-    /// A binary result.
+    /// Returns a finding with a score of 1 if the check holds, otherwise 0.
     #[must_use]
     pub fn binary(holds: bool, measured: impl Into<Value>, required: Value, summary: impl Into<String>) -> Self {
         Self::graded(if holds { 1.0 } else { 0.0 }, measured, required, summary)
     }
 
-    /// A graded result; the score is clamped to [0, 1], and one that is not a number counts as 0.
+    /// Returns a finding with the score clamped to [0, 1]; NaN counts as 0.
     #[must_use]
     pub fn graded(score: f64, measured: impl Into<Value>, required: Value, summary: impl Into<String>) -> Self {
         let score = if score.is_nan() { 0.0 } else { score.clamp(0.0, 1.0) };
@@ -88,7 +89,7 @@ impl Finding {
         }
     }
 
-    /// The result for a structure without blocks.
+    /// Returns the finding for a structure without blocks; it is vacuous if the check holds.
     #[must_use]
     pub fn nothing_stands(holds: bool, required: Value) -> Self {
         let mut finding = Self::binary(holds, Value::Null, required, "no blocks stand");
@@ -96,7 +97,7 @@ impl Finding {
         finding
     }
 
-    /// With lists and texts no longer than a reader needs, however large the build is.
+    /// Cuts lists and texts to a length that a reader needs, however large the build is.
     #[must_use]
     pub fn bounded(mut self) -> Self {
         let mut is_cut = cut_text(&mut self.summary);
@@ -111,7 +112,7 @@ impl Finding {
         self
     }
 
-    /// Bytes of memory that it takes, beside its own size.
+    /// Returns the heap memory that the finding takes, in bytes, in addition to its own size.
     #[must_use]
     pub fn heap_bytes(&self) -> usize {
         let texts = self.cautions.iter().chain(self.witnesses.iter().map(|witness| &witness.why));
@@ -124,13 +125,13 @@ impl Finding {
             + self.stress.as_ref().map_or(0, |_| STRESS_BYTES)
     }
 
-    /// Whether the check counts as held: a score of 1 (SPEC 5).
+    /// Returns whether the check holds, which takes a score of 1 (SPEC 5).
     #[must_use]
     pub fn holds(&self) -> bool {
         self.score >= 1.0
     }
 
-    /// With the cells that show it.
+    /// Adds the cells as witnesses.
     #[must_use]
     pub fn with_witnesses(mut self, cells: impl IntoIterator<Item = Cell>, why: &str) -> Self {
         for cell in cells {
@@ -139,7 +140,7 @@ impl Finding {
         self
     }
 
-    /// With one more cell that shows it.
+    /// Adds a cell as a witness; beyond [`MAX_WITNESSES`] it is only counted.
     pub fn add_witness(&mut self, cell: Cell, why: &str) {
         self.witness_total += 1;
         if self.witnesses.len() < MAX_WITNESSES {
@@ -147,7 +148,7 @@ impl Finding {
         }
     }
 
-    /// Marked as held only for want of anything to check.
+    /// Sets whether the check held only because there was nothing to check.
     #[must_use]
     pub const fn vacuous_if(mut self, vacuous: bool) -> Self {
         self.vacuous = vacuous;
@@ -155,12 +156,12 @@ impl Finding {
     }
 }
 
-/// What the figures of a stress check take at most.
+/// Upper bound on the heap memory of a stress check's figures, in bytes.
 const STRESS_BYTES: usize = 2_048;
-/// What a member of an object takes beside its name and value: its part of a tree's node.
+/// Memory that an object member takes in addition to its name and value, in bytes: its share of a tree node.
 const MEMBER_BYTES: usize = 64;
 
-/// Bytes of memory that a value takes, beside its own size.
+/// Returns the heap memory that a value takes, in bytes, in addition to its own size.
 #[must_use]
 pub fn value_bytes(value: &Value) -> usize {
     match value {
@@ -174,7 +175,7 @@ pub fn value_bytes(value: &Value) -> usize {
     }
 }
 
-/// Cuts lists and texts; says whether anything was cut.
+/// Cuts long lists and texts, and returns whether anything was cut.
 fn cut(value: &mut Value) -> bool {
     match value {
         Value::Null | Value::Bool(_) | Value::Number(_) => false,

@@ -1,8 +1,8 @@
-//! Checks: THE list of rules, each with typed arguments, a score and evidence (SPEC 3).
+//! The catalogue of checks: rules with typed arguments that yield a score and evidence (SPEC 3).
 //!
-//! A check is data: `{"fn": "shape.has_rooms", "args": {"room_cnt": 2}}`. Adding one takes a file or a place in one
-//! of the criteria's files, and a line in the list below. Unknown names, and unknown, missing or ill-typed arguments,
-//! are refused when a task is read.
+//! A check is data: `{"fn": "shape.has_rooms", "args": {"room_cnt": 2}}`. To add one, write its rule in a file of its
+//! criterion, and add a line to the catalogue below. Reading a task fails on unknown check names, and on unknown,
+//! missing or ill-typed arguments.
 
 pub mod accuracy;
 pub mod amount;
@@ -21,22 +21,22 @@ use accuracy::{blocks, material, shape, size};
 use planning::{dependency, efficiency, layers};
 use safety::{equilibrium, plausibility, stability};
 
-/// Version of the published rules as coded here. A change that can alter a score raises it.
+/// Version of this implementation of the published rules. Any change that can alter a score increments it.
 ///
-/// 2: the stress simulation adds in another order; scores differ from those of 1 by rounding.
+/// Version 2: the stress simulation sums in another order, so scores differ from those of version 1 by rounding.
 pub const CHECKS_VERSION: u32 = 2;
 
-/// What a check looks at.
+/// Structure that a check evaluates, with the control over its computations.
 #[derive(Clone, Copy)]
 pub struct Subject<'a> {
-    /// The ordered blocks after the check's turn.
+    /// Blocks in building order, as they stand after the check's turn.
     pub structure: &'a Structure,
-    /// How long computations are watched, ended and shared out.
+    /// Control over long computations: progress, cancellation and additional cores.
     pub control: &'a Control<'a>,
 }
 
 impl<'a> Subject<'a> {
-    /// A subject whose computations run to their end.
+    /// Returns a subject whose computations run to completion.
     #[must_use]
     pub fn unhurried(structure: &'a Structure) -> Self {
         Self { structure, control: const { &Control::unhurried() } }
@@ -51,7 +51,7 @@ impl std::fmt::Debug for Subject<'_> {
 
 /// A rule with its arguments.
 pub trait Rule {
-    /// Scores the subject. Cannot fail, whatever an agent built.
+    /// Scores the subject. Never fails, whatever the agent built.
     fn evaluate(&self, subject: &Subject<'_>) -> Finding;
 }
 
@@ -59,19 +59,19 @@ pub trait Rule {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Criterion {
-    /// Accuracy: what it is made of.
+    /// Accuracy: the materials of the build.
     Material,
-    /// Accuracy: what form it has.
+    /// Accuracy: the form of the build.
     Shape,
-    /// Accuracy: how large it is.
+    /// Accuracy: the dimensions of the build.
     Size,
-    /// Safety: whether it could stand at all.
+    /// Safety: whether the build could stand at all.
     PhysicalPlausibility,
-    /// Safety: how far it is from breaking.
+    /// Safety: how far the build is from breaking.
     StructuralStability,
-    /// Planning: how little movement it took.
+    /// Planning: how little the builder moved between blocks.
     Efficiency,
-    /// Planning: whether parts came after what carries them.
+    /// Planning: whether each part was built after the parts that carry it.
     Dependency,
 }
 
@@ -88,7 +88,7 @@ pub enum Dimension {
 }
 
 impl Criterion {
-    /// All seven, in the paper's order.
+    /// All seven criteria, in the paper's order.
     pub const ALL: [Self; 7] = [
         Self::Material,
         Self::Shape,
@@ -99,7 +99,7 @@ impl Criterion {
         Self::Dependency,
     ];
 
-    /// The dimension it belongs to.
+    /// Returns the dimension that the criterion belongs to.
     #[must_use]
     pub const fn dimension(self) -> Dimension {
         match self {
@@ -109,7 +109,7 @@ impl Criterion {
         }
     }
 
-    /// Its name in the API and in published files.
+    /// Returns the criterion's name in the API and in published files.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -125,10 +125,10 @@ impl Criterion {
 }
 
 impl Dimension {
-    /// All three.
+    /// All three dimensions.
     pub const ALL: [Self; 3] = [Self::Accuracy, Self::Safety, Self::Planning];
 
-    /// Its name in the API and in published files.
+    /// Returns the dimension's name in the API and in published files.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -139,10 +139,10 @@ impl Dimension {
     }
 }
 
-/// Makes the list: the enum of checks, their names, what they ask, and their criteria.
+/// Defines the enum of checks with their names, requirements and criteria.
 macro_rules! catalogue {
     ($( $criterion:ident { $( $name:literal => $variant:ident($rule:path): $what:literal, )* } )*) => {
-        /// A check: a published name with its arguments.
+        /// A check: a published name and its arguments.
         #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
         #[serde(tag = "fn", content = "args")]
         #[expect(missing_docs, reason = "each variant is documented at its rule")]
@@ -151,22 +151,22 @@ macro_rules! catalogue {
         }
 
         impl Check {
-            /// Name of each check and what it asks, in the order of the list.
+            /// Name and requirement of each check, in the order of the catalogue.
             pub const LIST: &'static [(&'static str, &'static str)] = &[ $( $( ($name, $what), )* )* ];
 
-            /// What it asks, in words.
+            /// Returns the requirement in words.
             #[must_use]
             pub const fn asks(&self) -> &'static str {
                 match self { $( $( Self::$variant(_) => $what, )* )* }
             }
 
-            /// The published name.
+            /// Returns the published name.
             #[must_use]
             pub const fn name(&self) -> &'static str {
                 match self { $( $( Self::$variant(_) => $name, )* )* }
             }
 
-            /// The criterion it counts for.
+            /// Returns the criterion that the check counts towards.
             #[must_use]
             pub const fn criterion(&self) -> Criterion {
                 match self { $( $( Self::$variant(_) => Criterion::$criterion, )* )* }
@@ -175,7 +175,7 @@ macro_rules! catalogue {
             /// Scores the subject.
             ///
             /// # Errors
-            /// Only where the subject's control asked a long computation to end.
+            /// Returns an error only if the subject's control stops a long computation.
             pub fn evaluate(&self, subject: &Subject<'_>) -> Result<Finding, Stopped> {
                 match self { $( $( Self::$variant(rule) => Evaluate::run(rule, subject), )* )* }
             }
@@ -183,7 +183,7 @@ macro_rules! catalogue {
     };
 }
 
-/// Lets the list treat rules that may be stopped and rules that never are alike.
+/// Common interface of rules that can be stopped and rules that cannot.
 trait Evaluate {
     fn run(&self, subject: &Subject<'_>) -> Result<Finding, Stopped>;
 }
@@ -209,113 +209,113 @@ impl Evaluate for equilibrium::EquilibriumScore {
 catalogue! {
     Material {
         "material.is_block_cnt_equal_to" => BlockCountEqualTo(material::BlockCountEqualTo):
-            "So many blocks stand, of a material where one is given",
+            "Exactly the expected number of blocks stand, counting one material if one is given",
         "material.is_block_cnt_larger_than" => BlockCountLargerThan(material::BlockCountLargerThan):
-            "More than so many blocks stand, of a material where one is given",
+            "More than the given number of blocks stand, counting one material if one is given",
         "material.is_block_cnt_geq" => BlockCountAtLeast(material::BlockCountAtLeast):
-            "At least so many blocks stand, of a material where one is given",
+            "At least the given number of blocks stand, counting one material if one is given",
         "material.is_block_cnt_leq" => BlockCountAtMost(material::BlockCountAtMost):
-            "At most so many blocks stand, of a material where one is given",
+            "At most the given number of blocks stand, counting one material if one is given",
         "material.is_all_material_equal_to" => AllMaterialEqualTo(material::AllMaterialEqualTo):
-            "Every block is of the material",
+            "Every block is of the expected material",
         "material.is_corner_material_equal_to" => CornerMaterialEqualTo(material::CornerMaterialEqualTo):
-            "Enough of the corners of a level are of the material",
+            "At least the required share of the corner blocks of one level is of the expected material",
         "material.is_min_x_material_equal_to" => MinXMaterialEqualTo(material::MinXMaterialEqualTo):
-            "Enough of the blocks at the least x of a level are of the material",
+            "At least the required share of the blocks with the least x on one level is of the expected material",
         "material.is_max_x_material_equal_to" => MaxXMaterialEqualTo(material::MaxXMaterialEqualTo):
-            "Enough of the blocks at the greatest x of a level are of the material",
+            "At least the required share of the blocks with the greatest x on one level is of the expected material",
         "material.is_min_z_material_equal_to" => MinZMaterialEqualTo(material::MinZMaterialEqualTo):
-            "Enough of the blocks at the least z of a level are of the material",
+            "At least the required share of the blocks with the least z on one level is of the expected material",
         "material.is_max_z_material_equal_to" => MaxZMaterialEqualTo(material::MaxZMaterialEqualTo):
-            "Enough of the blocks at the greatest z of a level are of the material",
+            "At least the required share of the blocks with the greatest z on one level is of the expected material",
         "material.is_highest_block_material_equal_to" =>
             HighestBlockMaterialEqualTo(material::HighestBlockMaterialEqualTo):
-            "Enough of the highest blocks are of the material",
+            "At least the required share of the highest blocks is of the expected material",
         "material.are_blocks_known" => BlocksKnown(blocks::BlocksKnown):
-            "Every block is one of the game's, and none is air (strict)",
+            "Every block is a block of the game, and none is air (strict)",
         "material.count_is_within" => CountWithin(blocks::CountWithin):
-            "So many blocks of a kind or a family stand (strict)",
+            "The number of blocks, counting one kind or family if one is given, lies within the given bounds (strict)",
         "material.is_made_of" => MadeOf(blocks::MadeOf):
-            "Enough of a part of the build is of a kind or a family (strict)",
+            "At least the required share of one part of the build is of the given kind or family (strict)",
     }
     Size {
         "size.is_equal" => SizeEqual(size::Equal):
-            "The plan, turned either way, and the height are exactly so large",
+            "The plan, in either orientation, and the height, if one is given, have exactly the given size",
         "size.is_leq" => SizeAtMost(size::AtMost):
-            "The plan, turned either way, and the height are at most so large",
+            "The plan, in either orientation, and the height, if one is given, have at most the given size",
         "size.min_y_is_equal" => MinYEqual(size::MinYEqual):
-            "The lowest block lies exactly at a level",
+            "The lowest block lies exactly at the given level",
         "size.min_y_is_leq" => MinYAtMost(size::MinYAtMost):
-            "The lowest block lies at a level or below",
+            "The lowest block lies at or below the given level",
         "size.max_y_is_geq" => MaxYAtLeast(size::MaxYAtLeast):
-            "The highest block lies at a level or above",
+            "The highest block lies at or above the given level",
         "size.all_dimensions_geq" => AllDimensionsAtLeast(size::AllDimensionsAtLeast):
-            "It measures at least so many blocks along every axis",
+            "The build measures at least the given number of blocks along every axis",
     }
     Shape {
         "shape.cluster_count_at_y_is" => ClusterCountAtY(shape::clusters::ClusterCountAtY):
-            "A level shows so many separate clusters",
+            "One level has exactly the expected number of separate clusters",
         "shape.clusters_at_y_have_min_span" => ClustersAtYHaveMinSpan(shape::clusters::ClustersAtYHaveMinSpan):
-            "The clusters of a level keep a distance between their nearest cells",
+            "The clusters of one level are at least the given distance apart, between their nearest cells",
         "shape.cluster_at_y_has_min_radius" => ClusterAtYHasMinRadius(shape::clusters::ClusterAtYHasMinRadius):
-            "The one cluster of a level reaches so far from its middle",
+            "One level has a single cluster, which reaches at least the given distance from the mean of its cells",
         "shape.cluster_at_y_has_min_diameter" => ClusterAtYHasMinDiameter(shape::clusters::ClusterAtYHasMinDiameter):
-            "The one cluster of a level has two cells so far apart",
+            "One level has a single cluster, whose farthest cells are at least the given distance apart",
         "shape.is_top_surface_concave" => TopSurfaceConcave(shape::surfaces::TopSurfaceConcave):
-            "Some cut of the upper surface bulges up",
+            "Some slice of the upper surface bulges up",
         "shape.is_bottom_surface_concave" => BottomSurfaceConcave(shape::surfaces::BottomSurfaceConcave):
-            "Some cut of the lower surface bulges down (a true arch does not)",
+            "Some slice of the lower surface bulges down (that of a true arch does not)",
         "shape.is_true_arch" => TrueArch(shape::arch::TrueArch):
-            "Between two supports, underside and upper surface rise from both ends and bulge up (our own rule)",
+            "Between two supports, the underside and the upper surface rise from both ends and bulge up (our own rule)",
         "shape.has_rooms" => HasRooms(shape::rooms::HasRooms):
-            "So many rooms are walled all round at a level",
+            "Walls enclose at least the given number of rooms on one level",
         "shape.are_doors_passable" => DoorsPassable(shape::doors::DoorsPassable):
             "Every door can be walked through",
         "shape.are_adjacent" => Adjacent(shape::doors::Adjacent):
-            "Two materials touch somewhere",
+            "A block of the first material shares a face with a block of the second",
         "shape.is_single_level" => SingleLevel(shape::single_level::SingleLevel):
-            "One floor leads from every start to the outside without a step",
+            "A level path on the lowest floor leads from every start to the outside",
         "shape.has_exit" => HasExit(shape::exits::HasExit):
-            "A passage of a size leads from the start to the outside",
+            "A box of the given size can move from a start to the outside",
         "shape.has_wide_exit" => HasWideExit(shape::exits::HasWideExit):
-            "A passage wide enough leads from the start to the outside",
+            "A box of the given width and two blocks high can move from a start to the outside",
         "shape.has_axis_symmetry" => HasAxisSymmetry(shape::symmetry::HasAxisSymmetry):
-            "It is its own mirror image along some axis",
+            "The build is its own mirror image along at least one axis",
         "shape.has_no_axis_symmetry" => HasNoAxisSymmetry(shape::symmetry::HasNoAxisSymmetry):
-            "It is not its own mirror image along any axis",
+            "The build is not its own mirror image along any axis",
         "shape.is_reachable_by_stairs" => ReachableByStairs(shape::stairs::ReachableByStairs):
-            "Steps lead from the ground up to a level",
+            "Stairs with head room lead from y = 0 up to the given level",
         "shape.has_enclosed_rooms" => EnclosedRooms(shape::enclosed::EnclosedRooms):
-            "So many rooms have walls, a roof, head room and a door that leads in from outside (strict)",
+            "At least the given number of rooms have walls, a roof, head room and a way in through doors (strict)",
         "shape.doors_lead_through" => DoorsLeadThrough(shape::enclosed::DoorsLeadThrough):
-            "There are doors, and through each one walks straight (strict)",
+            "At least the given number of doors stand, and each can be walked straight through (strict)",
         "shape.walks_out" => WalksOut(shape::ways::WalksOut):
-            "From beside every block of a kind one walks outside on floors (strict)",
+            "A walkable path leads outside from beside every block of the given kind or family (strict)",
         "shape.climbs_to" => ClimbsTo(shape::ways::ClimbsTo):
-            "From the ground around it one climbs to a level (strict)",
+            "A path in steps of one block climbs from the ground around the build to the given level (strict)",
         "shape.has_clear_span" => ClearSpan(shape::spans::HasClearSpan):
-            "Two supports leave so many free cells between them, and a deck crosses them (strict)",
+            "At least the given number of free cells lie between two supports, and a deck crosses them (strict)",
         "shape.is_vault" => Vault(shape::vaults::IsVault):
-            "A hollow is closed above, and the cover rises from all sides to its middle (strict)",
+            "A cover closes the hollow below it, and rises from all sides to its middle (strict)",
     }
     PhysicalPlausibility {
         "physical_plausibility.is_ground_connected" => GroundConnected(plausibility::GroundConnected):
-            "Every block hangs together with the ground, face to face",
+            "Every block is connected to the ground through shared faces",
     }
     StructuralStability {
         "structural_stability.stress_score" => StressScore(stability::StressScore):
-            "The greatest von Mises stress stays within a reference",
+            "The greatest von Mises stress does not exceed the reference",
         "structural_stability.equilibrium_score" => EquilibriumScore(equilibrium::EquilibriumScore):
-            "The greatest von Mises stress in equilibrium stays within a reference (strict)",
+            "The greatest von Mises stress in equilibrium does not exceed the reference (strict)",
     }
     Efficiency {
         "efficiency.l1_dist" => L1Distance(efficiency::L1Distance):
-            "Each block is placed next to the one before",
+            "Each block is placed next to the previous one",
     }
     Dependency {
         "dependency.material_sequence_order" => MaterialSequenceOrder(dependency::MaterialSequenceOrder):
-            "Materials first come in the given order",
+            "The given materials are placed in the given order",
         "dependency.layers_follow" => LayersFollow(layers::LayersFollow):
-            "Each layer is finished before the next begins (strict)",
+            "Each layer is complete before the next begins (strict)",
     }
 }

@@ -1,4 +1,4 @@
-//! Numbers in the lanes of the processor's vectors, with the operators of ordinary numbers.
+//! Numbers in the lanes of SIMD vectors, with the operators of ordinary numbers.
 
 #![expect(
     clippy::inline_always,
@@ -17,50 +17,50 @@ pub struct Lanes<S: Simd> {
 }
 
 impl<S: Simd> Lanes<S> {
-    /// The same number in each lane.
+    /// Returns the same number in each lane.
     #[inline(always)]
     pub fn splat(simd: S, number: f64) -> Self {
         Self { simd, value: simd.splat_f64s(number) }
     }
 
-    /// The numbers at `from[at..]`, one for each lane.
+    /// Loads the numbers at `from[at..]`, one for each lane.
     #[inline(always)]
     pub fn load(simd: S, from: &[f64], at: usize) -> Self {
         Self { simd, value: S::as_simd_f64s(&from[at..at + S::F64_LANES]).0[0] }
     }
 
-    /// Puts the numbers at `to[at..]`.
+    /// Stores the numbers at `to[at..]`.
     #[inline(always)]
     pub fn store(self, to: &mut [f64], at: usize) {
         S::as_mut_simd_f64s(&mut to[at..at + S::F64_LANES]).0[0] = self.value;
     }
 
-    /// `self * factor + term`, rounded once where the processor can.
+    /// Returns `self * factor + term`, rounded once if the processor supports that.
     #[inline(always)]
     pub fn mul_add(self, factor: Self, term: Self) -> Self {
         Self { simd: self.simd, value: self.simd.mul_add_e_f64s(self.value, factor.value, term.value) }
     }
 
-    /// `term - self * factor`, rounded once where the processor can.
+    /// Returns `term - self * factor`, rounded once if the processor supports that.
     #[inline(always)]
     pub fn subtract_product_from(self, factor: Self, term: Self) -> Self {
         Self { simd: self.simd, value: self.simd.negate_mul_add_e_f64s(self.value, factor.value, term.value) }
     }
 
-    /// `1 / self`.
+    /// Returns `1 / self`.
     #[inline(always)]
     pub fn reciprocal(self) -> Self {
         Self { simd: self.simd, value: self.simd.div_f64s(self.simd.splat_f64s(1.0), self.value) }
     }
 
-    /// This where `decider` is above zero, otherwise `other`.
+    /// Returns `self` in lanes where `decider` is above zero, otherwise `other`.
     #[inline(always)]
     pub fn where_positive(self, decider: Self, other: Self) -> Self {
         let mask = self.simd.less_than_f64s(self.simd.splat_f64s(0.0), decider.value);
         Self { simd: self.simd, value: self.simd.select_f64s(mask, self.value, other.value) }
     }
 
-    /// Zero where `decider` is exactly zero, otherwise this.
+    /// Returns zero in lanes where `decider` is exactly zero, otherwise `self`.
     #[inline(always)]
     pub fn unless_zero(self, decider: Self) -> Self {
         let zero = self.simd.splat_f64s(0.0);

@@ -1,54 +1,54 @@
-//! Particles laid out for vectors: cells in rows, eight side by side, so that the neighbours of eight in one direction are
-//! eight side by side as well.
+//! Memory layout of particles for SIMD: cells lie in rows, so the neighbours of eight adjacent cells in one direction
+//! are eight adjacent cells as well.
 //!
-//! Cells are numbered row by row, with an empty cell at the end of each row and an empty row at the end of each layer;
-//! runs of eight numbers are blocks. Only blocks that hold particles, or that a window onto neighbours reaches into, are
-//! stored, one after another, and parts that are not neighbours are moved together where that fills blocks better.
-//! Particles without neighbours have no part in it.
+//! Cells are numbered row by row, with an empty cell at the end of each row and an empty row at the end of each layer.
+//! Each run of eight numbers is a block. Only blocks that hold particles, or that a window onto neighbours reaches
+//! into, are stored, one after another. Parts that are not neighbours are moved together if that fills blocks better.
+//! Particles without neighbours are not stored.
 
 use super::neighbours::DIRECTIONS;
 use crate::voxel::{Cell, CellMap};
 
-/// Cells of a block: the lanes of the widest vectors.
+/// Number of cells in a block: the lanes of the widest SIMD vectors.
 pub const BLOCK: usize = 8;
 
-/// Lanes per particle above which moving parts together is tried.
+/// Number of lanes per particle above which the layout tries to move parts together.
 const WASTEFUL: usize = 4;
 
-/// Eight cells side by side.
+/// Eight adjacent cells.
 #[derive(Debug, Clone)]
 pub struct Block {
-    /// Where its fields begin.
+    /// Index of the block's first number in a field.
     pub slot: usize,
-    /// Where the neighbours in each direction begin; 0, the empty block, where there are none.
+    /// Index at which the window onto neighbours in each direction begins; 0, the empty block, if there are none.
     pub ahead: [u32; 13],
-    /// Where the neighbours in each opposite direction begin; 0 where there are none.
+    /// Index at which the window in each opposite direction begins; 0 if there are no neighbours.
     pub behind: [u32; 13],
 }
 
-/// Where each particle is stored.
+/// Layout of the stored particles.
 #[derive(Debug)]
 pub struct Lattice {
-    /// Blocks with particles, by their slots.
+    /// Blocks with particles, in ascending order of their indices in a field.
     pub blocks: Vec<Block>,
-    /// Numbers in a field; the first eight belong to no particle.
+    /// Length of a field; the first eight numbers belong to no particle.
     pub len: usize,
-    /// Where each of the cells given is stored; none for one without neighbours.
+    /// Index of each given cell in a field; `None` for a cell without neighbours.
     pub slot: Vec<Option<usize>>,
-    /// Which axis of the world is the lattice's first, second and third.
+    /// World axis that is the lattice's first, second and third axis.
     pub axes: [usize; 3],
-    /// Index of the block at each eighth of a field's places.
+    /// Index into `blocks` for each run of eight numbers of a field.
     index: Vec<u32>,
 }
 
 impl Lattice {
-    /// The block of a particle's place.
+    /// Returns the block that contains the index of a particle.
     #[must_use]
     pub fn block_at(&self, place: usize) -> &Block {
         &self.blocks[self.index[place / BLOCK] as usize]
     }
 
-    /// Lays out `cells`; equal ones share a place.
+    /// Lays out `cells`; equal cells share an index.
     #[must_use]
     pub fn of(cells: &[Cell]) -> Self {
         let (blocks, numbering) = Numbering::best(&close_gaps(cells));
@@ -62,7 +62,7 @@ impl Lattice {
     fn from_numbers(numbering: &Numbering) -> Self {
         let taken = Taken::new(&numbering.number);
         let steps = DIRECTIONS.map(|direction| numbering.step(direction));
-        // For each block, the windows that some pair looks through, by their first number.
+        // For each block, the first numbers of the windows that contain neighbours.
         let look = |i: usize, step: i128| {
             let first = taken.blocks[i] * WIDTH + step;
             (taken.lanes[i] & taken.window(first) != 0).then_some(first)
@@ -103,15 +103,15 @@ impl Lattice {
     }
 }
 
-/// Numbers in a block.
+/// Number of cells in a block.
 const WIDTH: i128 = BLOCK as i128;
 
-/// Which numbers are taken, block by block.
+/// Numbers that are taken by cells, block by block.
 #[derive(Debug)]
 struct Taken {
     /// Blocks with a taken number, ascending.
     blocks: Vec<i128>,
-    /// Which of each block's numbers are taken, the first in the lowest bit.
+    /// Bit mask of each block's taken numbers, the first in the lowest bit.
     lanes: Vec<u8>,
 }
 
@@ -133,7 +133,7 @@ impl Taken {
         Self { blocks, lanes }
     }
 
-    /// Which of the eight numbers from `first` are taken.
+    /// Returns the bit mask of the taken numbers among the eight from `first`.
     fn window(&self, first: i128) -> u8 {
         let block = first.div_euclid(WIDTH);
         let at = self.blocks.partition_point(|&b| b < block);
@@ -147,7 +147,7 @@ impl Taken {
     }
 }
 
-/// Cells numbered row by row.
+/// Row-by-row numbering of cells.
 #[derive(Debug)]
 struct Numbering {
     axes: [usize; 3],
@@ -157,7 +157,7 @@ struct Numbering {
 }
 
 impl Numbering {
-    /// The numbering with the fewest blocks among all orders of axes, and how many those are.
+    /// Returns the numbering with the fewest blocks among all orders of axes, and its number of blocks.
     fn best(places: &[[i64; 3]]) -> (usize, Self) {
         let orders = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
         let numbered = orders.into_iter().map(|axes| Self::new(places, axes).with_fewest_blocks());
@@ -175,7 +175,7 @@ impl Numbering {
         Self { axes, row, layer, number: places.iter().map(number).collect() }
     }
 
-    /// How many blocks the cells take, with the first number that makes them fewest.
+    /// Chooses the first number for which the cells take the fewest blocks, and returns that number of blocks.
     fn with_fewest_blocks(mut self) -> (usize, Self) {
         let mut sorted = self.number.clone();
         sorted.sort_unstable();
@@ -195,14 +195,14 @@ impl Numbering {
         (fewest, self)
     }
 
-    /// How much farther the neighbour in a direction, told in the lattice's axes, is numbered.
+    /// Returns the difference in number to the neighbour in a direction, given in the lattice's axes.
     fn step(&self, [x, y, z]: [i32; 3]) -> i128 {
         i128::from(x) + self.row * i128::from(y) + self.layer * i128::from(z)
     }
 }
 
-/// Places of parts that are not neighbours in a row along x, one empty cell apart. What is in a part keeps its shape, and
-/// parts never act on each other, so this changes no result.
+/// Returns coordinates that put parts that are not neighbours in a row along x, one empty cell apart. Each part keeps
+/// its shape, and parts never act on each other, so this changes no result.
 fn side_by_side(cells: &[Cell]) -> Vec<[i64; 3]> {
     let mut sorted: Vec<Cell> = cells.to_vec();
     sorted.sort_unstable();
@@ -240,7 +240,7 @@ fn side_by_side(cells: &[Cell]) -> Vec<[i64; 3]> {
     cells.iter().map(|cell| place.get(cell).copied().flatten().unwrap_or_default()).collect()
 }
 
-/// Coordinates from 0 along each axis, with every gap between cells closed to one cell.
+/// Returns coordinates from 0 along each axis, with every gap between cells reduced to one cell.
 fn close_gaps(cells: &[Cell]) -> Vec<[i64; 3]> {
     let along = |axis: usize| -> Vec<i64> {
         let coordinates: Vec<i32> = cells.iter().map(|cell| [cell.x, cell.y, cell.z][axis]).collect();
@@ -266,7 +266,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Eight cells a part, 500 parts, each far from the next: alone a part would take four to eight blocks.
+    /// Lays out 500 parts of eight cells, each far from the next; stored alone, a part would take four to eight blocks.
     #[test]
     fn scattered_parts_share_blocks() {
         let part: [[i32; 3]; 8] = std::array::from_fn(|i| [i as i32 & 1, i as i32 >> 1 & 1, i as i32 >> 2]);

@@ -1,6 +1,6 @@
 //! Elasticity: von Mises stress of a structure under its own weight (SPEC 4; paper, appendix "Von Mises Stress").
 //!
-//! Methods, units, sources and verification are told in this room's README.md.
+//! This module's README.md describes the methods, units, sources and verification.
 
 pub mod fem;
 pub mod field;
@@ -17,42 +17,42 @@ pub const YOUNG_PA: f64 = 1e9;
 /// Poisson's ratio.
 pub const POISSON: f64 = 0.4;
 
-/// A computation ended early because it was asked to.
+/// Error of a computation that its control stopped early.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("stopped before the end")]
 pub struct Stopped;
 
-/// Does two jobs, at the same time where that is quicker, and returns when both are done.
+/// Function that runs two jobs, in parallel where that is faster, and returns when both are done.
 pub type Join<'a> = dyn Fn(&mut (dyn FnMut() + Send), &mut (dyn FnMut() + Send)) + Sync + 'a;
 
-/// How a long computation is watched, ended and shared out. This room has no threads of its own.
+/// Control over a long computation: progress, cancellation and additional cores. This module starts no threads itself.
 #[derive(Clone, Copy)]
 pub struct Control<'a> {
-    /// Asked now and then; true ends the computation.
+    /// Polled regularly; returning true stops the computation.
     pub stop: &'a (dyn Fn() -> bool + Sync),
-    /// Told now and then which part, from 0 to 1, is done.
+    /// Called regularly with the fraction that is done, from 0 to 1.
     pub progress: Option<&'a (dyn Fn(f64) + Sync)>,
-    /// Lends other cores to large structures; results do not depend on it.
+    /// Runs parts of the computation for large structures on other cores; results do not depend on it.
     pub join: Option<&'a Join<'a>>,
 }
 
 impl<'a> Control<'a> {
-    /// A computation on one core that runs to its end.
+    /// Returns a control that runs the computation to completion on one core.
     #[must_use]
     pub const fn unhurried() -> Self {
         Self { stop: &|| false, progress: None, join: None }
     }
 
-    /// A computation on one core that ends when `stop` says so.
+    /// Returns a control that runs the computation on one core until `stop` returns true.
     #[must_use]
     pub const fn until(stop: &'a (dyn Fn() -> bool + Sync)) -> Self {
         Self { stop, progress: None, join: None }
     }
 
-    /// Tells how much is done, and asks whether to go on.
+    /// Reports the fraction that is done, and polls the stop signal.
     ///
     /// # Errors
-    /// Where the answer is no.
+    /// Returns an error if the computation is to stop.
     pub fn check(&self, done: f64) -> Result<(), Stopped> {
         if let Some(progress) = self.progress {
             progress(done);

@@ -1,34 +1,35 @@
-//! Inverses of 3 x 3 matrices: the ordinary one, and the pseudo-inverse where there is none.
+//! Inverses of 3 x 3 matrices: the ordinary inverse, and the pseudo-inverse of singular matrices.
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Singular values below this part of the largest count as zero (SPEC 4).
+/// Fraction of the largest singular value up to which a singular value counts as zero (SPEC 4).
 const RELATIVE_CUTOFF: f64 = 1e-12;
 
-/// The inverse, or the pseudo-inverse where elimination meets a pivot that is exactly zero.
+/// Returns the inverse, or the pseudo-inverse if elimination meets a pivot that is exactly zero.
 #[must_use]
 pub fn inverse_or_pseudo_inverse(m: &Matrix3<f64>) -> Matrix3<f64> {
     inverse(m).unwrap_or_else(|| pseudo_inverse(m))
 }
 
-/// How flat a neighbourhood is, told by its moment matrix.
+/// Flatness of a neighbourhood, as its moment matrix shows it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Flatness {
-    /// It extends in three directions.
+    /// The neighbourhood extends in three directions.
     Full,
-    /// It lies in a plane or line along the axes: missing directions are exactly zero.
+    /// The neighbourhood lies in a plane or line along the axes: missing directions are exactly zero.
     AlongAxes,
-    /// It lies in a sloped plane or line: missing directions are zero but for rounding, which then decides.
+    /// The neighbourhood lies in a sloped plane or line: missing directions are zero except for rounding errors, which
+    /// then decide the result.
     Sloped,
 }
 
-/// Singular values below this part of the largest are zero but for rounding.
+/// Fraction of the largest singular value up to which a singular value is zero except for rounding errors.
 const ROUNDING_CUTOFF: f64 = 1e-9;
 
-/// How flat the neighbourhood with this moment matrix is.
+/// Returns the flatness of the neighbourhood with this moment matrix.
 #[must_use]
 pub fn flatness(moment: &Matrix3<f64>) -> Flatness {
-    // The least singular value is at least |det| over the square of the norm.
+    // The least singular value is at least |det| divided by the square of the norm.
     if moment.determinant().abs() > ROUNDING_CUTOFF * moment.norm().powi(3) {
         return Flatness::Full;
     }
@@ -42,7 +43,7 @@ pub fn flatness(moment: &Matrix3<f64>) -> Flatness {
     }
 }
 
-/// The inverse by Gauss-Jordan elimination with row pivoting; `None` where a pivot is exactly zero.
+/// Computes the inverse by Gauss-Jordan elimination with row pivoting; `None` if a pivot is exactly zero.
 fn inverse(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     let mut a = *m;
     let mut b = Matrix3::identity();
@@ -76,7 +77,7 @@ fn inverse(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     Some(b)
 }
 
-/// The Moore-Penrose pseudo-inverse, by one-sided Jacobi rotations: columns that are zero stay exactly zero, so a flat
+/// Computes the Moore-Penrose pseudo-inverse by one-sided Jacobi rotations. Zero columns stay exactly zero, so a flat
 /// part in an axis plane stays exactly flat.
 #[must_use]
 pub fn pseudo_inverse(m: &Matrix3<f64>) -> Matrix3<f64> {

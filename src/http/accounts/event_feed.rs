@@ -1,4 +1,4 @@
-//! What has ended lately, read once for all who follow events.
+//! The event feed: reads new events once for all event streams.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -10,32 +10,32 @@ use tokio_util::sync::CancellationToken;
 use crate::store::events::{EventRow, EventsOf};
 use crate::store::{Store, StoreResult};
 
-/// Events read at once.
+/// Maximum number of events per read.
 const PAGE: i64 = 500;
-/// How often is looked for what another process has ended.
+/// Polling interval for events that another process has written.
 const LOOK: Duration = Duration::from_secs(1);
-/// Pause after each look, so that thousands of ends a second become few looks.
+/// Pause before reading after a notification, so that thousands of events per second need few reads.
 const GATHER: Duration = Duration::from_millis(50);
-/// Batches that a slow follower may be behind; then it reads for itself.
+/// Number of batches that a stream may fall behind before it must read the store itself.
 const BEHIND: usize = 64;
 
-/// Events that were read together: all that there are after one id, up to another.
+/// Events read together: all events after one identifier, up to and including another.
 #[derive(Debug)]
 pub struct Batch {
-    /// The event before the first.
+    /// Identifier of the event before the first of the batch.
     pub after: i64,
-    /// The last event.
+    /// Identifier of the last event.
     pub to: i64,
-    /// The events, with what is sent of them.
+    /// Events, as stored and as sent.
     pub events: Vec<(EventRow, Event)>,
 }
 
-/// Hands on what has ended.
+/// Broadcasts new events to the event streams.
 #[derive(Debug, Clone)]
 pub struct EventFeed(broadcast::Sender<Arc<Batch>>);
 
 impl EventFeed {
-    /// Starts reading; it ends when the service stops. `write` makes of a row what is sent.
+    /// Starts the task that reads events until `stop` is cancelled. `write` turns a stored event into the one to send.
     #[must_use]
     pub fn start(store: Store, stop: CancellationToken, write: fn(&Store, &EventRow) -> Option<Event>) -> Self {
         let (sender, _) = broadcast::channel(BEHIND);
@@ -46,7 +46,7 @@ impl EventFeed {
                 let ended = store.ends().notified();
                 tokio::pin!(ended);
                 ended.as_mut().enable();
-                // Nobody follows: nothing to read.
+                // Without streams there is nothing to read.
                 let read = if sender.receiver_count() == 0 {
                     last = None;
                     Ok(false)
@@ -70,14 +70,14 @@ impl EventFeed {
         feed
     }
 
-    /// What is read from now on.
+    /// Returns a receiver for all batches from now on.
     #[must_use]
     pub fn follow(&self) -> broadcast::Receiver<Arc<Batch>> {
         self.0.subscribe()
     }
 }
 
-/// Reads what is new, and hands it on; says whether there may be more.
+/// Reads the new events and broadcasts them; returns whether there may be more.
 async fn read(
     store: &Store,
     sender: &broadcast::Sender<Arc<Batch>>,
@@ -88,7 +88,7 @@ async fn read(
         after
     } else {
         let after = store.last_event().await?;
-        // Whoever has looked for themselves before this, and not since, looks again.
+        // Makes each stream that last read the store before this point read it again.
         let _ = sender.send(Arc::new(Batch { after, to: after, events: Vec::new() }));
         after
     };
@@ -98,7 +98,7 @@ async fn read(
     let is_full = rows.len() as i64 == PAGE;
     let events = rows.into_iter().filter_map(|row| write(store, &row).map(|event| (row, event))).collect();
     *last = Some(to);
-    // Whoever followed may have gone.
+    // Sending fails if all streams have ended meanwhile.
     let _ = sender.send(Arc::new(Batch { after, to, events }));
     Ok(is_full)
 }

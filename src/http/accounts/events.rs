@@ -1,4 +1,4 @@
-//! `/v1/events`: the ends of submissions and runs, as they become durable.
+//! `/v1/events`: a stream of events, one for each submission or run that ends, sent once the end is durable.
 
 use std::collections::VecDeque;
 use std::convert::Infallible;
@@ -26,80 +26,80 @@ use crate::store::runs::RunState;
 use crate::store::submissions::SubmissionState;
 use crate::store::{Store, StoreResult};
 
-/// Events read at once.
+/// Maximum number of events per read.
 const PAGE: i64 = 500;
-/// How often a quiet stream says that it lives.
+/// Interval of keep-alive comments on an idle stream.
 const ALIVE: Duration = Duration::from_secs(15);
 
-/// Which events.
+/// Query of an event stream.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct EventsQuery {
-    /// Of this run and its submissions, from its beginning.
+    /// Only events of this run and its submissions, from its beginning.
     #[param(format = Uuid)]
     run: Option<String>,
-    /// Of this submission.
+    /// Only the event of this submission.
     #[param(format = Uuid)]
     submission: Option<String>,
-    /// Only events after this one, as the header `Last-Event-ID` says it too.
+    /// Only events after the one with this identifier; the header `Last-Event-ID` takes precedence.
     after: Option<i64>,
 }
 
-/// A state in which a submission or a run ends.
+/// Final state of a submission or a run.
 #[derive(Debug, utoipa::ToSchema, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EndState {
-    /// Of a submission.
+    /// The submission was graded.
     Graded,
-    /// Of a submission.
+    /// The submission was rejected.
     Rejected,
-    /// Of a submission: a failure of ours.
+    /// Grading the submission failed because of an internal error.
     GraderError,
-    /// Of a submission.
+    /// The submission was cancelled.
     Cancelled,
-    /// Of a run.
+    /// The run was finished.
     Finished,
-    /// Of a run.
+    /// The run was deleted.
     Deleted,
 }
 
-/// Data of an event. Its name is `submission` or `run`: what ended.
+/// Data of an event. The name of the event, `submission` or `run`, says what ended.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct EventBody {
-    /// The run, where there is one.
+    /// Identifier of the run; null for a submission without a run.
     #[schema(format = Uuid)]
     pub run: Option<String>,
-    /// The submission; null where it is the run that ended.
+    /// Identifier of the submission; null for the end of a run.
     #[schema(format = Uuid)]
     pub submission: Option<String>,
-    /// `name@version` of its suite.
+    /// `name@version` of the suite.
     #[schema(example = "mineceraft@2")]
     pub suite: Option<String>,
-    /// Id of the submission's task; null where it is the run that ended.
+    /// Identifier of the submission's task; null for the end of a run.
     #[schema(example = "walls/5x1x5-raise")]
     pub task: Option<String>,
-    /// Number of the task in the suite.
+    /// Number of the submission's task in the suite; null for the end of a run.
     #[schema(example = 113)]
     pub number: Option<u32>,
-    /// The state in which it ended.
+    /// Final state of the submission or run.
     #[schema(value_type = EndState, example = "graded")]
     pub state: String,
-    /// Verdict of a graded submission.
+    /// Verdict on a graded submission; otherwise null.
     pub overall: Option<bool>,
-    /// When.
+    /// Time of the end.
     #[schema(format = DateTime)]
     pub at: String,
 }
 
-/// Follow the ends of submissions and runs as server-sent events. Each has an id; a client that comes back with
-/// `Last-Event-ID` misses none. Without `run` or `submission` the stream begins now; with one, at its beginning, and it ends
-/// when that has ended.
+/// Streams a server-sent event for each submission or run that ends. Events have identifiers, so a client that
+/// reconnects with `Last-Event-ID` misses none. Without `run` or `submission` the stream starts with the next event.
+/// With one of them it starts at the beginning of that run or submission, and closes when it has ended.
 #[utoipa::path(
-    get, path = "/v1/events", operation_id = "get_events", tag = "submissions", summary = "Follow what ends",
-    params(EventsQuery, ("Last-Event-ID" = Option<i64>, Header, description = "The last event that was seen")),
+    get, path = "/v1/events", operation_id = "get_events", tag = "submissions", summary = "Follow events",
+    params(EventsQuery, ("Last-Event-ID" = Option<i64>, Header, description = "Id of the last event received")),
     responses(
-        (status = 200, description = "Events, until the client or the service ends the stream", body = String,
+        (status = 200, description = "Events, until the client or the service closes the stream", body = String,
          content_type = "text/event-stream",
          example = "id: 7\nevent: submission\ndata: {\"run\":null,\"submission\":\"0198c0de-…\",\"state\":\"graded\",\"overall\":true,\"at\":\"…\"}\n\n"),
         (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
@@ -119,11 +119,11 @@ pub async fn get_events(
         None => query.after,
         Some(id) => {
             let id = id.to_str().ok().and_then(|id| id.trim().parse().ok());
-            Some(id.ok_or_else(|| bad("Last-Event-ID: expected the id of an event"))?)
+            Some(id.ok_or_else(|| bad("Last-Event-ID: expected the identifier of an event"))?)
         }
     };
     let of = match (query.run, query.submission) {
-        (Some(_), Some(_)) => return Err(params::wrong("submission", "expected run or submission, not both")),
+        (Some(_), Some(_)) => return Err(params::wrong("submission", "run and submission cannot be combined")),
         (Some(id), None) if state.store.run(&id).await?.is_none() => {
             return Err(AppError::not_found(format!("there is no run {id:?}")));
         }
@@ -141,7 +141,7 @@ pub async fn get_events(
         (None, _) => 0,
     };
     let place = state.event_streams.take(&who);
-    let place = place.map_err(|_| AppError::too_many("many follow events; come back in a moment"))?;
+    let place = place.map_err(|_| AppError::too_many("too many event streams are open; try again in a moment"))?;
     let feed = state.event_feed.follow();
     let following = Following {
         state,
@@ -161,7 +161,7 @@ pub async fn get_events(
     Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(ALIVE)).into_response())
 }
 
-/// Whether what is followed has ended already.
+/// Returns whether the followed run or submission has already ended.
 async fn has_ended(state: &AppState, of: &EventsOf) -> AppResult<bool> {
     Ok(match of {
         EventsOf::Everything => false,
@@ -176,7 +176,7 @@ async fn has_ended(state: &AppState, of: &EventsOf) -> AppResult<bool> {
     })
 }
 
-/// What is sent of an event; none where it cannot be written.
+/// Converts a stored event into the one to send; returns `None` if it cannot be serialized.
 pub fn written(store: &Store, row: &EventRow) -> Option<Event> {
     let name = if row.submission_id.is_some() { "submission" } else { "run" };
     let number = row.task_number.and_then(|number| u32::try_from(number).ok());
@@ -197,28 +197,30 @@ pub fn written(store: &Store, row: &EventRow) -> Option<Event> {
     Event::default().id(row.id.to_string()).event(name).json_data(body).ok()
 }
 
-/// A stream and how far it is.
+/// An event stream and its progress.
 struct Following {
     state: AppState,
     of: EventsOf,
     after: i64,
-    /// The last event, of whatever kind, up to which the stream has them all; none before it has looked.
+    /// Identifier of the event, followed or not, up to which nothing is missing; `None` if the stream must read the
+    /// store.
     seen: Option<i64>,
     feed: broadcast::Receiver<Arc<Batch>>,
-    /// Whether what is followed had ended when the stream began.
+    /// Whether the followed run or submission had ended when the stream began.
     has_ended: bool,
-    /// Whether nothing more can come: what was followed has ended.
+    /// Whether no more events can follow because the followed run or submission has ended.
     is_over: bool,
     read: VecDeque<(EventRow, Event)>,
     _place: Place,
 }
 
 impl Following {
-    /// The next event; none where the service stops or fails, and the client comes back.
+    /// Returns the next event; `None` at the end of the stream, or if the service stops or fails and the client has to
+    /// reconnect.
     async fn next(&mut self) -> Option<Event> {
         while self.read.is_empty() && !self.is_over {
             if let Err(error) = self.wait().await {
-                tracing::warn!(%error, "a stream of events ends");
+                tracing::warn!(%error, "an event stream failed");
                 return None;
             }
             if self.state.stop.is_cancelled() {
@@ -235,7 +237,7 @@ impl Following {
         Some(event)
     }
 
-    /// Looks for itself where it may have missed something, and else waits for what is read for all.
+    /// Reads the store if the stream may have missed events; otherwise waits for the next shared batch.
     async fn wait(&mut self) -> StoreResult<()> {
         let Some(seen) = self.seen else { return self.look().await };
         let batch = tokio::select! {
@@ -248,7 +250,7 @@ impl Following {
                 self.read.extend(own.cloned());
                 self.seen = Some(batch.to.max(seen));
             }
-            // It was not read for all from where this stream left off, or this one was too slow.
+            // The shared batches do not continue where this stream left off, or this stream was too slow.
             Ok(_) | Err(broadcast::error::RecvError::Lagged(_)) => self.seen = None,
             Err(broadcast::error::RecvError::Closed) => self.state.stop.cancelled().await,
         }
@@ -256,13 +258,13 @@ impl Following {
     }
 
     async fn look(&mut self) -> StoreResult<()> {
-        // The end first: what is entered in between is found twice at most, and told once.
+        // Reads the last identifier first: events added meanwhile may be read twice but are sent once.
         let end = self.state.store.last_event().await?;
         let rows = self.state.store.events(&self.of, self.after, PAGE).await?;
         if (rows.len() as i64) < PAGE {
             self.seen = Some(end);
         }
-        // It goes on after the last event that there is.
+        // The client has already received the last event.
         self.is_over |= rows.is_empty() && self.has_ended;
         let written = rows.into_iter().filter_map(|row| written(&self.state.store, &row).map(|event| (row, event)));
         self.read = written.collect();

@@ -1,4 +1,4 @@
-//! Accounts: quotas, and the events that owners follow.
+//! Accounts: quotas, and streams of events.
 
 #![expect(clippy::missing_errors_doc, reason = "each handler lists its errors as responses of the OpenAPI document")]
 

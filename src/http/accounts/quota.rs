@@ -1,4 +1,4 @@
-//! `/v1/quota`: what the caller may submit and has submitted.
+//! `/v1/quota`: the caller's quota of submissions, and its ledger.
 
 use axum::Json;
 use axum::extract::State;
@@ -14,75 +14,75 @@ use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use crate::store::quota::QuotaEntry;
 
-/// Which part of whose ledger.
+/// Query of a quota.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct QuotaQuery {
-    /// Another owner's, for keys with the scope admin.
+    /// Owner of the quota; any owner but the caller requires the scope `admin`.
     owner: Option<String>,
-    /// Only entries with a smaller id: the page after.
+    /// Only entries with a smaller identifier, for paging.
     before: Option<i64>,
-    /// Entries on a page.
+    /// Maximum number of entries on the page.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
 }
 
-/// A quota, in submissions, with the latest of its ledger.
+/// A quota, counted in submissions, with a page of its ledger.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct QuotaBody {
-    /// Whose; null where the service is open and no key was sent: then nothing is counted.
+    /// Owner of the quota; null if the service is open and the request had no key, in which case nothing is counted.
     pub owner: Option<String>,
-    /// Granted in all; null: as much as they like.
+    /// Total number of submissions granted; null for no limit.
     pub granted: Option<i64>,
-    /// Reserved or charged before the first grant, which begins to count then.
+    /// Submissions reserved or charged before the first grant; they do not count against it.
     pub used_before_first_grant: i64,
-    /// Waiting or being graded. Becomes charged or is given back.
+    /// Submissions that are queued or being graded; each is later charged or refunded.
     #[schema(minimum = 0)]
     pub reserved: i64,
-    /// Graded and released.
+    /// Submissions whose report was released.
     #[schema(minimum = 0)]
     pub charged: i64,
-    /// What may still be submitted; null: as much as they like.
+    /// Number of submissions left; null for no limit.
     #[schema(minimum = 0)]
     pub left: Option<i64>,
-    /// The ledger, the newest first.
+    /// Entries of the ledger, newest first.
     pub entries: Vec<QuotaEntryBody>,
-    /// `before` of the next page; null on the last.
+    /// Value of `before` for the next page; null on the last page.
     pub next_before: Option<i64>,
 }
 
-/// What a row of the ledger is.
+/// Kind of a ledger entry.
 #[derive(Debug, utoipa::ToSchema, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LedgerKind {
-    /// More may be submitted, or less.
+    /// The quota was raised or lowered.
     Grant,
     /// A submission was accepted.
     Reserve,
-    /// Its report was released.
+    /// The report of a submission was released.
     Charge,
-    /// It ended without one.
+    /// A submission ended without a report.
     Refund,
 }
 
-/// A row of the ledger.
+/// An entry of the ledger.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct QuotaEntryBody {
-    /// Its id.
+    /// Identifier of the entry.
     pub id: i64,
-    /// `grant`, `reserve`, `charge` or `refund`.
+    /// Kind of the entry: `grant`, `reserve`, `charge` or `refund`.
     #[schema(value_type = LedgerKind, example = "charge")]
     pub kind: String,
-    /// How many submissions.
+    /// Number of submissions.
     pub units: i64,
-    /// The submission; null for a grant.
+    /// Identifier of the submission; null for a grant.
     #[schema(format = Uuid)]
     pub submission: Option<String>,
-    /// Why.
+    /// Reason for the entry.
     #[schema(example = "graded, and the report released")]
     pub reason: String,
-    /// When.
+    /// Time of the entry.
     #[schema(format = DateTime)]
     pub at: String,
 }
@@ -100,11 +100,11 @@ impl From<QuotaEntry> for QuotaEntryBody {
     }
 }
 
-/// What the caller's owner may submit and has submitted, as a ledger: a submission is reserved when it is accepted, charged
-/// when its report is released, and given back where it ends without one, by whatever failure or because it was cancelled.
+/// Returns the quota of the caller's owner and its ledger. A submission is reserved when it is accepted, charged when
+/// its report is released, and refunded if it ends without a report because of any failure or a cancellation.
 /// `/v1/grade` and `/v1/validate` are not counted.
 #[utoipa::path(
-    get, path = "/v1/quota", operation_id = "get_quota", tag = "service", summary = "Quota",
+    get, path = "/v1/quota", operation_id = "get_quota", tag = "service", summary = "Get a quota",
     security(("key" = [])),
     params(QuotaQuery),
     responses(

@@ -1,4 +1,4 @@
-//! What people did to rows of boards: public entries, for ever; and a feed of what is new on a board.
+//! The permanent public record of actions on board rows, and an Atom feed of the news of a board.
 
 use askama::Template;
 use axum::Json;
@@ -17,37 +17,37 @@ use crate::store::boards::{Acted, ActionRow};
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
 
-/// Characters of a reason at most.
+/// Maximum length of a reason, in characters.
 const REASON_CHARS: usize = 500;
-/// Entries of a feed at most.
+/// Maximum number of entries in a feed.
 const FEED_ENTRIES: usize = 100;
 
-/// What can be done to a row.
+/// Kind of an action on a row.
 #[derive(Debug, utoipa::ToSchema, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ActionKind {
-    /// Taken off the board.
+    /// Removes the row from the board.
     Hide,
-    /// Shown again.
+    /// Shows a hidden row again.
     Restore,
-    /// Graded again.
+    /// Grades the run again.
     Regrade,
 }
 
-/// What was done to a row.
+/// An action on a row.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct BoardAction {
-    /// The run.
+    /// Identifier of the run.
     #[schema(format = Uuid)]
     pub run: String,
     /// `hide`, `restore` or `regrade`.
     #[schema(value_type = ActionKind, example = "hide")]
     pub action: String,
-    /// Owner of the key that did it.
+    /// Owner of the key that the request was sent with.
     pub actor: String,
-    /// Why.
+    /// Reason for the action.
     pub reason: String,
-    /// When.
+    /// Time of the action.
     #[schema(format = DateTime)]
     pub at: String,
 }
@@ -64,20 +64,21 @@ impl From<&ActionRow> for BoardAction {
     }
 }
 
-/// All that was done to rows of a board.
+/// All actions on the rows of a board.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct BoardActions {
-    /// The latest first.
+    /// Actions, latest first.
     pub actions: Vec<BoardAction>,
 }
 
-/// What was done to rows of this board, by whom and why: every hiding, showing again and grading again, for ever.
+/// Lists every action on rows of this board, with its actor and reason: hiding, restoring and regrading. The record is
+/// permanent.
 #[utoipa::path(
     get, path = "/v1/leaderboards/{suite}/actions", operation_id = "list_board_actions", tag = "leaderboards",
-    summary = "List what was done to rows",
+    summary = "List actions on rows",
     params(("suite" = String, Path, description = "Name, or name@version", example = "mineceraft")),
     responses(
-        (status = 200, description = "The entries, the latest first", body = BoardActions, example = json!({ "actions": [] })),
+        (status = 200, description = "Actions, latest first", body = BoardActions, example = json!({ "actions": [] })),
         (status = 404, description = "There is no such suite", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
@@ -91,36 +92,37 @@ pub async fn list_board_actions(
     Ok(Json(BoardActions { actions: board.actions.iter().rev().map(BoardAction::from).collect() }))
 }
 
-/// What is done to a row.
+/// A new action on a row.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({ "action": "hide", "reason": "the logs are another agent's" }))]
 pub struct NewBoardAction {
     /// `hide` or `restore`.
     action: HideOrRestore,
-    /// Why; everybody can read it.
+    /// Reason for the action; it is public.
     #[schema(min_length = 1, max_length = 500)]
     reason: String,
 }
 
-/// What may be done to a row.
+/// Action that a request may ask for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum HideOrRestore {
-    /// It no longer shows.
+    /// Removes the row from the board.
     Hide,
-    /// It shows again.
+    /// Shows a hidden row again.
     Restore,
 }
 
-/// Hide a finished run from its board, or show it again. Needs the scope admin; who did it and why is public, for ever.
+/// Hides a finished run from its board, or shows it again. Requires the scope `admin`; the actor and the reason are
+/// public and permanent.
 #[utoipa::path(
     post, path = "/v1/runs/{id}/board-actions", operation_id = "create_board_action", tag = "leaderboards",
-    summary = "Hide a run or show it again",
+    summary = "Hide or restore a run",
     params(("id" = String, Path, description = "The run's id")),
     request_body(content = NewBoardAction, content_type = "application/json"),
     responses(
-        (status = 200, description = "The entry", body = BoardAction,
+        (status = 200, description = "The action", body = BoardAction,
          example = json!({ "run": "0198c0de-0000-7000-8000-000000000000", "action": "hide", "actor": "operator",
                            "reason": "the logs are another agent's", "at": "2026-11-21T07:00:00.000Z" })),
         (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
@@ -154,7 +156,7 @@ pub async fn create_board_action(
             Ok(Json(BoardAction { run: id, action, actor, reason, at: rfc3339(now) }))
         }
         Acted::Already => {
-            let detail = if hide { "the row is hidden already" } else { "the row shows already" };
+            let detail = if hide { "the row is already hidden" } else { "the row is not hidden" };
             Err(AppError::conflict("already-so", detail))
         }
         Acted::NoSuchRow => Err(AppError::not_found(format!("there is no finished run {id:?}"))),
@@ -185,13 +187,13 @@ impl Entry {
     }
 }
 
-/// What is new on a board, as an Atom feed: runs that finished, and what was done to rows.
+/// Returns the news of a board as an Atom feed: finished runs and actions on rows.
 #[utoipa::path(
     get, path = "/v1/leaderboards/{suite}/feed.atom", operation_id = "get_board_feed", tag = "leaderboards",
     summary = "Follow a board (Atom)",
     params(("suite" = String, Path, description = "Name, or name@version", example = "mineceraft")),
     responses(
-        (status = 200, description = "The feed, the latest first", body = String, content_type = "application/atom+xml",
+        (status = 200, description = "The feed, latest first", body = String, content_type = "application/atom+xml",
          example = "<feed xmlns=\"http://www.w3.org/2005/Atom\">…</feed>"),
         (status = 404, description = "There is no such suite", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),

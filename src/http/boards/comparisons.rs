@@ -1,4 +1,4 @@
-//! Boards in detail: rates by group of tasks, and one run against another.
+//! Board details: rates by group of tasks, and the comparison of two runs.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -19,60 +19,60 @@ use plumbline_engine::grading::standings::Standing;
 use plumbline_engine::grading::summary::ProblemRate;
 use plumbline_engine::tasks::Task;
 
-/// Rows of a breakdown at most.
+/// Maximum number of rows in a breakdown.
 const BREAKDOWN_ROWS: usize = 50;
 
-/// How tasks are grouped.
+/// Grouping of tasks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum GroupBy {
-    /// The part of a task's id before the slash.
+    /// By family: the part of a task's identifier before the slash.
     #[default]
     Family,
-    /// The five categories.
+    /// By category, of which there are five.
     Category,
-    /// The paper's types.
+    /// By the task types of the paper.
     Type,
-    /// How a problem is worded, where it is in several ways.
+    /// By the wording of problems that come in several wordings.
     Wording,
-    /// The criteria that apply; a task is in the group of each.
+    /// By criterion; a task belongs to the group of each criterion that applies to it.
     Criterion,
 }
 
-/// Which breakdown.
+/// Query of a breakdown.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct BreakdownQuery {
-    /// How tasks are grouped.
+    /// Grouping of tasks.
     #[serde(default)]
     #[param(inline)]
     by: GroupBy,
-    /// Of this run alone; else of the best 50.
+    /// Run to show; without it, the best 50 runs are shown.
     #[param(format = Uuid)]
     run: Option<String>,
 }
 
-/// Rates by group of tasks.
+/// Rates of runs by group of tasks.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct Breakdown {
     /// `name@version` of the suite.
     pub suite: String,
     /// Names of the groups.
     pub groups: Vec<String>,
-    /// A row a run.
+    /// One row per run.
     pub rows: Vec<BreakdownRow>,
 }
 
-/// Rates of a run.
+/// Rates of one run.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct BreakdownRow {
-    /// The run.
+    /// Identifier of the run.
     #[schema(format = Uuid)]
     pub run: String,
-    /// Who built.
+    /// Name of the agent.
     pub agent: String,
-    /// A rate a group, in the order of the groups.
+    /// Rate in each group, in the order of `groups`.
     pub cells: Vec<ProblemRate>,
 }
 
@@ -86,7 +86,7 @@ fn groups_of(board: &Board, by: GroupBy, place: usize, task: &Task) -> Vec<Strin
     }
 }
 
-/// Rates of runs by groups of tasks.
+/// Computes the rates of the given runs in each group of tasks.
 #[must_use]
 pub fn breakdown(board: &Board, by: GroupBy, rows: &[Arc<Standing>]) -> Breakdown {
     let mut groups: Vec<(String, Vec<usize>)> = Vec::new();
@@ -134,7 +134,7 @@ fn standing<'b>(board: &'b Board, run: &str) -> AppResult<&'b Arc<Standing>> {
     board.standing(run).ok_or_else(|| AppError::not_found(format!("this board has no finished run {run:?}")))
 }
 
-/// Rates of the best runs, or of one, by family, category, type, wording or criterion of the tasks.
+/// Returns the rates of the best runs, or of one run, by family, category, type, wording or criterion of the tasks.
 #[utoipa::path(
     get, path = "/v1/leaderboards/{suite}/breakdown", operation_id = "get_breakdown", tag = "leaderboards",
     summary = "Get rates by group of tasks",
@@ -142,7 +142,7 @@ fn standing<'b>(board: &'b Board, run: &str) -> AppResult<&'b Arc<Standing>> {
     responses(
         (status = 200, description = "The rates", body = Breakdown,
          example = json!({ "suite": "mineceraft@2", "groups": ["walls"], "rows": [] })),
-        (status = 304, description = "The rates are those of If-None-Match"),
+        (status = 304, description = "Not modified: If-None-Match names the current entity tag"),
         (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "There is no such suite or run", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
@@ -162,64 +162,64 @@ pub async fn get_breakdown(
     tagged_json(&asked, &breakdown(&board, query.by, &rows))
 }
 
-/// Which two.
+/// Query of a comparison.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct CompareQuery {
-    /// A run.
+    /// First run.
     #[param(format = Uuid)]
     a: String,
-    /// Another one.
+    /// Second run.
     #[param(format = Uuid)]
     b: String,
 }
 
-/// Two runs on the problems that both answered.
+/// Comparison of two runs on the problems that both answered.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct Comparison {
-    /// The one.
+    /// First run.
     pub a: Compared,
-    /// The other.
+    /// Second run.
     pub b: Compared,
-    /// Problems that both answered.
+    /// Number of problems that both runs answered.
     pub common: usize,
-    /// Of these, solved by both.
+    /// Number of common problems that both runs solve.
     pub both: usize,
-    /// Solved by neither.
+    /// Number of common problems that neither run solves.
     pub neither: usize,
-    /// Problems that only `a` solves.
+    /// Common problems that only `a` solves.
     pub only_a: Vec<ComparedTask>,
-    /// Problems that only `b` solves.
+    /// Common problems that only `b` solves.
     pub only_b: Vec<ComparedTask>,
-    /// McNemar's exact test, two-sided: how likely so uneven a split is between equals.
+    /// Two-sided p-value of McNemar's exact test: the probability of a split at least this uneven between equal agents.
     #[schema(minimum = 0, maximum = 1, example = 0.03)]
     pub p_value: f64,
 }
 
-/// A run that is compared.
+/// One of the two compared runs.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct Compared {
-    /// The run.
+    /// Identifier of the run.
     #[schema(format = Uuid)]
     pub run: String,
-    /// Who built.
+    /// Name of the agent.
     pub agent: String,
-    /// Problems solved, of all.
+    /// Share of all problems that the run solves.
     pub overall: ProblemRate,
 }
 
-/// A problem that one of two runs solves.
+/// A problem that only one of the two runs solves.
 #[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 pub struct ComparedTask {
-    /// Its number in the suite.
+    /// Number of the task in the suite.
     pub number: u32,
-    /// Its id.
+    /// Identifier of the task.
     #[schema(example = "walls/5x1x5-raise")]
     pub task: String,
 }
 
-/// Two runs compared.
+/// Compares two runs of a board.
 #[must_use]
 pub fn compare(board: &Board, a: &Standing, b: &Standing) -> Comparison {
     let tasks = &board.entry.suite.tasks;
@@ -248,7 +248,7 @@ pub fn compare(board: &Board, a: &Standing, b: &Standing) -> Comparison {
     }
 }
 
-/// One run against another: which problems only the one solves, and whether that may be chance.
+/// Compares two runs: lists the problems that only one of them solves, and tests whether the difference may be chance.
 #[utoipa::path(
     get, path = "/v1/leaderboards/{suite}/compare", operation_id = "get_comparison", tag = "leaderboards",
     summary = "Compare two runs",
@@ -256,7 +256,7 @@ pub fn compare(board: &Board, a: &Standing, b: &Standing) -> Comparison {
     responses(
         (status = 200, description = "The comparison", body = Comparison,
          example = json!({ "common": 723, "both": 200, "neither": 430, "only_a": [], "only_b": [], "p_value": 0.4 })),
-        (status = 304, description = "It is that of If-None-Match"),
+        (status = 304, description = "Not modified: If-None-Match names the current entity tag"),
         (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "There is no such suite or run", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),

@@ -1,4 +1,4 @@
-//! A board as JSON, as a table of comma-separated values, and as a row a line.
+//! Formats of a board page: JSON, CSV and NDJSON.
 
 use std::borrow::Cow;
 
@@ -9,20 +9,20 @@ use super::leaderboard::{BoardBody, BoardRow};
 use crate::app::error::{AppError, AppResult};
 use crate::http::extract::conditional::Document;
 
-/// How a board is written.
+/// Format of a board page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Format {
-    /// One document.
+    /// One JSON document.
     #[default]
     Json,
-    /// A table with a head.
+    /// Comma-separated values with a header line.
     Csv,
-    /// A row a line.
+    /// One JSON object per row and line.
     Ndjson,
 }
 
-/// A row of the table.
+/// A row of the CSV table.
 #[derive(Serialize)]
 struct Line<'a> {
     rank: Option<usize>,
@@ -82,15 +82,15 @@ impl<'a> From<&'a BoardRow> for Line<'a> {
     }
 }
 
-/// A text as spreadsheets show it: with an apostrophe before what they would take for a formula and carry out.
+/// Escapes a text for spreadsheets: prepends an apostrophe to a text that they would evaluate as a formula.
 fn as_text(text: &str) -> Cow<'_, str> {
     if text.starts_with(['=', '+', '-', '@', '\t', '\r', '\n']) { format!("'{text}").into() } else { text.into() }
 }
 
-/// Writes a page of a board.
+/// Writes a page of a board in the given format.
 ///
 /// # Errors
-/// 500 where it cannot be written.
+/// Returns an error (500) if the page cannot be serialized.
 pub fn render(body: &BoardBody, format: Format) -> AppResult<Document> {
     match format {
         Format::Json => Document::json(body),

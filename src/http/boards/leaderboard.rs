@@ -23,45 +23,45 @@ use plumbline_engine::grading::summary::{CheckRate, Graded, PerCriterion, Proble
 use plumbline_engine::tasks::reported;
 use plumbline_engine::tasks::reported::ReportedRow;
 
-/// A row: a finished run.
+/// A row of a leaderboard: a finished run.
 #[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 pub struct BoardRow {
-    /// Place by overall rate; runs with the same rate share one. Null for a run that covers too little of the suite.
+    /// Rank by overall rate; runs with the same rate share a rank. Null for a run that covers too little of the suite.
     pub rank: Option<usize>,
-    /// The places that it may have as far as the data tell: runs that McNemar's exact test shows to be better or worse on the
-    /// common problems, by Holm's procedure over all pairs of the board at 5 %, come before or after it. Null for a run that covers
-    /// too little of the suite.
+    /// Range of ranks that the data allow: only runs that are significantly better or worse are certain to rank before
+    /// or after this one, by McNemar's exact test on the common problems, with Holm's procedure over all pairs of the
+    /// board at 5 %. Null for a run that covers too little of the suite.
     pub places: Option<RankRange>,
-    /// The run.
+    /// Identifier of the run.
     #[schema(format = Uuid)]
     pub run: String,
-    /// Who built.
+    /// Name of the agent.
     pub agent: String,
-    /// Accuracy and physical plausibility and dependency, over all problems.
+    /// Problems that pass accuracy, physical plausibility and dependency, of all problems.
     pub overall: ProblemRate,
-    /// The 95 % interval of the overall rate: Wilson's, with wordings of one problem as a cluster.
+    /// Wilson interval of the overall rate at 95 % confidence; the wordings of one problem form a cluster.
     pub interval: Option<Interval>,
-    /// Material and shape and size, over the problems that have any of them.
+    /// Problems that pass material, shape and size, of the problems to which any of them applies.
     pub accuracy: ProblemRate,
-    /// Problems that pass, per criterion and dimension.
+    /// Problems that pass, by criterion and dimension.
     pub problems: PerCriterion<ProblemRate>,
-    /// Scores of checks, per criterion and dimension.
+    /// Scores of the checks, by criterion and dimension.
     pub checks: PerCriterion<CheckRate>,
-    /// Means of efficiency and structural stability.
+    /// Mean efficiency and mean structural stability.
     pub graded: Graded,
-    /// Problems graded.
+    /// Graded problems, of all problems.
     pub coverage: ProblemRate,
-    /// Problems that the run skips on purpose; they count as failed.
+    /// Number of problems that the run skips deliberately; they count as failed.
     pub skipped: usize,
-    /// Runs of this suite that the agent has begun, whatever became of them.
+    /// Number of runs of this suite that the agent has begun, in any state.
     pub attempts: usize,
-    /// Where the logs come from.
+    /// Origin of the logs.
     #[schema(value_type = RunProvenance, example = "self-reported")]
     pub provenance: String,
-    /// Finished runs of other owners whose logs are near-identical with this one's: nearly the same blocks in nearly the same order.
+    /// Finished runs of other owners with near-identical logs: nearly the same blocks in nearly the same order.
     #[schema(value_type = Vec<uuid::Uuid>)]
     pub similar_to: Vec<String>,
-    /// When the run finished.
+    /// Time at which the run finished.
     #[schema(format = DateTime)]
     pub finished_at: String,
 }
@@ -72,125 +72,125 @@ pub struct BoardBody {
     /// `name@version` of the suite.
     #[schema(example = "mineceraft@2")]
     pub suite: String,
-    /// Problems of the suite.
+    /// Number of problems in the suite.
     #[schema(example = 723)]
     pub tasks: usize,
-    /// Rows that the filters let through, on all pages.
+    /// Number of rows that match the filters, on all pages.
     #[schema(example = 3)]
     pub total: usize,
-    /// The share of the suite that a run must have answered, or skipped on purpose, to be compared with others.
+    /// Share of the suite that a run must answer, or skip deliberately, to be compared with other runs.
     #[schema(example = 1.0, minimum = 0, maximum = 1)]
     pub minimum_coverage: f64,
-    /// Finished runs that cover less; `coverage=incomplete` lists them.
+    /// Number of finished runs that cover less; `coverage=incomplete` lists them.
     #[schema(example = 0)]
     pub incomplete: usize,
-    /// The rows of this page.
+    /// Rows of this page.
     pub rows: Vec<BoardRow>,
-    /// `after` of the next page; null on the last.
+    /// Value of `after` for the next page; null on the last page.
     #[schema(format = Uuid)]
     pub next_after: Option<String>,
-    /// Results that others report on this suite; not graded here.
+    /// Results on this suite that others report; they were not graded by this service.
     pub reported: Vec<ReportedRow>,
 }
 
-/// What a board is sorted by.
+/// Value by which a board is sorted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SortBy {
-    /// Problems solved.
+    /// Share of problems solved.
     #[default]
     Overall,
-    /// Problems that are accurate.
+    /// Share of problems that pass accuracy.
     Accuracy,
-    /// Problems that pass by material.
+    /// Share of problems that pass material.
     Material,
-    /// By shape.
+    /// Share of problems that pass shape.
     Shape,
-    /// By size.
+    /// Share of problems that pass size.
     Size,
-    /// By plausibility.
+    /// Share of problems that pass physical plausibility.
     PhysicalPlausibility,
-    /// By order.
+    /// Share of problems that pass dependency.
     Dependency,
-    /// Mean of structural stability.
+    /// Mean structural stability.
     StructuralStability,
-    /// Mean of efficiency.
+    /// Mean efficiency.
     Efficiency,
-    /// Problems graded.
+    /// Number of graded problems.
     Coverage,
-    /// When the run finished.
+    /// Time at which the run finished.
     Finished,
 }
 
-/// Which way.
+/// Sort direction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Direction {
-    /// The greatest first.
+    /// Greatest value first; rows without a value last.
     #[default]
     Desc,
-    /// The least first. What has no value comes last all the same.
+    /// Least value first; rows without a value last.
     Asc,
 }
 
-/// Which runs a board lists.
+/// Runs that a board lists, by their coverage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum CoverageFilter {
-    /// Those that cover enough of the suite to be compared.
+    /// Runs that cover enough of the suite to be compared.
     #[default]
     Complete,
-    /// The others, without ranks.
+    /// The other runs, which have no rank.
     Incomplete,
 }
 
-/// Which rows, in which order.
+/// Query of a board: filters, order and page.
 #[derive(Debug, Clone, Default, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct BoardQuery {
-    /// What the rows are sorted by.
+    /// Value by which the rows are sorted.
     #[serde(default)]
     #[param(inline)]
     pub sort: SortBy,
-    /// Which way.
+    /// Sort direction.
     #[serde(default)]
     #[param(inline)]
     pub order: Direction,
-    /// Only agents whose names hold this text, in whatever case.
+    /// Only agents whose name contains this text; case is ignored.
     pub agent: Option<String>,
-    /// Only rows of this provenance.
+    /// Only rows with this provenance.
     #[param(inline)]
     pub provenance: Option<RunProvenance>,
-    /// Runs that cover enough of the suite to be compared, or the others.
+    /// Whether to list the runs that cover enough of the suite to be compared, or the other runs.
     #[serde(default)]
     #[param(inline)]
     pub coverage: CoverageFilter,
-    /// The board as it was at this time (RFC 3339).
+    /// Time at which to show the board (RFC 3339).
     #[param(format = DateTime)]
     pub as_of: Option<String>,
-    /// Only rows after that of this run: the page after.
+    /// Only rows after the row of this run, for paging.
     #[param(format = Uuid)]
     pub after: Option<String>,
-    /// Rows on a page.
+    /// Maximum number of rows on the page.
     #[param(minimum = 1, maximum = 1000)]
     pub limit: Option<u32>,
-    /// `json`, `csv`, `ndjson`.
+    /// Format of the page: `json`, `csv` or `ndjson`.
     #[serde(default)]
     #[param(inline)]
     pub format: Format,
 }
 
-/// A page of a board.
+/// Selects a page of a board.
 ///
 /// # Errors
-/// 400 where a parameter is wrong.
+/// Returns an error (400) if a parameter is invalid.
 pub fn page(board: &Board, query: &BoardQuery) -> AppResult<BoardBody> {
     let items = page_items(query.limit, 100)?;
     let as_of = match &query.as_of {
         None => None,
         Some(text) => Some(milliseconds(text).ok_or_else(|| {
-            wrong("as_of", format!("{text:?} is not a time (RFC 3339, such as 2026-11-22T00:00:00Z)"))
+            wrong("as_of", format!("{text:?} is not an RFC 3339 time, such as 2026-11-22T00:00:00Z"))
         })?),
     };
     let then = as_of.map(|at| board.as_of(at));
@@ -213,7 +213,7 @@ pub fn page(board: &Board, query: &BoardQuery) -> AppResult<BoardBody> {
         None => 0,
         Some(run) => {
             let place = rows.iter().position(|row| row.run == *run);
-            1 + place.ok_or_else(|| wrong("after", format!("no row of this board is of a run {run:?}")))?
+            1 + place.ok_or_else(|| wrong("after", format!("this board has no row for the run {run:?}")))?
         }
     };
     let end = (begin + items).min(total);
@@ -231,7 +231,7 @@ pub fn page(board: &Board, query: &BoardQuery) -> AppResult<BoardBody> {
     })
 }
 
-/// A row, compared with all that show.
+/// Builds the row of a run and compares the run with the given rows.
 #[must_use]
 pub fn row_of(board: &Board, standing: &Standing, rows: &Rows) -> BoardRow {
     let rate = |row: &Standing| row.rate().unwrap_or(-1.0);
@@ -239,7 +239,7 @@ pub fn row_of(board: &Board, standing: &Standing, rows: &Rows) -> BoardRow {
     let (pass, of) = (standing.answered() as u64, standing.outcomes.len() as u64);
     let is_compared = standing.covers(board.least_coverage);
     BoardRow {
-        // All are sorted by rate, the greatest first.
+        // The rows are sorted by rate, greatest first.
         rank: is_compared.then(|| 1 + rows.all.partition_point(|row| rate(row) > rate(standing))),
         places: is_compared.then(|| rows.places(standing, &board.field)),
         run: standing.run.clone(),
@@ -276,7 +276,7 @@ fn value(row: &Standing, by: SortBy) -> Option<f64> {
     }
 }
 
-/// What has no value comes last, whichever way.
+/// Orders two values in the given direction; missing values come last in both directions.
 fn by_value(a: Option<f64>, b: Option<f64>, order: Direction) -> std::cmp::Ordering {
     match (a, b, order) {
         (Some(a), Some(b), Direction::Asc) => a.total_cmp(&b),
@@ -285,17 +285,18 @@ fn by_value(a: Option<f64>, b: Option<f64>, order: Direction) -> std::cmp::Order
     }
 }
 
-/// The leaderboard of a suite: finished runs, the best first or in another order, with how sure their places are.
+/// Returns the leaderboard of a suite: its finished runs, best first unless sorted otherwise, with the range of ranks
+/// that each run may have.
 #[utoipa::path(
     get, path = "/v1/leaderboards/{suite}", operation_id = "get_leaderboard", tag = "leaderboards",
     summary = "Get a leaderboard",
     params(("suite" = String, Path, description = "Name, or name@version", example = "mineceraft"), BoardQuery),
     responses(
-        (status = 200, description = "A page of the board, as `format` asks for it", content((BoardBody = "application/json",
+        (status = 200, description = "A page of the board, in the requested format", content((BoardBody = "application/json",
          example = json!({ "suite": "mineceraft@2", "tasks": 723, "total": 0, "minimum_coverage": 1.0, "incomplete": 0, "rows": [], "next_after": null, "reported": [] })),
          (String = "text/csv", example = "rank,first_place,last_place,run,agent\n"), (String = "application/x-ndjson", example = "{\"rank\":1}\n")),
-         headers(("ETag" = String, description = "Of these very bytes"))),
-        (status = 304, description = "The rows are those of If-None-Match"),
+         headers(("ETag" = String, description = "Strong entity tag"))),
+        (status = 304, description = "Not modified: If-None-Match names the current entity tag"),
         (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "There is no such suite", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
@@ -310,7 +311,7 @@ pub async fn get_leaderboard(
 ) -> AppResult<Response> {
     let entry = state.suite(&suite).await?;
     let board = state.boards.of(&state, &entry).await?;
-    // What a board of this state and a query come to is the same each time.
+    // The same version of a board and the same query always give the same document.
     let name = format!("board:{}:{}", board.version, raw.unwrap_or_default());
     state.documents.answer(&asked, name, || {
         let body = page(&board, &query)?;

@@ -1,4 +1,4 @@
-//! Leaderboards: rows, comparisons, and what operators do to rows.
+//! Leaderboards: rows, comparisons, and actions of operators on rows.
 
 #![expect(clippy::missing_errors_doc, reason = "each handler lists its errors as responses of the OpenAPI document")]
 

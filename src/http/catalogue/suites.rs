@@ -1,4 +1,4 @@
-//! Suites.
+//! `/v1/suites`: suites, their sizes, and draws of Lite suites.
 
 use axum::Json;
 use axum::extract::{Path, State};
@@ -13,65 +13,65 @@ use plumbline_engine::tasks::Suite;
 use plumbline_engine::tasks::embedded;
 use plumbline_engine::tasks::embedded::LITE_SUFFIX;
 
-/// A suite in short.
+/// Summary of a suite.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct SuiteBody {
-    /// `name@version`.
+    /// Identifier of the suite: `name@version`.
     #[schema(example = "mineceraft@2")]
     pub id: String,
-    /// Name; where one is given without a version, the latest is meant.
+    /// Name of the suite. A name without a version stands for the latest version.
     #[schema(example = "mineceraft")]
     pub name: String,
-    /// Version.
+    /// Version of the suite.
     #[schema(example = 2)]
     pub version: u32,
     /// Number of tasks.
     #[schema(example = 723)]
     pub tasks: usize,
-    /// Number of turns over all tasks.
+    /// Number of turns in all tasks.
     #[schema(example = 747)]
     pub instructions: usize,
-    /// Number of checks over all turns.
+    /// Number of checks in all turns.
     #[schema(example = 3660)]
     pub checks: usize,
-    /// Families with the number of their tasks, in order.
+    /// Families, in order, each with its number of tasks.
     pub families: Vec<FamilyBody>,
-    /// Number of tasks to which each criterion applies.
+    /// Criteria, each with the number of tasks to which it applies.
     pub criteria: Vec<CriterionCount>,
-    /// Seed of a Lite draw, where one was asked for.
+    /// Seed of the Lite draw, if the query gave one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
-    /// The tasks of that draw, in order.
+    /// Tasks of that draw, in order.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub drawn: Option<Vec<DrawnTask>>,
 }
 
-/// A task of a Lite draw.
+/// A task in a Lite draw.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct DrawnTask {
-    /// `family/instance`.
+    /// Identifier of the task: `family/instance`.
     #[schema(example = "walls/10x2x7-bulkhead")]
     pub id: String,
-    /// Number in the full suite.
+    /// Number of the task in the full suite.
     #[schema(example = 160)]
     pub number: u32,
 }
 
-/// Which draw.
+/// Query of a suite.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct DrawQuery {
-    /// Of a Lite suite: the tasks that another seed draws, as Python's `random.Random(seed)` does. Runs are of the kept
-    /// seed, 42; tasks of other draws are posted as submissions to the full suite.
+    /// Seed of a draw from a Lite suite, as by Python's `random.Random(seed)`. Runs always use the seed 42; to use
+    /// another draw, post its tasks as submissions to the full suite.
     #[param(example = 7)]
     seed: Option<u64>,
 }
 
-/// A family of tasks.
+/// A family and its number of tasks.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct FamilyBody {
-    /// Name.
+    /// Name of the family.
     #[schema(example = "walls")]
     pub family: String,
     /// Number of tasks.
@@ -79,19 +79,19 @@ pub struct FamilyBody {
     pub tasks: usize,
 }
 
-/// How many tasks a criterion applies to.
+/// A criterion and the number of tasks to which it applies.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct CriterionCount {
-    /// The criterion.
+    /// Criterion.
     pub criterion: Criterion,
-    /// Number of tasks.
+    /// Number of tasks to which the criterion applies.
     pub tasks: usize,
 }
 
 /// All suites.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct SuiteList {
-    /// By name and version.
+    /// Suites, sorted by name and version.
     pub suites: Vec<SuiteBody>,
 }
 
@@ -119,7 +119,7 @@ impl SuiteBody {
     }
 }
 
-/// All suites that runs can be made for.
+/// Lists all suites for which runs can be created.
 #[utoipa::path(
     get, path = "/v1/suites", operation_id = "list_suites", tag = "tasks", summary = "List suites",
     responses(
@@ -133,7 +133,7 @@ pub async fn list_suites(State(state): State<AppState>) -> AppResult<Json<SuiteL
     Ok(Json(SuiteList { suites: catalogue.suites().iter().map(|entry| SuiteBody::of(&entry.suite)).collect() }))
 }
 
-/// One suite; of a Lite suite also the draw with another seed.
+/// Returns a suite; for a Lite suite, optionally the draw with another seed.
 #[utoipa::path(
     get, path = "/v1/suites/{suite}", operation_id = "get_suite", tag = "tasks", summary = "Get a suite",
     params(("suite" = String, Path, description = "Name, or name@version", example = "mineceraft"), DrawQuery),
@@ -153,7 +153,7 @@ pub async fn get_suite(
     let entry = state.suite(&suite).await?;
     let Some(seed) = query.seed else { return Ok(Json(SuiteBody::of(&entry.suite))) };
     let Some(full) = entry.suite.name.strip_suffix(LITE_SUFFIX) else {
-        let detail = format!("seed is for Lite suites; {} is not one", entry.suite.id());
+        let detail = format!("seed applies only to Lite suites; {} is not a Lite suite", entry.suite.id());
         return Err(AppError::new(Kind::BadRequest, detail));
     };
     let full = state.suite(&format!("{full}@{}", entry.suite.version)).await?;

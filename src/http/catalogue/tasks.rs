@@ -1,4 +1,4 @@
-//! Tasks.
+//! `/v1/tasks`: tasks with their instructions and checks.
 
 use std::collections::BTreeSet;
 
@@ -22,31 +22,31 @@ use plumbline_engine::tasks::embedded::FULL;
 use plumbline_engine::tasks::family::Category;
 use plumbline_engine::tasks::{Suite, Task};
 
-/// A task in a list.
+/// Summary of a task in a list.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct TaskSummary {
-    /// `family/instance`.
+    /// Identifier of the task: `family/instance`.
     #[schema(example = "walls/5x1x5-raise")]
     pub id: String,
-    /// Number in the suite: the `run_idx` of published records.
+    /// Number of the task in the suite: the `run_idx` of published records.
     #[schema(example = 113)]
     pub number: u32,
-    /// Family.
+    /// Family of the task.
     #[schema(example = "walls")]
     pub family: String,
-    /// Category; absent in suites of others.
+    /// Category; absent if the task does not come from a family file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub category: Option<Category>,
-    /// Type; absent in suites of others.
+    /// Task type of the paper; absent if the task does not come from a family file.
     #[serde(rename = "type", skip_serializing_if = "Option::is_none")]
     #[schema(example = "walls")]
     pub kind: Option<String>,
     /// Number of turns.
     #[schema(example = 1)]
     pub turns: usize,
-    /// Criteria that apply.
+    /// Criteria that apply to the task.
     pub criteria: Vec<Criterion>,
-    /// The first instruction.
+    /// Instruction of the first turn.
     pub prompt: String,
 }
 
@@ -56,28 +56,28 @@ pub struct TaskPage {
     /// `name@version` of the suite.
     #[schema(example = "mineceraft@2")]
     pub suite: String,
-    /// Tasks that the filters let through, on all pages.
+    /// Number of tasks that match the filters, on all pages.
     pub total: usize,
-    /// The tasks of this page, by number.
+    /// Tasks of this page, sorted by number.
     pub tasks: Vec<TaskSummary>,
-    /// `after` of the next page; null on the last.
+    /// Value of `after` for the next page; null on the last page.
     pub next_after: Option<u32>,
 }
 
 /// A check of a task.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct CheckBody {
-    /// Name.
+    /// Name of the check.
     #[serde(rename = "fn")]
     #[schema(example = "shape.has_rooms")]
     pub name: &'static str,
-    /// Arguments.
+    /// Arguments of the check.
     #[schema(value_type = Object, example = json!({ "room_cnt": 2 }))]
     pub args: Value,
-    /// The criterion it counts for.
+    /// Criterion that the check counts towards.
     pub criterion: Criterion,
     /// What is measured, in words.
-    #[schema(example = "So many rooms are walled all round at a level")]
+    #[schema(example = "Walls enclose at least the given number of rooms on one level")]
     pub asks: &'static str,
 }
 
@@ -92,90 +92,90 @@ impl CheckBody {
 /// One turn of a task.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct TurnBody {
-    /// The instruction.
+    /// Instruction of the turn.
     pub prompt: String,
-    /// The checks that count.
+    /// Checks that count towards the verdict.
     pub checks: Vec<CheckBody>,
-    /// Checks that are shown and do not count.
+    /// Checks whose results are shown but do not count.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub informational: Vec<CheckBody>,
 }
 
-/// A task.
+/// A task with its instructions and checks.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct TaskBody {
-    /// `family/instance`.
+    /// Identifier of the task: `family/instance`.
     #[schema(example = "walls/5x1x5-raise")]
     pub id: String,
-    /// Number in the suite: the `run_idx` of published records.
+    /// Number of the task in the suite: the `run_idx` of published records.
     #[schema(example = 113)]
     pub number: u32,
-    /// Family.
+    /// Family of the task.
     #[schema(example = "walls")]
     pub family: String,
-    /// Category; absent in suites of others.
+    /// Category; absent if the task does not come from a family file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub category: Option<Category>,
-    /// Type; absent in suites of others.
+    /// Task type of the paper; absent if the task does not come from a family file.
     #[serde(rename = "type", skip_serializing_if = "Option::is_none")]
     #[schema(example = "walls")]
     pub kind: Option<String>,
-    /// What this instance is made from.
+    /// Parameters from which the family generates this task.
     #[schema(value_type = Object, example = json!({ "w": 5, "t": 1, "h": 5 }))]
     pub parameters: Value,
     /// `name@version` of the suite.
     #[schema(example = "mineceraft@2")]
     pub suite: String,
-    /// SHA-256 of its content, in hex.
+    /// SHA-256 of the task's content, in hex.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub hash: String,
-    /// Criteria that apply.
+    /// Criteria that apply to the task.
     pub criteria: Vec<Criterion>,
-    /// The turns, in order.
+    /// Turns, in order.
     pub turns: Vec<TurnBody>,
 }
 
-/// Which tasks.
+/// Query of a list of tasks.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct TaskQuery {
-    /// Suite: name, or name@version.
+    /// Suite, as `name` or `name@version`.
     #[param(example = "mineceraft")]
     suite: Option<String>,
-    /// Only this family.
+    /// Only tasks of this family.
     family: Option<String>,
-    /// Only this category.
+    /// Only tasks of this category.
     category: Option<Category>,
-    /// Only this type.
+    /// Only tasks of this type.
     #[serde(rename = "type")]
     #[param(example = "walls")]
     kind: Option<String>,
     /// Only tasks to which this criterion applies.
     criterion: Option<Criterion>,
-    /// Only tasks whose id or instructions contain this, in any case.
+    /// Only tasks whose identifier or instructions contain this text; case is ignored.
     text: Option<String>,
-    /// Only tasks with a greater number: the page after.
+    /// Only tasks with a greater number, for paging.
     after: Option<u32>,
-    /// Tasks on a page.
+    /// Maximum number of tasks on the page.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
 }
 
-/// Which suite.
+/// Query of a task.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct SuiteQuery {
-    /// Suite: name, or name@version.
+    /// Suite, as `name` or `name@version`.
     #[param(example = "mineceraft")]
     suite: Option<String>,
 }
 
-/// The number of items that a page shall have, within the limit.
+/// Returns the number of items on a page: `limit`, or `default` without one.
 ///
 /// # Errors
-/// 400 where it is out of range.
+/// Returns an error (400) if `limit` is out of range.
 pub fn page_items(limit: Option<u32>, default: u32) -> AppResult<usize> {
     let items = limit.unwrap_or(default);
     if (1..=LIMITS.page_items).contains(&items) {
@@ -184,7 +184,7 @@ pub fn page_items(limit: Option<u32>, default: u32) -> AppResult<usize> {
     Err(params::wrong("limit", format!("{items} is out of range: 1 to {}", LIMITS.page_items)))
 }
 
-/// Refuses a filter that no value of the suite has: it is misspelt, and an empty page would not tell.
+/// Rejects a filter value that occurs nowhere in the suite. It is probably misspelt, and an empty page would hide that.
 fn must_be_known<'t>(name: &str, wanted: Option<&str>, known: impl Iterator<Item = &'t str>) -> AppResult<()> {
     let Some(wanted) = wanted else { return Ok(()) };
     let known: BTreeSet<&str> = known.collect();
@@ -195,7 +195,7 @@ fn must_be_known<'t>(name: &str, wanted: Option<&str>, known: impl Iterator<Item
     let all: Vec<&str> = known.into_iter().collect();
     Err(params::wrong(
         name,
-        format!("the suite has none of {wanted:?}{near} It has {}", all.join(", ")).replace("\" It", "\". It"),
+        format!("the suite has no {wanted:?}{near} It has {}", all.join(", ")).replace("\" It", "\". It"),
     ))
 }
 
@@ -211,14 +211,14 @@ fn lets_through(query: &TaskQuery, task: &Task) -> bool {
         && query.text.as_ref().is_none_or(contains)
 }
 
-/// The tasks of a suite, by number, filtered and in pages.
+/// Lists the tasks of a suite by number, with filters and paging.
 #[utoipa::path(
     get, path = "/v1/tasks", operation_id = "list_tasks", tag = "tasks", summary = "List tasks",
     params(TaskQuery),
     responses(
-        (status = 200, description = "A page of tasks", headers(("ETag" = String, description = "Changes with the content")), body = TaskPage,
+        (status = 200, description = "A page of tasks", headers(("ETag" = String, description = "Strong entity tag")), body = TaskPage,
          example = json!({ "suite": "mineceraft@2", "total": 723, "tasks": [], "next_after": 100 })),
-        (status = 304, description = "As the client has it"),
+        (status = 304, description = "Not modified: If-None-Match names the current entity tag"),
         (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "There is no such suite", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
@@ -255,18 +255,18 @@ fn summary(task: &Task) -> TaskSummary {
     }
 }
 
-/// One task with its instructions and checks.
+/// Returns a task with its instructions and checks.
 #[utoipa::path(
     get, path = "/v1/tasks/{family}/{instance}", operation_id = "get_task", tag = "tasks", summary = "Get a task",
     params(
-        ("family" = String, Path, description = "The id before the slash", example = "walls"),
-        ("instance" = String, Path, description = "The id after the slash", example = "5x1x5-raise"),
+        ("family" = String, Path, description = "The part of the task's id before the slash", example = "walls"),
+        ("instance" = String, Path, description = "The part of the task's id after the slash", example = "5x1x5-raise"),
         SuiteQuery,
     ),
     responses(
-        (status = 200, description = "The task", headers(("ETag" = String, description = "Changes with the content")), body = TaskBody,
+        (status = 200, description = "The task", headers(("ETag" = String, description = "Strong entity tag")), body = TaskBody,
          example = json!({ "id": "walls/5x1x5-raise", "number": 113, "suite": "mineceraft@2", "turns": [] })),
-        (status = 304, description = "As the client has it"),
+        (status = 304, description = "Not modified: If-None-Match names the current entity tag"),
         (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "There is no such task", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),

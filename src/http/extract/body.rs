@@ -1,4 +1,4 @@
-//! Reading request bodies: bounded one by one and all together.
+//! Reads request bodies. The size of each body is limited, and so is the memory for all of them together.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -22,25 +22,25 @@ use crate::near::did_you_mean;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::tolerant::why_not_json;
 
-/// What UTF-8 may begin with.
+/// Byte order mark that a UTF-8 text may begin with.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
-/// Bytes that one permit of the shared budget stands for.
+/// Number of bytes that one permit of the shared memory budget stands for.
 const PERMIT_BYTES: usize = 64 << 10;
 
-/// The budget of memory for bodies.
+/// Creates the shared memory budget for request bodies.
 #[must_use]
 pub fn budget() -> Semaphore {
     Semaphore::new(LIMITS.bodies_in_memory_bytes / PERMIT_BYTES)
 }
 
-/// A whole body, with its share of the budget.
+/// A complete request body, with its share of the memory budget.
 #[derive(Debug)]
 pub struct JsonBody {
-    /// The bytes, decompressed.
+    /// Bytes of the body, decompressed.
     pub bytes: Bytes,
-    /// How they are written.
+    /// Format of the body.
     pub format: Format,
-    /// To be kept for as long as what was made of the bytes is in memory.
+    /// Share of the budget; to be held while the bytes, or data parsed from them, are in memory.
     pub share: Option<OwnedSemaphorePermit>,
 }
 
@@ -49,7 +49,7 @@ impl FromRequest<AppState> for JsonBody {
 
     async fn from_request(request: Request, state: &AppState) -> AppResult<Self> {
         let (parts, body) = request.into_parts();
-        // A client that waits for leave to send has nothing on the way.
+        // A client that sent `Expect: 100-continue` is not sending the body yet.
         let is_sending = !parts.headers.contains_key(header::EXPECT);
         let refuse = |body: Body, error: AppError| {
             if is_sending {
@@ -61,12 +61,12 @@ impl FromRequest<AppState> for JsonBody {
             Ok(format) => format,
             Err(error) => return refuse(body, error),
         };
-        // A compressed body has lost its length by now.
+        // A compressed body no longer has a Content-Length here.
         if content_length(&parts.headers).is_some_and(|length| length > LIMITS.body_bytes) {
             return refuse(body, too_large());
         }
         let (bytes, share) = read(body, &state.bodies).await?;
-        // Some editors begin files with a mark of the byte order, which JSON does not know.
+        // Some editors write a byte order mark at the beginning of a file, which JSON does not allow.
         let bytes = if bytes.starts_with(BYTE_ORDER_MARK) { bytes.slice(BYTE_ORDER_MARK.len()..) } else { bytes };
         Ok(Self { bytes, format, share })
     }
@@ -75,9 +75,9 @@ impl FromRequest<AppState> for JsonBody {
 impl OptionalFromRequest<AppState> for JsonBody {
     type Rejection = AppError;
 
-    /// None where nothing was sent.
+    /// Returns `None` if the request has no body.
     async fn from_request(request: Request, state: &AppState) -> AppResult<Option<Self>> {
-        // Not by its headers: a compressed body has lost its length by now.
+        // Asks the body and not the headers: a compressed body no longer has a Content-Length here.
         if request.body().is_end_stream() || request.body().size_hint().exact() == Some(0) {
             return Ok(None);
         }
@@ -85,13 +85,13 @@ impl OptionalFromRequest<AppState> for JsonBody {
     }
 }
 
-/// A body of plain data, or all its faults with their places.
+/// Deserializes a body, collecting all faults with their locations.
 ///
 /// # Errors
-/// 415 for NDJSON, 400 where it is not JSON, 422 where it is not such data.
+/// Returns an error if the body is NDJSON (415), is not JSON (400), or does not fit the type (422).
 pub fn read_json<T: DeserializeOwned>(body: &JsonBody) -> AppResult<T> {
     if body.format == Format::NdJson {
-        return Err(AppError::not_ndjson("one at a time"));
+        return Err(AppError::not_ndjson("send one document per request"));
     }
     let mut document = serde_json::Deserializer::from_slice(&body.bytes);
     let read = serde_path_to_error::deserialize(&mut document);
@@ -104,7 +104,7 @@ pub fn read_json<T: DeserializeOwned>(body: &JsonBody) -> AppResult<T> {
         }
         Err(error) if error.inner().is_data() => {
             match serde_json::from_slice::<Value>(&body.bytes) {
-                // Looking for all faults reads the members several times.
+                // Collecting all faults reads the members several times.
                 Ok(Value::Object(members)) if body.bytes.len() <= LIMITS.all_faults_bytes => {
                     add_faults::<T>(&members, &error, &mut faults);
                 }
@@ -121,7 +121,8 @@ pub fn read_json<T: DeserializeOwned>(body: &JsonBody) -> AppResult<T> {
 
 type DataError = serde_path_to_error::Error<serde_json::Error>;
 
-/// The faults of an object: each member alone tells whether it is wrong, and without those that are what is missing shows, one by one.
+/// Adds all faults of an object. Reads each member alone to find the wrong ones, and then reads the others together to
+/// find the missing members one by one.
 fn add_faults<T: DeserializeOwned>(members: &Map<String, Value>, first: &DataError, faults: &mut Faults) {
     let read =
         |members: &Map<String, Value>| serde_path_to_error::deserialize::<_, T>(Value::Object(members.clone())).err();
@@ -134,7 +135,7 @@ fn add_faults<T: DeserializeOwned>(members: &Map<String, Value>, first: &DataErr
         }
     }
     let mut rest = sound;
-    // What is missing is told one at a time: something stands in for it, so that the next one is told.
+    // serde reports one missing member at a time: a placeholder is inserted for it, so that the next one is reported.
     let stand_ins = [Value::Null, json!(""), json!(1), json!(false), json!([]), json!({})];
     while let Some(name) = read(&rest).as_ref().and_then(missing_of) {
         if !members.contains_key(&name) {
@@ -153,7 +154,7 @@ fn add_faults<T: DeserializeOwned>(members: &Map<String, Value>, first: &DataErr
     }
 }
 
-/// The member that an error says is missing at the top.
+/// Returns the name of the top-level member that an error reports as missing.
 fn missing_of(error: &DataError) -> Option<String> {
     let text = error.inner().to_string();
     let is_at_top = error.path().iter().next().is_none();
@@ -172,12 +173,12 @@ fn add_fault(error: &DataError, faults: &mut Faults) {
         depth += 1;
     }
     let text = error.inner().to_string();
-    // Of a value that was read before, the place in the text is no longer known.
+    // The position in the text is meaningless for a value that was parsed before.
     let told = text.split(" at line ").next().unwrap_or(&text);
     let known: Vec<&str> = told.split('`').skip(3).step_by(2).collect();
     let name = told.split('`').nth(1).unwrap_or_default();
     if told.starts_with("unknown field") {
-        // The path leads to the member itself where it is of the top, and to its object elsewhere.
+        // The path ends at the member itself if it is at the top level, and otherwise at the object that contains it.
         if error.path().iter().next_back().is_none_or(|last| last.to_string() != name) {
             faults.enter_key(name);
             depth += 1;
@@ -186,13 +187,13 @@ fn add_fault(error: &DataError, faults: &mut Faults) {
     } else if let Some(name) = told.strip_prefix("missing field `").map(|rest| rest.trim_end_matches('`')) {
         faults.add_at(name, "missing");
     } else if told.starts_with("unknown variant") {
-        faults.add(format!("{name:?} is none of {}{}", known.join(", "), did_you_mean(name, known.iter().copied())));
+        faults.add(format!("{name:?} is not one of {}{}", known.join(", "), did_you_mean(name, known.iter().copied())));
     } else if told.contains("untagged enum SkipBody") {
         faults.add("expected \"unanswered\", or a list of tasks");
     } else if let Some((found, wanted)) =
         told.strip_prefix("invalid type: ").and_then(|rest| rest.split_once(", expected "))
     {
-        // What was sent is not repeated: it may be long.
+        // The value itself is not repeated, because it may be long.
         let found = found.split(' ').next().unwrap_or(found);
         faults.add(format!("expected {wanted}, found {found}").replace("a sequence", "a list"));
     } else {
@@ -206,7 +207,7 @@ fn too_large() -> AppError {
     AppError::new(Kind::BodyTooLarge, detail)
 }
 
-/// Reads a body to its end, taking from the budget as bytes arrive.
+/// Reads a body to its end, taking permits from the budget as bytes arrive.
 async fn read(mut body: Body, budget: &Arc<Semaphore>) -> AppResult<(Bytes, Option<OwnedSemaphorePermit>)> {
     let mut bytes = BytesMut::new();
     let mut share: Option<OwnedSemaphorePermit> = None;
@@ -234,19 +235,19 @@ async fn read(mut body: Body, budget: &Arc<Semaphore>) -> AppResult<(Bytes, Opti
                 none => *none = Some(more),
             }
         }
-        // A compressed body unfolds without ever waiting: others must have their turn.
+        // Decompression may never wait for the network, so this yields to other tasks explicitly.
         tokio::task::consume_budget().await;
     }
     Ok((bytes.freeze(), share))
 }
 
 fn busy() -> AppError {
-    let detail = "Too many large bodies are being read. The request may be sent again.";
+    let detail = "too many large bodies are being read; try again in a moment";
     AppError::new(Kind::Busy, detail).retry_after(1)
 }
 
-/// Reads on and throws away what a client still sends of a refused body, beside the answer: most clients read an
-/// answer only when they have sent all, and would see a broken connection instead of the reason.
+/// Reads and discards the rest of a rejected body in the background. Most clients read the response only after sending
+/// the whole body; without this they would see a broken connection instead of the reason.
 fn drain(mut body: Body) {
     const MAX_SECONDS: u64 = 30;
     const MAX_BYTES: usize = 2 << 30;
@@ -264,7 +265,7 @@ fn drain(mut body: Body) {
                 tokio::task::consume_budget().await;
             }
         };
-        // Either all was sent or there has been enough: the connection is closed now.
+        // Either the client has sent everything or a limit is reached; the connection is closed now.
         let _ = tokio::time::timeout(Duration::from_secs(MAX_SECONDS), rest).await;
         drop(slot);
     });
@@ -274,7 +275,8 @@ fn content_length(headers: &HeaderMap) -> Option<usize> {
     headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
 }
 
-/// JSON where the type is JSON or missing; NDJSON by any of its names; 415 else.
+/// Returns the format from Content-Type: JSON if it is JSON or missing, NDJSON for any of its media types, otherwise a
+/// 415 error.
 fn format(headers: &HeaderMap) -> AppResult<Format> {
     let Some(value) = headers.get(header::CONTENT_TYPE) else { return Ok(Format::Json) };
     let text = value.to_str().unwrap_or_default();

@@ -1,7 +1,7 @@
-//! Callers: the owner of the key that a request carries, or the address that it comes from.
+//! Identifies the caller of a request: the owner of its key, or the address that it comes from.
 //!
-//! Clients that can send no header may have a key in the path (`/with-key/KEY/…`), which then allows grading
-//! and nothing else, and stands in no log line.
+//! Clients that cannot send headers may put a key into the path (`/with-key/KEY/…`). Such a key may only allow grading,
+//! and is never logged.
 
 use std::sync::Arc;
 
@@ -17,31 +17,31 @@ use crate::http::middleware::rates::{Peer, RateLimitStatus, RateLimited};
 use crate::http::state::AppState;
 use crate::store::keys::{KeyRow, Scope, parts};
 
-/// What the key of a request came to; kept with the request for the handler.
+/// Result of looking up the key of a request, passed to the handler as a request extension.
 #[derive(Debug, Clone)]
 enum Identified {
     Key(KeyRow),
-    /// Refused, and why.
+    /// The key is invalid, for this reason.
     Refused(&'static str),
 }
 
-/// What is known of a request's sender once its key was looked at.
+/// Sender of a request, as identified by its key.
 #[derive(Debug, Clone, Default)]
 pub struct Sender {
-    /// What they may still send.
+    /// State of the sender's rate limit; `None` if there is no limit.
     pub left: Option<RateLimitStatus>,
-    /// The owner of the key.
+    /// Owner of the key.
     pub owner: Option<String>,
-    /// Why the key does not count.
+    /// Reason why the key is invalid.
     pub refused: Option<&'static str>,
 }
 
-/// Where a key may stand in a path.
+/// Prefix of paths that contain a key.
 pub const KEY_PREFIX: &str = "/with-key/";
-/// Paths that probes and collectors ask for: never refused for being asked too often.
+/// Paths for health probes and metrics collectors, which have no rate limit.
 pub const PROBES: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
 
-/// A path as it may be told and logged: without the key that stands in it.
+/// Returns a path that is safe to show and log: an ellipsis replaces the key in it.
 #[must_use]
 pub fn without_key(path: &str) -> String {
     match path.strip_prefix(KEY_PREFIX) {
@@ -50,10 +50,10 @@ pub fn without_key(path: &str) -> String {
     }
 }
 
-/// Looks at a request's key, and counts the request among those of its sender.
+/// Identifies the sender of a request by its key and counts the request towards the sender's rate limit.
 ///
 /// # Errors
-/// The answer, where they sent too many, or the database fails.
+/// Returns the response to send if the sender exceeds the rate limit or the database fails.
 pub async fn identify(state: &AppState, request: &mut Request) -> Result<Sender, RateLimited> {
     if PROBES.contains(&request.uri().path()) {
         return Ok(Sender::default());
@@ -64,11 +64,11 @@ pub async fn identify(state: &AppState, request: &mut Request) -> Result<Sender,
     let (identified, left) = match sent {
         Sent::Nothing => (None, state.rates.without_key(peer, request.headers())?),
         Sent::Unreadable => {
-            let refused = Identified::Refused("expected Authorization: Bearer, then the key");
+            let refused = Identified::Refused("expected Authorization: Bearer, followed by the key");
             (Some(refused), state.rates.without_key(peer, request.headers())?)
         }
         Sent::Key(sent) => {
-            // A key that was never found costs a read: who sends many that are none is stopped before it.
+            // Looking up an unknown key reads the database, so these lookups have a rate limit of their own.
             if !state.keys.knows(&sent) {
                 state.rates.looking_up(peer, request.headers())?;
             }
@@ -77,8 +77,8 @@ pub async fn identify(state: &AppState, request: &mut Request) -> Result<Sender,
                     if is_in_path && key.scopes.iter().any(|scope| !matches!(scope, Scope::Grade | Scope::Read)) =>
                 {
                     let left = state.rates.with_key(&key.owner)?;
-                    let why = "a key in a path may have the scope grade alone, because addresses are written down by many: \
-                               make one with --scopes grade";
+                    let why = "a key in a path may only have the scope grade, because URLs are logged in many places: \
+                               create one with --scopes grade";
                     (Some(Identified::Refused(why)), left)
                 }
                 Some(key) => {
@@ -104,7 +104,8 @@ pub async fn identify(state: &AppState, request: &mut Request) -> Result<Sender,
     Ok(sender)
 }
 
-/// Whose share of the service a request uses that needs no key: the owner's of a key that was sent, else the address's.
+/// Sender of a request that needs no key, for fair sharing: the owner of the key if one was sent, otherwise the
+/// address.
 #[derive(Debug, Clone)]
 pub struct Reader(pub Arc<str>);
 
@@ -140,8 +141,8 @@ impl FromRequestParts<AppState> for Caller {
         let who = Arc::from(who);
         match identified {
             Some(Identified::Key(key)) => Ok(Self { key: Some(key), open, refused: None, who }),
-            // Where none is needed, one that does not count is as good as none; the answer says so in a header.
-            // A key in the path was put there on purpose.
+            // If no key is needed, the request is served without the invalid one, and a response header says so. A key
+            // in the path was put there deliberately, so the request is rejected.
             Some(Identified::Refused(why)) if open != Openness::Keyed && !is_in_path => {
                 Ok(Self { key: None, open, refused: Some(why), who })
             }
@@ -152,14 +153,15 @@ impl FromRequestParts<AppState> for Caller {
     }
 }
 
-/// What a request says about a key.
+/// Key that a request carries, not yet looked up.
 enum Sent {
     Nothing,
     Unreadable,
     Key(String),
 }
 
-/// The key in `Authorization`: after Bearer, or as name or password of Basic, which is what an address with `key@` becomes.
+/// Reads the key from the `Authorization` header: after `Bearer`, or as user name or password of `Basic`, which is what
+/// clients send for a URL with `key@`.
 fn in_headers(headers: &HeaderMap) -> Sent {
     let Some(value) = headers.get(header::AUTHORIZATION) else { return Sent::Nothing };
     match value.to_str().unwrap_or_default().split_once(' ') {
@@ -173,7 +175,7 @@ fn in_headers(headers: &HeaderMap) -> Sent {
     }
 }
 
-/// The key in a path.
+/// Reads the key from a path.
 fn in_path(path: &str) -> Sent {
     let key = path.strip_prefix(KEY_PREFIX).and_then(|rest| rest.split('/').next());
     key.map_or(Sent::Nothing, |key| Sent::Key(key.to_owned()))

@@ -1,4 +1,4 @@
-//! Conditional requests: what the client already has (RFC 9110, section 13), and documents that are kept.
+//! Conditional requests (RFC 9110, section 13), and a cache of documents.
 
 use axum::body::Body;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -12,12 +12,12 @@ use sha2::{Digest as _, Sha256};
 use crate::app::error::{AppError, AppResult};
 use plumbline_engine::tasks::hex;
 
-/// Bytes of documents that are kept.
+/// Capacity of the document cache, in bytes.
 const KEPT_BYTES: u64 = 32 << 20;
-/// Bytes of a document, about, to begin with.
+/// Typical size of a document in bytes, from which the initial number of cache slots is estimated.
 const TYPICAL_BYTES: u64 = 16 << 10;
 
-/// Whether `If-None-Match` names this entity tag, or any. Weak and strong tags match.
+/// Returns whether `If-None-Match` contains this entity tag or `*`. Weak and strong tags match each other.
 #[must_use]
 pub fn has_tag(headers: &HeaderMap, tag: &str) -> bool {
     let known = headers.get(header::IF_NONE_MATCH).and_then(|tags| tags.to_str().ok()).unwrap_or_default();
@@ -33,13 +33,13 @@ fn strong(tag: &str) -> &str {
 pub struct Tag(String);
 
 impl Tag {
-    /// The tag of these bytes.
+    /// Computes the tag of these bytes.
     #[must_use]
     pub fn of(bytes: &[u8]) -> Self {
         Self(format!("\"{}\"", &hex(&Sha256::digest(bytes))[..32]))
     }
 
-    /// The tag of what has this name, which must name all that its bytes depend on.
+    /// Computes the tag of a document from its name, which must contain everything that the bytes depend on.
     #[must_use]
     pub fn named(name: &str) -> Self {
         Self::of(name.as_bytes())
@@ -50,29 +50,29 @@ impl Tag {
     }
 }
 
-/// A document.
+/// A serialized document.
 #[derive(Debug, Clone)]
 pub struct Document {
-    /// Its media type.
+    /// Media type of the document.
     pub kind: &'static str,
-    /// Its bytes.
+    /// Bytes of the document.
     pub bytes: Bytes,
 }
 
 impl Document {
-    /// As JSON.
+    /// Serializes a document as JSON.
     ///
     /// # Errors
-    /// 500 where it cannot be written.
+    /// Returns an error (500) if it cannot be serialized.
     pub fn json(document: &impl Serialize) -> AppResult<Self> {
         let bytes = serde_json::to_vec(document).map_err(|error| AppError::internal(&error))?;
         Ok(Self { kind: "application/json", bytes: bytes.into() })
     }
 
-    /// The document, or 304 where the client has it.
+    /// Responds with the document, or with 304 if the client has it.
     ///
     /// # Errors
-    /// 500 where the tag is none.
+    /// Returns an error (500) if the tag is not a valid header value.
     pub fn answer(&self, asked: &HeaderMap, tag: &Tag) -> AppResult<Response> {
         let header = [(header::ETAG, tag.header()?)];
         if has_tag(asked, &tag.0) {
@@ -83,10 +83,10 @@ impl Document {
     }
 }
 
-/// A JSON document under an entity tag made from its bytes, or 304 where the client has it.
+/// Responds with a JSON document and an entity tag computed from its bytes, or with 304 if the client has it.
 ///
 /// # Errors
-/// 500 where it cannot be written as JSON.
+/// Returns an error (500) if the document cannot be serialized as JSON.
 pub fn tagged_json(asked: &HeaderMap, document: &impl Serialize) -> AppResult<Response> {
     let document = Document::json(document)?;
     let tag = Tag::of(&document.bytes);
@@ -102,7 +102,7 @@ impl Weighter<String, (Document, Tag)> for ByBytes {
     }
 }
 
-/// Documents that were made, by names that name all that their bytes depend on.
+/// Cache of documents by name; a name must contain everything that the bytes depend on.
 #[derive(Debug)]
 pub struct Documents {
     kept: Cache<String, (Document, Tag), ByBytes>,
@@ -115,10 +115,11 @@ impl Default for Documents {
 }
 
 impl Documents {
-    /// The document of this name, made where it is not kept, or 304 where the client has it.
+    /// Responds with the document of this name, created by `make` if it is not cached, or with 304 if the client has
+    /// it.
     ///
     /// # Errors
-    /// What making it comes to.
+    /// Returns the error of `make`.
     pub fn answer(
         &self,
         asked: &HeaderMap,
@@ -128,7 +129,7 @@ impl Documents {
         if let Some((document, tag)) = self.kept.get(&name) {
             return document.answer(asked, &tag);
         }
-        // Need not be made to be compared.
+        // The tag depends on the name alone, so the document is not needed for the comparison.
         let tag = Tag::named(&name);
         let is_any = asked.get(header::IF_NONE_MATCH).is_some_and(|known| known == "*");
         if !is_any && has_tag(asked, &tag.0) {

@@ -1,4 +1,4 @@
-//! `Idempotency-Key`: a request that creates something is carried out once, however often it is sent.
+//! `Idempotency-Key`: carries out a request that creates something only once, even if it is sent repeatedly.
 
 use std::collections::HashSet;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -13,20 +13,20 @@ use crate::store::idempotency::Once;
 use plumbline_engine::tasks::hex;
 
 const HEADER: &str = "idempotency-key";
-/// Header of an answer that repeats an earlier one.
+/// Header of a response that repeats an earlier one.
 pub const REPLAYED: (HeaderName, HeaderValue) =
     (HeaderName::from_static("idempotency-replayed"), HeaderValue::from_static("true"));
 
-/// Requests with a key that are being carried out.
+/// Requests with an idempotency key that are being processed.
 #[derive(Debug, Default)]
 pub struct InFlight {
     keys: Mutex<HashSet<(String, String)>>,
 }
 
-/// A request with a key, for as long as it is being carried out.
+/// A request with an idempotency key, held while it is being processed.
 #[derive(Debug)]
 pub struct Underway {
-    /// What names it.
+    /// Owner, key and hash of the request.
     pub once: Once,
     all: Arc<InFlight>,
 }
@@ -39,10 +39,10 @@ impl Drop for Underway {
 }
 
 impl InFlight {
-    /// Begins a request, where it has a key.
+    /// Registers a request if it has an idempotency key; otherwise returns `None`.
     ///
     /// # Errors
-    /// 400 where the key is no good; 409 where the same key is being worked on.
+    /// Returns an error if the key is invalid (400) or a request with the same key is being processed (409).
     pub fn begin(
         self: &Arc<Self>,
         headers: &HeaderMap,
@@ -60,7 +60,7 @@ impl InFlight {
         let once = Once { owner: caller.owner().unwrap_or_default().to_owned(), key: key.to_owned(), body_hash };
         let mut keys = self.keys.lock().unwrap_or_else(PoisonError::into_inner);
         if !keys.insert((once.owner.clone(), once.key.clone())) {
-            let detail = "a request with this Idempotency-Key is being worked on; send it again in a moment";
+            let detail = "a request with this Idempotency-Key is still being processed; try again in a moment";
             return Err(AppError::conflict("idempotency-in-flight", detail).retry_after(1));
         }
         drop(keys);

@@ -1,4 +1,4 @@
-//! Extractors: bodies, callers, parameters, and the headers that repeat or spare an answer.
+//! Extractors: bodies, callers, query parameters, idempotency keys and conditional requests.
 
 pub mod body;
 pub mod caller;

@@ -1,4 +1,4 @@
-//! Reading query strings, with a fault for each parameter that is wrong.
+//! Reads query strings and reports a fault for each invalid parameter.
 
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
@@ -9,7 +9,7 @@ use crate::app::limits::LIMITS;
 use crate::near::did_you_mean;
 use plumbline_engine::intake::Faults;
 
-/// The parameters of a query string.
+/// Extractor for the parameters of a query string.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Params<T>(pub T);
 
@@ -21,16 +21,17 @@ impl<S: Sync, T: DeserializeOwned> FromRequestParts<S> for Params<T> {
     }
 }
 
-/// Reads a query string.
+/// Reads the parameters of a query string.
 ///
 /// # Errors
-/// 400 with all its faults.
+/// Returns an error (400) with all faults if a parameter is invalid.
 pub fn read<T: DeserializeOwned>(query: &str) -> AppResult<T> {
     let whole = match serde_urlencoded::from_str(query) {
         Ok(value) => return Ok(value),
         Err(error) => error.to_string(),
     };
-    // Each parameter alone tells whether it is at fault; what is missing or given twice only shows in the whole.
+    // Reads each parameter alone to find the invalid ones; missing and repeated parameters show only in the whole
+    // query.
     let mut faults = Vec::new();
     for (name, value) in form_urlencoded::parse(query.as_bytes()).take(LIMITS.query_parameters) {
         let alone = form_urlencoded::Serializer::new(String::new()).append_pair(&name, &value).finish();
@@ -48,7 +49,7 @@ pub fn read<T: DeserializeOwned>(query: &str) -> AppResult<T> {
     Err(faulty(faults))
 }
 
-/// 400: one parameter is wrong.
+/// Returns a 400 error with a fault for one parameter.
 pub fn wrong(name: &str, detail: impl Into<String>) -> AppError {
     faulty(vec![FaultBody {
         line: None,
@@ -76,12 +77,12 @@ fn fault(name: &str, value: &str, detail: &str) -> FaultBody {
         format!("there is no such parameter{near}{stop} The parameters are {}", known.join(", "))
     } else if detail.starts_with("unknown variant") {
         let known = names(detail);
-        format!("{shown:?} is none of {}{}", known.join(", "), did_you_mean(value, known.iter().map(String::as_str)))
+        format!("{shown:?} is not one of {}{}", known.join(", "), did_you_mean(value, known.iter().map(String::as_str)))
     } else if detail.starts_with("invalid digit")
         || detail.starts_with("number too large")
         || detail.starts_with("cannot parse integer")
     {
-        format!("{shown:?} is not a whole number that fits")
+        format!("{shown:?} is not an integer in range")
     } else if detail.starts_with("provided string was not") {
         format!("{shown:?} is neither true nor false")
     } else {
@@ -126,8 +127,8 @@ mod tests {
         assert_eq!(
             faults("run=1&limit=x&order=ascendin&limits=2"),
             [
-                "limit: \"x\" is not a whole number that fits",
-                "order: \"ascendin\" is none of ascending; did you mean ascending?",
+                "limit: \"x\" is not an integer in range",
+                "order: \"ascendin\" is not one of ascending; did you mean ascending?",
                 "limits: there is no such parameter; did you mean limit? The parameters are run, limit, order",
             ]
         );

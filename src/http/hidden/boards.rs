@@ -1,4 +1,4 @@
-//! Boards of epochs: the dev board that the Ladder keeps, and the official one.
+//! Boards of epochs: the dev board, kept by the Ladder, and the official board.
 
 use std::collections::BTreeMap;
 
@@ -17,36 +17,36 @@ use plumbline_engine::hidden::board;
 use plumbline_engine::hidden::board::{Answered, Entrant, Row};
 use plumbline_engine::hidden::feedback::{Feedback, Tier};
 
-/// Which board.
+/// Query of an epoch's board.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct EpochBoardQuery {
-    /// `official` or `dev`.
+    /// Tier of the board: `official` (the default) or `dev`.
     tier: Option<Tier>,
-    /// Only rows of this provenance.
+    /// Only rows with this provenance.
     provenance: Option<String>,
 }
 
-/// A board of an epoch.
+/// The board of one tier of an epoch.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct EpochBoard {
-    /// The epoch.
+    /// Name of the epoch.
     pub epoch: String,
-    /// The tier.
+    /// Tier of the board.
     pub tier: Tier,
-    /// Whether scores are told: of the official tier after the epoch has closed.
+    /// Whether scores are released; for the official tier, only after the epoch has closed.
     pub is_released: bool,
-    /// Entries registered in this tier.
+    /// Number of entries registered in this tier.
     pub registered: usize,
-    /// The rows, best first; empty while scores are not told.
+    /// Rows, best first; empty until scores are released.
     pub rows: Vec<Row>,
 }
 
-/// The board of a tier.
+/// Returns the board of one tier of an epoch.
 ///
 /// # Errors
-/// Where the database fails.
+/// Returns an error if the database fails.
 pub async fn board_of(state: &AppState, epoch: &EpochRow, tier: Tier) -> AppResult<EpochBoard> {
     // The worker of epochs seals an epoch within a second of its end; until then nothing more is released.
     let is_released = epoch.closed.is_some() || tier.feedback(epoch.commitment.dev_feedback) > Feedback::AfterEpoch;
@@ -75,11 +75,11 @@ pub async fn board_of(state: &AppState, epoch: &EpochRow, tier: Tier) -> AppResu
     Ok(EpochBoard { epoch: epoch.id().to_owned(), tier, is_released, registered, rows })
 }
 
-/// A board of an epoch. The official one takes all entries of an owner together, unanswered instances failed, and is told after
-/// the epoch has closed; the dev one moves by the Ladder.
+/// Returns the board of one tier of an epoch. The official board pools all entries of an owner, counts unanswered
+/// instances as failed, and is released after the epoch has closed. The Ladder updates the dev board.
 #[utoipa::path(
     get, path = "/v1/epochs/{epoch}/leaderboard", operation_id = "get_epoch_leaderboard", tag = "hidden evaluation",
-    summary = "Read an epoch's board",
+    summary = "Get an epoch's board",
     params(("epoch" = String, Path, description = "The epoch's name", example = "2026-11"), EpochBoardQuery),
     responses(
         (status = 200, description = "The board", body = EpochBoard,

@@ -1,4 +1,4 @@
-//! Drawing the instances of an entry's runs.
+//! The draw of the instances of an entry's runs.
 
 use axum::Json;
 use axum::extract::{Path, State};
@@ -18,35 +18,36 @@ use crate::store::instances::Issued;
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
 
-/// What draws the instances of a run.
+/// Request to draw the instances of a run.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({ "run": 1, "nonce": "8c1f0d3e5b7a4f6d9e2c" }))]
 pub struct NewDraw {
-    /// Which of the entry's runs, from 1.
+    /// Number of the run within the entry, from 1.
     #[schema(minimum = 1)]
     run: u32,
-    /// Random characters of your own: with the epoch's key they decide what is drawn, so neither side alone can.
+    /// Random characters chosen by the client. The draw depends on the nonce and on the epoch's key, so neither side
+    /// alone can control it.
     #[schema(min_length = 16, max_length = 128)]
     nonce: String,
 }
 
-/// The instances of a run.
+/// Instances of a run.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct InstanceList {
-    /// In the order of issue.
+    /// Instances, in the order of issue.
     pub instances: Vec<InstanceBody>,
 }
 
-/// Draw the instances of a run. The same nonce again gives the same instances; another one is refused. Each is to be answered by
-/// one log before it expires.
+/// Draws the instances of a run. Repeating the request with the same nonce returns the same instances; a different
+/// nonce is rejected. Each instance must be answered with one log before it expires.
 #[utoipa::path(
     post, path = "/v1/entries/{id}/instances", operation_id = "create_instances", tag = "hidden evaluation",
     summary = "Draw a run's instances",
     params(("id" = String, Path, description = "The entry's id")),
     request_body(content = NewDraw, content_type = "application/json"),
     responses(
-        (status = 200, description = "The instances: prompts, and nothing of the checks", body = InstanceList,
+        (status = 200, description = "The instances, with their prompts but without their checks", body = InstanceList,
          example = json!({ "instances": [{ "id": "5f0c…", "prompts": ["You stand at (0, 0, 0) …"], "expires_at": "2026-11-22T10:00:00.000Z" }] })),
         (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "There is no such entry", body = Problem, content_type = "application/problem+json"),
@@ -88,11 +89,11 @@ pub async fn create_instances(
         }
         Issued::NoSuchRun => {
             let mut faults = Faults::new();
-            faults.add_at("run", format!("the entry was registered for {} runs", entry.runs));
+            faults.add_at("run", format!("out of range: the entry has {} runs", entry.runs));
             Err(AppError::faulty(faults))
         }
         Issued::OtherNonce => {
-            Err(AppError::conflict("already-drawn", "the run was drawn with another nonce, and is drawn once"))
+            Err(AppError::conflict("already-drawn", "the run has already been drawn, with another nonce"))
         }
         Issued::Closed if entry.finalized_at_ms.is_some() => {
             Err(AppError::conflict("finalized", "the entry is finalized"))
@@ -100,13 +101,13 @@ pub async fn create_instances(
         Issued::Closed => Err(not_open(&epoch)),
         Issued::Exhausted => {
             let detail =
-                "the epoch's pool has no room for this run, whose reservation has ended; nothing was issued to it";
+                "the reservation of this run has ended, and the epoch's pool has no room for it; nothing was issued";
             Err(AppError::conflict("pool-used-up", detail))
         }
         Issued::ShareUsedUp(most) => {
             let detail = format!(
-                "the owner holds {most} runs of the pool, which is the most, and this one's reservation has ended; nothing was \
-                 issued to it"
+                "the reservation of this run has ended, and the owner holds the maximum of {most} runs of the pool; \
+                 nothing was issued"
             );
             Err(AppError::conflict("share-used-up", detail))
         }

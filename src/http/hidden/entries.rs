@@ -1,4 +1,4 @@
-//! Entries to an epoch: registered before anything is seen, then drawn, answered and finalized.
+//! Entries to an epoch. An entry is registered before its owner sees any instance, then drawn, answered and finalized.
 
 use axum::Json;
 use axum::extract::{Path, State};
@@ -27,77 +27,79 @@ use plumbline_engine::hidden::evidence::GivenReceipt;
 use plumbline_engine::hidden::feedback::{Outcome, Tier, told};
 use plumbline_engine::intake::Faults;
 
-/// What registers an entry.
+/// Request to register an entry.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({ "agent": "my-agent 1.2", "tier": "official", "runs": 2,
                            "configuration_sha256": "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08" }))]
 pub struct NewEntryBody {
-    /// Who is evaluated, as boards shall show it.
+    /// Name of the evaluated agent, as shown on boards.
     #[schema(min_length = 1, max_length = 100)]
     agent: String,
-    /// SHA-256 of whatever fixes the agent: weights, prompts, sampling. Keep what it is over.
+    /// SHA-256 of everything that determines the agent: weights, prompts, sampling. Keep the hashed data.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     configuration_sha256: String,
-    /// `dev` or `official`. The open tier, with everything told, is the public suite: `POST /v1/runs`.
+    /// `dev` or `official`. The open tier, with full feedback, is the public suite: use `POST /v1/runs`.
     tier: Tier,
-    /// Runs; each is a draw of its own.
+    /// Number of runs; each has its own draw.
     #[schema(minimum = 1, maximum = 16)]
     runs: u32,
 }
 
-/// An entry. What it came to is told as its tier's feedback allows.
+/// An entry, with as much of its result as the feedback of its tier allows.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct EntryBody {
-    /// Its id.
+    /// Identifier of the entry.
     #[schema(format = Uuid)]
     pub id: String,
-    /// Its epoch.
+    /// Name of the epoch.
     pub epoch: String,
-    /// Who is evaluated.
+    /// Name of the evaluated agent.
     pub agent: String,
-    /// SHA-256 of the configuration.
+    /// SHA-256 of the agent's configuration.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub configuration_sha256: String,
-    /// Its tier.
+    /// Tier of the entry.
     pub tier: Tier,
-    /// Runs registered.
+    /// Number of registered runs.
     #[schema(minimum = 0)]
     pub runs: i64,
-    /// `registered`, `finalized` (answers are being graded) or `complete`.
+    /// State of the entry: `registered`, `finalized` (answers are being graded) or `complete`.
     #[schema(value_type = EntryState, example = "registered")]
     pub state: &'static str,
-    /// When it was registered.
+    /// Time of registration.
     #[schema(format = DateTime)]
     pub registered_at: String,
-    /// When it was finalized.
+    /// Time of finalization; null before it.
     #[schema(format = DateTime)]
     pub finalized_at: Option<String>,
-    /// Instances issued.
+    /// Number of issued instances.
     pub issued: usize,
-    /// Instances answered.
+    /// Number of answered instances.
     pub answered: usize,
-    /// What it came to, as far as it is told; null before it is complete, and where nothing is told before the epoch closes.
+    /// Result, as far as it is released; null until the entry is complete, and until the epoch closes if its tier gives
+    /// no feedback before.
     #[schema(value_type = Option<Object>)]
     pub result: Value,
-    /// The receipt of the registration: given once, in the answer to it. Keep it; it shows what was registered.
+    /// Receipt of the registration, returned only in the response to the registration. Keep it as proof of what was
+    /// registered.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub receipt: Option<GivenReceipt>,
 }
 
-/// How far an entry is.
+/// State of an entry.
 #[derive(Debug, utoipa::ToSchema, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EntryState {
-    /// It may be drawn and answered.
+    /// Instances may be drawn and answered.
     Registered,
-    /// Its answers are being graded.
+    /// Answers are being graded.
     Finalized,
-    /// It has its result.
+    /// The result is final.
     Complete,
 }
 
-/// The outcomes of an entry with those of runs that were never drawn: they failed.
+/// Adds a failed outcome for each instance of the runs that were never drawn.
 fn with_undrawn(mut outcomes: Vec<Outcome>, entry: &EntryRow, epoch: &EpochRow) -> Vec<Outcome> {
     let all = entry.runs as usize * epoch.commitment.instances_per_run as usize;
     while outcomes.len() < all {
@@ -141,26 +143,26 @@ async fn stored_entry(state: &AppState, id: &str) -> AppResult<EntryRow> {
     row.ok_or_else(|| AppError::not_found(format!("there is no entry {id:?}")))
 }
 
-/// The entry, where it is the caller's.
+/// Returns the entry if the caller may act on it.
 ///
 /// # Errors
-/// 403 where it is another's, 404 where there is none.
+/// Returns an error if the entry belongs to another owner (403) or does not exist (404).
 pub async fn own_entry(state: &AppState, caller: &Caller, id: &str) -> AppResult<EntryRow> {
     let row = stored_entry(state, id).await?;
     caller.require_own(Some(row.owner.as_str()).filter(|owner| !owner.is_empty()), "entry")?;
     Ok(row)
 }
 
-/// Register an entry before seeing anything: who is evaluated, in which configuration, in how many runs. All official entries of an
-/// owner in an epoch are of one agent in one configuration, and are taken together.
+/// Registers an entry before any instance is seen: the evaluated agent, its configuration and the number of runs. All
+/// official entries of an owner in an epoch must have the same agent and configuration; they are pooled.
 #[utoipa::path(
     post, path = "/v1/epochs/{epoch}/entries", operation_id = "create_entry", tag = "hidden evaluation",
     summary = "Register an entry",
     params(("epoch" = String, Path, description = "The epoch's name", example = "2026-11"),
-           ("Idempotency-Key" = Option<String>, Header, description = "The same request with the same key is carried out once, for 24 hours: its answer is repeated")),
+           ("Idempotency-Key" = Option<String>, Header, description = "Makes retries safe: for 24 hours, the same request with the same key is carried out once, and its response is repeated")),
     request_body(content = NewEntryBody, content_type = "application/json"),
     responses(
-        (status = 201, description = "The entry", body = EntryBody, headers(("Location" = String, description = "The entry")),
+        (status = 201, description = "The entry", body = EntryBody, headers(("Location" = String, description = "URL of the entry")),
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000003", "epoch": "2026-11", "tier": "official", "state": "registered" })),
         (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "There is no such epoch", body = Problem, content_type = "application/problem+json"),
@@ -217,32 +219,32 @@ pub async fn create_entry(
         Registered::NotOpen => return Err(not_open(&row)),
         Registered::TooMany(most) => {
             let detail = format!(
-                "the owner has {most} entries of the tier {:?} in this epoch, and no more are allowed",
+                "the owner already has {most} entries of the tier {:?} in this epoch, the maximum",
                 new.tier.name()
             );
             return Err(AppError::conflict("no-entries-left", detail));
         }
         Registered::PoolUsedUp => {
-            let detail = "the epoch has not so many specifications left; half of them are kept for official entries";
+            let detail = "the epoch has too few specifications left; half of them are reserved for official entries";
             return Err(AppError::conflict("pool-used-up", detail));
         }
         Registered::ShareUsedUp(most) => {
             let detail = format!(
-                "one owner may hold {most} runs of this epoch's pool, drawn or reserved; a reservation ends when its entry is \
-                 finalized, or after {} s",
+                "one owner may hold at most {most} runs of this epoch's pool, drawn or reserved; a reservation ends \
+                 when its entry is finalized, or after {} s",
                 row.rules.reservation_ms.unwrap_or_default() / 1_000
             );
             return Err(AppError::conflict("share-used-up", detail));
         }
         Registered::ConfigurationTaken => {
             let detail =
-                "another owner entered this configuration first in this epoch; one agent has one owner's attempts";
+                "another owner has already entered this configuration in this epoch; only one owner may enter it";
             return Err(AppError::conflict("configuration-taken", detail));
         }
         Registered::OtherConfiguration(agent) => {
             let detail = format!(
-                "the owner's official entries in this epoch are of {agent:?} in another configuration; they are one attempt after \
-                 another of the same, and taken together"
+                "the owner's official entries in this epoch have another agent or configuration (agent {agent:?}); \
+                 official entries are pooled, so all of them must have the same"
             );
             return Err(AppError::conflict("another-configuration", detail));
         }
@@ -257,15 +259,15 @@ pub async fn create_entry(
     Ok(response)
 }
 
-/// A receipt as it was stored.
+/// Parses a stored receipt.
 ///
 /// # Errors
-/// Where it does not read back.
+/// Returns an error if the stored text is not a receipt.
 pub fn given(stored: Option<&str>) -> AppResult<Option<GivenReceipt>> {
     stored.map(serde_json::from_str).transpose().map_err(|error| AppError::internal(&error))
 }
 
-/// 409: the epoch is not open, and why.
+/// Returns a 409 error that says why the epoch is not open.
 pub fn not_open(epoch: &EpochRow) -> AppError {
     let detail = match &epoch.closed {
         Some((_, reason)) => format!("the epoch is closed: {reason}"),
@@ -278,7 +280,7 @@ pub fn not_open(epoch: &EpochRow) -> AppError {
     AppError::conflict("epoch-not-open", detail)
 }
 
-/// An entry: how far it is, and what it came to as far as that is told.
+/// Returns an entry with its state and, as far as it is released, its result.
 #[utoipa::path(
     get, path = "/v1/entries/{id}", operation_id = "get_entry", tag = "hidden evaluation", summary = "Get an entry",
     params(("id" = String, Path, description = "The entry's id")),
@@ -293,8 +295,8 @@ pub async fn get_entry(State(state): State<AppState>, Path(id): Path<String>) ->
     Ok(Json(entry_body(&state, &id).await?))
 }
 
-/// Say that no more answers will come. Instances without one count as failed, and so do runs that were not drawn. Nothing can be
-/// taken back or done again.
+/// Finalizes an entry, which then takes no more answers. Unanswered instances and runs that were not drawn count as
+/// failed. This cannot be undone.
 #[utoipa::path(
     post, path = "/v1/entries/{id}/finalize", operation_id = "finalize_entry", tag = "hidden evaluation",
     summary = "Finalize an entry",

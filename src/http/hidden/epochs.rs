@@ -1,4 +1,4 @@
-//! Epochs: what they promise, how they stand, and what they reveal in the end.
+//! Epochs: their commitments, their current state, and what they reveal after they close.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -23,94 +23,94 @@ use plumbline_engine::hidden::commitment::Commitment;
 use plumbline_engine::hidden::feedback::{Feedback, Outcome, Tier};
 use plumbline_engine::hidden::reveal::{Reveal, RevealedEntry, RevealedInstance, revealed};
 
-/// How far an epoch is.
+/// State of an epoch.
 #[derive(Debug, utoipa::ToSchema, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EpochState {
-    /// Not open yet.
+    /// The commitment is published; the epoch is not open yet.
     Committed,
-    /// Takes entries.
+    /// The epoch accepts entries.
     Open,
-    /// Over.
+    /// The epoch is over.
     Closed,
 }
 
 /// An epoch.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct EpochBody {
-    /// Its name.
+    /// Name of the epoch.
     #[schema(example = "2026-11")]
     pub id: String,
-    /// `committed`: not open yet; `open`: takes entries; `closed`.
+    /// State of the epoch: `committed` (not open yet), `open` (accepts entries) or `closed`.
     #[schema(value_type = EpochState, example = "open")]
     pub state: &'static str,
-    /// When it opens.
+    /// Time at which the epoch opens.
     #[schema(format = DateTime)]
     pub opens_at: String,
-    /// When it closes.
+    /// Time at which the epoch closes as scheduled.
     #[schema(format = DateTime)]
     pub closes_at: String,
-    /// What it promised before it opened. Keep it: with it the reveal is checked.
+    /// Commitment published before the epoch opened. Keep it to verify the reveal.
     pub commitment: Commitment,
-    /// When it was published.
+    /// Time at which the commitment was published.
     #[schema(format = DateTime)]
     pub committed_at: String,
-    /// When it was closed before its time.
+    /// Time at which the epoch was closed early; null if it was not.
     #[schema(format = DateTime)]
     pub closed_early_at: Option<String>,
-    /// Why it was.
+    /// Reason for closing the epoch early; null if it was not.
     pub closed_reason: Option<String>,
-    /// Seconds in which an instance is to be answered.
+    /// Time limit for answering an instance, in seconds.
     pub instance_seconds: i64,
-    /// Entries that one owner may register, by tier.
+    /// Maximum number of dev entries per owner.
     pub dev_entries_per_owner: i64,
-    /// The same for the official tier.
+    /// Maximum number of official entries per owner.
     pub official_entries_per_owner: i64,
-    /// Bits of information that may be released before it closes.
+    /// Information that may be released before the epoch closes, in bits.
     pub budget_bits: f64,
-    /// Bits released so far, at most.
+    /// Upper bound on the information released so far, in bits.
     pub released_bits: f64,
-    /// Entries registered, by tier.
+    /// Number of registered entries, by tier.
     pub entries: EntryCounts,
-    /// Instances issued.
+    /// Number of issued instances.
     pub issued: i64,
-    /// Instances answered.
+    /// Number of answered instances.
     pub answered: i64,
-    /// What is told of the entries of each tier while it is open.
+    /// Feedback on entries while the epoch is open, by tier.
     pub feedback: TierFeedback,
 }
 
-/// Entries by tier.
+/// Number of entries, by tier.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct EntryCounts {
-    /// Of the dev tier.
+    /// Number of entries in the dev tier.
     pub dev: i64,
-    /// Of the official tier.
+    /// Number of entries in the official tier.
     pub official: i64,
 }
 
-/// What is told, by tier.
+/// Feedback, by tier.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct TierFeedback {
-    /// Of the public suite, which needs no entry.
+    /// Feedback on the public suite, which needs no entry.
     pub open: Feedback,
-    /// Of the dev tier.
+    /// Feedback on dev entries.
     pub dev: Feedback,
-    /// Of the official tier.
+    /// Feedback on official entries.
     pub official: Feedback,
 }
 
 /// All epochs.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct EpochList {
-    /// The last to open first.
+    /// Epochs, latest opening time first.
     pub epochs: Vec<EpochBody>,
 }
 
-/// An epoch as the API and the pages show it.
+/// Builds the representation of an epoch for the API and the pages.
 ///
 /// # Errors
-/// Where the database fails.
+/// Returns an error if the database fails.
 pub async fn epoch_body(state: &AppState, row: &EpochRow) -> AppResult<EpochBody> {
     let counts = state.store.epoch_counts(row.id()).await?;
     let commitment = &row.commitment;
@@ -140,16 +140,16 @@ pub async fn epoch_body(state: &AppState, row: &EpochRow) -> AppResult<EpochBody
     })
 }
 
-/// The epoch of this name.
+/// Returns the epoch with this name.
 ///
 /// # Errors
-/// 404 where there is none.
+/// Returns an error (404) if there is none.
 pub async fn stored_epoch(state: &AppState, id: &str) -> AppResult<EpochRow> {
     let row = state.store.epoch(id).await?;
     row.ok_or_else(|| AppError::not_found(format!("there is no epoch {id:?}; /v1/epochs lists them")))
 }
 
-/// All epochs, with their commitments.
+/// Lists all epochs with their commitments.
 #[utoipa::path(
     get, path = "/v1/epochs", operation_id = "list_epochs", tag = "hidden evaluation", summary = "List epochs",
     responses(
@@ -165,7 +165,7 @@ pub async fn list_epochs(State(state): State<AppState>) -> AppResult<Json<EpochL
     Ok(Json(EpochList { epochs }))
 }
 
-/// An epoch: its commitment, its rules, and how it stands.
+/// Returns an epoch with its commitment, rules and current state.
 #[utoipa::path(
     get, path = "/v1/epochs/{epoch}", operation_id = "get_epoch", tag = "hidden evaluation", summary = "Get an epoch",
     params(("epoch" = String, Path, description = "The epoch's name", example = "2026-11")),
@@ -181,13 +181,13 @@ pub async fn get_epoch(State(state): State<AppState>, Path(epoch): Path<String>)
     Ok(Json(epoch_body(&state, &row).await?))
 }
 
-/// The epoch, where it is over and its key is at hand.
+/// Returns the epoch and its secret if the epoch is over, fully graded, and its key is available.
 async fn over(state: &AppState, id: &str) -> AppResult<(EpochRow, Arc<EpochSecret>)> {
     let row = stored_epoch(state, id).await?;
     let now = now_ms();
     if !row.is_over(now) {
         let detail =
-            format!("the epoch closes at {}; nothing is revealed before", rfc3339(row.commitment.closes_at_ms));
+            format!("the epoch closes at {}; nothing is revealed before that", rfc3339(row.commitment.closes_at_ms));
         return Err(AppError::conflict("epoch-not-over", detail));
     }
     if row.settled_at_ms.is_none() {
@@ -213,8 +213,8 @@ fn revealed_entry(row: EntryRow) -> RevealedEntry {
     }
 }
 
-/// All that a closed epoch held back: key, salts, specifications, entries, draws and grades. `plumbline verify-epoch` makes
-/// everything again from the key and compares.
+/// Returns everything that a closed epoch kept secret: key, salts, specifications, entries, draws and grades.
+/// `plumbline verify-epoch` recomputes everything from the key and compares.
 #[utoipa::path(
     get, path = "/v1/epochs/{epoch}/reveal", operation_id = "get_epoch_reveal", tag = "hidden evaluation",
     summary = "Reveal a closed epoch",
@@ -279,13 +279,13 @@ pub async fn get_epoch_reveal(State(state): State<AppState>, Path(epoch): Path<S
     Ok((json, text).into_response())
 }
 
-/// The logs that answered a closed epoch's instances, one a line: what `verify-epoch` grades again.
+/// Returns the logs that answered a closed epoch's instances, one per line. `plumbline verify-epoch` grades them again.
 #[utoipa::path(
     get, path = "/v1/epochs/{epoch}/answers", operation_id = "get_epoch_answers", tag = "hidden evaluation",
     summary = "Download a closed epoch's answers",
     params(("epoch" = String, Path, description = "The epoch's name", example = "2026-11")),
     responses(
-        (status = 200, description = "A JSON object a line: instance and log", body = String, content_type = "application/x-ndjson",
+        (status = 200, description = "One JSON object per line, with instance and log", body = String, content_type = "application/x-ndjson",
          example = "{\"instance\":\"5f0c…\",\"log\":{\"palette\":[\"stone\"],\"turns\":[[[0,0,0,0]]]}}\n"),
         (status = 404, description = "There is none of this name", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "It is not over, or its key was lost", body = Problem, content_type = "application/problem+json"),

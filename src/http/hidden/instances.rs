@@ -1,4 +1,4 @@
-//! Hidden instances: prompts out, one log in.
+//! Hidden instances: the service issues prompts and accepts one log as the answer.
 
 use axum::Json;
 use axum::extract::{Path, State};
@@ -37,43 +37,43 @@ use plumbline_engine::tasks::{Task, hex};
 use plumbline_engine::voxel::BlockLog;
 use plumbline_engine::voxel::replay::Replay;
 
-/// An instance as its entrant sees it: what to build, and nothing of how it is checked.
+/// An instance as its entrant sees it: the prompts, without the checks.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct InstanceBody {
-    /// Its id.
+    /// Identifier of the instance.
     #[schema(format = Uuid)]
     pub id: String,
-    /// The entry that it belongs to.
+    /// Identifier of the entry.
     #[schema(format = Uuid)]
     pub entry: String,
-    /// Run of the entry.
+    /// Number of the run within the entry, from 1.
     pub run: u32,
-    /// What is to be built, one instruction per turn.
+    /// Instructions, one per turn.
     pub prompts: Vec<String>,
-    /// When it was issued.
+    /// Time of issue.
     #[schema(format = DateTime)]
     pub issued_at: String,
-    /// Until when it may be answered.
+    /// Deadline for the answer.
     #[schema(format = DateTime)]
     pub expires_at: String,
-    /// Whether it is answered.
+    /// Whether the instance has an answer.
     pub answered: bool,
-    /// SHA-256 of the log that answered it.
+    /// SHA-256 of the log that answered the instance.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub log_sha256: Option<String>,
-    /// What was promised of the agent's transcript.
+    /// SHA-256 of the agent's transcript, as promised with the answer.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub transcript_sha256: Option<String>,
-    /// When a transcript with that hash was shown.
+    /// Time at which a transcript with that hash was shown.
     #[schema(format = DateTime)]
     pub transcript_checked_at: Option<String>,
 }
 
 impl InstanceBody {
-    /// Of a stored one.
+    /// Builds the representation of a stored instance.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn of(state: &AppState, row: InstanceRow) -> AppResult<Self> {
         let task = state.store.task(&row.task_hash).await?;
         Ok(Self {
@@ -91,7 +91,7 @@ impl InstanceBody {
     }
 }
 
-/// The instance, where it is the caller's.
+/// Returns the instance if the caller may act on it.
 async fn own_instance(state: &AppState, caller: &Caller, id: &str) -> AppResult<InstanceRow> {
     let missing = || AppError::not_found(format!("there is no instance {id:?}"));
     let row = state.store.instance(id).await?.ok_or_else(missing)?;
@@ -100,7 +100,7 @@ async fn own_instance(state: &AppState, caller: &Caller, id: &str) -> AppResult<
     Ok(row)
 }
 
-/// An instance. Needs the key of its owner.
+/// Returns an instance. Requires a key of its owner.
 #[utoipa::path(
     get, path = "/v1/instances/{id}", operation_id = "get_instance", tag = "hidden evaluation", summary = "Get an instance",
     params(("id" = String, Path, description = "The instance's id")),
@@ -131,43 +131,44 @@ pub async fn get_instance(
                            "transcript_sha256": "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08" }))]
 #[expect(dead_code, reason = "describes the body that AnswerShape reads")]
 pub struct NewAnswerBody {
-    /// What was done in each turn, in any of the forms of a submission's. Either this or `log` is needed.
+    /// Actions of each turn, in any form that a submission accepts. Either `turns` or `log` is required.
     #[schema(max_items = 64)]
     turns: Option<Vec<NewTurn>>,
-    /// The same in the stored form, as `/v1/submissions/{id}/log` shows it.
+    /// The log in its stored form, as `/v1/submissions/{id}/log` returns it.
     log: Option<StoredLogBody>,
-    /// SHA-256 of the agent's transcript, to be shown on request.
+    /// SHA-256 of the agent's transcript, which must be shown on request.
     #[schema(pattern = "^[0-9a-fA-F]{64}$")]
     transcript_sha256: Option<String>,
 }
 
-/// That an answer was taken.
+/// Confirmation of an accepted answer.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct AnswerTaken {
-    /// The instance.
+    /// Identifier of the instance.
     #[schema(format = Uuid)]
     pub instance: String,
-    /// SHA-256 of the log's canonical JSON: the receipt will hold it.
+    /// SHA-256 of the log's canonical JSON; the receipt contains it.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub log_sha256: String,
-    /// Whether the same log had answered it before.
+    /// Whether the same log had already answered the instance.
     pub repeated: bool,
-    /// The signed receipt of the answer. Keep it: with it anybody can see whether the reveal has this answer.
+    /// Signed receipt of the answer. Keep it: it lets anyone check that the reveal contains this answer.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub receipt: Option<GivenReceipt>,
-    /// What action code did, where a turn brought some.
+    /// Results of running the action code, if a turn contains any.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub action_code: Vec<crate::app::replay::TurnReplay>,
 }
 
-/// Answer an instance with one log. Format errors are told in full and cost nothing; once a log is taken, another one is refused.
+/// Answers an instance with one log. Format errors are reported in full and cost nothing. Once a log is accepted, a
+/// different log is rejected.
 #[utoipa::path(
     post, path = "/v1/instances/{id}/answer", operation_id = "answer_instance", tag = "hidden evaluation",
     summary = "Answer an instance",
     params(("id" = String, Path, description = "The instance's id")),
     request_body(content = NewAnswerBody, content_type = "application/json"),
     responses(
-        (status = 202, description = "Taken, durably; grading follows", body = AnswerTaken,
+        (status = 202, description = "The answer is stored durably and will be graded", body = AnswerTaken,
          example = json!({ "instance": "5f0c…", "log_sha256": "9f86d081…", "repeated": false })),
         (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
@@ -189,7 +190,7 @@ pub async fn answer_instance(
 ) -> AppResult<Response> {
     caller.require(Scope::Submit)?;
     if body.format == Format::NdJson {
-        return Err(AppError::not_ndjson("an instance is answered alone"));
+        return Err(AppError::not_ndjson("send one answer per request"));
     }
     let instance = own_instance(&state, &caller, &id).await?;
     let task = state.store.task(&instance.task_hash).await?;
@@ -230,19 +231,16 @@ pub async fn answer_instance(
         Answered::OtherTranscript(promised) => {
             let before = promised.map_or_else(|| "none".to_owned(), |hash| format!("another one, {hash}"));
             let detail = format!(
-                "the instance was answered with this log and {before} as transcript_sha256; what is promised is promised with the \
-                 first answer"
+                "the instance was answered with this log and {before} as transcript_sha256; the promise cannot \
+                 change after the first answer"
             );
             return Err(AppError::conflict("another-transcript", detail));
         }
         Answered::Other => {
-            return Err(AppError::conflict(
-                "already-answered",
-                "the instance was answered with another log; it takes one",
-            ));
+            return Err(AppError::conflict("already-answered", "the instance was already answered, with another log"));
         }
         Answered::Expired => {
-            let detail = format!("the instance was to be answered until {}", rfc3339(instance.expires_at_ms));
+            let detail = format!("the instance expired at {}", rfc3339(instance.expires_at_ms));
             return Err(AppError::conflict("expired", detail));
         }
         Answered::Closed => {
@@ -255,7 +253,7 @@ pub async fn answer_instance(
             });
         }
         Answered::QuotaUsedUp => {
-            let detail = "the quota is used up: GET /v1/quota tells what it went to";
+            let detail = "the quota is used up; GET /v1/quota lists what it was used for";
             return Err(AppError::new(Kind::QuotaUsedUp, detail));
         }
     };
@@ -265,11 +263,12 @@ pub async fn answer_instance(
     Ok((StatusCode::ACCEPTED, Json(taken)).into_response())
 }
 
-/// What is wrong with a log by its form alone. It says the same of every task with so many turns, whatever its checks are.
+/// Adds the faults in the form of a log. They depend only on the log and the number of turns, so they reveal nothing
+/// about the checks.
 fn check_form(log: &BlockLog, task: &Task, faults: &mut Faults) {
     if log.turns.len() != task.turns.len() {
         let (found, wanted) = (log.turns.len(), task.turns.len());
-        faults.add_at("turns", format!("{found} turns; the instance has {wanted} prompts, each answered by a turn"));
+        faults.add_at("turns", format!("found {found} turns; expected {wanted}, one for each prompt"));
         return;
     }
     let most = LIMITS.blocks_with_stress;
@@ -304,14 +303,15 @@ fn new_submission(
     })
 }
 
-/// Show the transcript that was promised with an answer, before the epoch is over: its SHA-256 is compared, and nothing of it is kept.
+/// Checks the transcript that was promised with an answer, while the epoch is open. The service compares its SHA-256
+/// and stores nothing of it.
 #[utoipa::path(
     post, path = "/v1/instances/{id}/transcript", operation_id = "check_transcript", tag = "hidden evaluation",
     summary = "Show a promised transcript",
     params(("id" = String, Path, description = "The instance's id")),
-    request_body(content = Object, content_type = "application/json", description = "The transcript, byte for byte as it was hashed"),
+    request_body(content = Object, content_type = "application/json", description = "The transcript, with exactly the bytes that were hashed"),
     responses(
-        (status = 200, description = "It is the one promised", body = InstanceBody,
+        (status = 200, description = "The transcript matches the promised hash", body = InstanceBody,
          example = json!({ "id": "5f0c…", "transcript_checked_at": "2026-11-22T10:00:00.000Z" })),
         (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "None was promised, or another, or the epoch is over", body = Problem, content_type = "application/problem+json"),
@@ -330,28 +330,28 @@ pub async fn check_transcript(
     let instance = own_instance(&state, &caller, &id).await?;
     let found = hex(&Sha256::digest(&body.bytes));
     match &instance.transcript_hash {
-        None => return Err(AppError::conflict("no-transcript-promised", "the answer came without transcript_sha256")),
+        None => return Err(AppError::conflict("no-transcript-promised", "the answer had no transcript_sha256")),
         Some(promised) if *promised != found => {
-            let detail = format!("the body has the SHA-256 {found}; promised was {promised}");
+            let detail = format!("the SHA-256 of the body is {found}; the promised one is {promised}");
             return Err(AppError::conflict("another-transcript", detail));
         }
         Some(_) => {}
     }
     if !state.store.note_transcript(&id, now_ms()).await? {
-        let detail = "the epoch is over, and what it reveals stays as it is; a transcript is shown before that";
+        let detail = "the epoch is over, and its reveal no longer changes; transcripts must be shown before that";
         return Err(AppError::conflict("epoch-over", detail));
     }
     let row = own_instance(&state, &caller, &id).await?;
     Ok(Json(InstanceBody::of(&state, row).await?))
 }
 
-/// What an instance came to: its specification and its report. After its epoch is over.
+/// Returns the specification and the report of an instance, after its epoch is over.
 #[utoipa::path(
     get, path = "/v1/instances/{id}/report", operation_id = "get_instance_report", tag = "hidden evaluation",
     summary = "Get a revealed instance's report",
     params(("id" = String, Path, description = "The instance's id")),
     responses(
-        (status = 200, description = "Task and report", body = Object,
+        (status = 200, description = "The task and the report", body = Object,
          example = json!({ "task": { "id": "slabs/00017" }, "report": { "overall": true } })),
         (status = 404, description = "There is none with this id, or no answer was graded", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "Its epoch is not over", body = Problem, content_type = "application/problem+json"),
@@ -363,17 +363,18 @@ pub async fn get_instance_report(State(state): State<AppState>, Path(id): Path<S
     let row = state.store.instance(&id).await?.ok_or_else(missing)?;
     let epoch = stored_epoch(&state, &row.epoch_id).await?;
     if epoch.closed.is_none() {
-        let detail = format!("reports are shown when the epoch is over, at {}", rfc3339(epoch.commitment.closes_at_ms));
+        let detail = format!("reports are released at the epoch's end, {}", rfc3339(epoch.commitment.closes_at_ms));
         return Err(AppError::conflict("epoch-not-over", detail));
     }
     let task = state.store.task(&row.task_hash).await?;
     let graded = state.store.report_of_instance(&id).await?;
-    let graded = graded.ok_or_else(|| AppError::not_found("no answer to this instance was graded"))?;
+    let graded = graded.ok_or_else(|| AppError::not_found("the instance has no graded answer"))?;
     Ok(Json(serde_json::json!({ "task": task, "report": graded.report, "grader": graded.grader,
                                 "graded_at": rfc3339(graded.graded_at_ms) })))
 }
 
-/// The receipt of an instance's grade: its hash and place in the log at once, all of it when its epoch is over.
+/// Returns the receipt of an instance's grade: at first its hash and its position in the log, and the whole receipt
+/// when the epoch is over.
 #[utoipa::path(
     get, path = "/v1/instances/{id}/receipt", operation_id = "get_instance_receipt", tag = "hidden evaluation",
     summary = "Get an instance's receipt",
@@ -389,9 +390,9 @@ pub async fn get_instance_receipt(
     State(state): State<AppState>,
     Path(id): Path<String>,
 ) -> AppResult<Json<ReceiptFile>> {
-    let missing = || AppError::not_found(format!("there is no receipt for the instance {id:?} yet"));
+    let missing = || AppError::not_found(format!("the instance {id:?} has no receipt yet"));
     let row = state.store.instance(&id).await?.ok_or_else(missing)?;
-    // When an instance was graded is told with its entry, not before.
+    // The receipt would reveal when the instance was graded, so it is withheld until the entry is complete.
     let entry = state.store.entry(&row.entry_id).await?.filter(|entry| entry.completed_at_ms.is_some());
     let submission = entry.and(row.submission_id).ok_or_else(missing)?;
     Ok(Json(state.store.receipt_of(&submission).await?.ok_or_else(missing)?.with_place(&state.signer)))

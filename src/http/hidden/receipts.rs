@@ -1,4 +1,4 @@
-//! Receipts: the public log of grades, and the key that verifies it.
+//! Receipts: the public log of grades, and the keys that verify it.
 
 use axum::Json;
 use axum::extract::{Path, State};
@@ -12,22 +12,22 @@ use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use plumbline_engine::hidden::receipts::{LogHead, LogPage, ReceiptFile};
 
-/// Which receipts.
+/// Query of the log of receipts.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct LogQuery {
-    /// Only receipts after this place in the log: the page after.
+    /// Only receipts after this position in the log, for paging.
     #[param(minimum = 0)]
     after: Option<i64>,
-    /// Receipts on a page.
+    /// Maximum number of receipts on the page.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
 }
 
-/// The public log of receipts, from the first. Of hidden instances of open epochs hash and link alone are told.
+/// Lists the public log of receipts in order. For hidden instances of open epochs, only hash and link are shown.
 #[utoipa::path(
-    get, path = "/v1/receipts", operation_id = "list_receipts", tag = "receipts", summary = "Read the log of receipts",
+    get, path = "/v1/receipts", operation_id = "list_receipts", tag = "receipts", summary = "List receipts",
     params(LogQuery),
     responses(
         (status = 200, description = "A page of the log", body = LogPage, example = json!({ "receipts": [], "next_after": null, "head": null })),
@@ -37,7 +37,7 @@ pub struct LogQuery {
 )]
 pub async fn list_receipts(State(state): State<AppState>, Params(query): Params<LogQuery>) -> AppResult<Json<LogPage>> {
     let items = page_items(query.limit, 100)?;
-    // The end first: what is entered in between is on the next page.
+    // Reads the end of the log first: receipts that are added meanwhile belong to the next page.
     let (size, link) = state.store.log_end().await?;
     let mut receipts = state.store.receipts(query.after.unwrap_or(0), items as i64 + 1).await?;
     receipts.retain(|receipt| receipt.seq <= size);
@@ -48,7 +48,8 @@ pub async fn list_receipts(State(state): State<AppState>, Params(query): Params<
     Ok(Json(LogPage { receipts, next_after, head }))
 }
 
-/// The receipt of a submission's latest grade by a worker (a regrade makes none): `plumbline verify-receipt` checks it without the service.
+/// Returns the receipt of a submission's latest grade by a worker; a regrade creates no receipt. Check it offline with
+/// `plumbline verify-receipt`.
 #[utoipa::path(
     get, path = "/v1/submissions/{id}/receipt", operation_id = "get_receipt", tag = "receipts", summary = "Get a submission's receipt",
     params(("id" = String, Path, description = "The submission's id")),
@@ -63,23 +64,23 @@ pub async fn get_receipt(State(state): State<AppState>, Path(id): Path<String>) 
     crate::http::submissions::state::stored(&state, &id).await?;
     let receipt = state.store.receipt_of(&id).await?.map(|receipt| receipt.with_place(&state.signer));
     let missing =
-        || AppError::not_found("the submission has no receipt: it is not graded, or was before receipts were kept");
+        || AppError::not_found("the submission has no receipt: it is ungraded, or older than the log of receipts");
     Ok(Json(receipt.ok_or_else(missing)?))
 }
 
-/// The keys that verify receipts, in hexadecimal.
+/// Public keys that verify receipts, in hex.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct ReceiptKeys {
-    /// The one in use: Ed25519.
+    /// Ed25519 key in use.
     pub public_key: String,
-    /// All that receipts in the log were signed with, the first first.
+    /// Keys of all receipts in the log and the key in use, in the order of first use.
     pub all: Vec<String>,
 }
 
-/// The public keys of this service's receipts.
+/// Returns the public keys that verify this service's receipts.
 #[utoipa::path(
     get, path = "/.well-known/plumbline-receipts.json", operation_id = "get_receipt_keys", tag = "receipts",
-    summary = "Public keys of receipts",
+    summary = "Get the public keys of receipts",
     responses(
         (status = 200, description = "The keys", body = ReceiptKeys, example = json!({ "public_key": "d75a9801…", "all": ["d75a9801…"] })),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),

@@ -1,5 +1,5 @@
-//! Layers around every route: what is noted of a request, who asks and how often, time limit, panics, compression, and
-//! problems for errors that no handler made.
+//! Layers around every route: metrics and logs, callers and rate limits, the time limit, panics, compression, and
+//! problem documents for errors that no handler produced.
 
 use std::time::Duration;
 
@@ -23,17 +23,17 @@ use crate::http::extract::caller::{identify, without_key};
 use crate::http::problem::{PROBLEM_JSON, Problem};
 use crate::http::state::AppState;
 
-/// Header that says what was amiss although the request was served.
+/// Header with a warning on a request that was served nevertheless.
 const WARNING: HeaderName = HeaderName::from_static("x-plumbline-warning");
-/// Longest text of an error made by a library that is passed on.
+/// Maximum length of an error text from a library that is passed on, in bytes.
 const MAX_DETAIL_BYTES: usize = 2_048;
 
-/// Puts the layers around `router`. The first named is the outermost.
+/// Wraps `router` in the layers; the first layer is the outermost.
 pub fn around(router: Router, state: AppState) -> Router {
     let request_timeout = Duration::from_secs(LIMITS.request_seconds);
     let layers = ServiceBuilder::new()
         .layer(from_fn(observe))
-        // A large answer is compressed on a thread that serves others too.
+        // Compression runs on a thread that also serves other requests, so it must be fast.
         .layer(CompressionLayer::new().quality(CompressionLevel::Fastest))
         .layer(from_fn_with_state(state, guard))
         .layer(CatchPanicLayer::custom(on_panic))
@@ -49,8 +49,8 @@ fn on_panic(payload: Box<dyn std::any::Any + Send + 'static>) -> Response {
     AppError::internal(&format!("panic: {text}")).into_response()
 }
 
-/// Lets a request through where its sender has not sent too many, and makes problems of errors that come from libraries as
-/// plain text or without a body.
+/// Rejects a request whose sender exceeds the rate limit, and turns errors that libraries return as plain text or
+/// without a body into problem documents.
 async fn guard(State(state): State<AppState>, mut request: Request, next: Next) -> Response {
     if let Err(refused) = must_name_host(&request) {
         return refused.into_response();
@@ -69,7 +69,7 @@ async fn guard(State(state): State<AppState>, mut request: Request, next: Next) 
         left.write_to(response.headers_mut());
     }
     if let Some(why) = sender.refused.filter(|_| response.status().is_success()) {
-        let told = HeaderValue::try_from(format!("{why}; the request was served without it"));
+        let told = HeaderValue::try_from(format!("{why}; the request was served without a key"));
         response.headers_mut().extend(told.ok().map(|told| (WARNING, told)));
     }
     if let Some(owner) = sender.owner {
@@ -78,22 +78,23 @@ async fn guard(State(state): State<AppState>, mut request: Request, next: Next) 
     response
 }
 
-/// A request of HTTP/1.1 names one host (RFC 9112, section 3.2): one that names none or two may mean another thing to a proxy in front.
+/// Rejects an HTTP/1.1 request without exactly one Host header (RFC 9112, section 3.2), because a proxy in front may
+/// interpret it differently.
 fn must_name_host(request: &Request) -> Result<(), AppError> {
     let hosts = request.headers().get_all(header::HOST).iter().count();
     if hosts == 1 || (hosts == 0 && request.version() < Version::HTTP_11) {
         return Ok(());
     }
-    let detail = format!("the request has {hosts} Host headers; HTTP/1.1 asks for one");
+    let detail = format!("the request has {hosts} Host headers; HTTP/1.1 requires exactly one");
     Err(AppError::new(Kind::BadRequest, detail))
 }
 
-/// Hides what has a listener of its own: metrics, and what operators do to boards.
+/// Hides the routes that are served on the administration listener only: metrics and board actions.
 pub async fn without_administration(request: Request, next: Next) -> Response {
     let path = request.uri().path();
     let is_board_action = request.method() == Method::POST && path.ends_with("/board-actions");
     if path == "/metrics" || is_board_action {
-        return AppError::not_found("this is served on the listener for administration").into_response();
+        return AppError::not_found("this is served on the administration listener only").into_response();
     }
     next.run(request).await
 }
@@ -101,15 +102,15 @@ pub async fn without_administration(request: Request, next: Next) -> Response {
 async fn as_problem(response: Response, asked: impl Fn() -> String) -> Response {
     let status = response.status();
     let kind = response.headers().get(header::CONTENT_TYPE).and_then(|kind| kind.to_str().ok()).unwrap_or_default();
-    // Pages say themselves what is wrong.
+    // HTML pages describe the error themselves.
     if kind == PROBLEM_JSON || kind.starts_with("text/html") {
         return response;
     }
     let (parts, body) = response.into_parts();
     let problem = match status {
-        StatusCode::NOT_FOUND => AppError::not_found(format!("there is nothing at {}", asked())),
+        StatusCode::NOT_FOUND => AppError::not_found(format!("no resource matches {}", asked())),
         StatusCode::METHOD_NOT_ALLOWED => {
-            let detail = format!("{} is not possible; the Allow header names what is", asked());
+            let detail = format!("{} is not allowed; the Allow header lists the allowed methods", asked());
             AppError::new(Kind::MethodNotAllowed, detail)
         }
         StatusCode::REQUEST_TIMEOUT => {

@@ -1,4 +1,4 @@
-//! Middleware: what happens around every route.
+//! Middleware around every route.
 
 pub mod layers;
 pub mod observe;

@@ -1,5 +1,5 @@
-//! What is noted of each request, once: an id, a metric by route and not by path, a log line; and that pages of any origin may
-//! read the answer.
+//! Gives each request an identifier, metrics by route (not by path) and a log line, and allows pages of any origin to
+//! read the response (CORS).
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -13,14 +13,14 @@ use axum::response::{IntoResponse as _, Response};
 use metrics::{Counter, Histogram};
 use uuid::Uuid;
 
-/// Header of the request id: taken from the client or made here, and always sent back.
+/// Header of the request identifier, which the client or this module sets; every response has it.
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
-/// Longest id of a client that is taken.
+/// Maximum length of an identifier from a client, in bytes.
 const MAX_ID_BYTES: usize = 128;
-/// Name of requests that no route matches.
+/// Route label of requests that match no route.
 const UNMATCHED: &str = "unmatched";
 
-/// Gives the request an id, counts and logs it.
+/// Assigns an identifier to the request, answers preflight requests, and records metrics and a log line.
 pub async fn observe(mut request: Request, next: Next) -> Response {
     let begun = Instant::now();
     let method = request.method().clone();
@@ -42,11 +42,11 @@ pub async fn observe(mut request: Request, next: Next) -> Response {
     response
 }
 
-/// The owner of the key that a request came with, for its log line.
+/// Owner of the key that a request was sent with, for its log line.
 #[derive(Debug, Clone)]
 pub(super) struct Owner(pub String);
 
-/// A line for each request: never its path, key or body. Of probes and of what is asked for again and again it is at debug.
+/// Logs a request without its path, key and body; probes and assets, which are requested often, at level debug.
 fn log(method: &Method, route: &str, status: u16, took: Duration, id: &HeaderValue, owner: Option<&Owner>) {
     const QUIET: [&str; 4] = ["/healthz", "/readyz", "/metrics", "/assets/{name}"];
     let owner = owner.map(|owner| owner.0.as_str());
@@ -58,23 +58,25 @@ fn log(method: &Method, route: &str, status: u16, took: Duration, id: &HeaderVal
     }
 }
 
-/// Whether a browser asks if a page of another origin may send something.
+/// Returns whether a request is a CORS preflight.
 fn is_preflight(request: &Request) -> bool {
     request.method() == Method::OPTIONS && request.headers().contains_key(header::ACCESS_CONTROL_REQUEST_METHOD)
 }
 
-/// It may: whatever is allowed here is allowed by a key, which no browser adds by itself.
+/// Answers a preflight: allows all requests. That is safe because access depends on a key, which browsers never add by
+/// themselves.
 fn allowed() -> Response {
     let allow = [
         (header::ACCESS_CONTROL_ALLOW_METHODS, "*"),
-        // The star does not stand for this one (Fetch standard, "CORS non-wildcard request-header name").
+        // The wildcard does not cover `authorization` (Fetch standard, "CORS non-wildcard request-header name").
         (header::ACCESS_CONTROL_ALLOW_HEADERS, "*, authorization"),
         (header::ACCESS_CONTROL_MAX_AGE, "86400"),
     ];
     (StatusCode::NO_CONTENT, allow).into_response()
 }
 
-/// The client's id, where it may be one, or a new one: unlike any other of this process, and of others as good as surely.
+/// Returns the client's identifier if it is valid, otherwise a new one, which is unique in this process and almost
+/// certainly across processes.
 fn id_of(headers: &mut HeaderMap) -> HeaderValue {
     static PROCESS: LazyLock<String> = LazyLock::new(|| Uuid::new_v4().simple().to_string());
     static NEXT: AtomicU64 = AtomicU64::new(0);
@@ -86,7 +88,7 @@ fn id_of(headers: &mut HeaderMap) -> HeaderValue {
     id.unwrap_or(HeaderValue::from_static("none"))
 }
 
-/// The metrics of a route, looked up once and kept: finding them by their labels takes longer than many an answer.
+/// Metrics of a route, cached because looking them up by label takes longer than answering many a request.
 struct Series {
     seconds: Histogram,
     counts: RwLock<Vec<(Method, u16, Counter)>>,
@@ -118,8 +120,8 @@ impl Series {
     }
 }
 
-/// The method, or one that stands for all others: a client may invent any number of them, and each would be a series of its
-/// own.
+/// Returns the method, or `TRACE` for an unusual one. Clients may invent any number of methods, and each would create a
+/// series.
 fn known(method: &Method) -> &Method {
     const KNOWN: [Method; 7] =
         [Method::GET, Method::HEAD, Method::POST, Method::PUT, Method::PATCH, Method::DELETE, Method::OPTIONS];

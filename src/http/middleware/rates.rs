@@ -1,4 +1,5 @@
-//! Rate limits: how many requests a second an owner of keys may send, and an address without one. What is left is told in headers.
+//! Rate limits: requests per second for each owner of keys, and for each address without a key. Response headers report
+//! the remaining requests.
 
 use std::net::{IpAddr, SocketAddr};
 use std::num::NonZeroU32;
@@ -12,29 +13,29 @@ use governor::{Quota, RateLimiter};
 
 use crate::app::error::{AppError, Kind};
 
-/// Bits of an IPv6 address that name a network: a household or a host has all addresses of one.
+/// Length of an IPv6 network prefix in bits; a household or a host usually has all addresses of one network.
 const IPV6_NETWORK_BITS: u32 = 64;
 
-/// What limits are set to; 0 for none.
+/// Settings of the limits; a rate of 0 means no limit.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct RateSettings {
-    /// Requests a second with a key.
+    /// Requests per second for an owner of keys.
     pub per_key: u32,
-    /// Requests a second from an address without one.
+    /// Requests per second from an address without a key.
     pub per_address: u32,
-    /// Connections open at once from one address, where none is in front.
+    /// Maximum number of open connections from one address; ignored behind a proxy.
     pub connections_per_address: usize,
-    /// Whether a proxy in front of the service says in `X-Forwarded-For` who asks.
+    /// Whether a proxy in front of the service sets the client's address in `X-Forwarded-For`.
     pub is_behind_proxy: bool,
 }
 
-/// The other end of the connection that a request came over.
+/// Remote address of the connection of a request.
 #[derive(Debug, Clone, Copy)]
 pub struct Peer(pub SocketAddr);
 
 type Limiter<K> = RateLimiter<K, DefaultKeyedStateStore<K>, DefaultClock, StateInformationMiddleware>;
 
-/// Counts requests by key and by address.
+/// Rate limiters for keys and addresses.
 #[derive(Debug)]
 pub struct Rates {
     keys: Option<Limiter<String>>,
@@ -44,7 +45,7 @@ pub struct Rates {
     is_behind_proxy: bool,
 }
 
-/// What a client may still send.
+/// State of a client's rate limit.
 #[derive(Debug, Clone, Copy)]
 pub struct RateLimitStatus {
     a_second: u32,
@@ -75,7 +76,7 @@ impl IntoResponse for RateLimited {
 }
 
 impl Rates {
-    /// Nothing counted yet.
+    /// Creates the limiters.
     #[must_use]
     pub fn new(settings: RateSettings) -> Self {
         let quota = |a_second| NonZeroU32::new(a_second).map(Quota::per_second);
@@ -88,27 +89,29 @@ impl Rates {
         }
     }
 
-    /// Counts a request with a live key among those of its owner. None where keys have no limit.
+    /// Counts a request with a live key towards the limit of its owner. Returns `None` if keys have no limit.
     ///
     /// # Errors
-    /// 429 where there were too many.
+    /// Returns an error (429) if the owner exceeds the limit.
     pub fn with_key(&self, owner: &str) -> Result<Option<RateLimitStatus>, RateLimited> {
-        // The limiter wants a key of its own type, and most are known: what is made is small.
+        // The limiter requires an owned key; the copy is small.
         self.keys.as_ref().map(|limiter| self.count(limiter, &owner.to_owned(), "key")).transpose()
     }
 
-    /// Counts a request without a live key.
+    /// Counts a request without a live key towards the limit of its address. Returns `None` if addresses have no limit
+    /// or the address is unknown.
     ///
     /// # Errors
-    /// 429 where there were too many.
+    /// Returns an error (429) if the address exceeds the limit.
     pub fn without_key(&self, peer: Option<Peer>, headers: &HeaderMap) -> Result<Option<RateLimitStatus>, RateLimited> {
         self.by_address(self.addresses.as_ref(), peer, headers)
     }
 
-    /// Counts a look for a key that is not known, apart from other requests of its address: others there may have keys.
+    /// Counts the lookup of a key that is not known, separately from other requests of the address: other clients there
+    /// may have valid keys.
     ///
     /// # Errors
-    /// 429 where there were too many.
+    /// Returns an error (429) if the address exceeds the limit.
     pub fn looking_up(&self, peer: Option<Peer>, headers: &HeaderMap) -> Result<(), RateLimited> {
         self.by_address(self.lookups.as_ref(), peer, headers).map(|_| ())
     }
@@ -124,7 +127,8 @@ impl Rates {
         self.count(limiter, &address, "address").map(Some)
     }
 
-    /// The address that a request is counted under: the client's where a proxy names it, an IPv6 network as one.
+    /// Returns the address that a request counts towards: the client's address from the proxy if there is one,
+    /// otherwise the peer's. An IPv6 address is reduced to its network.
     #[must_use]
     pub fn address(&self, peer: Option<Peer>, headers: &HeaderMap) -> Option<IpAddr> {
         let forwarded = || {
@@ -150,8 +154,7 @@ impl Rates {
                 metrics::counter!("plumbline_rate_limited_total", "by" => what.to_owned()).increment(1);
                 let a_second = refused.quota().burst_size().get();
                 let wait = refused.wait_time_from(self.clock.now()).as_secs_f64().ceil().max(1.0);
-                let detail =
-                    format!("more than {a_second} requests a second from this {what}; what was sent may be sent again");
+                let detail = format!("more than {a_second} requests per second from this {what}; see Retry-After");
                 let error = AppError::new(Kind::RateLimited, detail);
                 Err(RateLimited {
                     error: error.retry_after(wait as u32),
@@ -161,7 +164,7 @@ impl Rates {
         }
     }
 
-    /// Forgets who has been quiet.
+    /// Evicts the state of idle clients.
     pub fn evict_idle(&self) {
         if let Some(limiter) = &self.keys {
             limiter.retain_recent();
@@ -173,9 +176,9 @@ impl Rates {
 }
 
 impl RateLimitStatus {
-    /// Writes it into the headers of an answer.
+    /// Writes the state into the headers of a response.
     pub fn write_to(self, headers: &mut HeaderMap) {
-        // Everything is there again a second after the last request, whatever was used.
+        // The limit is fully replenished one second after the last request.
         let values = [
             (HeaderName::from_static("ratelimit-limit"), self.a_second),
             (HeaderName::from_static("ratelimit-remaining"), self.left),
@@ -187,13 +190,13 @@ impl RateLimitStatus {
     }
 }
 
-/// The address in an entry of X-Forwarded-For, with which some proxies write the port too.
+/// Parses the address in an entry of X-Forwarded-For; some proxies append the port.
 fn forwarded_address(entry: &str) -> Option<IpAddr> {
     let bare = entry.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')).unwrap_or(entry);
     bare.parse().ok().or_else(|| entry.parse::<SocketAddr>().ok().map(|address| address.ip()))
 }
 
-/// Addresses that are likely one client's: an IPv4 address, an IPv6 network.
+/// Reduces an address to the part that likely identifies one client: an IPv4 address, or an IPv6 network.
 #[must_use]
 pub fn network(address: IpAddr) -> IpAddr {
     match address.to_canonical() {

@@ -1,4 +1,4 @@
-//! Files that pages ask for: in the binary, under an address that changes with the program.
+//! Static assets of the pages, embedded in the binary. Pages append the program version to asset URLs.
 
 use axum::extract::Path;
 use axum::http::{HeaderValue, header};
@@ -6,19 +6,19 @@ use axum::response::{IntoResponse as _, Response};
 
 use crate::app::error::{AppError, AppResult};
 
-/// The sheet of all pages.
+/// Stylesheet of all pages.
 pub const STYLE: &str = include_str!("assets/style.css");
-/// The 3D view.
+/// Script of the 3D view.
 pub const VIEWER: &str = include_str!("assets/viewer.js");
-/// Clocks that run.
+/// Script that keeps countdowns running.
 pub const COUNTDOWN: &str = include_str!("assets/countdown.js");
-/// Part of the addresses of assets, so that browsers may keep them for long.
+/// Program version, which pages append to asset URLs so that browsers load new assets after an upgrade.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// An asset.
+/// Serves an asset.
 ///
 /// # Errors
-/// 404 where there is none of this name.
+/// Returns a 404 error if no asset has this name.
 pub async fn get(Path(name): Path<String>) -> AppResult<Response> {
     let (kind, text) = match name.as_str() {
         "style.css" => ("text/css; charset=utf-8", STYLE),

@@ -1,4 +1,4 @@
-//! The page of a board, and that of two of its runs.
+//! The page of a board and the page that compares two of its runs.
 
 use askama::Template;
 use axum::extract::{Path, RawQuery, State};
@@ -14,7 +14,7 @@ use plumbline_engine::grading::statistics::comparison::fisher;
 use plumbline_engine::grading::statistics::ranks::{range, threshold};
 use plumbline_engine::tasks::reported::ReportedRow;
 
-/// Columns that a board is sorted by: key, name.
+/// Columns that a board can be sorted by: key and displayed name.
 const COLUMNS: [(&str, &str); 11] = [
     ("overall", "overall"),
     ("accuracy", "accuracy"),
@@ -23,14 +23,14 @@ const COLUMNS: [(&str, &str); 11] = [
     ("size", "size"),
     ("physical_plausibility", "plausibility"),
     ("dependency", "dependency"),
-    ("structural_stability", "stability, mean"),
-    ("efficiency", "efficiency, mean"),
+    ("structural_stability", "mean stability"),
+    ("efficiency", "mean efficiency"),
     ("coverage", "coverage"),
     ("finished", "finished"),
 ];
-/// Rows of a page.
+/// Number of rows on a page.
 const ROWS: u32 = 50;
-/// Runs that are shown by group.
+/// Number of runs in the tables by group.
 const GROUPED_ROWS: usize = 8;
 
 struct Column {
@@ -69,7 +69,7 @@ struct BoardPage {
 }
 
 impl BoardPage {
-    /// Whether a row begins another group than the one before: it may not have a place that the one before may have.
+    /// Returns whether a row begins a new group: its best possible rank is worse than that of the row before it.
     fn begins_group(&self, row: usize) -> bool {
         let places = |row: usize| self.body.rows.get(row).and_then(|row| row.places);
         let before = row.checked_sub(1).and_then(places);
@@ -77,12 +77,12 @@ impl BoardPage {
     }
 }
 
-/// The page of a board.
+/// Serves the page of a board.
 ///
 /// # Errors
-/// 404 where there is no such suite; 400 where a parameter is wrong.
+/// Returns a 404 error if the suite does not exist and a 400 error if a parameter is invalid.
 pub async fn board(State(state): State<AppState>, Path(suite): Path<String>, RawQuery(raw): RawQuery) -> PageResult {
-    // An empty field of the form is a filter that is not set.
+    // An empty form field is an unset filter.
     let set: Vec<(String, String)> = form_urlencoded::parse(raw.as_deref().unwrap_or_default().as_bytes())
         .into_owned()
         .filter(|(_, value)| !value.is_empty())
@@ -144,7 +144,7 @@ pub async fn board(State(state): State<AppState>, Path(suite): Path<String>, Raw
     })
 }
 
-/// Reported rows with the places that they may have among each other.
+/// Ranks the reported rows among each other and formats them for the page.
 fn reported(rows: &[ReportedRow]) -> Vec<Reported> {
     let solved = |row: &ReportedRow| row.solved.zip(row.of);
     let known: Vec<(usize, usize)> = rows.iter().filter_map(solved).collect();
@@ -179,14 +179,14 @@ impl ComparePage {
         format!("{:.4}", self.told.p_value)
     }
 
-    /// Who, and what only they solve.
+    /// Returns each agent with the tasks that it alone solves.
     fn sides(&self) -> [(&str, &[ComparedTask]); 2] {
         let Comparison { a, b, only_a, only_b, .. } = &self.told;
         [(&a.agent, only_a), (&b.agent, only_b)]
     }
 }
 
-/// Which two.
+/// The two runs to compare.
 #[derive(Debug, Deserialize)]
 pub struct Two {
     a: String,
@@ -200,10 +200,10 @@ struct ComparePage {
     told: Comparison,
 }
 
-/// The page of two runs of a board.
+/// Serves the page that compares two runs of a board.
 ///
 /// # Errors
-/// 404 where there is no such suite or run.
+/// Returns a 404 error if the suite does not exist or its board has no such run.
 pub async fn compare_runs(
     State(state): State<AppState>,
     Path(suite): Path<String>,

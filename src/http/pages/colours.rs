@@ -1,8 +1,9 @@
-//! Colours of materials, for pictures: like the block where its name tells, else one of its own that stays the same.
+//! Colours of materials in pictures: close to the block's own colour if its name is recognized, otherwise derived from
+//! a hash of the name.
 
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 
-/// Parts of names, and the colour of blocks that have them; the first that fits.
+/// Parts of block names with their colours; the first part that a name contains applies.
 const KNOWN: [(&str, [u8; 3]); 34] = [
     ("dark_oak", [74, 49, 25]),
     ("oak", [172, 139, 87]),
@@ -40,12 +41,12 @@ const KNOWN: [(&str, [u8; 3]); 34] = [
     ("wool", [234, 236, 237]),
 ];
 
-/// The colour of a material.
+/// Returns the colour of a material as red, green and blue.
 #[must_use]
 pub fn of(material: &str) -> [u8; 3] {
     let known = KNOWN.iter().find(|(part, _)| material.contains(part)).map(|(_, colour)| *colour);
     known.unwrap_or_else(|| {
-        // The hasher without keys is the same in every process.
+        // `DefaultHasher::new` uses fixed keys, so every process derives the same colour.
         let mut hasher = DefaultHasher::new();
         material.hash(&mut hasher);
         let [a, b, c, ..] = hasher.finish().to_le_bytes();
@@ -53,7 +54,7 @@ pub fn of(material: &str) -> [u8; 3] {
     })
 }
 
-/// The same as `#rrggbb`.
+/// Returns the colour of a material as `#rrggbb`.
 #[must_use]
 pub fn hex(material: &str) -> String {
     let [r, g, b] = of(material);

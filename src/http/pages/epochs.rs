@@ -1,4 +1,4 @@
-//! Pages of hidden evaluation: epochs with their commitments, their boards, how to enter and how to verify.
+//! Pages of hidden evaluation: epochs, their commitments and boards, and instructions for entering and verifying.
 
 use askama::Template;
 use axum::extract::{Path, State};
@@ -11,12 +11,12 @@ use crate::http::hidden::epochs::{EpochBody, epoch_body, stored_epoch};
 use crate::http::state::AppState;
 use plumbline_engine::hidden::feedback::Tier;
 
-/// An epoch as a page shows it.
+/// An epoch with the derived values that pages show.
 struct Shown {
     body: EpochBody,
-    /// What comes next, and how far away it is.
+    /// Next opening or closing; `None` once the epoch is closed.
     next: Option<Next>,
-    /// Share of its time that has passed.
+    /// Elapsed share of the time from opening to closing, from 0 to 1; 1 once the epoch is closed.
     passed: f64,
 }
 
@@ -46,13 +46,13 @@ impl Shown {
         }
     }
 
-    /// Share of the budget of information that is spent.
+    /// Returns the spent share of the information budget, at most 1.
     fn spent(&self) -> f64 {
         (self.body.released_bits / self.body.budget_bits.max(1.0)).min(1.0)
     }
 }
 
-/// Time in words, to two units.
+/// Formats a duration in milliseconds with at most two units, such as `1 d 1 h`.
 fn span(ms: i64) -> String {
     let seconds = (ms / 1_000).max(0);
     let units = [(seconds / 86_400, "d"), (seconds / 3_600 % 24, "h"), (seconds / 60 % 60, "min"), (seconds % 60, "s")];
@@ -69,10 +69,10 @@ struct EpochsPage {
     key: String,
 }
 
-/// All epochs, how to enter one, and how to verify what was.
+/// Serves the list of epochs with instructions for entering one and verifying its reveal.
 ///
 /// # Errors
-/// Where the database fails.
+/// Returns an error if the database fails.
 pub async fn epochs(State(state): State<AppState>, headers: HeaderMap) -> PageResult {
     let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
     let mut epochs = Vec::new();
@@ -93,10 +93,10 @@ struct EpochPage {
     boards: [(&'static str, EpochBoard); 2],
 }
 
-/// An epoch: its promise, its clock, its boards.
+/// Serves the page of an epoch: its commitment, its schedule and its boards.
 ///
 /// # Errors
-/// 404 where there is none of this name.
+/// Returns a 404 error if no epoch has this name.
 pub async fn epoch(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
     let row = stored_epoch(&state, &id).await?;
     let boards = [

@@ -1,4 +1,4 @@
-//! What pages share: how they are sent, what they say where something is wrong, and how numbers are written.
+//! Code that all pages share: responses, error pages and the formatting of numbers.
 
 use std::fmt::Write as _;
 
@@ -11,14 +11,14 @@ use crate::http::problem::Problem;
 use plumbline_engine::grading::statistics::interval::Interval;
 use plumbline_engine::grading::statistics::ranks::RankRange;
 
-/// What pages may load: files of this service, and nothing of others.
+/// Content security policy: pages load only files of this service.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
                       base-uri 'none'; form-action 'self'; frame-ancestors 'none'";
 
-/// Result of a page.
+/// Result of a page handler.
 pub type PageResult = Result<Response, PageError>;
 
-/// An error, shown as a page.
+/// An error that is rendered as a page.
 #[derive(Debug)]
 pub struct PageError(AppError);
 
@@ -56,38 +56,38 @@ fn with_policy(policy: &'static str) -> [(axum::http::HeaderName, HeaderValue); 
     ]
 }
 
-/// A page.
+/// Renders a page as a response.
 pub fn page(template: &impl Template) -> PageResult {
     let text = template.render().map_err(|error| AppError::internal(&error))?;
     Ok((with_policy(POLICY), text).into_response())
 }
 
-/// A share as a percentage; `n/a` where there is none.
+/// Formats a share as a percentage; `n/a` for `None`.
 #[must_use]
 pub fn percent(rate: Option<f64>) -> String {
     rate.map_or_else(|| "n/a".to_owned(), |rate| format!("{:.1} %", rate * 100.0))
 }
 
-/// Bounds of a share as percentages.
+/// Formats the bounds of an interval as percentages; empty for `None`.
 #[must_use]
 pub fn bounds(interval: Option<Interval>) -> String {
     interval.map_or_else(String::new, |i| format!("{:.1} to {:.1}", i.low * 100.0, i.high * 100.0))
 }
 
-/// A place, or from which to which; a dash for a run that is not compared.
+/// Formats a rank or a range of ranks; a dash for `None`, which stands for a run that is not compared.
 #[must_use]
 pub fn places(range: Option<RankRange>) -> String {
     let Some(range) = range else { return "–".to_owned() };
     if range.first == range.last { range.first.to_string() } else { format!("{}–{}", range.first, range.last) }
 }
 
-/// A number from 0 to 4 for a share, for colours; nothing where there is none.
+/// Returns the colour level of a share, from 0 to 4; empty for `None`.
 #[must_use]
 pub fn heat(rate: Option<f64>) -> String {
     rate.map_or_else(String::new, |rate| ((rate * 5.0) as u8).min(4).to_string())
 }
 
-/// A share as a bar with its interval, as SVG.
+/// Draws a share and its interval as a bar, in SVG.
 #[must_use]
 pub fn bar(rate: Option<f64>, interval: Option<Interval>) -> String {
     let mut svg = String::from(
@@ -105,7 +105,7 @@ pub fn bar(rate: Option<f64>, interval: Option<Interval>) -> String {
     svg + "</svg>"
 }
 
-/// JSON that may stand in markup: nothing in it can end the element.
+/// Serializes JSON with `<`, `>` and `&` escaped, so that nothing in it can end the element that contains it.
 #[must_use]
 pub fn json_in_markup(value: &serde_json::Value) -> String {
     value.to_string().replace('<', "\\u003c").replace('>', "\\u003e").replace('&', "\\u0026")

@@ -1,27 +1,27 @@
-//! A picture of a build without scripts: blocks seen from above at an angle, as SVG.
+//! Isometric pictures of builds as SVG, for pages without scripts.
 
 use std::fmt::Write as _;
 
 use super::colours;
 use plumbline_engine::voxel::{Cell, Structure};
 
-/// Blocks drawn at most: a picture of more is a large file and shows less.
+/// Greatest number of blocks drawn: a picture of more blocks is a large file and shows less.
 const MOST: usize = 30_000;
-/// Half the width of a block, in units of the picture.
+/// Half the width of a block, in SVG units.
 const HALF_WIDTH: i32 = 10;
-/// A quarter of it: how far a step on the ground moves up or down.
+/// Vertical offset of one step on the ground, a quarter of a block's width, in SVG units.
 const QUARTER: i32 = 5;
-/// Height of a block.
+/// Height of a block, in SVG units.
 const HEIGHT: i32 = 12;
 
-/// The picture of what stands.
+/// Draws a structure; beyond `MOST` blocks, only the first ones.
 #[must_use]
 pub fn svg(structure: &Structure) -> String {
     let all = structure.len();
     let mut blocks: Vec<(Cell, &str)> =
         structure.cells().iter().take(MOST).enumerate().map(|(i, cell)| (*cell, structure.material(i))).collect();
     let cells: std::collections::HashSet<Cell> = blocks.iter().map(|(cell, _)| *cell).collect();
-    // Farthest first: nearer blocks cover what they hide.
+    // Farthest first, so that nearer blocks cover those behind them.
     blocks.sort_by_key(|(cell, _)| (cell.x + cell.y + cell.z, cell.y, cell.x));
     let point = |x: i32, y: i32, z: i32| ((x - z) * HALF_WIDTH, (x + z) * QUARTER - y * HEIGHT);
     let (mut low, mut high) = ((i32::MAX, i32::MAX), (i32::MIN, i32::MIN));
@@ -48,9 +48,7 @@ pub fn svg(structure: &Structure) -> String {
     }
     if blocks.is_empty() {
         (low, high) = ((0, 0), (80, 60));
-        faces.push_str(
-            "<text x=\"40\" y=\"34\" text-anchor=\"middle\" font-size=\"9\" fill=\"#888\">nothing stands</text>",
-        );
+        faces.push_str("<text x=\"40\" y=\"34\" text-anchor=\"middle\" font-size=\"9\" fill=\"#888\">no blocks</text>");
     }
     let (width, height) = (high.0 - low.0, high.1 - low.1);
     let note = if all > MOST { format!("<title>the first {MOST} of {all} blocks</title>") } else { String::new() };

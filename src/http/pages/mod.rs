@@ -1,5 +1,5 @@
-//! Web pages, rendered here. They need no network but this service; scripts add the 3D view and let clocks run, and nothing else
-//! needs them.
+//! Web pages, rendered on the server. They load nothing from other hosts. Scripts only add the 3D view and running
+//! countdowns.
 
 pub mod assets;
 mod board;
@@ -22,10 +22,10 @@ use super::state::AppState;
 use crate::app::access::Openness;
 use html::PageResult;
 
-/// Rows of each board on the first page.
+/// Number of rows of each board on the home page.
 const ROWS: u32 = 10;
 
-/// Routes of the pages.
+/// Returns the routes of the pages.
 pub fn routes() -> Router<AppState> {
     Router::new()
         .route("/", get(home))
@@ -49,18 +49,18 @@ pub fn routes() -> Router<AppState> {
 #[template(path = "home.html")]
 struct Home {
     boards: Vec<BoardBody>,
-    /// Where the service is, as the browser named it.
+    /// Host of the service, from the `Host` header of the request.
     host: String,
     is_open: bool,
 }
 
-/// What the service is, its boards, and how to submit.
+/// Serves the home page: an introduction, the boards and how to submit.
 async fn home(State(state): State<AppState>, headers: HeaderMap) -> PageResult {
     let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
     let host = named.unwrap_or("localhost:7586").to_owned();
     let catalogue = state.store.catalogue();
     let mut entries: Vec<_> = catalogue.suites().to_vec();
-    // What new runs take comes first.
+    // Newest versions first: new runs use them.
     entries.sort_by_key(|entry| std::cmp::Reverse(entry.suite.version));
     let mut boards = Vec::new();
     for entry in entries {

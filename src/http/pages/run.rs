@@ -1,4 +1,4 @@
-//! The page of a run.
+//! The page of a run, and redirects to its submissions.
 
 use askama::Template;
 use axum::extract::{Path, State};
@@ -13,10 +13,10 @@ use crate::http::state::AppState;
 use crate::store::runs::RunRow;
 use crate::store::submissions::SubmissionRow;
 
-/// Submissions of an open run that are shown.
+/// Greatest number of submissions shown for an open run.
 const LATEST: i64 = 1_000;
 
-/// A problem as a small square.
+/// A problem, shown as a small coloured square.
 struct Square {
     number: u32,
     task: String,
@@ -37,10 +37,10 @@ struct RunPage {
     metadata: String,
 }
 
-/// The page of a run.
+/// Serves the page of a run.
 ///
 /// # Errors
-/// 404 where there is none.
+/// Returns a 404 error if the run does not exist.
 pub async fn run(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
     let run = state.store.run(&id).await?.ok_or_else(|| AppError::not_found(format!("there is no run {id:?}")))?;
     let entry = state.suite(&run.suite_id).await?;
@@ -97,20 +97,20 @@ fn square(row: &SubmissionRow) -> Square {
     Square { number, task: String::new(), class, told }
 }
 
-/// A run's live submission for a task.
+/// Returns the submission that counts for a task of a run: the one that no later submission supersedes.
 ///
 /// # Errors
-/// 404 where there is none.
+/// Returns a 404 error if the run has no submission for the task.
 pub async fn answer_of(state: &AppState, run: &str, number: u32) -> Result<SubmissionRow, AppError> {
     let rows = state.store.submissions_of_run(run, i64::from(number) - 1, 1).await?;
     let row = rows.into_iter().find(|row| row.task_number == i64::from(number));
     row.ok_or_else(|| AppError::not_found(format!("the run {run:?} has no submission for task {number}")))
 }
 
-/// On to a run's submission for a task.
+/// Redirects to a run's submission for a task.
 ///
 /// # Errors
-/// 404 where there is none.
+/// Returns a 404 error if the run has no submission for the task.
 pub async fn task_of_run(State(state): State<AppState>, Path((run, number)): Path<(String, u32)>) -> PageResult {
     let row = answer_of(&state, &run, number).await?;
     Ok(Redirect::to(&format!("/submissions/{}", row.id)).into_response())

@@ -1,4 +1,4 @@
-//! The page of a submission: its report with evidence, and the build; two of them side by side; one as a file.
+//! The page of a submission with its build, report and evidence; two submissions side by side; evidence as one file.
 
 use askama::Template;
 use axum::extract::{Path, RawQuery, State};
@@ -30,23 +30,23 @@ use plumbline_engine::voxel::BlockLog;
 use plumbline_engine::voxel::replay::Replay;
 use serde_json::value::RawValue;
 
-/// A view of a build.
+/// A 3D view of a build.
 pub struct View {
-    /// What the 3D view needs, as JSON that may stand in markup.
+    /// Data of the 3D view, as JSON that is escaped for markup.
     pub scene: String,
-    /// Address of a picture, for where there is no 3D.
+    /// URL of a picture, for browsers without scripts or WebGL.
     pub picture: String,
-    /// What is seen.
+    /// Description of the build.
     pub name: String,
-    /// Views with the same turn together.
+    /// Name of the camera: views with the same name rotate together. Empty for a camera of its own.
     pub camera: &'static str,
-    /// Whether stress can be shown.
+    /// Whether the view offers to colour by stress.
     pub has_stress: bool,
-    /// Whether checks point at cells.
+    /// Whether failed checks have witness cells.
     pub has_witnesses: bool,
 }
 
-/// A submission with all that is shown of it.
+/// A submission with everything that its page shows.
 pub struct Shown {
     row: SubmissionRow,
     task: String,
@@ -62,7 +62,7 @@ impl Shown {
         html::percent(Some(score))
     }
 
-    /// The checks of a turn, and whether they count.
+    /// Returns the checks of a turn, each with whether it counts; informational checks do not.
     fn checks(turn: &TurnReport) -> Vec<(bool, &CheckReport)> {
         let shown = turn.informational.iter().map(|check| (false, check));
         turn.checks.iter().map(|check| (true, check)).chain(shown).collect()
@@ -93,14 +93,14 @@ struct EvidencePage {
     viewer: &'static str,
 }
 
-/// The cells that checks of a report point at.
+/// Collects the witness cells of the failed checks of a report.
 fn witnesses(report: Option<&ReportRow>) -> Vec<[i32; 3]> {
     let turns = report.into_iter().flat_map(|report| &report.report.turns);
     let failed = turns.flat_map(|turn| &turn.checks).filter(|check| !check.finding.holds());
     failed.flat_map(|check| &check.finding.witnesses).map(|w| [w.cell.x, w.cell.y, w.cell.z]).collect()
 }
 
-/// The colour of each material of a palette.
+/// Maps each material of a palette to its colour.
 pub fn colours_of<'a>(palette: impl IntoIterator<Item = &'a str>) -> Value {
     palette
         .into_iter()
@@ -109,7 +109,7 @@ pub fn colours_of<'a>(palette: impl IntoIterator<Item = &'a str>) -> Value {
         .into()
 }
 
-/// The names in a log's palette, without reading the rest into memory.
+/// Reads the material names of a log's palette without building the rest of the log in memory.
 fn palette(json: &[u8]) -> Result<Vec<String>, AppError> {
     #[derive(Deserialize)]
     struct Head {
@@ -151,7 +151,7 @@ async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Re
         view: View {
             scene: json_in_markup(&scene),
             picture: format!("/submissions/{id}/view.svg"),
-            name: format!("The build for {task}"),
+            name: format!("Build for {task}"),
             camera,
             has_stress,
             has_witnesses: !cells.is_empty(),
@@ -165,16 +165,16 @@ async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Re
     })
 }
 
-/// The page of a submission.
+/// Serves the page of a submission.
 ///
 /// # Errors
-/// 404 where there is none.
+/// Returns a 404 error if the submission does not exist.
 pub async fn submission(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
     let row = stored(&state, &id).await?;
     html::page(&SubmissionPage { one: shown(&state, row, "").await? })
 }
 
-/// Which two: submissions, or a task of two runs.
+/// The pair to show: two submissions, or the submissions of two runs for one task.
 #[derive(Debug, Deserialize)]
 pub struct Two {
     a: Option<String>,
@@ -184,10 +184,10 @@ pub struct Two {
     task: Option<u32>,
 }
 
-/// Two submissions side by side.
+/// Serves the page of two submissions side by side.
 ///
 /// # Errors
-/// 400 where they are not named; 404 where there are none.
+/// Returns a 400 error if the query does not name a pair and a 404 error if either submission does not exist.
 pub async fn beside(State(state): State<AppState>, RawQuery(raw): RawQuery) -> PageResult {
     let two: Two = params::read(raw.as_deref().unwrap_or_default())?;
     let rows = match two {
@@ -196,7 +196,7 @@ pub async fn beside(State(state): State<AppState>, RawQuery(raw): RawQuery) -> P
             [answer_of(&state, &a, task).await?, answer_of(&state, &b, task).await?]
         }
         _ => {
-            let detail = "expected two submissions, a and b, or two runs, run_a and run_b, and a task";
+            let detail = "expected two submissions (a and b), or two runs and a task (run_a, run_b and task)";
             return Err(AppError::new(crate::app::error::Kind::BadRequest, detail).into());
         }
     };
@@ -204,10 +204,10 @@ pub async fn beside(State(state): State<AppState>, RawQuery(raw): RawQuery) -> P
     html::page(&BesidePage { two: [shown(&state, a, "both").await?, shown(&state, b, "both").await?] })
 }
 
-/// A picture of what stands in the end.
+/// Serves a picture of the structure after the last turn.
 ///
 /// # Errors
-/// 404 where there is no such submission.
+/// Returns a 404 error if the submission does not exist.
 pub async fn picture(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
     let json = log_of(&state, &id).await?;
     let drawn = tokio::task::spawn_blocking(move || {
@@ -218,7 +218,7 @@ pub async fn picture(State(state): State<AppState>, Path(id): Path<String>) -> P
     Ok(image(svg))
 }
 
-/// An SVG picture as an answer; it may load nothing.
+/// Builds the response for an SVG picture; its content security policy forbids loading anything.
 pub fn image(svg: String) -> Response {
     let headers = [
         (header::CONTENT_TYPE, HeaderValue::from_static("image/svg+xml")),
@@ -228,10 +228,10 @@ pub fn image(svg: String) -> Response {
     (headers, svg).into_response()
 }
 
-/// A submission's evidence as one file that needs nothing else.
+/// Serves a submission's evidence as a download: one self-contained file.
 ///
 /// # Errors
-/// 404 where there is no such submission.
+/// Returns a 404 error if the submission does not exist.
 pub async fn evidence(State(state): State<AppState>, Reader(who): Reader, Path(id): Path<String>) -> PageResult {
     let row = stored(&state, &id).await?;
     let row_turns = row.turns;
@@ -240,7 +240,7 @@ pub async fn evidence(State(state): State<AppState>, Reader(who): Reader, Path(i
     let mut stress = json!({});
     if one.view.has_stress {
         let turn = usize::try_from(row_turns).expect("a log has at most 64 turns");
-        // Without the field the file is still complete: the report's figures are in it.
+        // If the field cannot be computed, the file is still complete: it contains the report's figures.
         if let Ok(StressedStructure { structure, field }) =
             of_submission(&state, &who, &one.row, turn, Method::Fem).await
         {

@@ -1,4 +1,4 @@
-//! Pages of tasks: the list of a suite, and one with a good build of it.
+//! Pages of tasks: the list of a suite's tasks, and the page of one task with an example build.
 
 use std::sync::Arc;
 
@@ -20,7 +20,7 @@ use plumbline_engine::tasks::catalogue::Entry;
 use plumbline_engine::voxel::BlockLog;
 use plumbline_engine::voxel::replay::Replay;
 
-/// Runs shown on the page of a task.
+/// Greatest number of runs shown on the page of a task.
 const RUNS: usize = 50;
 
 struct TaskRow {
@@ -32,7 +32,7 @@ struct TaskRow {
     solved: usize,
 }
 
-/// Which tasks.
+/// Query of the task list: text to find in ids, types and prompts; empty for all tasks.
 #[derive(Debug, Deserialize)]
 pub struct TasksQuery {
     #[serde(default)]
@@ -48,10 +48,10 @@ struct TasksPage {
     tasks: Vec<TaskRow>,
 }
 
-/// The tasks of a suite, with how many runs solved each.
+/// Serves the list of a suite's tasks, each with the number of runs that solved it.
 ///
 /// # Errors
-/// 404 where there is no such suite.
+/// Returns a 404 error if the suite does not exist.
 pub async fn tasks(State(state): State<AppState>, Path(suite): Path<String>, RawQuery(raw): RawQuery) -> PageResult {
     let query: TasksQuery = params::read(raw.as_deref().unwrap_or_default())?;
     let entry = state.suite(&suite).await?;
@@ -103,17 +103,17 @@ fn view(entry: &Entry, task: &Task, log: &BlockLog) -> Result<View, AppError> {
     Ok(View {
         scene: json_in_markup(&json!({ "log": json, "colours": colours })),
         picture: format!("/suites/{}/tasks/{}/view.svg", entry.suite.id(), task.number),
-        name: format!("A good build for {}", task.id),
+        name: format!("Example build for {}", task.id),
         camera: "",
         has_stress: false,
         has_witnesses: false,
     })
 }
 
-/// A task: what is asked, how it is checked, a good build, and how the runs did.
+/// Serves the page of a task: its prompts, its checks, an example build and the results of runs.
 ///
 /// # Errors
-/// 404 where there is none.
+/// Returns a 404 error if the suite or the task does not exist.
 pub async fn task(State(state): State<AppState>, Path((suite, number)): Path<(String, u32)>) -> PageResult {
     let entry = state.suite(&suite).await?;
     let task = found(&entry, number)?;
@@ -132,18 +132,19 @@ pub async fn task(State(state): State<AppState>, Path((suite, number)): Path<(St
         runs: board.rows.all.len(),
         solved: board.rows.all.iter().filter(|row| row.outcomes.is_solved(place)).count(),
         rows: rows.collect(),
-        // Tasks of others have no builder.
+        // Tasks imported from other sources may have no builder.
         view: build(task).ok().map(|log| view(&entry, task, &log)).transpose()?,
         task: task.clone(),
     })
 }
 
-/// A picture of a good build.
+/// Serves a picture of the example build of a task.
 ///
 /// # Errors
-/// 404 where there is no such task, or none that builds it.
+/// Returns a 404 error if the suite or the task does not exist, or no builder can build it.
 pub async fn picture(State(state): State<AppState>, Path((suite, number)): Path<(String, u32)>) -> PageResult {
     let entry = state.suite(&suite).await?;
-    let log = build(found(&entry, number)?).map_err(|error| AppError::not_found(format!("no good build: {error}")))?;
+    let log = build(found(&entry, number)?)
+        .map_err(|error| AppError::not_found(format!("this task has no example build: {error}")))?;
     Ok(image(Replay::new(&log).last().map(|end| isometric::svg(&end)).unwrap_or_default()))
 }

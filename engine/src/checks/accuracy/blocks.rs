@@ -1,4 +1,4 @@
-//! Strict rules for materials: blocks by their names in the game, and families instead of substrings (SPEC 7).
+//! Strict rules for materials: block names must exist in the game, and families replace substrings (SPEC 7).
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -7,22 +7,22 @@ use crate::checks::{Finding, Rule, Subject};
 use crate::voxel::blocks::{BlockSet, GAME_VERSION, is_air, is_known};
 use crate::voxel::{Cell, Structure};
 
-/// Every block is one of the game's, and none is air.
+/// Check that every block is a block of the game, and that none is air.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BlocksKnown {}
 
-/// At least and at most so many blocks of a kind or a family.
+/// Check that the number of blocks of a kind or a family lies within bounds.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CountWithin {
-    /// Which blocks; null counts all.
+    /// Blocks to count; null counts all.
     #[serde(default)]
     pub of: Option<BlockSet>,
-    /// At least so many.
+    /// Least number of blocks.
     #[serde(default)]
     pub min: u32,
-    /// At most so many; null for any number.
+    /// Greatest number of blocks; null sets no limit.
     #[serde(default)]
     pub max: Option<u32>,
 }
@@ -33,23 +33,23 @@ pub struct CountWithin {
 pub enum Part {
     /// Every block.
     All,
-    /// The blocks of a level that lie at two of its four extremes.
+    /// The blocks of a level that lie at an extreme of both x and z.
     Corners,
     /// Each of the four sides of a level, without its corners.
     Sides,
-    /// The blocks that have none above them.
+    /// The blocks with none above them, from half the greatest y upwards.
     Roof,
 }
 
-/// Enough of a part of the build is of a kind or a family; of the sides each one.
+/// Check that a share of one part of the build is of a kind or a family; of the sides, each one must have that share.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MadeOf {
-    /// Which blocks.
+    /// Blocks that the part must be made of.
     pub of: BlockSet,
-    /// Of which part.
+    /// Part of the build to check.
     pub part: Part,
-    /// Level of corners and sides.
+    /// Level of the corners or sides; other parts ignore it.
     #[serde(default)]
     pub y: i32,
     /// Least share of the part's blocks, from 0 to 1.
@@ -69,7 +69,7 @@ impl Rule for BlocksKnown {
             return Finding::nothing_stands(false, required);
         }
         let unknown = structure.cells_of(|name| !is_known(name) || is_air(name));
-        let summary = format!("{} blocks are none that Minecraft {GAME_VERSION} has", unknown.len());
+        let summary = format!("{} blocks are air or do not exist in Minecraft {GAME_VERSION}", unknown.len());
         Finding::binary(unknown.is_empty(), unknown.len(), required, summary).with_witnesses(unknown, "no such block")
     }
 }
@@ -80,13 +80,13 @@ impl Rule for CountWithin {
         let found = structure.palette().mask(|name| self.of.is_none_or(|of| of.has(name)));
         let count = structure.material_ids().iter().filter(|id| found[**id as usize]).count();
         let holds = count >= self.min as usize && self.max.is_none_or(|max| count <= max as usize);
-        let what = self.of.map_or_else(|| "blocks".to_owned(), |of| of.to_string());
+        let what = self.of.map_or_else(|| "blocks".to_owned(), |of| format!("blocks of {of}"));
         let required = json!({ ">=": self.min, "<=": self.max });
-        Finding::binary(holds, count, required, format!("{count} of {what}")).vacuous_if(holds && structure.is_empty())
+        Finding::binary(holds, count, required, format!("{count} {what}")).vacuous_if(holds && structure.is_empty())
     }
 }
 
-/// The sets of entries that a part consists of; each must be of the material.
+/// Returns the groups of entries that a part consists of; the required share applies to each group.
 fn entries_of(part: Part, y: i32, structure: &Structure) -> Vec<Vec<usize>> {
     let cells = structure.cells();
     let level = || (0..cells.len()).filter(|&i| cells[i].y == y);
@@ -97,7 +97,7 @@ fn entries_of(part: Part, y: i32, structure: &Structure) -> Vec<Vec<usize>> {
             Part::All => vec![(0..cells.len()).collect()],
             Part::Roof => {
                 let top = cells.iter().map(|cell| cell.y).max().unwrap_or(0);
-                // Of what has nothing above it, the roof is what lies in the upper half: ledges and doors do not count.
+                // Only blocks in the upper half count as the roof, which excludes ledges and doors.
                 vec![(0..cells.len()).filter(|&i| is_roof(cells[i]) && 2 * cells[i].y >= top).collect()]
             }
             Part::Corners | Part::Sides => vec![Vec::new()],
@@ -127,7 +127,7 @@ impl Rule for MadeOf {
         let own = structure.palette().mask(|name| self.of.has(name));
         let is_own = |&i: &usize| own[structure.material_ids()[i] as usize];
         let parts = entries_of(self.part, self.y, structure);
-        // Four corners, or it is no level with corners; a part of nothing is not of the material.
+        // A level needs at least four corner blocks to have corners; an empty part fails.
         let is_whole = |part: &[usize]| if self.part == Part::Corners { part.len() >= 4 } else { !part.is_empty() };
         let share = |part: &Vec<usize>| {
             let own = part.iter().filter(|i| is_own(i)).count();
@@ -136,6 +136,6 @@ impl Rule for MadeOf {
         let least = parts.iter().map(share).fold(1.0, f64::min);
         let summary = format!("{:.0} % of the part is of {}", 100.0 * least, self.of);
         let others = parts.iter().flatten().filter(|i| !is_own(i)).map(|&i| structure.cells()[i]);
-        Finding::binary(least >= self.min_share, least, required, summary).with_witnesses(others, "of something else")
+        Finding::binary(least >= self.min_share, least, required, summary).with_witnesses(others, "another material")
     }
 }

@@ -1,6 +1,6 @@
 //! Material: what the blocks are made of (SPEC 3; paper, algorithms 1 to 3).
 //!
-//! Names compare case-sensitively. An empty name, of a block or wanted, matches nothing.
+//! Names compare case-sensitively. An empty name, of a block or in the arguments, matches nothing.
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -8,7 +8,7 @@ use serde_json::json;
 use crate::checks::{Amount, Finding, Rule, Subject};
 use crate::voxel::{Cell, Structure};
 
-/// Which material names are wanted.
+/// Returns whether a block's name matches the wanted one.
 fn matches(name: &str, wanted: &str, use_substring_match: bool) -> bool {
     if name.is_empty() || wanted.is_empty() {
         false
@@ -19,7 +19,7 @@ fn matches(name: &str, wanted: &str, use_substring_match: bool) -> bool {
     }
 }
 
-/// Number of entries, of the wanted material where one is given.
+/// Counts the entries, or only those of the wanted material if one is given.
 fn count(structure: &Structure, wanted: Option<&str>, use_substring_match: bool) -> usize {
     let Some(wanted) = wanted else { return structure.len() };
     let mask = structure.palette().mask(|name| matches(name, wanted, use_substring_match));
@@ -40,12 +40,12 @@ macro_rules! count_rule {
         #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
         #[serde(deny_unknown_fields)]
         pub struct $rule {
-            /// The number compared with, in entries.
+            /// Number of entries to compare with.
             pub $bound: Amount,
             /// Only entries of this material count; null counts all.
             #[serde(default)]
             pub expected_material: Option<String>,
-            /// Whether a name that contains the wanted one matches.
+            /// Whether a block matches if its name merely contains the wanted one.
             #[serde(default)]
             pub use_substring_match: bool,
         }
@@ -68,29 +68,29 @@ macro_rules! count_rule {
 }
 
 count_rule!(
-    /// The number of entries equals a count.
+    /// Check that the number of entries equals a count.
     BlockCountEqualTo, expected_count, "==", |found, bound| found == bound
 );
 count_rule!(
-    /// The number of entries is larger than a count.
+    /// Check that the number of entries is larger than a count.
     BlockCountLargerThan, cnt, ">", |found, bound| found > bound
 );
 count_rule!(
-    /// The number of entries is at least a count.
+    /// Check that the number of entries is at least a count.
     BlockCountAtLeast, min_count, ">=", |found, bound| found >= bound
 );
 count_rule!(
-    /// The number of entries is at most a count.
+    /// Check that the number of entries is at most a count.
     BlockCountAtMost, max_count, "<=", |found, bound| found <= bound
 );
 
-/// Every entry is of one material.
+/// Check that every entry is of one material.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AllMaterialEqualTo {
     /// The wanted material.
     pub expected_material: String,
-    /// Whether a name that contains the wanted one matches.
+    /// Whether a block matches if its name merely contains the wanted one.
     #[serde(default)]
     pub use_substring_match: bool,
 }
@@ -109,7 +109,7 @@ impl Rule for AllMaterialEqualTo {
     }
 }
 
-/// The share of matching entries in a region, against a threshold; an empty region fails.
+/// Compares the share of matching entries in a region with a threshold; an empty region fails.
 fn ratio_finding(
     structure: &Structure,
     region: Vec<usize>,
@@ -122,7 +122,7 @@ fn ratio_finding(
         return Finding::nothing_stands(false, required);
     }
     if region.is_empty() {
-        return Finding::binary(false, json!(null), required, "no block stands in the region that is checked");
+        return Finding::binary(false, json!(null), required, "no block stands in the region to check");
     }
     let mask = structure.palette().mask(|name| matches(name, wanted, use_substring_match));
     let is_match = |&i: &usize| mask[structure.material_ids()[i] as usize];
@@ -144,12 +144,12 @@ const fn default_ratio_threshold() -> Amount {
     Amount(0.5)
 }
 
-/// Indices of the entries at `y`.
+/// Returns the indices of the entries at `y`.
 fn entries_at(structure: &Structure, y: i32) -> Vec<usize> {
     (0..structure.len()).filter(|&i| structure.cells()[i].y == y).collect()
 }
 
-/// Indices out of `region` that attain the greatest value of one of `keys`; all ties, each entry once.
+/// Returns the indices in `region` whose entries attain the greatest value of any of `keys`: all ties, each entry once.
 fn extremes(structure: &Structure, region: &[usize], keys: &[fn(Cell) -> i64]) -> Vec<usize> {
     let at = |i: usize| structure.cells()[i];
     let greatest: Vec<Option<i64>> = keys.iter().map(|key| region.iter().map(|&i| key(at(i))).max()).collect();
@@ -165,13 +165,13 @@ macro_rules! region_rule {
         pub struct $rule {
             /// The wanted material.
             pub expected_material: String,
-            /// The level that is looked at.
+            /// Level (y) to check.
             #[serde(default = "default_height_y")]
             pub height_y: i32,
             /// Least share of matching entries.
             #[serde(default = "default_ratio_threshold")]
             pub ratio_threshold: Amount,
-            /// Whether a name that contains the wanted one matches.
+            /// Whether a block matches if its name merely contains the wanted one.
             #[serde(default)]
             pub use_substring_match: bool,
         }
@@ -198,27 +198,27 @@ const X: fn(Cell) -> i64 = |c| i64::from(c.x);
 const Z: fn(Cell) -> i64 = |c| i64::from(c.z);
 
 region_rule!(
-    /// Corners of one level: the entries with the greatest x+z, x-z, -x+z or -x-z.
+    /// Check of the corners of one level: the entries with the greatest x+z, x-z, -x+z or -x-z.
     CornerMaterialEqualTo, &[|c| X(c) + Z(c), |c| X(c) - Z(c), |c| Z(c) - X(c), |c| -X(c) - Z(c)]
 );
 region_rule!(
-    /// The side of least x on one level.
+    /// Check of the side with the least x on one level.
     MinXMaterialEqualTo, &[|c| -X(c)]
 );
 region_rule!(
-    /// The side of greatest x on one level.
+    /// Check of the side with the greatest x on one level.
     MaxXMaterialEqualTo, &[|c| X(c)]
 );
 region_rule!(
-    /// The side of least z on one level.
+    /// Check of the side with the least z on one level.
     MinZMaterialEqualTo, &[|c| -Z(c)]
 );
 region_rule!(
-    /// The side of greatest z on one level.
+    /// Check of the side with the greatest z on one level.
     MaxZMaterialEqualTo, &[|c| Z(c)]
 );
 
-/// The entries at the greatest y.
+/// Check of the entries at the greatest y.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HighestBlockMaterialEqualTo {
@@ -227,7 +227,7 @@ pub struct HighestBlockMaterialEqualTo {
     /// Least share of matching entries.
     #[serde(default = "default_ratio_threshold")]
     pub ratio_threshold: Amount,
-    /// Whether a name that contains the wanted one matches.
+    /// Whether a block matches if its name merely contains the wanted one.
     #[serde(default)]
     pub use_substring_match: bool,
 }

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use crate::checks::{Amount, Finding, Rule, Subject};
 use crate::voxel::{Bounds, Cell};
 
-/// Plan size in blocks, in either order of x and z, and height in blocks.
+/// Check that the plan size, in either order of x and z, and the height equal the given ones, in blocks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Equal {
@@ -18,7 +18,7 @@ pub struct Equal {
     pub y: Option<Amount>,
 }
 
-/// At most this plan size in blocks, in either order of x and z, and at most this height.
+/// Check that the plan size, in either order of x and z, and the height are at most the given ones, in blocks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AtMost {
@@ -69,27 +69,27 @@ impl Rule for AtMost {
     }
 }
 
-/// The least y equals a level.
+/// Check that the least y equals a level.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MinYEqual {
-    /// The level.
+    /// Required y of the lowest block.
     pub expected_y: Amount,
 }
 
-/// The least y is at or below a level.
+/// Check that the least y is at or below a level.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MinYAtMost {
-    /// The level.
+    /// Greatest allowed y of the lowest block.
     pub max_y: Amount,
 }
 
-/// The greatest y is at or above a level.
+/// Check that the greatest y is at or above a level.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MaxYAtLeast {
-    /// The level.
+    /// Least allowed y of the highest block.
     pub min_y: Amount,
 }
 
@@ -133,11 +133,11 @@ impl Rule for MaxYAtLeast {
     }
 }
 
-/// Every extent is at least a size.
+/// Check that the build measures at least a size along every axis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AllDimensionsAtLeast {
-    /// The size, in blocks.
+    /// Least size along each axis, in blocks.
     pub min_size: Amount,
 }
 

@@ -5,13 +5,13 @@ use serde_json::json;
 
 use crate::checks::{Finding, Rule, Subject};
 
-/// Walking the blocks in building order meets the named materials one after another.
+/// Check that the blocks, in building order, contain the named materials one after another.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MaterialSequenceOrder {
-    /// The materials in order.
+    /// Names of the materials in the required order.
     pub material_sequence: Vec<String>,
-    /// Whether a name that contains the wanted one matches.
+    /// Whether a block matches if its name merely contains the wanted one.
     #[serde(default = "yes")]
     pub use_substring_match: bool,
 }
@@ -48,12 +48,14 @@ impl Rule for MaterialSequenceOrder {
         }
         let holds = met.len() == wanted.len();
         let summary = match wanted.get(met.len()) {
-            None => format!("all of {} materials in order", wanted.len()),
-            Some(missing) => format!("{} of {} materials in order; no {missing:?} after them", met.len(), wanted.len()),
+            None => format!("all {} materials appear in order", wanted.len()),
+            Some(missing) => {
+                format!("{} of {} materials appear in order; no {missing:?} follows them", met.len(), wanted.len())
+            }
         };
         let mut finding = Finding::binary(holds, met.len(), required, summary);
         for (cell, name) in met.into_iter().zip(wanted) {
-            finding.add_witness(cell, &format!("first {name} in turn"));
+            finding.add_witness(cell, &format!("next {name} in the sequence"));
         }
         finding
     }

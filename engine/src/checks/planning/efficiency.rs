@@ -5,7 +5,7 @@ use serde_json::json;
 
 use crate::checks::{Finding, Rule, Subject};
 
-/// Shortest possible path over the path taken, both as L1 distances between consecutive blocks.
+/// Ratio of the shortest possible path to the path taken, both in L1 distances between consecutive blocks.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct L1Distance {}
@@ -18,7 +18,7 @@ impl Rule for L1Distance {
         let required = json!({ "path": shortest });
         let length: i64 = steps().map(|(a, b)| a.l1_distance(*b)).sum();
         if cells.len() <= 1 || length <= 0 {
-            return Finding::graded(1.0, length, required, "there is no way to go").vacuous_if(true);
+            return Finding::graded(1.0, length, required, "there is no path to measure").vacuous_if(true);
         }
         let summary = format!("path of {length} cells; the shortest possible is {shortest}");
         let mut finding = Finding::graded(shortest as f64 / length as f64, length, required, summary);

@@ -6,13 +6,14 @@ use serde_json::json;
 use crate::checks::{Finding, Rule, Subject};
 use crate::voxel::blocks::BlockSet;
 
-/// Every layer has blocks, and none of a later layer comes before the last of an earlier one.
+/// Check that every layer has enough blocks, and that no block of a later layer precedes the last one of an earlier
+/// layer.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LayersFollow {
-    /// What the layers are of, in order.
+    /// Blocks that make up each layer, in building order.
     pub layers: Vec<BlockSet>,
-    /// Least number of blocks of each.
+    /// Least number of blocks in each layer.
     #[serde(default = "one")]
     pub min_blocks: u32,
 }
@@ -40,18 +41,18 @@ impl Rule for LayersFollow {
                 last = Some(at);
             }
             if count < self.min_blocks as usize {
-                let summary = format!("{count} blocks of {layer}; required {}", self.min_blocks);
+                let summary = format!("{count} blocks of {layer}; required at least {}", self.min_blocks);
                 return Finding::binary(false, i, required, summary);
             }
             if let (Some(first), Some(end)) = (first, last_end)
                 && first < end
             {
-                let summary = format!("{layer} begins before {} is finished", self.layers[i - 1]);
+                let summary = format!("{layer} begins before {} is complete", self.layers[i - 1]);
                 return Finding::binary(false, i, required, summary)
                     .with_witnesses([structure.cells()[first]], "begins too early");
             }
             last_end = last.or(last_end);
         }
-        Finding::binary(true, self.layers.len(), required, format!("{} layers one after another", self.layers.len()))
+        Finding::binary(true, self.layers.len(), required, format!("{} layers follow one another", self.layers.len()))
     }
 }

@@ -1,4 +1,4 @@
-//! Strict rule for stability: stress in equilibrium, which is defined for parts one block thick too (SPEC 7).
+//! Strict rule for stability: stress in equilibrium, which is also defined for parts one block thick (SPEC 7).
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -6,7 +6,8 @@ use serde_json::{Value, json};
 use crate::checks::{Amount, Finding, Subject};
 use crate::elasticity::{Stopped, fem};
 
-/// Reference over greatest von Mises stress in equilibrium, at most 1. What is not supported has none and scores 0.
+/// Ratio of the reference to the greatest von Mises stress in equilibrium, at most 1. A structure with unsupported
+/// blocks has no equilibrium and scores 0.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EquilibriumScore {
@@ -14,14 +15,15 @@ pub struct EquilibriumScore {
     pub reference_pa: Amount,
 }
 
-/// A stress this much above the reference counts as the same: what the solver's tolerance and the order of blocks come to.
+/// Relative tolerance within which a stress above the reference still scores 1. It covers the solver's tolerance and
+/// the order of the blocks.
 const TOLERANCE: f64 = 1e-3;
 
 impl EquilibriumScore {
     /// Scores the structure.
     ///
     /// # Errors
-    /// Where the subject's control asks for it before the equations are solved.
+    /// Returns an error if the subject's control stops the computation before the equations are solved.
     pub fn evaluate(&self, subject: &Subject<'_>) -> Result<Finding, Stopped> {
         let required = json!({ "<=": self.reference_pa });
         if subject.structure.is_empty() {

@@ -1,4 +1,4 @@
-//! What both stress methods say of a structure, as a report shows it.
+//! Figures of both stress methods for a structure, as reports show them.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,18 +6,18 @@ use crate::checks::evidence::MAX_WITNESSES;
 use crate::elasticity::{fem, sph};
 use crate::voxel::Cell;
 
-/// Some cells of a kind, and how many there are.
+/// Sample of cells of one kind, with their total number.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct CellSample {
-    /// How many there are; a cell listed twice counts twice.
+    /// Total number of cells; a cell listed twice counts twice.
     pub total: u64,
-    /// The first of them, as `[x, y, z]`; at most 20.
+    /// First cells, as `[x, y, z]`; at most 20.
     #[schema(value_type = Vec<[i32; 3]>)]
     pub cells: Vec<Cell>,
 }
 
 impl CellSample {
-    /// Of the entries with these indices.
+    /// Samples the cells of the entries with these indices.
     #[must_use]
     pub fn of(cells: &[Cell], entries: &[u32]) -> Self {
         let first = entries.iter().take(MAX_WITNESSES).map(|&entry| cells[entry as usize]);
@@ -25,34 +25,34 @@ impl CellSample {
     }
 }
 
-/// The published method's figures and what tells how far to trust them.
+/// Figures of the published method, with diagnostics of how far to trust them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct SphFigures {
-    /// Greatest von Mises stress, Pa; null where it is not a number.
+    /// Greatest von Mises stress, Pa; null if it is not a number.
     pub max_von_mises_pa: Option<f64>,
-    /// The block that has it.
+    /// Block with the greatest stress.
     #[schema(value_type = Option<[i32; 3]>)]
     pub at: Option<Cell>,
-    /// Whether rounding decides the figure, so that it is undefined.
+    /// Whether rounding decides the stress, which makes it undefined.
     pub is_undefined: bool,
-    /// Blocks whose neighbours lie in one plane or line: the moment matrix A is singular, their stress an artefact.
+    /// Blocks whose neighbours lie in one plane or line: the moment matrix A is singular and the stress an artefact.
     pub singular_moment: CellSample,
     /// Blocks left out because |det F| < 1e-12.
     pub degenerate: CellSample,
-    /// Blocks left out because the simulation blew up there.
+    /// Blocks left out because the simulation diverged there.
     pub non_finite: CellSample,
-    /// Blocks that no chain of neighbours connects with the lowest level: they fall.
+    /// Blocks that no chain of neighbours connects to the lowest level; they fall.
     pub unconnected: CellSample,
-    /// Greatest displacement at the end, m (blocks); null where it is not a number.
+    /// Greatest displacement at the end, m (blocks); null if it is not a number.
     pub max_displacement_m: Option<f64>,
-    /// Greatest net force on a block at the end, N: 0 in equilibrium; null where it is not a number.
+    /// Greatest net force on a block at the end, N: 0 in equilibrium; null if it is not a number.
     pub residual_force_n: Option<f64>,
-    /// Kinetic energy at the end, J: 0 at rest; null where it is not a number.
+    /// Kinetic energy at the end, J: 0 at rest; null if it is not a number.
     pub kinetic_energy_j: Option<f64>,
 }
 
 impl SphFigures {
-    /// Of a simulation of `cells`.
+    /// Collects the figures of a simulation of `cells`.
     #[must_use]
     pub fn of(cells: &[Cell], outcome: &sph::Outcome) -> Self {
         let finite = |number: f64| number.is_finite().then_some(number);
@@ -75,27 +75,27 @@ impl SphFigures {
 /// Figures of the equilibrium by finite elements.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct FemFigures {
-    /// Greatest von Mises stress, Pa; null where nothing is supported, or the equations were not solved.
+    /// Greatest von Mises stress, Pa; null if no block is supported or the equations were not solved.
     pub max_von_mises_pa: Option<f64>,
-    /// The block that has it.
+    /// Block with the greatest stress.
     #[schema(value_type = Option<[i32; 3]>)]
     pub at: Option<Cell>,
-    /// Blocks that do not hang together by faces with the lowest level: they have no equilibrium and are left out.
+    /// Blocks not connected to the lowest level through shared faces: they have no equilibrium and are left out.
     pub unsupported: CellSample,
-    /// Greatest displacement, m (blocks); null as for the stress.
+    /// Greatest displacement, m (blocks); null under the same conditions as the stress.
     pub max_displacement_m: Option<f64>,
-    /// Iterations of the solver.
+    /// Number of solver iterations.
     pub iterations: u32,
-    /// Residual force over load at the end: 1e-8, or what rounding leaves where displacements are enormous; null where it
-    /// is not a number.
+    /// Ratio of the residual force to the load at the end: 1e-8, or what rounding leaves if displacements are enormous;
+    /// null if it is not a number.
     pub relative_residual: Option<f64>,
-    /// What the figures leave out.
+    /// Cautions that say what the figures leave out.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub cautions: Vec<String>,
 }
 
 impl FemFigures {
-    /// Of an equilibrium of `cells`.
+    /// Collects the figures of an equilibrium of `cells`.
     #[must_use]
     pub fn of(cells: &[Cell], outcome: &fem::Outcome) -> Self {
         Self {
@@ -110,7 +110,7 @@ impl FemFigures {
     }
 }
 
-/// Both methods side by side. The score comes from `sph`, as published; `fem` is there to compare.
+/// Figures of both methods side by side. The score comes from `sph`, as published; `fem` is for comparison.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct StressFigures {
     /// The published simulation.

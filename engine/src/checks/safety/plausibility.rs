@@ -6,11 +6,11 @@ use serde_json::json;
 use crate::checks::{Finding, Rule, Subject};
 use crate::voxel::connectivity::floating_cells;
 
-/// Every block is linked by faces to a block at y <= 0.
+/// Check that every block is connected through shared faces to a block at y <= 0.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GroundConnected {
-    /// Accepted as the published evaluator does, where it only asks for a drawing; it changes no score.
+    /// Accepted for compatibility with the published evaluator, where it only requests a drawing; changes no score.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub mark_visit: bool,
 }

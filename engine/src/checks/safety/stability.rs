@@ -1,6 +1,6 @@
 //! Structural stability: greatest von Mises stress against a reference (SPEC 3 and 4; paper, section 4.2).
 //!
-//! The published method gives the score. The well-posed one stands beside it, because the first has artefacts.
+//! The published method determines the score. Because it has artefacts, the finding also reports the well-posed method.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -9,7 +9,7 @@ use super::figures::{FemFigures, SphFigures, StressFigures};
 use crate::checks::{Amount, Finding, Subject};
 use crate::elasticity::{Stopped, fem, sph};
 
-/// Reference over greatest stress, at most 1.
+/// Ratio of the reference to the greatest stress, at most 1.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StressScore {
@@ -22,7 +22,7 @@ impl StressScore {
     /// Scores the structure.
     ///
     /// # Errors
-    /// Where the subject's control asks for it before the simulation has ended.
+    /// Returns an error if the subject's control stops the computation before it is complete.
     pub fn evaluate(&self, subject: &Subject<'_>) -> Result<Finding, Stopped> {
         let required = json!({ "<=": self.reference_pa });
         if subject.structure.is_empty() {

@@ -1,8 +1,8 @@
-//! The coarse part of the preconditioner: groups of neighbouring nodes that move as rigid bodies.
+//! The coarse level of the preconditioner: groups of neighbouring nodes that move as rigid bodies.
 //!
-//! Single nodes pass a load on slowly, and bending of long thin parts hardly at all; what neighbouring nodes do together is
-//! nearly a rigid motion. So the equations are also solved, directly, in the space of rigid motions of groups, where that
-//! takes bounded work.
+//! A preconditioner of single nodes spreads a load slowly, and hardly resolves the bending of long thin parts. The
+//! joint motion of neighbouring nodes is nearly rigid. The equations are therefore also solved directly in the space of
+//! the groups' rigid motions, if that takes bounded work.
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
@@ -10,33 +10,33 @@ use super::element::UNKNOWNS;
 use super::system::System;
 use crate::elasticity::{Control, Stopped};
 
-/// Multiply-adds of the direct solution at most; more would cost more than they save.
+/// Greatest number of multiply-adds for the direct solution; more would cost more than they save.
 const MAX_WORK: usize = 150_000_000;
 /// Least edge of a group, in blocks.
 const LEAST_EDGE: i64 = 4;
-/// Edges tried at most: the last is some 40,000 blocks.
+/// Greatest number of edges tried; the last is about 40,000 blocks.
 const MAX_ROUNDS: u32 = 24;
-/// Rigid motions of a group: three shifts, three turns.
+/// Number of rigid motions of a group: three translations and three rotations.
 const MOTIONS: usize = 6;
-/// A pivot below this part of its diagonal belongs to a motion that others contain.
+/// Fraction of the diagonal up to which a pivot marks a motion that depends on others.
 const DEPENDENT: f64 = 1e-9;
 
-/// Rigid motions of groups of nodes, and the equations among them, solved.
+/// Rigid motions of groups of nodes, with the factorised equations among them.
 #[derive(Debug)]
 pub struct Coarse {
-    /// The group of each node; none for a held one.
+    /// Group of each node; `None` for a held node.
     group: Vec<Option<u32>>,
-    /// Each node's place from the middle of its group, in edges of the group.
+    /// Position of each node relative to the centroid of its group, in edges of the group.
     arm: Vec<Vector3<f64>>,
     factor: Envelope,
 }
 
 impl Coarse {
-    /// Groups the free nodes of a system by boxes and by what hangs together in them. None where no size of boxes bounds
-    /// the work.
+    /// Groups the free nodes of a system by boxes and by connectivity within each box. Returns `None` if no box size
+    /// bounds the work.
     ///
     /// # Errors
-    /// Where `control` says to stop, which is asked between sizes.
+    /// Returns an error if `control` stops the computation; it is polled between box sizes.
     pub fn new(system: &System<'_>, control: &Control<'_>) -> Result<Option<Self>, Stopped> {
         let mut edge = LEAST_EDGE;
         let mut rounds = 0;
@@ -72,7 +72,7 @@ impl Coarse {
         Ok(Some(Self { group, arm, factor }))
     }
 
-    /// Adds the part of the solution for `force` that groups' rigid motions hold.
+    /// Adds to `to` the part of the solution for `force` that consists of rigid motions of groups.
     pub fn add_solution(&self, force: &[f64], to: &mut [f64]) {
         let mut pushed = vec![0.0; self.factor.len()];
         for ((group, arm), force) in self.group.iter().zip(&self.arm).zip(force.chunks_exact(3)) {
@@ -96,8 +96,8 @@ impl Coarse {
     }
 }
 
-/// The group of each free node, and how many there are: boxes with this edge, split where their nodes do not hang together
-/// inside, in the order of the boxes along the mesh's longest axis first.
+/// Returns the group of each free node and the number of groups. Groups are boxes with this edge, split where their
+/// nodes are not connected inside, and ordered by boxes along the mesh's longest axis first.
 fn group_nodes(system: &System<'_>, edge: i64) -> (Vec<Option<u32>>, usize) {
     let position = &system.mesh.position;
     let along = |k: usize| position.iter().map(move |place| i64::from(place[k]));
@@ -138,7 +138,7 @@ fn root(parent: &mut [u32], mut node: u32) -> u32 {
     node
 }
 
-/// The groups that a block's nodes belong to, ascending.
+/// Returns the groups that a block's nodes belong to, ascending.
 fn members(nodes: &[u32; 8], group: &[Option<u32>]) -> Vec<u32> {
     let mut members: Vec<u32> = nodes.iter().filter_map(|&node| group[node as usize]).collect();
     members.sort_unstable();
@@ -146,7 +146,7 @@ fn members(nodes: &[u32; 8], group: &[Option<u32>]) -> Vec<u32> {
     members
 }
 
-/// For each row of the equations among groups, its first entry.
+/// Returns the column of the first entry in each row of the equations among groups.
 fn first_entries(system: &System<'_>, group: &[Option<u32>], groups: usize) -> Vec<usize> {
     let mut least: Vec<usize> = (0..groups).collect();
     for nodes in &system.mesh.nodes {
@@ -158,7 +158,7 @@ fn first_entries(system: &System<'_>, group: &[Option<u32>], groups: usize) -> V
     (0..groups * MOTIONS).map(|row| least[row / MOTIONS] * MOTIONS).collect()
 }
 
-/// A lower triangular factor, each row from its first entry to its diagonal.
+/// Lower triangular factor that stores each row from its first entry to its diagonal.
 #[derive(Debug)]
 struct Envelope {
     first: Vec<usize>,
@@ -199,7 +199,8 @@ impl Envelope {
         }
     }
 
-    /// Cholesky's factorisation in place. Motions that others contain, as the turn of a single node is, are left out.
+    /// Computes the Cholesky factorisation in place. Leaves out motions that depend on others, such as the rotation of
+    /// a single node.
     fn factorise(&mut self) {
         for i in 0..self.rows.len() {
             let (done, rest) = self.rows.split_at_mut(i);
@@ -239,7 +240,7 @@ impl Envelope {
     }
 }
 
-/// Displacements of a block's corners for the rigid motions of one group.
+/// Returns the displacements of a block's corners for the rigid motions of one group.
 fn rigid(
     nodes: &[u32; 8],
     group: &[Option<u32>],
@@ -251,14 +252,14 @@ fn rigid(
         if group[node as usize] == Some(member) {
             let at = 3 * corner;
             motions.fixed_view_mut::<3, 3>(at, 0).copy_from(&Matrix3::identity());
-            // A turn w moves by w x arm.
+            // A rotation w displaces a node by w x arm.
             motions.fixed_view_mut::<3, 3>(at, 3).copy_from(&arm[node as usize].cross_matrix().transpose());
         }
     }
     motions
 }
 
-/// The inner product, in four sums so that they do not wait for each other.
+/// Returns the inner product, in eight partial sums so that additions do not wait for each other.
 pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 8];
     let (a, b) = (a.chunks_exact(8), b.chunks_exact(8));

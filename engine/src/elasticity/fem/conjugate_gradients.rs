@@ -6,31 +6,31 @@ use super::coarse::{Coarse, dot};
 use super::system::System;
 use crate::elasticity::{Control, Stopped};
 
-/// Residual force, relative to the load, at which a solution is taken.
+/// Residual force, relative to the load, at which a solution is accepted.
 pub const TOLERANCE: f64 = 1e-8;
-/// Iterations at most.
+/// Greatest number of iterations.
 const MAX_ITERATIONS: usize = 20_000;
-/// Iterations times blocks at most, some ten seconds: more than twice what any structure tried has needed.
+/// Greatest product of iterations and blocks, some ten seconds: more than twice what any structure tried has needed.
 const MAX_WORK: usize = 100_000_000;
-/// Work between two looks at the stop signal, in iterations times blocks: some milliseconds.
+/// Work between two polls of the stop signal, in iterations times blocks: some milliseconds.
 const WORK_PER_LOOK: usize = 50_000;
 
-/// How a solution ended.
+/// State of a solution when the iterations ended.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Convergence {
-    /// Iterations taken.
+    /// Number of iterations.
     pub iterations: u32,
-    /// Whether the iterations' own residual came below [`TOLERANCE`].
+    /// Whether the residual that the iterations update reached [`TOLERANCE`].
     pub is_solved: bool,
-    /// Length of the residual force, computed anew from the solution, over that of the load. Where displacements are many
-    /// times a block's size, rounding leaves more than the tolerance.
+    /// Norm of the residual force, recomputed from the solution, relative to that of the load. If displacements are
+    /// many times a block's size, rounding leaves more than the tolerance.
     pub relative_residual: f64,
 }
 
 /// Changes the displacements of free nodes until the forces on them balance `load`. Held nodes stay as they are.
 ///
 /// # Errors
-/// Where `control` says to stop, which is asked every few milliseconds once the iterations run.
+/// Returns an error if `control` stops the computation; it is polled every few milliseconds once the iterations run.
 pub fn solve(
     system: &System<'_>,
     load: &[f64],
@@ -93,7 +93,7 @@ pub fn solve(
     Ok(convergence)
 }
 
-/// Each node by itself, and groups of nodes as rigid bodies, added.
+/// Sum of a preconditioner of single nodes and one of groups of nodes as rigid bodies.
 struct Preconditioner {
     diagonal: Vec<nalgebra::Matrix3<f64>>,
     coarse: Option<Coarse>,

@@ -1,10 +1,10 @@
 //! The eight-node hexahedron with incompatible modes, for a cube.
 //!
-//! To the trilinear displacements come, for each of the three components, the modes `1 - xi^2`, `1 - eta^2` and
-//! `1 - zeta^2` inside the element (Wilson et al. 1973; Taylor, Beresford and Wilson 1976). With them a cube bends without
-//! the shear that trilinear displacements alone would need: a part one block thick does not lock. All blocks are equal
-//! cubes, for which the element passes the patch test as it is. The modes belong to one element each and are eliminated;
-//! as is usual for them, weight acts on the corners alone.
+//! Each of the three components has, in addition to the trilinear displacements, the internal modes `1 - xi^2`, `1 -
+//! eta^2` and `1 - zeta^2` (Wilson et al. 1973; Taylor, Beresford and Wilson 1976). With them a cube bends without the
+//! shear that trilinear displacements alone would need, so a part one block thick does not lock. All blocks are equal
+//! cubes, for which the element passes the patch test as it is. The modes belong to one element each and are
+//! eliminated; as is usual for them, weight acts on the corners alone.
 
 use std::sync::LazyLock;
 
@@ -12,41 +12,41 @@ use nalgebra::{Matrix3, SMatrix, SVector};
 
 use crate::elasticity::{POISSON, YOUNG_PA};
 
-/// Displacements of the eight corners: x, y, z of each.
+/// Number of displacements of the eight corners: x, y, z of each.
 pub const UNKNOWNS: usize = 24;
-/// Displacements of the modes inside.
+/// Number of internal modes: three for each component.
 const MODES: usize = 9;
-/// Integration points.
+/// Number of integration points.
 pub const POINTS: usize = 8;
 
-/// Corners of the cube, in edges: x first.
+/// Corners of the cube, in edges; x varies fastest.
 pub const CORNERS: [[i32; 3]; 8] =
     [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]];
 
-/// Strain or stress: xx, yy, zz, and shear xy, yz, zx.
+/// Components of strain or stress: xx, yy, zz, and shear xy, yz, zx.
 type Six = SVector<f64, 6>;
 
-/// Matrices of a cube with edge 1 m; one with edge h has `h` times the stiffness, and its stress is that of the
+/// Matrices of a cube with edge 1 m. A cube with edge `h` has `h` times the stiffness, and its stress is that of the
 /// displacements divided by `h`.
 #[derive(Debug)]
 pub struct Element {
-    /// Forces on the corners for displacements of the corners, N/m.
+    /// Stiffness matrix: forces on the corners per displacement of the corners, N/m.
     pub stiffness: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
-    /// Stress at the integration points for displacements of the corners, Pa/m.
+    /// Stress at each integration point per displacement of the corners, Pa/m.
     stress: [SMatrix<f64, 6, UNKNOWNS>; POINTS],
 }
 
-/// The element of a block, computed once.
+/// Element of a block, computed once.
 pub static ELEMENT: LazyLock<Element> = LazyLock::new(|| Element::new(YOUNG_PA, POISSON));
 
 impl Element {
-    /// The element of a material with this Young's modulus, Pa, and this Poisson's ratio.
+    /// Computes the element of a material with this Young's modulus, Pa, and this Poisson's ratio.
     #[must_use]
     pub fn new(young_pa: f64, poisson: f64) -> Self {
         Self::with_modes(young_pa, poisson, true)
     }
 
-    /// The same, with or without the modes inside.
+    /// Computes the element with or without the internal modes.
     fn with_modes(young_pa: f64, poisson: f64, has_modes: bool) -> Self {
         let elasticity = elasticity(young_pa, poisson);
         // Two points in each direction integrate all products here exactly.
@@ -61,7 +61,7 @@ impl Element {
             mixed += g.transpose() * elasticity * b * weight;
             modes += g.transpose() * elasticity * g * weight;
         }
-        // Eliminated: modes * a = -mixed * u. The matrix of the modes is positive definite.
+        // Eliminate the modes by modes * a = -mixed * u. The matrix of the modes is positive definite.
         let inverse = modes.try_inverse().filter(|_| has_modes).unwrap_or_else(SMatrix::zeros);
         let follow = inverse * mixed;
         Self {
@@ -70,15 +70,15 @@ impl Element {
         }
     }
 
-    /// Von Mises stress at the integration points, Pa, of a cube with edge `edge_m` whose corners are displaced by
-    /// `displacement` (m).
+    /// Returns the von Mises stress at the integration points, Pa, of a cube with edge `edge_m` whose corners are
+    /// displaced by `displacement` (m).
     #[must_use]
     pub fn von_mises(&self, displacement: &SVector<f64, UNKNOWNS>, edge_m: f64) -> [f64; POINTS] {
         self.stress.map(|stress| von_mises(&(stress * displacement / edge_m)))
     }
 }
 
-/// Stress for strain, Pa, with the Lame parameters of three dimensions.
+/// Returns the elasticity matrix from strain to stress, Pa, with the Lame parameters of three dimensions.
 fn elasticity(young_pa: f64, poisson: f64) -> SMatrix<f64, 6, 6> {
     let lambda = young_pa * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson));
     let mu = young_pa / (2.0 * (1.0 + poisson));
@@ -88,7 +88,7 @@ fn elasticity(young_pa: f64, poisson: f64) -> SMatrix<f64, 6, 6> {
     elasticity
 }
 
-/// Strain at a point (coordinates -1 to 1) for displacements of the corners.
+/// Returns the strain at a point (coordinates -1 to 1) per displacement of the corners.
 fn corner_strain(point: [f64; 3]) -> SMatrix<f64, 6, UNKNOWNS> {
     let mut strain = SMatrix::zeros();
     for (i, corner) in CORNERS.iter().enumerate() {
@@ -101,7 +101,7 @@ fn corner_strain(point: [f64; 3]) -> SMatrix<f64, 6, UNKNOWNS> {
     strain
 }
 
-/// Strain at a point for the modes inside; the gradient of `1 - xi^2` is `-4 xi` per edge.
+/// Returns the strain at a point per amplitude of the internal modes; the gradient of `1 - xi^2` is `-4 xi` per edge.
 fn mode_strain(point: [f64; 3]) -> SMatrix<f64, 6, MODES> {
     let mut strain = SMatrix::zeros();
     for k in 0..3 {
@@ -112,7 +112,7 @@ fn mode_strain(point: [f64; 3]) -> SMatrix<f64, 6, MODES> {
     strain
 }
 
-/// Puts the strain of a function with this gradient, as displacement in x, y and z, into three columns.
+/// Writes the strain of a function with this gradient, as displacement in x, y and z, into three columns.
 fn put_gradient<const N: usize>(strain: &mut SMatrix<f64, 6, N>, column: usize, [x, y, z]: [f64; 3]) {
     let entries = [(0, 0, x), (3, 0, y), (5, 0, z), (1, 1, y), (3, 1, x), (4, 1, z), (2, 2, z), (4, 2, y), (5, 2, x)];
     for (row, component, value) in entries {
@@ -120,7 +120,7 @@ fn put_gradient<const N: usize>(strain: &mut SMatrix<f64, 6, N>, column: usize, 
     }
 }
 
-/// Von Mises stress: xx, yy, zz, xy, yz, zx.
+/// Returns the von Mises stress of the components xx, yy, zz, xy, yz, zx.
 fn von_mises(s: &Six) -> f64 {
     let normal = (s[0] - s[1]).powi(2) + (s[1] - s[2]).powi(2) + (s[2] - s[0]).powi(2);
     (0.5 * normal + 3.0 * (s[3] * s[3] + s[4] * s[4] + s[5] * s[5])).sqrt()
@@ -151,8 +151,8 @@ mod tests {
         assert!(values.iter().all(|value| *value > -1e-10 * greatest));
     }
 
-    /// Pure bending of a cube: `u_x = x y, u_y = (-x^2 - nu y^2 + nu z^2) / 2, u_z = -nu y z`, from the middle. Without
-    /// the modes a cube would be three quarters stiffer: it would lock.
+    /// Bends a cube purely: `u_x = x y, u_y = (-x^2 - nu y^2 + nu z^2) / 2, u_z = -nu y z`, from the middle. Without
+    /// the modes a cube would lock: it would be three quarters stiffer.
     #[test]
     fn bending_takes_the_energy_of_a_beam() {
         let middle = |c: [f64; 3]| c.map(|x| x - 0.5);

@@ -1,4 +1,4 @@
-//! Blocks, their corners as nodes, and what hangs together.
+//! Mesh of blocks with their corners as nodes, and the blocks that are supported.
 
 use std::collections::HashMap;
 
@@ -8,22 +8,22 @@ use super::element::CORNERS;
 use crate::voxel::connectivity::linked_by_faces;
 use crate::voxel::{Cell, CellMap};
 
-/// Blocks joined by their faces, with the nodes that they share.
+/// Blocks joined at their faces, with the nodes that they share.
 ///
-/// Blocks that touch only in an edge or a corner have separate nodes there: such a contact carries nothing, and would be a
-/// hinge that turns freely.
+/// Blocks that touch only at an edge or a corner have separate nodes there. Such a contact carries nothing: it would be
+/// a hinge that turns freely.
 #[derive(Debug)]
 pub struct Mesh {
-    /// Distinct cells that are solved for, in the order in which they are first listed.
+    /// Distinct cells of the mesh, in the order in which they are first listed.
     pub cells: Vec<Cell>,
-    /// The nodes at each cell's corners, in the order of [`CORNERS`].
+    /// Nodes at each cell's corners, in the order of [`CORNERS`].
     pub nodes: Vec<[u32; 8]>,
-    /// Where each node is, in edges.
+    /// Position of each node, in edges.
     pub position: Vec<[i32; 3]>,
 }
 
 impl Mesh {
-    /// The mesh of distinct `cells`.
+    /// Builds the mesh of distinct `cells`.
     #[must_use]
     pub fn new(cells: Vec<Cell>) -> Self {
         let index: CellMap<u32> = cells.iter().copied().zip(0..).collect();
@@ -32,7 +32,7 @@ impl Mesh {
         let mut position = Vec::new();
         let mut nodes = Vec::with_capacity(cells.len());
         for cell in &cells {
-            // The 27 cells around, so that each corner's eight are looked up once.
+            // Look up the cell and its 26 neighbours once for all corners.
             let mut around = [false; 27];
             for (i, taken) in (0i32..).zip(&mut around) {
                 *taken = i == 13 || index.contains_key(&cell.offset(i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1));
@@ -55,10 +55,10 @@ impl Mesh {
     }
 }
 
-/// For each set of taken cells around a corner, which of them hang together by faces there.
+/// Groups of cells connected through faces at a corner, for each set of taken cells around it.
 #[derive(Debug)]
 struct CornerGroups {
-    /// For each set, for each of the eight, the first of its group.
+    /// First cell of the group of each of the eight cells, for each set.
     first: Vec<[u8; 8]>,
 }
 
@@ -66,7 +66,7 @@ impl CornerGroups {
     fn new() -> Self {
         let first = (0..=u8::MAX).map(|mask| {
             let mut first: [u8; 8] = std::array::from_fn(|i| i as u8);
-            // The longest way around a corner has seven steps.
+            // The longest path around a corner has seven steps.
             for _ in 0..7 {
                 for (a, b) in (0..8).flat_map(|a| [1, 2, 4].map(|bit| (a, a ^ bit))) {
                     if mask >> a & 1 == 1 && mask >> b & 1 == 1 {
@@ -84,17 +84,17 @@ impl CornerGroups {
     }
 }
 
-/// The distinct cells, and which of them hang together by faces with one at the least y.
+/// Distinct cells that are connected through faces to a cell at the least y.
 #[derive(Debug)]
 pub struct Supported {
     /// Distinct supported cells, in the order in which they are first listed.
     pub cells: Vec<Cell>,
-    /// For each entry its index among them; none for an unsupported one.
+    /// Index of each entry in `cells`; `None` for an unsupported entry.
     pub index: Vec<Option<u32>>,
 }
 
 impl Supported {
-    /// Of `cells`, which may repeat.
+    /// Finds the supported cells among `cells`, which may repeat.
     #[must_use]
     pub fn of(cells: &[Cell]) -> Self {
         let lowest = cells.iter().map(|cell| cell.y).min().unwrap_or(0);
@@ -129,9 +129,9 @@ mod tests {
         assert_eq!(mesh(&[[0, 0, 0], [1, 0, 0]]).position.len(), 12);
         assert_eq!(mesh(&[[0, 0, 0], [1, 1, 0]]).position.len(), 16);
         assert_eq!(mesh(&[[0, 0, 0], [1, 1, 1]]).position.len(), 16);
-        // A ring around an edge: each hangs together with the next.
+        // A ring around an edge: each block is connected to the next.
         assert_eq!(mesh(&[[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]).position.len(), 18);
-        // An L: the two ends touch in an edge, and hang together through the third there.
+        // An L: the two ends touch at an edge, and are connected there through the third block.
         assert_eq!(mesh(&[[0, 0, 0], [1, 0, 0], [1, 1, 0]]).position.len(), 16);
     }
 

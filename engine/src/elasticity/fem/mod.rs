@@ -1,7 +1,7 @@
 //! A well-posed method: static linear elasticity on the mesh of blocks, one eight-node hexahedron per block.
 //!
-//! It has a value where the published method has none or an artefact: parts one block thick, and structures that have not
-//! come to rest after its 0.2 s.
+//! It yields a sound value where the published method yields none or an artefact: for parts one block thick, and for
+//! structures that are not at rest after the 0.2 s that the published method simulates.
 
 mod coarse;
 mod conjugate_gradients;
@@ -18,44 +18,44 @@ use element::ELEMENT;
 use mesh::{Mesh, Supported};
 use system::{System, centre};
 
-/// Stress in equilibrium.
+/// Stress and displacement in equilibrium.
 #[derive(Debug, Clone, Default)]
 pub struct Outcome {
-    /// Greatest von Mises stress, Pa; none where nothing is supported, or the equations were not solved.
+    /// Greatest von Mises stress, Pa; `None` if no block is supported or the equations were not solved.
     pub max_von_mises_pa: Option<f64>,
     /// Entry with the greatest stress.
     pub most_stressed: Option<usize>,
-    /// Greatest von Mises stress at the integration points of each entry's block, in the order given, Pa; none for an
-    /// unsupported one.
+    /// Greatest von Mises stress at the integration points of each entry's block, in the order given, Pa; `None` for an
+    /// unsupported entry, and for all if the equations were not solved.
     pub von_mises_pa: Vec<Option<f64>>,
-    /// Displacement of the centre of each entry's block, m; none for an unsupported one.
+    /// Displacement of the centre of each entry's block, m; `None` under the same conditions as the stress.
     pub displacement_m: Vec<Option<[f64; 3]>>,
-    /// Entries that do not hang together by faces with a block at the least y, ascending: they have no equilibrium.
+    /// Entries not connected through faces to a block at the least y, ascending: they have no equilibrium.
     pub unsupported: Vec<u32>,
-    /// Greatest length of a displacement of a supported block's centre, m; none as for the stress.
+    /// Greatest displacement of a supported block's centre, m; `None` under the same conditions as the greatest stress.
     pub max_displacement_m: Option<f64>,
-    /// Iterations taken.
+    /// Number of solver iterations.
     pub iterations: u32,
     /// Whether the equations were solved.
     pub is_solved: bool,
-    /// Length of the residual force over that of the load: 1e-8 or what rounding leaves in a solution.
+    /// Norm of the residual force relative to that of the load: in a solution, 1e-8 or what rounding leaves.
     pub relative_residual: f64,
 }
 
 impl Outcome {
-    /// Why the result must be read with care, in words; empty for a whole one.
+    /// Returns reasons to read the result with care; empty for a complete result.
     #[must_use]
     pub fn cautions(&self) -> Vec<String> {
         let mut cautions = Vec::new();
         if !self.unsupported.is_empty() {
             cautions.push(format!(
-                "{} blocks do not hang together by faces with the lowest level: fem leaves them out",
+                "{} blocks are not connected to the lowest level through faces: fem leaves them out",
                 self.unsupported.len()
             ));
         }
         if !self.is_solved {
             cautions.push(format!(
-                "fem was not solved: after {} iterations the residual is {:.1e} of the load",
+                "fem did not converge: after {} iterations the residual is {:.1e} of the load",
                 self.iterations, self.relative_residual
             ));
         }
@@ -63,12 +63,12 @@ impl Outcome {
     }
 }
 
-/// Solves for the equilibrium of `cells` under their weight, held at the base of the blocks at the least y. A cell listed
-/// again is one block.
+/// Solves for the equilibrium of `cells` under their weight, held at the base of the blocks at the least y. A cell
+/// listed several times is one block.
 ///
 /// # Errors
-/// Where `control` says to stop, which is asked every few milliseconds once iterations run, and between the stages of
-/// setting up, which take some microseconds a block.
+/// Returns an error if `control` stops the computation; it is polled every few milliseconds once iterations run, and
+/// between the stages of setup, which take some microseconds per block.
 pub fn solve_equilibrium(cells: &[Cell], control: &Control<'_>) -> Result<Outcome, Stopped> {
     let supported = Supported::of(cells);
     let lowest = cells.iter().map(|cell| cell.y).min().unwrap_or(0);
@@ -90,7 +90,7 @@ pub fn solve_equilibrium(cells: &[Cell], control: &Control<'_>) -> Result<Outcom
     let length = |[x, y, z]: [f64; 3]| (x * x + y * y + z * z).sqrt();
     Ok(Outcome {
         max_von_mises_pa: greatest,
-        // Of several the one at the least cell, whatever the order of the list.
+        // Ties go to the least cell, whatever the order of the list.
         most_stressed: (0..cells.len())
             .filter(|&i| entries[i].is_some_and(|(stress, _)| Some(stress) == greatest))
             .min_by_key(|&i| cells[i]),

@@ -1,4 +1,4 @@
-//! The equations of a mesh, without a matrix: forces on the nodes for displacements of the nodes.
+//! Matrix-free equations of a mesh: forces on the nodes for displacements of the nodes.
 
 #![expect(clippy::inline_always, reason = "so that the loops are compiled for the processor that the caller chose")]
 
@@ -9,44 +9,44 @@ use super::element::{Element, UNKNOWNS};
 use super::mesh::Mesh;
 use crate::elasticity::lanes::Lanes;
 
-/// A mesh with an edge length, and which nodes are held.
+/// Equations of a mesh with an edge length and held nodes.
 #[derive(Debug)]
 pub struct System<'a> {
-    /// The mesh.
+    /// Mesh of the structure.
     pub mesh: &'a Mesh,
-    /// What each block is.
+    /// Element of each block.
     pub element: &'a Element,
     /// Edge of a block, m.
     pub edge_m: f64,
-    /// Which nodes are held.
+    /// Whether each node is held.
     pub is_held: Vec<bool>,
-    /// Stiffness of a block, column by column, N/m.
+    /// Stiffness matrix of a block, column by column, N/m.
     columns: Vec<f64>,
     arch: Arch,
 }
 
 impl<'a> System<'a> {
-    /// The equations of a mesh of blocks with edge `edge_m`; `is_held` is asked for the position of each node, in edges.
+    /// Sets up the equations of a mesh of blocks with edge `edge_m`. `is_held` receives each node's position, in edges.
     #[must_use]
     pub fn new(mesh: &'a Mesh, element: &'a Element, edge_m: f64, is_held: impl Fn(&[i32; 3]) -> bool) -> Self {
         let columns = element.stiffness.iter().map(|entry| entry * edge_m).collect();
         Self { mesh, element, edge_m, is_held: mesh.position.iter().map(is_held).collect(), columns, arch: Arch::new() }
     }
 
-    /// Number of unknowns, held ones included.
+    /// Returns the number of unknowns, including those of held nodes.
     #[must_use]
     pub fn len(&self) -> usize {
         3 * self.mesh.position.len()
     }
 
-    /// Forces on the nodes, N, for displacements, m; nothing on held ones.
+    /// Computes the forces on the nodes, N, for displacements, m; zero on held nodes.
     pub fn apply(&self, displacement: &[f64], force: &mut [f64]) {
         force.fill(0.0);
         self.arch.dispatch(Apply { nodes: &self.mesh.nodes, columns: &self.columns, displacement, force });
         self.release(force);
     }
 
-    /// Clears what belongs to held nodes.
+    /// Sets the components of held nodes to zero.
     pub fn release(&self, vector: &mut [f64]) {
         for (triple, is_held) in vector.chunks_exact_mut(3).zip(&self.is_held) {
             if *is_held {
@@ -55,7 +55,7 @@ impl<'a> System<'a> {
         }
     }
 
-    /// Forces on the nodes, N, from a weight of `weight_n` per block; nothing on held ones.
+    /// Returns the forces on the nodes, N, from a weight of `weight_n` per block; zero on held nodes.
     #[must_use]
     pub fn weight(&self, weight_n: f64) -> Vec<f64> {
         let mut force = vec![0.0; self.len()];
@@ -68,7 +68,7 @@ impl<'a> System<'a> {
         force
     }
 
-    /// For each node the inverse of its own 3 x 3 block of the equations.
+    /// Returns the inverse of each node's own 3 x 3 block of the equations.
     #[must_use]
     pub fn inverse_diagonal(&self) -> Vec<Matrix3<f64>> {
         let mut diagonal = vec![Matrix3::zeros(); self.mesh.position.len()];
@@ -78,11 +78,11 @@ impl<'a> System<'a> {
                     self.element.stiffness.fixed_view::<3, 3>(3 * corner, 3 * corner) * self.edge_m;
             }
         }
-        // Each is positive definite.
+        // Each of these matrices is positive definite.
         diagonal.into_iter().map(|block| block.try_inverse().unwrap_or_else(Matrix3::zeros)).collect()
     }
 
-    /// Displacements of a block's corners.
+    /// Returns the displacements of a block's corners.
     #[must_use]
     pub fn corners(&self, block: usize, displacement: &[f64]) -> SVector<f64, UNKNOWNS> {
         let triples = self.mesh.nodes[block].iter().flat_map(|&node| {
@@ -93,14 +93,14 @@ impl<'a> System<'a> {
     }
 }
 
-/// Displacement of a block's centre, from those of its corners.
+/// Returns the displacement of a block's centre, from those of its corners.
 #[must_use]
 pub fn centre(corners: &SVector<f64, UNKNOWNS>) -> [f64; 3] {
     let sum: Vector3<f64> = (0..8).map(|c| corners.fixed_rows::<3>(3 * c).into_owned()).sum();
     (sum / 8.0).into()
 }
 
-/// Adds the forces of all blocks.
+/// Operation that adds up the forces of all blocks.
 struct Apply<'a> {
     nodes: &'a [[u32; 8]],
     columns: &'a [f64],
@@ -121,7 +121,7 @@ impl WithSimd for Apply<'_> {
                 triple.copy_from_slice(&self.displacement[at..at + 3]);
             }
             let mut pulled = [0.0; UNKNOWNS];
-            // Eight rows at a time, with two sums for even and odd columns, so that they do not wait for each other.
+            // Eight rows at a time, with separate sums for even and odd columns, which do not wait for each other.
             for row in (0..UNKNOWNS).step_by(8) {
                 for lanes in (row..row + 8).step_by(S::F64_LANES) {
                     let mut sums = [Lanes::splat(simd, 0.0); 2];

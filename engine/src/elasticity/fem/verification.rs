@@ -1,15 +1,15 @@
-//! Against closed forms: bars, beams, patches.
+//! Verification against closed-form solutions: bars, beams and patches.
 
 use super::element::Element;
 use crate::elasticity::fem::*;
 use crate::elasticity::{POISSON, YOUNG_PA};
 
-/// Cells of a box.
+/// Returns the cells of a box.
 fn cuboid(x: i32, y: i32, z: i32) -> Vec<Cell> {
     (0..x * y * z).map(|i| Cell::new(i % x, i / x % y, i / x / y)).collect()
 }
 
-/// Blocks of edge `edge_m` under gravity, with nodes held where told, weighing 900 N per cubic metre.
+/// Solves for blocks of edge `edge_m` that weigh 900 N per cubic metre, with the nodes held that `is_held` selects.
 fn settle(element: &Element, cells: Vec<Cell>, edge_m: f64, is_held: impl Fn(&[i32; 3]) -> bool) -> (Mesh, Vec<f64>) {
     let mesh = Mesh::new(cells);
     let system = System::new(&mesh, element, edge_m, is_held);
@@ -20,13 +20,14 @@ fn settle(element: &Element, cells: Vec<Cell>, edge_m: f64, is_held: impl Fn(&[i
     (mesh, displacement)
 }
 
-/// Greatest sag, m.
+/// Returns the greatest sag, m.
 fn sag(displacement: &[f64]) -> f64 {
     displacement.chunks_exact(3).map(|u| -u[1]).fold(0.0, f64::max)
 }
 
-/// Timoshenko's sag of a beam `length` long and `height` high: Euler and Bernoulli's part, and that of shear with the
-/// shear coefficient 10 (1 + nu) / (12 + 11 nu) of a rectangle (Cowper 1966). Both ends clamped, or one.
+/// Returns the sag of a Timoshenko beam `length` long and `height` high, with one end or both ends clamped: the
+/// Euler-Bernoulli part, and that of shear with the coefficient 10 (1 + nu) / (12 + 11 nu) of a rectangle (Cowper
+/// 1966).
 fn beam_sag(poisson: f64, length: f64, height: f64, both_ends: bool) -> f64 {
     let (load, inertia) = (WEIGHT_N * height, height.powi(3) / 12.0);
     let shear = 10.0 * (1.0 + poisson) / (12.0 + 11.0 * poisson) * YOUNG_PA / (2.0 * (1.0 + poisson)) * height;
@@ -34,9 +35,9 @@ fn beam_sag(poisson: f64, length: f64, height: f64, both_ends: bool) -> f64 {
     load * length.powi(4) / (bending_part * YOUNG_PA * inertia) + load * length.powi(2) / (shear_part * shear)
 }
 
-/// A bar under its own weight, away from the base, whose held nodes keep it from widening: within a quarter of one block's
-/// weight (which the element has as forces on its corners) of what is above the block's middle. The top sinks by
-/// rho g H^2 / 2 E.
+/// Away from the base, whose held nodes keep it from widening, the stress of a bar under its own weight is within a
+/// quarter of one block's weight (which the element has as forces on its corners) of the weight above the block's
+/// middle. The top sinks by rho g H^2 / 2 E.
 #[test]
 fn a_bar_under_its_own_weight() {
     let outcome = solve_equilibrium(&cuboid(1, 30, 1), &Control::unhurried()).unwrap();
@@ -49,7 +50,7 @@ fn a_bar_under_its_own_weight() {
     assert!((outcome.max_displacement_m.unwrap() / expected - 1.0).abs() < 0.02);
 }
 
-/// Relative errors of the sag of a beam one block thick and `length` long, with blocks of 1, 1/2 and 1/4 m.
+/// Returns the relative errors of the sag of a beam one block thick and `length` long, with blocks of 1, 1/2 and 1/4 m.
 fn sag_errors(poisson: f64, length: i32, both_ends: bool) -> [f64; 3] {
     let element = Element::new(YOUNG_PA, poisson);
     [1, 2, 4].map(|refinement| {
@@ -60,7 +61,7 @@ fn sag_errors(poisson: f64, length: i32, both_ends: bool) -> [f64; 3] {
     })
 }
 
-/// Without Poisson's effect a clamp is what the theory takes it for: with one element over the thickness the sag is within
+/// Without the Poisson effect a clamp is as the theory assumes: with one element over the thickness the sag is within
 /// 2.5 % of Timoshenko's, with four within 0.3 %.
 #[test]
 fn beams_one_block_thick() {
@@ -71,8 +72,8 @@ fn beams_one_block_thick() {
     }
 }
 
-/// With it a clamp keeps the section from widening, which stiffens some half of a block at each clamp: within 6 % for
-/// beams this short, and nearer with refinement.
+/// With the Poisson effect a clamp keeps the section from widening, which stiffens about half a block at each clamp.
+/// The sag is within 6 % for beams this short, and closer with refinement.
 #[test]
 fn beams_of_the_blocks_material() {
     for (length, both_ends) in [(12, false), (16, true)] {
@@ -81,7 +82,7 @@ fn beams_of_the_blocks_material() {
     }
 }
 
-/// Bending stress in the middle of a clamped beam, where the clamps are far: q L^2 / 24 over the section.
+/// The bending stress in the middle of a clamped beam, far from the clamps, is q L^2 / 24 over the section.
 #[test]
 fn bending_stress_of_a_clamped_beam() {
     let refinement = 4;

@@ -1,4 +1,4 @@
-//! Stress from deformation, for as many particles at a time as the processor's vectors hold (SPEC 4).
+//! Stress from deformation, for as many particles at a time as a SIMD vector holds (SPEC 4).
 
 #![expect(clippy::inline_always, reason = "so that the loops are compiled for the processor that the caller chose")]
 
@@ -15,9 +15,10 @@ const MU_PA: f64 = YOUNG_PA / (2.0 * (1.0 + POISSON));
 /// Viscosity, Pa s.
 const VISCOSITY: f64 = 1e7;
 
-/// First Piola-Kirchhoff stress, Pa, of the deformation gradient `f` that was `before` a step of `step_s` seconds ago.
+/// Computes the first Piola-Kirchhoff stress, Pa, from the deformation gradient `f` and its value `before` a step of
+/// `step_s` seconds.
 ///
-/// `P = F S + 2 eta d' C` with `C = J F^-T` the cofactors of F, and `L = Fdot C^T / J`. Where J is exactly zero the
+/// `P = F S + 2 eta d' C` with `C = J F^-T` the cofactors of F, and `L = Fdot C^T / J`. If J is exactly zero, the
 /// viscous part vanishes, as it does with a pseudo-inverse.
 #[inline(always)]
 pub fn stress<S: Simd>(place: &Place<'_, S>, f: &Matrices<S>, before: &Matrices<S>, step_s: f64) -> Matrices<S> {
@@ -35,7 +36,7 @@ pub fn stress<S: Simd>(place: &Place<'_, S>, f: &Matrices<S>, before: &Matrices<
     p
 }
 
-/// `S = lambda tr(E) I + 2 mu E` with `E = (F^T F - I) / 2`.
+/// Computes `S = lambda tr(E) I + 2 mu E` with `E = (F^T F - I) / 2`.
 #[inline(always)]
 fn second_piola_kirchhoff<S: Simd>(place: &Place<'_, S>, f: &Matrices<S>) -> Matrices<S> {
     let (one, mu) = (place.splat(1.0), place.splat(MU_PA));
@@ -57,7 +58,7 @@ fn second_piola_kirchhoff<S: Simd>(place: &Place<'_, S>, f: &Matrices<S>) -> Mat
     s
 }
 
-/// The cofactors `J F^-T`.
+/// Computes the cofactors `J F^-T`.
 #[inline(always)]
 fn cofactors<S: Simd>(f: &Matrices<S>) -> Matrices<S> {
     let mut cofactor = *f;
@@ -71,7 +72,7 @@ fn cofactors<S: Simd>(f: &Matrices<S>) -> Matrices<S> {
     cofactor
 }
 
-/// `2 eta d'` with `d'` the deviator of `sym L` and `L = (F - F_before) C^T / (J dt)`.
+/// Computes `2 eta d'` with `d'` the deviator of `sym L` and `L = (F - F_before) C^T / (J dt)`.
 #[inline(always)]
 fn viscous_deviator<S: Simd>(
     place: &Place<'_, S>,
@@ -108,7 +109,7 @@ fn viscous_deviator<S: Simd>(
     d
 }
 
-/// The same for one particle.
+/// Computes the same as [`stress`] for one particle.
 #[must_use]
 pub fn stress_of_one(f: &Matrix3<f64>, before: &Matrix3<f64>, step_s: f64) -> Matrix3<f64> {
     let strain = (f.transpose() * f - Matrix3::identity()) * 0.5;

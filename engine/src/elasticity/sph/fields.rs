@@ -1,36 +1,37 @@
-//! Numbers per particle, one array for each component, in the places of the lattice; and their parts for several cores.
+//! Numbers per particle, one array for each component, in the layout of the lattice, and parts of them for several
+//! cores.
 
 #![expect(clippy::inline_always, reason = "so that the loops are compiled for the processor that the caller chose")]
 
 use crate::elasticity::lattice::BLOCK;
 
-/// `N` numbers per place: component after component.
+/// `N` numbers per cell of the lattice, stored component after component.
 #[derive(Debug, Clone)]
 pub struct Fields<const N: usize> {
     components: [Vec<f64>; N],
 }
 
 impl<const N: usize> Fields<N> {
-    /// Zero everywhere, in `len` places.
+    /// Creates fields of length `len` that are zero everywhere.
     #[must_use]
     pub fn zero(len: usize) -> Self {
         Self { components: [(); N].map(|()| vec![0.0; len]) }
     }
 
-    /// The numbers at a place.
+    /// Returns the numbers at an index.
     #[must_use]
     pub fn at(&self, place: usize) -> [f64; N] {
         std::array::from_fn(|k| self.components[k][place])
     }
 
-    /// Puts numbers at a place.
+    /// Sets the numbers at an index.
     pub fn set(&mut self, place: usize, numbers: [f64; N]) {
         for (component, number) in self.components.iter_mut().zip(numbers) {
             component[place] = number;
         }
     }
 
-    /// Makes this another's numbers, times one number per place.
+    /// Sets the numbers to those of `other`, times one factor per index.
     pub fn set_product(&mut self, other: &Self, factor: &Fields<1>) {
         for (component, other) in self.components.iter_mut().zip(&other.components) {
             for ((number, other), factor) in component.iter_mut().zip(other).zip(&factor.components[0]) {
@@ -39,30 +40,30 @@ impl<const N: usize> Fields<N> {
         }
     }
 
-    /// All places, to read.
+    /// Returns all components for reading.
     #[must_use]
     pub fn view(&self) -> [&[f64]; N] {
         self.components.each_ref().map(Vec::as_slice)
     }
 
-    /// All places, to write.
+    /// Returns all components for writing.
     #[must_use]
     pub fn part(&mut self) -> Part<'_, N> {
         Part { first: 0, components: self.components.each_mut().map(Vec::as_mut_slice) }
     }
 }
 
-/// A range of places, to write.
+/// Writable range of fields.
 #[derive(Debug)]
 pub struct Part<'a, const N: usize> {
-    /// The place where it begins.
+    /// Index where the range begins.
     pub first: usize,
-    /// Its numbers.
+    /// Numbers of each component in the range.
     pub components: [&'a mut [f64]; N],
 }
 
 impl<'a, const N: usize> Part<'a, N> {
-    /// The parts before and from a place.
+    /// Splits the range into the parts before and from an index.
     #[must_use]
     pub fn split_at(self, place: usize) -> (Self, Self) {
         let mut tails: [&'a mut [f64]; N] = [(); N].map(|()| <&mut [f64]>::default());
@@ -78,7 +79,7 @@ impl<'a, const N: usize> Part<'a, N> {
     }
 }
 
-/// The same arrays, cut to a length that they all have. Where the compiler sees that several arrays are equally long, it
+/// Returns the arrays cut to a length that they all have. If the compiler sees that several arrays are equally long, it
 /// compares an index with their length once for all of them.
 #[inline(always)]
 #[must_use]
@@ -90,7 +91,7 @@ pub fn cut<const N: usize>(mut arrays: [&[f64]; N], len: usize) -> [&[f64]; N] {
 }
 
 impl<const N: usize> Part<'_, N> {
-    /// The same part, known to be `len` long, see [`cut`].
+    /// Returns the part cut to `len`, see [`cut`].
     #[inline(always)]
     #[must_use]
     pub fn cut(mut self, len: usize) -> Self {
@@ -100,14 +101,14 @@ impl<const N: usize> Part<'_, N> {
         self
     }
 
-    /// How many places it has.
+    /// Returns the length of the range.
     #[must_use]
     pub fn len(&self) -> usize {
         self.components.first().map_or(0, |component| component.len())
     }
 }
 
-/// Vectors of a block: where each begins, counted from the block's first place.
+/// Returns the offset of each SIMD vector of a block from the block's first index.
 pub fn offsets(lanes: usize) -> impl Iterator<Item = usize> {
     (0..BLOCK).step_by(lanes)
 }

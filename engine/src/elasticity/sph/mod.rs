@@ -21,33 +21,33 @@ use pairs::State;
 use particles::Particles;
 use passes::{Deform, Move, Pull, carry_out};
 
-/// Mass that a force accelerates, kg.
+/// Mass of a particle, kg.
 const MASS_KG: f64 = 15_000.0;
 /// Time step, s.
 const STEP_S: f64 = 1e-4;
-/// Steps simulated.
+/// Number of time steps.
 const STEPS: u32 = 2_000;
-/// Steps over which the weight grows to its full value.
+/// Number of steps over which the weight grows to its full value.
 const RAMP_STEPS: f64 = 400.0;
-/// Work between two looks at the stop signal, in steps times blocks of eight cells: some milliseconds.
+/// Work between two polls of the stop signal, in steps times blocks of eight cells: some milliseconds.
 const WORK_PER_LOOK: usize = 20_000;
 
-/// Simulates `cells` (particles at block centres; a cell listed twice is two particles) and gives their stress.
+/// Simulates `cells` (particles at block centres; a cell listed twice is two particles) and returns their stress.
 ///
-/// Stress and displacement of a cell do not depend on the order of `cells`, nor on how the work is shared out.
+/// Stress and displacement of a cell do not depend on the order of `cells`, nor on how cores share the work.
 ///
 /// # Errors
-/// Where `control` says to stop, which is asked after some milliseconds of steps, or after each step of a structure that
-/// takes longer, and before and after setting up, which takes some microseconds a block.
+/// Returns an error if `control` stops the computation; it is polled after some milliseconds of steps, or after each
+/// step of a structure that takes longer, and before and after setup, which takes some microseconds per block.
 pub fn simulate(cells: &[Cell], control: &Control<'_>) -> Result<Outcome, Stopped> {
     simulate_with(Arch::new(), cells, control)
 }
 
-/// The same, with the vectors of a kind of processor.
+/// Simulates `cells` with the SIMD instructions of `arch`.
 fn simulate_with(arch: Arch, cells: &[Cell], control: &Control<'_>) -> Result<Outcome, Stopped> {
     control.check(0.0)?;
     let mut simulation = Simulation::new(arch, cells);
-    // Where every particle is held nothing moves: strain and its rate are those of the second step for ever.
+    // If every particle is held, nothing moves: strain and its rate stay those of the second step.
     let steps = if simulation.particles.are_all_held { 2 } else { STEPS };
     let per_look = (WORK_PER_LOOK / simulation.particles.lattice.blocks.len().max(1)).clamp(1, 200) as u32;
     for step in 0..steps - 1 {
@@ -66,14 +66,14 @@ struct Simulation {
     particles: Particles,
     arch: Arch,
     displacement: Fields<3>,
-    /// Half a step later than the displacements.
+    /// Velocities, half a step later than the displacements.
     velocity: Fields<3>,
     deformation: Fields<9>,
     /// `P A^-1`.
     corrected_stress: Fields<9>,
-    /// Forces between pairs, on the particle behind; three components for each direction.
+    /// Forces between pairs on the particle behind, three components for each direction.
     forces: Fields<39>,
-    /// Where particles share places: displacement times how many there are.
+    /// Displacements times the number of particles in each cell, if particles share cells.
     weighted: Option<Fields<3>>,
 }
 
@@ -97,8 +97,8 @@ impl Simulation {
         }
     }
 
-    /// One step of the published integrator. Its forces are those of the positions before the step, so they lag one step
-    /// behind a velocity Verlet scheme; scores depend on it.
+    /// Takes one step of the published integrator. Its forces are those of the positions before the step, so they lag
+    /// one step behind a velocity Verlet scheme; scores depend on this.
     fn advance(&mut self, step: u32, control: &Control<'_>) {
         let (particles, arch) = (&self.particles, self.arch);
         let (blocks, weights) = (particles.lattice.blocks.as_slice(), &particles.weights);
@@ -128,7 +128,7 @@ impl Simulation {
         }
     }
 
-    /// The rest of a step: forces between pairs, and where they move the particles.
+    /// Takes the rest of a step: computes the forces between pairs, and moves the particles.
     fn move_on<const SHARED: bool>(&mut self, load_n: [f64; 3], control: &Control<'_>) {
         let (particles, arch) = (&self.particles, self.arch);
         let (blocks, weights) = (particles.lattice.blocks.as_slice(), &particles.weights);
@@ -152,7 +152,7 @@ impl Simulation {
         carry_out(forward, arch, control);
     }
 
-    /// The outcome, from the state after the last step and what was before it.
+    /// Returns the outcome, from the states after and before the last step.
     fn outcome(self, cells: &[Cell], deformation_before: &Fields<9>, velocity_before: &Fields<3>) -> Outcome {
         let particles = &self.particles;
         let mut diagnostics = Diagnostics {
@@ -167,7 +167,7 @@ impl Simulation {
         let mut residuals = Vec::with_capacity(cells.len());
         for (number, entry) in (0u32..).zip(&particles.entries) {
             let Some(place) = entry.place else {
-                // Without neighbours F is 0: it counts for nothing, and falls unless it is held.
+                // Without neighbours F is 0: the particle has no stress, and falls unless it is held.
                 diagnostics.degenerate.push(number);
                 let (fallen, speed) = if entry.is_held { (0.0, 0.0) } else { fall };
                 outcome.von_mises_pa.push(0.0);
@@ -197,7 +197,7 @@ impl Simulation {
         }
         let is_number = outcome.von_mises_pa.iter().all(|stress| !stress.is_nan());
         let greatest = outcome.von_mises_pa.iter().copied().fold(0.0, f64::max);
-        // Of several the one at the least cell, whatever the order of the list.
+        // Ties go to the least cell, whatever the order of the list.
         let stress = &outcome.von_mises_pa;
         let most = (0..cells.len()).filter(|&i| greatest > 0.0 && stress[i] == greatest).min_by_key(|&i| cells[i]);
         outcome.most_stressed = most;
@@ -212,7 +212,8 @@ impl Simulation {
     }
 }
 
-/// How far a particle without neighbours has fallen at the end, in blocks, and how fast it is, in blocks a second.
+/// Returns the displacement, in blocks, and the velocity, in blocks per second, of a particle without neighbours at the
+/// end.
 fn free_fall() -> (f64, f64) {
     let (mut height, mut velocity, mut before) = (0.0, 0.0, 0.0);
     for step in 0..STEPS {
@@ -227,8 +228,8 @@ fn free_fall() -> (f64, f64) {
 mod tests {
     use super::*;
 
-    /// All kinds of vectors this processor has: where products and sums are rounded at once the bits are the same, and
-    /// elsewhere nearly.
+    /// Compares all kinds of SIMD vectors of this processor: those that round a product and sum once agree bit for bit,
+    /// others nearly.
     #[test]
     fn every_kind_of_processor_agrees() {
         let cells: Vec<Cell> =

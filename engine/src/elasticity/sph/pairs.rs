@@ -2,8 +2,8 @@
 //!
 //! With `R` the reference vector of a pair and `r` its present one, the force on the first is
 //! `(P_i A_i^-1 + P_j A_j^-1) grad W - r k (((F_i + F_j) R . r) / |r|^2 - 2)` with `k = 0.5 * 1e8 W / R^3`: SPEC 4's
-//! formula with both hourglass terms put together, which needs no square root. The second gets the opposite, so each
-//! pair's force is computed once, with the particles from which the other lies ahead.
+//! formula with both hourglass terms combined, which needs no square root. The force on the second is the opposite, so
+//! each pair's force is computed once, for the particle from which the other lies ahead.
 
 #![expect(clippy::inline_always, reason = "so that the loops are compiled for the processor that the caller chose")]
 
@@ -13,7 +13,7 @@ use super::stencil::{Matrices, Place, Vectors, Weights, kind};
 use crate::elasticity::lanes::Lanes;
 use crate::elasticity::neighbours::DIRECTIONS;
 
-/// What the forces depend on.
+/// State that the forces depend on.
 #[derive(Debug, Clone, Copy)]
 pub struct State<'a> {
     /// Displacements.
@@ -22,7 +22,7 @@ pub struct State<'a> {
     pub deformation: [&'a [f64]; 9],
     /// `P A^-1`, row by row.
     pub corrected_stress: [&'a [f64]; 9],
-    /// 1 where a particle is, otherwise 0.
+    /// 1 where there is a particle, otherwise 0.
     pub presence: &'a [f64],
 }
 
@@ -45,7 +45,7 @@ macro_rules! each_direction {
     };
 }
 
-/// The particles at a place.
+/// State of the particles whose forces are computed.
 #[derive(Debug, Clone, Copy)]
 struct Own<S: Simd> {
     displacement: Vectors<S>,
@@ -54,8 +54,8 @@ struct Own<S: Simd> {
     presence: Lanes<S>,
 }
 
-/// Computes the forces on these particles from those ahead; `to` has three components for each direction, and these
-/// particles at `at`.
+/// Computes the forces on these particles from those ahead. `to` has three components for each direction, and holds
+/// these particles at index `at`.
 #[inline(always)]
 pub fn pull<S: Simd>(place: &Place<'_, S>, state: &State<'_>, weights: &Weights, at: usize, to: &mut [&mut [f64]; 39]) {
     let own = Own {
@@ -90,13 +90,13 @@ fn pull_along<S: Simd, const D: usize>(
     let spring = place.splat(weights.hourglass[kind]) * (ratio - place.splat(2.0));
     for k in 0..3 {
         let force = r[k].subtract_product_from(spring, stress[k] * gradient);
-        // Chosen, not multiplied: beside a particle that blew up, empty places are not numbers.
+        // Select, do not multiply: beside a particle that diverged, empty cells hold NaN.
         force.where_positive(is_pair, place.splat(0.0)).store(to[3 * D + k], at);
     }
 }
 
-/// The sum of the forces on these particles from those ahead and behind; where particles share places (`SHARED`), as many
-/// times as there are particles.
+/// Returns the sum of the forces on these particles from those ahead and behind. If particles share cells (`SHARED`),
+/// each force counts as many times as there are particles in the other cell.
 #[inline(always)]
 pub fn sum<S: Simd, const SHARED: bool>(
     place: &Place<'_, S>,
@@ -137,13 +137,13 @@ fn add_shared_forces<S: Simd, const D: usize>(
     }
 }
 
-/// The matrices with these entries, row by row.
+/// Returns the matrices with these entries, row by row.
 #[inline(always)]
 fn rows<S: Simd>(m: [Lanes<S>; 9]) -> Matrices<S> {
     [[m[0], m[1], m[2]], [m[3], m[4], m[5]], [m[6], m[7], m[8]]]
 }
 
-/// `(A + B) R` for the direction's `R`, of the particles' matrices A and those ahead B.
+/// Returns `(A + B) R` for the direction's `R`, with A the matrices of these particles and B those of the ones ahead.
 #[inline(always)]
 fn along<S: Simd, const D: usize>(
     place: &Place<'_, S>,
@@ -164,7 +164,7 @@ fn along<S: Simd, const D: usize>(
     sum
 }
 
-/// `row . R` for the direction's `R`, whose last component that is not 0 is 1.
+/// Returns `row . R` for the direction's `R`, whose last non-zero component is 1.
 #[inline(always)]
 fn signed_sum<S: Simd, const D: usize>(row: Vectors<S>) -> Lanes<S> {
     let [x, y, z] = const { DIRECTIONS[D] };
@@ -187,7 +187,7 @@ fn signed_sum<S: Simd, const D: usize>(row: Vectors<S>) -> Lanes<S> {
     }
 }
 
-/// `R + u_j - u_i` for the direction's `R`.
+/// Returns `R + u_j - u_i` for the direction's `R`.
 #[inline(always)]
 fn present_vector<S: Simd, const D: usize>(place: &Place<'_, S>, to: Vectors<S>, from: Vectors<S>) -> Vectors<S> {
     let direction = const { DIRECTIONS[D] };

@@ -1,4 +1,4 @@
-//! The particles of a simulation: their places, and what stays the same through all steps.
+//! The particles of a simulation: their layout, and the quantities that stay constant over all steps.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -9,50 +9,50 @@ use crate::elasticity::neighbours::{DIRECTIONS, kernel_gradient};
 use crate::elasticity::small_matrix::{Flatness, flatness, inverse_or_pseudo_inverse};
 use crate::voxel::Cell;
 
-/// An entry of the list of cells.
+/// Entry of the list of cells.
 #[derive(Debug, Clone, Copy)]
 pub struct Entry {
-    /// Where its particle is stored; none for one without neighbours.
+    /// Index of the particle in a field; `None` for a particle without neighbours.
     pub place: Option<usize>,
-    /// Whether it is at the least y.
+    /// Whether the particle is held, because it is at the least y.
     pub is_held: bool,
 }
 
-/// What stays the same through all steps.
+/// Quantities that stay constant over all steps.
 #[derive(Debug)]
 pub struct Particles {
-    /// Where they are stored.
+    /// Layout of the particles in fields.
     pub lattice: Lattice,
-    /// What the kernel says.
+    /// Weights of the kernel.
     pub weights: Weights,
     /// `sum_j grad W_ij`.
     pub gradient_sum: Fields<3>,
     /// `A^-1`: xx, yy, zz, xy, xz, yz.
     pub moment_inverse: Fields<6>,
-    /// `A A^-1`, likewise: the deformation gradient at rest, the identity unless A is singular.
+    /// `A A^-1` in the same order: the deformation gradient at rest, the identity unless A is singular.
     pub at_rest: Fields<6>,
-    /// 1 where a particle is, otherwise 0.
+    /// 1 where there is a particle, otherwise 0.
     pub presence: Fields<1>,
-    /// Positions at rest, from the least corner.
+    /// Positions at rest, relative to the least corner.
     pub rest: Fields<3>,
-    /// 1 where a particle is that is not held.
+    /// 1 where there is a particle that is not held, otherwise 0.
     pub is_free: Fields<1>,
-    /// How many particles share each place, where some do.
+    /// Number of particles in each cell, if any share a cell.
     pub multiplicity: Option<Fields<1>>,
-    /// The cells given.
+    /// Entries of the given list of cells.
     pub entries: Vec<Entry>,
     /// Whether every particle with neighbours is held.
     pub are_all_held: bool,
-    /// Entries whose A is singular.
+    /// Entries whose moment matrix A is singular.
     pub singular_moment: Vec<u32>,
-    /// Whether some neighbourhood is flat in a plane or line that is not one of the axes'.
+    /// Whether some neighbourhood lies in a plane or line that is not along the axes.
     pub is_sloped: bool,
-    /// Entries that share their cell with an earlier one.
+    /// Number of entries that share their cell with an earlier entry.
     pub repeated_cells: usize,
 }
 
 impl Particles {
-    /// Particles at the centres of `cells`.
+    /// Creates particles at the centres of `cells`.
     #[must_use]
     pub fn new(cells: &[Cell]) -> Self {
         let repeated_cells = repeated(cells);
@@ -92,7 +92,7 @@ impl Particles {
         particles
     }
 
-    /// Sums over the neighbours of each particle.
+    /// Computes the sums over the neighbours of each particle.
     fn measure(&mut self, count: &Fields<1>) {
         let gradients = DIRECTIONS.map(|direction| kernel_gradient(&Vector3::from(direction.map(f64::from))));
         let mut is_singular = vec![None; self.lattice.len];
@@ -128,7 +128,7 @@ impl Particles {
         }
     }
 
-    /// A vector in the axes of the world, from one in those of the lattice.
+    /// Converts a vector from the axes of the lattice to those of the world.
     #[must_use]
     pub fn in_the_world(&self, vector: [f64; 3]) -> [f64; 3] {
         let mut turned = [0.0; 3];
@@ -138,7 +138,7 @@ impl Particles {
         turned
     }
 
-    /// Entries that no chain of neighbours connects with a held one, ascending.
+    /// Returns the entries that no chain of neighbours connects to a held entry, ascending.
     #[must_use]
     pub fn unconnected(&self) -> Vec<u32> {
         let mut is_reached = vec![false; self.lattice.len];
@@ -162,12 +162,12 @@ impl Particles {
     }
 }
 
-/// xx, yy, zz, xy, xz, yz.
+/// Returns the components xx, yy, zz, xy, xz, yz of a symmetric matrix.
 fn symmetric_part(m: &Matrix3<f64>) -> [f64; 6] {
     [m[(0, 0)], m[(1, 1)], m[(2, 2)], m[(0, 1)], m[(0, 2)], m[(1, 2)]]
 }
 
-/// How many cells are listed before.
+/// Counts the cells that repeat an earlier one.
 fn repeated(cells: &[Cell]) -> usize {
     let mut sorted: Vec<_> = cells.iter().map(|cell| (cell.x, cell.y, cell.z)).collect();
     sorted.sort_unstable();

@@ -1,4 +1,4 @@
-//! The three passes of a time step over the particles, each of which can be shared out among cores.
+//! The three passes of a time step over the particles, each of which several cores can share.
 
 #![expect(clippy::inline_always, reason = "so that the loops are compiled for the processor that the caller chose")]
 
@@ -12,18 +12,18 @@ use crate::elasticity::Control;
 use crate::elasticity::lanes::Lanes;
 use crate::elasticity::lattice::Block;
 
-/// Blocks below which a pass is not shared out: handing over costs as much as they do.
+/// Least number of blocks per share of a pass: handing over fewer costs as much as processing them.
 const BLOCKS_PER_SHARE: usize = 128;
 
-/// Something to do for each of a range of blocks, independently.
+/// Operation on each of a range of blocks, independent of the others.
 pub trait Pass: WithSimd<Output = ()> + Send + Sized {
-    /// The blocks.
+    /// Returns the blocks.
     fn blocks(&self) -> &[Block];
-    /// The passes over the blocks before and from one.
+    /// Splits the pass into those over the blocks before and from one.
     fn split_at(self, block: usize) -> (Self, Self);
 }
 
-/// Does a pass, on several cores where it is large and the caller lends them.
+/// Runs a pass, on several cores if it is large and the caller lends them.
 pub fn carry_out<P: Pass>(pass: P, arch: Arch, control: &Control<'_>) {
     let blocks = pass.blocks().len();
     match control.join {
@@ -41,23 +41,23 @@ pub fn carry_out<P: Pass>(pass: P, arch: Arch, control: &Control<'_>) {
 /// First pass: deformation gradients and stress from displacements.
 #[derive(Debug)]
 pub struct Deform<'a> {
-    /// Blocks to do.
+    /// Blocks to process.
     pub blocks: &'a [Block],
     /// Displacements.
     pub displacement: [&'a [f64]; 3],
-    /// Displacements as neighbours count them: times how many particles share the place.
+    /// Displacements as neighbours count them: times the number of particles in the cell.
     pub weighted: [&'a [f64]; 3],
     /// `sum_j grad W_ij`.
     pub gradient_sum: [&'a [f64]; 3],
     /// `A^-1`: xx, yy, zz, xy, xz, yz.
     pub moment_inverse: [&'a [f64]; 6],
-    /// `A A^-1`, the deformation gradient at rest, likewise.
+    /// `A A^-1`, the deformation gradient at rest, in the same order.
     pub at_rest: [&'a [f64]; 6],
-    /// What the kernel says.
+    /// Weights of the kernel.
     pub weights: &'a Weights,
     /// Time step, s.
     pub step_s: f64,
-    /// Deformation gradients, row by row: those of the step before, then those of this one.
+    /// Deformation gradients, row by row: those of the previous step, which the pass replaces with those of this step.
     pub deformation: Part<'a, 9>,
     /// `P A^-1`, row by row.
     pub corrected_stress: Part<'a, 9>,
@@ -133,13 +133,13 @@ impl Deform<'_> {
     }
 }
 
-/// The matrix with these entries: xx, yy, zz, xy, xz, yz.
+/// Returns the symmetric matrix with these components: xx, yy, zz, xy, xz, yz.
 #[inline(always)]
 fn symmetric<S: Simd>([xx, yy, zz, xy, xz, yz]: [Lanes<S>; 6]) -> Matrices<S> {
     [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
 }
 
-/// `a b`.
+/// Returns `a b`.
 #[inline(always)]
 fn product<S: Simd>(a: &Matrices<S>, b: &Matrices<S>) -> Matrices<S> {
     let mut product = *a;
@@ -151,7 +151,7 @@ fn product<S: Simd>(a: &Matrices<S>, b: &Matrices<S>) -> Matrices<S> {
     product
 }
 
-/// `c + a b`.
+/// Returns `c + a b`.
 #[inline(always)]
 fn sum_and_product<S: Simd>(c: &Matrices<S>, a: &Matrices<S>, b: &Matrices<S>) -> Matrices<S> {
     let mut sum = *c;
@@ -166,11 +166,11 @@ fn sum_and_product<S: Simd>(c: &Matrices<S>, a: &Matrices<S>, b: &Matrices<S>) -
 /// Second pass: forces between pairs.
 #[derive(Debug)]
 pub struct Pull<'a> {
-    /// Blocks to do.
+    /// Blocks to process.
     pub blocks: &'a [Block],
-    /// What the forces depend on.
+    /// State that the forces depend on.
     pub state: State<'a>,
-    /// What the kernel says.
+    /// Weights of the kernel.
     pub weights: &'a Weights,
     /// The forces from particles ahead, three components for each direction.
     pub forces: Part<'a, 39>,
@@ -214,20 +214,20 @@ impl WithSimd for Pull<'_> {
     }
 }
 
-/// Third pass: the step in time. `SHARED` says that several particles may be at one place.
+/// Third pass: the step in time. `SHARED` says that several particles may share a cell.
 #[derive(Debug)]
 pub struct Move<'a, const SHARED: bool> {
-    /// Blocks to do.
+    /// Blocks to process.
     pub blocks: &'a [Block],
     /// The forces from particles ahead, three components for each direction.
     pub forces: [&'a [f64]; 39],
-    /// How many particles share each place; nothing looks where `SHARED` is false.
+    /// Number of particles in each cell; unused if `SHARED` is false.
     pub multiplicity: &'a [f64],
-    /// Positions at rest, from the least corner.
+    /// Positions at rest, relative to the least corner.
     pub rest: [&'a [f64]; 3],
-    /// Above 0 where a particle is that is not held.
+    /// Above 0 where there is a particle that is not held.
     pub is_free: &'a [f64],
-    /// Weight on each particle, N.
+    /// Load on each particle along the axes of the lattice, N.
     pub load_n: [f64; 3],
     /// Time step, s.
     pub step_s: f64,
@@ -235,7 +235,7 @@ pub struct Move<'a, const SHARED: bool> {
     pub step_per_mass: f64,
     /// Displacements.
     pub displacement: Part<'a, 3>,
-    /// Velocities half a step later than the displacements.
+    /// Velocities, half a step later than the displacements.
     pub velocity: Part<'a, 3>,
 }
 
@@ -284,8 +284,8 @@ impl<const SHARED: bool> Move<'_, SHARED> {
             let force = sum[i] + place.splat(self.load_n[i]);
             let displacement = Lanes::load(place.simd, self.displacement.components[i], at);
             let velocity = Lanes::load(place.simd, self.velocity.components[i], at);
-            // Rounded as a position, which is what the published evaluator keeps: in unstable structures that rounding is the
-            // seed of what grows.
+            // Round as a position, which is what the published evaluator keeps: in unstable structures this rounding is
+            // the seed of the instability.
             let rest = Lanes::load(place.simd, self.rest[i], place.own);
             let moved = velocity.mul_add(step, displacement + rest) - rest;
             let faster = force.mul_add(step_per_mass, velocity);

@@ -1,8 +1,8 @@
 //! Sums over the neighbours of eight particles at a time, direction by direction.
 //!
-//! The gradient of the kernel is `g R` with one number `g` for faces, one for edges and one for corners, and `R` of zeros
-//! and ones. So a sum over neighbours of `value (x) grad W` takes additions, and one multiplication for each of the three
-//! kinds.
+//! The gradient of the kernel is `g R`, with one number `g` each for faces, edges and corners, and components of `R`
+//! that are -1, 0 or 1. A sum over neighbours of `value (x) grad W` therefore takes only additions, and one
+//! multiplication for each of the three kinds.
 
 #![expect(clippy::inline_always, reason = "so that the loops are compiled for the processor that the caller chose")]
 
@@ -24,7 +24,7 @@ const HOURGLASS_PA: f64 = 1e8;
 /// First direction of each kind: faces, edges, corners.
 const KINDS: [usize; 3] = [0, 3, 9];
 
-/// The kind of a direction: 0 for faces, 1 for edges, 2 for corners.
+/// Returns the kind of a direction: 0 for faces, 1 for edges, 2 for corners.
 pub const fn kind(direction: usize) -> usize {
     if direction < KINDS[1] {
         0
@@ -35,7 +35,7 @@ pub const fn kind(direction: usize) -> usize {
     }
 }
 
-/// What the kernel says of a direction.
+/// Weights of the kernel for each kind of direction.
 #[derive(Debug, Clone, Copy)]
 pub struct Weights {
     /// `grad W = gradient * R`, for faces, edges and corners.
@@ -45,7 +45,7 @@ pub struct Weights {
 }
 
 impl Weights {
-    /// Those of the kernel.
+    /// Computes the weights of the kernel.
     #[must_use]
     pub fn new() -> Self {
         let reference = |kind: usize| Vector3::from(DIRECTIONS[KINDS[kind]].map(f64::from));
@@ -59,8 +59,8 @@ impl Weights {
     }
 }
 
-/// Sums over all directions, with one multiplication for each kind: `$visit::<S, D>(arguments, &mut sum)` adds what
-/// direction D has, `$fold(sum, weight, total)` is `sum * weight + total`.
+/// Sums over all directions, with one multiplication for each kind: `$visit::<S, D>(arguments, &mut sum)` adds the
+/// contribution of direction D, and `$fold(sum, weight, total)` returns `sum * weight + total`.
 macro_rules! sum_by_kind {
     ($weights:expr, $zero:expr, $fold:ident, $visit:ident($($argument:expr),*)) => {{
         let mut sum = $zero;
@@ -85,34 +85,34 @@ macro_rules! sum_by_kind {
     }};
 }
 
-/// Eight particles, or as many of them as the processor's vectors hold.
+/// Eight particles, or as many of them as a SIMD vector holds.
 #[derive(Debug, Clone, Copy)]
 pub struct Place<'a, S> {
-    /// The processor's vectors.
+    /// SIMD instructions of the processor.
     pub simd: S,
-    /// The block that the particles are in.
+    /// Block that contains the particles.
     pub block: &'a Block,
-    /// Where in the block the first of them is.
+    /// Offset of the first particle in the block.
     pub offset: usize,
-    /// Where their fields begin.
+    /// Index of the first particle in a field.
     pub own: usize,
 }
 
 impl<'a, S: Simd> Place<'a, S> {
-    /// Particles of a block.
+    /// Selects the particles of a block from an offset.
     #[inline(always)]
     pub fn new(simd: S, block: &'a Block, offset: usize) -> Self {
         Self { simd, block, offset, own: block.slot + offset }
     }
 
-    /// The places of the first neighbours ahead and behind in direction `D`; none where no particle has one.
+    /// Returns the indices of the first neighbours ahead and behind in direction `D`, or `None` if no particle has one.
     #[inline(always)]
     pub fn beside<const D: usize>(&self) -> Option<(usize, usize)> {
         let (ahead, behind) = (self.block.ahead[D] as usize, self.block.behind[D] as usize);
         if ahead + behind > 0 { Some((ahead + self.offset, behind + self.offset)) } else { None }
     }
 
-    /// The numbers of `N` arrays at a place.
+    /// Loads the numbers of `N` arrays at an index.
     #[inline(always)]
     pub fn load<const N: usize>(&self, fields: [&[f64]; N], at: usize) -> [Lanes<S>; N] {
         let mut loaded = [self.splat(0.0); N];
@@ -122,13 +122,14 @@ impl<'a, S: Simd> Place<'a, S> {
         loaded
     }
 
-    /// A number in all lanes.
+    /// Returns a number in all lanes.
     #[inline(always)]
     pub fn splat(&self, number: f64) -> Lanes<S> {
         Lanes::splat(self.simd, number)
     }
 
-    /// `sum_j value_j (x) grad W` over neighbours ahead and behind, `grad W` pointing at the neighbour.
+    /// Returns `sum_j value_j (x) grad W` over neighbours ahead and behind, with `grad W` along the vector to the
+    /// neighbour.
     #[inline(always)]
     pub fn outer_sum(&self, value: [&[f64]; 3], weights: &Weights) -> Matrices<S> {
         let zero = [[self.splat(0.0); 3]; 3];

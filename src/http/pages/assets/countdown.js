@@ -1,4 +1,4 @@
-// Counts down to the times that are marked. Without it the page shows the time that was left when it was made.
+// Counts down to the times marked with data-until. Without this script, a page shows the time left at rendering.
 "use strict";
 const marked = [...document.querySelectorAll("time[data-until]")];
 const told = (left) => {

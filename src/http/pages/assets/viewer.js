@@ -1,7 +1,7 @@
-// The 3D view of builds: faces that show, in one draw call; replay, slices, materials, stress, witnesses.
-// A view is a .viewer element that holds its scene as JSON; views of the same data-camera turn together.
+// The 3D view of builds: draws the visible faces in one call, with replay, slices, materials, stress and witness cells.
+// A view is a .viewer element that contains its scene as JSON. Views with the same data-camera rotate together.
 const SIDES = [
-  // Direction, light, and the corners of the face in order.
+  // Direction, brightness, and corners of each face, in order around it.
   [[0, 1, 0], 1.0, [[0, 1, 0], [0, 1, 1], [1, 1, 1], [1, 1, 0]]],
   [[0, -1, 0], 0.5, [[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]]],
   [[0, 0, 1], 0.82, [[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]],
@@ -45,7 +45,7 @@ function program(gl) {
   return gl.getProgramParameter(made, gl.LINK_STATUS) ? made : null;
 }
 
-/* Whether there is no graphics processor: then smooth edges and fine pixels cost more than they show. */
+/* Returns whether WebGL renders in software: antialiasing and high pixel density then cost more than they show. */
 function drawsInSoftware() {
   const gl = document.createElement("canvas").getContext("webgl2");
   const info = gl?.getExtension("WEBGL_debug_renderer_info");
@@ -54,7 +54,7 @@ function drawsInSoftware() {
   return /swiftshader|llvmpipe|software|basic render/i.test(name);
 }
 
-/* Perspective times a look at the centre, by columns. */
+/* Returns the product of the perspective and view matrices in column-major order; the camera looks at the centre. */
 function matrix({ yaw, pitch, distance, centre }, aspect) {
   const [cy, sy, cp, sp] = [Math.cos(yaw), Math.sin(yaw), Math.cos(pitch), Math.sin(pitch)];
   const right = [cy, 0, -sy], up = [-sy * sp, cp, -cy * sp], back = [sy * cp, sp, cy * cp];
@@ -117,7 +117,7 @@ class Viewer {
       high[i] = Math.max(high[i], event[i] + 1);
     }
     if (!this.events.length) [low.fill(0), high.fill(1)];
-    // From here on all is told from the lowest corner: far away, numbers of this size would lose their last digits.
+    // Coordinates are relative to the lowest corner from here on: 32-bit floats lose precision far from the origin.
     const [ox, oy, oz] = low;
     const near = ([x, y, z, ...rest]) => [x - ox, y - oy, z - oz, ...rest];
     this.near = near;
@@ -129,7 +129,8 @@ class Viewer {
     this.size = Math.hypot(...low.map((l, i) => high[i] - l));
   }
 
-  /* What stands after the first events: placing on a block keeps its place in the order, removing nothing is nothing. */
+  /* Returns the blocks after the first `at` events. Placing on a block keeps its position in the order; removing from
+     an empty cell does nothing. */
   standing() {
     const blocks = new Map();
     for (let i = 0; i < this.at; i++) {
@@ -173,7 +174,7 @@ class Viewer {
         face(x, y, z, side, 1, (colour ??= this.paint(block, witnesses)));
       }
     }
-    // Witnesses where nothing stands: air that leaks, a corner that is missing.
+    // Witness cells without a block, such as leaking air or a missing corner.
     if (this.mode === "witness") for (const [x, y, z] of cells) if (!blocks.has(key(x, y, z))) for (let side = 0; side < 6; side++) face(x, y, z, side, 0.4, RED);
     const faces = places.length / 12, order = new Uint32Array(faces * 6);
     for (let i = 0; i < faces; i++) order.set([4 * i, 4 * i + 1, 4 * i + 2, 4 * i, 4 * i + 2, 4 * i + 3], 6 * i);
@@ -277,7 +278,7 @@ class Viewer {
 
   async colour(mode) {
     if (mode in (this.scene.stress ?? {}) && !this.stress.has(mode)) {
-      this.legend.textContent = "computing…";
+      this.legend.textContent = "Computing…";
       const given = this.scene.stress[mode];
       const answer = typeof given === "string" ? await fetch(given).then(async (r) => [r.ok, await r.json()]) : [true, given];
       if (!answer[0]) {
@@ -299,15 +300,15 @@ class Viewer {
         brush.fillRect(i, 0, 1, 1);
       }
       this.legend.append(strip, `von Mises stress, 0 to ${pascal(field.max)}`);
-    } else if (mode === "witness") this.legend.textContent = `${(this.scene.witnesses ?? []).length} cells that checks point at, in red`;
+    } else if (mode === "witness") this.legend.textContent = `${(this.scene.witnesses ?? []).length} cells flagged by failed checks, in red`;
     this.rebuild();
     this.remember();
   }
 
-  /* Where one looks, and what at, is in the address, so that it can be shared. */
+  /* Stores camera, step and colouring in the URL, so that the view can be shared. */
   remember() {
     if (this.root.dataset.camera || this.playing) return;
-    // When it rests: browsers bear no more than a few changes a second.
+    // Waits until the view rests: browsers limit the rate of history changes.
     clearTimeout(this.remembering);
     this.remembering = setTimeout(() => {
       const { yaw, pitch, distance } = this.camera;

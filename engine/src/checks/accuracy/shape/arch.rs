@@ -1,9 +1,10 @@
-//! True arches: our own rule, beside the published ones for surfaces, which reject the underside of every arch (SPEC 7).
+//! True arches: our own rule in addition to the published surface rules, which reject the underside of every arch
+//! (SPEC 7).
 //!
-//! Seen from the side, the supports are the two clusters of one level, and the clear span is what lies between them. An
-//! arch has a cut along the span whose underside rises from both supports and bulges up, and whose upper surface does
-//! likewise. Heights are whole blocks, so a curve that bulges is met only roughly: each height may lie less than one
-//! block below every chord. That allows every concave curve rounded down to blocks, and no dip.
+//! The supports are the two clusters of one level, and the clear span is the gap between them. An arch has a cut along
+//! the span whose underside rises from both supports and bulges up, and whose upper surface does likewise. Heights are
+//! whole blocks, which only approximate a bulging curve: each height may lie less than one block below any chord. That
+//! allows every concave curve rounded down to blocks, and no dip.
 
 use std::collections::BTreeMap;
 
@@ -14,16 +15,16 @@ use crate::checks::{Finding, Rule, Subject};
 use crate::voxel::planar::{Clusters, PlaneCell, Touch, level};
 use crate::voxel::{Cell, Structure};
 
-/// Between two supports, some cut's underside and upper surface both rise from the ends and bulge up.
+/// Check that between two supports, underside and upper surface of some cut both rise from the ends and bulge up.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrueArch {
-    /// Level of the supports. What lies at or below it between them is not part of the arch.
+    /// Level of the supports. Blocks at or below it between them are not part of the arch.
     #[serde(default)]
     pub support_y: i32,
 }
 
-/// An axis of the plane.
+/// Horizontal axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Axis {
     X,
@@ -60,7 +61,7 @@ impl Axis {
     }
 }
 
-/// The free columns between two supports.
+/// Free columns between two supports.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ClearSpan {
     pub(super) axis: Axis,
@@ -69,7 +70,8 @@ pub(super) struct ClearSpan {
 }
 
 impl ClearSpan {
-    /// Between the two clusters of a level, along the axis that parts them most; none where neither parts them.
+    /// Returns the span between the two clusters of a level along the axis with the wider gap, or `None` if there is no
+    /// gap along either axis.
     pub(super) fn between(cells: &[PlaneCell], clusters: &Clusters) -> Option<Self> {
         let extent = |axis: Axis, cluster: u32| {
             let own = cells.iter().zip(&clusters.label).filter(|(_, label)| **label == cluster);
@@ -89,7 +91,7 @@ impl ClearSpan {
     }
 }
 
-/// Lowest and highest block above the supports' level, for each column of a cut over the whole clear span.
+/// Heights of the lowest and highest block above the supports, for each column of a cut over the whole clear span.
 #[derive(Debug)]
 pub(super) struct Cut {
     pub(super) across: i32,
@@ -97,7 +99,7 @@ pub(super) struct Cut {
     pub(super) upper: Vec<i32>,
 }
 
-/// The cuts that have a block over every column of the clear span.
+/// Returns the cuts that have a block over every column of the clear span.
 pub(super) fn cuts(structure: &Structure, span: ClearSpan, support_y: i32) -> Vec<Cut> {
     let mut columns: BTreeMap<(i32, i32), (i32, i32)> = BTreeMap::new();
     for cell in structure.cells().iter().filter(|cell| cell.y > support_y) {
@@ -119,7 +121,8 @@ pub(super) fn cuts(structure: &Structure, span: ClearSpan, support_y: i32) -> Ve
         .collect()
 }
 
-/// Where a surface does not bulge: its ends are as high as any of it, or it dips a block or more below a chord.
+/// Returns the index where a surface fails to bulge up, or `None` if it bulges. It fails at an end that is as high as
+/// any other point, or where it dips a block or more below a chord.
 fn break_of(heights: &[i32]) -> Option<usize> {
     let highest = heights.iter().max().copied().unwrap_or(0);
     if heights.first() == Some(&highest) {
@@ -128,7 +131,7 @@ fn break_of(heights: &[i32]) -> Option<usize> {
     if heights.last() == Some(&highest) {
         return Some(heights.len() - 1);
     }
-    // The upper hull is the highest of all chords at each place.
+    // The upper hull is the highest of all chords at each index.
     let point = |i: usize| (i as i64, i64::from(heights[i]));
     let mut hull: Vec<usize> = Vec::new();
     for i in 0..heights.len() {
@@ -143,7 +146,7 @@ fn break_of(heights: &[i32]) -> Option<usize> {
     hull.windows(2).find_map(|ends| (ends[0] + 1..ends[1]).find(|i| is_dip(i, ends)))
 }
 
-/// Whether `p`, raised by `by`, lies on or below the chord from `a` to `b`.
+/// Returns whether `p`, raised by `by`, lies on or below the chord from `a` to `b`.
 const fn is_below(p: (i64, i64), a: (i64, i64), b: (i64, i64), by: i64) -> bool {
     (p.1 + by) * (b.0 - a.0) <= a.1 * (b.0 - p.0) + b.1 * (p.0 - a.0)
 }
@@ -163,7 +166,7 @@ impl Rule for TrueArch {
             return fails(json!({ "supports": clusters.count }), summary);
         }
         let Some(span) = ClearSpan::between(&cells, &clusters) else {
-            return fails(json!({ "supports": 2, "clear_span": 0 }), "no clear span parts the supports".to_owned());
+            return fails(json!({ "supports": 2, "clear_span": 0 }), "no clear span separates the supports".to_owned());
         };
         let axis = span.axis.name();
         let cuts = cuts(structure, span, self.support_y);
@@ -245,7 +248,7 @@ mod tests {
     }
 
     proptest! {
-        /// Against every chord, in whole numbers.
+        /// Compares with a test of every chord in integers.
         #[test]
         fn the_hull_tells_what_all_chords_tell(heights in prop::collection::vec(-3..5i32, 1..12)) {
             let (n, highest) = (heights.len(), *heights.iter().max().unwrap());
@@ -257,7 +260,7 @@ mod tests {
             prop_assert_eq!(bulges(&heights), heights[0] < highest && heights[n - 1] < highest && !dips);
         }
 
-        /// Along x or z, wherever it stands.
+        /// Compares arches along x and z, and at different positions.
         #[test]
         fn direction_and_place_do_not_matter(heights in prop::collection::vec(1..5i32, 3..8), dx in -9..9i32, dz in -9..9i32) {
             let far = heights.len() as i32 + 1;

@@ -1,4 +1,4 @@
-//! Clusters of one level: how many, how far apart, how large (SPEC 3; paper, algorithm "Minimum Inter-Cluster Span").
+//! Clusters of one level: number, distance and size (SPEC 3; paper, algorithm "Minimum Inter-Cluster Span").
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -8,20 +8,20 @@ use crate::voxel::Cell;
 use crate::voxel::distance::{closest_pair_between, farthest_pair, root};
 use crate::voxel::planar::{Clusters, PlaneCell, Touch, level};
 
-/// The number of clusters at a level.
+/// Check of the number of clusters at a level.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ClusterCountAtY {
     /// The level.
     pub y: i32,
-    /// How many clusters.
+    /// Required number of clusters.
     pub expected_count: Amount,
-    /// Whether cells that share only a corner touch.
+    /// Whether cells that share only a corner belong to the same cluster.
     #[serde(default)]
     pub use_8_neighbors: bool,
 }
 
-/// Every two clusters of a level keep a distance between the centres of their nearest cells.
+/// Check that any two clusters of a level are a distance apart, between the centres of their nearest cells.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ClustersAtYHaveMinSpan {
@@ -29,33 +29,33 @@ pub struct ClustersAtYHaveMinSpan {
     pub y: i32,
     /// Least distance, in cells.
     pub min_span: Amount,
-    /// Whether cells that share only a corner touch.
+    /// Whether cells that share only a corner belong to the same cluster.
     #[serde(default)]
     pub use_8_neighbors: bool,
 }
 
-/// The one cluster of a level reaches far from the mean of its cells.
+/// Check that a level has one cluster, which reaches far enough from the mean of its cells.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ClusterAtYHasMinRadius {
     /// The level.
     pub y: i32,
-    /// Least greatest distance from the mean, in cells.
+    /// Least distance of the farthest cell from the mean, in cells.
     pub min_radius: Amount,
-    /// Whether cells that share only a corner touch.
+    /// Whether cells that share only a corner belong to the same cluster.
     #[serde(default)]
     pub use_8_neighbors: bool,
 }
 
-/// The one cluster of a level has two cells far apart.
+/// Check that a level has one cluster, two cells of which are far enough apart.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ClusterAtYHasMinDiameter {
     /// The level.
     pub y: i32,
-    /// Least greatest distance of two cells, in cells.
+    /// Least distance between the two farthest cells, in cells.
     pub min_diameter: Amount,
-    /// Whether cells that share only a corner touch.
+    /// Whether cells that share only a corner belong to the same cluster.
     #[serde(default)]
     pub use_8_neighbors: bool,
 }
@@ -88,7 +88,7 @@ impl Rule for ClustersAtYHaveMinSpan {
         let required = json!({ ">=": self.min_span });
         let (cells, clusters) = clusters_at(subject, self.y, self.use_8_neighbors);
         let Some(closest) = closest_pair_between(&cells, &clusters.label) else {
-            let summary = format!("{} clusters at y={}: no two to keep apart", clusters.count, self.y);
+            let summary = format!("{} clusters at y={}: no pair to measure", clusters.count, self.y);
             return Finding::binary(true, json!(null), required, summary).vacuous_if(true);
         };
         let span = closest.length();
@@ -99,9 +99,9 @@ impl Rule for ClustersAtYHaveMinSpan {
     }
 }
 
-/// The finding where a level must hold exactly one cluster and does not.
+/// Returns the finding for a level that must have exactly one cluster and does not.
 fn not_one_cluster(y: i32, cells: &[PlaneCell], clusters: &Clusters, required: serde_json::Value) -> Finding {
-    let summary = format!("{} clusters at y={y}; the size of one is required", clusters.count);
+    let summary = format!("{} clusters at y={y}; exactly one is required", clusters.count);
     Finding::binary(false, json!(null), required, summary)
         .with_witnesses(raised(clusters.representatives(cells), y), "first cell of a cluster")
 }

@@ -9,9 +9,9 @@ use super::is_door;
 use crate::checks::{Finding, Rule, Subject};
 use crate::voxel::CellSet;
 
-/// Each door has at least two of its four sides free of blocks other than doors, at its level and one above.
+/// Check that each door has at least two of its four sides free of blocks other than doors, at its level and one above.
 ///
-/// Of several doors in one column, only the first in building order is looked at.
+/// Of several doors in one column, only the first in building order counts.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DoorsPassable {}
@@ -47,13 +47,13 @@ impl Rule for DoorsPassable {
     }
 }
 
-/// Some block of the first material shares a face with some block of the second; names are lower-cased.
+/// Check that a block of the first material shares a face with a block of the second; names compare in lower case.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Adjacent {
-    /// The two materials; a list of any other length never holds, as published.
+    /// The two materials; with a list of any other length the check fails, as published.
     pub materials: Vec<String>,
-    /// Whether a name that contains the wanted one matches.
+    /// Whether a block matches if its name merely contains the wanted one.
     #[serde(default = "yes")]
     pub substring_match: bool,
 }
@@ -66,7 +66,7 @@ impl Rule for Adjacent {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let required = json!({ "touching": self.materials });
         let [a, b] = self.materials.as_slice() else {
-            let summary = format!("{} materials named; two are needed", self.materials.len());
+            let summary = format!("{} materials given; exactly two are needed", self.materials.len());
             return Finding::binary(false, json!(null), required, summary);
         };
         if subject.structure.is_empty() {

@@ -6,18 +6,18 @@ use serde_json::{Value, json};
 use crate::checks::{Finding, Rule, Subject};
 use crate::voxel::terrain::{MAX_EXTENT, Terrain};
 
-/// At least so many pieces of enclosed air in which one can stand, and into which doors lead from outside.
+/// Check that there are enough enclosed regions of air with standing room that doors connect to the outside.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EnclosedRooms {
     /// Least number of rooms.
     pub min_rooms: u32,
-    /// Least number of cells of a room in which one can stand.
+    /// Least number of cells with standing room in a room.
     #[serde(default = "four")]
     pub min_floor_cells: u32,
 }
 
-/// At least so many doors, each with free standing room on two opposite sides.
+/// Check that there are enough doors, and that each has standing room on two opposite sides.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DoorsLeadThrough {
@@ -34,7 +34,7 @@ const fn one() -> u32 {
     1
 }
 
-/// The finding on what is nothing, or too large for these rules.
+/// Returns the finding for a build that is empty or too large for these rules.
 pub(super) fn without_terrain(subject: &Subject<'_>, required: Value) -> Finding {
     if subject.structure.is_empty() {
         return Finding::nothing_stands(false, required);
@@ -53,7 +53,7 @@ impl Rule for EnclosedRooms {
             beyond[one].push(other);
             beyond[other].push(one);
         }
-        // From outside through door after door.
+        // Search from outside through one door after another.
         let mut is_entered = vec![false; spaces.pieces.len()];
         let mut open = vec![0];
         while let Some(piece) = open.pop() {
@@ -67,7 +67,7 @@ impl Rule for EnclosedRooms {
         let closed = spaces.pieces.len() - 1 - rooms.len();
         let holds = rooms.len() >= self.min_rooms as usize;
         let summary = format!(
-            "{} rooms with a roof, a door and head room; {closed} more hollows; required {}",
+            "{} rooms with a roof, a door and head room; {closed} other enclosed spaces; required {}",
             rooms.len(),
             self.min_rooms
         );

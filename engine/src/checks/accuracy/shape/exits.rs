@@ -1,4 +1,4 @@
-//! Ways out for a box of some size (SPEC 3): through doors and over beds, needing no floor.
+//! Exits for a box of a given size (SPEC 3), which passes through doors and beds and needs no floor.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -8,7 +8,7 @@ use crate::checks::{Finding, Rule, Subject};
 use crate::voxel::free_space::{BoxSize, FreeSpace};
 use crate::voxel::{Bounds, Cell, Structure};
 
-/// A box of width x depth x height, turned either way, can move out of the bounding box.
+/// Check that a box of width x depth x height, in either orientation, can move out of the bounding box.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HasExit {
@@ -26,7 +26,7 @@ pub struct HasExit {
     pub start_material: Option<String>,
 }
 
-/// [`HasExit`] for a box as deep as it is wide and two high.
+/// [`HasExit`] for a box that is as deep as it is wide and two cells high.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HasWideExit {
@@ -39,7 +39,7 @@ pub struct HasWideExit {
 }
 
 impl HasExit {
-    /// Cells of the moving box.
+    /// Returns the volume of the moving box, in cells.
     #[must_use]
     pub const fn volume(&self) -> u64 {
         (self.width.0 * self.depth.0 * self.height.0) as u64
@@ -47,14 +47,14 @@ impl HasExit {
 }
 
 impl HasWideExit {
-    /// Cells of the moving box.
+    /// Returns the volume of the moving box, in cells.
     #[must_use]
     pub const fn volume(&self) -> u64 {
         (self.width.0 * self.width.0 * 2) as u64
     }
 }
 
-/// A side of the moving box: 1 to 16 cells.
+/// Side length of the moving box: 1 to 16 cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "i64", into = "i64")]
 pub struct BoxSide(i32);
@@ -88,7 +88,7 @@ const fn two() -> BoxSide {
     BoxSide(2)
 }
 
-/// Where a way out starts: the blocks of a material, or the centre of the bounding box.
+/// Returns the cells where a path outside starts: the blocks of a material, or the centre of the bounding box.
 pub(super) fn starts(structure: &Structure, bounds: &Bounds, start_material: Option<&str>) -> Vec<Cell> {
     match start_material.filter(|material| !material.is_empty()) {
         Some(material) => structure.cells_of(|name| contains_lower(name, material)),
@@ -105,7 +105,7 @@ fn exit_finding(subject: &Subject<'_>, size: [i32; 3], start_material: Option<&s
     };
     let starts = starts(structure, &bounds, start_material);
     if starts.is_empty() {
-        let summary = format!("no block is {:?}: nothing has to get out", start_material.unwrap_or_default());
+        let summary = format!("no block matches {:?}: no exit is required", start_material.unwrap_or_default());
         return Finding::binary(true, json!(null), required, summary).vacuous_if(true);
     }
     let solid = structure.cells_of(|name| !contains_lower(name, "door") && !contains_lower(name, "bed"));

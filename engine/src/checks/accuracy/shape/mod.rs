@@ -1,5 +1,5 @@
-//! Shape: clusters, surfaces, rooms, doors, ways out, symmetry and stairs. `enclosed`, `ways`, `spans` and `vaults` are strict
-//! rules of our own, for hidden suites (SPEC 7).
+//! Shape: clusters, surfaces, rooms, doors, exits, symmetry and stairs. `enclosed`, `ways`, `spans` and `vaults` are
+//! our own strict rules for hidden suites (SPEC 7).
 
 pub mod arch;
 pub mod clusters;
@@ -15,12 +15,12 @@ pub mod symmetry;
 pub mod vaults;
 pub mod ways;
 
-/// Whether a name contains another when both are lower-cased: how shape checks compare.
+/// Returns whether a name contains another when both are in lower case, which is how shape checks compare names.
 pub(super) fn contains_lower(name: &str, wanted: &str) -> bool {
     name.to_lowercase().contains(&wanted.to_lowercase())
 }
 
-/// Whether a block counts as a door.
+/// Returns whether a block with this name counts as a door.
 pub(super) fn is_door(name: &str) -> bool {
     name.to_lowercase().contains("door")
 }

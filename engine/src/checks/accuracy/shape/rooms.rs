@@ -10,11 +10,12 @@ use crate::voxel::Cell;
 use crate::voxel::planar::sorted_distinct;
 use crate::voxel::rooms::FloorPlan;
 
-/// At least this many enclosed regions of air at a level. Doors one level below count as walls: they are two high.
+/// Check that a level has enough enclosed regions of air. Doors one level below count as walls, because they are two
+/// blocks high.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HasRooms {
-    /// Least number of rooms; none or fewer always holds.
+    /// Least number of rooms; with 0 or less the check always holds.
     pub room_cnt: Amount,
     /// The level.
     #[serde(default = "default_y")]

@@ -1,4 +1,4 @@
-//! A flat way from every bed (or seat) to the outside (SPEC 3; paper, algorithm "Flat Exit Path").
+//! Flat paths from every bed (or seat) to the outside (SPEC 3; paper, algorithm "Flat Exit Path").
 
 use std::collections::HashSet;
 
@@ -11,7 +11,7 @@ use crate::checks::{Finding, Rule, Subject};
 use crate::voxel::planar::PlaneCell;
 use crate::voxel::{Bounds, Cell, CellSet};
 
-/// From every start a path over floor cells of the lowest level leads outside, with head room all the way.
+/// Check that from every start a path over floor cells of the lowest level leads outside, with head room all the way.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SingleLevel {
@@ -24,7 +24,7 @@ const fn sides((x, z): PlaneCell) -> [PlaneCell; 4] {
     [(x + 1, z), (x - 1, z), (x, z + 1), (x, z - 1)]
 }
 
-/// The lowest level as one walks it.
+/// Walkable floor of the lowest level.
 struct Floor {
     y: i32,
     cells: HashSet<PlaneCell, foldhash::fast::RandomState>,
@@ -32,13 +32,13 @@ struct Floor {
     listed: Vec<Cell>,
     /// Bounds of the floor's cells in plan.
     bounds: Bounds,
-    /// All blocks but doors.
+    /// All blocks except doors.
     solid: CellSet,
 }
 
 impl Floor {
-    /// Whether one can stand on this floor cell: its head cell is free. On a floor cell that carries a block, such as a
-    /// bed, the head is one higher.
+    /// Returns whether the head cell above this floor cell is free. Above a floor cell that carries a block, such as a
+    /// bed, the head cell is one higher.
     fn has_head_room(&self, (x, z): PlaneCell) -> bool {
         let above = Cell::new(x, self.y + 1, z);
         let head = if self.solid.contains(&above) { above.offset(0, 1, 0) } else { above };
@@ -57,7 +57,7 @@ impl Floor {
         self.is_outside(at) && !self.solid.contains(&floor) && !self.solid.contains(&floor.offset(0, 1, 0))
     }
 
-    /// Floor cells from which the outside can be reached, found backwards from the edge. One search serves all starts.
+    /// Returns the floor cells from which the outside can be reached. One search back from the edge serves all starts.
     fn ways_out(&self) -> HashSet<PlaneCell, foldhash::fast::RandomState> {
         let is_exit = |at: PlaneCell| sides(at).into_iter().any(|n| self.is_outside(n) && self.can_step_to(n));
         let mut reached: HashSet<PlaneCell, _> = HashSet::default();
@@ -68,7 +68,7 @@ impl Floor {
             }
         }
         while let Some(at) = open.pop() {
-            // A cell without head room is an end: one may come from it, but not step onto it.
+            // A path may start at a cell without head room, but not step onto it.
             if !self.has_head_room(at) {
                 continue;
             }
@@ -97,7 +97,7 @@ impl Rule for SingleLevel {
         let starts = starts(structure, &bounds, self.start_material.as_deref());
         if starts.is_empty() {
             let material = self.start_material.as_deref().unwrap_or_default();
-            let summary = format!("no block is {material:?}: nobody has to get out");
+            let summary = format!("no block matches {material:?}: no exit is required");
             return Finding::binary(true, json!(null), required, summary).vacuous_if(true);
         }
         let mut floor_cells: Vec<Cell> = structure.cells().iter().copied().filter(|c| c.y == y).collect();
@@ -123,7 +123,7 @@ impl Rule for SingleLevel {
             start.y == y + 1 && floor.can_step_to(at) && has_way()
         };
         let stuck: Vec<Cell> = starts.iter().copied().filter(|start| !gets_out(start)).collect();
-        let summary = format!("{} of {} starts have no flat way out at y={y}", stuck.len(), starts.len());
-        Finding::binary(stuck.is_empty(), stuck.len(), required, summary).with_witnesses(stuck, "no flat way out")
+        let summary = format!("{} of {} starts have no flat path outside at y={y}", stuck.len(), starts.len());
+        Finding::binary(stuck.is_empty(), stuck.len(), required, summary).with_witnesses(stuck, "no flat path outside")
     }
 }

@@ -7,12 +7,12 @@ use super::arch::{ClearSpan, cuts};
 use crate::checks::{Finding, Rule, Subject};
 use crate::voxel::planar::{Clusters, Touch, level};
 
-/// On every level from 0 up to a height there are two supports with so many free cells between them; above, a deck without
-/// gaps or steps of more than one block crosses these cells.
+/// Check that every level from 0 up to a height has two supports with enough free cells between them, and that above, a
+/// deck without gaps or steps of more than one block crosses these cells.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HasClearSpan {
-    /// Levels that are clear between the supports, from y = 0.
+    /// Number of levels, from y = 0, that must be clear between the supports.
     pub height: u32,
     /// Least number of free cells between the supports, in a straight line.
     pub min_free: u32,
@@ -29,7 +29,7 @@ impl Rule for HasClearSpan {
         let mut span: Option<ClearSpan> = None;
         for y in 0..self.height.clamp(1, 256) as i32 {
             let cells = level(structure, y);
-            // Supports that touch in an edge are one.
+            // Supports that touch at an edge count as one.
             let clusters = Clusters::of(&cells, Touch::SidesAndCorners);
             if clusters.count != 2 {
                 return fails(
@@ -45,12 +45,12 @@ impl Rule for HasClearSpan {
             }
             span = span.or(here);
         }
-        let Some(span) = span else { return fails(json!(null), "nothing is spanned".to_owned()) };
+        let Some(span) = span else { return fails(json!(null), "no clear span".to_owned()) };
         let is_deck = |heights: &[i32]| heights.windows(2).all(|pair| pair[0].abs_diff(pair[1]) <= 1);
         let crossing = cuts(structure, span, self.height as i32 - 1).into_iter().find(|cut| is_deck(&cut.upper));
         let measured = json!({ "free": span.length(), "deck": crossing.is_some() });
         let summary = match &crossing {
-            Some(_) => format!("{} free cells along {}, and a deck across", span.length(), span.axis.name()),
+            Some(_) => format!("a deck crosses the {} free cells along {}", span.length(), span.axis.name()),
             None => format!("no deck crosses the {} free cells along {}", span.length(), span.axis.name()),
         };
         Finding::binary(crossing.is_some(), measured, required, summary)

@@ -6,11 +6,12 @@ use serde_json::json;
 use crate::checks::{Amount, Finding, Rule, Subject};
 use crate::voxel::{Cell, CellSet};
 
-/// From some block at y = 0, steps on the level or one up lead to a height, with two free cells above each block.
+/// Check that from some block at y = 0, steps on the level or one up lead to a height, with two free cells above each
+/// block.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReachableByStairs {
-    /// The height to reach.
+    /// Least y of the highest block reached.
     pub min_floor_y: Amount,
 }
 

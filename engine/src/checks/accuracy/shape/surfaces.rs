@@ -1,9 +1,9 @@
 //! Surface concavity: some slice of the top or bottom surface bulges (SPEC 3; paper, algorithm "Surface Concavity").
 //!
-//! The published rule wants every point of the slice above (below) every chord, with heights interpolated by index.
-//! Heights are integers, so that is the same as a second difference of the right sign at every interior point: a
-//! point below a chord lies below it by at least one part in the slice's length, far more than the rule's 1e-9, and
-//! then some point lies below the chord of its two neighbours.
+//! The published rule requires every point of the slice to lie above (below) every chord, with heights interpolated by
+//! index. Heights are integers, so this is equivalent to a second difference of the right sign at every interior point:
+//! a point below a chord lies below it by at least one divided by the slice's length, far more than the rule's 1e-9,
+//! and then some point lies below the chord of its two neighbours.
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -12,16 +12,16 @@ use crate::checks::{Finding, Rule, Subject};
 use crate::voxel::Cell;
 use crate::voxel::surface::{Side, Slice, slices};
 
-/// How much a slice must bulge.
+/// Degree to which a slice must bulge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(from = "StrictArgument", into = "StrictArgument")]
 pub enum Strictness {
-    /// Straight and flat parts are allowed; a slice of one column holds.
+    /// Straight and flat parts are allowed; a slice of one column passes.
     #[default]
     Lenient,
-    /// Straight parts are allowed, a flat slice is not; needs two columns.
+    /// Straight parts are allowed, but not a flat slice; needs at least two columns.
     NonFlat,
-    /// Every interior point lies beyond every chord, and no two neighbours are level; needs two columns.
+    /// Every interior point lies beyond every chord, and no two neighbours are level; needs at least two columns.
     Strict,
 }
 
@@ -58,25 +58,26 @@ impl From<Strictness> for StrictArgument {
     }
 }
 
-/// Some slice of the upper surface bulges up.
+/// Check that some slice of the upper surface bulges up.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TopSurfaceConcave {
-    /// How much it must bulge.
+    /// Degree to which the slice must bulge.
     #[serde(default)]
     pub strict: Strictness,
 }
 
-/// Some slice of the lower surface bulges down: the published rule, which rejects the underside of a true arch.
+/// Check that some slice of the lower surface bulges down: the published rule, which rejects the underside of a true
+/// arch.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BottomSurfaceConcave {
-    /// How much it must bulge.
+    /// Degree to which the slice must bulge.
     #[serde(default)]
     pub strict: Strictness,
 }
 
-/// The first interior or neighbouring column at which the slice breaks the rule, or `None` where it holds.
+/// Returns the first column at which the slice breaks the rule, or `None` if the rule holds.
 fn first_break(slice: &Slice, sign: i32, strictness: Strictness) -> Option<usize> {
     let heights = &slice.heights;
     if strictness != Strictness::Lenient && heights.len() < 2 {

@@ -6,21 +6,21 @@ use serde_json::json;
 use crate::checks::{Finding, Rule, Subject};
 use crate::voxel::{Cell, Structure};
 
-/// The build is its own mirror image along x, y or z.
+/// Check that the build is its own mirror image along x, y or z.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HasAxisSymmetry {}
 
-/// The build is not its own mirror image along any axis.
+/// Check that the build is not its own mirror image along any axis.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HasNoAxisSymmetry {}
 
-/// The mirror image of a cell.
+/// Function that returns the mirror image of a cell.
 type Mirror = Box<dyn Fn(Cell) -> Cell>;
 
-/// Axes along which the build is symmetric, and a cell whose image is missing for each other axis. An axis along which
-/// the build is one block thick is skipped.
+/// Returns the axes along which the build is symmetric, and for each other axis a cell whose mirror image is missing.
+/// Skips axes along which the build is one block thick.
 fn symmetries(structure: &Structure) -> (Vec<&'static str>, Vec<Cell>) {
     let Some(bounds) = structure.bounds() else { return (Vec::new(), Vec::new()) };
     let (low, high) = (bounds.min, bounds.max);

@@ -1,4 +1,4 @@
-//! Strict rule for domes: hollow, closed above, rising to the middle from all sides.
+//! Strict rule for domes: hollow, covered above, and rising to the middle from all sides.
 
 use std::collections::BTreeMap;
 
@@ -8,8 +8,8 @@ use serde_json::json;
 use crate::checks::{Finding, Rule, Subject};
 use crate::voxel::Cell;
 
-/// Every row of its plan is covered, over the middle there is head room, and along both axes through the middle the upper surface falls to either
-/// side without rising again, by at least two blocks.
+/// Check that every row of the plan is covered, that there is head room below the cover in the middle, and that along
+/// both axes through the middle the upper surface falls to either side by at least two blocks without rising again.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct IsVault {
@@ -57,7 +57,7 @@ impl Rule for IsVault {
     }
 }
 
-/// Whether heights rise to one greatest and fall again, two at least on either side.
+/// Returns whether heights rise to a maximum and fall again, by at least two on either side.
 fn falls_to_both_ends(heights: &[i32]) -> bool {
     let Some(top) = heights.iter().max() else { return false };
     let Some(peak) = heights.iter().position(|height| height == top) else { return false };

@@ -1,4 +1,4 @@
-//! Strict rules for ways: out on floors, and up by steps from any ground (SPEC 7).
+//! Strict rules for walkable paths: outside over floors, and up in steps from any ground (SPEC 7).
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -9,28 +9,28 @@ use crate::voxel::blocks::BlockSet;
 use crate::voxel::terrain::Terrain;
 use crate::voxel::{Cell, CellSet};
 
-/// From beside each block of a kind, which stands inside, one walks to the outside, standing on something at every step.
+/// Check that from an inside cell beside each block of a kind, a path with a floor at every step leads outside.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WalksOut {
-    /// From which blocks.
+    /// Blocks beside which the paths start.
     pub from: BlockSet,
-    /// Least number of them.
+    /// Least number of such blocks.
     #[serde(default = "one")]
     pub min_starts: u32,
-    /// Greatest step up or down, in blocks: 0 for a way without any.
+    /// Greatest step up or down, in blocks: 0 for a path without steps; values above 1 count as 1.
     #[serde(default = "one")]
     pub max_step: u32,
-    /// Width of the way, in cells: 1 or 2.
+    /// Width of the path, in cells: 1 or 2.
     #[serde(default = "one")]
     pub width: u32,
 }
 
-/// From the ground around the build one climbs, one block at a time, to a block at a level.
+/// Check that a path in steps of one block climbs from the ground around the build to a block at a level.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ClimbsTo {
-    /// The level of the block that one stands on in the end.
+    /// Least y of the block at the end of the path.
     pub min_y: i32,
 }
 
@@ -38,7 +38,7 @@ const fn one() -> u32 {
     1
 }
 
-/// Widest way that is asked for, in cells.
+/// Greatest width of a path, in cells.
 const MAX_WIDTH: u32 = 2;
 
 impl Rule for WalksOut {
@@ -47,11 +47,11 @@ impl Rule for WalksOut {
         let Some(terrain) = Terrain::of(subject.structure) else { return without_terrain(subject, required) };
         let starts = subject.structure.cells_of(|name| self.from.has(name));
         let (step, width) = (self.max_step.min(1) as i32, self.width.clamp(1, MAX_WIDTH) as i32);
-        // Steps lead both ways, so one gets out from where one gets in.
+        // Steps work in both directions, so a path in from the outside is also a path out.
         let ways_out: CellSet = terrain.reached(terrain.around(width), step, width).into_iter().collect();
         let square = || (0..width).flat_map(move |dx| (0..width).map(move |dz| (dx, dz)));
         let spaces = terrain.spaces();
-        // Squares that hold one of the cells beside the block, inside.
+        // Squares that contain an enclosed cell beside the block.
         let gets_out = |start: &Cell| {
             let sides = start.side_neighbours().into_iter().filter(|side| terrain.is_enclosed(*side, &spaces));
             sides
@@ -61,14 +61,14 @@ impl Rule for WalksOut {
         let stuck: Vec<Cell> = starts.iter().copied().filter(|start| !gets_out(start)).collect();
         let holds = stuck.is_empty() && starts.len() >= self.min_starts as usize;
         let summary = format!(
-            "from {} of {} blocks of {} no way {width} wide leads out; required {} of them",
+            "no path {width} wide leads outside from {} of {} blocks of {}; at least {} such blocks are required",
             stuck.len(),
             starts.len(),
             self.from,
             self.min_starts
         );
         Finding::binary(holds, json!({ "starts": starts.len(), "stuck": stuck.len() }), required, summary)
-            .with_witnesses(stuck, "no way out")
+            .with_witnesses(stuck, "no path outside")
     }
 }
 
@@ -78,7 +78,7 @@ impl Rule for ClimbsTo {
         let Some(terrain) = Terrain::of(subject.structure) else { return without_terrain(subject, required) };
         let highest = terrain.highest_climbed();
         let y = highest.map_or(i32::MIN, |block| block.y);
-        let summary = format!("one climbs to a block at y={y}; required {}", self.min_y);
+        let summary = format!("the climb reaches a block at y={y}; required {}", self.min_y);
         Finding::binary(y >= self.min_y, y, required, summary).with_witnesses(highest, "highest block reached")
     }
 }
