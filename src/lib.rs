@@ -1,6 +1,6 @@
-//! Plumbline grades what AI agents build as construction engineers in Minecraft (the MineCEraft benchmark).
+//! Plumbline grades the builds of AI agents that act as construction engineers in Minecraft (the MineCEraft benchmark).
 //!
-//! The rooms and what each may import are described in docs/architecture.md; `tests/tidy.rs` enforces it.
+//! docs/architecture.md describes the modules and what each may import; `tests/tidy.rs` enforces it.
 
 pub mod actions;
 pub mod app;

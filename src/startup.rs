@@ -1,4 +1,4 @@
-//! Composition: store, workers and HTTP made one service, started and stopped in order.
+//! Composition: assembles store, workers and HTTP into one service, and starts and stops them in order.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -31,46 +31,46 @@ use crate::worker::{WorkerSettings, Workers};
 use plumbline_engine::hidden::receipts::Signer;
 use plumbline_engine::tasks::embedded;
 
-/// What the one who starts the service decides.
+/// Settings of the use cases and of HTTP.
 #[derive(Debug, Clone, Copy)]
 pub struct ServiceSettings {
-    /// Bytes of memory for results of `/v1/grade`; 0 for none.
+    /// Bytes of memory for the cache of results of `/v1/grade`; 0 disables the cache.
     pub grade_cache_bytes: usize,
-    /// What needs no key.
+    /// Requests that are allowed without a key.
     pub open: Openness,
-    /// The share of a suite that a run must have answered, or skipped on purpose, to be compared on its board.
+    /// Share of a suite that a run must have answered, or skipped on purpose, to be compared on its board.
     pub least_coverage: f64,
-    /// How many requests a second.
+    /// Limits on requests per second and on connections.
     pub rates: RateSettings,
 }
 
-/// What a service is started with.
+/// Settings of a service.
 #[derive(Debug, Clone)]
 pub struct Config {
-    /// Host and port to listen on; port 0 takes a free one.
+    /// Host and port to listen on; port 0 picks a free one.
     pub listen: String,
-    /// Host and port for metrics and administration, where they have a listener of their own.
+    /// Host and port for metrics and administration, if they have a listener of their own.
     pub admin_listen: Option<String>,
-    /// The database file.
+    /// Path of the database file.
     pub database: PathBuf,
-    /// Submissions graded at the same time.
+    /// Number of submissions graded at the same time.
     pub workers: usize,
-    /// How long a job stays with a worker that gives no sign of life.
+    /// Time after which a job is taken from a worker that no longer renews its lease.
     pub lease: Duration,
-    /// How often entries of open epochs are completed and receipts of hidden evaluation published.
+    /// Interval at which entries of open epochs are completed and receipts of hidden evaluation are published.
     pub hidden_publish: Duration,
-    /// What HTTP is started with.
+    /// Settings of the use cases and of HTTP.
     pub settings: ServiceSettings,
 }
 
 /// A running service.
 #[derive(Debug)]
 pub struct RunningService {
-    /// Where it listens.
+    /// Address of the public listener.
     pub address: SocketAddr,
-    /// Where it listens for administration.
+    /// Address of the administration listener, if there is one.
     pub admin_address: Option<SocketAddr>,
-    /// What whoever started it ought to know.
+    /// Notices for the operator who starts the service.
     pub notices: Vec<String>,
     app: Arc<App>,
     workers: Workers,
@@ -82,9 +82,9 @@ impl RunningService {
     /// Opens the database, stores the suites of the binary, starts the workers and listens.
     ///
     /// # Errors
-    /// Where the database or the address cannot be had.
+    /// Returns an error if the database cannot be opened or an address cannot be bound.
     pub async fn start(config: &Config, metrics: PrometheusHandle) -> anyhow::Result<Self> {
-        // The address first: where it is taken, no database is made.
+        // Bind the address first: if it is taken, no database is created.
         let listener = listen("--listen", &config.listen).await?;
         let address = listener.local_addr()?;
         let admin_listener = match &config.admin_listen {
@@ -95,7 +95,7 @@ impl RunningService {
         let folder = config.database.parent().filter(|folder| !folder.as_os_str().is_empty());
         if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
             anyhow::bail!(
-                "cannot make the database {}: there is no folder {}",
+                "cannot create the database {}: there is no folder {}",
                 config.database.display(),
                 folder.display()
             );
@@ -109,7 +109,7 @@ impl RunningService {
             lease: config.lease,
             deadline: Duration::from_secs(LIMITS.grading_seconds),
         };
-        let signer = store.signer().context("cannot have the key that signs receipts")?;
+        let signer = store.signer().context("cannot load the key that signs receipts")?;
         let notices: Vec<String> = receipt_key_notice(&store, &signer).await?.into_iter().collect();
         for notice in &notices {
             tracing::warn!("{notice}");
@@ -146,7 +146,7 @@ impl RunningService {
         tokio::spawn(keep_up(metrics.clone(), Arc::clone(&app), Arc::clone(&rates), stop.clone()));
         let parts = HttpParts { app: Arc::clone(&app), metrics, rates };
         let routers = http::routers(parts, admin_listener.is_some())?;
-        // All clients of a proxy have its address.
+        // All clients behind a proxy share its address.
         let per_address = if config.settings.rates.is_behind_proxy {
             LIMITS.connections
         } else {
@@ -164,10 +164,10 @@ impl RunningService {
         Ok(Self { address, admin_address, notices, app, workers, stop, serving })
     }
 
-    /// A key for the demo agents, for a day; what they had before is revoked.
+    /// Creates a key for the demo agents that is valid for a day, and revokes their earlier keys.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn demo_key(&self) -> anyhow::Result<String> {
         const OWNER: &str = "demo";
         const DAY_MS: i64 = 86_400_000;
@@ -179,12 +179,12 @@ impl RunningService {
         key.context("the demo has too many keys")
     }
 
-    /// Stops: takes no more requests, lets answers finish, gives unfinished jobs back, closes the database.
+    /// Stops accepting requests, lets running requests finish, gives unfinished jobs back, and closes the database.
     pub async fn shut_down(self) {
         self.stop.cancel();
         for serving in self.serving {
             if let Err(error) = serving.await.map_err(std::io::Error::other).flatten() {
-                tracing::error!(%error, "serving ended badly");
+                tracing::error!(%error, "a listener failed");
             }
         }
         self.workers.shut_down().await;
@@ -200,20 +200,22 @@ async fn listen(option: &str, place: &str) -> anyhow::Result<TcpListener> {
     bound.with_context(|| format!("cannot listen on {place:?} ({option} is a host and a port, such as 127.0.0.1:7586)"))
 }
 
-/// Enters a change of the key that signs receipts into their log; gives what is to be said of it.
+/// Records a change of the key that signs receipts in their log; returns a notice for the operator if the key changed.
 async fn receipt_key_notice(store: &Store, signer: &Signer) -> anyhow::Result<Option<String>> {
     let before = store.note_receipt_key(signer, now_ms()).await?;
     Ok(before.map(|before| {
         let (now, folder) = (signer.public_key(), store.secrets().folder().display().to_string());
         format!(
-            "receipts are signed with another key from now on: {now}, before {before}. The change stands in the log at /v1/receipts. If the \
-             old key is not lost, stop the service, put it back into {folder}, and start again"
+            "receipts are signed with a new key from now on: {now}; the key before was {before}. The change is \
+             recorded in the log at /v1/receipts. If you still have the old key, stop the service, put it back into \
+             {folder}, and start again"
         )
     }))
 }
 
-/// What is done every few seconds: who was quiet is forgotten by the rate limits; samples of histograms are folded together,
-/// which would pile up where nobody reads the metrics; suites that another process has added are read.
+/// Runs upkeep every few seconds: forgets idle clients in the rate limits, folds samples of histograms together, which
+/// would pile up if nobody reads the metrics, loads suites that another process has added, and stores when keys were
+/// last used.
 async fn keep_up(metrics: PrometheusHandle, app: Arc<App>, rates: Arc<Rates>, stop: CancellationToken) {
     const EVERY: Duration = Duration::from_secs(5);
     while stop.run_until_cancelled(tokio::time::sleep(EVERY)).await.is_some() {
@@ -228,13 +230,13 @@ async fn keep_up(metrics: PrometheusHandle, app: Arc<App>, rates: Arc<Rates>, st
     }
 }
 
-/// Settles epochs as soon as they are over. In open ones entries are completed, and receipts published, at fixed times only: full
-/// multiples of `every` since 1970, so that nobody sees when an answer was graded.
+/// Settles epochs as soon as they are over. Entries of open epochs are completed, and receipts published, only at full
+/// multiples of `every` since 1970, so that nobody can tell when an answer was graded.
 async fn keep_hidden(store: Store, every: Duration, stop: CancellationToken) {
     const LOOK: Duration = Duration::from_millis(250);
     let every_ms = i64::try_from(every.as_millis()).unwrap_or(i64::MAX).max(1);
     let mut published = now_ms() / every_ms;
-    // The file grows when a hidden answer is graded, so its size is told at these times only.
+    // The file grows when a hidden answer is graded, so its size is reported only at these times.
     let tell_size = || metrics::gauge!("plumbline_database_bytes").set(store.file_bytes() as f64);
     tell_size();
     while stop.run_until_cancelled(tokio::time::sleep(LOOK)).await.is_some() {

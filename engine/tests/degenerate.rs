@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use plumbline_engine::builders::build;
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::elasticity::Control;
-use plumbline_engine::grading::advisories::AdvisoryCode;
+use plumbline_engine::grading::advisory::AdvisoryCode;
 use plumbline_engine::grading::{Report, grade_log};
 use plumbline_engine::tasks::embedded::{self, PUBLISHED_VERSION};
 use plumbline_engine::tasks::{Suite, Task};

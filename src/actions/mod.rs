@@ -11,6 +11,7 @@ mod engine;
 mod integers;
 mod memory;
 pub mod pool;
+pub mod turn_replay;
 
 use serde::{Deserialize, Serialize};
 

@@ -1,7 +1,7 @@
-//! Access: who asks, and what they may do.
+//! Access: identifies callers and decides what they may do.
 //!
-//! Reading is public. Writing and grading need a key, unless the service was started open, or open for grading. A key that is
-//! sent is looked up all the same.
+//! Reading is public. Writing and grading need a key, unless the service was started open or open for grading. A key
+//! that is sent is looked up in any case.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
@@ -12,71 +12,71 @@ use crate::clock::now_ms;
 use crate::store::Store;
 use crate::store::keys::{KeyRow, Scope, parts};
 
-/// How long a key that was found is taken for good before it is looked up again: a revoked one works no longer than this.
+/// Time for which a key is trusted before it is looked up again; a revoked key works no longer than this.
 const TRUSTED_FOR: Duration = Duration::from_millis(500);
-/// How often the use of a key is noted.
+/// Least interval between two records of the use of a key, in milliseconds.
 const USE_NOTED_EVERY_MS: i64 = 60_000;
-/// Keys held at most; a request with an unknown key is not held.
+/// Maximum number of keys held in memory; unknown keys are not held.
 const MAX_HELD: usize = 10_000;
 
-/// Keys that were used lately.
+/// Recently used keys.
 #[derive(Debug)]
 pub struct Keys {
     held: RwLock<HashMap<String, (KeyRow, Instant)>>,
-    /// Times of use that are not stored yet.
+    /// Last uses of keys that are not stored yet, by public part.
     uses: Mutex<HashMap<String, i64>>,
-    /// What needs no key.
+    /// Requests that are allowed without a key.
     pub open: Openness,
 }
 
-/// What needs no key, beside reading.
+/// Requests that are allowed without a key, in addition to reading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Openness {
-    /// Nothing.
+    /// None: everything else needs a key.
     Keyed,
-    /// Grading within a request, of which nothing is stored.
+    /// Grading within a request, which stores nothing.
     Grading,
-    /// Everything but what an operator does.
+    /// All except what an operator does.
     Open,
 }
 
-/// Who asks.
+/// Sender of a request.
 #[derive(Debug, Clone)]
 pub struct Caller {
-    /// The live key that was sent.
+    /// Live key that was sent, if any.
     pub key: Option<KeyRow>,
-    /// What this service allows without a key.
+    /// Requests that this service allows without a key.
     pub open: Openness,
-    /// Why the key that was sent does not count.
+    /// Reason why the key that was sent is not accepted.
     pub refused: Option<&'static str>,
-    /// Whose share of the service the request uses.
+    /// Sender whose share of the service the request uses.
     pub who: Arc<str>,
 }
 
 impl Caller {
-    /// Whose share of the service a request uses: the owner's of its key, else its address's.
+    /// Returns the sender whose share of the service a request uses: the owner of its key, or else the address.
     #[must_use]
     pub const fn who(&self) -> &Arc<str> {
         &self.who
     }
 
-    /// The owner whose key it is; none where the service is open and no key was sent.
+    /// Returns the owner of the key; none if the service is open and no key was sent.
     #[must_use]
     pub fn owner(&self) -> Option<&str> {
         self.key.as_ref().map(|key| key.owner.as_str())
     }
 
-    /// Whether they may do what has this scope.
+    /// Checks that the caller may do what needs this scope.
     ///
     /// # Errors
-    /// 403 where the key has it not.
+    /// Returns 403 if the key lacks the scope, and 401 if this needs a key and none was accepted.
     pub fn require(&self, scope: Scope) -> AppResult<()> {
         match &self.key {
             Some(key) if !key.allows(scope) => {
                 let detail = format!("the key lacks the scope {:?}, which this needs", scope.name());
                 Err(AppError::new(Kind::Forbidden, detail))
             }
-            // What an operator does stands for ever, under a name.
+            // Actions of an operator are recorded permanently under a name, so they always need a key.
             None if scope == Scope::Admin => {
                 Err(unauthorized(self.refused.unwrap_or("this needs a key with the scope admin, here too")))
             }
@@ -87,10 +87,10 @@ impl Caller {
         }
     }
 
-    /// Whether something of this owner is theirs to change. What nobody owns is everybody's.
+    /// Checks that the caller may change something of this owner. Anyone may change what has no owner.
     ///
     /// # Errors
-    /// 403 where it is another's.
+    /// Returns 403 if it belongs to another owner.
     pub fn require_own(&self, owner: Option<&str>, what: &str) -> AppResult<()> {
         let is_admin = self.key.as_ref().is_some_and(|key| key.allows(Scope::Admin));
         if owner.is_none() || is_admin || self.owner() == owner {
@@ -102,13 +102,13 @@ impl Caller {
 }
 
 impl Keys {
-    /// None held yet.
+    /// Creates an empty cache of keys.
     #[must_use]
     pub fn new(open: Openness) -> Self {
         Self { held: RwLock::default(), uses: Mutex::default(), open }
     }
 
-    /// Whether a key of this public part was found before.
+    /// Returns whether the key with this public part was found before.
     #[must_use]
     pub fn knows(&self, sent: &str) -> bool {
         let held = self.held.read().unwrap_or_else(PoisonError::into_inner);
@@ -120,7 +120,7 @@ impl Keys {
         held.get(id).filter(|(_, since)| since.elapsed() < TRUSTED_FOR).map(|(key, _)| key.clone())
     }
 
-    /// Stores when keys were last used, all in one transaction. Requests never wait for it.
+    /// Stores the last uses of keys in one transaction. Requests never wait for this.
     ///
     /// # Errors
     /// Returns an error if the database fails; the next call tries again.

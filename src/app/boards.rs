@@ -1,4 +1,4 @@
-//! Boards in memory: read once, then only what is new; sorted, filtered and compared when they are asked for.
+//! Boards in memory: only new results are read after the first time; rows are sorted, filtered and compared on demand.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::{Arc, LazyLock, PoisonError, RwLock};
@@ -13,15 +13,15 @@ use plumbline_engine::grading::standings::{Field, Standing, order};
 use plumbline_engine::grading::statistics::ranks::{Comparisons, RankRange};
 use plumbline_engine::tasks::catalogue::Entry;
 
-/// How long a board is taken for current although nothing of this process says that it changed: another process on the same
-/// file may have ended a run.
+/// Time for which a board counts as current if nothing in this process has changed it. Another process on the same file
+/// may have ended a run.
 const CURRENT_FOR: Duration = Duration::from_secs(1);
 
-/// The boards that were asked for.
+/// Cache of the requested boards.
 #[derive(Debug, Default)]
 pub struct Boards {
     kept: RwLock<HashMap<String, Kept>>,
-    /// One reader at a time: what is new is read once, however many wait for it.
+    /// Allows one reader at a time, so that new rows are read once however many requests wait for them.
     reading: tokio::sync::Mutex<()>,
 }
 
@@ -32,19 +32,20 @@ struct Kept {
     since: Instant,
 }
 
-/// Rows of a board, the best first, compared with each other.
+/// Rows of a board, best first, with the comparisons between them.
 #[derive(Debug, Clone, Default)]
 pub struct Rows {
-    /// The rows that cover enough of the suite to be compared.
+    /// Rows that cover enough of the suite to be compared.
     pub all: Vec<Arc<Standing>>,
-    /// The others, listed apart.
+    /// Rows that do not, listed separately.
     pub incomplete: Vec<Arc<Standing>>,
     comparisons: Comparisons,
     threshold: f64,
 }
 
 impl Rows {
-    /// Other rows; what they have in common with these was compared. Those that cover less than this share of the suite are apart.
+    /// Creates the rows of a changed board, and reuses the comparisons of rows that both have. Rows that cover less
+    /// than `least_coverage` of the suite are listed separately.
     fn changed_to(&self, rows: Vec<Arc<Standing>>, field: &Field, least_coverage: f64) -> Self {
         let (mut rows, mut incomplete): (Vec<_>, Vec<_>) = rows.into_iter().partition(|row| row.covers(least_coverage));
         order(&mut incomplete);
@@ -65,63 +66,63 @@ impl Rows {
         Self { threshold: field.threshold(&comparisons), all: rows, incomplete, comparisons }
     }
 
-    /// The places that a run may have among them.
+    /// Returns the range of ranks that a run may have among these rows.
     #[must_use]
     pub fn places(&self, one: &Standing, field: &Field) -> RankRange {
         field.places(one, &self.all, self.threshold)
     }
 }
 
-/// The board of a suite.
+/// State of the board of a suite.
 #[derive(Debug)]
 pub struct Board {
-    /// Names this very state of the board: where it is the same, so is all that is made of it.
+    /// Identifier of this state of the board; whatever is computed from boards with the same version is the same.
     pub version: String,
-    /// The suite.
+    /// Suite of the board.
     pub entry: Arc<Entry>,
-    /// What comparing needs to know of its tasks.
+    /// Facts about the tasks that comparisons need.
     pub field: Arc<Field>,
-    /// The share of the suite that a run must have answered, or skipped on purpose, to be compared.
+    /// Share of the suite that a run must have answered, or skipped on purpose, to be compared.
     pub least_coverage: f64,
-    /// Rows that show, the best first.
+    /// Visible rows, best first.
     pub rows: Rows,
-    /// What was done to rows, in order.
+    /// Actions of operators on rows, in order.
     pub actions: Vec<ActionRow>,
-    /// Results of each run, in the order in which they came to hold.
+    /// Results of each run, in the order in which they took effect.
     results: HashMap<String, Vec<Arc<Standing>>>,
-    /// Runs of other owners that are near-identical with a run.
+    /// Runs of other owners that are near-identical to a run.
     similar: HashMap<String, BTreeSet<String>>,
-    /// Runs begun by each agent.
+    /// Number of runs that each agent has begun.
     begun: HashMap<String, usize>,
     read: Read,
 }
 
 impl Board {
-    /// Runs that an agent has begun, whatever became of them.
+    /// Returns the number of runs that an agent has begun, whatever became of them.
     #[must_use]
     pub fn attempts(&self, agent: &str) -> usize {
         self.begun.get(agent).copied().unwrap_or_default()
     }
 
-    /// The result of a run that holds, also where its row is hidden.
+    /// Returns the current result of a run, even if its row is hidden.
     #[must_use]
     pub fn standing(&self, run: &str) -> Option<&Arc<Standing>> {
         self.results.get(run)?.last()
     }
 
-    /// Finished runs of other owners whose logs are near-identical with those of a run.
+    /// Returns the finished runs of other owners whose logs are near-identical to those of a run.
     #[must_use]
     pub fn similar_to(&self, run: &str) -> Vec<String> {
         self.similar.get(run).into_iter().flatten().cloned().collect()
     }
 
-    /// Whether a run's row is hidden now.
+    /// Returns whether the row of a run is hidden now.
     #[must_use]
     pub fn is_hidden(&self, run: &str) -> bool {
         hidden(&self.actions, i64::MAX).contains(run)
     }
 
-    /// Rows as they showed at a time, the best first.
+    /// Returns the rows that were visible at a time, best first.
     #[must_use]
     pub fn as_of(&self, at_ms: i64) -> Rows {
         Rows::default().changed_to(self.showing(at_ms), &self.field, self.least_coverage)
@@ -169,7 +170,7 @@ impl Board {
     }
 }
 
-/// Notes which runs a new one resembles, on both sides.
+/// Records which runs a new one resembles, in both directions.
 fn note_similar(
     similar: &mut HashMap<String, BTreeSet<String>>,
     results: &HashMap<String, Vec<Arc<Standing>>>,
@@ -182,7 +183,7 @@ fn note_similar(
     }
 }
 
-/// Runs whose rows are hidden at a time.
+/// Returns the runs whose rows are hidden at a time.
 fn hidden(actions: &[ActionRow], at_ms: i64) -> HashSet<&str> {
     let mut hidden = HashSet::new();
     for action in actions.iter().filter(|action| action.at_ms <= at_ms) {
@@ -200,10 +201,10 @@ fn hidden(actions: &[ActionRow], at_ms: i64) -> HashSet<&str> {
 }
 
 impl Boards {
-    /// The board of a suite as it is now.
+    /// Returns the board of a suite as it is now.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn of(&self, app: &App, entry: &Arc<Entry>) -> AppResult<Arc<Board>> {
         let suite_id = entry.suite.id();
         if let Some(board) = self.current(app, &suite_id) {
@@ -232,7 +233,7 @@ impl Boards {
 }
 
 fn version(entry: &Entry, Read { result, action, run }: Read) -> String {
-    // Of this process: another program, or another database under the same name, may make something else of it.
+    // Include the process: another program, or another database under the same name, may compute something else.
     static PROCESS: LazyLock<Uuid> = LazyLock::new(Uuid::new_v4);
     format!("{}:{result}:{action}:{run}:{}", entry.suite.id(), *PROCESS)
 }

@@ -1,8 +1,8 @@
 //! Failures of use cases: one list of kinds, each with its name and title.
 //!
-//! There are two families. The caller can mend a failure of theirs, and it names the place. A failure of ours is logged
-//! once with its cause; the caller learns only that the same request may be sent again. `http/problem.rs` alone turns a
-//! failure into an answer.
+//! There are two families. A failure of the caller names the location of the fault, so that the caller can fix it. A
+//! failure of ours is logged once with its cause; the caller learns only that the same request may be sent again. Only
+//! `http/problem.rs` turns a failure into a response.
 
 use serde::{Deserialize, Serialize};
 
@@ -35,7 +35,7 @@ impl From<Fault> for FaultBody {
     }
 }
 
-/// Makes the list of kinds: variant, name in the problem type, title.
+/// Creates the list of kinds: variant, name in the problem type, title.
 macro_rules! kinds {
     ($( $variant:ident = $name:literal, $title:literal; )*) => {
         /// Kind of a failure.
@@ -43,7 +43,7 @@ macro_rules! kinds {
         #[expect(missing_docs, reason = "name and title say what each variant is")]
         pub enum Kind {
             $( $variant, )*
-            /// The request contradicts the present state; the name says how.
+            /// The request conflicts with the current state; the name says how.
             Conflict(&'static str),
         }
 
@@ -95,7 +95,7 @@ kinds! {
     Deadline = "deadline", "Deadline passed";
 }
 
-/// A failure of a use case.
+/// Failure of a use case.
 #[derive(Debug, Clone)]
 pub struct AppError(Box<Failure>);
 
@@ -109,29 +109,29 @@ struct Failure {
 }
 
 impl AppError {
-    /// Creates a failure of a kind, with the occurrence in words.
+    /// Creates a failure of a kind; `detail` describes this occurrence.
     pub fn new(kind: Kind, detail: impl Into<String>) -> Self {
         let detail = detail.into();
         Self(Box::new(Failure { kind, detail, faults: Vec::new(), retry_after_s: None, has_null_reward: false }))
     }
 
-    /// Creates the failure to find something by its name.
+    /// Creates the failure for something that does not exist.
     pub fn not_found(detail: impl Into<String>) -> Self {
         Self::new(Kind::NotFound, detail)
     }
 
-    /// Creates a contradiction to the present state; `name` is the stable name of its kind.
+    /// Creates a conflict with the current state; `name` is the stable name of its kind.
     pub fn conflict(name: &'static str, detail: impl Into<String>) -> Self {
         Self::new(Kind::Conflict(name), detail)
     }
 
-    /// Creates the failure of a body, or a line of it, that is not JSON; `faults` holds everything that is wrong.
+    /// Creates the failure of a body, or a line of it, that is not JSON; `faults` holds all its faults.
     pub fn malformed(faults: Faults) -> Self {
         let detail = faults.list().iter().map(ToString::to_string).next().unwrap_or_default();
         Self::new(Kind::MalformedBody, detail).with_faults(faults)
     }
 
-    /// Creates the failure of a body that is JSON with parts that are wrong.
+    /// Creates the failure of a body that is valid JSON but has faults.
     #[must_use]
     pub fn faulty(faults: Faults) -> Self {
         let detail = match faults.total() {
@@ -141,12 +141,12 @@ impl AppError {
         Self::new(Kind::InvalidBody, detail).with_faults(faults)
     }
 
-    /// Creates the refusal of a body that is NDJSON where one document is expected.
+    /// Creates the refusal of an NDJSON body where one document is expected.
     pub fn not_ndjson(detail: &str) -> Self {
         Self::new(Kind::UnsupportedMediaType, format!("expected one JSON document, not NDJSON; {detail}"))
     }
 
-    /// Creates the refusal of a request for which there is no slot; refused at once instead of waiting.
+    /// Creates the refusal of a request for which no slot is free; it is refused at once instead of waiting.
     pub fn too_many(detail: impl Into<String>) -> Self {
         Self::new(Kind::TooManyRequests, detail).retry_after(1)
     }
@@ -157,7 +157,7 @@ impl AppError {
         Self::new(Kind::Internal, "The service failed. The request may be sent again.").retry_after(1)
     }
 
-    /// Adds the faults that it comes from.
+    /// Adds the faults that caused the failure.
     #[must_use]
     pub fn with_faults(self, faults: Faults) -> Self {
         self.with_fault_list(faults.into_list().into_iter().map(FaultBody::from).collect())
@@ -170,14 +170,14 @@ impl AppError {
         self
     }
 
-    /// Says that the same request may succeed after some seconds.
+    /// States that the same request may succeed after this many seconds.
     #[must_use]
     pub fn retry_after(mut self, seconds: u32) -> Self {
         self.0.retry_after_s = Some(seconds);
         self
     }
 
-    /// Moves its faults below a pointer.
+    /// Prefixes the location of each fault with a JSON pointer.
     #[must_use]
     pub fn at(mut self, pointer: &str) -> Self {
         for fault in &mut self.0.faults {
@@ -186,7 +186,7 @@ impl AppError {
         self
     }
 
-    /// Replaces the beginnings of pointers: names inside the service by the caller's.
+    /// Replaces prefixes of pointers: internal names by the names that the caller uses.
     #[must_use]
     pub fn named(mut self, names: &[(&str, &str)]) -> Self {
         for fault in &mut self.0.faults {
@@ -207,43 +207,44 @@ impl AppError {
         self
     }
 
-    /// Does the same if the failure was ours, or if there was too much to do.
+    /// Does the same as [`Self::without_reward`] if the request may be sent again: the failure was ours, or the load
+    /// was too high.
     #[must_use]
     pub fn without_reward_where_ours(self) -> Self {
         if self.is_retryable() { self.without_reward() } else { self }
     }
 
-    /// Returns its kind.
+    /// Returns the kind of the failure.
     #[must_use]
     pub const fn kind(&self) -> Kind {
         self.0.kind
     }
 
-    /// Returns the occurrence in words.
+    /// Returns the description of this occurrence.
     #[must_use]
     pub fn detail(&self) -> &str {
         &self.0.detail
     }
 
-    /// Returns its faults.
+    /// Returns the faults that caused the failure.
     #[must_use]
     pub fn faults(&self) -> &[FaultBody] {
         &self.0.faults
     }
 
-    /// Returns the seconds after which the same request may succeed.
+    /// Returns the number of seconds after which the same request may succeed.
     #[must_use]
     pub const fn retry_after_s(&self) -> Option<u32> {
         self.0.retry_after_s
     }
 
-    /// Whether the same request may succeed later.
+    /// Returns whether the same request may succeed later.
     #[must_use]
     pub const fn is_retryable(&self) -> bool {
         self.0.retry_after_s.is_some()
     }
 
-    /// Whether the answer states that there is no reward.
+    /// Returns whether the response states that there is no reward.
     #[must_use]
     pub const fn has_null_reward(&self) -> bool {
         self.0.has_null_reward

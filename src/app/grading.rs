@@ -1,10 +1,11 @@
-//! The one executor of gradings: a deadline, a request to stop, and a guard against panics, for the queue and for requests alike.
+//! The single executor of gradings: enforces deadlines, stops on request, and catches panics, for the queue and for
+//! requests.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use plumbline_engine::elasticity::{Control, Stopped};
 
-/// Reasons why a computation of the engine has no result.
+/// Reason why a computation of the engine has no result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unfinished {
     /// It was asked to stop, or reached its deadline.
@@ -18,14 +19,14 @@ pub enum Unfinished {
 pub enum Cores {
     /// The core that it runs on.
     One,
-    /// That one, and idle threads of the same pool.
+    /// The core that it runs on, and idle threads of the same pool.
     Idle,
 }
 
 /// Runs a computation of the engine on this thread until it is done, panics, or `is_over` says that it must end.
 ///
 /// # Errors
-/// Returns why there is no result.
+/// Returns the reason if there is no result.
 pub fn execute<T>(
     cores: Cores,
     is_over: &(dyn Fn() -> bool + Sync),
@@ -35,7 +36,7 @@ pub fn execute<T>(
         Cores::One => Control::until(is_over),
         Cores::Idle => Control { join: Some(&on_idle_threads), ..Control::until(is_over) },
     };
-    // One grading that panics must not take others along.
+    // A grading that panics must not affect others.
     match catch_unwind(AssertUnwindSafe(|| compute(&control))) {
         Ok(Ok(done)) => Ok(done),
         Ok(Err(Stopped)) => Err(Unfinished::Stopped),

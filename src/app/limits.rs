@@ -1,4 +1,4 @@
-//! Every limit of the service, in one place: enforced where named, and served at `/v1/limits`.
+//! All limits of the service, in one file: enforced where named, and served at `/v1/limits`.
 
 use serde::Serialize;
 
@@ -11,145 +11,149 @@ use plumbline_engine::intake::text::WASTE_BYTES;
 use plumbline_engine::voxel::cell;
 use plumbline_engine::voxel::terrain::MAX_EXTENT;
 
-/// The limits. Sizes are of the decompressed body.
+/// Limits of the service. Sizes are those of the decompressed body.
 #[derive(Debug, Clone, Copy, Serialize, utoipa::ToSchema)]
 pub struct Limits {
-    /// Bytes of a request body, after decompression.
+    /// Bytes of a request body after decompression.
     pub body_bytes: usize,
-    /// Bytes of all bodies being read at the same time; a request beyond it is asked to come back (503).
+    /// Bytes of all bodies that are being read at the same time; a request beyond that is refused with 503 and may be
+    /// retried.
     pub bodies_in_memory_bytes: usize,
-    /// Levels of nested arrays and objects in a run's metadata; elsewhere nothing nests deeper than the formats say.
+    /// Levels of nested arrays and objects in a run's metadata; elsewhere the format bounds the depth.
     pub json_depth: u32,
     /// Submissions in one NDJSON body.
     pub ndjson_lines: usize,
-    /// Turns of a log.
+    /// Turns in a log.
     pub turns: usize,
-    /// Events of a log, over all turns.
+    /// Events in a log, over all turns.
     pub events: usize,
-    /// Blocks that stand after any turn.
+    /// Blocks present after any turn.
     pub blocks: usize,
-    /// The same for tasks with a stress check, and for stress fields.
+    /// Blocks present after any turn of a task with a stress check, or in a structure whose stress field is computed.
     pub blocks_with_stress: usize,
-    /// Stress fields computed at the same time for `/v1/submissions/{id}/stress`; more wait.
+    /// Stress fields computed at the same time for `/v1/submissions/{id}/stress`; further requests wait.
     pub stress_fields_at_once: usize,
-    /// Stress fields computed at the same time for one sender: a key's owner, or an address.
+    /// Stress fields computed at the same time for one sender: the owner of a key, or an address.
     pub stress_fields_per_sender: usize,
-    /// Requests that wait for one of them at the same time; more are asked to come back (503).
+    /// Requests that wait for a stress field at the same time; further ones are refused with 503 and may be retried.
     pub stress_fields_waiting: usize,
-    /// Of these, requests of one sender.
+    /// Requests of one sender that wait for a stress field at the same time.
     pub stress_fields_waiting_per_sender: usize,
-    /// Bytes of memory for stress fields that were computed.
+    /// Bytes of memory for the cache of stress fields.
     pub stress_cache_bytes: usize,
-    /// Seconds that such a request waits before it is asked to come back (503).
+    /// Seconds that a request waits for its stress field to begin; then it is refused with 503 and may be retried.
     pub stress_wait_seconds: u64,
-    /// Seconds that one of them may take.
+    /// Seconds that computing a stress field may take.
     pub stress_seconds: u64,
-    /// Distinct materials of a log.
+    /// Distinct materials in a log.
     pub materials: usize,
-    /// Characters of a material name.
+    /// Characters in a material name.
     pub material_chars: usize,
-    /// Greatest absolute x and z.
+    /// Greatest absolute value of x and z.
     pub horizontal: i32,
     /// Least y.
     pub min_y: i32,
     /// Greatest y.
     pub max_y: i32,
-    /// Characters of an agent's name.
+    /// Characters in an agent's name.
     pub agent_chars: usize,
     /// Bytes of a run's metadata as JSON.
     pub metadata_bytes: usize,
-    /// Bytes of an `Idempotency-Key`.
+    /// Bytes in an `Idempotency-Key`.
     pub idempotency_key_bytes: usize,
-    /// Items of a page.
+    /// Items on a page.
     pub page_items: u32,
-    /// Faults listed in one problem; all are counted.
+    /// Faults listed in one problem; all of them are counted.
     pub faults_listed: usize,
-    /// Bytes of a body of plain data up to which all its faults are told; of a larger one the first.
+    /// Bytes of a body of plain data up to which all its faults are reported; for a larger body only the first is.
     pub all_faults_bytes: usize,
-    /// Parameters of a query string that are looked at.
+    /// Parameters of a query string that are examined.
     pub query_parameters: usize,
-    /// Different numbers of the rows for `/aggregate_metrics`.
+    /// Distinct numeric fields of the rows for `/aggregate_metrics`.
     pub metric_names: usize,
-    /// Bytes of a model's text that are read in vain in search of JSON, or 16 times the text where that is more; then it is given up.
+    /// Bytes of a model's text that are read without success in the search for JSON, or 16 times the text if that is
+    /// more; then the search ends.
     pub answer_search_bytes: usize,
-    /// Seconds for the headers of a request to arrive.
+    /// Seconds in which the headers of a request must arrive.
     pub header_seconds: u64,
-    /// Seconds from the headers of a request to the beginning of its answer.
+    /// Seconds from the headers of a request to the beginning of its response.
     pub request_seconds: u64,
-    /// Requests a second with one key, unless `serve` says otherwise; 0: no limit.
+    /// Requests per second with one key, unless `serve` sets another limit; 0 means no limit.
     pub requests_per_second_per_key: u32,
-    /// Requests a second from one address without a key, unless `serve` says otherwise; 0: no limit.
+    /// Requests per second from one address without a key, unless `serve` sets another limit; 0 means no limit.
     pub requests_per_second_per_address: u32,
-    /// Streams of `/v1/events` open at the same time; more are asked to come back (429).
+    /// Streams of `/v1/events` open at the same time; further ones are refused with 429 and may be retried.
     pub event_streams: usize,
-    /// Of these, streams of one sender.
+    /// Streams of `/v1/events` that one sender has open at the same time.
     pub event_streams_per_sender: usize,
-    /// Connections open at the same time; more wait.
+    /// Connections open at the same time; further ones wait.
     pub connections: usize,
-    /// Of these, connections from one address, unless `serve` says otherwise; more are closed at once.
+    /// Connections from one address open at the same time, unless `serve` sets another limit; further ones are closed
+    /// at once.
     pub connections_per_address: usize,
-    /// Seconds for which a client may take nothing of its answer; then the connection is closed.
+    /// Seconds for which a client may read nothing of its response; then the connection is closed.
     pub write_seconds: u64,
-    /// Logs in one body for `/v1/grade:batch`.
+    /// Logs in a body for `/v1/grade:batch`.
     pub grade_batch_logs: usize,
-    /// Checks in a turn of a task that a request to grade brings.
+    /// Checks in a turn of an inline task, which a request to grade brings with it.
     pub grade_inline_checks: usize,
-    /// Checks in all turns of such a task.
+    /// Checks in all turns of an inline task.
     pub grade_inline_checks_in_all: usize,
-    /// Items of a list in the arguments of its checks.
+    /// Items of a list in the arguments of a check of an inline task.
     pub grade_inline_list_items: usize,
-    /// Bytes of such a task as JSON.
+    /// Bytes of an inline task as JSON.
     pub grade_inline_bytes: usize,
-    /// Bodies for `/v1/grade:batch` worked on at the same time; more are asked to come back (429).
+    /// Batches for `/v1/grade:batch` processed at the same time; further ones are refused with 429 and may be retried.
     pub grade_batches: usize,
-    /// Of these, bodies of one sender.
+    /// Batches of one sender processed at the same time.
     pub grade_batches_per_sender: usize,
-    /// Seconds that logs of a batch wait for their turn before they end with status 504.
+    /// Seconds that the logs of a batch wait to be graded; then they end with status 504.
     pub grade_batch_wait_seconds: u64,
-    /// Logs for `/v1/grade` graded or waiting at the same time; more are asked to come back (429).
+    /// Logs for `/v1/grade` graded or waiting at the same time; further ones are refused with 429 and may be retried.
     pub grades_waiting: usize,
-    /// Of these, logs of one sender.
+    /// Logs of one sender graded or waiting at the same time.
     pub grades_waiting_per_sender: usize,
-    /// Milliseconds that grading a log for `/v1/grade` may take, where the request does not say.
+    /// Milliseconds that grading a log for `/v1/grade` may take if the request sets no deadline.
     pub grade_default_deadline_ms: u64,
-    /// The most that a request may say.
+    /// Longest deadline that a request may set, in milliseconds.
     pub grade_max_deadline_ms: u64,
-    /// Bytes of memory for results of `/v1/grade` that are kept for the same log and task, unless `serve` says otherwise.
+    /// Bytes of memory for the cache of results of `/v1/grade`, by log and task, unless `serve` sets another limit.
     pub grade_cache_bytes: usize,
-    /// Bytes of the action code of a turn.
+    /// Bytes in the action code of a turn.
     pub action_code_bytes: usize,
-    /// Milliseconds on the processor that it may take.
+    /// Milliseconds of processor time that action code may take.
     pub action_cpu_ms: u64,
-    /// Milliseconds after which its process is ended, whatever it does.
+    /// Milliseconds after which the process that runs action code is ended in any case.
     pub action_wall_ms: u64,
-    /// Bytes of memory for its objects.
+    /// Bytes of memory for the objects of action code.
     pub action_memory_bytes: usize,
     /// Events that the action code of one body may record, over all submissions.
     pub action_body_events: usize,
-    /// Requests whose action code runs or waits; more are asked to come back (429).
+    /// Requests whose action code runs or waits at the same time; further ones are refused with 429 and may be retried.
     pub action_requests: usize,
-    /// Of these, requests of one sender.
+    /// Requests of one sender whose action code runs or waits at the same time.
     pub action_requests_per_sender: usize,
-    /// Runs of an entry to an epoch.
+    /// Runs in an entry to an epoch.
     pub entry_runs: u32,
-    /// Least characters of the nonce that draws a run.
+    /// Least characters in the nonce that draws a run.
     pub nonce_min_chars: usize,
-    /// Most characters of it.
+    /// Most characters in the nonce that draws a run.
     pub nonce_max_chars: usize,
-    /// Extent along an axis, and height, in blocks, up to which strict checks of rooms and ways look at a build; a larger one
-    /// fails them.
+    /// Extent along an axis, and height, in blocks, up to which strict checks of rooms and ways examine a build; a
+    /// larger build fails them.
     pub strict_extent: i64,
-    /// Items of a list, and cells, that a check's finding shows; longer lists are cut, and the finding says so.
+    /// Items of a list, and cells, that the finding of a check shows; longer lists are truncated, and the finding says
+    /// so.
     pub finding_items: usize,
     /// Characters of a text in a finding.
     pub finding_chars: usize,
-    /// Seconds that one grading may take: several times what the largest build that is allowed takes.
+    /// Seconds that one grading may take: several times what the largest allowed build takes.
     pub grading_seconds: u64,
-    /// Times that grading is begun before a submission ends as `grader_error`.
+    /// Attempts to grade a submission before it ends as `grader_error`.
     pub grading_attempts: i64,
 }
 
-/// The limits in force.
+/// Limits in force.
 pub const LIMITS: Limits = Limits {
     body_bytes: 32 << 20,
     bodies_in_memory_bytes: 512 << 20,
@@ -220,7 +224,7 @@ pub const LIMITS: Limits = Limits {
 };
 
 impl Limits {
-    /// The part that reading a log needs.
+    /// Returns the limits that reading a log needs.
     #[must_use]
     pub const fn log(&self) -> LogLimits {
         LogLimits {

@@ -1,9 +1,9 @@
-//! The load of the service, as far as decisions depend on it.
+//! Load of the service, as far as decisions depend on it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Counts open connections.
+/// Counter of open connections.
 #[derive(Debug, Clone, Default)]
 pub struct Connections(Arc<AtomicUsize>);
 
@@ -22,7 +22,7 @@ impl Connections {
     }
 }
 
-/// Keeps a connection counted as open.
+/// Guard that keeps a connection counted as open.
 #[derive(Debug)]
 pub struct OpenConnection(Connections);
 

@@ -1,7 +1,7 @@
-//! Use cases: one function for each thing that the service does, whoever asks.
+//! Use cases: one function for each thing that the service does, whoever calls it.
 //!
-//! API, pages, adapters, workers and commands call the same functions. A use case authorises, validates and decides; it calls
-//! the store, and knows neither axum nor SQL.
+//! The API, pages, adapters, workers and commands call the same functions. A use case authorizes, validates and
+//! decides. It calls the store, and depends on neither axum nor SQL.
 
 pub mod access;
 pub mod boards;
@@ -10,6 +10,7 @@ pub mod grading;
 pub mod hidden;
 pub mod limits;
 pub mod load;
+pub mod readiness;
 pub mod replay;
 pub mod rewards;
 pub mod stress;
@@ -31,20 +32,20 @@ use plumbline_engine::tasks::catalogue::Entry;
 use rewards::grader::Grader;
 use stress::StressFields;
 
-/// Everything that use cases share.
+/// State that the use cases share.
 #[derive(Debug)]
 pub struct App {
     /// The database.
     pub store: Store,
-    /// Grades logs for requests that wait.
+    /// Grader of the logs of requests that wait for the result.
     pub grader: Arc<Grader>,
-    /// Keys that were used lately.
+    /// Recently used keys.
     pub keys: Keys,
     /// Share of a suite that a run must cover to be compared on its board.
     pub least_coverage: f64,
     /// Boards in memory.
     pub boards: Boards,
-    /// Computes stress fields and keeps them.
+    /// Computes and caches stress fields.
     pub stress: StressFields,
     /// Limits in force.
     pub limits: Limits,
@@ -59,7 +60,7 @@ pub struct App {
 }
 
 impl App {
-    /// Finds a suite by its name, or by name and version. A suite that another process added is found too.
+    /// Finds a suite by its name, or by name and version, even if another process has added it.
     ///
     /// # Errors
     /// Returns an error if the database fails.

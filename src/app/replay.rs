@@ -1,10 +1,11 @@
-//! Replay of action code: what agents wrote becomes the events that it would have caused.
+//! Replay of action code: runs the code of agents and turns it into block events.
 
 use std::sync::Arc;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
-use crate::actions::{CodeError, Dropped, Replayed};
+use crate::actions::Replayed;
+use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::error::{AppError, AppResult};
 use crate::app::submissions::posted::PostedSubmission;
@@ -13,31 +14,10 @@ use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::{SentLog, without_fences};
 use plumbline_engine::voxel::{BlockLog, Cell};
 
-/// What the code of a submission's turn did.
-#[derive(Debug, Clone, Serialize, Deserialize, utoipa::ToSchema)]
-pub struct TurnReplay {
-    /// The turn, from 1.
-    pub turn: usize,
-    /// Events that it recorded.
-    pub events: usize,
-    /// Calls that recorded nothing, by reason.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub dropped: Vec<Dropped>,
-    /// The error that ended it, or that nobody waited for; what came before it counts.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub error: Option<CodeError>,
-    /// What its author may want to know although nothing failed, such as that a function was defined and never called.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub notes: Vec<String>,
-    /// Whether the code is not JavaScript, so that none of it was run.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub unreadable: bool,
-}
-
-/// A place among the requests whose code runs or waits.
+/// Takes a slot for a request whose action code runs or waits.
 ///
 /// # Errors
-/// 429 where there is none.
+/// Returns 429 if no slot is free.
 pub fn place(app: &App, who: &Arc<str>) -> AppResult<Place> {
     app.action_requests
         .take(who)
@@ -48,7 +28,7 @@ async fn replayed(app: &App, who: &Arc<str>, code: &str) -> AppResult<Replayed> 
     app.actions.run(code, who).await.map_err(|error| AppError::internal(&error))
 }
 
-/// Runs a script for a request that wants nothing else.
+/// Runs a script for a request that only replays code.
 ///
 /// # Errors
 /// Returns an error if too much code waits, if the script is too long or reaches a limit, or if it cannot be run.
@@ -81,24 +61,25 @@ fn add_stopped(replayed: &Replayed, faults: &mut Faults) -> bool {
     replayed.stopped.is_some()
 }
 
-/// Events that the code of one body may still record.
+/// Number of events that the code of one body may still record.
 #[derive(Debug)]
 pub struct EventBudget {
     left: usize,
 }
 
 impl EventBudget {
-    /// All of them.
+    /// Creates the full budget.
     #[must_use]
     pub fn whole(app: &App) -> Self {
         Self { left: app.limits.action_body_events }
     }
 }
 
-/// Runs the code of submissions, and puts what it recorded into their logs. What reaches a limit is a fault.
+/// Runs the action code of submissions, and adds the recorded events to their logs. Code that reaches a limit is a
+/// fault.
 ///
 /// # Errors
-/// 429 where too much waits; 500 where code cannot be run.
+/// Returns 429 if too much code waits, and 500 if code cannot be run.
 pub async fn run_codes(
     app: &App,
     who: &Arc<str>,
@@ -139,10 +120,10 @@ pub async fn run_code(
     run_sent(app, who, sent, &mut EventBudget::whole(app), faults).await
 }
 
-/// Runs the code of one log, and puts what it recorded into it. Nothing more is run after a fault.
+/// Runs the code of one log, and adds the recorded events to it. Stops at the first fault.
 ///
 /// # Errors
-/// 500 where code cannot be run.
+/// Returns 500 if code cannot be run.
 pub async fn run_sent(
     app: &App,
     who: &Arc<str>,
@@ -160,7 +141,7 @@ pub async fn run_sent(
         faults.leave();
     }
     if !is_too_long {
-        // One after another: what all of them record at the same time might not fit into memory.
+        // Run them one after another: the recordings of all of them together might not fit into memory.
         for code in &codes {
             let done = replayed(app, who, &code.code).await?;
             faults.enter_index(code.turn);
@@ -178,7 +159,7 @@ pub async fn run_sent(
     Ok(replays)
 }
 
-/// Puts what a script recorded into its turn. False where it reached a limit, which is a fault.
+/// Adds the events of a script to its turn. Returns false if it reached a limit, which is a fault.
 fn take_events(
     app: &App,
     log: &mut BlockLog,
@@ -214,34 +195,34 @@ fn take_events(
     true
 }
 
-/// What is done to a block.
+/// Action on a block.
 #[derive(Debug, utoipa::ToSchema, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EventAction {
-    /// Placed.
+    /// A block is placed.
     Place,
-    /// Removed.
+    /// A block is removed.
     Remove,
 }
 
-/// An event that code recorded.
+/// Event that action code recorded.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct ReplayedEvent {
     /// `place` or `remove`.
     #[schema(value_type = EventAction, example = "place")]
     pub action: &'static str,
-    /// East.
+    /// Coordinate to the east.
     pub x: i32,
-    /// Up.
+    /// Coordinate upwards.
     pub y: i32,
-    /// South.
+    /// Coordinate to the south.
     pub z: i32,
-    /// The material, where one is placed.
+    /// Material of the block, if one is placed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub material: Option<String>,
 }
 
-/// The events of a script as they are told.
+/// Returns the events of a script in the form in which they are served.
 pub fn told(done: &Replayed) -> impl Iterator<Item = ReplayedEvent> {
     done.events.iter().map(|event| {
         let [x, y, z] = event.cell;

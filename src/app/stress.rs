@@ -1,4 +1,4 @@
-//! Stress fields of structures: computed in turns by sender, and kept in memory by content.
+//! Stress fields of structures: computed with fair turns between senders, and cached by content.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -20,12 +20,13 @@ use plumbline_engine::elasticity::field::{Field, Method};
 use plumbline_engine::voxel::replay::Replay;
 use plumbline_engine::voxel::{BlockLog, Structure};
 
-/// What a field is kept under: the log's hash, the turn, and the method.
+/// Cache key: the log's hash, the turn, and the method.
 type Key = (Box<str>, usize, Method);
-/// A field, or when it took too long: by the clock, so with less to do it may not.
+/// Field, or the time at which its computation timed out; the limit is in wall-clock time, so a later attempt may
+/// succeed.
 type Kept = Result<Arc<Field>, Instant>;
 
-/// How long a field that took too long is not tried again.
+/// Time for which a field whose computation timed out is not tried again.
 const TOO_LONG_FOR: Duration = Duration::from_mins(1);
 
 #[derive(Debug, Clone)]
@@ -42,12 +43,12 @@ impl Weighter<Key, Kept> for ByMemory {
     }
 }
 
-/// What a field takes beside its numbers.
+/// Memory of a field apart from its numbers, in bytes.
 const OWN_BYTES: usize = 256;
-/// How much the threads that compute fields yield to others (niceness).
+/// Niceness of the threads that compute fields.
 const NICENESS: i32 = 10;
 
-/// Computes stress fields: a few at once, one for each sender, and keeps them by content, so that asking again costs nothing.
+/// Computes stress fields, a few at once and one for each sender, and caches them by content.
 #[derive(Debug)]
 pub struct StressFields {
     admitted: Arc<Places>,
@@ -57,10 +58,10 @@ pub struct StressFields {
 }
 
 impl StressFields {
-    /// None kept yet.
+    /// Creates an empty cache and starts the threads.
     ///
     /// # Errors
-    /// Where there are no threads to be had.
+    /// Returns an error if a thread cannot be started.
     pub fn new() -> anyhow::Result<Self> {
         const TYPICAL_BYTES: usize = 64 << 10;
         let at_once = LIMITS.stress_fields_at_once;
@@ -78,10 +79,11 @@ impl StressFields {
         self.kept.get(key).filter(|kept| !kept.as_ref().is_err_and(|since| since.elapsed() > TOO_LONG_FOR))
     }
 
-    /// The field of a structure.
+    /// Returns the stress field of a structure, computed or from the cache.
     ///
     /// # Errors
-    /// 503 where too many wait, it takes too long to begin, or the service stops; 422 where it takes too long to compute.
+    /// Returns 503 if too many requests wait, if it cannot begin in time, or if the service stops; 422 if computing
+    /// takes too long.
     pub async fn field(
         &self,
         key: Key,
@@ -99,7 +101,7 @@ impl StressFields {
         if let Some(kept) = self.kept(&key) {
             return kept.map_err(|_| too_long(blocks));
         }
-        // Where the client leaves or the service stops, the computation ends.
+        // The computation ends if the client leaves or the service stops.
         let left = stop.child_token();
         let _guard = left.clone().drop_guard();
         let (answer, answered) = oneshot::channel();
@@ -109,7 +111,7 @@ impl StressFields {
             let deadline = Instant::now() + Duration::from_secs(LIMITS.stress_seconds);
             let stop = || left.is_cancelled() || Instant::now() >= deadline;
             let field = Field::of(structure.cells(), method, &Control::until(&stop));
-            // Whoever waited for it may have gone.
+            // The receiver may be gone.
             let _ = answer.send(field.map_err(|_stopped| left.is_cancelled()));
         });
         match answered.await.map_err(|error| AppError::internal(&error))? {
@@ -150,7 +152,7 @@ pub struct StressedStructure {
     pub field: Arc<Field>,
 }
 
-/// Computes the stress field of a stored submission after one of its turns, or takes the one that was kept.
+/// Computes the stress field of a stored submission after one of its turns, or returns the cached one.
 ///
 /// # Errors
 /// Returns an error if there is no such submission, if it has too many blocks, if computing takes too long, or if too many
@@ -176,10 +178,10 @@ pub async fn of_submission(
     Ok(StressedStructure { structure, field })
 }
 
-/// What stands after a turn.
+/// Returns the structure after a turn.
 ///
 /// # Errors
-/// 422 where it has more blocks than stress is computed for.
+/// Returns 422 if it has more blocks than stress is computed for.
 fn structure_after(log: &[u8], turn: usize) -> AppResult<Structure> {
     let log = BlockLog::from_canonical_json(log).map_err(|error| AppError::internal(&error))?;
     let structure = Replay::new(&log).nth(turn - 1).unwrap_or_else(|| Structure::from_named([]));

@@ -1,4 +1,6 @@
-//! HTTP: routes, extractors, a folder for each domain, and pages. A handler extracts, calls a use case, and answers.
+//! The HTTP layer: routes, extractors, middleware, pages, and a module for each domain.
+//!
+//! A handler extracts its arguments, calls a use case and turns the result into a response.
 
 pub mod accounts;
 pub mod boards;
@@ -25,30 +27,31 @@ use crate::app::App;
 use crate::fair::Places;
 use state::{AppState, Shared};
 
-/// Parts of the service that HTTP is built from.
+/// Components of the service that the HTTP layer needs.
 #[derive(Debug)]
 pub struct HttpParts {
-    /// Use cases and what they share.
+    /// Use cases and the state that they share.
     pub app: Arc<App>,
-    /// Renders the metrics.
+    /// Renderer of the Prometheus metrics.
     pub metrics: PrometheusHandle,
-    /// Counts requests.
+    /// Rate limiter for requests.
     pub rates: Arc<middleware::rates::Rates>,
 }
 
-/// The routers of a service.
+/// Routers of the service, one for each listener.
 #[derive(Debug)]
 pub struct Routers {
-    /// What everybody may ask for.
+    /// Router of the public listener. Without an admin router, it serves metrics and operator actions as well.
     pub public: Router,
-    /// Everything, for a listener of its own; then metrics and what operators do are not on the public one.
+    /// Router of the admin listener, with all routes; if there is one, the public router has no metrics or operator
+    /// actions.
     pub admin: Option<Router>,
 }
 
-/// Reveals of epochs kept in memory.
+/// Number of epoch reveals kept in memory.
 const REVEALS: usize = 4;
 
-/// The whole service as routers.
+/// Builds the routers of the whole service.
 ///
 /// # Errors
 /// Where there are no threads to be had.
@@ -67,7 +70,7 @@ pub fn routers(HttpParts { app, metrics, rates }: HttpParts, has_admin_listener:
         in_flight: Arc::default(),
         event_streams: Places::new(limits.event_streams, limits.event_streams_per_sender),
         rates,
-        readiness: service::health::Readiness::default(),
+        readiness: crate::app::readiness::Readiness::default(),
         metrics,
         openapi: openapi.to_json().expect("the document is JSON").into(),
     });

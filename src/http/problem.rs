@@ -1,6 +1,6 @@
-//! Problems: every error answer, as RFC 9457 `application/problem+json`.
+//! Problems: every error response, as RFC 9457 `application/problem+json`.
 //!
-//! Failures become answers here and nowhere else.
+//! Only this module turns failures into responses.
 
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -11,7 +11,7 @@ use crate::app::error::{AppError, FaultBody, Kind};
 /// Media type of problems.
 pub const PROBLEM_JSON: &str = "application/problem+json";
 
-/// An error answer (RFC 9457).
+/// An error response (RFC 9457).
 #[derive(Debug, Clone, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Problem {
     /// Kind of problem; stable, for programs.
@@ -30,7 +30,7 @@ pub struct Problem {
     /// Faults of the request, up to the number in `/v1/limits`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub faults: Vec<FaultBody>,
-    /// Whether the same request may succeed later, because the failure was ours or there was too much to do.
+    /// Whether the same request may succeed later, because the service failed or had too much to do.
     #[serde(default)]
     pub retryable: bool,
     /// Null if a request for a reward failed through no fault of its sender; otherwise absent.
@@ -39,7 +39,7 @@ pub struct Problem {
     pub reward: Option<serde_json::Value>,
 }
 
-/// Returns the status of a kind.
+/// Returns the HTTP status of a kind of failure.
 #[must_use]
 pub const fn status_of(kind: Kind) -> StatusCode {
     match kind {
@@ -63,7 +63,7 @@ pub const fn status_of(kind: Kind) -> StatusCode {
 }
 
 impl Problem {
-    /// Returns the answer, with the headers that belong to its status.
+    /// Builds the response, with the headers that its status requires.
     pub fn respond(&self, retry_after_s: Option<u32>) -> Response {
         let status = StatusCode::from_u16(self.status).expect("problems have statuses of HTTP");
         let body = serde_json::to_vec(self).expect("a problem holds strings and numbers");

@@ -1,4 +1,4 @@
-//! Routes: one list makes the router and the OpenAPI document.
+//! Routes: a single list defines both the router and the OpenAPI document.
 
 use axum::Router;
 use axum::http::{HeaderValue, header};
@@ -17,31 +17,31 @@ use super::problem::PROBLEM_JSON;
 use super::state::AppState;
 use super::{accounts, boards, catalogue, hidden, rewards, runs, service, submissions};
 
-/// Head of the OpenAPI document.
+/// Metadata of the OpenAPI document: title, license, servers and tags.
 #[derive(OpenApi)]
 #[openapi(
     info(
         title = "plumbline",
         description = "Grades what AI agents build as construction engineers in Minecraft (the MineCEraft benchmark).\n\n\
-                       Post a run, post a block log for each of its tasks, read the reports and the leaderboard. Every \
-                       error is an RFC 9457 problem. Every limit is at `/v1/limits`.",
+                       Create a run, post a block log for each of its tasks, and read the reports and the leaderboard. \
+                       Every error is an RFC 9457 problem. `/v1/limits` lists every limit.",
         license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
     ),
     servers((url = "/", description = "This service")),
     tags(
         (name = "runs", description = "One agent's attempt at a suite."),
-        (name = "submissions", description = "What an agent did for one task, and its report."),
-        (name = "rewards", description = "Grading within the request, for trainers. Nothing is stored."),
+        (name = "submissions", description = "An agent's work on one task, and its report."),
+        (name = "rewards", description = "Synchronous grading for trainers. Nothing is stored."),
         (name = "tasks", description = "Suites and their tasks."),
-        (name = "leaderboards", description = "Finished runs, compared."),
-        (name = "hidden evaluation", description = "Epochs: committed to, drawn fresh, answered once, revealed."),
+        (name = "leaderboards", description = "Comparison of finished runs."),
+        (name = "hidden evaluation", description = "Epochs: committed to, freshly drawn, answered once, revealed."),
         (name = "receipts", description = "Signed grades in a public log."),
         (name = "service", description = "Limits, health, metrics, and this document."),
     )
 )]
 struct Head;
 
-/// All routes of the API, with their part of the document.
+/// Returns all routes of the API, each with its part of the OpenAPI document.
 pub fn routes() -> OpenApiRouter<AppState> {
     OpenApiRouter::with_openapi(Head::openapi())
         .routes(routes!(runs::resource::create_run))
@@ -102,8 +102,8 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(service::documents::get_openapi))
 }
 
-/// The routes of trainers where they look for them: below a path of the framework's own, and below a key for clients that can send
-/// no header. What they answer is the same.
+/// Returns the trainers' routes under further prefixes: `/ng-rollout/{rollout}`, where NeMo Gym requests them, and
+/// `/with-key/{key}`, for clients that cannot send headers. Their responses are the same.
 pub fn trainers_elsewhere() -> Router<AppState> {
     use axum::routing::{get, post};
     let gym = || {
@@ -121,10 +121,11 @@ pub fn trainers_elsewhere() -> Router<AppState> {
     Router::new().nest("/ng-rollout/{rollout}", gym()).nest("/with-key/{key}", all)
 }
 
-/// Adds what holds for every operation that writes: it needs a key, and is refused without one.
+/// Adds what many operations share: the key that writing operations need, and the refusals without one or by rate
+/// limits.
 pub fn complete(document: &mut utoipa::openapi::OpenApi) {
     let bearer = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(
-        "A key made by `plumbline keys create`. Reading needs none; a service started with `--open` asks for none.",
+        "A key created with `plumbline keys create`. Reading needs no key, nor does a service started with `--open`.",
     ));
     let components = document.components.get_or_insert_default();
     components.add_security_scheme("key", SecurityScheme::Http(bearer.build()));
@@ -134,7 +135,7 @@ pub fn complete(document: &mut utoipa::openapi::OpenApi) {
     };
     for (path, item) in &mut document.paths.paths {
         for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
-            // Probes are never refused for being asked too often.
+            // Probes are exempt from rate limits.
             if !PROBES.contains(&path.as_str()) {
                 let refused = problem("Too many requests from this key or address; come back").into();
                 operation.responses.responses.entry("429".to_owned()).or_insert(refused);
@@ -154,7 +155,7 @@ pub fn complete(document: &mut utoipa::openapi::OpenApi) {
     }
 }
 
-/// A header or a parameter is there or not; it cannot be null.
+/// Removes null from the types of a parameter: a header or parameter is present or absent, but never null.
 fn never_null(parameter: &mut RefOr<Parameter>) {
     let RefOr::T(parameter) = parameter else { return };
     let Some(RefOr::T(Schema::Object(schema))) = &mut parameter.schema else { return };
@@ -166,7 +167,7 @@ fn never_null(parameter: &mut RefOr<Parameter>) {
     }
 }
 
-/// The OpenAPI document, as committed in `openapi/`.
+/// Returns the OpenAPI document as formatted JSON, as committed in `openapi/`.
 #[must_use]
 pub fn document() -> String {
     let mut document = routes().into_openapi();
@@ -176,9 +177,9 @@ pub fn document() -> String {
     text
 }
 
-/// The interactive reference at `/docs`; its files are in the binary.
+/// Returns the routes of the interactive API reference at `/docs`, whose files are embedded in the binary.
 pub fn reference() -> Router {
-    // Its scripts are files of its own; styles it also sets by script.
+    // Its scripts are separate files, but it sets some styles from scripts.
     const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; font-src 'self'; \
                           connect-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'";
     let pages: Router = SwaggerUi::new("/docs").config(Config::new(["/openapi.json"]).try_it_out_enabled(true)).into();

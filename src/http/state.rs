@@ -1,4 +1,4 @@
-//! What handlers share.
+//! State that the request handlers share.
 
 use std::sync::Arc;
 
@@ -11,16 +11,16 @@ use super::accounts::event_feed::EventFeed;
 use super::extract::conditional::Documents;
 use super::extract::idempotency::InFlight;
 use super::middleware::rates::Rates;
-use super::service::health::Readiness;
 use crate::app::App;
+use crate::app::readiness::Readiness;
 use crate::fair::Places;
 
-/// A handle to what handlers share. One pointer, as every request clones it several times.
+/// A handle to the state that handlers share. It is a single pointer, because every request clones it several times.
 #[derive(Debug, Clone)]
 pub struct AppState(Arc<Shared>);
 
 impl AppState {
-    /// A handle to this.
+    /// Creates a handle to the shared state.
     #[must_use]
     pub fn new(shared: Shared) -> Self {
         Self(Arc::new(shared))
@@ -35,28 +35,28 @@ impl std::ops::Deref for AppState {
     }
 }
 
-/// What handlers share.
+/// State that the request handlers share.
 #[derive(Debug)]
 pub struct Shared {
-    /// What use cases share.
+    /// State that the use cases share.
     pub app: Arc<App>,
-    /// Memory for request bodies.
+    /// Memory budget for request bodies.
     pub bodies: Arc<Semaphore>,
-    /// Requests with an `Idempotency-Key` that are being carried out.
+    /// Requests with an `Idempotency-Key` that are in progress.
     pub in_flight: Arc<InFlight>,
-    /// Documents that were made.
+    /// Cache of documents.
     pub documents: Documents,
-    /// Places for those who follow events.
+    /// Slots for event streams.
     pub event_streams: Arc<Places>,
-    /// Reveals of epochs that are settled, as they are sent.
+    /// Cache of the reveals of settled epochs, as they are sent.
     pub reveals: Cache<String, Bytes>,
-    /// Reads events for all who follow them.
+    /// Feed that reads new events once for all streams.
     pub event_feed: EventFeed,
-    /// Counts requests.
+    /// Rate limiter for requests.
     pub rates: Arc<Rates>,
-    /// Whether the database could be written and read lately.
+    /// Latest result of probing the database.
     pub readiness: Readiness,
-    /// Renders the metrics.
+    /// Renderer of the Prometheus metrics.
     pub metrics: PrometheusHandle,
     /// The OpenAPI document, as JSON.
     pub openapi: Arc<str>,

@@ -1,4 +1,4 @@
-//! What boards are made of: results of finished runs and what people did to their rows, read from where a reader left off.
+//! Data of boards: results of finished runs and actions of operators on their rows, read incrementally.
 
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row as _, SqliteConnection};
@@ -11,68 +11,69 @@ use plumbline_engine::grading::outcomes::Outcomes;
 use plumbline_engine::grading::standings::Finished;
 use plumbline_engine::tasks::Task;
 
-/// How far a reader has read.
+/// Position up to which a reader has read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Read {
-    /// The last result.
+    /// Number of the last result.
     pub result: i64,
-    /// The last action.
+    /// Number of the last action.
     pub action: i64,
-    /// The last run that was begun.
+    /// Number of the last run that was begun.
     pub run: i64,
 }
 
-/// What was done to a row of a board.
+/// Action on a row of a board.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ActionRow {
-    /// Its number.
+    /// Number of the action; increases with each action.
     pub id: i64,
-    /// The run.
+    /// Identifier of the run.
     pub run_id: String,
     /// `hide`, `restore` or `regrade`.
     pub action: String,
-    /// Who did it.
+    /// Name of the person who acted.
     pub actor: String,
-    /// Why.
+    /// Reason that the actor gave.
     pub reason: String,
-    /// When.
+    /// Time of the action, in milliseconds since 1970.
     pub at_ms: i64,
 }
 
 from_row!(ActionRow { id, run_id, action, actor, reason, at_ms });
 
-/// What is new since a reader left off.
+/// Changes of a board since a reader's last position.
 #[derive(Debug, Default)]
 pub struct News {
-    /// Results, in order.
+    /// New results, in order.
     pub results: Vec<Finished>,
-    /// Actions, in order.
+    /// New actions, in order.
     pub actions: Vec<ActionRow>,
-    /// Agents of the runs that were begun.
+    /// Agents of the runs that were begun, one entry per run.
     pub begun: Vec<String>,
-    /// How far this goes.
+    /// Position after these changes.
     pub read: Read,
 }
 
-/// What came of acting on a row.
+/// Outcome of an action on a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Acted {
-    /// It is done.
+    /// The action was carried out.
     Done,
-    /// The row is so already.
+    /// The row already was in this state.
     Already,
     /// There is no such finished run.
     NoSuchRow,
 }
 
 impl Store {
-    /// What is new on the board of a suite with these tasks.
+    /// Returns what is new on the board of a suite with these tasks.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn board_news(&self, suite_id: &str, tasks: &[Task], read: Read) -> StoreResult<News> {
         let mut connection = self.readers.acquire().await?;
-        // From what is new to its runs, never from all runs of the suite: the plus keeps the planner from their index.
+        // Start from the new rows, never from all runs of the suite: the unary plus keeps the planner off the index on
+        // suite_id.
         let rows = sqlx::query(
             "SELECT s.id, s.run_id, r.agent, r.finished_at_ms, s.since_ms, s.summary, s.outcomes, r.owner, r.provenance,
                     s.fingerprint
@@ -87,9 +88,9 @@ impl Store {
             news.read.result = row.try_get(0)?;
             match read_result(&mut connection, row, tasks).await {
                 Ok(result) => news.results.push(result),
-                // One damaged row must not take the board down.
+                // A damaged row must not take the board down.
                 Err(StoreError::Corrupt { table, detail }) => {
-                    tracing::error!(table, detail, "a finished run does not read back, and is not on its board");
+                    tracing::error!(table, detail, "a finished run cannot be read and is missing from its board");
                     metrics::counter!("plumbline_corrupt_rows_total").increment(1);
                 }
                 Err(error) => return Err(error),
@@ -115,10 +116,10 @@ impl Store {
         Ok(news)
     }
 
-    /// Hides a finished run from its board, or shows it again, for all to see who did it and why.
+    /// Hides a finished run from its board, or restores it, and records publicly who did it and why.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn act_on_row(
         &self,
         run_id: &str,
@@ -152,7 +153,7 @@ impl Store {
     }
 }
 
-/// Writes down what was done to a row.
+/// Records an action on a row.
 pub(super) async fn enter_action(
     tx: &mut SqliteConnection,
     run_id: &str,
@@ -172,7 +173,7 @@ pub(super) async fn enter_action(
     Ok(())
 }
 
-/// Writes down what a run came to, from now on.
+/// Records the result of a run, valid from now on.
 pub(super) async fn enter_result(
     tx: &mut SqliteConnection,
     run_id: &str,
@@ -199,7 +200,7 @@ async fn read_result(connection: &mut SqliteConnection, row: &SqliteRow, tasks: 
     let outcomes = match stored {
         Some(bytes) => Outcomes::from_bytes(bytes, tasks.len())
             .ok_or_else(|| StoreError::corrupt("results", format!("outcomes of {run_id}")))?,
-        // Of a run that finished before outcomes were kept.
+        // The run finished before outcomes were stored.
         None => Outcomes::of(tasks, &problems_of(connection, &run_id).await?, &[]),
     };
     let sketch: Option<&[u8]> = row.try_get(9)?;

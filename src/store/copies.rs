@@ -1,4 +1,4 @@
-//! Copies of the whole database: backup while the service runs, and restore.
+//! Copies of the whole database: backup while the service runs, and inspection of a copy.
 
 use std::path::Path;
 
@@ -7,33 +7,33 @@ use sqlx::{ConnectOptions as _, Connection as _, SqliteConnection};
 
 use super::{StoreError, StoreResult};
 
-/// How many rows a copy holds.
+/// Number of rows in a copy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Contents {
-    /// Runs.
+    /// Number of runs.
     pub runs: i64,
-    /// Submissions.
+    /// Number of submissions.
     pub submissions: i64,
-    /// Reports.
+    /// Number of reports.
     pub reports: i64,
 }
 
-/// Writes a consistent copy of a database to a file that must not exist. The service may go on meanwhile.
+/// Writes a consistent copy of a database to a file that must not exist. The service may keep running.
 ///
 /// # Errors
-/// Where the database cannot be read or the copy not be written.
+/// Returns an error if the database cannot be read or the copy cannot be written.
 pub async fn copy(database: &Path, file: &Path) -> StoreResult<()> {
     let mut connection = read_only(database).await?;
-    // One read transaction: writers go on, and the copy shows one moment.
+    // A single read transaction: writers can continue, and the copy is a consistent snapshot.
     sqlx::query("VACUUM INTO $1").bind(file.to_string_lossy().into_owned()).execute(&mut connection).await?;
     connection.close().await?;
     Ok(())
 }
 
-/// Looks through a copy: whole, and of this program.
+/// Checks that a copy is intact and belongs to this program.
 ///
 /// # Errors
-/// Where it is damaged or another program's.
+/// Returns an error if it is damaged or belongs to another program.
 pub async fn inspect(file: &Path) -> StoreResult<Contents> {
     let mut connection = read_only(file).await?;
     let found: String = sqlx::query_scalar("PRAGMA integrity_check").fetch_one(&mut connection).await?;
@@ -57,7 +57,7 @@ pub async fn inspect(file: &Path) -> StoreResult<Contents> {
     Ok(Contents { runs, submissions, reports })
 }
 
-/// Opens a file that is only read.
+/// Opens a file read-only.
 pub(super) async fn read_only(file: &Path) -> StoreResult<SqliteConnection> {
     Ok(SqliteConnectOptions::new().filename(file).read_only(true).connect().await?)
 }

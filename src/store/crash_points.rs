@@ -1,7 +1,8 @@
-//! Moments at which a test has the process killed: before and after each commit. Nothing in a release build.
+//! Crash points at which a test has the process killed: before and after each commit. They do nothing in a release
+//! build.
 
-/// Ends the process with SIGKILL where the environment asks for it at this moment, as in
-/// `PLUMBLINE_TEST_KILL="before record"`; with a number in the end, when it comes by for that time.
+/// Kills the process with SIGKILL if the environment asks for it at this crash point, as in
+/// `PLUMBLINE_TEST_KILL="before record"`. A number at the end means the nth time that the point is reached.
 #[cfg(debug_assertions)]
 pub(super) fn pass(side: &str, what: &str) {
     use std::sync::LazyLock;
@@ -15,11 +16,11 @@ pub(super) fn pass(side: &str, what: &str) {
     static SEEN: AtomicU64 = AtomicU64::new(0);
     let Some((moment, time)) = &*ASKED else { return };
     if *moment == format!("{side} {what}") && SEEN.fetch_add(1, Ordering::Relaxed) + 1 == *time {
-        // Should it fail, the test sees that the process lives.
+        // If killing fails, the test sees that the process is still alive.
         let _ = rustix::process::kill_process(rustix::process::getpid(), rustix::process::Signal::KILL);
     }
 }
 
-/// Nothing.
+/// Does nothing in a release build.
 #[cfg(not(debug_assertions))]
 pub(super) const fn pass(_side: &str, _what: &str) {}

@@ -1,4 +1,4 @@
-//! Entries to an epoch: registered before anything is seen, finalized once, complete when all answers are graded.
+//! Entries to an epoch: registered before any instance is issued, finalized once, complete when all answers are graded.
 
 use sqlx::{Row as _, SqliteConnection};
 
@@ -10,46 +10,46 @@ use plumbline_engine::hidden::evidence::{CompletedFact, Fact};
 use plumbline_engine::hidden::feedback::{Outcome, Tier, released_bits};
 use plumbline_engine::hidden::receipts::Signer;
 
-/// A stored entry.
+/// Row of an entry.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EntryRow {
-    /// Its id.
+    /// Identifier of the entry.
     pub id: String,
-    /// Its epoch.
+    /// Identifier of its epoch.
     pub epoch_id: String,
-    /// Who registered it; empty where the service was open to everybody.
+    /// Owner who registered it; empty if the service was open to everyone.
     pub owner: String,
-    /// Who is evaluated.
+    /// Name of the agent under evaluation.
     pub agent: String,
-    /// SHA-256 of the configuration.
+    /// SHA-256 of the agent's configuration, in hex.
     pub configuration_hash: String,
-    /// Its tier.
+    /// Tier of the entry.
     pub tier: Tier,
-    /// Runs registered.
+    /// Number of registered runs.
     pub runs: i64,
-    /// When it was registered.
+    /// Time of registration, in milliseconds since 1970.
     pub registered_at_ms: i64,
-    /// When it was finalized.
+    /// Time at which the entrant finalized it.
     pub finalized_at_ms: Option<i64>,
-    /// When all answers were graded after that.
+    /// Time at which it was completed: finalized, and all answers graded.
     pub completed_at_ms: Option<i64>,
 }
 
-/// What a board needs of an instance.
+/// Outcome of an instance, as boards need it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[expect(clippy::struct_excessive_bools, reason = "a row, as the query gives it")]
 pub struct BoardOutcome {
-    /// Its entry.
+    /// Identifier of the entry.
     pub entry_id: String,
-    /// The instance's salt.
+    /// Salt of the instance.
     pub salt: String,
-    /// Whether its answer passes.
+    /// Whether the answer passes.
     pub passes: bool,
-    /// Whether it has one.
+    /// Whether the instance has an answer.
     pub is_answered: bool,
-    /// Whether a transcript was promised with it.
+    /// Whether the entrant promised a transcript with the answer.
     pub has_transcript: bool,
-    /// Whether that was shown.
+    /// Whether the promised transcript was shown.
     pub is_checked: bool,
 }
 
@@ -83,13 +83,13 @@ fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<EntryRow> {
     })
 }
 
-/// The entry as the transaction sees it.
+/// Reads an entry within the transaction.
 pub(super) async fn entry_in(tx: &mut SqliteConnection, id: &str) -> StoreResult<Option<EntryRow>> {
     let row = sqlx::query(select_entry!("WHERE id = $1")).bind(id).fetch_optional(tx).await?;
     row.as_ref().map(read).transpose()
 }
 
-/// An owner's entries to a tier, in the order in which they were registered.
+/// Reads an owner's entries to a tier within the transaction, in order of registration.
 pub(super) async fn own_entries_in(
     tx: &mut SqliteConnection,
     epoch_id: &str,
@@ -106,7 +106,7 @@ pub(super) async fn own_entries_in(
     rows.iter().map(read).collect()
 }
 
-/// What grading found of each instance of an entry, in the order of issue.
+/// Returns the outcome of each instance of an entry, in order of issue.
 async fn outcomes_in(connection: &mut SqliteConnection, entry_id: &str) -> StoreResult<Vec<Outcome>> {
     let rows: Vec<(String, Option<String>)> = sqlx::query_as(
         "SELECT i.id, r.scores FROM instances i
@@ -125,8 +125,8 @@ async fn outcomes_in(connection: &mut SqliteConnection, entry_id: &str) -> Store
     rows.into_iter().map(outcome).collect()
 }
 
-/// Ends an entry that was finalized and all of whose answers are graded, and counts what its owner is told; an epoch that has
-/// told enough is closed.
+/// Completes a finalized entry whose answers are all graded, and counts the bits released to its owner. Closes the
+/// epoch if its budget of released information is spent.
 pub(super) async fn complete_if_graded(
     tx: &mut SqliteConnection,
     signer: &Signer,
@@ -135,7 +135,8 @@ pub(super) async fn complete_if_graded(
 ) -> StoreResult<()> {
     let Some(entry) = entry_in(tx, entry_id).await? else { return Ok(()) };
     let Some(epoch) = epoch_in(tx, &entry.epoch_id).await? else { return Ok(()) };
-    // What a failure of ours ended may be answered again until the epoch is over; then it has failed.
+    // An answer whose grading failed on our side may be given again until the epoch is over; after that it counts as
+    // failed.
     let (answered, ungraded): (i64, i64) = sqlx::query_as(
         "SELECT COUNT(*), COALESCE(SUM(s.state != 'graded' AND NOT ($2 AND s.state = 'grader_error')), 0)
          FROM instances i JOIN submissions s ON s.instance_id = i.id AND s.superseded = 0 WHERE i.entry_id = $1",
@@ -173,8 +174,8 @@ pub(super) async fn complete_if_graded(
     Ok(())
 }
 
-/// Charges the answers of an entry that were graded, and gives back the others: when the entry ends and not before, so that the
-/// ledger does not tell when an answer was graded or how.
+/// Charges the graded answers of an entry and refunds the others. This happens only when the entry is completed, so
+/// that the ledger does not reveal when an answer was graded, or how.
 async fn settle_quota(tx: &mut SqliteConnection, entry_id: &str, now_ms: i64) -> StoreResult<()> {
     let rows: Vec<(String, String, bool)> = sqlx::query_as(
         "SELECT s.id, s.owner, s.state = 'graded'
@@ -194,19 +195,19 @@ async fn settle_quota(tx: &mut SqliteConnection, entry_id: &str, now_ms: i64) ->
 }
 
 impl Store {
-    /// The entry with this id.
+    /// Returns the entry with this identifier.
     ///
     /// # Errors
-    /// Where the database fails or the row does not read back.
+    /// Returns an error if the database fails or the row cannot be read.
     pub async fn entry(&self, id: &str) -> StoreResult<Option<EntryRow>> {
         let row = sqlx::query(select_entry!("WHERE id = $1")).bind(id).fetch_optional(&self.readers).await?;
         row.as_ref().map(read).transpose()
     }
 
-    /// The entries of an epoch, in the order in which they were registered.
+    /// Returns the entries of an epoch, in order of registration.
     ///
     /// # Errors
-    /// Where the database fails or a row does not read back.
+    /// Returns an error if the database fails or a row cannot be read.
     pub async fn entries(&self, epoch_id: &str) -> StoreResult<Vec<EntryRow>> {
         let rows = sqlx::query(select_entry!("WHERE epoch_id = $1 ORDER BY registered_at_ms, id"))
             .bind(epoch_id)
@@ -215,11 +216,12 @@ impl Store {
         rows.iter().map(read).collect()
     }
 
-    /// Says that no more answers will come. False where that was said before, or there is no such entry. The entry is complete once
-    /// its answers are graded and [`Store::publish_hidden`] looks next, so that nobody sees which of both took how long.
+    /// Finalizes an entry: no more answers are accepted. Returns false if it was finalized before or does not exist. It
+    /// is completed by the next [`Store::publish_hidden`] after its answers are graded, so that nobody can tell how
+    /// long either took.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn finalize_entry(&self, id: &str, now_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
         let finalized =
@@ -233,18 +235,19 @@ impl Store {
         Ok(finalized > 0)
     }
 
-    /// What grading found of an entry's instances, in the order of issue; those of runs that were never drawn are missing.
+    /// Returns the outcomes of an entry's instances, in order of issue. Instances of runs that were never drawn are
+    /// missing.
     ///
     /// # Errors
-    /// Where the database fails or scores do not read back.
+    /// Returns an error if the database fails or scores cannot be read.
     pub async fn outcomes_of_entry(&self, id: &str) -> StoreResult<Vec<Outcome>> {
         outcomes_in(&mut *self.readers.acquire().await?, id).await
     }
 
-    /// What boards need of the instances of a tier's complete entries, in the order of issue.
+    /// Returns the outcomes of the instances of a tier's complete entries for boards, in order of issue.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn board_outcomes(&self, epoch_id: &str, tier: Tier) -> StoreResult<Vec<BoardOutcome>> {
         Ok(sqlx::query_as(
             "SELECT e.id AS entry_id, i.salt, COALESCE(r.overall, 0) AS passes, s.id IS NOT NULL AS is_answered,
@@ -261,11 +264,11 @@ impl Store {
         .await?)
     }
 
-    /// Completes the entries that are finalized and whose answers are graded, and enters the receipts that wait into the public log, all
-    /// at once.
+    /// Completes the finalized entries whose answers are graded, and publishes the pending receipts in the log, in one
+    /// transaction.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn publish_hidden(&self, now_ms: i64) -> StoreResult<()> {
         const WAITING: &str =
             "SELECT id FROM entries WHERE finalized_at_ms IS NOT NULL AND completed_at_ms IS NULL ORDER BY id";

@@ -1,4 +1,4 @@
-//! Epochs: what was promised, and when they are over.
+//! Epochs: their commitments, and when they are over.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -9,23 +9,24 @@ use super::secrets::EpochSecret;
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::hidden::commitment::{Commitment, Rules};
 
-/// Suite under which answers to hidden instances are kept; it has no tasks of its own, so no catalogue lists it.
+/// Suite under which answers to hidden instances are stored. It has no tasks of its own, so no catalogue lists it.
 pub const HIDDEN_SUITE: &str = "hidden@1";
 
-/// What was decided about an epoch beside its commitment.
+/// Rules of an epoch, as stored in its row next to the commitment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EpochRules {
-    /// How long an instance may be answered.
+    /// Time allowed to answer an instance, in milliseconds.
     pub instance_ms: i64,
-    /// Entries of an owner to the dev tier.
+    /// Number of entries that an owner may register in the dev tier.
     pub dev_entries: i64,
-    /// Entries of an owner to the official tier.
+    /// Number of entries that an owner may register in the official tier.
     pub official_entries: i64,
-    /// Bits that may be released before it closes.
+    /// Bits that may be released before the epoch closes.
     pub budget_bits: f64,
-    /// Runs that one owner may hold, drawn or reserved; none for epochs made before there was such a rule.
+    /// Number of runs that one owner may hold, drawn or reserved; none for epochs that are older than this rule.
     pub owner_runs: Option<i64>,
-    /// How long a run that is not drawn keeps its part of the pool; none: to the end.
+    /// Time for which a run that is not drawn keeps its reservation in the pool, in milliseconds; if none, until the
+    /// epoch ends.
     pub reservation_ms: Option<i64>,
 }
 
@@ -42,43 +43,43 @@ impl From<&Rules> for EpochRules {
     }
 }
 
-/// A stored epoch.
+/// Row of an epoch.
 #[derive(Debug, Clone)]
 pub struct EpochRow {
-    /// What it promised.
+    /// Published commitment.
     pub commitment: Commitment,
-    /// What was decided beside.
+    /// Rules of the epoch.
     pub rules: EpochRules,
     /// Bits released so far.
     pub released_bits: f64,
-    /// When it was made.
+    /// Time of creation, in milliseconds since 1970.
     pub created_at_ms: i64,
-    /// When it was closed, and why; what is closed stays so, whatever clocks say.
+    /// Time and reason of closing; a closed epoch stays closed, whatever the clock says.
     pub closed: Option<(i64, String)>,
-    /// When it was settled: all its answers graded, all its receipts entered.
+    /// Time at which it was settled: all answers graded, all receipts published.
     pub settled_at_ms: Option<i64>,
 }
 
 impl EpochRow {
-    /// Its name.
+    /// Returns the name of the epoch.
     #[must_use]
     pub fn id(&self) -> &str {
         &self.commitment.epoch
     }
 
-    /// Whether it is over, at its time or before.
+    /// Returns whether it is over, on time or closed early.
     #[must_use]
     pub fn is_over(&self, now_ms: i64) -> bool {
         self.closed.is_some() || now_ms >= self.commitment.closes_at_ms
     }
 
-    /// Whether it takes entries and issues instances.
+    /// Returns whether it accepts entries and issues instances.
     #[must_use]
     pub fn is_open(&self, now_ms: i64) -> bool {
         now_ms >= self.commitment.opens_at_ms && !self.is_over(now_ms)
     }
 
-    /// `committed`, `open` or `closed`.
+    /// Returns the state: `committed`, `open` or `closed`.
     #[must_use]
     pub fn state(&self, now_ms: i64) -> &'static str {
         match (self.is_over(now_ms), self.is_open(now_ms)) {
@@ -89,7 +90,7 @@ impl EpochRow {
     }
 }
 
-/// What epochs draw from, read once.
+/// Cache of the secrets that epochs draw from.
 #[derive(Debug, Default)]
 pub(super) struct SecretsRead(Mutex<HashMap<String, Arc<EpochSecret>>>);
 
@@ -123,13 +124,13 @@ fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<EpochRow> {
     })
 }
 
-/// The epoch as the transaction sees it.
+/// Reads an epoch within the transaction.
 pub(super) async fn epoch_in(tx: &mut SqliteConnection, id: &str) -> StoreResult<Option<EpochRow>> {
     let row = sqlx::query(select_epoch!("WHERE id = $1")).bind(id).fetch_optional(tx).await?;
     row.as_ref().map(read).transpose()
 }
 
-/// Makes an epoch whose time has passed stay closed, whatever clocks say later.
+/// Marks an epoch whose time has passed as closed, so that it stays closed whatever the clock says later.
 pub(super) async fn seal_in(tx: &mut SqliteConnection, id: &str) -> StoreResult<()> {
     sqlx::query(
         "UPDATE epochs SET closed_at_ms = closes_at_ms, closed_reason = 'its time is over'
@@ -141,7 +142,7 @@ pub(super) async fn seal_in(tx: &mut SqliteConnection, id: &str) -> StoreResult<
     Ok(())
 }
 
-/// Closes an epoch that is not closed yet.
+/// Closes an epoch that is neither closed nor past its time; returns whether it did.
 pub(super) async fn close_in(tx: &mut SqliteConnection, id: &str, reason: &str, now_ms: i64) -> StoreResult<bool> {
     let closed = sqlx::query(
         "UPDATE epochs SET closed_at_ms = $2, closed_reason = $3 WHERE id = $1 AND closed_at_ms IS NULL AND closes_at_ms > $2",
@@ -155,11 +156,11 @@ pub(super) async fn close_in(tx: &mut SqliteConnection, id: &str, reason: &str, 
 }
 
 impl Store {
-    /// Announces an epoch: keeps what it draws from beside the database first, then stores its commitment. False where one of
-    /// this name is there.
+    /// Announces an epoch: first saves its secret to a file beside the database, then stores its commitment. Returns
+    /// false if an epoch of this name exists.
     ///
     /// # Errors
-    /// Where a file or the database fails.
+    /// Returns an error if a file or the database fails.
     pub async fn create_epoch(
         &self,
         commitment: &Commitment,
@@ -202,28 +203,28 @@ impl Store {
         Ok(true)
     }
 
-    /// The epoch of this name.
+    /// Returns the epoch of this name.
     ///
     /// # Errors
-    /// Where the database fails or the row does not read back.
+    /// Returns an error if the database fails or the row cannot be read.
     pub async fn epoch(&self, id: &str) -> StoreResult<Option<EpochRow>> {
         let row = sqlx::query(select_epoch!("WHERE id = $1")).bind(id).fetch_optional(&self.readers).await?;
         row.as_ref().map(read).transpose()
     }
 
-    /// All epochs, the last to open first.
+    /// Returns all epochs, the last to open first.
     ///
     /// # Errors
-    /// Where the database fails or a row does not read back.
+    /// Returns an error if the database fails or a row cannot be read.
     pub async fn epochs(&self) -> StoreResult<Vec<EpochRow>> {
         let rows = sqlx::query(select_epoch!("ORDER BY opens_at_ms DESC, id")).fetch_all(&self.readers).await?;
         rows.iter().map(read).collect()
     }
 
-    /// Closes an epoch before its time. False where it is over.
+    /// Closes an epoch before its time. Returns false if it is over already.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn close_epoch(&self, id: &str, reason: &str, now_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
         let is_closed = close_in(&mut tx, id, reason, now_ms).await?;
@@ -231,10 +232,11 @@ impl Store {
         Ok(is_closed)
     }
 
-    /// What an epoch draws from. Where that is lost, the epoch is closed, with the reason for all to read, and there is none.
+    /// Returns the secret that an epoch draws from. If the secret is lost, closes the epoch with a public reason and
+    /// returns none.
     ///
     /// # Errors
-    /// Where the database or the file fails.
+    /// Returns an error if the database or the file fails.
     pub async fn epoch_secret(&self, epoch: &EpochRow, now_ms: i64) -> StoreResult<Option<Arc<EpochSecret>>> {
         let held = || self.secrets_read.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(secret) = held().get(epoch.id()) {
@@ -255,7 +257,7 @@ impl Store {
     }
 }
 
-/// Why an epoch without its key is closed.
+/// Reason for closing an epoch whose key is lost.
 pub const LOST_KEY: &str = "the key was lost, or is not the one committed to: nothing can be drawn or revealed";
-/// Why an epoch that told enough is closed.
+/// Reason for closing an epoch whose budget of released information is spent.
 pub const BUDGET_SPENT: &str = "the budget of released information is spent";

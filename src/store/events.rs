@@ -1,46 +1,46 @@
-//! Events: the ends of submissions and runs, in the order in which they became durable.
+//! Events: ends of submissions and runs, in the order in which they became durable.
 
 use sqlx::{QueryBuilder, SqliteConnection};
 
 use super::rows::from_row;
 use super::{Store, StoreResult};
 
-/// Something ended.
+/// End of a submission or a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EventRow {
-    /// Place among all events; grows.
+    /// Number of the event; increases with each event.
     pub id: i64,
-    /// When.
+    /// Time of the event, in milliseconds since 1970.
     pub at_ms: i64,
-    /// The run, where there is one.
+    /// Identifier of the run, if there is one.
     pub run_id: Option<String>,
-    /// The submission; none where it is the run that ended.
+    /// Identifier of the submission; none if a run ended.
     pub submission_id: Option<String>,
-    /// The state in which it ended.
+    /// State in which it ended.
     pub state: String,
     /// Verdict of a graded submission.
     pub overall: Option<bool>,
-    /// `name@version` of the suite of submission or run.
+    /// `name@version` of the suite of the submission or run.
     pub suite_id: Option<String>,
-    /// Number of the submission's task in it.
+    /// Number of the submission's task in the suite.
     pub task_number: Option<i64>,
 }
 
 from_row!(EventRow { id, at_ms, run_id, submission_id, state, overall, suite_id, task_number });
 
-/// Which events.
+/// Selection of events.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum EventsOf {
-    /// All.
+    /// All events.
     Everything,
-    /// Of a run and its submissions.
+    /// Events of a run and its submissions.
     Run(String),
-    /// Of a submission.
+    /// Events of a submission.
     Submission(String),
 }
 
 impl EventsOf {
-    /// Whether an event is among them.
+    /// Returns whether an event is in the selection.
     #[must_use]
     pub fn has(&self, row: &EventRow) -> bool {
         match self {
@@ -51,7 +51,7 @@ impl EventsOf {
     }
 }
 
-/// An event to write.
+/// Event to store.
 #[derive(Debug)]
 pub(super) struct NewEvent<'a> {
     pub run_id: Option<&'a str>,
@@ -60,7 +60,7 @@ pub(super) struct NewEvent<'a> {
     pub overall: Option<bool>,
 }
 
-/// Writes events.
+/// Stores events.
 pub(super) async fn enter(tx: &mut SqliteConnection, events: &[NewEvent<'_>], now_ms: i64) -> StoreResult<()> {
     let mut query = QueryBuilder::new("INSERT INTO events (at_ms, run_id, submission_id, state, overall) ");
     query.push_values(events, |mut row, event| {
@@ -75,10 +75,10 @@ pub(super) async fn enter(tx: &mut SqliteConnection, events: &[NewEvent<'_>], no
 }
 
 impl Store {
-    /// Events after `after`, in order, at most `limit`.
+    /// Returns at most `limit` events after number `after`, in order.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn events(&self, of: &EventsOf, after: i64, limit: i64) -> StoreResult<Vec<EventRow>> {
         let mut query =
             QueryBuilder::new(
@@ -101,10 +101,10 @@ impl Store {
         Ok(query.build_query_as().fetch_all(&self.readers).await?)
     }
 
-    /// The last event; 0 where there is none.
+    /// Returns the number of the last event; 0 if there is none.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn last_event(&self) -> StoreResult<i64> {
         Ok(sqlx::query_scalar("SELECT COALESCE(MAX(id), 0) FROM events").fetch_one(&self.readers).await?)
     }

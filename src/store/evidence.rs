@@ -1,4 +1,5 @@
-//! Evidence of hidden evaluation: receipts that are signed in the transaction of what they state, and wait for their publication.
+//! Evidence of hidden evaluation: receipts that are signed in the same transaction as the fact they state, and
+//! published later.
 
 use serde_json::Value;
 use sqlx::SqliteConnection;
@@ -12,10 +13,10 @@ use plumbline_engine::hidden::evidence::{Fact, GivenReceipt, receipt};
 use plumbline_engine::hidden::receipts::{Signed, Signer};
 use plumbline_engine::tasks::hex;
 
-/// Receipts that one statement enters.
+/// Number of receipts that one statement inserts.
 const AT_ONCE: usize = 500;
 
-/// Signs a fact and keeps its receipt for the log.
+/// Signs a fact and stores its receipt for later publication.
 pub(super) async fn witness(
     tx: &mut SqliteConnection,
     signer: &Signer,
@@ -28,7 +29,7 @@ pub(super) async fn witness(
     Ok(GivenReceipt::of(receipt, &signed))
 }
 
-/// Keeps a receipt of an epoch for the log; `of` is the submission and attempt of a grade.
+/// Stores a receipt of an epoch for later publication; `of` is the submission and attempt of a grade.
 pub(super) async fn keep(
     tx: &mut SqliteConnection,
     epoch_id: &str,
@@ -51,7 +52,7 @@ pub(super) async fn keep(
     Ok(())
 }
 
-/// How many receipts an epoch has, entered or waiting.
+/// Counts the receipts of an epoch, published or pending.
 pub(super) async fn count_of(tx: &mut SqliteConnection, epoch_id: &str) -> StoreResult<u64> {
     let count: i64 = sqlx::query_scalar(
         "SELECT (SELECT COUNT(*) FROM receipts WHERE epoch_id = $1) + (SELECT COUNT(*) FROM pending_receipts WHERE epoch_id = $1)",
@@ -74,7 +75,8 @@ struct Pending {
 
 from_row!(Pending { epoch_id, submission_id, attempt, body, hash, signature, public_key });
 
-/// Enters what waits into the log, of one epoch or of all. The order is that of the hashes, which tells nothing.
+/// Publishes the pending receipts of one epoch, or of all, in the log. They are ordered by hash, so that the order
+/// reveals nothing.
 pub(super) async fn publish(tx: &mut SqliteConnection, epoch_id: Option<&str>) -> StoreResult<()> {
     let pending: Vec<Pending> = sqlx::query_as(
         "SELECT epoch_id, submission_id, attempt, body, hash, signature, public_key FROM pending_receipts
@@ -106,7 +108,7 @@ pub(super) async fn publish(tx: &mut SqliteConnection, epoch_id: Option<&str>) -
 }
 
 impl Store {
-    /// Whether receipts wait to be entered.
+    /// Returns whether receipts are pending.
     pub(super) async fn has_pending_receipts(&self) -> StoreResult<bool> {
         const WAITING: &str = "SELECT EXISTS (SELECT 1 FROM pending_receipts)";
         Ok(sqlx::query_scalar(WAITING).fetch_one(&self.readers).await?)

@@ -1,7 +1,7 @@
-//! Group commit: submissions that arrive at the same time become durable together, at the price of one flush.
+//! Group commit: submissions that arrive at the same time become durable together, at the cost of one flush.
 //!
-//! Each request keeps its own fate: where it is refused, or the database fails on it, the others are stored all the same.
-//! Its answer goes out only after the commit.
+//! Requests are independent: if one is refused, or the database fails on it, the others are still stored. The answer
+//! goes out only after the commit.
 
 use std::sync::Arc;
 
@@ -12,12 +12,12 @@ use super::idempotency::{Before, Once};
 use super::submissions::{Acceptability, Accepted, Decide, NewSubmission, accept_one};
 use super::{StoreError, StoreResult, commit};
 
-/// Requests that one transaction takes at most: with more, the first would wait long for the last.
+/// Maximum number of requests in one transaction; with more, the first would wait long for the last.
 const MAX_GROUP: usize = 128;
-/// Requests that wait to be taken; beyond it callers wait to hand theirs over.
+/// Capacity of the queue; when it is full, callers wait to enqueue their requests.
 const WAITING: usize = 1_024;
 
-/// The submissions of one request, all to be stored or none.
+/// Submissions of one request, of which all are stored or none.
 #[derive(Debug)]
 pub(super) struct Acceptance {
     submissions: Arc<[NewSubmission]>,
@@ -27,12 +27,12 @@ pub(super) struct Acceptance {
     answer: oneshot::Sender<StoreResult<Acceptability>>,
 }
 
-/// Hands requests to the task that stores them.
+/// Handle that sends requests to the task that stores them.
 #[derive(Debug, Clone)]
 pub(super) struct Acceptances(mpsc::Sender<Acceptance>);
 
 impl Acceptances {
-    /// Starts the task. It ends with the last handle.
+    /// Starts the task. It ends when the last handle is dropped.
     pub fn start(writer: SqlitePool, queued: Arc<Notify>) -> Self {
         let (sender, mut receiver) = mpsc::channel(WAITING);
         tokio::spawn(async move {
@@ -65,12 +65,12 @@ async fn store(writer: &SqlitePool, group: Vec<Acceptance>) {
     match together(writer, &group).await {
         Ok(answers) => {
             for (request, answers) in group.into_iter().zip(answers) {
-                // A client that has left needs no answer.
+                // The client may be gone.
                 let _ = request.answer.send(Ok(answers));
             }
         }
         Err(_) if group.len() > 1 => {
-            // One of them failed, and took the others along: each alone.
+            // One request failed the whole group: store each on its own.
             for request in group {
                 let alone = together(writer, std::slice::from_ref(&request)).await;
                 let _ = request
@@ -86,12 +86,12 @@ async fn store(writer: &SqlitePool, group: Vec<Acceptance>) {
     }
 }
 
-/// Stores the requests in one transaction. A request that is refused leaves nothing behind.
+/// Stores the requests in one transaction. A refused request leaves no trace.
 async fn together(writer: &SqlitePool, group: &[Acceptance]) -> StoreResult<Vec<Acceptability>> {
     let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
     let mut all = Vec::with_capacity(group.len());
     for request in group {
-        // A single submission that is refused has written nothing.
+        // A single submission that is refused has written nothing, so it needs no savepoint.
         if let ([only], None) = (&*request.submissions, &request.once) {
             let answer = accept_one(&mut tx, only, request.decide, request.now_ms).await?;
             all.push(Acceptability::Decided(vec![answer]));
@@ -110,8 +110,8 @@ async fn together(writer: &SqlitePool, group: &[Acceptance]) -> StoreResult<Vec<
     Ok(all)
 }
 
-/// Stores the submissions of one request, and what it came to where it shall be carried out once. Says whether that is to
-/// stay.
+/// Stores the submissions of one request, and its result if the request has an idempotency key. Returns whether to keep
+/// the changes.
 async fn store_request(tx: &mut SqliteConnection, request: &Acceptance) -> StoreResult<(Acceptability, bool)> {
     if let Some(once) = &request.once {
         match once.before(tx, request.now_ms).await? {

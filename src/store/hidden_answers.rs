@@ -1,4 +1,4 @@
-//! Answers to hidden instances: one log each, taken once.
+//! Answers to hidden instances: one log each, accepted once.
 
 use super::entries::entry_in;
 use super::epochs::epoch_in;
@@ -8,30 +8,31 @@ use super::submissions::{Accepted, Decide, NewSubmission, accept_instead};
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::hidden::evidence::{AnswerFact, Fact};
 
-/// What came of an answer.
+/// Outcome of posting an answer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Answered {
-    /// It is stored and queued; with its receipt, as JSON.
+    /// The answer is stored and queued; holds its receipt as JSON.
     New(String),
-    /// The same log answered it before; with the receipt of then.
+    /// The instance was already answered with the same log; holds the receipt of that answer.
     Same(Option<String>),
-    /// The same log answered it before, with another transcript promised or none.
+    /// The instance was already answered with the same log, but with a different promised transcript or none; holds the
+    /// stored hash.
     OtherTranscript(Option<String>),
-    /// Another log answered it.
+    /// The instance was already answered with a different log.
     Other,
-    /// It was to be answered until a time that has passed.
+    /// The time to answer the instance has passed.
     Expired,
-    /// The entry is finalized, or its epoch over.
+    /// The entry is finalized, or its epoch is over.
     Closed,
     /// The owner's quota is used up.
     QuotaUsedUp,
 }
 
 impl Store {
-    /// Stores the answer to an instance: one log, once. The same log again is the same answer.
+    /// Stores the answer to an instance: one log, once. The same log again counts as the same answer.
     ///
     /// # Errors
-    /// Where the database fails; nothing is stored then.
+    /// Returns an error if the database fails; then nothing is stored.
     pub async fn answer_instance(
         &self,
         instance_id: &str,
@@ -54,13 +55,13 @@ impl Store {
             Some(_) if transcript_hash.is_some() && transcript_hash != instance.transcript_hash.as_deref() => {
                 return Ok(Answered::OtherTranscript(instance.transcript_hash));
             }
-            // What a failure of ours ended is graded again where the same log comes again.
+            // An answer whose grading failed on our side is graded again if the same log is posted again.
             Some((_, _, state, receipt)) if state != "grader_error" => return Ok(Answered::Same(receipt.clone())),
             _ => {}
         }
         let entry = entry_in(&mut tx, &instance.entry_id).await?;
         let epoch = epoch_in(&mut tx, &instance.epoch_id).await?;
-        // What is complete may have been revealed, and stays as it is.
+        // A complete entry may have been revealed, so it must not change.
         if entry.as_ref().is_none_or(|entry| entry.completed_at_ms.is_some()) {
             return Ok(Answered::Closed);
         }
@@ -76,7 +77,8 @@ impl Store {
         if let Some((id, _, _, _)) = &before {
             sqlx::query("UPDATE submissions SET superseded = 1 WHERE id = $1").bind(id).execute(&mut *tx).await?;
         }
-        // What is graded again has its unit already; that it needs none more tells nobody that grading failed.
+        // An answer that is graded again is charged already; charging it no further does not reveal that grading
+        // failed.
         let earlier = before.as_ref().map(|(id, _, _, _)| id.as_str());
         if accept_instead(&mut tx, new, earlier, decide, now_ms).await? == Accepted::QuotaUsedUp {
             return Ok(Answered::QuotaUsedUp);
@@ -86,7 +88,7 @@ impl Store {
             .bind(instance_id)
             .execute(&mut *tx)
             .await?;
-        // What is graded again after a failure of ours looks like any answer that is repeated.
+        // An answer that is graded again after a failure of ours looks like any repeated answer.
         if let Some((_, _, _, receipt)) = before {
             commit(tx, "answer_instance").await?;
             self.queued.notify_waiters();

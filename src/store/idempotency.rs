@@ -1,36 +1,36 @@
-//! Requests that are carried out once however often they come: what they came to is kept with their effect.
+//! Idempotent requests: carried out once, however often they are sent. Their result is stored with their effect.
 
 use sqlx::SqliteConnection;
 
 use super::StoreResult;
 
-/// How long a key is remembered.
+/// Time for which a key is remembered, in milliseconds.
 pub const KEPT_MS: i64 = 24 * 60 * 60 * 1_000;
 
-/// Names a request that shall be carried out once.
+/// Identifies a request that must be carried out only once.
 #[derive(Debug, Clone)]
 pub struct Once {
-    /// Owner of the key that was used; empty where the service is open.
+    /// Owner of the API key that was used; empty if the service is open.
     pub owner: String,
-    /// The client's `Idempotency-Key`.
+    /// Value of the client's `Idempotency-Key`.
     pub key: String,
-    /// SHA-256 over operation and body, in hex.
+    /// SHA-256 of operation and body, in hex.
     pub body_hash: String,
 }
 
-/// What is known of a request.
+/// Earlier use of an idempotency key.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Before {
-    /// It is new.
+    /// The key was not used before.
     Never,
-    /// It was carried out, and came to this.
+    /// The request was carried out; holds its result.
     Done(String),
-    /// Its key was used for another request.
+    /// The key was used for a different request.
     OtherBody,
 }
 
 impl Once {
-    /// What is known of the request, as the transaction sees it.
+    /// Looks up earlier use of the key, within the transaction.
     pub(super) async fn before(&self, tx: &mut SqliteConnection, now_ms: i64) -> StoreResult<Before> {
         let found: Option<(String, String)> = sqlx::query_as(
             "SELECT body_hash, result FROM idempotency WHERE owner = $1 AND key = $2 AND created_at_ms > $3",
@@ -47,7 +47,7 @@ impl Once {
         })
     }
 
-    /// Keeps what the request came to; forgets what is too old.
+    /// Stores the result of the request, and deletes results that are too old.
     pub(super) async fn keep(&self, tx: &mut SqliteConnection, result: &str, now_ms: i64) -> StoreResult<()> {
         sqlx::query("DELETE FROM idempotency WHERE created_at_ms <= $1")
             .bind(now_ms - KEPT_MS)

@@ -1,4 +1,4 @@
-//! Instances: specifications issued to entries, each answered once.
+//! Instances: specifications issued to entries, each answered at most once.
 
 use std::collections::HashSet;
 
@@ -14,57 +14,57 @@ use plumbline_engine::hidden::evidence::{DrawFact, Fact, TranscriptFact};
 use plumbline_engine::hidden::issue::{Draw, leaf};
 use plumbline_engine::tasks::{Task, hex};
 
-/// A stored instance with its answer's state.
+/// Row of an instance, with its answer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct InstanceRow {
-    /// Its id.
+    /// Identifier of the instance.
     pub id: String,
-    /// The entry that it belongs to.
+    /// Identifier of its entry.
     pub entry_id: String,
-    /// Its epoch.
+    /// Identifier of its epoch.
     pub epoch_id: String,
-    /// Its place in the order of issue, from 1.
+    /// Position in the order of issue, from 1.
     pub ordinal: i64,
-    /// Run of the entry, from 1.
+    /// Number of the run within the entry, from 1.
     pub run: u32,
-    /// The family: hidden until the epoch is over.
+    /// Family of the task; secret until the epoch is over.
     pub family: String,
-    /// Which of the family's instances in the run.
+    /// Index among the family's instances in the run.
     pub family_index: u32,
-    /// The entrant's nonce.
+    /// Nonce that the entrant chose for the run.
     pub nonce: String,
-    /// The specification issued: hidden until the epoch is over.
+    /// Leaf of the specification in the pool; secret until the epoch is over.
     pub leaf: u32,
-    /// Hash of its task: hidden until the epoch is over.
+    /// Hash of its task; secret until the epoch is over.
     pub task_hash: String,
-    /// When it was issued.
+    /// Time of issue, in milliseconds since 1970.
     pub issued_at_ms: i64,
-    /// Until when it may be answered.
+    /// Time until which it may be answered.
     pub expires_at_ms: i64,
-    /// What was promised of the agent's transcript.
+    /// SHA-256 of the transcript that the entrant promised to show.
     pub transcript_hash: Option<String>,
-    /// When a transcript with that hash was shown.
+    /// Time at which a transcript with that hash was shown.
     pub transcript_checked_ms: Option<i64>,
-    /// The submission that answered it.
+    /// Identifier of the submission that answered it.
     pub submission_id: Option<String>,
     /// Hash of the log that answered it.
     pub log_hash: Option<String>,
 }
 
-/// What came of a draw.
+/// Outcome of drawing a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Issued {
     /// The instances of the run.
     Instances(Vec<InstanceRow>),
-    /// The run was drawn with another nonce.
+    /// The run was drawn before, with a different nonce.
     OtherNonce,
-    /// The entry was not registered for so many runs.
+    /// The entry has no run of this number.
     NoSuchRun,
-    /// The entry is finalized, or its epoch not open.
+    /// The entry is finalized, or its epoch is not open.
     Closed,
-    /// The pool has no room left for a run whose reservation has ended.
+    /// The reservation of the run has ended, and the pool has no room left for it.
     Exhausted,
-    /// The owner holds as many runs as one owner may, and the reservation of this one has ended.
+    /// The reservation of the run has ended, and the owner holds the maximum number of runs, which is given.
     ShareUsedUp(i64),
 }
 
@@ -101,7 +101,7 @@ fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<InstanceRow> {
     })
 }
 
-/// The instance as the transaction sees it.
+/// Reads an instance within the transaction.
 pub(super) async fn instance_in(tx: &mut SqliteConnection, id: &str) -> StoreResult<InstanceRow> {
     read(&sqlx::query(select_instance!("WHERE i.id = $1")).bind(id).fetch_one(tx).await?)
 }
@@ -116,10 +116,10 @@ async fn of_run(tx: &mut SqliteConnection, entry_id: &str, run: u32) -> StoreRes
 }
 
 impl Store {
-    /// Issues the instances of an entry's run, or gives them again where the same nonce drew them.
+    /// Issues the instances of an entry's run, or returns the issued ones if the same nonce drew them.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn issue_instances(
         &self,
         entry_id: &str,
@@ -205,19 +205,19 @@ impl Store {
         Ok(Issued::Instances(instances))
     }
 
-    /// The instance with this id.
+    /// Returns the instance with this identifier.
     ///
     /// # Errors
-    /// Where the database fails or the row does not read back.
+    /// Returns an error if the database fails or the row cannot be read.
     pub async fn instance(&self, id: &str) -> StoreResult<Option<InstanceRow>> {
         let row = sqlx::query(select_instance!("WHERE i.id = $1")).bind(id).fetch_optional(&self.readers).await?;
         row.as_ref().map(read).transpose()
     }
 
-    /// The instances of an entry, in the order of issue.
+    /// Returns the instances of an entry, in order of issue.
     ///
     /// # Errors
-    /// Where the database fails or a row does not read back.
+    /// Returns an error if the database fails or a row cannot be read.
     pub async fn instances_of_entry(&self, entry_id: &str) -> StoreResult<Vec<InstanceRow>> {
         let rows = sqlx::query(select_instance!("WHERE i.entry_id = $1 ORDER BY i.ordinal"))
             .bind(entry_id)
@@ -226,10 +226,10 @@ impl Store {
         rows.iter().map(read).collect()
     }
 
-    /// All instances of an epoch, in the order of issue.
+    /// Returns all instances of an epoch, in order of issue.
     ///
     /// # Errors
-    /// Where the database fails or a row does not read back.
+    /// Returns an error if the database fails or a row cannot be read.
     pub async fn instances_of_epoch(&self, epoch_id: &str) -> StoreResult<Vec<InstanceRow>> {
         let rows = sqlx::query(select_instance!("WHERE i.epoch_id = $1 ORDER BY i.ordinal"))
             .bind(epoch_id)
@@ -238,20 +238,21 @@ impl Store {
         rows.iter().map(read).collect()
     }
 
-    /// The task with this hash, of any suite.
+    /// Returns the task with this hash, of any suite.
     ///
     /// # Errors
-    /// Where the database fails or it does not read back.
+    /// Returns an error if the database fails, or if the task does not exist or cannot be read.
     pub async fn task(&self, hash: &str) -> StoreResult<Task> {
         let body: String =
             sqlx::query_scalar("SELECT body FROM tasks WHERE hash = $1").bind(hash).fetch_one(&self.readers).await?;
         serde_json::from_str(&body).map_err(|error| StoreError::corrupt("tasks", error))
     }
 
-    /// Notes that the transcript was shown that was promised. False where the epoch is over: what is revealed stays.
+    /// Records that the promised transcript was shown. Returns false if the epoch is over, because a reveal must not
+    /// change.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn note_transcript(&self, instance_id: &str, now_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
         let instance = instance_in(&mut tx, instance_id).await?;
@@ -274,10 +275,11 @@ impl Store {
         Ok(true)
     }
 
-    /// Answers of an epoch after an instance's place in the order of issue: place, instance, and the log as canonical JSON.
+    /// Returns at most `limit` answers of an epoch after position `after` in the order of issue: position, instance,
+    /// and log as canonical JSON.
     ///
     /// # Errors
-    /// Where the database fails or a log does not read back.
+    /// Returns an error if the database fails or a log cannot be read.
     pub async fn answers(&self, epoch_id: &str, after: i64, limit: i64) -> StoreResult<Vec<(i64, String, Vec<u8>)>> {
         let rows: Vec<(i64, String, Vec<u8>)> = sqlx::query_as(
             "SELECT i.ordinal, i.id, s.log FROM instances i JOIN submissions s ON s.instance_id = i.id AND s.superseded = 0
@@ -292,10 +294,10 @@ impl Store {
         rows.into_iter().map(unpack).collect()
     }
 
-    /// How many instances of an epoch are answered, and by how many entries of each tier it was entered.
+    /// Counts the issued and answered instances of an epoch, and its entries in each tier.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn epoch_counts(&self, epoch_id: &str) -> StoreResult<EpochCounts> {
         let (issued, answered, dev, official): (i64, i64, i64, i64) = sqlx::query_as(
             "SELECT (SELECT COUNT(*) FROM instances WHERE epoch_id = $1),
@@ -311,20 +313,20 @@ impl Store {
     }
 }
 
-/// What an epoch has come to so far.
+/// Counts of an epoch so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EpochCounts {
-    /// Instances issued.
+    /// Number of issued instances.
     pub issued: i64,
-    /// Instances answered.
+    /// Number of answered instances.
     pub answered: i64,
-    /// Entries of the dev tier.
+    /// Number of entries in the dev tier.
     pub dev: i64,
-    /// Entries of the official tier.
+    /// Number of entries in the official tier.
     pub official: i64,
 }
 
-/// Keeps a task under its hash.
+/// Stores a task under its hash, and returns the hash.
 async fn put_task(tx: &mut SqliteConnection, task: &Task) -> StoreResult<String> {
     let hash = task.content_hash();
     let body = serde_json::to_string(task).map_err(|error| StoreError::corrupt("tasks", error))?;

@@ -1,4 +1,4 @@
-//! How jobs end without a report: cancelled, failed, given up.
+//! Ends of jobs without a report: cancelled, failed, or given up.
 
 use sqlx::SqliteConnection;
 
@@ -13,7 +13,7 @@ use super::submissions::SubmissionState;
 use plumbline_engine::hidden::evidence::{Fact, FailureFact};
 use plumbline_engine::hidden::receipts::Signer;
 
-/// Ends the submission of a job whose attempts are used up.
+/// Ends the submission of a job that has no attempts left.
 pub(super) async fn give_up(
     tx: &mut SqliteConnection,
     signer: &Signer,
@@ -30,7 +30,7 @@ pub(super) async fn give_up(
     end.record(tx, signer, &why, &suite_id, now_ms).await
 }
 
-/// The end of a submission without a report.
+/// End of a submission without a report.
 pub(super) struct End<'a> {
     pub submission_id: &'a str,
     pub run_id: Option<&'a str>,
@@ -38,8 +38,8 @@ pub(super) struct End<'a> {
 }
 
 impl End<'_> {
-    /// Sets the state, drops the job, moves the run's counters, and ends the run where this was the last;
-    /// whether it did.
+    /// Sets the state, deletes the job, updates the run's counters, and ends the run if this was its last submission.
+    /// Returns whether the run ended.
     pub async fn record(
         &self,
         tx: &mut SqliteConnection,
@@ -57,7 +57,7 @@ impl End<'_> {
         .bind(now_ms)
         .fetch_one(&mut *tx)
         .await?;
-        // Of hidden instances the ledger is settled when their entry ends.
+        // The quota for hidden instances is settled when their entry is completed.
         if let Some(owner) = owner.filter(|_| instance.is_none()) {
             quota::refund(tx, &owner, self.submission_id, why, now_ms).await?;
         }
@@ -69,7 +69,7 @@ impl End<'_> {
         };
         match instance {
             None => events::enter(tx, &[ended], now_ms).await?,
-            // Of hidden instances nobody is told before the epoch is over.
+            // The end of a hidden instance is not announced before the epoch is over.
             Some(instance) => {
                 let epoch_id: String = sqlx::query_scalar("SELECT epoch_id FROM instances WHERE id = $1")
                     .bind(&instance)

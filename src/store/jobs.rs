@@ -1,7 +1,8 @@
-//! Jobs: submissions that wait for a grade, and the leases under which workers hold them.
+//! Jobs: submissions that wait to be graded, and the leases under which workers hold them.
 //!
-//! The attempt number fences: what a worker brings back counts only while its attempt is the job's. A lease that runs
-//! out is taken again; after [`MAX_ATTEMPTS`] the submission ends as `grader_error`, visibly.
+//! The attempt number is a fencing token: the result of a worker counts only while the job still has its attempt
+//! number. When a lease expires, the job is taken again; after [`MAX_ATTEMPTS`] attempts the submission visibly ends as
+//! `grader_error`.
 
 use std::collections::HashMap;
 
@@ -15,37 +16,37 @@ use crate::clock::now_ms;
 use plumbline_engine::tasks::Task;
 use plumbline_engine::voxel::BlockLog;
 
-/// Attempts before a submission ends as `grader_error`.
+/// Maximum number of attempts; after that a submission ends as `grader_error`.
 pub const MAX_ATTEMPTS: i64 = 3;
 
-/// A job that a worker holds.
+/// Job that a worker holds.
 #[derive(Debug, Clone)]
 pub struct Claim {
-    /// The submission to grade.
+    /// Identifier of the submission to grade.
     pub submission_id: String,
-    /// The fencing token.
+    /// Number of the attempt, which is the fencing token.
     pub attempt: i64,
-    /// The run it belongs to.
+    /// Identifier of the run that the submission belongs to.
     pub run_id: Option<String>,
     /// `name@version` of the task's suite.
     pub suite_id: String,
-    /// Number of the task in it.
+    /// Number of the task in the suite.
     pub task_number: u32,
-    /// Who posted it.
+    /// Owner of the submission.
     pub owner: Option<String>,
-    /// Hash of its log.
+    /// SHA-256 of the log, in hex.
     pub log_hash: String,
-    /// Of an answer to a hidden instance: what nobody is shown yet.
+    /// Data of the hidden instance, if the submission answers one; it is still secret.
     pub hidden: Option<HiddenJob>,
     log: Vec<u8>,
 }
 
-/// What a job needs beside the suites' tasks to grade the answer to a hidden instance.
+/// Data that grading the answer to a hidden instance needs, because no suite has its task.
 #[derive(Debug, Clone)]
 pub struct HiddenJob {
-    /// The instance.
+    /// Identifier of the instance.
     pub instance_id: String,
-    /// Its epoch.
+    /// Identifier of its epoch.
     pub epoch_id: String,
     /// Salt of its receipt.
     pub salt: String,
@@ -54,10 +55,10 @@ pub struct HiddenJob {
 }
 
 impl HiddenJob {
-    /// The task with its hash.
+    /// Returns the task with its hash.
     ///
     /// # Errors
-    /// Where it does not read back.
+    /// Returns an error if the task cannot be read.
     pub fn read_task(&self) -> StoreResult<(Task, &str)> {
         let task = serde_json::from_str(&self.task).map_err(|error| StoreError::corrupt("tasks", error))?;
         Ok((task, &self.task_hash))
@@ -65,34 +66,35 @@ impl HiddenJob {
 }
 
 impl Claim {
-    /// The log.
+    /// Returns the log.
     ///
     /// # Errors
-    /// Where the stored bytes do not read back.
+    /// Returns an error if the stored bytes cannot be read.
     pub fn read_log(&self) -> StoreResult<BlockLog> {
         let json = decompress("submissions", &self.log)?;
         BlockLog::from_canonical_json(&json).map_err(|error| StoreError::corrupt("submissions", error))
     }
 }
 
-/// What came of looking for work.
+/// Outcome of looking for work.
 #[derive(Debug)]
 pub enum Claimed {
-    /// Jobs to do: one, or several that are quick.
+    /// Jobs to grade: one job, or several quick ones.
     Jobs(Vec<Claim>),
-    /// A job whose attempts were used up; its submission ended as `grader_error`. There may be more work.
+    /// A job had no attempts left, and its submission ended as `grader_error`. There may be more work.
     GivenUp,
-    /// Nothing to do now.
+    /// There is nothing to do now.
     Nothing,
 }
 
 impl Store {
-    /// Takes the job whose turn it is, of those that are free or whose lease has run out, from the first of these lanes that has one,
-    /// under a lease of `lease_ms` from the moment that this transaction has the database to itself. Where it is quick and was never
-    /// begun, up to `most` such jobs come with it; one that was begun before comes alone, so that what ails it befalls no other.
+    /// Takes the next job that is free or whose lease has expired, from the first of these lanes that has one, under a
+    /// lease of `lease_ms` that begins once this transaction has the write lock. If the job is quick and was never
+    /// begun, takes up to `most` such jobs at once. A job that was begun before is taken alone, so that a fault in it
+    /// cannot affect others.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn claim(&self, lanes: &[Lane], lease_ms: i64, most: usize) -> StoreResult<Claimed> {
         if !self.has_jobs(lanes).await? {
             return Ok(Claimed::Nothing);
@@ -173,10 +175,10 @@ impl Store {
         Ok(Claimed::Jobs(claims))
     }
 
-    /// Extends a lease to `lease_ms` from now. False where the job is no longer this attempt's.
+    /// Extends a lease to `lease_ms` from now. Returns false if the job no longer belongs to this attempt.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn renew(&self, claim: &Claim, lease_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
         let held =
@@ -192,10 +194,10 @@ impl Store {
         Ok(held > 0)
     }
 
-    /// Gives a job back unfinished: at a shutdown the attempt does not count, after a failure it does.
+    /// Gives a job back unfinished. The attempt does not count at a shutdown, but does after a failure.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn give_back(&self, claim: &Claim, attempt_counts: bool) -> StoreResult<()> {
         let mut tx = self.begin().await?;
         let held = sqlx::query(
@@ -217,10 +219,11 @@ impl Store {
         Ok(())
     }
 
-    /// Ends a submission that waits or is being graded, because its owner says so. False where it has ended already.
+    /// Cancels a submission that is queued or being graded, on request of its owner. Returns false if it has ended
+    /// already.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn cancel(&self, submission_id: &str, now_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
         let found: Option<(Option<String>, String)> = sqlx::query_as(
@@ -232,14 +235,15 @@ impl Store {
         .await?;
         let Some((run_id, suite_id)) = found else { return Ok(false) };
         let end = End { submission_id, run_id: run_id.as_deref(), state: SubmissionState::Cancelled };
-        // The job is gone: what a worker brings back of it no longer counts.
+        // The job is gone, so a result that a worker still brings back does not count.
         let has_ended = end.record(&mut tx, &*self.signer()?, "cancelled by its owner", &suite_id, now_ms).await?;
         commit(tx, "cancel").await?;
         self.note_ends(has_ended);
         Ok(true)
     }
 
-    /// Whether a lane has jobs at all, free or not: most looks find none, and need not wait for whoever writes.
+    /// Returns whether one of the lanes has jobs, free or not. Most checks find none, and need not wait for the write
+    /// lock.
     async fn has_jobs(&self, lanes: &[Lane]) -> StoreResult<bool> {
         for lane in lanes {
             let has_one: bool = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM jobs WHERE lane = $1)")
@@ -253,10 +257,10 @@ impl Store {
         Ok(false)
     }
 
-    /// How many jobs come before this one in its lane, up to `most`; none where it does not wait.
+    /// Counts the jobs ahead of this one in its lane, up to `most`; none if it is not waiting.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn jobs_before(&self, submission_id: &str, most: i64) -> StoreResult<Option<i64>> {
         let place: Option<(i64, i64, String)> =
             sqlx::query_as("SELECT turn, queued_at_ms, lane FROM jobs WHERE submission_id = $1 AND lease_until_ms = 0")
@@ -279,10 +283,10 @@ impl Store {
         Ok(Some(before))
     }
 
-    /// Ends a submission without a report, if this attempt still holds it.
+    /// Ends a submission without a report, if this attempt still holds the job.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn fail(&self, claim: &Claim, state: SubmissionState, why: &str, now_ms: i64) -> StoreResult<()> {
         let mut tx = self.begin().await?;
         let mut has_ended = false;
@@ -296,14 +300,15 @@ impl Store {
     }
 }
 
-/// A job that was taken.
+/// Job that was taken.
 struct Taken {
     id: String,
     attempt: i64,
     turn: i64,
 }
 
-/// Takes the first job of a lane that is free or whose lease has run out.
+/// Takes the first job of a lane that is free, whose lease has expired, or whose lease begins in the future, as after a
+/// clock was set back.
 async fn take_first(tx: &mut SqliteConnection, lane: Lane, lease_ms: i64, now_ms: i64) -> StoreResult<Option<Taken>> {
     let taken: Option<(String, i64, i64)> = sqlx::query_as(
         "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $1 + $2, lease_ms = $2
@@ -320,7 +325,7 @@ async fn take_first(tx: &mut SqliteConnection, lane: Lane, lease_ms: i64, now_ms
     Ok(taken.map(|(id, attempt, turn)| Taken { id, attempt, turn }))
 }
 
-/// Adds `(id, id, …)` as bound values.
+/// Appends `(id, id, …)` as bound values.
 pub(super) fn push_ids<'a>(query: &mut QueryBuilder<Sqlite>, ids: impl Iterator<Item = &'a str>) {
     query.push("(");
     let mut list = query.separated(", ");
@@ -330,7 +335,7 @@ pub(super) fn push_ids<'a>(query: &mut QueryBuilder<Sqlite>, ids: impl Iterator<
     query.push(")");
 }
 
-/// Whether the job is still this attempt's.
+/// Returns whether the job still belongs to this attempt.
 pub(super) async fn holds(tx: &mut SqliteConnection, claim: &Claim) -> StoreResult<bool> {
     let attempt: Option<i64> = sqlx::query_scalar("SELECT attempt FROM jobs WHERE submission_id = $1")
         .bind(&claim.submission_id)

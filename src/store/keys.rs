@@ -1,4 +1,4 @@
-//! API keys. The secret of a key is known to its owner alone; its hash is kept.
+//! API keys. Only the owner knows the secret of a key; the database holds its hash.
 
 use sha2::{Digest as _, Sha256};
 use sqlx::SqliteConnection;
@@ -7,20 +7,19 @@ use uuid::Uuid;
 use super::{Store, StoreResult, commit};
 use plumbline_engine::tasks::hex;
 
-/// Live keys that an owner may have: one in use and one to change over to.
+/// Maximum number of live keys of an owner: one in use and one to change over to.
 pub const LIVE_KEYS: i64 = 2;
-/// How often the last use of a key is written at most.
-/// What every key begins with, so that it is known for one wherever it turns up.
+/// Prefix of every key, so that a leaked key is recognizable as one.
 const PREFIX: &str = "plk";
 
-/// What a key allows.
+/// Scope of a key: what it allows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scope {
-    /// Begin runs and post submissions.
+    /// Beginning runs and posting submissions.
     Submit,
-    /// Grade within the request.
+    /// Grading within a request.
     Grade,
-    /// Read; everybody may, as long as reading is public.
+    /// Reading, which needs no key as long as reading is public.
     Read,
     /// Everything.
     Admin,
@@ -30,7 +29,7 @@ impl Scope {
     /// All scopes.
     pub const ALL: [Self; 4] = [Self::Submit, Self::Grade, Self::Read, Self::Admin];
 
-    /// Its name.
+    /// Returns the name of the scope.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -42,47 +41,47 @@ impl Scope {
     }
 }
 
-/// A key as it is kept.
+/// Row of a key.
 #[derive(Debug, Clone)]
 pub struct KeyRow {
-    /// Its public part.
+    /// Public part of the key.
     pub id: String,
-    /// Who uses it.
+    /// Owner of the key.
     pub owner: String,
-    /// What it allows.
+    /// Scopes of the key.
     pub scopes: Vec<Scope>,
-    /// When it was made.
+    /// Time of creation, in milliseconds since 1970.
     pub created_at_ms: i64,
-    /// When it ends.
+    /// Time at which the key expires.
     pub expires_at_ms: Option<i64>,
-    /// When it was revoked.
+    /// Time at which the key was revoked.
     pub revoked_at_ms: Option<i64>,
-    /// When it was last used, to the minute.
+    /// Time of the last use, to the minute.
     pub last_used_at_ms: Option<i64>,
     secret_hash: String,
 }
 
 impl KeyRow {
-    /// Whether it allows something of this scope.
+    /// Returns whether the key allows what needs this scope.
     #[must_use]
     pub fn allows(&self, scope: Scope) -> bool {
         self.scopes.iter().any(|own| *own == scope || *own == Scope::Admin)
     }
 
-    /// Whether it may be used now.
+    /// Returns whether the key may be used now.
     #[must_use]
     pub fn is_live(&self, now_ms: i64) -> bool {
         self.revoked_at_ms.is_none() && self.expires_at_ms.is_none_or(|end| now_ms < end)
     }
 
-    /// Whether this is its secret.
+    /// Returns whether this is the secret of the key.
     #[must_use]
     pub fn has_secret(&self, secret: &str) -> bool {
         self.secret_hash == hash(secret)
     }
 }
 
-/// The public part and the secret of a key as its owner sends it; none where it has not the form of one.
+/// Splits a key, as its owner sends it, into public part and secret; none if it does not have the form of a key.
 #[must_use]
 pub fn parts(key: &str) -> Option<(&str, &str)> {
     key.strip_prefix(PREFIX)?.strip_prefix('_')?.split_once('_')
@@ -117,7 +116,7 @@ macro_rules! select_key {
     };
 }
 
-/// Writes a new key and gives it whole.
+/// Stores a new key, and returns the whole key including its secret.
 async fn enter_key(
     tx: &mut SqliteConnection,
     owner: &str,
@@ -144,10 +143,11 @@ async fn enter_key(
 }
 
 impl Store {
-    /// Makes a key and gives it whole, this once. None where the owner has as many live keys as may be.
+    /// Creates a key and returns it with its secret, which is never shown again. Returns none if the owner has
+    /// [`LIVE_KEYS`] live keys.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn create_key(
         &self,
         owner: &str,
@@ -172,10 +172,11 @@ impl Store {
         Ok(Some(key))
     }
 
-    /// Makes a new key with owner and scopes of another one, which ends at a time. None where the owner has two others.
+    /// Creates a key with the owner and scopes of an old key, which expires at `old_ends_at_ms`. Returns none if there
+    /// is no such key, or if the owner has [`LIVE_KEYS`] other live keys.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn rotate_key(
         &self,
         old_id: &str,
@@ -194,7 +195,7 @@ impl Store {
         .bind(old_id)
         .fetch_one(&mut *tx)
         .await?;
-        // For the time of the overlap there may be one more than otherwise.
+        // During the overlap the owner may have one key more than otherwise.
         if others >= LIVE_KEYS {
             return Ok(None);
         }
@@ -208,30 +209,30 @@ impl Store {
         Ok(Some(key))
     }
 
-    /// The key with this public part.
+    /// Returns the key with this public part.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn key(&self, id: &str) -> StoreResult<Option<KeyRow>> {
         let row: Option<Columns> =
             sqlx::query_as(select_key!("WHERE id = $1")).bind(id).fetch_optional(&self.readers).await?;
         Ok(row.map(read))
     }
 
-    /// All keys, the oldest first.
+    /// Returns all keys, oldest first.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn keys(&self) -> StoreResult<Vec<KeyRow>> {
         let rows: Vec<Columns> =
             sqlx::query_as(select_key!("ORDER BY created_at_ms, id")).fetch_all(&self.readers).await?;
         Ok(rows.into_iter().map(read).collect())
     }
 
-    /// Revokes a key. False where there is none that is not revoked.
+    /// Revokes a key. Returns false if it does not exist or was revoked before.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn revoke_key(&self, id: &str, now_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
         let found = sqlx::query("UPDATE keys SET revoked_at_ms = $2 WHERE id = $1 AND revoked_at_ms IS NULL")
@@ -244,7 +245,7 @@ impl Store {
         Ok(found > 0)
     }
 
-    /// Notes when keys were last used, in one transaction.
+    /// Records when keys were last used, given as public part and time, in one transaction.
     ///
     /// # Errors
     /// Returns an error if the database fails.

@@ -1,4 +1,4 @@
-//! The migrations in the binary: the files of `migrations/` at build time.
+//! Migrations in the binary: the files of `migrations/` at build time.
 
 use std::sync::LazyLock;
 
@@ -10,14 +10,15 @@ use sqlx::migrate::{Migration, MigrationType, Migrator};
 #[folder = "migrations/"]
 struct Files;
 
-/// Brings a database up to date. Versions and descriptions come from the names of the files, such as `0001_initial.sql`.
+/// Migrator that brings a database up to date. Versions and descriptions come from file names such as
+/// `0001_initial.sql`.
 pub(super) static MIGRATOR: LazyLock<Migrator> = LazyLock::new(|| {
     let mut migrations: Vec<Migration> = Files::iter().filter_map(|name| migration(&name)).collect();
     migrations.sort_by_key(|migration| migration.version);
     Migrator { migrations: migrations.into(), ..Migrator::DEFAULT }
 });
 
-/// The migration of a file; none where the file is not one.
+/// Returns the migration in a file; none if the file is not a migration.
 fn migration(name: &str) -> Option<Migration> {
     let (version, description) = name.strip_suffix(".sql")?.split_once('_')?;
     let file = Files::get(name)?;

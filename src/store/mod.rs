@@ -1,7 +1,7 @@
-//! The store: everything that is kept, in one SQLite file. All SQL is in this room, one file per table.
+//! The store: all persistent data, in one SQLite file. This module contains all SQL, in one file per table.
 //!
-//! One connection writes, in one transaction per change of state; a few read. A write is durable before its function
-//! returns (WAL, synchronous=FULL).
+//! One connection writes, in one transaction per change of state; a few others read. A write is durable before its
+//! function returns (WAL, synchronous=FULL).
 
 pub mod boards;
 pub mod copies;
@@ -55,55 +55,55 @@ use plumbline_engine::hidden::receipts::Signer;
 use plumbline_engine::tasks::catalogue::Catalogue;
 use secrets::Secrets;
 
-/// A write transaction.
+/// Write transaction.
 pub type Tx = Transaction<'static, Sqlite>;
 
-/// Connections that read at the same time.
+/// Number of connections that read.
 const READERS: u32 = 4;
-/// How long a statement waits for another process that writes.
+/// Time for which a statement waits for another process that writes.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// What can go wrong in the store.
+/// Errors of the store.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
-    /// The database refused, failed, or holds something that it should not.
+    /// The database failed, refused a statement, or holds a value that it should not.
     #[error("database: {0}")]
     Database(#[from] sqlx::Error),
-    /// The file's schema could not be brought up to date.
+    /// The schema of the file could not be migrated.
     #[error("migration: {0}")]
     Migration(#[from] sqlx::migrate::MigrateError),
-    /// There is no such file.
-    #[error("there is no database {}; `plumbline serve` makes one, and so does `plumbline migrate --create`", .0.display())]
+    /// The file does not exist.
+    #[error("there is no database {}; `plumbline serve` and `plumbline migrate --create` create one", .0.display())]
     Missing(std::path::PathBuf),
-    /// The file was written by a newer program.
+    /// The file was written by a newer version of the program.
     #[error(
-        "the database {} was written by a newer plumbline (schema {found}, this one knows up to {known}): use that program, \
-         or a backup from before",
+        "the database {} was written by a newer plumbline (schema {found}, this one knows up to {known}): use the \
+         newer program or an older backup",
         file.display()
     )]
     Newer {
-        /// The file.
+        /// Path of the database file.
         file: std::path::PathBuf,
-        /// Its last migration.
+        /// Version of the file's last migration.
         found: i64,
-        /// The last one of this program.
+        /// Version of this program's last migration.
         known: i64,
     },
-    /// The file's schema is older than this program's.
+    /// The schema of the file is older than that of this program.
     #[error(
-        "the database {} has schema {found}, and this plumbline needs {known}: `plumbline migrate` brings it up to date \
-         (with --dry-run it only says what it would do), and so does `plumbline serve`",
+        "the database {} has schema {found}, but this plumbline needs {known}: `plumbline migrate` brings it up to \
+         date (with --dry-run it only shows what it would do), and so does `plumbline serve`",
         file.display()
     )]
     Older {
-        /// The file.
+        /// Path of the database file.
         file: std::path::PathBuf,
-        /// Its last migration.
+        /// Version of the file's last migration.
         found: i64,
-        /// The last one of this program.
+        /// Version of this program's last migration.
         known: i64,
     },
-    /// The library that the program was built with is too old.
+    /// The SQLite library that the program was built with is too old.
     #[error("SQLite {0} may corrupt a database with a write-ahead log; 3.51.3 or newer is needed")]
     OldSqlite(String),
     /// The file is a database of another program.
@@ -112,23 +112,23 @@ pub enum StoreError {
     /// A file of secrets cannot be read or written.
     #[error("{}: {detail}", path.display())]
     Secret {
-        /// The file.
+        /// Path of the file.
         path: std::path::PathBuf,
-        /// What is wrong with it.
+        /// Description of the fault.
         detail: String,
     },
-    /// A stored row does not read back as what was written.
+    /// A stored row cannot be read, or holds invalid data.
     #[error("row of {table}: {detail}")]
     Corrupt {
         /// Table of the row.
         table: &'static str,
-        /// What is wrong with it.
+        /// Description of the fault.
         detail: String,
     },
 }
 
 impl StoreError {
-    /// Whether the database was only busy: the same may succeed in a moment.
+    /// Returns whether the database was only busy, so that the same operation may succeed in a moment.
     #[must_use]
     pub fn is_busy(&self) -> bool {
         match self {
@@ -138,7 +138,7 @@ impl StoreError {
         }
     }
 
-    /// A stored row that does not read back.
+    /// Creates the error for a stored row that cannot be read.
     pub fn corrupt(table: &'static str, detail: impl std::fmt::Display) -> Self {
         Self::Corrupt { table, detail: detail.to_string() }
     }
@@ -165,18 +165,18 @@ pub struct Store {
 }
 
 impl Store {
-    /// Opens the file, creates it where it is missing, and brings its schema up to date.
+    /// Opens the file, creates it if it does not exist, and brings its schema up to date.
     ///
     /// # Errors
-    /// Where the file cannot be opened or migrated; where it was written by a newer program.
+    /// Returns an error if the file cannot be opened or migrated, or was written by a newer program.
     pub async fn open(file: &Path) -> StoreResult<Self> {
         Self::open_as(file, true).await
     }
 
-    /// Opens a file that is there and has the schema of this program. Neither makes nor changes one.
+    /// Opens an existing file that has the schema of this program. Never creates or migrates a file.
     ///
     /// # Errors
-    /// Where there is no such file, its schema is another, or it cannot be opened.
+    /// Returns an error if the file does not exist, has a different schema, or cannot be opened.
     pub async fn open_existing(file: &Path) -> StoreResult<Self> {
         let state = schema::state(file).await?;
         state.must_be_current(file)?;
@@ -194,7 +194,8 @@ impl Store {
         let writer = SqlitePoolOptions::new()
             .max_connections(1)
             .test_before_acquire(false)
-            // A commit or rollback that failed, as on a full disk, leaves a connection that counts as in a transaction for ever.
+            // A failed commit or rollback, as on a full disk, leaves a connection that counts as in a transaction for
+            // ever.
             .before_acquire(|connection, _| {
                 let is_sound = !connection.is_in_transaction();
                 Box::pin(async move { Ok(is_sound) })
@@ -239,7 +240,7 @@ impl Store {
         Ok(store)
     }
 
-    /// Bytes of the file and of its write-ahead log.
+    /// Returns the size of the file and its write-ahead log, in bytes.
     #[must_use]
     pub fn file_bytes(&self) -> u64 {
         let mut log = self.file.as_os_str().to_owned();
@@ -248,16 +249,16 @@ impl Store {
         size(&self.file) + size(Path::new(&log))
     }
 
-    /// Secrets beside the database.
+    /// Returns the secrets in the files beside the database.
     #[must_use]
     pub const fn secrets(&self) -> &Secrets {
         &self.secrets
     }
 
-    /// The key that signs receipts, read or made when it is first needed.
+    /// Returns the key that signs receipts. It is read, or created, when it is first needed.
     ///
     /// # Errors
-    /// Where it cannot be read or made.
+    /// Returns an error if the key cannot be read or created.
     pub fn signer(&self) -> StoreResult<Arc<Signer>> {
         if let Some(signer) = self.signer.get() {
             return Ok(Arc::clone(signer));
@@ -266,34 +267,34 @@ impl Store {
         Ok(Arc::clone(self.signer.get_or_init(|| signer)))
     }
 
-    /// Begins a write transaction; waits for the one before it.
+    /// Begins a write transaction, after waiting for the previous one to end.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn begin(&self) -> StoreResult<Tx> {
         Ok(self.writer.begin_with("BEGIN IMMEDIATE").await?)
     }
 
-    /// Counts the runs that this process has ended: where it has not moved, neither has any board, but for what other
-    /// processes on the same file did.
+    /// Returns the number of changes of boards in this process, such as ended runs. While it is unchanged, only other
+    /// processes on the same file may have changed a board.
     #[must_use]
     pub fn runs_ended(&self) -> u64 {
         self.runs_ended.load(Ordering::Acquire)
     }
 
-    /// Returns what is notified when this process has queued jobs, once that is durable.
+    /// Returns the notifier that fires after this process has durably queued jobs.
     #[must_use]
     pub fn queued(&self) -> &Notify {
         &self.queued
     }
 
-    /// Is notified when submissions have ended in this process.
+    /// Returns the notifier that fires after submissions have ended in this process.
     #[must_use]
     pub fn ends(&self) -> &Notify {
         &self.ends
     }
 
-    /// Says that submissions or runs have ended, once that is durable.
+    /// Announces that submissions or runs have ended. Call it only after the commit.
     fn note_ends(&self, has_run_ended: bool) {
         if has_run_ended {
             self.runs_ended.fetch_add(1, Ordering::AcqRel);
@@ -301,25 +302,25 @@ impl Store {
         self.ends.notify_waiters();
     }
 
-    /// Notes that jobs were graded, for the estimate of how long others wait.
+    /// Records that jobs were graded, for the estimate of waiting times.
     pub fn note_graded(&self, jobs: usize) {
         self.pace.note(jobs);
     }
 
-    /// Seconds between the ends of two jobs, lately; none where none ended lately.
+    /// Returns the recent mean time between the ends of two jobs, in seconds; none if no estimate exists yet.
     #[must_use]
     pub fn seconds_a_job(&self) -> Option<f64> {
         self.pace.seconds_a_job()
     }
 
-    /// Closes all connections, so that the file is whole without its WAL.
+    /// Closes all connections, so that the file is complete without its WAL.
     pub async fn close(&self) {
         self.readers.close().await;
         self.writer.close().await;
     }
 }
 
-/// Commits a transaction; what it is called tells tests where to end the process.
+/// Commits a transaction; `what` names the crash point at which tests can end the process.
 async fn commit(tx: Tx, what: &'static str) -> StoreResult<()> {
     crash_points::pass("before", what);
     tx.commit().await?;
@@ -327,7 +328,7 @@ async fn commit(tx: Tx, what: &'static str) -> StoreResult<()> {
     Ok(())
 }
 
-/// Takes a file of an older program from all but its owner: grades that are not told yet are in it.
+/// Restricts a file of an older program to its owner, because it contains grades that are not public yet.
 fn keep_to_owner(file: &Path) {
     use std::os::unix::fs::PermissionsExt as _;
     for ending in ["", "-wal", "-shm"] {
@@ -343,7 +344,7 @@ fn keep_to_owner(file: &Path) {
     }
 }
 
-/// Refuses an SQLite in which a writer and a checkpoint may corrupt the file (the WAL-reset bug that 3.51.3 mends).
+/// Refuses SQLite versions in which a writer and a checkpoint may corrupt the file (the WAL-reset bug fixed in 3.51.3).
 async fn must_be_sound(pool: &SqlitePool) -> StoreResult<()> {
     const LEAST: [u32; 3] = [3, 51, 3];
     let version: String = sqlx::query_scalar("SELECT sqlite_version()").fetch_one(pool).await?;
@@ -351,7 +352,7 @@ async fn must_be_sound(pool: &SqlitePool) -> StoreResult<()> {
     if parts.as_slice() >= LEAST.as_slice() { Ok(()) } else { Err(StoreError::OldSqlite(version)) }
 }
 
-/// Whether the database has tables, and none of them is ours.
+/// Returns whether the database has tables of which none is ours.
 async fn holds_something_else(pool: &SqlitePool) -> StoreResult<bool> {
     let (tables, ours): (i64, i64) = sqlx::query_as(
         "SELECT COUNT(*), COALESCE(SUM(name = '_sqlx_migrations'), 0) FROM sqlite_master WHERE type = 'table'",
@@ -366,7 +367,7 @@ fn compress(bytes: &[u8]) -> StoreResult<Vec<u8>> {
     zstd::bulk::compress(bytes, 3).map_err(|error| StoreError::corrupt("compression", error))
 }
 
-/// Reads a compressed body back.
+/// Decompresses a stored body.
 fn decompress(table: &'static str, bytes: &[u8]) -> StoreResult<Vec<u8>> {
     zstd::stream::decode_all(bytes).map_err(|error| StoreError::corrupt(table, error))
 }

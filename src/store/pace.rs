@@ -1,21 +1,21 @@
-//! How fast the queue moves: the pace of gradings in this process, for estimates.
+//! Pace of the queue: mean time per graded job in this process, for estimates of waiting times.
 
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Pauses longer than this are idleness and tell nothing of the pace.
+/// Longest pause that counts; a longer one is idleness and says nothing about the pace.
 const IDLE: Duration = Duration::from_secs(5);
-/// Weight of the newest figure.
+/// Weight of the newest value in the moving mean.
 const NEWEST: f64 = 0.1;
 
-/// The pace, as a moving mean.
+/// Pace as an exponential moving mean.
 #[derive(Debug, Default)]
 pub(super) struct Pace {
     state: Mutex<(Option<Instant>, Option<f64>)>,
 }
 
 impl Pace {
-    /// Notes that so many jobs ended now.
+    /// Records that this number of jobs ended now.
     pub fn note(&self, jobs: usize) {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let now = Instant::now();
@@ -26,7 +26,7 @@ impl Pace {
         state.0 = Some(now);
     }
 
-    /// Seconds between the ends of two jobs.
+    /// Returns the mean time between the ends of two jobs, in seconds.
     pub fn seconds_a_job(&self) -> Option<f64> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner).1
     }

@@ -1,26 +1,27 @@
-//! The queue: in which lane a job waits, and when its turn is.
+//! The queue: assigns each job to a lane and a round.
 //!
-//! Owners who wait in a lane take turns. Each owner's jobs have turns one after another, and none comes before the greatest turn of
-//! which a job was taken: so one who comes late is served next, and not after all that another has queued. That greatest turn never
-//! falls, whether the lane is empty or not, and all processes on a database share it.
+//! Owners in a lane are served round-robin: each job has a round (column `turn`), and lower rounds are served first.
+//! Jobs of one owner get consecutive rounds, and none below the greatest round already served in the lane. An owner who
+//! comes late is therefore served next, and not after all jobs that another owner has queued. The greatest round never
+//! decreases, even when the lane is empty, and all processes on a database share it.
 
 use sqlx::SqliteConnection;
 
 use super::StoreResult;
 
-/// A lane of the queue.
+/// Lane of the queue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lane {
-    /// Jobs that take next to no time. A worker is kept for them.
+    /// Jobs that take next to no time. One worker is reserved for them.
     Quick,
-    /// All others.
+    /// All other jobs.
     Long,
-    /// Answers to hidden instances: apart, so that nobody sees how long they take.
+    /// Answers to hidden instances: kept apart, so that nobody can tell how long they take.
     Hidden,
 }
 
 impl Lane {
-    /// Its name in the database.
+    /// Returns the name of the lane in the database.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -31,7 +32,7 @@ impl Lane {
     }
 }
 
-/// A job to enter.
+/// Job to enqueue.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct NewJob<'a> {
     pub submission_id: &'a str,
@@ -39,7 +40,7 @@ pub(super) struct NewJob<'a> {
     pub lane: Lane,
 }
 
-/// Enters a job at its owner's next turn.
+/// Enqueues a job in its owner's next round.
 pub(super) async fn enter(tx: &mut SqliteConnection, job: &NewJob<'_>, now_ms: i64) -> StoreResult<()> {
     sqlx::query(
         "INSERT INTO jobs (submission_id, queued_at_ms, lane, owner, turn)
@@ -56,7 +57,7 @@ pub(super) async fn enter(tx: &mut SqliteConnection, job: &NewJob<'_>, now_ms: i
     Ok(())
 }
 
-/// Notes that a job with this turn was taken.
+/// Records that a job of this round was taken.
 pub(super) async fn note_taken(tx: &mut SqliteConnection, lane: Lane, turn: i64) -> StoreResult<()> {
     sqlx::query("UPDATE lanes SET turn = $2 WHERE name = $1 AND turn < $2")
         .bind(lane.name())
@@ -85,7 +86,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(&folder.path().join("p.db")).await.unwrap();
         let mut tx = store.begin().await.unwrap();
-        // The jobs here belong to no submission; what is looked at is their order.
+        // The jobs here belong to no submission; only their order matters.
         sqlx::query("PRAGMA defer_foreign_keys = ON").execute(&mut *tx).await.unwrap();
         for at in 0..4 {
             enter_for(&mut tx, "a", Lane::Long, at).await;
@@ -97,7 +98,7 @@ mod tests {
         let found = turns(&mut tx).await;
         let wanted = [("a", 0), ("a", 1), ("a", 2), ("a", 3), ("b", 1), ("b", 2), ("c", 0)];
         assert_eq!(found, wanted.map(|(owner, turn)| (owner.to_owned(), turn)));
-        // Whoever comes to an empty lane has no turn before those that were served.
+        // An owner who comes to an empty lane gets no round below those already served.
         sqlx::query("DELETE FROM jobs").execute(&mut *tx).await.unwrap();
         note_taken(&mut tx, Lane::Long, 0).await.unwrap();
         enter_for(&mut tx, "d", Lane::Long, 7).await;

@@ -1,4 +1,5 @@
-//! Quota: what owners may submit, as a ledger. Every row is written in the transaction of what caused it.
+//! Quota: the number of submissions that owners may make, as a ledger. Every row is written in the transaction of its
+//! cause.
 
 use std::collections::BTreeMap;
 
@@ -7,23 +8,23 @@ use sqlx::{QueryBuilder, SqliteConnection};
 use super::rows::from_row;
 use super::{Store, StoreResult, commit};
 
-/// What an owner may submit and has submitted, in submissions.
+/// Quota and use of an owner, in submissions.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct QuotaRow {
-    /// Whose.
+    /// Owner of the quota.
     pub owner: String,
-    /// What was granted in all; none: as much as they like.
+    /// Total granted; none means unlimited.
     pub granted: Option<i64>,
-    /// Waiting or being graded.
+    /// Number of submissions that wait or are being graded.
     pub reserved: i64,
-    /// Graded and released.
+    /// Number of submissions that were graded and whose reports were released.
     pub charged: i64,
-    /// What they had used before the first grant, which begins to count then.
+    /// Number of submissions before the first grant, which do not count against it.
     pub used_before: i64,
 }
 
 impl QuotaRow {
-    /// What they may still submit; none: as much as they like.
+    /// Returns the number of submissions left; none means unlimited.
     #[must_use]
     pub fn left(&self) -> Option<i64> {
         let used = (self.charged + self.reserved - self.used_before).max(0);
@@ -31,20 +32,20 @@ impl QuotaRow {
     }
 }
 
-/// A row of the ledger.
+/// Row of the ledger.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct QuotaEntry {
-    /// Place in the ledger.
+    /// Number of the row; increases with each row.
     pub id: i64,
     /// `grant`, `reserve`, `charge` or `refund`.
     pub kind: String,
-    /// How much.
+    /// Number of submissions.
     pub units: i64,
-    /// The submission; none for a grant.
+    /// Identifier of the submission; none for a grant.
     pub submission_id: Option<String>,
-    /// Why.
+    /// Reason for the row.
     pub reason: String,
-    /// When.
+    /// Time of the row, in milliseconds since 1970.
     pub at_ms: i64,
 }
 
@@ -73,7 +74,7 @@ pub(super) async fn reserve(tx: &mut SqliteConnection, owner: Option<&str>) -> S
     Ok(())
 }
 
-/// Writes down what was reserved, once the submission is stored.
+/// Adds a reservation to the ledger, once the submission is stored.
 pub(super) async fn note_reserved(
     tx: &mut SqliteConnection,
     owner: Option<&str>,
@@ -84,7 +85,7 @@ pub(super) async fn note_reserved(
     enter(tx, "reserve", "accepted", now_ms, &[(owner, submission_id)]).await
 }
 
-/// Makes what a submission has reserved another one's, which takes its place.
+/// Transfers the reservation of a submission to the submission that replaces it.
 pub(super) async fn hand_over(tx: &mut SqliteConnection, from: &str, to: &str) -> StoreResult<()> {
     sqlx::query("UPDATE quota_entries SET submission_id = $2 WHERE submission_id = $1 AND kind = 'reserve'")
         .bind(from)
@@ -94,7 +95,7 @@ pub(super) async fn hand_over(tx: &mut SqliteConnection, from: &str, to: &str) -
     Ok(())
 }
 
-/// Charges for submissions whose reports are released now.
+/// Charges the owners of graded submissions, given as owner and submission, whose reports are released now.
 pub(super) async fn charge(tx: &mut SqliteConnection, graded: &[(&str, &str)], now_ms: i64) -> StoreResult<()> {
     if graded.is_empty() {
         return Ok(());
@@ -113,7 +114,7 @@ pub(super) async fn charge(tx: &mut SqliteConnection, graded: &[(&str, &str)], n
     enter(tx, "charge", "graded, and the report released", now_ms, graded).await
 }
 
-/// Gives back what a submission had reserved that ends with nothing released.
+/// Refunds the reservation of a submission that ends without a released report.
 pub(super) async fn refund(
     tx: &mut SqliteConnection,
     owner: &str,
@@ -121,7 +122,7 @@ pub(super) async fn refund(
     reason: &str,
     now_ms: i64,
 ) -> StoreResult<()> {
-    // What was used before the first grant cannot be more than what is left of it.
+    // Use before the first grant cannot exceed total use.
     sqlx::query(
         "UPDATE quotas SET reserved = reserved - 1, used_before = MAX(0, MIN(used_before, charged + reserved - 1))
          WHERE owner = $1",
@@ -132,7 +133,7 @@ pub(super) async fn refund(
     enter(tx, "refund", reason, now_ms, &[(owner, submission_id)]).await
 }
 
-/// Adds rows of one unit each, by owner and submission.
+/// Adds a row of one unit for each owner and submission.
 async fn enter(
     tx: &mut SqliteConnection,
     kind: &'static str,
@@ -166,10 +167,10 @@ async fn enter_grant(tx: &mut SqliteConnection, owner: &str, units: i64, reason:
 }
 
 impl Store {
-    /// Whether anything is known of an owner: a key, a run, a submission, a quota.
+    /// Returns whether an owner is known: by a key, a run, or a quota, which every submission creates.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn knows_owner(&self, owner: &str) -> StoreResult<bool> {
         let found = sqlx::query_scalar(
             "SELECT EXISTS (SELECT 1 FROM keys WHERE owner = $1) OR EXISTS (SELECT 1 FROM runs WHERE owner = $1)
@@ -178,18 +179,18 @@ impl Store {
         Ok(found.bind(owner).fetch_one(&self.readers).await?)
     }
 
-    /// All owners that have a key.
+    /// Returns all owners that have a key.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn owners(&self) -> StoreResult<Vec<String>> {
         Ok(sqlx::query_scalar("SELECT DISTINCT owner FROM keys ORDER BY owner").fetch_all(&self.readers).await?)
     }
 
-    /// Takes the end off what an owner may submit: from now on as much as they like. False where there is none.
+    /// Lifts the quota of an owner: from now on it is unlimited. Returns false if it was not limited.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn lift_quota(&self, owner: &str, reason: &str, now_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
         let granted: Option<Option<i64>> = sqlx::query_scalar("SELECT granted FROM quotas WHERE owner = $1")
@@ -206,11 +207,11 @@ impl Store {
         Ok(true)
     }
 
-    /// Grants an owner so many submissions more, or fewer where it is negative; with the first grant, what they may submit
-    /// has an end, and what they used before does not count.
+    /// Grants an owner more submissions, or fewer if `units` is negative. The first grant makes the quota limited, and
+    /// earlier use does not count against it.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn grant(&self, owner: &str, units: i64, reason: &str, now_ms: i64) -> StoreResult<QuotaRow> {
         let mut tx = self.begin().await?;
         sqlx::query(
@@ -228,10 +229,10 @@ impl Store {
         self.quota(owner).await
     }
 
-    /// What an owner may submit and has submitted; as much as they like where nothing is known of them.
+    /// Returns quota and use of an owner; unlimited and unused if the owner is unknown.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn quota(&self, owner: &str) -> StoreResult<QuotaRow> {
         let found: Option<(Option<i64>, i64, i64, i64)> =
             sqlx::query_as("SELECT granted, reserved, charged, used_before FROM quotas WHERE owner = $1")
@@ -242,10 +243,10 @@ impl Store {
         Ok(QuotaRow { owner: owner.to_owned(), granted, reserved, charged, used_before })
     }
 
-    /// Rows of an owner's ledger, the newest first, beginning before `before`, at most `limit`.
+    /// Returns at most `limit` rows of an owner's ledger before row `before`, newest first.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn quota_entries(&self, owner: &str, before: i64, limit: i64) -> StoreResult<Vec<QuotaEntry>> {
         let rows = sqlx::query_as(
             "SELECT id, kind, units, submission_id, reason, at_ms FROM quota_entries

@@ -1,21 +1,22 @@
-//! Whether the database can be written and read: asked by `/readyz`.
+//! Readiness probe for `/readyz`: whether the database can be written and read.
 
 use sqlx::AssertSqlSafe;
 
 use super::{Store, StoreResult, commit};
 
 impl Store {
-    /// Writes a row durably, and reads a page of each table.
+    /// Writes a row durably, and reads a row of each table.
     ///
     /// # Errors
-    /// Where either fails: a full disk, a damaged file, another process that holds the database.
+    /// Returns an error if either fails, for example because of a full disk, a damaged file, or another process that
+    /// locks the database.
     pub async fn probe(&self, now_ms: i64) -> StoreResult<()> {
         let tables: Vec<String> =
             sqlx::query_scalar("SELECT name FROM sqlite_schema WHERE type = 'table' AND name NOT LIKE 'sqlite_%'")
                 .fetch_all(&self.readers)
                 .await?;
         for table in tables {
-            // A table cannot be a bound value; its name comes from the schema.
+            // A table name cannot be a bound value; this one comes from the schema.
             let read = format!("SELECT 1 FROM \"{}\" LIMIT 1", table.replace('"', "\"\""));
             sqlx::query(AssertSqlSafe(read)).fetch_optional(&self.readers).await?;
         }

@@ -1,4 +1,4 @@
-//! Receipts: signed by whoever grades, linked to each other in the transaction that stores the report.
+//! Receipts: signed by the grader, and linked to each other in the transaction that stores the report.
 
 use sqlx::{QueryBuilder, Row as _, SqliteConnection};
 
@@ -8,15 +8,15 @@ use plumbline_engine::hidden::canonical::{Hash, unhex};
 use plumbline_engine::hidden::receipts::{FIRST_LINK, ReceiptFile, Signed, Signer, key_change, link};
 use plumbline_engine::tasks::hex;
 
-/// A receipt to enter.
+/// Receipt to append.
 pub(super) struct NewReceipt<'a> {
-    /// The submission and the attempt that graded it; none for a change of the key.
+    /// Submission, and the attempt that graded it; none for other receipts.
     pub of: Option<(&'a str, i64)>,
     pub epoch_id: Option<&'a str>,
     pub signed: &'a Signed,
 }
 
-/// Enters receipts at the end of the log.
+/// Appends receipts to the log.
 pub(super) async fn enter(tx: &mut SqliteConnection, receipts: &[NewReceipt<'_>]) -> StoreResult<()> {
     if receipts.is_empty() {
         return Ok(());
@@ -68,7 +68,8 @@ macro_rules! select_receipt {
     };
 }
 
-/// A receipt as everybody may see it now: of a hidden instance its body and signature only once the epoch is over.
+/// Reads a receipt as the public may see it now: body and signature of a hidden instance's receipt only once its epoch
+/// is over.
 fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<ReceiptFile> {
     let is_released: bool = row.try_get(7)?;
     let body: &str = row.try_get(1)?;
@@ -87,22 +88,23 @@ fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<ReceiptFile> {
 }
 
 impl Store {
-    /// Enters a change of the key that signs receipts, where the last one was signed with another, and gives that one.
+    /// Records a change of the key that signs receipts if the last receipt was signed with another key, and returns
+    /// that key.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn note_receipt_key(&self, signer: &Signer, now_ms: i64) -> StoreResult<Option<String>> {
         const LAST: &str = "SELECT public_key FROM receipts ORDER BY seq DESC LIMIT 1";
         const KEYS: &str = "SELECT DISTINCT public_key FROM (SELECT public_key FROM pending_receipts
                             UNION ALL SELECT public_key FROM (SELECT public_key FROM receipts ORDER BY seq DESC LIMIT 1))";
         let is_other = |last: &String| *last != signer.public_key();
-        // Nearly always there is nothing to write, and a start need not wait for another process that does.
+        // Nearly always there is nothing to write, so the start need not wait for another process that writes.
         let last: Vec<String> = sqlx::query_scalar(KEYS).fetch_all(&self.readers).await?;
         if !last.iter().any(is_other) {
             return Ok(None);
         }
         let mut tx = self.begin().await?;
-        // What was signed with the key before is entered before the change.
+        // Receipts signed with the old key are published before the change.
         publish(&mut tx, None).await?;
         let last: Option<String> = sqlx::query_scalar(LAST).fetch_optional(&mut *tx).await?;
         let Some(before) = last.filter(is_other) else {
@@ -115,10 +117,10 @@ impl Store {
         Ok(Some(before))
     }
 
-    /// Receipts after a place in the log, at most `limit`.
+    /// Returns at most `limit` receipts after number `after` of the log.
     ///
     /// # Errors
-    /// Where the database fails or a row does not read back.
+    /// Returns an error if the database fails or a row cannot be read.
     pub async fn receipts(&self, after: i64, limit: i64) -> StoreResult<Vec<ReceiptFile>> {
         let rows = sqlx::query(select_receipt!("WHERE r.seq > $1 ORDER BY r.seq LIMIT $2"))
             .bind(after)
@@ -128,10 +130,10 @@ impl Store {
         rows.iter().map(read).collect()
     }
 
-    /// The length of the log and its last link.
+    /// Returns the length of the log and its last link.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn log_end(&self) -> StoreResult<(i64, String)> {
         let last: Option<(i64, String)> = sqlx::query_as("SELECT seq, link FROM receipts ORDER BY seq DESC LIMIT 1")
             .fetch_optional(&self.readers)
@@ -139,10 +141,10 @@ impl Store {
         Ok(last.unwrap_or_else(|| (0, hex(&FIRST_LINK))))
     }
 
-    /// The receipts of an epoch, in the order of the log: for those who have made sure that it is over.
+    /// Returns the receipts of an epoch, in the order of the log. Callers must have checked that the epoch is over.
     ///
     /// # Errors
-    /// Where the database fails or a row does not read back.
+    /// Returns an error if the database fails or a row cannot be read.
     pub async fn receipts_of_epoch(&self, epoch_id: &str) -> StoreResult<Vec<ReceiptFile>> {
         let rows = sqlx::query(select_receipt!("WHERE r.epoch_id = $1 ORDER BY r.seq"))
             .bind(epoch_id)
@@ -151,10 +153,10 @@ impl Store {
         rows.iter().map(read).collect()
     }
 
-    /// The receipt of a submission's latest grade.
+    /// Returns the receipt of a submission's latest grade.
     ///
     /// # Errors
-    /// Where the database fails or the row does not read back.
+    /// Returns an error if the database fails or the row cannot be read.
     pub async fn receipt_of(&self, submission_id: &str) -> StoreResult<Option<ReceiptFile>> {
         let row = sqlx::query(select_receipt!("WHERE r.submission_id = $1 ORDER BY r.attempt DESC LIMIT 1"))
             .bind(submission_id)
@@ -163,10 +165,10 @@ impl Store {
         row.as_ref().map(read).transpose()
     }
 
-    /// The public keys that receipts were signed with, the first first.
+    /// Returns the public keys that receipts were signed with, oldest first.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn receipt_keys(&self) -> StoreResult<Vec<String>> {
         Ok(sqlx::query_scalar("SELECT public_key FROM receipts GROUP BY public_key ORDER BY MIN(seq)")
             .fetch_all(&self.readers)

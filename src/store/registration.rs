@@ -1,4 +1,4 @@
-//! Registering an entry: within an owner's entries, its share, and the pool.
+//! Registration of entries: enforces the number of entries per owner, the owner's share, and the size of the pool.
 
 use super::entries::own_entries_in;
 use super::epochs::epoch_in;
@@ -9,45 +9,45 @@ use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::hidden::evidence::{EntryFact, Fact};
 use plumbline_engine::hidden::feedback::Tier;
 
-/// An entry to register.
+/// Entry to register.
 #[derive(Debug, Clone, Copy)]
 pub struct NewEntry<'a> {
-    /// Its id.
+    /// Identifier of the entry.
     pub id: &'a str,
-    /// Its epoch.
+    /// Identifier of its epoch.
     pub epoch_id: &'a str,
-    /// Who registers it.
+    /// Owner who registers it.
     pub owner: &'a str,
-    /// Who is evaluated.
+    /// Name of the agent under evaluation.
     pub agent: &'a str,
-    /// SHA-256 of the configuration.
+    /// SHA-256 of the agent's configuration, in hex.
     pub configuration_hash: &'a str,
-    /// Its tier.
+    /// Tier of the entry.
     pub tier: Tier,
-    /// Runs.
+    /// Number of runs.
     pub runs: u32,
 }
 
-/// What came of registering.
+/// Outcome of a registration.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Registered {
-    /// It is registered.
+    /// The entry is registered.
     New,
-    /// The same request registered it before, under this id.
+    /// The same request registered the entry before, under this identifier.
     Before(String),
-    /// The request's key was used for another one.
+    /// The idempotency key was used for a different request.
     KeyUsedOtherwise,
     /// The epoch is not open.
     NotOpen,
-    /// The owner has as many entries of this tier as are allowed.
+    /// The owner already has the maximum number of entries in this tier, which is given.
     TooMany(i64),
-    /// The epoch has not so many specifications left.
+    /// The epoch does not have enough specifications left.
     PoolUsedUp,
-    /// The owner's official entries are of another agent or configuration, named here.
+    /// The owner's official entries are of a different agent or configuration; holds the name of that agent.
     OtherConfiguration(String),
-    /// Another owner entered this configuration first.
+    /// Another owner registered this configuration first.
     ConfigurationTaken,
-    /// The owner holds as many runs as one owner may.
+    /// The runs would exceed the maximum number that one owner may hold, which is given.
     ShareUsedUp(i64),
 }
 
@@ -55,7 +55,7 @@ impl Store {
     /// Registers an entry.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn register_entry(
         &self,
         new: &NewEntry<'_>,
@@ -90,8 +90,8 @@ impl Store {
         {
             return Ok(Registered::OtherConfiguration(first.agent.clone()));
         }
-        // Who has two names would have twice the attempts with one agent.
-        // Whoever first entered a configuration, in whatever tier, keeps it: its hash may be read on a board.
+        // An owner with two names would have twice the attempts with one agent. The owner who first registered a
+        // configuration, in any tier, keeps it, because its hash may be read on a board.
         let holder: Option<String> = sqlx::query_scalar(
             "SELECT owner FROM entries WHERE epoch_id = $1 AND configuration_hash = $2 ORDER BY registered_at_ms, id LIMIT 1",
         )
@@ -132,10 +132,10 @@ impl Store {
         Ok(Registered::New)
     }
 
-    /// The receipt of an entry's registration, as JSON; none of entries made before there were such.
+    /// Returns the receipt of an entry's registration, as JSON; none for entries that are older than these receipts.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn receipt_of_entry(&self, id: &str) -> StoreResult<Option<String>> {
         let found = sqlx::query_scalar("SELECT receipt FROM entries WHERE id = $1").bind(id);
         Ok(found.fetch_optional(&self.readers).await?.flatten())

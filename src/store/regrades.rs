@@ -1,4 +1,4 @@
-//! Grading again: computed beside what holds, looked at, then applied or discarded as a whole.
+//! Regrades: computed alongside the results in force, reviewed, then applied or discarded as a whole.
 
 use sqlx::{QueryBuilder, Row as _};
 
@@ -12,60 +12,60 @@ use plumbline_engine::grading::ProblemScores;
 use plumbline_engine::tasks::Task;
 use plumbline_engine::voxel::BlockLog;
 
-/// A regrade.
+/// Row of a regrade.
 #[derive(Debug, Clone)]
 pub struct RegradeRow {
-    /// Its id.
+    /// Identifier of the regrade.
     pub id: String,
     /// `name@version` of the suite.
     pub suite_id: String,
-    /// Why.
+    /// Reason for the regrade.
     pub reason: String,
-    /// Who began it.
+    /// Name of the person who began it.
     pub actor: String,
-    /// Version of the checks that graded.
+    /// Version of the checks that it grades with.
     pub checks_version: i64,
     /// `computing`, `ready`, `applied` or `discarded`.
     pub state: String,
-    /// When it was begun.
+    /// Time at which it was begun, in milliseconds since 1970.
     pub created_at_ms: i64,
 }
 
 from_row!(RegradeRow { id, suite_id, reason, actor, checks_version, state, created_at_ms });
 
-/// A graded submission to be graded again.
+/// Graded submission that is to be graded again.
 #[derive(Debug)]
 pub struct ToRegrade {
-    /// Its id.
+    /// Identifier of the submission.
     pub submission_id: String,
-    /// The task's number.
+    /// Number of the task.
     pub task_number: u32,
     log: Vec<u8>,
 }
 
 impl ToRegrade {
-    /// The log.
+    /// Returns the log.
     ///
     /// # Errors
-    /// Where the stored bytes do not read back.
+    /// Returns an error if the stored bytes cannot be read.
     pub fn read_log(&self) -> StoreResult<BlockLog> {
         let json = decompress("submissions", &self.log)?;
         BlockLog::from_canonical_json(&json).map_err(|error| StoreError::corrupt("submissions", error))
     }
 }
 
-/// A submission whose scores change.
+/// Submission whose scores change.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Difference {
-    /// The submission.
+    /// Identifier of the submission.
     pub submission_id: String,
-    /// Its run.
+    /// Identifier of its run.
     pub run_id: Option<String>,
-    /// The task's number.
+    /// Number of the task.
     pub task_number: i64,
-    /// Verdict that holds.
+    /// Verdict in force.
     pub before: bool,
-    /// Verdict of grading again.
+    /// Verdict of the regrade.
     pub after: bool,
 }
 
@@ -75,7 +75,7 @@ impl Store {
     /// Begins a regrade.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn begin_regrade(
         &self,
         id: &str,
@@ -101,10 +101,10 @@ impl Store {
         commit(tx, "begin_regrade").await
     }
 
-    /// All regrades, the latest first.
+    /// Returns all regrades, latest first.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn regrades(&self) -> StoreResult<Vec<RegradeRow>> {
         Ok(sqlx::query_as(
             "SELECT id, suite_id, reason, actor, checks_version, state, created_at_ms FROM regrades
@@ -114,10 +114,11 @@ impl Store {
         .await?)
     }
 
-    /// Graded submissions of a suite after this one, by id, at most `limit`.
+    /// Returns at most `limit` graded submissions of a suite after the one with identifier `after`, in order of
+    /// identifier.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn to_regrade(&self, suite_id: &str, after: &str, limit: i64) -> StoreResult<Vec<ToRegrade>> {
         let rows = sqlx::query(
             "SELECT id, task_number, log FROM submissions
@@ -138,10 +139,10 @@ impl Store {
         rows.iter().map(read).collect()
     }
 
-    /// Keeps what grading again came to, beside what holds.
+    /// Stores reports of a regrade, alongside the reports in force.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn put_regraded(&self, regrade_id: &str, graded: &[(String, PackedReport)]) -> StoreResult<()> {
         if graded.is_empty() {
             return Ok(());
@@ -158,10 +159,10 @@ impl Store {
         commit(tx, "put_regraded").await
     }
 
-    /// Says that a regrade is computed, or is thrown away with all that it computed. False where it is not in such a state.
+    /// Marks a regrade as ready, or discards it with all its reports. Returns false if its state does not allow this.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn end_computing(&self, id: &str, is_kept: bool, now_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
         let update = if is_kept {
@@ -177,10 +178,11 @@ impl Store {
         Ok(found > 0)
     }
 
-    /// How many graded submissions of its suite a regrade has left out, because they were graded meanwhile by other checks.
+    /// Counts the graded submissions of its suite that a regrade has left out, because other checks graded them
+    /// meanwhile.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn left_out(&self, id: &str) -> StoreResult<i64> {
         Ok(sqlx::query_scalar(
             "SELECT COUNT(*) FROM regrades q JOIN submissions s ON s.suite_id = q.suite_id AND s.state = 'graded'
@@ -194,10 +196,10 @@ impl Store {
         .await?)
     }
 
-    /// Submissions whose scores grading again changes.
+    /// Returns the submissions whose scores the regrade changes.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn differences(&self, id: &str) -> StoreResult<Vec<Difference>> {
         Ok(sqlx::query_as(
             "SELECT g.submission_id, s.run_id, s.task_number, r.overall AS before, g.overall AS after
@@ -211,10 +213,10 @@ impl Store {
         .await?)
     }
 
-    /// Scores of a run as they would be, where the regrade changes any of them.
+    /// Returns the scores of a run as they would be after the regrade.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails or scores cannot be read.
     pub async fn regraded_problems(&self, id: &str, run_id: &str) -> StoreResult<Vec<ProblemScores>> {
         let mut connection = self.readers.acquire().await?;
         let mut problems = problems_of(&mut connection, run_id).await?;
@@ -236,11 +238,12 @@ impl Store {
         Ok(problems)
     }
 
-    /// Makes what grading again came to hold, as one switch: new reports beside the old ones where scores change, results of
-    /// the runs that they belong to, and a public entry for each of these. Gives the number of those runs; none where it is not ready.
+    /// Applies a regrade in one transaction: adds new reports next to the old ones where scores change, new results of
+    /// the finished runs that they belong to, and a public action for each of these runs. Returns the number of runs;
+    /// none if the regrade is not ready.
     ///
     /// # Errors
-    /// Where the database fails; nothing is changed then.
+    /// Returns an error if the database fails; then nothing is changed.
     pub async fn apply_regrade(&self, id: &str, tasks: &[Task], now_ms: i64) -> StoreResult<Option<usize>> {
         let mut tx = self.begin().await?;
         let found: Option<(String, String)> =

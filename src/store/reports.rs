@@ -1,4 +1,4 @@
-//! Reports: what grading found. Written once, by the attempt that holds the job.
+//! Reports of gradings, written once by the attempt that holds the job.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -19,22 +19,22 @@ use plumbline_engine::grading::Report;
 use plumbline_engine::grading::fingerprints::Fingerprint;
 use plumbline_engine::hidden::receipts::Signed;
 
-/// A stored report with where it came from.
+/// Row of a report, with its origin.
 #[derive(Debug, Clone)]
 pub struct ReportRow {
     /// The report.
     pub report: Report,
-    /// Attempt that made it.
+    /// Number of the attempt that created it.
     pub attempt: i64,
-    /// Program and version that made it.
+    /// Name and version of the program that created it.
     pub grader: String,
-    /// When.
+    /// Time of grading, in milliseconds since 1970.
     pub graded_at_ms: i64,
-    /// How long grading took, in microseconds.
+    /// Duration of the grading, in microseconds.
     pub grading_us: i64,
 }
 
-/// A report as it is stored. Making it takes time, so it is made where that hinders nobody.
+/// Report as it is stored. Packing takes time, so it is done outside the write transaction.
 #[derive(Debug, Clone)]
 pub struct PackedReport {
     checks_version: i64,
@@ -48,10 +48,10 @@ pub struct PackedReport {
 }
 
 impl PackedReport {
-    /// Of a report that took so many microseconds.
+    /// Packs a report; `grading_us` is the duration of the grading in microseconds.
     ///
     /// # Errors
-    /// Where it cannot be written as JSON or compressed.
+    /// Returns an error if the report cannot be serialized or compressed.
     pub fn of(report: &Report, grading_us: i64) -> StoreResult<Self> {
         let json = |error: serde_json::Error| StoreError::corrupt("reports", error);
         Ok(Self {
@@ -66,14 +66,14 @@ impl PackedReport {
         })
     }
 
-    /// With the fingerprint of the log.
+    /// Adds the fingerprint of the log.
     #[must_use]
     pub fn with_fingerprint(mut self, fingerprint: &Fingerprint) -> Self {
         self.fingerprint = Some(fingerprint.to_bytes());
         self
     }
 
-    /// With its receipt, which is entered in the log with it.
+    /// Adds its receipt, which is stored together with it.
     #[must_use]
     pub fn with_receipt(mut self, receipt: Signed) -> Self {
         self.receipt = Some(receipt);
@@ -82,7 +82,7 @@ impl PackedReport {
 }
 
 impl PackedReport {
-    /// Adds verdicts, scores, body and duration to a row of values, in this order.
+    /// Appends verdicts, scores, body and duration to a row of values, in this order.
     pub(super) fn push_to(&self, row: &mut Separated<'_, Sqlite, &'static str>) {
         row.push_bind(self.overall)
             .push_bind(self.accuracy)
@@ -93,11 +93,12 @@ impl PackedReport {
 }
 
 impl Store {
-    /// Stores reports and ends their submissions, in one transaction, each if its claim's attempt still holds the job; else
-    /// it is dropped, because another attempt's counts. Gives the number of those stored.
+    /// Stores reports and ends their submissions, in one transaction. A report is stored only if its claim's attempt
+    /// still holds the job; otherwise it is dropped, because another attempt counts. Returns the number of stored
+    /// reports.
     ///
     /// # Errors
-    /// Where the database fails; nothing is stored then.
+    /// Returns an error if the database fails; then nothing is stored.
     pub async fn record(&self, graded: &[(Claim, PackedReport)], now_ms: i64) -> StoreResult<usize> {
         let mut tx = self.begin().await?;
         let mut query = QueryBuilder::new("SELECT submission_id, attempt FROM jobs WHERE submission_id IN ");
@@ -155,7 +156,7 @@ impl Store {
             }
         }
         receipts::enter(&mut tx, &receipts).await?;
-        // Of hidden instances nobody is told.
+        // Grades of hidden instances are not announced.
         let ended: Vec<NewEvent<'_>> = ours
             .iter()
             .filter(|(claim, _)| claim.hidden.is_none())
@@ -185,10 +186,10 @@ impl Store {
         Ok(ours.len())
     }
 
-    /// The latest report on a submission, or that of an attempt.
+    /// Returns the latest report on a submission, or that of an attempt; none for answers to hidden instances.
     ///
     /// # Errors
-    /// Where the database fails or the report does not read back.
+    /// Returns an error if the database fails or the report cannot be read.
     pub async fn report(&self, submission_id: &str, attempt: Option<i64>) -> StoreResult<Option<ReportRow>> {
         let row = sqlx::query(
             "SELECT r.attempt, r.grader, r.graded_at_ms, r.grading_us, r.body
@@ -203,10 +204,10 @@ impl Store {
         row.as_ref().map(read_report).transpose()
     }
 
-    /// The report on the answer to a hidden instance: for those who have made sure that its epoch is over.
+    /// Returns the report on the answer to a hidden instance. Callers must have checked that its epoch is over.
     ///
     /// # Errors
-    /// Where the database fails or the report does not read back.
+    /// Returns an error if the database fails or the report cannot be read.
     pub async fn report_of_instance(&self, instance_id: &str) -> StoreResult<Option<ReportRow>> {
         let row = sqlx::query(
             "SELECT r.attempt, r.grader, r.graded_at_ms, r.grading_us, r.body

@@ -1,4 +1,4 @@
-//! Who holds how much of an epoch's pool: runs that were drawn, and runs that are reserved for a while.
+//! Shares of an epoch's pool: runs that were drawn, and runs that are reserved for a limited time.
 
 use sqlx::SqliteConnection;
 
@@ -7,7 +7,7 @@ use super::epochs::EpochRow;
 use super::rows::from_row;
 use plumbline_engine::hidden::feedback::Tier;
 
-/// What an entry holds of the pool.
+/// Share of the pool that an entry holds, in runs.
 #[derive(Debug)]
 struct Held {
     id: String,
@@ -19,20 +19,21 @@ struct Held {
 
 from_row!(Held { id, owner, is_dev, drawn, reserved });
 
-/// What all entries of an epoch hold.
+/// Shares of all entries of an epoch.
 #[derive(Debug)]
 pub(super) struct Holdings(Vec<Held>);
 
-/// Whether there is room for more runs.
+/// Result of checking whether there is room for more runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Room {
     Enough,
     PoolUsedUp,
-    /// The owner has as many as one may have.
+    /// The runs would exceed the maximum number that one owner may hold, which is given.
     ShareUsedUp(i64),
 }
 
-/// What the entries of an epoch hold now. A run that is not drawn is reserved until the entry is finalized or the reservation ends.
+/// Returns the shares that the entries of an epoch hold now. A run that is not drawn is reserved until the entry is
+/// finalized or the reservation ends.
 pub(super) async fn held_in(tx: &mut SqliteConnection, epoch: &EpochRow, now_ms: i64) -> StoreResult<Holdings> {
     let rows = sqlx::query_as(
         "SELECT e.id, e.owner, e.tier = 'dev' AS is_dev, d.drawn,
@@ -55,7 +56,8 @@ impl Holdings {
         self.0.iter().filter(|held| counts(held)).map(|held| held.drawn + held.reserved).sum()
     }
 
-    /// Whether so many more runs fit: into the pool, half of which is kept for the official tier, and into the owner's share.
+    /// Checks whether this many more runs fit into the pool, half of which is kept for the official tier, and into the
+    /// owner's share.
     pub fn room_for(&self, owner: &str, tier: Tier, runs: i64, epoch: &EpochRow) -> Room {
         let all = i64::from(epoch.commitment.per_instance);
         if let Some(most) = epoch.rules.owner_runs
@@ -67,7 +69,7 @@ impl Holdings {
         if is_dev_full || self.sum(|_| true) + runs > all { Room::PoolUsedUp } else { Room::Enough }
     }
 
-    /// Whether an entry still has a run reserved.
+    /// Returns whether an entry still has a reserved run.
     pub fn has_reserved(&self, entry_id: &str) -> bool {
         self.0.iter().any(|held| held.id == entry_id && held.reserved > 0)
     }

@@ -1,4 +1,4 @@
-//! Rows that read themselves: each field from the column of its name.
+//! Row structs that read each field from the column of the same name.
 
 /// Implements [`sqlx::FromRow`] for a struct whose fields are named after columns.
 ///

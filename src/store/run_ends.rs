@@ -1,4 +1,4 @@
-//! How runs end: what they skip, their summary and result, and the moment when nothing is left to wait for.
+//! Ends of runs: skipped tasks, summary and result, and the check whether anything is still pending.
 
 use sqlx::{Row as _, SqliteConnection};
 
@@ -12,7 +12,8 @@ use plumbline_engine::grading::outcomes::Outcomes;
 use plumbline_engine::grading::{ProblemScores, Summary};
 use plumbline_engine::tasks::Task;
 
-/// Notes which tasks a run skips. Gives those that were answered and cannot be.
+/// Records the tasks that a run skips. Returns the tasks that cannot be skipped because they were answered; if there
+/// are any, nothing is recorded.
 pub(super) async fn skip_tasks(tx: &mut SqliteConnection, run: &RunRow, skip: &Skip) -> StoreResult<Vec<u32>> {
     let answered: Vec<i64> = sqlx::query_scalar(
         "SELECT task_number FROM submissions
@@ -32,7 +33,7 @@ pub(super) async fn skip_tasks(tx: &mut SqliteConnection, run: &RunRow, skip: &S
     let conflicts: Vec<u32> = numbers.iter().copied().filter(is_answered).collect();
     if conflicts.is_empty() {
         for number in numbers {
-            // One that failed through us is no longer waited for.
+            // A submission that failed because of us no longer keeps the run open.
             let failed = sqlx::query(
                 "UPDATE submissions SET superseded = 1
                  WHERE run_id = $1 AND task_number = $2 AND superseded = 0 AND state = 'grader_error'",
@@ -49,12 +50,12 @@ pub(super) async fn skip_tasks(tx: &mut SqliteConnection, run: &RunRow, skip: &S
     Ok(conflicts)
 }
 
-/// Numbers of the tasks that a run skips.
+/// Returns the numbers of the tasks that a run skips.
 async fn skipped_by(tx: &mut SqliteConnection, id: &str) -> StoreResult<Vec<u32>> {
     Ok(sqlx::query_scalar("SELECT task_number FROM skipped_tasks WHERE run_id = $1").bind(id).fetch_all(tx).await?)
 }
 
-/// Ends the run where nothing is left to wait for, with its summary over the tasks of its suite.
+/// Ends the run if nothing is pending, with a summary over the tasks of its suite. Returns whether it ended.
 pub(super) async fn end_if_complete(
     tx: &mut SqliteConnection,
     id: &str,
@@ -74,7 +75,7 @@ pub(super) async fn end_if_complete(
     Ok(true)
 }
 
-/// Finishes a run with what its latest reports come to, or changes what a finished one came to.
+/// Finishes a run with the result of its latest reports, or replaces the result of a finished run.
 pub(super) async fn set_result(tx: &mut SqliteConnection, id: &str, tasks: &[Task], now_ms: i64) -> StoreResult<()> {
     let problems = problems_of(tx, id).await?;
     let summary = serde_json::to_string(&summarise(&problems, tasks));
@@ -92,7 +93,7 @@ pub(super) async fn set_result(tx: &mut SqliteConnection, id: &str, tasks: &[Tas
     enter_result(tx, id, &summary, &outcomes, &fingerprint, now_ms).await
 }
 
-/// What a run built and in which order, over its latest reports.
+/// Merges the fingerprints of a run's latest reports.
 async fn fingerprint_of(tx: &mut SqliteConnection, id: &str) -> StoreResult<Fingerprint> {
     let parts: Vec<Vec<u8>> = sqlx::query_scalar(
         "SELECT r.fingerprint FROM submissions s JOIN reports r ON r.submission_id = s.id
@@ -107,7 +108,7 @@ async fn fingerprint_of(tx: &mut SqliteConnection, id: &str) -> StoreResult<Fing
     Ok(whole)
 }
 
-/// Scores of a run's reports, the latest of each submission.
+/// Returns the scores of a run's reports, the latest of each submission.
 pub(super) async fn problems_of(tx: &mut SqliteConnection, id: &str) -> StoreResult<Vec<ProblemScores>> {
     let rows = sqlx::query(
         "SELECT s.task_number, r.scores
@@ -128,7 +129,7 @@ pub(super) async fn problems_of(tx: &mut SqliteConnection, id: &str) -> StoreRes
     Ok(problems)
 }
 
-/// Summary of a run's problems; tasks without one count as failed.
+/// Summarizes the problems of a run; tasks without an answer count as failed.
 pub(super) fn summarise(problems: &[ProblemScores], tasks: &[Task]) -> Summary {
     let answered: std::collections::HashSet<u32> = problems.iter().map(|problem| problem.number).collect();
     let unanswered: Vec<ProblemScores> = tasks

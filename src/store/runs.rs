@@ -1,7 +1,7 @@
-//! Runs: one agent's attempt at a suite.
+//! Runs: attempts of an agent at a suite.
 //!
-//! A run ends by itself when every task of its suite has been graded, or when its owner says that no more will come
-//! and nothing is pending. A failure of ours keeps it from ending until the task is posted again.
+//! A run ends by itself when every task of its suite has been graded, or when its owner has finished it and nothing is
+//! pending. A failure of ours keeps it from ending until the task is posted again.
 
 use serde::{Deserialize, Serialize};
 use sqlx::sqlite::SqliteRow;
@@ -19,9 +19,9 @@ use plumbline_engine::grading::Summary;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RunState {
-    /// Takes submissions.
+    /// Accepts submissions.
     Open,
-    /// Takes no more; some are still being graded.
+    /// Accepts no more submissions; some are still being graded.
     Finishing,
     /// Ended, with a summary.
     Finished,
@@ -29,49 +29,49 @@ pub enum RunState {
     Deleted,
 }
 
-/// Which runs are listed.
+/// Filter for listing runs.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct RunsWanted {
-    /// In this state; without one all but deleted ones.
+    /// State of the runs; if none, all but deleted runs.
     pub state: Option<RunState>,
-    /// Of this suite.
+    /// Suite of the runs, as `name@version`, or as a name for all versions.
     pub suite_id: Option<String>,
-    /// Of agents whose names hold this, in whatever case.
+    /// Part of the agent's name, case-insensitive.
     pub agent: Option<String>,
-    /// Of this owner.
+    /// Owner of the runs.
     pub owner: Option<String>,
-    /// Begun then or after.
+    /// Earliest time of beginning, inclusive, in milliseconds since 1970.
     pub since_ms: Option<i64>,
-    /// Begun before.
+    /// Latest time of beginning, exclusive, in milliseconds since 1970.
     pub until_ms: Option<i64>,
-    /// Begun before this run.
+    /// Identifier of a run; only runs begun before it are listed.
     pub after: Option<String>,
 }
 
-/// Which tasks a run leaves out on purpose.
+/// Tasks that a run leaves out on purpose.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Skip {
-    /// All that have no submission.
+    /// All tasks without an answer.
     Unanswered,
-    /// Those with these numbers.
+    /// Tasks with these numbers.
     Tasks(Vec<u32>),
 }
 
-/// What came of finishing or deleting a run.
+/// Outcome of finishing or deleting a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum RunChanged {
-    /// It is so now.
+    /// The change was made.
     Done,
-    /// There is no such run.
+    /// The run does not exist.
     NoSuchRun,
-    /// It is not open any more.
+    /// The run is not open any more; holds its state.
     NotOpen(RunState),
-    /// These tasks were answered, and so cannot be skipped.
+    /// These tasks were answered and therefore cannot be skipped.
     Answered(Vec<u32>),
 }
 
 impl RunState {
-    /// Its name in the API and the database.
+    /// Returns the name of the state in the API and the database.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -90,59 +90,59 @@ impl RunState {
     }
 }
 
-/// A stored run.
+/// Row of a run.
 #[derive(Debug, Clone)]
 pub struct RunRow {
-    /// Its id.
+    /// Identifier of the run.
     pub id: String,
-    /// Who built.
+    /// Name of the agent.
     pub agent: String,
     /// `name@version` of its suite.
     pub suite_id: String,
-    /// What its owner says about it, as JSON.
+    /// Metadata that its owner provided, as JSON.
     pub metadata: serde_json::Value,
-    /// Its state.
+    /// State of the run.
     pub state: RunState,
-    /// Submissions queued or being graded.
+    /// Number of submissions that are queued or being graded.
     pub pending: i64,
-    /// Submissions graded.
+    /// Number of graded submissions.
     pub graded: i64,
-    /// Submissions ended by a failure of ours and not posted again.
+    /// Number of submissions that ended because of a failure of ours and were not posted again.
     pub grader_errors: i64,
-    /// Tasks of its suite.
+    /// Number of tasks in its suite.
     pub tasks: i64,
-    /// When it was made.
+    /// Time of creation, in milliseconds since 1970.
     pub created_at_ms: i64,
-    /// When it ended.
+    /// Time at which it ended, in milliseconds since 1970.
     pub finished_at_ms: Option<i64>,
-    /// Its summary, once ended.
+    /// Summary, once it has ended.
     pub summary: Option<Summary>,
-    /// Who began it; none where the service was open to everybody.
+    /// Owner who began it; none if the service was open to everyone.
     pub owner: Option<String>,
-    /// How its logs came about.
+    /// Provenance of its logs.
     pub provenance: String,
-    /// Tasks that it skips.
+    /// Number of tasks that it skips.
     pub skipped: i64,
 }
 
-/// A run to store.
+/// Run to store.
 #[derive(Debug, Clone, Copy)]
 pub struct NewRun<'a> {
-    /// Its id.
+    /// Identifier of the run.
     pub id: &'a str,
-    /// Who builds.
+    /// Name of the agent.
     pub agent: &'a str,
     /// `name@version` of its suite.
     pub suite_id: &'a str,
-    /// What its owner says about it.
+    /// Metadata that its owner provides, as JSON.
     pub metadata: &'a serde_json::Value,
-    /// Whose key begins it.
+    /// Owner of the key that begins it.
     pub owner: Option<&'a str>,
-    /// How its logs come about.
+    /// Provenance of its logs.
     pub provenance: &'a str,
 }
 
-/// Columns of a run, for every query that reads one.
+/// Query with the columns of a run, for every query that reads one.
 macro_rules! select_run {
     ($rest:literal) => {
         concat!(
@@ -181,10 +181,10 @@ pub(super) fn read_run(row: &SqliteRow) -> StoreResult<RunRow> {
 }
 
 impl Store {
-    /// Stores a new run; where it shall be made once and was made before, gives the id of that one.
+    /// Stores a new run. If the idempotency key was used before, returns the earlier use instead.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn create_run(&self, run: &NewRun<'_>, once: Option<&Once>, now_ms: i64) -> StoreResult<Before> {
         let mut tx = self.begin().await?;
         if let Some(once) = once {
@@ -211,19 +211,19 @@ impl Store {
         Ok(Before::Never)
     }
 
-    /// The run with this id.
+    /// Returns the run with this identifier.
     ///
     /// # Errors
-    /// Where the database fails or the row does not read back.
+    /// Returns an error if the database fails or the row cannot be read.
     pub async fn run(&self, id: &str) -> StoreResult<Option<RunRow>> {
         let row = sqlx::query(select_run!("WHERE r.id = $1")).bind(id).fetch_optional(&self.readers).await?;
         row.as_ref().map(read_run).transpose()
     }
 
-    /// Runs, the latest first, at most `limit`.
+    /// Returns at most `limit` runs that match the filter, latest first.
     ///
     /// # Errors
-    /// Where the database fails or a row does not read back.
+    /// Returns an error if the database fails or a row cannot be read.
     pub async fn runs(&self, wanted: &RunsWanted, limit: i64) -> StoreResult<Vec<RunRow>> {
         let mut query = QueryBuilder::new(select_run!("WHERE "));
         match wanted.state {
@@ -232,7 +232,7 @@ impl Store {
             Some(state) => query.push("r.deleted_at_ms IS NULL AND r.state = ").push_bind(state.name()),
         };
         if let Some(suite) = &wanted.suite_id {
-            // A name without version means all of them.
+            // A name without version matches all versions.
             query.push(" AND (r.suite_id = ").push_bind(suite.clone());
             query.push(" OR s.name = ").push_bind(suite.clone()).push(")");
         }
@@ -256,10 +256,10 @@ impl Store {
         query.build().fetch_all(&self.readers).await?.iter().map(read_run).collect()
     }
 
-    /// Deletes a run that is open: cancels what waits of it, and takes nothing more.
+    /// Deletes an open run: cancels its unfinished submissions, and accepts no more.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn delete_run(&self, id: &str, now_ms: i64) -> StoreResult<RunChanged> {
         let mut tx = self.begin().await?;
         let Some(run) = run_in(&mut tx, id).await? else { return Ok(RunChanged::NoSuchRun) };
@@ -284,11 +284,11 @@ impl Store {
         Ok(RunChanged::Done)
     }
 
-    /// Says that no more submissions will come, and which tasks are left out on purpose; ends the run where nothing is pending. A run
-    /// that is finished, or will be, stays as it is; then nothing can be skipped.
+    /// Finishes a run: accepts no more submissions, records the tasks to skip, and ends the run if nothing is pending.
+    /// A run that is finishing or finished stays as it is, and none of its tasks can be skipped then.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn finish_run(&self, id: &str, skip: Option<&Skip>, now_ms: i64) -> StoreResult<RunChanged> {
         let mut tx = self.begin().await?;
         let Some(run) = run_in(&mut tx, id).await? else { return Ok(RunChanged::NoSuchRun) };
@@ -313,13 +313,13 @@ impl Store {
     }
 }
 
-/// The run as the transaction sees it.
+/// Reads a run within the transaction.
 pub(super) async fn run_in(tx: &mut SqliteConnection, id: &str) -> StoreResult<Option<RunRow>> {
     let row = sqlx::query(select_run!("WHERE r.id = $1")).bind(id).fetch_optional(&mut *tx).await?;
     row.as_ref().map(read_run).transpose()
 }
 
-/// Moves a run's counters.
+/// Adds to a run's counters.
 pub(super) async fn count(
     tx: &mut SqliteConnection,
     id: &str,

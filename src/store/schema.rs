@@ -1,4 +1,4 @@
-//! The schema of a database file: which migrations it has had, and bringing it up to date on purpose.
+//! Schema of a database file: which migrations it has, and migration on request.
 
 use std::path::{Path, PathBuf};
 
@@ -9,24 +9,24 @@ use super::migrations::MIGRATOR;
 use super::{Store, StoreError, StoreResult, copies};
 use crate::clock::now_ms;
 
-/// Which migrations a file has had, and which it lacks.
+/// Migrations that a file has and lacks.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SchemaState {
-    /// The last migration of the file; 0 where it is missing or empty.
+    /// Version of the file's last migration; 0 if the file is missing or empty.
     pub found: i64,
-    /// The last one of this program.
+    /// Version of this program's last migration.
     pub known: i64,
-    /// Migrations that the file lacks: number and name.
+    /// Migrations that the file lacks, as number and name.
     pub lacking: Vec<(i64, String)>,
-    /// Whether there is a file.
+    /// Whether the file exists.
     pub is_there: bool,
 }
 
 impl SchemaState {
-    /// Refuses a file of a newer program.
+    /// Checks that the file was not written by a newer program.
     ///
     /// # Errors
-    /// Where it is one.
+    /// Returns an error if it was.
     pub fn must_not_be_newer(&self, file: &Path) -> StoreResult<()> {
         if self.found <= self.known {
             return Ok(());
@@ -34,10 +34,10 @@ impl SchemaState {
         Err(StoreError::Newer { file: file.to_owned(), found: self.found, known: self.known })
     }
 
-    /// Refuses a file that is missing, of a newer program, or not up to date.
+    /// Checks that the file exists, was not written by a newer program, and is up to date.
     ///
     /// # Errors
-    /// Where it is one of these.
+    /// Returns an error if one of these does not hold.
     pub fn must_be_current(&self, file: &Path) -> StoreResult<()> {
         if !self.is_there {
             return Err(StoreError::Missing(file.to_owned()));
@@ -50,10 +50,10 @@ impl SchemaState {
     }
 }
 
-/// Looks at a file without changing it.
+/// Reads the schema state of a file without changing the file.
 ///
 /// # Errors
-/// Where it is there and cannot be read, or is another program's.
+/// Returns an error if the file exists but cannot be read, or belongs to another program.
 pub async fn state(file: &Path) -> StoreResult<SchemaState> {
     let known = MIGRATOR.iter().map(|migration| migration.version).max().unwrap_or(0);
     let all = || MIGRATOR.iter().map(|migration| (migration.version, migration.description.to_string()));
@@ -79,11 +79,11 @@ pub async fn state(file: &Path) -> StoreResult<SchemaState> {
     Ok(SchemaState { found: had.into_iter().max().unwrap_or(0), known, lacking, is_there: true })
 }
 
-/// Brings a file's schema up to date, after a copy was made beside it; gives the copy's path. A file that lacks nothing stays as it
-/// is, without a copy.
+/// Migrates a file after copying it to a file beside it, and returns the path of the copy. A file that is up to date is
+/// not changed or copied.
 ///
 /// # Errors
-/// Where it is missing, of a newer program, or cannot be copied or changed; then it is as it was.
+/// Returns an error if the file is missing, was written by a newer program, or cannot be copied or migrated.
 pub async fn migrate(file: &Path) -> StoreResult<Option<PathBuf>> {
     let before = state(file).await?;
     if !before.is_there {
@@ -95,7 +95,7 @@ pub async fn migrate(file: &Path) -> StoreResult<Option<PathBuf>> {
     }
     let mut copy = PathBuf::from(format!("{}.schema-{}", file.display(), before.found));
     if copy.exists() {
-        // Of an earlier time, and not to be written over.
+        // The copy is from an earlier migration and must not be overwritten.
         copy = PathBuf::from(format!("{}.{}", copy.display(), now_ms()));
     }
     copies::copy(file, &copy).await?;

@@ -1,5 +1,5 @@
-//! Secrets beside the database: keys of epochs with their pools, and the key that signs receipts. A folder that the service's
-//! user alone may read; copies of the database do not hold it.
+//! Secrets beside the database: keys of epochs with their pools, and the key that signs receipts. They are in a folder
+//! that only the user of the service may read, and copies of the database do not contain them.
 
 use std::io::{ErrorKind, Write as _};
 use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
@@ -16,14 +16,14 @@ use plumbline_engine::hidden::receipts::Signer;
 use plumbline_engine::hidden::secret::EpochKey;
 use plumbline_engine::tasks::hex;
 
-/// What an epoch draws from.
+/// Secret that an epoch draws from.
 #[derive(Debug)]
 pub struct EpochSecret {
-    /// Its key.
+    /// Key of the epoch.
     pub key: EpochKey,
-    /// Its strata.
+    /// Strata of the pool.
     pub strata: Vec<Stratum>,
-    /// Its pool, by leaf.
+    /// Specifications of the pool, by leaf.
     pub specifications: Vec<Specification>,
 }
 
@@ -35,7 +35,7 @@ struct SecretFile {
 }
 
 impl EpochSecret {
-    /// Whether it is what the epoch committed to.
+    /// Returns whether it matches the commitment of the epoch.
     #[must_use]
     pub fn keeps(&self, commitment: &Commitment) -> bool {
         let leaves: Vec<_> = self.specifications.iter().map(|own| leaf_hash(&self.key, own)).collect();
@@ -43,7 +43,7 @@ impl EpochSecret {
     }
 }
 
-/// The folder.
+/// Folder that holds the secrets of a database.
 #[derive(Debug, Clone)]
 pub struct Secrets {
     folder: PathBuf,
@@ -54,7 +54,7 @@ fn failed(path: &Path, error: &std::io::Error) -> StoreError {
 }
 
 impl Secrets {
-    /// Beside this database.
+    /// Returns the folder beside this database.
     #[must_use]
     pub fn beside(database: &Path) -> Self {
         let mut name = database.as_os_str().to_owned();
@@ -62,7 +62,7 @@ impl Secrets {
         Self { folder: name.into() }
     }
 
-    /// Where it is.
+    /// Returns the path of the folder.
     #[must_use]
     pub fn folder(&self) -> &Path {
         &self.folder
@@ -72,7 +72,7 @@ impl Secrets {
         self.folder.join(name)
     }
 
-    /// Writes a new file, whole or not at all, durably; one that is there stays as it is, and then false.
+    /// Writes a new file atomically and durably. Returns false if the file exists, and leaves it unchanged.
     fn put(&self, name: &str, content: &[u8]) -> StoreResult<bool> {
         let path = self.file(name);
         let write = || -> std::io::Result<bool> {
@@ -82,7 +82,7 @@ impl Secrets {
             let mut file = std::fs::OpenOptions::new().write(true).create_new(true).mode(0o600).open(&draft)?;
             file.write_all(content)?;
             file.sync_all()?;
-            // A link, unlike a renaming, never takes the place of a file that is there.
+            // A link, unlike a rename, never replaces an existing file.
             let linked = std::fs::hard_link(&draft, &path);
             std::fs::remove_file(&draft)?;
             std::fs::File::open(&self.folder)?.sync_all()?;
@@ -104,10 +104,10 @@ impl Secrets {
         }
     }
 
-    /// Keeps what an epoch draws from. False where one of this name is kept already.
+    /// Stores the secret of an epoch. Returns false if there is a secret for an epoch of this name.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// Returns an error if the file cannot be written.
     pub fn put_epoch(&self, id: &str, secret: &EpochSecret) -> StoreResult<bool> {
         let file = SecretFile {
             key: secret.key.expose(),
@@ -118,10 +118,10 @@ impl Secrets {
         self.put(&format!("epoch-{id}.json"), &content)
     }
 
-    /// What an epoch draws from; none where it is lost, or is no longer what it was.
+    /// Returns the secret of an epoch; none if it is lost, or does not match the commitment.
     ///
     /// # Errors
-    /// Where the file is there and cannot be read.
+    /// Returns an error if the file exists but cannot be read.
     pub fn epoch(&self, id: &str, commitment: &Commitment) -> StoreResult<Option<EpochSecret>> {
         let Some(content) = self.get(&format!("epoch-{id}.json"))? else { return Ok(None) };
         let Ok(file) = serde_json::from_slice::<SecretFile>(&content) else { return Ok(None) };
@@ -130,10 +130,10 @@ impl Secrets {
         Ok(Some(secret).filter(|secret| secret.keeps(commitment)))
     }
 
-    /// Copies every secret to another folder; what is there stays.
+    /// Copies every secret to another folder; existing files stay unchanged.
     ///
     /// # Errors
-    /// Where a file cannot be read or written, or another secret of the same name is there.
+    /// Returns an error if a file cannot be read or written, or if a different secret of the same name exists.
     pub fn copy_to(&self, other: &Self) -> StoreResult<()> {
         let entries = std::fs::read_dir(&self.folder).map_err(|error| failed(&self.folder, &error))?;
         for entry in entries {
@@ -141,17 +141,17 @@ impl Secrets {
             let Some(name) = name.to_str().filter(|name| !name.starts_with('.')) else { continue };
             let content = self.get(name)?.unwrap_or_default();
             if !other.put(name, &content)? && other.get(name)?.as_ref() != Some(&content) {
-                let detail = "another secret of this name is there".to_owned();
+                let detail = "a different secret of this name exists".to_owned();
                 return Err(StoreError::Secret { path: other.file(name), detail });
             }
         }
         Ok(())
     }
 
-    /// The key that signs receipts, made where there is none.
+    /// Returns the key that signs receipts, and creates it if there is none.
     ///
     /// # Errors
-    /// Where it cannot be read, written or made.
+    /// Returns an error if the key cannot be read, written or created.
     pub fn signer(&self) -> StoreResult<Signer> {
         const NAME: &str = "receipts.key";
         if self.get(NAME)?.is_none() {
@@ -165,10 +165,10 @@ impl Secrets {
     }
 }
 
-/// 32 bytes from the operating system.
+/// Returns 32 random bytes from the operating system.
 ///
 /// # Errors
-/// Where it has none.
+/// Returns an error if the operating system cannot provide them.
 pub fn random_key() -> StoreResult<[u8; 32]> {
     let mut bytes = [0; 32];
     getrandom::fill(&mut bytes)

@@ -1,4 +1,5 @@
-//! The end of an epoch: sealed once, its entries completed, its receipts entered, and then settled for good.
+//! Settling of epochs that are over: closes the epoch for good, completes its entries, publishes its receipts, and
+//! marks it settled.
 
 use sqlx::SqliteConnection;
 
@@ -10,11 +11,11 @@ use plumbline_engine::hidden::evidence::{ClosedFact, Fact};
 use plumbline_engine::hidden::receipts::Signer;
 
 impl Store {
-    /// Brings an epoch that is over to its end: what is left open is finalized, unanswered instances count as failed, and so do those
-    /// that a failure of ours ended. Says whether all is graded and entered.
+    /// Settles an epoch that is over: finalizes open entries, and counts instances as failed if they have no answer or
+    /// if their grading failed because of us. Returns whether all answers are graded and all receipts published.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn settle_epoch(&self, epoch: &EpochRow, now_ms: i64) -> StoreResult<bool> {
         if epoch.settled_at_ms.is_some() {
             return Ok(true);
@@ -30,13 +31,13 @@ impl Store {
         Ok(is_settled)
     }
 
-    /// The same for all epochs that are over and not settled.
+    /// Settles all epochs that are over and not settled.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn settle_epochs(&self, now_ms: i64) -> StoreResult<()> {
         for epoch in self.epochs().await? {
-            // One that is damaged keeps no other from its end.
+            // A damaged epoch must not keep the others from being settled.
             if let Err(error) = self.settle_epoch(&epoch, now_ms).await {
                 tracing::error!(%error, epoch = epoch.id(), "could not settle an epoch that is over");
             }
@@ -69,7 +70,7 @@ async fn settle_in(tx: &mut SqliteConnection, signer: &Signer, epoch_id: &str, n
         return Ok(!is_open);
     }
     let (closed_at_ms, reason) = epoch.closed.ok_or_else(|| StoreError::corrupt("epochs", "over, not closed"))?;
-    // The last receipt comes after all others, which a batch would not see to.
+    // Publish the others first: within a batch receipts are ordered by hash, and this one must be the last.
     publish(tx, Some(epoch_id)).await?;
     let receipts = count_of(tx, epoch_id).await?;
     witness(tx, signer, epoch_id, &Fact::Closed(ClosedFact { closed_at_ms, reason, receipts })).await?;

@@ -1,4 +1,4 @@
-//! Submissions: what an agent did for one task.
+//! Submissions: an agent's log for one task each.
 
 use std::sync::Arc;
 
@@ -17,15 +17,15 @@ use super::{Store, StoreError, StoreResult, compress, decompress};
 pub enum SubmissionState {
     /// Waits for a worker.
     Queued,
-    /// A worker grades it.
+    /// Is being graded by a worker.
     Grading,
     /// Ended with a report.
     Graded,
-    /// Ended because it cannot be graded as it is.
+    /// Ended because it cannot be graded as posted.
     Rejected,
-    /// Ended by a failure of ours.
+    /// Ended because of a failure of ours.
     GraderError,
-    /// Ended by its owner.
+    /// Ended because its owner cancelled it.
     Cancelled,
 }
 
@@ -33,7 +33,7 @@ impl SubmissionState {
     const ALL: [Self; 6] =
         [Self::Queued, Self::Grading, Self::Graded, Self::Rejected, Self::GraderError, Self::Cancelled];
 
-    /// Its name in the API and the database.
+    /// Returns the name of the state in the API and the database.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -52,7 +52,7 @@ impl SubmissionState {
     }
 }
 
-/// A log as it is stored: canonical JSON, compressed.
+/// Log as it is stored: canonical JSON, compressed.
 #[derive(Debug, Clone)]
 pub struct PackedLog {
     zstd: Vec<u8>,
@@ -60,60 +60,61 @@ pub struct PackedLog {
 }
 
 impl PackedLog {
-    /// Compresses a log's canonical JSON. Takes long for a large one: not for a thread that serves others.
+    /// Compresses a log's canonical JSON. This is slow for a large log, so do not call it on a thread that serves
+    /// requests.
     ///
     /// # Errors
-    /// Where compression fails.
+    /// Returns an error if compression fails.
     pub fn of(json: &[u8]) -> StoreResult<Self> {
         Ok(Self { zstd: compress(json)?, json_bytes: json.len() })
     }
 }
 
-/// A submission to store.
+/// Submission to store.
 #[derive(Debug, Clone)]
 pub struct NewSubmission {
-    /// Its id, should it be new.
+    /// Identifier of the submission, if it is new.
     pub id: String,
-    /// The run it belongs to.
+    /// Identifier of the run that it belongs to.
     pub run_id: Option<String>,
     /// `name@version` of the task's suite.
     pub suite_id: String,
-    /// The task's hash.
+    /// Hash of the task.
     pub task_hash: String,
-    /// The task's number in the suite.
+    /// Number of the task in the suite.
     pub task_number: u32,
     /// SHA-256 of the log's canonical JSON, in hex.
     pub log_hash: String,
-    /// The log.
+    /// The compressed log.
     pub log: PackedLog,
-    /// Turns of the log.
+    /// Number of turns in the log.
     pub turns: usize,
-    /// Events of the log.
+    /// Number of events in the log.
     pub events: usize,
-    /// Who posts it; none where the service is open to everybody.
+    /// Owner who posts it; none if the service is open to everyone.
     pub owner: Option<String>,
-    /// Where its job waits.
+    /// Lane in which its job waits.
     pub lane: Lane,
-    /// What the action code of its turns did, as JSON; none where it brought events.
+    /// Results of the action code of its turns, as JSON; none if it had no action code.
     pub replays: Option<String>,
 }
 
-/// What came of storing a submission.
+/// Outcome of storing a submission.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Accepted {
-    /// It is new and queued.
+    /// The submission is new and queued.
     New,
-    /// The run holds the same log for this task already, under this id.
+    /// The run already has the same log for this task, under this identifier.
     Same(String),
-    /// The run holds another log for this task, under this id.
+    /// The run already has a different log for this task, under this identifier.
     Other(String),
-    /// The run takes no more submissions.
+    /// The run accepts no more submissions.
     RunClosed,
     /// The owner's quota is used up.
     QuotaUsedUp,
 }
 
-/// An answer that a run has for a task.
+/// Answer that a run already has for a task.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EarlierAnswer {
     /// Identifier of the submission.
@@ -124,12 +125,12 @@ pub struct EarlierAnswer {
     pub state: SubmissionState,
 }
 
-/// Everything stored that decides whether a submission may be stored.
+/// Stored facts that decide whether a submission may be stored.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AcceptFacts {
     /// State of its run; `None` if it belongs to none, or to one that does not exist.
     pub run: Option<RunState>,
-    /// Answer that its run has for the same task.
+    /// Answer that its run already has for the same task.
     pub earlier: Option<EarlierAnswer>,
     /// Submissions that its owner may still post; `None` without a limit.
     pub quota_left: Option<i64>,
@@ -138,66 +139,66 @@ pub struct AcceptFacts {
 /// Decision on a submission.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Decision {
-    /// It is stored; the earlier answer, which ended without a grade, no longer counts.
+    /// The submission is stored. An earlier answer, which ended without a grade, no longer counts.
     Store {
-        /// The earlier answer.
+        /// Earlier answer that no longer counts.
         supersedes: Option<EarlierAnswer>,
     },
-    /// It is not stored.
+    /// The submission is not stored, for this reason.
     Answer(Accepted),
 }
 
 /// Decides on a submission from stored facts; the use cases own the rule.
 pub type Decide = fn(&NewSubmission, &AcceptFacts) -> Decision;
 
-/// What came of a request to store submissions.
+/// Outcome of a request to store submissions.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Acceptability {
-    /// An answer for each, in the order given. Where all are [`Accepted::New`] or [`Accepted::Same`], they are durable; else
-    /// none was stored.
+    /// The outcome of each submission, in the order given. If all are [`Accepted::New`] or [`Accepted::Same`], they are
+    /// durable; otherwise none was stored.
     Decided(Vec<Accepted>),
-    /// The same request was carried out before: ids, and whether each was there even then, as JSON.
+    /// The same request was carried out before; holds the identifiers, and whether each existed even then, as JSON.
     Replayed(String),
-    /// The request's key was used for another one.
+    /// The idempotency key was used for a different request.
     KeyUsedOtherwise,
 }
 
-/// A stored submission, without its log.
+/// Row of a submission, without its log.
 #[derive(Debug, Clone)]
 pub struct SubmissionRow {
-    /// Its id.
+    /// Identifier of the submission.
     pub id: String,
-    /// The run it belongs to.
+    /// Identifier of the run that it belongs to.
     pub run_id: Option<String>,
     /// `name@version` of the task's suite.
     pub suite_id: String,
-    /// The task's hash.
+    /// Hash of the task.
     pub task_hash: String,
-    /// The task's number in the suite.
+    /// Number of the task in the suite.
     pub task_number: i64,
     /// SHA-256 of the log's canonical JSON, in hex.
     pub log_hash: String,
     /// Size of that JSON, in bytes.
     pub log_bytes: i64,
-    /// Turns of the log.
+    /// Number of turns in the log.
     pub turns: i64,
-    /// Events of the log.
+    /// Number of events in the log.
     pub events: i64,
-    /// Its state.
+    /// State of the submission.
     pub state: SubmissionState,
-    /// Why it ended without a report.
+    /// Reason why it ended without a report.
     pub error: Option<String>,
-    /// When it was acknowledged.
+    /// Time at which it was accepted, in milliseconds since 1970.
     pub created_at_ms: i64,
-    /// When it ended.
+    /// Time at which it ended, in milliseconds since 1970.
     pub ended_at_ms: Option<i64>,
     /// Verdict of the latest report.
     pub overall: Option<bool>,
-    /// Accuracy of the latest report, where it applies.
+    /// Verdict on accuracy of the latest report, if accuracy applies.
     pub accuracy: Option<bool>,
-    /// Who posted it; none where the service was open to everybody.
+    /// Owner who posted it; none if the service was open to everyone.
     pub owner: Option<String>,
-    /// What the action code of its turns did, as JSON; none where it brought events.
+    /// Results of the action code of its turns, as JSON; none if it had no action code.
     pub replays: Option<String>,
 }
 
@@ -236,11 +237,11 @@ fn read_submission(row: &SqliteRow) -> StoreResult<SubmissionRow> {
 }
 
 impl Store {
-    /// Stores submissions and their jobs: all of them, or none where one is refused. Requests that come at the same time
+    /// Stores submissions and their jobs: all of them, or none if one is refused. Requests that arrive at the same time
     /// share a transaction.
     ///
     /// # Errors
-    /// Where the database fails; nothing is stored then.
+    /// Returns an error if the database fails; then nothing is stored.
     pub async fn accept(
         &self,
         submissions: Arc<[NewSubmission]>,
@@ -251,12 +252,12 @@ impl Store {
         self.acceptances.store(submissions, once, decide, now_ms).await
     }
 
-    /// Returns what decides whether each submission may be stored, without waiting for the writer.
+    /// Reads the facts that decide whether each submission may be stored, without waiting for the writer.
     ///
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn accept_facts(&self, submissions: &[NewSubmission]) -> StoreResult<Vec<AcceptFacts>> {
-        // One transaction reads all of them, so they are facts of the same moment.
+        // A single transaction reads a consistent snapshot.
         let mut reading = self.readers.begin().await?;
         let mut facts = Vec::with_capacity(submissions.len());
         for submission in submissions {
@@ -265,10 +266,11 @@ impl Store {
         Ok(facts)
     }
 
-    /// The submission with this id; none where it answers a hidden instance, which `instances` alone speaks of.
+    /// Returns the submission with this identifier; none if it answers a hidden instance, which only `instances` may
+    /// show.
     ///
     /// # Errors
-    /// Where the database fails or the row does not read back.
+    /// Returns an error if the database fails or the row cannot be read.
     pub async fn submission(&self, id: &str) -> StoreResult<Option<SubmissionRow>> {
         let row = sqlx::query(select_submission!("WHERE s.id = $1 AND s.instance_id IS NULL"))
             .bind(id)
@@ -277,10 +279,11 @@ impl Store {
         row.as_ref().map(read_submission).transpose()
     }
 
-    /// Live submissions of a run by task number, beginning after `after`, at most `limit`.
+    /// Returns at most `limit` submissions of a run after task number `after`, in order of task number, without
+    /// superseded ones.
     ///
     /// # Errors
-    /// Where the database fails or a row does not read back.
+    /// Returns an error if the database fails or a row cannot be read.
     pub async fn submissions_of_run(&self, run_id: &str, after: i64, limit: i64) -> StoreResult<Vec<SubmissionRow>> {
         let rows = sqlx::query(select_submission!(
             "WHERE s.run_id = $1 AND s.superseded = 0 AND s.task_number > $2 ORDER BY s.task_number LIMIT $3"
@@ -293,10 +296,10 @@ impl Store {
         rows.iter().map(read_submission).collect()
     }
 
-    /// The log of a submission as canonical JSON; none where it answers a hidden instance.
+    /// Returns the log of a submission as canonical JSON; none if it answers a hidden instance.
     ///
     /// # Errors
-    /// Where the database fails or the log does not read back.
+    /// Returns an error if the database fails or the log cannot be read.
     pub async fn log_json(&self, id: &str) -> StoreResult<Option<Vec<u8>>> {
         let sql = "SELECT log FROM submissions WHERE id = $1 AND instance_id IS NULL";
         let log: Option<Vec<u8>> = sqlx::query_scalar(sql).bind(id).fetch_optional(&self.readers).await?;
@@ -305,11 +308,11 @@ impl Store {
         unpacked.await.map_err(|error| StoreError::corrupt("submissions", error))?.map(Some)
     }
 
-    /// Number of submissions that have not ended, and the age of the oldest in milliseconds. Answers to hidden instances are left out:
-    /// the number would tell when they are graded.
+    /// Returns the number of submissions that have not ended, and the age of the oldest in milliseconds. Answers to
+    /// hidden instances are left out, because the number would reveal when they are graded.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn backlog(&self, now_ms: i64) -> StoreResult<(i64, i64)> {
         let (open, oldest): (i64, Option<i64>) = sqlx::query_as(
             "SELECT COUNT(*), MIN(created_at_ms) FROM submissions WHERE ended_at_ms IS NULL AND instance_id IS NULL",
@@ -320,7 +323,7 @@ impl Store {
     }
 }
 
-/// Reads what decides whether a submission may be stored.
+/// Reads the facts that decide whether a submission may be stored.
 async fn facts_of(connection: &mut SqliteConnection, new: &NewSubmission) -> StoreResult<AcceptFacts> {
     let (mut run, mut earlier) = (None, None);
     if let Some(run_id) = &new.run_id {
@@ -350,7 +353,7 @@ pub(super) async fn accept_one(
     accept_instead(tx, new, None, decide, now_ms).await
 }
 
-/// Does the same. A submission that replaces an earlier one takes over that one's reservation of the quota.
+/// Does the same as [`accept_one`]. A submission that replaces `earlier` takes over its reservation of the quota.
 pub(super) async fn accept_instead(
     tx: &mut SqliteConnection,
     new: &NewSubmission,

@@ -1,4 +1,4 @@
-//! Suites and their tasks. A suite never changes once stored; a change is a new version.
+//! Suites and their tasks. A stored suite never changes; a change needs a new version.
 
 use sha2::{Digest as _, Sha256};
 use sqlx::{Row as _, SqliteConnection};
@@ -9,14 +9,14 @@ use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::tasks::catalogue::Catalogue;
 use plumbline_engine::tasks::{Suite, Task, hex};
 
-/// What came of storing a suite.
+/// Outcome of storing a suite.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SuiteStored {
-    /// It is new.
+    /// The suite is new.
     Added,
-    /// It was there already, with the same content.
+    /// The suite existed already, with the same content.
     Unchanged,
-    /// This name and version are there with another content; nothing was stored.
+    /// This name and version exist with different content; nothing was stored.
     Conflict,
 }
 
@@ -24,7 +24,7 @@ impl Store {
     /// Stores a suite with its tasks.
     ///
     /// # Errors
-    /// Where the database fails.
+    /// Returns an error if the database fails.
     pub async fn put_suite(&self, suite: &Suite, now_ms: i64) -> StoreResult<SuiteStored> {
         const STORED: &str = "SELECT content_hash FROM suites WHERE id = $1";
         let hashes: Vec<String> = suite.tasks.iter().map(Task::content_hash).collect();
@@ -32,7 +32,7 @@ impl Store {
         let outcome = |stored: String| {
             if stored == content_hash { SuiteStored::Unchanged } else { SuiteStored::Conflict }
         };
-        // A suite never changes: where it is there, nothing is to be written, and nobody to be waited for.
+        // A suite never changes: if it exists, there is nothing to write, and no need to wait for the write lock.
         let stored: Option<String> = sqlx::query_scalar(STORED).bind(suite.id()).fetch_optional(&self.readers).await?;
         if let Some(stored) = stored {
             return Ok(outcome(stored));
@@ -76,20 +76,20 @@ impl Store {
         Ok(SuiteStored::Added)
     }
 
-    /// The stored suites as last read.
+    /// Returns the stored suites as last read.
     #[must_use]
     pub fn catalogue(&self) -> Arc<Catalogue> {
         let held = self.catalogue.read().unwrap_or_else(std::sync::PoisonError::into_inner);
         Arc::clone(&held)
     }
 
-    /// The stored suites as they are now: read again only where another process has added some.
+    /// Returns the stored suites as they are now; reads them again only if another process has added some.
     ///
     /// # Errors
-    /// Where the database fails or a task does not read back.
+    /// Returns an error if the database fails or a task cannot be read.
     pub async fn current_catalogue(&self) -> StoreResult<Arc<Catalogue>> {
         let held = self.catalogue();
-        // Suites are never changed or dropped, so their number tells.
+        // Suites are never changed or deleted, so comparing their number is enough.
         let stored: i64 =
             sqlx::query_scalar("SELECT COUNT(*) FROM suites WHERE task_count > 0").fetch_one(&self.readers).await?;
         if held.suites().len() as i64 == stored { Ok(held) } else { self.refresh_catalogue().await }
@@ -98,7 +98,7 @@ impl Store {
     /// Reads the suites again.
     ///
     /// # Errors
-    /// Where the database fails or a task does not read back.
+    /// Returns an error if the database fails or a task cannot be read.
     pub async fn refresh_catalogue(&self) -> StoreResult<Arc<Catalogue>> {
         let catalogue = Arc::new(Catalogue::new(self.suites().await?));
         let mut held = self.catalogue.write().unwrap_or_else(std::sync::PoisonError::into_inner);
@@ -106,10 +106,10 @@ impl Store {
         Ok(catalogue)
     }
 
-    /// All suites with their tasks, by name and version.
+    /// Returns all suites with their tasks, by name and version.
     ///
     /// # Errors
-    /// Where the database fails or a task does not read back.
+    /// Returns an error if the database fails or a task cannot be read.
     pub async fn suites(&self) -> StoreResult<Vec<Suite>> {
         let rows = sqlx::query(
             "SELECT s.name, s.version, t.body
@@ -133,7 +133,7 @@ impl Store {
     }
 }
 
-/// The tasks of a suite as the transaction sees them.
+/// Reads the tasks of a suite within the transaction.
 pub(super) async fn tasks_of(tx: &mut SqliteConnection, suite_id: &str) -> StoreResult<Vec<Task>> {
     let bodies: Vec<String> = sqlx::query_scalar(
         "SELECT t.body FROM suite_tasks st JOIN tasks t ON t.hash = st.task_hash WHERE st.suite_id = $1

@@ -1,6 +1,7 @@
-//! Export as files of JSON lines, and import into an empty database: everything that public boards are made of, in an open format.
+//! Export to JSON Lines files, and import into an empty database: all data behind the public boards, in an open format.
 //!
-//! One list of tables and columns serves both ways. Hidden evaluation is left out, with receipts, keys and events; a backup keeps all.
+//! One list of tables and columns serves both directions. Hidden evaluation, receipts, keys and events are not
+//! exported; a backup contains everything.
 
 use std::path::Path;
 
@@ -19,7 +20,7 @@ use super::transfer_tables::{Form, KINDS, Kind, PUBLIC};
 use super::{Store, StoreError, StoreResult, commit, compress, decompress, schema};
 use plumbline_engine::tasks::{Task, hex};
 
-/// A line: the columns of a row in their order, and for submissions the id of the task.
+/// Line of an export: the columns of a row in their order, and for submissions the id of the task.
 struct Line(Vec<(&'static str, Box<RawValue>)>);
 
 impl Serialize for Line {
@@ -72,7 +73,7 @@ impl Kind {
         format!("SELECT {}{task} FROM {} {}", columns.join(", "), self.table, self.rest.replace("PUBLIC", PUBLIC))
     }
 
-    /// Adds a line's row.
+    /// Inserts the row of a line.
     async fn enter(&self, tx: &mut SqliteConnection, line: &str) -> StoreResult<()> {
         let bad = |what: String| StoreError::corrupt(self.table, what);
         let members: std::collections::HashMap<String, Box<RawValue>> =
@@ -83,7 +84,7 @@ impl Kind {
         let columns: Vec<&str> = self.columns.iter().map(|(column, ..)| *column).collect();
         let places: Vec<String> = (1..=columns.len()).map(|i| format!("${i}")).collect();
         let conflict = if self.may_be_there { " ON CONFLICT DO NOTHING" } else { "" };
-        // Names come from the list above.
+        // The names come from the list of tables, not from the line.
         let sql =
             format!("INSERT INTO {} ({}) VALUES ({}){conflict}", self.table, columns.join(", "), places.join(", "));
         let mut query = sqlx::query(AssertSqlSafe(sql));
@@ -102,7 +103,7 @@ impl Kind {
                         let wanted = members.get("log_hash").map(|hash| hash.get().trim_matches('"').to_owned());
                         let found = hex(&Sha256::digest(raw.get()));
                         if wanted.as_deref() != Some(found.as_str()) {
-                            return Err(bad(format!("log: its SHA-256 is {found}, and not its log_hash")));
+                            return Err(bad(format!("log: its SHA-256 is {found}, which differs from log_hash")));
                         }
                     }
                     query.bind(compress(raw.get().as_bytes())?)
@@ -119,10 +120,10 @@ impl Kind {
     }
 }
 
-/// Hands every row of every kind to `write` as a line of JSON, all as of one moment.
+/// Passes every row of every kind to `write` as a line of JSON, from one consistent snapshot.
 ///
 /// # Errors
-/// Where the database fails, a row does not read back, or `write` fails.
+/// Returns an error if the database fails, a row cannot be read, or `write` fails.
 pub async fn export(
     database: &Path,
     mut write: impl FnMut(&'static Kind, &str) -> std::io::Result<()>,
@@ -142,39 +143,41 @@ pub async fn export(
     Ok(())
 }
 
-/// What stands in the way of an import.
+/// Reasons why an import fails.
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
-    /// There are runs, submissions or quotas already.
+    /// The database already has runs, submissions or quotas.
     #[error("the database holds {0} runs, submissions and quotas already; an import needs an empty one")]
     NotEmpty(i64),
-    /// A suite of the same name and version has another content.
-    #[error("the database has another {0} than the export; it cannot take its runs")]
+    /// A suite of the same name and version has different content.
+    #[error("the database holds a different {0} than the export, so the runs cannot be imported")]
     OtherSuite(String),
     /// Tasks of a suite are missing.
-    #[error("the export lacks tasks of {0}: its files are not whole")]
+    #[error("the export lacks tasks of {0}: its files are incomplete")]
     Cut(String),
-    /// A line cannot be entered.
+    /// A line cannot be imported.
     #[error("{file}, line {line}: {error}")]
     Line {
-        /// The file.
+        /// Name of the file.
         file: String,
-        /// The line, from 1.
+        /// Number of the line, from 1.
         line: usize,
-        /// What is wrong.
+        /// Error of the line.
         error: StoreError,
     },
-    /// The database or a file fails.
+    /// The database or a file failed.
     #[error(transparent)]
     Store(#[from] StoreError),
 }
 
 impl Store {
-    /// Takes what was exported into this database, which must be empty but for suites; all of it, or nothing. What had not been graded
-    /// is queued. `lines` gives the lines of a file, or none where there is no such file.
+    /// Imports an export into this database, which must be empty except for suites. Either all of it is imported, or
+    /// nothing. Submissions that were not graded are queued. `lines` returns the lines of a file, or none if the file
+    /// does not exist.
     ///
     /// # Errors
-    /// Where the database is not empty, a suite differs, a line cannot be entered, or the database fails.
+    /// Returns an error if the database is not empty, a suite differs or is incomplete, a line cannot be imported, or
+    /// the database fails.
     pub async fn import<I: Iterator<Item = std::io::Result<String>>>(
         &self,
         mut lines: impl FnMut(&'static Kind) -> std::io::Result<Option<I>>,
@@ -208,7 +211,7 @@ impl Store {
         let requeue = [
             "UPDATE submissions SET state = 'queued' WHERE state = 'grading'",
             "INSERT INTO jobs (submission_id, queued_at_ms) SELECT id, created_at_ms FROM submissions WHERE ended_at_ms IS NULL",
-            // Answers to hidden instances are not among what came.
+            // The export contains no answers to hidden instances, so their reservations are dropped.
             "UPDATE quotas SET reserved =
                  (SELECT COUNT(*) FROM submissions s WHERE s.owner = quotas.owner AND s.ended_at_ms IS NULL)",
         ];
@@ -221,17 +224,17 @@ impl Store {
     }
 }
 
-/// Refuses a task that this program cannot read, or that is not the one it is said to be.
+/// Refuses a task that this program cannot read, or whose hash is not the stated one.
 fn must_be_task(members: &std::collections::HashMap<String, Box<RawValue>>) -> Result<(), String> {
     let raw = |name: &str| members.get(name).map_or("null", |value| value.get());
     let task: Task = serde_json::from_str(raw("task")).map_err(|error| format!("task: {error}"))?;
     if raw("hash").trim_matches('"') != task.content_hash() {
-        return Err(format!("task: its hash is {}, and not the one beside it", task.content_hash()));
+        return Err(format!("task: its hash is {}, which differs from hash", task.content_hash()));
     }
     Ok(())
 }
 
-/// Refuses suites some of whose tasks are missing.
+/// Refuses suites of which tasks are missing.
 async fn must_be_whole(tx: &mut SqliteConnection) -> Result<(), ImportError> {
     let suites: Vec<(String, String)> = sqlx::query_as("SELECT id, content_hash FROM suites WHERE task_count > 0")
         .fetch_all(&mut *tx)

@@ -1,37 +1,37 @@
-//! What is exported and imported: the list of tables and columns, which serves both ways.
+//! Exported and imported tables: one list of tables and columns for both directions.
 
-/// How a column is written in a line.
+/// Representation of a column in a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Form {
     Text,
     Number,
     Flag,
-    /// JSON as text.
+    /// JSON, stored as text.
     Json,
-    /// JSON, compressed.
+    /// JSON, stored compressed.
     Packed,
-    /// Bytes, in Base64.
+    /// Bytes, written in Base64.
     Bytes,
 }
 
-/// A kind of thing that is exported: a table, as a file of lines.
+/// Kind of exported rows: a table, written to a file of lines.
 #[derive(Debug)]
 pub struct Kind {
-    /// Name of the file, without ending.
+    /// Name of the file, without extension.
     pub name: &'static str,
     pub(super) table: &'static str,
-    /// Column, its name in a line, and how it is written.
+    /// Columns: name in the table, name in a line, and representation.
     pub(super) columns: &'static [(&'static str, &'static str, Form)],
-    /// Which rows, in which order.
+    /// Rest of the query: which rows, in which order.
     pub(super) rest: &'static str,
-    /// Whether a row that is there already, the same, is left as it is.
+    /// Whether a row that already exists is left as it is.
     pub(super) may_be_there: bool,
 }
 
-/// Submissions that are exported.
+/// Query for the submissions that are exported.
 pub(super) const PUBLIC: &str = "SELECT id FROM submissions WHERE instance_id IS NULL";
 
-/// All kinds, each after those that it refers to.
+/// All kinds, each after the kinds that it refers to.
 pub const KINDS: &[Kind] = &[
     Kind {
         name: "suites",

@@ -1,7 +1,7 @@
-//! Workers: take jobs under a lease, grade them on threads of their own, and bring the reports back.
+//! Workers: take jobs under a lease, grade them on separate threads, and store the reports.
 //!
-//! No transaction is open while grading. A worker that is asked to stop gives its job back unfinished, without
-//! counting the attempt; one that dies leaves a lease that runs out.
+//! No transaction is open during grading. A worker that is asked to stop gives its job back unfinished, without
+//! counting the attempt. If a worker dies, its lease expires.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -24,25 +24,25 @@ use plumbline_engine::grading::{Report, grade_hashed};
 use plumbline_engine::hidden::receipts::{Graded, OfInstance, Signed, Signer, receipt};
 use plumbline_engine::tasks::catalogue::Catalogue;
 
-/// How workers work.
+/// Settings of the workers.
 #[derive(Debug, Clone, Copy)]
 pub struct WorkerSettings {
-    /// Jobs graded at the same time, beside one quick one and one answer to a hidden instance.
+    /// Number of jobs graded at the same time, in addition to one quick job and one answer to a hidden instance.
     pub workers: usize,
-    /// How long a lease lasts unless it is renewed; renewed three times as often.
+    /// Time after which a lease expires unless it is renewed; leases are renewed every third of it.
     pub lease: Duration,
-    /// How long one grading may take.
+    /// Time limit of one grading.
     pub deadline: Duration,
 }
 
-/// Quick jobs that a worker takes at once: together they take some tens of milliseconds.
+/// Number of quick jobs that a worker takes at once; together they take some tens of milliseconds.
 const QUICK_JOBS: usize = 64;
-/// How often an idle worker looks for leases that ran out.
+/// Interval at which an idle worker looks for expired leases.
 const IDLE_LOOK: Duration = Duration::from_millis(500);
-/// Pause after the database failed.
+/// Pause after a failure of the database.
 const ERROR_PAUSE: Duration = Duration::from_secs(1);
 
-/// How much the thread that grades answers to hidden instances yields to others (niceness): how long it takes shall not show in how
+/// Niceness of the thread that grades answers to hidden instances: the duration of such a grading must not show in how
 /// fast others are served.
 const HIDDEN_NICENESS: i32 = 10;
 
@@ -54,11 +54,11 @@ pub struct Workers {
 }
 
 impl Workers {
-    /// Starts the workers: as many as the settings say, one that is kept for quick jobs, and one for answers to hidden instances.
+    /// Starts the workers: the configured number, one reserved for quick jobs, and one for answers to hidden instances.
     /// `signer` signs a receipt of every grade.
     ///
     /// # Errors
-    /// Where there is no thread to be had.
+    /// Returns an error if a thread cannot be started.
     pub fn start(store: &Store, settings: WorkerSettings, signer: &Arc<Signer>) -> anyhow::Result<Self> {
         let stop = CancellationToken::new();
         let running = TaskTracker::new();
@@ -96,15 +96,15 @@ impl Workers {
 struct Worker {
     store: Store,
     settings: WorkerSettings,
-    /// Where it looks for jobs, in this order.
+    /// Lanes in which it looks for jobs, in this order.
     lanes: &'static [Lane],
-    /// A thread of its own to grade on, where what it does shall not be seen.
+    /// Separate grading thread of the hidden lane, whose work must not be observable.
     apart: Option<Arc<rayon::ThreadPool>>,
     signer: Arc<Signer>,
     stop: CancellationToken,
 }
 
-/// A worker that has jobs, for the metric of those.
+/// Counts a worker as busy in the metrics until dropped.
 struct Busy;
 
 impl Busy {
@@ -120,7 +120,7 @@ impl Drop for Busy {
     }
 }
 
-/// How a grading ended.
+/// Outcome of a grading.
 enum Ending {
     Graded(Box<PackedReport>, Duration),
     Stopped,
@@ -129,17 +129,17 @@ enum Ending {
 }
 
 impl Worker {
-    /// Runs until asked to stop; should a fault of ours break the loop, begins it again.
+    /// Runs until asked to stop, and starts again if a panic of ours ends the loop.
     async fn keep_running(self) {
         while let Err(error) = tokio::spawn(self.clone().run()).await {
-            tracing::error!(%error, "a worker broke and begins again");
+            tracing::error!(%error, "a worker failed and starts again");
             self.pause(ERROR_PAUSE).await;
         }
     }
 
     async fn run(self) {
         while !self.stop.is_cancelled() {
-            // Listening begins before looking, so that work added in between wakes this worker.
+            // Listen before looking, so that a job added in between wakes this worker.
             let woken = self.store.queued().notified();
             tokio::pin!(woken);
             woken.as_mut().enable();
@@ -148,7 +148,7 @@ impl Worker {
                     let first = claims.first().map(|claim| claim.submission_id.clone()).unwrap_or_default();
                     let _busy = self.is_seen().then(Busy::begin);
                     if let Err(error) = self.work(claims).await {
-                        // The leases run out and the jobs are taken again.
+                        // The leases expire and the jobs are taken again.
                         tracing::error!(%error, first, "could not record the end of jobs");
                         self.pause(ERROR_PAUSE).await;
                     }
@@ -169,7 +169,8 @@ impl Worker {
         }
     }
 
-    /// Whether metrics tell what it does: of answers to hidden instances they would tell when one is graded, and how long that takes.
+    /// Returns whether its work shows in metrics. Metrics of the hidden lane would reveal when an answer is graded, and
+    /// how long that takes.
     const fn is_seen(&self) -> bool {
         self.apart.is_none()
     }
@@ -187,7 +188,7 @@ impl Worker {
         }
     }
 
-    /// Grades jobs and records how they ended, with their leases renewed until both are done.
+    /// Grades jobs and records their outcomes, and renews their leases until both are done.
     async fn work(&self, claims: Vec<Claim>) -> StoreResult<()> {
         let is_lost = Arc::new(AtomicBool::new(false));
         let claims: Arc<[Claim]> = claims.into();
@@ -195,16 +196,16 @@ impl Worker {
             let endings = self.grade(&claims, Arc::clone(&is_lost)).await?;
             self.conclude(&claims, endings, is_lost.load(Ordering::Relaxed)).await
         };
-        // Beside the work and not between its steps: there is one connection that writes, and renewing must not wait for
-        // it while the work that holds it waits for the renewal.
+        // Renew beside the work and not between its steps: there is only one write connection, and a renewal must not
+        // wait for it while the work that holds it waits for the renewal.
         let beating = async {
             let mut heartbeat = tokio::time::interval(self.settings.lease / 3);
             heartbeat.tick().await;
             loop {
                 heartbeat.tick().await;
                 for claim in &*claims {
-                    // A failed renewal is not a lost lease: recording tells in the end. Of several quick jobs one that is
-                    // lost stops none: each is recorded for itself.
+                    // A failed renewal is not a lost lease: recording decides in the end. If one of several quick jobs
+                    // is lost, the others go on, because each is recorded separately.
                     let renewed = self.store.renew(claim, duration_ms(self.settings.lease)).await;
                     if matches!(renewed, Ok(false)) && claims.len() == 1 {
                         is_lost.store(true, Ordering::Relaxed);
@@ -257,10 +258,10 @@ impl Worker {
         self.store.fail(claim, SubmissionState::GraderError, why, now_ms()).await
     }
 
-    /// Grades on a thread where it may take long, until all are graded or it is asked to stop.
+    /// Grades jobs on a thread that may block, until all are graded or the worker is asked to stop.
     ///
     /// # Errors
-    /// Where the database fails; the jobs are taken again when their leases have run out.
+    /// Returns an error if the database fails; the jobs are taken again when their leases have expired.
     async fn grade(&self, claims: &Arc<[Claim]>, is_lost: Arc<AtomicBool>) -> StoreResult<Vec<Ending>> {
         let mut catalogue = self.store.catalogue();
         if claims.iter().any(|claim| claim.hidden.is_none() && catalogue.suite(&claim.suite_id).is_none()) {
@@ -276,7 +277,7 @@ impl Worker {
             let asked = || is_lost.load(Ordering::Relaxed) || stop.is_cancelled();
             let endings: Vec<Ending> =
                 jobs.iter().map(|job| grade_one(job, &catalogue, &signer, &asked, deadline)).collect();
-            // Whoever waited for it may have gone.
+            // The receiver may be gone.
             let _ = done.send(endings);
         };
         match &self.apart {
@@ -284,13 +285,13 @@ impl Worker {
             None => drop(tokio::task::spawn_blocking(work)),
         }
         Ok(is_done.await.unwrap_or_else(|error| {
-            tracing::error!(%error, "a grading thread broke");
+            tracing::error!(%error, "a grading thread ended without a result");
             claims.iter().map(|_| Ending::Panicked).collect()
         }))
     }
 }
 
-/// Grades one job, and signs what was found.
+/// Grades one job and signs a receipt of the result.
 fn grade_one(
     job: &Claim,
     catalogue: &Catalogue,
@@ -324,7 +325,8 @@ fn grade_one(
         Ok(report) => match PackedReport::of(&report, i64::try_from(took.as_micros()).unwrap_or(i64::MAX)) {
             Ok(packed) => {
                 let packed = packed.with_receipt(sign(job, &report, signer));
-                // Of hidden answers nobody has the same, so there is nothing to compare.
+                // Answers to hidden instances get no fingerprint: each instance is issued only once, so there is
+                // nothing to compare.
                 let packed = match job.hidden {
                     None => packed.with_fingerprint(&Fingerprint::of(hash, &log)),
                     Some(_) => packed,

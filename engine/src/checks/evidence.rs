@@ -4,10 +4,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::safety::figures::StressFigures;
+use super::sample::MAX_WITNESSES;
 use crate::voxel::Cell;
-
-/// Greatest number of witness cells that a finding lists; it counts all of them.
-pub const MAX_WITNESSES: usize = 20;
 
 /// Greatest number of items kept of a list in `measured` or `required`.
 pub const MAX_ITEMS: usize = 64;

@@ -9,6 +9,7 @@ pub mod amount;
 pub mod evidence;
 pub mod planning;
 pub mod safety;
+pub mod sample;
 
 use serde::{Deserialize, Serialize};
 

@@ -1,9 +1,11 @@
 //! Grading: makes a report from a task and a log, and the summary of a run from its reports.
 
 pub mod advisories;
+pub mod advisory;
 pub mod baseline;
 pub mod cost;
 pub mod fingerprints;
+pub mod grade;
 pub mod outcomes;
 pub mod raw_records;
 pub mod report;
@@ -13,5 +15,6 @@ pub mod standings;
 pub mod statistics;
 pub mod summary;
 
-pub use report::{Report, grade_hashed, grade_log, grade_structures};
+pub use grade::{grade_hashed, grade_log, grade_structures};
+pub use report::Report;
 pub use summary::{ProblemScores, Summary};

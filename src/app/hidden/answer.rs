@@ -1,4 +1,4 @@
-//! Reading the answer to a hidden instance, with all faults at once.
+//! Parser of answers to hidden instances, which reports all faults at once.
 
 use serde::de::{IgnoredAny, MapAccess};
 
@@ -11,16 +11,16 @@ use plumbline_engine::intake::tolerant::{OrNull, Read, Shape, Text};
 /// An answer as posted.
 #[derive(Debug)]
 pub struct PostedAnswer {
-    /// The log, with action code that is yet to be run.
+    /// Log, with action code that is yet to be run.
     pub sent: SentLog,
-    /// What is promised of the transcript.
+    /// SHA-256 of the transcript that the entrant promises to show, in hex.
     pub transcript_sha256: Option<String>,
 }
 
-/// Wants an answer.
+/// Shape of an answer to a hidden instance.
 #[derive(Debug)]
 pub struct AnswerShape<'f> {
-    /// Where faults go.
+    /// Collector of faults.
     pub faults: &'f mut Faults,
 }
 

@@ -1,4 +1,4 @@
-//! From a request to grade to its answer: read, made a log, graded. Shared by single requests, batches and adapters.
+//! Grading of one request: reads it, prepares its log and grades it. Shared by single requests, batches and adapters.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -8,10 +8,11 @@ use sha2::{Digest as _, Sha256};
 use super::grader::{Deadline, GivenTask, Graded, Until};
 use super::model_text::{AnswerBody, log_in_texts};
 use super::request::{Detail, GivenWork, GradeRequest, GradeShape, NamedTask};
+use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::error::{AppError, AppResult};
 use crate::app::limits::LIMITS;
-use crate::app::replay::{EventBudget, TurnReplay, place, run_sent};
+use crate::app::replay::{EventBudget, place, run_sent};
 use crate::app::rewards::score::{CheckScore, GradeBody, Timings};
 use crate::app::submissions::posted::check_against_task;
 use plumbline_engine::checks::{CHECKS_VERSION, Dimension};
@@ -25,7 +26,7 @@ use plumbline_engine::tasks::embedded::FULL;
 use plumbline_engine::tasks::{Task, hex};
 use plumbline_engine::voxel::BlockLog;
 
-/// A request that was read and whose task was found.
+/// Request that was read and whose task was found.
 #[derive(Debug)]
 pub struct ReadRequest {
     request: GradeRequest,
@@ -33,7 +34,7 @@ pub struct ReadRequest {
     begun: Instant,
 }
 
-/// A request whose log was found, but for what its action code does.
+/// Request whose log was found, but whose action code has not run yet.
 #[derive(Debug)]
 pub struct Found {
     request: GradeRequest,
@@ -43,7 +44,7 @@ pub struct Found {
     begun: Instant,
 }
 
-/// A request whose log is whole, or known to be none.
+/// Request whose log is complete, or known to be unreadable.
 #[derive(Debug)]
 pub struct Prepared {
     request: GradeRequest,
@@ -57,10 +58,10 @@ pub struct Prepared {
 }
 
 impl ReadRequest {
-    /// Reads a request and finds its task among the suites held.
+    /// Reads a request and finds its task in the loaded suites.
     ///
     /// # Errors
-    /// 400 where it is not JSON, 422 with all its faults.
+    /// Returns 400 if the body is not JSON, and 422 with all its faults if it has any.
     pub fn read(text: &[u8], catalogue: &Catalogue) -> AppResult<Self> {
         let begun = Instant::now();
         let mut faults = Faults::new();
@@ -78,41 +79,41 @@ impl ReadRequest {
         Ok(Self { request, given, begun })
     }
 
-    /// The same request about what a model wrote instead of its own log.
+    /// Replaces the log of the request by texts that a model wrote.
     #[must_use]
     pub fn about(mut self, texts: Vec<String>) -> Self {
         self.request.work = GivenWork::Answer(texts);
         self
     }
 
-    /// Whether preparing it is done in an instant.
+    /// Returns whether preparing it takes next to no time.
     fn is_small(&self) -> bool {
         matches!(&self.request.work, GivenWork::Log(sent) if sent.log.event_count() <= INSTANT_EVENTS)
     }
 
-    /// Finds the log in what a model wrote, runs action code, and checks the log against its task.
+    /// Finds the log in the texts of a model, runs action code, and checks the log against its task.
     ///
     /// # Errors
-    /// 422 where the log does not fit the task, or its code reached a limit; 429 where too much waits, 500 where code cannot be run. What is wrong with what a
-    /// model wrote is no error, but a reward of 0.
+    /// Returns 422 if the log does not fit the task or its code reached a limit, 429 if too much code waits, and 500 if
+    /// code cannot be run. A faulty text of a model is no error, but earns a reward of 0.
     pub async fn prepare(self, app: &App, who: &Arc<str>) -> AppResult<Prepared> {
         let found = if self.is_small() { self.find_log()? } else { aside(move || self.find_log()).await? };
         let _place = if found.has_code() { Some(place(app, who)?) } else { None };
         found.prepare(app, who).await
     }
 
-    /// The same for one of many, which have a place together.
+    /// Prepares one of many requests, which share a slot.
     ///
     /// # Errors
-    /// The same, but for 429.
+    /// Returns the same errors as [`Self::prepare`], except 429.
     pub async fn prepare_in_turn(self, app: &App, who: &Arc<str>) -> AppResult<Prepared> {
         aside(move || self.find_log()).await?.prepare(app, who).await
     }
 
-    /// Finds the log in what a model wrote, or takes the one that was sent.
+    /// Finds the log in the texts of a model, or takes the log that was sent.
     ///
     /// # Errors
-    /// 500 where the task is gone.
+    /// Returns 500 if the task no longer exists.
     pub fn find_log(mut self) -> AppResult<Found> {
         let task = self.given.task()?.0;
         let work = std::mem::replace(&mut self.request.work, GivenWork::Answer(Vec::new()));
@@ -128,25 +129,25 @@ impl ReadRequest {
     }
 }
 
-/// Events up to which a log is looked at where its request is answered.
+/// Maximum number of events of a log that is processed on the thread that serves its request.
 const INSTANT_EVENTS: usize = 2_000;
 
-/// Does what takes time on a thread where it hinders nobody.
+/// Runs slow work on a blocking thread.
 async fn aside<T: Send + 'static>(work: impl FnOnce() -> AppResult<T> + Send + 'static) -> AppResult<T> {
     tokio::task::spawn_blocking(work).await.map_err(|error| AppError::internal(&error))?
 }
 
 impl Found {
-    /// Whether it brings action code, which is to be run.
+    /// Returns whether it has action code to run.
     #[must_use]
     pub fn has_code(&self) -> bool {
         !self.sent.codes.is_empty()
     }
 
-    /// Runs action code, for which whoever calls has a place, and checks the log against its task.
+    /// Runs action code, for which the caller holds a slot, and checks the log against its task.
     ///
     /// # Errors
-    /// As [`ReadRequest::prepare_in_turn`].
+    /// Returns the same errors as [`ReadRequest::prepare_in_turn`].
     pub async fn prepare(mut self, app: &App, who: &Arc<str>) -> AppResult<Prepared> {
         let (mut faults, mut replays) = (Faults::new(), Vec::new());
         if self.has_code() {
@@ -161,18 +162,18 @@ impl Found {
     /// Checks the log against its task.
     ///
     /// # Errors
-    /// 422 where it does not fit.
+    /// Returns 422 if it does not fit.
     pub fn finish(self, replays: Vec<TurnReplay>, mut faults: Faults) -> AppResult<Prepared> {
         let Self { request, given, mut sent, mut answer, begun } = self;
         let task = given.task()?.0;
         check_against_task(&sent.log, task, &mut faults);
-        // Code that is no JavaScript is as good as no answer, where nothing else was built.
+        // Code that is not JavaScript counts as no answer if nothing else was built.
         let unreadable = replays.iter().find_map(unreadable_code).filter(|_| sent.log.event_count() == 0);
         if let (Some(answer), Some(why)) = (&mut answer, unreadable) {
             answer.why = Some(why);
         }
         if !faults.is_empty() {
-            // A log that a model wrote is the model's own; the trainer has done nothing wrong.
+            // A log that a model wrote is the model's own responsibility; the trainer has done nothing wrong.
             let Some(answer) = &mut answer else { return Err(AppError::faulty(faults)) };
             answer.why = faults.list().first().map(ToString::to_string);
             sent = nothing(task);
@@ -182,14 +183,14 @@ impl Found {
     }
 }
 
-/// What is wrong with code that is not JavaScript, and so was not run.
+/// Describes the fault of code that is not JavaScript and was therefore not run.
 fn unreadable_code(replay: &TurnReplay) -> Option<String> {
     let error = replay.error.as_ref().filter(|_| replay.unreadable)?;
     let place = error.line.map(|line| format!(" in line {line}")).unwrap_or_default();
-    Some(format!("the code is no JavaScript: {}{place}", error.message))
+    Some(format!("the code is not JavaScript: {}{place}", error.message))
 }
 
-/// The log in which nothing is done.
+/// Returns a log without events, with as many turns as the task.
 fn nothing(task: &Task) -> SentLog {
     BlockLog { turns: vec![Vec::new(); task.turns.len()], ..BlockLog::default() }.into()
 }
@@ -212,19 +213,19 @@ fn micros(since: Instant) -> u64 {
 }
 
 impl Prepared {
-    /// Grades it, and says whether the result was kept from before.
+    /// Grades it, and returns whether the result came from the cache.
     ///
     /// # Errors
-    /// As [`super::grader::Grader::grade`]; 422 where no criterion that applies has a weight.
+    /// Returns the errors of [`super::grader::Grader::grade`], and 422 if no criterion that applies has a weight.
     pub async fn grade(self, app: &App, who: &Arc<str>) -> AppResult<(GradeBody, bool)> {
         let deadline = self.request.deadline.into();
         self.grade_within(app, who, deadline).await
     }
 
-    /// The same for one of many, which wait for their turns beside the time that grading each may take.
+    /// Grades one of many requests. The time that it waits does not count as time for grading.
     ///
     /// # Errors
-    /// The same.
+    /// Returns the same errors as [`Self::grade`].
     pub async fn grade_in_turn(self, app: &App, who: &Arc<str>) -> AppResult<GradeBody> {
         let wait = Some(Duration::from_secs(LIMITS.grade_batch_wait_seconds));
         let deadline = Deadline { work: self.request.deadline, wait };
@@ -245,7 +246,7 @@ impl Prepared {
         Ok((self.answer(app, graded)?, is_cached))
     }
 
-    /// Whether it may be graded on a thread of the short lane.
+    /// Returns whether it may be graded on a thread of the short lane.
     #[must_use]
     pub fn is_short(&self, app: &App) -> bool {
         let is_shaped = self.request.scheme == Scheme::Shaped;
@@ -256,7 +257,7 @@ impl Prepared {
     /// Grades it on this thread.
     ///
     /// # Errors
-    /// The same.
+    /// Returns the same errors as [`Self::grade`].
     pub fn grade_here(self, app: &App, until: &Until) -> AppResult<GradeBody> {
         if self.is_unreadable() {
             return self.unreadable();
@@ -270,7 +271,7 @@ impl Prepared {
         self.answer.as_ref().is_some_and(|answer| answer.why.is_some())
     }
 
-    /// The answer to a model that wrote nothing that can be graded: nothing is earned.
+    /// Returns the result for a model that wrote nothing that can be graded: the reward is 0.
     fn unreadable(self) -> AppResult<GradeBody> {
         let (task, task_hash) = self.given.task()?;
         let criteria = task.criteria();

@@ -1,7 +1,9 @@
-//! Grading within a request: bounded admission, fair turns, a deadline for each log, and a cache of results by content.
+//! Grading within a request: bounded admission, fair scheduling, a deadline for each log, and a content-addressed cache
+//! of results.
 //!
-//! What takes next to no time is graded where its request is answered. The rest goes to one of two lanes, each with threads of its own
-//! and turns by sender: short work, and long work, which yields to all else. Work whose client has left is not begun, or ends.
+//! Work that takes next to no time is done on the thread that serves the request. The rest goes to one of two lanes,
+//! each with its own threads and with fair turns between senders: short work, and long work, which yields to everything
+//! else. If the client has left, its work is not begun, or is stopped.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -24,17 +26,17 @@ use plumbline_engine::tasks::Task;
 use plumbline_engine::tasks::catalogue::Entry;
 use plumbline_engine::voxel::BlockLog;
 
-/// Connections up to which logs are graded where their requests are answered. With more, what waits would wait unseen in the queue of
-/// the threads that serve, and whoever asks for something else behind it.
+/// Number of connections up to which logs are graded on the threads that serve their requests. With more connections,
+/// logs would wait unseen in the queue of these threads, and other requests behind them.
 const FEW_CONNECTIONS: usize = 256;
-/// How much the threads that do short work yield to those that serve (niceness).
+/// Niceness of the threads that do short work, compared with those that serve.
 const SHORT_NICENESS: i32 = 5;
-/// How much the threads that do long work yield to all others.
+/// Niceness of the threads that do long work, which yield to all others.
 const LONG_NICENESS: i32 = 10;
-/// Baselines kept: those of all tasks of a few suites.
+/// Number of baselines in the cache: enough for all tasks of a few suites.
 const BASELINES: usize = 4_096;
 
-/// What a result is kept under: hashes of log and task. Checks are those of the program.
+/// Cache key: hashes of log and task. The version of the checks is that of the program.
 type Key = (Box<str>, Box<str>);
 
 #[derive(Debug, Clone)]
@@ -46,27 +48,27 @@ impl Weighter<Key, Arc<Report>> for ByMemory {
     }
 }
 
-/// A task to grade against, with its hash.
+/// Task to grade against, with its hash.
 #[derive(Debug, Clone)]
 pub enum GivenTask {
-    /// Of a suite, by its number.
+    /// Task of a suite, by its number.
     Listed(Arc<Entry>, u32),
-    /// Brought by the request.
+    /// Task that the request brings.
     Inline(Arc<(Task, String)>),
 }
 
 impl GivenTask {
-    /// One that the request brings.
+    /// Creates a task that the request brings.
     #[must_use]
     pub fn inline(task: Task) -> Self {
         let hash = task.content_hash();
         Self::Inline(Arc::new((task, hash)))
     }
 
-    /// The task and its hash.
+    /// Returns the task and its hash.
     ///
     /// # Errors
-    /// 500 where the suite has no such number, which was looked up before.
+    /// Returns 500 if the suite has no task of this number; the number was looked up before.
     pub fn task(&self) -> AppResult<(&Task, &str)> {
         match self {
             Self::Inline(task) => Ok((&task.0, &task.1)),
@@ -77,16 +79,16 @@ impl GivenTask {
     }
 }
 
-/// Where work is done.
+/// Lane in which work is done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lane {
-    /// What takes up to about half a second.
+    /// Work that takes up to about half a second.
     Short,
-    /// What takes longer.
+    /// Work that takes longer.
     Long,
 }
 
-/// Threads, and turns to use them.
+/// Threads, with fair slots to use them.
 #[derive(Debug)]
 struct Threads {
     slots: Arc<FairSlots>,
@@ -101,7 +103,7 @@ impl Threads {
     }
 }
 
-/// Grades logs for requests that wait.
+/// Grader of the logs of requests that wait for the result.
 #[derive(Debug)]
 pub struct Grader {
     waiting: Arc<Places>,
@@ -110,37 +112,37 @@ pub struct Grader {
     long: Threads,
     connections: Connections,
     cache: Option<Cache<Key, Arc<Report>, ByMemory>>,
-    /// By hash of the task.
+    /// Baselines by the hash of the task.
     baselines: Cache<Box<str>, Arc<Baseline>>,
     stop: CancellationToken,
 }
 
-/// A report, and whether it was kept from before.
+/// Report, with its origin.
 #[derive(Debug, Clone)]
 pub struct Graded {
-    /// The report.
+    /// Report of the grading.
     pub report: Arc<Report>,
-    /// Whether nothing was computed.
+    /// Whether the report came from the cache.
     pub is_cached: bool,
 }
 
-/// How long work may take, and how long it may wait for its turn.
+/// Limits on how long work may take, and how long it may wait to begin.
 #[derive(Debug, Clone, Copy)]
 pub struct Deadline {
-    /// For the work.
+    /// Time for the work.
     pub work: Duration,
-    /// For the turn, beside the work; none where the time for the work is for both.
+    /// Time to wait for the work to begin; if none, `work` covers both.
     pub wait: Option<Duration>,
 }
 
 impl From<Duration> for Deadline {
-    /// For both, together.
+    /// Covers both waiting and work.
     fn from(work: Duration) -> Self {
         Self { work, wait: None }
     }
 }
 
-/// Until when work may go on.
+/// Condition under which work may go on.
 #[derive(Debug, Clone)]
 pub struct Until {
     deadline: Instant,
@@ -148,19 +150,19 @@ pub struct Until {
 }
 
 impl Until {
-    /// To this time, whether or not anybody waits.
+    /// Creates a deadline from now on that does not depend on a client.
     #[must_use]
     pub fn within(deadline: Duration) -> Self {
         Self { deadline: Instant::now() + deadline, left: CancellationToken::new() }
     }
 
-    /// The same, but not beyond this time from now.
+    /// Returns the same condition, shortened to at most this time from now.
     #[must_use]
     pub fn and_within(&self, deadline: Duration) -> Self {
         Self { deadline: self.deadline.min(Instant::now() + deadline), left: self.left.clone() }
     }
 
-    /// Whether the client has left.
+    /// Returns whether the client has left.
     #[must_use]
     pub fn has_left(&self) -> bool {
         self.left.is_cancelled()
@@ -168,10 +170,10 @@ impl Until {
 }
 
 impl Grader {
-    /// With a cache of `cache_bytes`, or none where it is 0.
+    /// Creates a grader with a cache of `cache_bytes`, or without a cache if that is 0.
     ///
     /// # Errors
-    /// Where there are no threads to be had.
+    /// Returns an error if a thread cannot be started.
     pub fn new(cache_bytes: usize, connections: &Connections, stop: CancellationToken) -> anyhow::Result<Self> {
         const TYPICAL_BYTES: usize = 4 << 10;
         let cache = (cache_bytes > 0)
@@ -181,7 +183,8 @@ impl Grader {
             waiting: Places::new(LIMITS.grades_waiting, LIMITS.grades_waiting_per_sender),
             batches: Places::new(LIMITS.grade_batches, LIMITS.grade_batches_per_sender),
             short: Threads::start("grade-short", cores, cores, SHORT_NICENESS)?,
-            // One sender leaves a slot to others. A large build is shared out between the threads, so none idles.
+            // A single sender leaves one slot free for others. A large build is split between the threads, so none
+            // idles.
             long: Threads::start("grade-long", cores, cores.saturating_sub(1), LONG_NICENESS)?,
             connections: connections.clone(),
             cache,
@@ -190,26 +193,27 @@ impl Grader {
         })
     }
 
-    /// A place among those that are graded or wait.
+    /// Takes a slot for a log that is graded or waits.
     ///
     /// # Errors
-    /// 429 at once where there is none.
+    /// Returns 429 at once if no slot is free.
     pub fn admit(&self, who: &Arc<str>) -> AppResult<Place> {
         admitted(&self.waiting, who, "logs")
     }
 
-    /// A place for a whole batch.
+    /// Takes a slot for a whole batch.
     ///
     /// # Errors
-    /// 429 at once where there is none.
+    /// Returns 429 at once if no slot is free.
     pub fn admit_batch(&self, who: &Arc<str>) -> AppResult<Place> {
         admitted(&self.batches, who, "batches")
     }
 
-    /// Does work in a lane when the sender's turn comes. Where whoever waits for it goes, it is not begun, or told to end.
+    /// Runs work in a lane when the sender gets a slot. If the caller goes away, the work is not begun, or is asked to
+    /// end.
     ///
     /// # Errors
-    /// 504 where the turn does not come in time; what the work says.
+    /// Returns 504 if no slot is free in time, and otherwise the error of the work.
     pub async fn run<T: Send + 'static>(
         &self,
         lane: Lane,
@@ -233,17 +237,17 @@ impl Grader {
         threads.pool.spawn_fifo(move || {
             let _slot = slot;
             if !until.has_left() {
-                // Whoever waited for it may go meanwhile.
+                // The receiver may be gone.
                 let _ = answer.send(work(&until));
             }
         });
         answered.await.map_err(|error| AppError::internal(&error))?
     }
 
-    /// Makes the baseline of a task known, in a turn of the sender's.
+    /// Ensures that the baseline of a task is known; computes it in the long lane if necessary.
     ///
     /// # Errors
-    /// 504 where the deadline passes, 503 where the service stops.
+    /// Returns 504 if the deadline passes, and 503 if the service stops.
     pub async fn know_baseline(
         self: &Arc<Self>,
         given: &GivenTask,
@@ -257,16 +261,16 @@ impl Grader {
         self.run(Lane::Long, who, deadline, move |until| grader.baseline(&given, until).map(|_| ())).await
     }
 
-    /// Whether the baseline of a task is known.
+    /// Returns whether the baseline of a task is known.
     #[must_use]
     pub fn knows_baseline(&self, given: &GivenTask) -> bool {
         given.task().is_ok_and(|(_, hash)| self.baselines.contains_key(hash))
     }
 
-    /// What a log that does nothing earns on a task.
+    /// Returns the baseline of a task: what a log that does nothing earns. Computes it unless it is known.
     ///
     /// # Errors
-    /// 504 where the deadline passes, 503 where the service stops.
+    /// Returns 504 if the deadline passes, and 503 if the service stops.
     pub fn baseline(&self, given: &GivenTask, until: &Until) -> AppResult<Arc<Baseline>> {
         let (task, hash) = given.task()?;
         if let Some(known) = self.baselines.get(hash) {
@@ -280,10 +284,10 @@ impl Grader {
         Ok(baseline)
     }
 
-    /// Grades a log, here where that is quick and else when the sender's turn comes.
+    /// Grades a log: on this thread if that is quick, or else in a lane when the sender gets a slot.
     ///
     /// # Errors
-    /// 504 where the deadline passes, 503 where the service stops, 500 where grading fails; never a score.
+    /// Returns 504 if the deadline passes, 503 if the service stops, and 500 if grading fails; never a score.
     pub async fn grade(
         self: &Arc<Self>,
         given: GivenTask,
@@ -310,7 +314,7 @@ impl Grader {
     /// Grades a log on this thread, however long it takes.
     ///
     /// # Errors
-    /// As [`Self::grade`].
+    /// Returns the same errors as [`Self::grade`].
     pub fn grade_here(&self, given: &GivenTask, log: &BlockLog, log_hash: &str, until: &Until) -> AppResult<Graded> {
         let (task, hash) = given.task()?;
         if let Some(kept) = self.kept(log_hash, hash) {
@@ -342,7 +346,7 @@ impl Grader {
     fn compute(&self, task: &Task, hash: &str, log: &BlockLog, until: &Until) -> AppResult<Report> {
         let stop = || self.is_over(until);
         let begun = Instant::now();
-        // On a thread of the long lane what is shared out goes to the others of the lane; elsewhere there is nothing to share.
+        // On a thread of the long lane, idle threads of the lane share the work; elsewhere there is nothing to share.
         let cores = if cost(task, log) == Cost::Long { Cores::Idle } else { Cores::One };
         let graded = execute(cores, &stop, |control| grade_hashed(task, hash, log, control));
         let report = graded.map_err(|why| self.unfinished(why, &task.id))?;
@@ -368,7 +372,7 @@ impl Grader {
     }
 }
 
-/// Notes a panic in the lanes; whoever waits for what panicked is told that the service failed.
+/// Logs a panic in a lane; the caller gets the error that the service failed.
 pub fn note_panic(_panic: Box<dyn std::any::Any + Send>) {
     tracing::error!("work for a request panicked");
 }

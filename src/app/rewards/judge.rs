@@ -1,4 +1,4 @@
-//! Judging what a model wrote, for trainers that name the task beside it.
+//! Judging of texts that a model wrote, for trainers that name the task separately.
 
 use std::sync::Arc;
 
@@ -10,10 +10,11 @@ use crate::app::App;
 use crate::app::error::{AppError, AppResult};
 use plumbline_engine::tasks::catalogue::Catalogue;
 
-/// Grades what a model wrote against the task that `naming` tells (`task`, `suite`, `reward`). An answer that cannot be graded has reward 0, and `answer.why` tells the reason.
+/// Grades the texts of a model against the task that `naming` selects (`task`, `suite`, `reward`). A text that cannot
+/// be graded has reward 0, and `answer.why` gives the reason.
 ///
 /// # Errors
-/// Where the task cannot be found (the trainer's fault) or grading failed (ours).
+/// Returns an error if the task cannot be found (the trainer's fault) or grading failed (ours).
 pub async fn judge(
     app: &App,
     who: &Arc<str>,
@@ -26,10 +27,10 @@ pub async fn judge(
     Ok(prepared.grade(app, who).await?.0)
 }
 
-/// The same for one of many samples, which have a place together and wait for their turns beside the time that each may take.
+/// Grades one of many samples, which share a slot. The time that each waits does not count as time for grading.
 ///
 /// # Errors
-/// The same.
+/// Returns the same errors as [`judge`].
 pub async fn judge_in_turn(
     app: &App,
     who: &Arc<str>,
@@ -42,7 +43,7 @@ pub async fn judge_in_turn(
     prepared.grade_in_turn(app, who).await
 }
 
-/// The request that names the task; what was done comes from the model.
+/// Creates the request that names the task, with an empty log in place of the model's.
 fn request(naming: &Map<String, Value>) -> String {
     let mut request = naming.clone();
     request.retain(|_, value| !value.is_null());

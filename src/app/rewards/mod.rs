@@ -1,4 +1,4 @@
-//! Rewards: a request becomes a log, the log is graded, the report becomes a reward.
+//! Rewards: turns a request into a log, grades the log, and turns the report into a reward.
 
 pub mod grade;
 pub mod grader;

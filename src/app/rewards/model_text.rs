@@ -1,4 +1,4 @@
-//! What a model wrote, made the log of a task: one answer, or one a turn.
+//! Search for the log of a task in the texts of a model: one answer for all turns, or one for each turn.
 
 use serde::Serialize;
 
@@ -6,31 +6,31 @@ use crate::app::limits::LIMITS;
 use plumbline_engine::intake::code::SentLog;
 use plumbline_engine::intake::text::{AnswerKind, FoundAnswer, read_answer};
 
-/// What was found in the texts of a model.
+/// Answers found in the texts of a model.
 #[derive(Debug, Clone, Default, Serialize, utoipa::ToSchema)]
 pub struct AnswerBody {
-    /// Where each turn was found.
+    /// Location of each answer that was used.
     pub found: Vec<FoundBody>,
-    /// Why nothing could be graded; then the reward is 0, and it is the model's own.
+    /// Reason why nothing could be graded; then the reward is 0, and the model is responsible for it.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(example = "there is neither a block log as JSON nor action code in the answer")]
     pub why: Option<String>,
 }
 
-/// An answer that was found.
+/// Location and kind of an answer in the texts of a model.
 #[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 pub struct FoundBody {
-    /// Which of the texts, from 1.
+    /// Number of the text, from 1.
     pub text: usize,
-    /// The line of that text in which it begins, from 1.
+    /// Line of that text in which the answer begins, from 1.
     pub line: usize,
-    /// What it is.
+    /// Kind of the answer.
     pub kind: FoundKind,
-    /// Answers before it in the same text that do not count.
+    /// Number of earlier answers in the same text, which do not count.
     pub passed_over: usize,
 }
 
-/// What an answer is.
+/// Kind of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum FoundKind {
@@ -40,13 +40,13 @@ pub enum FoundKind {
     ActionCode,
 }
 
-/// The log of a task of so many turns that texts hold, and where it was found.
+/// Finds the log of a task with this number of turns in texts, and where it was found.
 ///
-/// The texts with an answer count. Of a task of one turn the last of them does; of several turns the last so many give a turn each,
-/// or the last one gives all.
+/// Texts without an answer are ignored. For a task of one turn the last answer counts. For a task of several turns, the
+/// last answers give one turn each, or the last one gives all turns.
 ///
 /// # Errors
-/// Why there is none, in words.
+/// Returns the reason if there is no such log.
 pub fn log_in_texts(texts: &[String], turns: usize) -> Result<(SentLog, Vec<FoundBody>), String> {
     let read: Vec<(usize, Result<FoundAnswer, String>)> =
         (1..).zip(texts).map(|(place, text)| (place, read_answer(text, LIMITS.log()))).collect();
@@ -62,7 +62,7 @@ pub fn log_in_texts(texts: &[String], turns: usize) -> Result<(SentLog, Vec<Foun
     } else if of_last != 1 {
         return Err(format!("the answer has {of_last} turns; the task has {turns}"));
     } else if found.len() < turns {
-        return Err(format!("the task has {turns} turns, and {} of them answered", found.len()));
+        return Err(format!("the task has {turns} turns; answers found: {}", found.len()));
     } else {
         found.drain(..found.len() - turns);
     }
@@ -107,7 +107,7 @@ mod tests {
         assert_eq!(found(&[one, "and", one], 2), Ok(vec![1, 3]));
         assert_eq!(found(&[one, one, one], 2), Ok(vec![2, 3]));
         assert_eq!(found(&[one, both], 2), Ok(vec![2]));
-        assert_eq!(found(&[one], 2), Err("the task has 2 turns, and 1 of them answered".to_owned()));
+        assert_eq!(found(&[one], 2), Err("the task has 2 turns; answers found: 1".to_owned()));
         assert_eq!(found(&[both], 3), Err("the answer has 2 turns; the task has 3".to_owned()));
         assert_eq!(found(&[both, one], 2), Err("text 1 has 2 turns; each text answers one".to_owned()));
         assert!(found(&["no"], 1).is_err());

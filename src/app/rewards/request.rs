@@ -1,4 +1,4 @@
-//! Reading a request to grade, with all its faults at once.
+//! Parser of requests to grade, which reports all faults at once.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ use plumbline_engine::intake::tolerant::{OrNull, Read, Scalar, Shape, Text, Verb
 use plumbline_engine::tasks::published::read_checks;
 use plumbline_engine::tasks::{Instruction, Task};
 
-/// How much of the report is answered.
+/// Amount of detail in the response.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Detail {
@@ -30,42 +30,42 @@ pub enum Detail {
 /// The task of a request to grade.
 #[derive(Debug, Clone, PartialEq)]
 pub enum NamedTask {
-    /// Of a suite.
+    /// Task of a suite.
     Listed(TaskRef),
-    /// Brought along.
+    /// Task that the request brings.
     Inline(Box<Task>),
 }
 
-/// What a request says was done.
+/// Work to grade.
 #[derive(Debug)]
 pub enum GivenWork {
-    /// A log, with action code that is yet to be run.
+    /// Log, with action code that is yet to be run.
     Log(SentLog),
-    /// What a language model wrote, a text or several in order, in which a log or code is yet to be found.
+    /// Text or texts that a language model wrote, in order, in which a log or code is yet to be found.
     Answer(Vec<String>),
 }
 
 /// A request to grade a log.
 #[derive(Debug)]
 pub struct GradeRequest {
-    /// The task.
+    /// Task to grade against.
     pub task: NamedTask,
-    /// Its suite, where it is of one.
+    /// Name of the suite, for a task of a suite.
     pub suite: Option<String>,
-    /// What was done.
+    /// Work to grade.
     pub work: GivenWork,
-    /// How the reward is made.
+    /// Scheme by which the reward is computed.
     pub scheme: Scheme,
-    /// How much is answered.
+    /// Amount of detail in the response.
     pub detail: Detail,
-    /// How long grading may take.
+    /// Time that grading may take.
     pub deadline: Duration,
 }
 
-/// Wants a request to grade.
+/// Shape of a request to grade.
 #[derive(Debug)]
 pub struct GradeShape<'f> {
-    /// Where faults go.
+    /// Collector of faults.
     pub faults: &'f mut Faults,
 }
 
@@ -121,7 +121,7 @@ impl<'de> Shape<'de> for GradeShape<'_> {
             }
         }
         if matches!(task, Some(Some(NamedTask::Inline(_)))) && suite.as_ref().is_some_and(Option::is_some) {
-            faults.add_at("suite", "a task that the request brings is of no suite; leave it out");
+            faults.add_at("suite", "an inline task belongs to no suite; leave suite out");
         }
         let work = answer.flatten().map(GivenWork::Answer).or_else(|| log.sent().map(GivenWork::Log));
         let (Some(Some(task)), Some(work)) = (task, work) else { return Ok(None) };
@@ -137,7 +137,7 @@ impl<'de> Shape<'de> for GradeShape<'_> {
     }
 }
 
-/// Wants what a model wrote: a text, or a list of texts.
+/// Shape of the texts of a model: one string, or a list of strings.
 struct AnswerTexts<'f> {
     faults: &'f mut Faults,
 }
@@ -174,7 +174,7 @@ impl<'de> Shape<'de> for AnswerTexts<'_> {
     }
 }
 
-/// `"strict"`, `"shaped"`, `"mean"`, or `{"weights": {criterion: weight}}`.
+/// Reads a scheme: `"strict"`, `"shaped"`, `"mean"`, or `{"weights": {criterion: weight}}`.
 pub fn read_scheme(value: &Value, faults: &mut Faults) -> Scheme {
     match value {
         Value::Null => return Scheme::Strict,
@@ -267,12 +267,13 @@ impl<'de> Shape<'de> for NamedTaskShape<'_> {
     }
 }
 
-/// Bytes of an object as JSON.
+/// Returns the size of an object as JSON, in bytes.
 fn written_bytes(object: &Map<String, Value>) -> usize {
     serde_json::to_vec(object).map_or(usize::MAX, |bytes| bytes.len())
 }
 
-/// A task as `GET /v1/tasks/{id}` shows it: `turns` with `checks`, and whatever else it says is not needed.
+/// Reads a task as `GET /v1/tasks/{id}` shows it: `turns` with `checks`. Other members are ignored, except `id` and
+/// prompts.
 fn inline_task(object: &Map<String, Value>, faults: &mut Faults) -> Task {
     let id = object.get("id").and_then(Value::as_str).unwrap_or("inline/task");
     if id.len() > 200 {
@@ -305,7 +306,7 @@ fn inline_task(object: &Map<String, Value>, faults: &mut Faults) -> Task {
     Task::foreign(id.to_owned(), 0, turns)
 }
 
-/// Items of the longest list in the arguments of checks.
+/// Returns the length of the longest list in the arguments of checks.
 fn longest_list(value: &Value, depth: usize) -> usize {
     match value {
         Value::Array(items) => {
@@ -322,7 +323,7 @@ fn inline_turn(turn: &Value, faults: &mut Faults) -> Instruction {
     faults.enter_key("checks");
     let mut checks = turn.get("checks").cloned().unwrap_or_default();
     for check in checks.as_array_mut().into_iter().flatten().filter_map(Value::as_object_mut) {
-        // What the task's own page says about a check, beside what makes it.
+        // Drop the members that the task's own page adds to a check.
         check.remove("criterion");
         check.remove("asks");
     }

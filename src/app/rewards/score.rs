@@ -1,44 +1,44 @@
-//! The result of grading within a request: a reward, and what it is made of.
+//! Result of grading within a request: a reward and its components.
 
 use std::sync::Arc;
 
 use serde::Serialize;
 
 use super::model_text::AnswerBody;
-use crate::app::replay::TurnReplay;
+use crate::actions::turn_replay::TurnReplay;
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::grading::Report;
 use plumbline_engine::grading::report::CriterionReport;
 use plumbline_engine::grading::reward::RewardComponents;
 
-/// The score of one check.
+/// Score of one check.
 #[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 pub struct CheckScore {
-    /// Turn, from 1.
+    /// Number of the turn, from 1.
     pub turn: u32,
-    /// Name.
+    /// Name of the check.
     #[serde(rename = "fn")]
     pub name: String,
-    /// The criterion it counts for.
+    /// Criterion that the check counts for.
     pub criterion: Criterion,
-    /// In [0, 1].
+    /// Score in [0, 1].
     #[schema(minimum = 0, maximum = 1)]
     pub score: f64,
 }
 
-/// How long it took, in microseconds. All else in an answer depends on log, task and checks alone.
+/// Time taken, in microseconds. Everything else in a response depends only on the log, the task and the checks.
 #[derive(Debug, Clone, Copy, Serialize, utoipa::ToSchema)]
 pub struct Timings {
-    /// Reading the request.
+    /// Time to read the request.
     pub read_us: u64,
-    /// Grading, or finding the result that was kept.
+    /// Time to grade, or to find the cached result.
     pub grade_us: u64,
 }
 
-/// A graded log.
+/// Result of grading a log.
 #[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 pub struct GradeBody {
-    /// The task's id.
+    /// Identifier of the task.
     pub task: String,
     /// SHA-256 of the task, in hex.
     #[schema(pattern = "^[0-9a-f]{64}$")]
@@ -46,48 +46,48 @@ pub struct GradeBody {
     /// SHA-256 of the log's canonical JSON, in hex.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub log_hash: String,
-    /// Version of the rules that scored it.
+    /// Version of the checks that scored the log.
     pub checks_version: u32,
-    /// The reward, in [0, 1].
+    /// Reward, in [0, 1].
     #[schema(minimum = 0, maximum = 1)]
     pub reward: f64,
-    /// The scheme that made it.
+    /// Name of the scheme that computed the reward.
     #[schema(value_type = SchemeUsed, example = "strict")]
     pub scheme: &'static str,
-    /// Whether the problem passes.
+    /// Whether the log passes the whole task.
     pub overall: bool,
-    /// Whether its accuracy passes, where it applies.
+    /// Whether the log passes on accuracy, if accuracy applies to the task.
     pub accuracy: Option<bool>,
-    /// What rewards are made of.
+    /// Components from which rewards are computed.
     pub components: RewardComponents,
-    /// The criteria that apply.
+    /// Criteria that apply to the task.
     pub criteria: Vec<CriterionReport>,
-    /// A score per check.
+    /// Score of each check.
     pub checks: Vec<CheckScore>,
-    /// The whole report, where it was asked for.
+    /// The whole report, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Report>)]
     pub report: Option<Arc<Report>>,
-    /// What the action code of its turns did, where it brought some.
+    /// Results of the action code of its turns, if there was any.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub action_code: Vec<TurnReplay>,
-    /// What was found in the model's texts, where the request brought `answer`.
+    /// Answers found in the texts of the model, if the request has `answer`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub answer: Option<AnswerBody>,
-    /// How long it took.
+    /// Time taken.
     pub timings: Timings,
 }
 
-/// The scheme that made a reward.
+/// Scheme that computed a reward.
 #[derive(Debug, utoipa::ToSchema, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SchemeUsed {
-    /// As asked for.
+    /// 1 if the task passes overall, otherwise 0.
     Strict,
-    /// As asked for.
+    /// Score earned beyond that of a log that does nothing.
     Shaped,
-    /// As asked for.
+    /// Mean over the criteria that apply.
     Mean,
-    /// By weights.
+    /// Weighted mean over the criteria that apply and have a weight.
     Weighted,
 }

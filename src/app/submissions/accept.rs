@@ -1,4 +1,4 @@
-//! Accepting submissions: everything that a body says is checked, and accepted as a whole or not at all.
+//! Acceptance of submissions: checks the whole body, and accepts all of its submissions or none.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
@@ -9,10 +9,11 @@ use uuid::Uuid;
 
 use super::decision::{decide, decide_all};
 use super::posted::{Format, Posted, PostedSubmission, check_against_task, read_submissions};
+use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult, Kind};
-use crate::app::replay::{TurnReplay, run_codes};
+use crate::app::replay::run_codes;
 use crate::clock::now_ms;
 use crate::store::StoreError;
 use crate::store::idempotency::Once;
@@ -25,37 +26,37 @@ use plumbline_engine::tasks::catalogue::Entry;
 use plumbline_engine::tasks::embedded::FULL;
 use plumbline_engine::tasks::{Task, hex};
 
-/// An accepted submission.
+/// Accepted submission.
 #[derive(Debug)]
 pub struct AcceptedSubmission {
     /// Identifier of the submission.
     pub id: String,
-    /// Whether the run held this very log for the task already, so that nothing was stored.
+    /// Whether the run already held the same log for the task, so that nothing was stored.
     pub repeated: bool,
-    /// What the action code of its turns did.
+    /// Results of the action code of its turns.
     pub action_code: Vec<TurnReplay>,
 }
 
-/// The result of accepting a body.
+/// Result of accepting a body.
 #[derive(Debug)]
 pub struct Acceptance {
-    /// The submissions, in the order of the body.
+    /// Accepted submissions, in the order of the body.
     pub submissions: Vec<AcceptedSubmission>,
-    /// Whether an earlier request with the same `Idempotency-Key` had the effect.
+    /// Whether an earlier request with the same `Idempotency-Key` already had the effect.
     pub is_replayed: bool,
 }
 
-/// Submissions of a body in which nothing is wrong.
+/// Submissions of a body without faults.
 struct Checked {
     submissions: Vec<NewSubmission>,
     lines: Vec<Option<u64>>,
 }
 
-/// Accepts the submissions of a body, durably.
+/// Accepts the submissions of a body and stores them durably.
 ///
 /// # Errors
-/// Returns every fault of the body; a conflict if a run holds another answer or takes no more; a refusal if the caller may not
-/// submit or has used up the quota.
+/// Returns all faults of the body, a conflict if a run already has another log for the task or accepts no more
+/// submissions, and a refusal if the caller may not submit or has used up the quota.
 pub async fn accept(
     app: &App,
     caller: &Caller,
@@ -80,7 +81,8 @@ pub async fn accept(
     }
 }
 
-/// Checks the submissions of a body as [`accept`] does, and stores nothing. Returns each with whether it would be a repetition.
+/// Checks the submissions of a body as [`accept`] does, without storing anything, and states for each whether it would
+/// be a repetition.
 ///
 /// # Errors
 /// Returns the same errors as [`accept`].
@@ -104,7 +106,7 @@ pub fn key_reused() -> AppError {
     AppError::new(Kind::IdempotencyKeyReused, detail)
 }
 
-/// Reads a body and checks all of it, except for what only the transaction that stores it can tell.
+/// Reads a body and checks all of it, except for what only the transaction that stores it can decide.
 async fn check(app: &App, caller: &Caller, body: Bytes, format: Format) -> AppResult<Checked> {
     let read = tokio::task::spawn_blocking(move || {
         let mut faults = Faults::new();
@@ -113,7 +115,7 @@ async fn check(app: &App, caller: &Caller, body: Bytes, format: Format) -> AppRe
     });
     let (Posted { mut submissions, is_malformed }, mut faults) =
         read.await.map_err(|error| AppError::internal(&error))?;
-    // A body that is faulty anyway need not be run.
+    // Do not run the code of a body that already has faults.
     if faults.is_empty() {
         run_codes(app, caller.who(), &mut submissions, &mut faults).await?;
     }
@@ -137,7 +139,7 @@ async fn check(app: &App, caller: &Caller, body: Bytes, format: Format) -> AppRe
 /// Suite of a posted submission, and the number of its task in it.
 type FoundTask = (Arc<Entry>, u32);
 
-/// Looks up run, suite and task of each submission. Faults leave `None`.
+/// Looks up run, suite and task of each submission. Entries with faults are `None`.
 async fn resolve_all(
     app: &App,
     caller: &Caller,
@@ -186,7 +188,7 @@ async fn resolve_all(
     Ok(places)
 }
 
-/// A suite, looked up once a body.
+/// Looks up a suite at most once per body.
 async fn find_once(
     app: &App,
     name: &str,
@@ -200,7 +202,7 @@ async fn find_once(
     Ok(entry)
 }
 
-/// Checks each log against its task, and packs the logs for storage where nothing is wrong with any.
+/// Checks each log against its task, and packs the logs for storage if none has a fault.
 fn prepare(
     posted: Vec<PostedSubmission>,
     places: &[Option<FoundTask>],
@@ -247,7 +249,7 @@ fn as_accepted(id: String, repeated: bool, submission: &NewSubmission) -> Accept
     AcceptedSubmission { id, repeated, action_code: told.unwrap_or_default() }
 }
 
-/// The ids under which submissions were accepted; 409 where any was not, and then none was.
+/// Returns the identifiers of the accepted submissions; 409 if any was not accepted, in which case none was.
 fn decided(
     submissions: &[NewSubmission],
     answers: Vec<Accepted>,
@@ -256,7 +258,7 @@ fn decided(
     let mut conflicts = Faults::new();
     let (mut closed, mut is_used_up) = (false, false);
     let mut accepted = Vec::with_capacity(submissions.len());
-    // Ids that would have been given in this very body; where it is refused they stand for nothing.
+    // Identifiers created for this body; if it is refused, they refer to nothing.
     let own: HashSet<String> = submissions.iter().map(|submission| submission.id.clone()).collect();
     for ((submission, answer), line) in submissions.iter().zip(answers).zip(lines) {
         if let Some(line) = line {
@@ -266,20 +268,20 @@ fn decided(
             Accepted::New => accepted.push(as_accepted(submission.id.clone(), false, submission)),
             Accepted::Same(id) => accepted.push(as_accepted(id, true, submission)),
             Accepted::Other(id) if own.contains(&id) => {
-                conflicts.add_at("task", "another line of this body has another log for the same task");
+                conflicts.add_at("task", "another line of this body has a different log for the same task");
             }
             Accepted::Other(id) => {
-                conflicts.add_at("task", format!("the run answered this task with another log, as submission {id}"));
+                conflicts.add_at("task", format!("the run already has a different log for this task: submission {id}"));
             }
             Accepted::QuotaUsedUp => is_used_up = true,
             Accepted::RunClosed => {
                 closed = true;
-                conflicts.add_at("run", "the run takes no more submissions");
+                conflicts.add_at("run", "the run accepts no more submissions");
             }
         }
     }
     if is_used_up {
-        let detail = "the quota is used up: GET /v1/quota tells what it went to; nothing of this request was accepted";
+        let detail = "the quota is used up: GET /v1/quota shows how it was used; nothing in this request was accepted";
         return Err(AppError::new(Kind::QuotaUsedUp, detail));
     }
     if conflicts.is_empty() {

@@ -5,8 +5,8 @@ use std::collections::HashMap;
 use crate::store::runs::RunState;
 use crate::store::submissions::{AcceptFacts, Accepted, Decision, EarlierAnswer, NewSubmission, SubmissionState};
 
-/// Decides on a submission. A run takes one answer for each task: the same log again is the same submission, another log is
-/// refused, and an answer that ended without a grade may be replaced.
+/// Decides on a submission. A run accepts one answer for each task: the same log again counts as the same submission, a
+/// different log is refused, and an answer that ended without a grade may be replaced.
 #[must_use]
 pub fn decide(new: &NewSubmission, facts: &AcceptFacts) -> Decision {
     let mut supersedes = None;

@@ -1,4 +1,4 @@
-//! The member of a body that says what was done: `turns`, or `log` in the stored form.
+//! Member of a body that holds the log: `turns`, or `log` in the stored form.
 
 use serde::de::{IgnoredAny, MapAccess};
 
@@ -9,7 +9,7 @@ use plumbline_engine::intake::code::SentLog;
 use plumbline_engine::intake::stored::StoredLog;
 use plumbline_engine::intake::tolerant::{OrNull, Read};
 
-/// What was done, as far as it was read.
+/// Log of a body, as far as it was read.
 #[derive(Debug, Default)]
 pub struct LogMember {
     is_given: bool,
@@ -17,16 +17,16 @@ pub struct LogMember {
 }
 
 impl LogMember {
-    /// Whether the body says it.
+    /// Returns whether the body has the member.
     #[must_use]
     pub const fn is_given(&self) -> bool {
         self.is_given
     }
 
-    /// Reads the value of `key`, one of the two.
+    /// Reads the value of `key`, which is `turns` or `log`.
     ///
     /// # Errors
-    /// Only where the text is not JSON.
+    /// Returns an error only if the text is not JSON.
     pub fn read<'de, A: MapAccess<'de>>(
         &mut self,
         key: &str,
@@ -34,7 +34,7 @@ impl LogMember {
         faults: &mut Faults,
     ) -> Result<(), A::Error> {
         let limits = LIMITS.log();
-        // Null is as good as absent.
+        // Treat null like an absent member.
         let read = match key {
             "log" => members.next_value_seed(Read(OrNull(StoredLog { faults, limits })))?,
             _ => members.next_value_seed(Read(OrNull(Turns { faults, limits })))?,
@@ -44,18 +44,18 @@ impl LogMember {
         Ok(())
     }
 
-    /// Says that it was given before. Null is as good as absent.
+    /// Reports that the log was given twice. Null counts as absent.
     ///
     /// # Errors
-    /// Only where the text is not JSON.
+    /// Returns an error only if the text is not JSON.
     pub fn refuse_second<'de, A: MapAccess<'de>>(&self, members: &mut A, faults: &mut Faults) -> Result<(), A::Error> {
         if members.next_value::<Option<IgnoredAny>>()?.is_some() {
-            faults.add("given twice: what was done is given once, as turns, as log or (to grade it) as answer");
+            faults.add("given twice: expected exactly one of turns, log and (to grade it) answer");
         }
         Ok(())
     }
 
-    /// What was read; none where it was not given, or faulty.
+    /// Returns the log; none if it was not given or has faults.
     #[must_use]
     pub fn sent(self) -> Option<SentLog> {
         self.sent

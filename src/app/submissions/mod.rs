@@ -1,4 +1,4 @@
-//! Submissions: read, checked against their tasks, accepted.
+//! Submissions: reading, checking against their tasks, and acceptance.
 
 pub mod accept;
 pub mod decision;

@@ -1,10 +1,10 @@
-//! Reading submissions from a body, JSON or NDJSON, with all faults at once.
+//! Parser of submissions in a body, JSON or NDJSON, which reports all faults at once.
 
 use serde::de::{IgnoredAny, MapAccess};
 
 use super::log_member::LogMember;
+use crate::actions::turn_replay::TurnReplay;
 use crate::app::limits::LIMITS;
-use crate::app::replay::TurnReplay;
 use crate::near::did_you_mean;
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::intake::Faults;
@@ -20,29 +20,29 @@ use plumbline_engine::voxel::{BlockLog, Event};
 pub enum Format {
     /// One JSON document.
     Json,
-    /// One JSON document a line.
+    /// One JSON document per line.
     NdJson,
 }
 
-/// How a submission names its task.
+/// Reference to a task in a submission.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum TaskRef {
-    /// By id.
+    /// Identifier of the task.
     Id(String),
-    /// By its number in the suite.
+    /// Number of the task in its suite.
     Number(u32),
 }
 
 impl TaskRef {
-    /// Number of the task in a suite; a fault at `task` where there is none.
+    /// Returns the number of the task in a suite; adds a fault at `task` if there is no such task.
     pub fn number_in(&self, entry: &Entry, faults: &mut Faults) -> Option<u32> {
         self.find_in(entry).map_err(|why| faults.add_at("task", why)).ok()
     }
 
-    /// Number of the task in a suite.
+    /// Returns the number of the task in a suite.
     ///
     /// # Errors
-    /// Why there is none, in words.
+    /// Returns the reason in words if there is no such task.
     pub fn find_in(&self, entry: &Entry) -> Result<u32, String> {
         let (found, named) = match self {
             Self::Id(id) => (entry.task(id), format!("{id:?}")),
@@ -58,7 +58,7 @@ impl TaskRef {
     }
 }
 
-/// Tasks, or families, that a wrong id may have meant, in words.
+/// Suggests tasks, or families, that a wrong identifier may have meant, in words.
 #[must_use]
 pub fn near_tasks(entry: &Entry, id: &str) -> String {
     let family = id.split('/').next().unwrap_or_default();
@@ -69,34 +69,33 @@ pub fn near_tasks(entry: &Entry, id: &str) -> String {
     if found.is_empty() && !families.contains(family) { did_you_mean(family, families) } else { found }
 }
 
-/// A submission as posted.
+/// Submission as posted.
 #[derive(Debug)]
 pub struct PostedSubmission {
-    /// Line of an NDJSON body.
+    /// Line in an NDJSON body, from 1.
     pub line: Option<u64>,
-    /// Run that it belongs to.
+    /// Run that the submission belongs to.
     pub run: Option<String>,
-    /// Suite of the task, where it belongs to no run.
+    /// Suite of the task, if the submission belongs to no run.
     pub suite: Option<String>,
-    /// The task.
+    /// Reference to the task.
     pub task: TaskRef,
-    /// What was done, with action code that is yet to be run.
+    /// Log, with action code that is yet to be run.
     pub sent: SentLog,
-    /// What the code did, once it was run.
+    /// Results of the action code, once it was run.
     pub replays: Vec<TurnReplay>,
 }
 
-/// What was read of a body.
+/// Submissions read from a body.
 #[derive(Debug)]
 pub struct Posted {
-    /// The submissions that could be read, faulty ones left out.
+    /// Submissions that could be read; faulty ones are left out.
     pub submissions: Vec<PostedSubmission>,
     /// Whether the body, or a line of it, is not JSON.
     pub is_malformed: bool,
 }
 
-/// Reads the submissions of a body to its end. All that is wrong goes to `faults`; more may be added to it by looking
-/// names up.
+/// Reads all submissions of a body and adds every fault to `faults`. Looking up names may add more faults later.
 #[must_use]
 pub fn read_submissions(text: &[u8], format: Format, faults: &mut Faults) -> Posted {
     let mut posted = Posted { submissions: Vec::new(), is_malformed: false };
@@ -179,9 +178,9 @@ impl<'de> Shape<'de> for SubmissionShape<'_> {
                 _ => {
                     faults.add(match key.as_str() {
                         "action_code" | "events" | "palette" | "rows" => {
-                            "unknown field; it belongs into a turn: \"turns\": [{…}]"
+                            "unknown field; it belongs in a turn: \"turns\": [{…}]"
                         }
-                        "answer" => "unknown field; /v1/grade takes what a model wrote as answer, a submission takes turns or log",
+                        "answer" => "unknown field; a submission takes turns or log, and only /v1/grade takes answer",
                         _ => "unknown field; a submission has run, suite, task and turns or log",
                     });
                     members.next_value::<IgnoredAny>()?;
@@ -200,10 +199,10 @@ impl<'de> Shape<'de> for SubmissionShape<'_> {
     }
 }
 
-/// Wants the name of a task.
+/// Shape of a reference to a task.
 #[derive(Debug)]
 pub struct TaskShape<'f> {
-    /// Where faults go.
+    /// Collector of faults.
     pub faults: &'f mut Faults,
 }
 
@@ -237,7 +236,7 @@ impl Shape<'_> for TaskShape<'_> {
     }
 }
 
-/// Records the faults of a log that only show beside its task: turns, and blocks that stand.
+/// Adds the faults of a log that depend on its task: the number of turns, and the number of blocks.
 pub fn check_against_task(log: &BlockLog, task: &Task, faults: &mut Faults) {
     if log.turns.len() != task.turns.len() {
         let (found, wanted) = (log.turns.len(), task.turns.len());
@@ -249,7 +248,7 @@ pub fn check_against_task(log: &BlockLog, task: &Task, faults: &mut Faults) {
     let has_stress = task.criteria().contains(&Criterion::StructuralStability);
     let most = if has_stress { LIMITS.blocks_with_stress } else { LIMITS.blocks };
     let placed = log.turns.iter().flatten().filter(|event| matches!(event, Event::Place { .. })).count();
-    // Replaying costs; a log with few placements cannot exceed the limit.
+    // Replaying is expensive; a log with few placements cannot exceed the limit.
     if placed > most
         && let Some(blocks) = Replay::new(log).map(|structure| structure.len()).find(|blocks| *blocks > most)
     {

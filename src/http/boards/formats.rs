@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
-use super::leaderboard::{BoardBody, BoardRow};
+use super::body::{BoardBody, BoardRow};
 use crate::app::error::{AppError, AppResult};
 use crate::http::extract::conditional::Document;
 

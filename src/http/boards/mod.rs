@@ -3,6 +3,7 @@
 #![expect(clippy::missing_errors_doc, reason = "each handler lists its errors as responses of the OpenAPI document")]
 
 pub mod actions;
+pub mod body;
 pub mod comparisons;
 pub mod formats;
 pub mod leaderboard;

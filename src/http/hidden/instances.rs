@@ -157,7 +157,7 @@ pub struct AnswerTaken {
     pub receipt: Option<GivenReceipt>,
     /// Results of running the action code, if a turn contains any.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub action_code: Vec<crate::app::replay::TurnReplay>,
+    pub action_code: Vec<crate::actions::turn_replay::TurnReplay>,
 }
 
 /// Answers an instance with one log. Format errors are reported in full and cost nothing. Once a log is accepted, a

@@ -6,8 +6,9 @@ use serde::Deserialize;
 
 use super::html::{self, PageResult};
 use crate::app::error::AppError;
+use crate::http::boards::body::{BoardBody, BoardRow};
 use crate::http::boards::comparisons::{Breakdown, ComparedTask, Comparison, GroupBy, breakdown, compare};
-use crate::http::boards::leaderboard::{BoardBody, BoardQuery, BoardRow, CoverageFilter, Direction, page as rows_of};
+use crate::http::boards::leaderboard::{BoardQuery, CoverageFilter, Direction, page as rows_of};
 use crate::http::extract::params;
 use crate::http::state::AppState;
 use plumbline_engine::grading::statistics::comparison::fisher;

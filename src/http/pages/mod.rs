@@ -17,7 +17,8 @@ use axum::extract::State;
 use axum::http::{HeaderMap, header};
 use axum::routing::get;
 
-use super::boards::leaderboard::{BoardBody, BoardQuery, page};
+use super::boards::body::BoardBody;
+use super::boards::leaderboard::{BoardQuery, page};
 use super::state::AppState;
 use crate::app::access::Openness;
 use html::PageResult;

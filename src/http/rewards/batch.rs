@@ -1,4 +1,4 @@
-//! Grading many logs in one request: results stream back as they are ready, each with its own status.
+//! Grading many logs in one request. Results stream back as they are ready, each with its own status.
 
 use std::ops::Range;
 use std::pin::Pin;
@@ -32,40 +32,41 @@ use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::tasks::catalogue::Catalogue;
 
-/// Logs that are graded in a turn, and answered together.
+/// Number of logs in a chunk, which one worker grades in one or more time slices.
 const CHUNK: usize = 16;
-/// How long a turn lasts; then others have theirs.
+/// Length of a time slice, after which other senders get theirs.
 const TURN: Duration = Duration::from_millis(20);
-/// Answers that wait for a slow client: so many turns of each about so many bytes.
+/// Results that wait for a slow client: at most this many time slices, each of about `TURN_BYTES` bytes.
 const WAITING: usize = 4;
 const TURN_BYTES: usize = 1 << 20;
 
 /// The result of one log of a batch.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct BatchItem {
-    /// Place of the log in the request, from 0.
+    /// Index of the log in the request, from 0.
     pub index: usize,
-    /// The HTTP status that the log would have had alone.
+    /// HTTP status that the log would have received in a request of its own.
     #[schema(minimum = 200, maximum = 599, example = 200)]
     pub status: u16,
-    /// The reward; null where there is none.
+    /// Reward; null if there is none.
     #[schema(minimum = 0, maximum = 1)]
     pub reward: Option<f64>,
-    /// Scores, where it was graded.
+    /// Scores, if the log was graded.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub result: Option<GradeBody>,
-    /// Why it was not.
+    /// Problem, if the log was not graded.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<Problem>,
 }
 
-/// Grade many logs: NDJSON, one request a line, or a JSON array of them. The answer is NDJSON, a line a log as soon as it is
-/// graded, in any order; `index` tells which. A log that fails does not touch the others.
+/// Grades many logs. The body is NDJSON with one request per line, or a JSON array of requests. The response is NDJSON
+/// with one line per log, sent as soon as the log is graded, in any order; `index` identifies the log. A log that fails
+/// does not affect the others.
 #[utoipa::path(
     post, path = "/v1/grade:batch", operation_id = "grade_batch", tag = "rewards", summary = "Grade many logs at once",
     request_body(content((Vec<NewGrade> = "application/json"), (String = "application/x-ndjson"))),
     responses(
-        (status = 200, description = "A line a log: `BatchItem`", body = String, content_type = "application/x-ndjson",
+        (status = 200, description = "One `BatchItem` per line", body = String, content_type = "application/x-ndjson",
          example = "{\"index\":0,\"status\":200,\"reward\":1.0}\n"),
         (status = 400, description = "Not JSON as a whole", body = Problem, content_type = "application/problem+json"),
         (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
@@ -93,7 +94,7 @@ pub async fn grade_batch(State(state): State<AppState>, caller: Caller, body: Js
         let (batch, sender, held) = (Arc::clone(&batch), sender.clone(), Arc::clone(&held));
         tokio::spawn(async move {
             let _held = held;
-            // What is under way for a client that has gone ends with this.
+            // Work for a client that has disconnected ends here.
             tokio::select! {
                 () = batch.work(&sender) => {}
                 () = sender.closed() => {}
@@ -104,7 +105,7 @@ pub async fn grade_batch(State(state): State<AppState>, caller: Caller, body: Js
     Ok((kind, Body::new(Chunks(receiver))).into_response())
 }
 
-/// Where each item lies in the body.
+/// Returns the byte range of each item in the body.
 fn split(bytes: &Bytes, format: Format) -> AppResult<Vec<Range<usize>>> {
     let mut items = Vec::new();
     let range_of = |part: &[u8]| {
@@ -120,7 +121,7 @@ fn split(bytes: &Bytes, format: Format) -> AppResult<Vec<Range<usize>>> {
             let parts: Vec<&RawValue> = serde_json::from_slice(bytes).map_err(|error| {
                 let mut faults = Faults::new();
                 faults.add(format!(
-                    "expected a list of requests ({error}); a request a line is sent as application/x-ndjson"
+                    "expected a list of requests ({error}); send one request per line as application/x-ndjson"
                 ));
                 AppError::malformed(faults)
             })?;
@@ -144,23 +145,23 @@ struct Batch {
     next: AtomicUsize,
 }
 
-/// What is left to do of an item that is not done in a turn of the short lane.
+/// Remaining work on an item that the short lane cannot finish: it has action code, or it takes long.
 enum Rest {
     Prepare(Found),
     Grade(Prepared),
 }
 
-/// What a turn of the short lane came to.
+/// Result of a time slice on the short lane.
 #[derive(Default)]
 struct Turn {
     lines: Vec<u8>,
     rest: Vec<(usize, Rest)>,
-    /// Items for which the turn was too short.
+    /// Items that the time slice was too short for.
     begun: Range<usize>,
 }
 
 impl Batch {
-    /// Grades chunk after chunk until none is left.
+    /// Grades one chunk after the other until none is left.
     async fn work(self: &Arc<Self>, sender: &mpsc::Sender<Bytes>) {
         loop {
             let first = self.next.fetch_add(CHUNK, Ordering::Relaxed);
@@ -196,7 +197,7 @@ impl Batch {
         }
     }
 
-    /// Grades items for as long as a turn lasts. What takes longer by its nature is left to do.
+    /// Grades items until the time slice ends. Items that do not suit the short lane go to `rest`.
     fn take_turn(&self, mut chunk: Range<usize>, until: &Until) -> Turn {
         let begun = Instant::now();
         let mut turn = Turn::default();
@@ -215,7 +216,7 @@ impl Batch {
         turn
     }
 
-    /// Grades an item, or says what is left to do.
+    /// Grades an item, or returns the remaining work.
     fn grade_now(&self, index: usize, until: &Until) -> AppResult<Result<GradeBody, Rest>> {
         let found = ReadRequest::read(&self.bytes[self.items[index].clone()], &self.catalogue)?.find_log()?;
         if found.has_code() {
@@ -257,7 +258,7 @@ fn write_line(lines: &mut Vec<u8>, item: &BatchItem) {
     lines.push(b'\n');
 }
 
-/// A body of chunks as they come.
+/// A response body of chunks, sent as they arrive.
 struct Chunks(mpsc::Receiver<Bytes>);
 
 impl HttpBody for Chunks {

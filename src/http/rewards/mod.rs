@@ -1,4 +1,4 @@
-//! Rewards: grading within the request, for trainers.
+//! Rewards: synchronous grading for trainers.
 
 #![expect(clippy::missing_errors_doc, reason = "each handler lists its errors as responses of the OpenAPI document")]
 

@@ -1,4 +1,4 @@
-//! Grading within the request: one log, or many whose results stream back.
+//! Synchronous grading of one log.
 
 use axum::Json;
 use axum::extract::State;
@@ -19,7 +19,7 @@ use crate::http::submissions::schema::{NewTurn, StoredLogBody};
 use crate::store::keys::Scope;
 use plumbline_engine::checks::Criterion;
 
-/// A log to grade at once.
+/// A log to grade synchronously.
 #[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({
@@ -28,129 +28,132 @@ use plumbline_engine::checks::Criterion;
 }))]
 #[expect(dead_code, reason = "describes the body that GradeShape reads")]
 pub struct NewGrade {
-    /// The task: its id, its number, or a whole task: an object with `turns`, each with `checks` of `fn` and `args`.
+    /// The task: its id, its number, or a whole task, which is an object with `turns`, each with `checks` of `fn` and
+    /// `args`.
     #[schema(value_type = GivenTaskBody)]
     task: Value,
-    /// Suite of the task, where it is named: name, or name@version.
+    /// Suite of the task, if it is given by id or number: name, or name@version.
     #[schema(min_length = 1, max_length = 100)]
     suite: Option<String>,
-    /// What was done in each turn; as many as the task has. One of this, `log` and `answer` is needed.
+    /// Turns of the log, as many as the task has. One of `turns`, `log` and `answer` is required.
     #[schema(max_items = 64)]
     turns: Option<Vec<NewTurn>>,
-    /// The same in the stored form, as `/v1/submissions/{id}/log` shows it.
+    /// The log in the stored form, as `/v1/submissions/{id}/log` returns it.
     log: Option<StoredLogBody>,
-    /// What a language model wrote, a text or a list of them: the last complete answer outside thinking tags counts, a log as JSON
-    /// or action code, in a code fence or bare. Of several texts each answers a turn.
+    /// Text or list of texts from a language model. The last complete answer outside thinking tags counts: a log as
+    /// JSON, or action code, in a code fence or bare. If there are several texts, each answers a turn.
     #[schema(value_type = Option<AnswerTextsBody>)]
     answer: Option<Value>,
-    /// How the reward is made; `strict` where nothing is said.
+    /// Reward scheme; `strict` by default.
     #[schema(value_type = Option<SchemeBody>)]
     reward: Option<Value>,
-    /// How much is answered; `scores` where nothing is said.
+    /// Level of detail of the response; `scores` by default.
     detail: Option<Detail>,
-    /// Milliseconds that grading may take; default and maximum are in `/v1/limits`.
+    /// Deadline for grading, in milliseconds; `/v1/limits` has the default and the maximum.
     #[schema(minimum = 1, maximum = 50_000)]
     deadline_ms: Option<u64>,
 }
 
-/// A task that is named, or brought along.
+/// A task, either of a suite or inline.
 #[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
 #[serde(untagged)]
 pub enum GivenTaskBody {
-    /// Its id.
+    /// Identifier of the task.
     Id(String),
-    /// Its number in the suite.
+    /// Number of the task in the suite.
     Number(u32),
-    /// A whole task.
+    /// An inline task.
     Whole(InlineTask),
 }
 
-/// A task that a request brings, as `GET /v1/tasks/{family}/{instance}` shows one; what else it says is not needed.
+/// An inline task, as `GET /v1/tasks/{family}/{instance}` returns it; other members of the task are ignored.
 #[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
 pub struct InlineTask {
-    /// What it is called in the answer.
+    /// Identifier of the task in the response.
     pub id: Option<String>,
-    /// Its turns.
+    /// Turns of the task.
     #[schema(min_items = 1, max_items = 64)]
     pub turns: Vec<InlineTurn>,
 }
 
-/// A turn of such a task.
+/// A turn of an inline task.
 #[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
 pub struct InlineTurn {
-    /// The instruction, for the record.
+    /// Instruction to the agent, for the record.
     pub prompt: Option<String>,
-    /// What is checked after it.
+    /// Checks of the structure after the turn.
     #[schema(max_items = 64)]
     pub checks: Vec<InlineCheck>,
 }
 
-/// A check of such a task.
+/// A check of an inline task.
 #[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
 pub struct InlineCheck {
-    /// Its name.
+    /// Name of the check.
     #[serde(rename = "fn")]
     #[schema(example = "shape.has_rooms")]
     pub name: String,
-    /// Its arguments.
+    /// Arguments of the check.
     #[schema(value_type = Option<Object>, example = json!({ "room_cnt": 2 }))]
     pub args: Option<serde_json::Map<String, Value>>,
 }
 
-/// How a reward is made of a report.
+/// Scheme that turns a report into a reward.
 #[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
 #[serde(untagged)]
 pub enum SchemeBody {
-    /// By a scheme of this name.
+    /// A scheme, by its name.
     Named(SchemeName),
-    /// By weights: the weighted mean over the criteria that apply.
+    /// Weights, for the weighted mean over the criteria that apply.
     Weighted(WeightsBody),
 }
 
-/// A scheme.
+/// Name of a reward scheme.
 #[derive(Debug, Clone, Copy, serde::Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SchemeName {
-    /// 1 where the problem passes, else 0.
+    /// 1 if the problem passes, else 0.
     Strict,
-    /// What is earned beyond a log that does nothing: 0 for an empty log or a single block, 1 where all checks pass. For training.
+    /// Gain over a log that does nothing, for training: 0 for an empty log or a single block, 1 if all checks pass.
     Shaped,
-    /// The mean of the criteria that apply. An empty log earns 0.44 of it on average over Lite, so a model may learn to do nothing.
+    /// Mean of the criteria that apply. An empty log earns 0.44 on average over Lite, so a model may learn to do
+    /// nothing.
     Mean,
 }
 
 /// Weights of criteria.
 #[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
 pub struct WeightsBody {
-    /// 0 or more for each; those that are not named have 0.
+    /// Weight of each criterion, 0 or more; criteria that are not listed have 0.
     #[schema(example = json!({ "material": 1, "shape": 2 }))]
     pub weights: std::collections::BTreeMap<Criterion, f64>,
 }
 
-/// What a model wrote.
+/// Text that a model wrote.
 #[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
 #[serde(untagged)]
 pub enum AnswerTextsBody {
     /// One text.
     One(String),
-    /// Several, in order.
+    /// Several texts, in order.
     Several(Vec<String>),
 }
 
-/// Header that tells whether a result was computed or kept from before.
+/// Header that says whether the result came from the cache.
 pub const CACHE_HEADER: HeaderName = HeaderName::from_static("x-plumbline-cache");
 
-/// Bodies up to this size are read where they arrive; larger ones on a thread of their own.
+/// Size in bytes up to which a body is parsed by the task that serves it; larger ones are parsed on a blocking thread.
 const QUICK_BYTES: usize = 128 << 10;
 
-/// Grade a log at once: the answer has the scores and a reward. Nothing is stored and nothing comes onto a board. A failure
-/// of ours is a problem whose `reward` is null, never a score; `retryable` says that the same request may succeed later.
+/// Grades a log synchronously; the response has the scores and a reward. Nothing is stored, and nothing appears on a
+/// board. A failure of the service is a problem whose `reward` is null, never a score; `retryable` says whether the
+/// same request may succeed later.
 #[utoipa::path(
-    post, path = "/v1/grade", operation_id = "grade", tag = "rewards", summary = "Grade a log at once",
+    post, path = "/v1/grade", operation_id = "grade", tag = "rewards", summary = "Grade a log synchronously",
     request_body(content = NewGrade, content_type = "application/json"),
     responses(
         (status = 200, description = "Scores and reward", body = GradeBody,
-         headers(("x-plumbline-cache" = String, description = "`hit` where the result was kept from before, else `miss`")),
+         headers(("x-plumbline-cache" = String, description = "`hit` if the result came from the cache, else `miss`")),
          example = json!({ "task": "walls/5x1x5-raise", "reward": 1.0, "scheme": "strict", "overall": true, "accuracy": true,
                            "criteria": [], "checks": [], "timings": { "read_us": 20, "grade_us": 30 } })),
         (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
@@ -168,7 +171,7 @@ pub async fn grade(State(state): State<AppState>, caller: Caller, body: JsonBody
     caller.require(Scope::Grade)?;
     let JsonBody { bytes, format, share: _share } = body;
     if format == Format::NdJson {
-        return Err(AppError::not_ndjson("many logs go to /v1/grade:batch"));
+        return Err(AppError::not_ndjson("send many logs to /v1/grade:batch"));
     }
     let who = caller.who();
     let _place = state.grader.admit(who).map_err(AppError::without_reward)?;

@@ -1,4 +1,4 @@
-//! Reading what begins a run, with all faults at once.
+//! Reading the body that creates a run, with all faults at once.
 
 use serde::de::{IgnoredAny, MapAccess};
 use serde::{Deserialize, Serialize};
@@ -8,40 +8,40 @@ use crate::app::limits::LIMITS;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::tolerant::{OrNull, Read, Shape, Text};
 
-/// What makes a run.
+/// Body that creates a run.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({ "agent": "my-agent 1.2", "suite": "mineceraft", "metadata": { "model": "m-7b" } }))]
 #[expect(dead_code, reason = "describes the body that NewRunShape reads")]
 pub struct NewRunBody {
-    /// Who builds, as the board shall show it.
+    /// Name of the agent, as the board shows it.
     #[schema(min_length = 1, max_length = 100)]
     agent: String,
     /// Suite: name, or name@version.
     #[schema(min_length = 1, max_length = 100)]
     suite: String,
-    /// Anything else worth keeping; an object.
+    /// Other information worth keeping, as an object.
     #[schema(value_type = Option<Object>)]
     metadata: Option<Value>,
-    /// How its logs come about; `self-reported` where nothing is said. `re-run-by-host` needs the scope admin.
+    /// Origin of its logs; `self-reported` by default. `re-run-by-host` needs the scope `admin`.
     provenance: Option<RunProvenance>,
 }
 
-/// How the logs of a run come about.
+/// Origin of the logs of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum RunProvenance {
-    /// As its owner says.
+    /// The owner of the run reports them.
     SelfReported,
-    /// In a run by whoever runs the service.
+    /// The operator of the service re-ran the agent.
     ReRunByHost,
 }
 
 impl RunProvenance {
-    /// All.
+    /// All variants.
     pub const ALL: [Self; 2] = [Self::SelfReported, Self::ReRunByHost];
 
-    /// Its name.
+    /// Returns the name in the API.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -51,23 +51,23 @@ impl RunProvenance {
     }
 }
 
-/// A run to begin, as far as it was read.
+/// A run to create, as far as its body could be read.
 #[derive(Debug)]
 pub struct ParsedRun {
-    /// Who builds.
+    /// Name of the agent.
     pub agent: Option<String>,
-    /// Suite.
+    /// Suite: name, or name@version.
     pub suite: Option<String>,
-    /// What its owner says of it.
+    /// Metadata from its owner; an empty object if there is none.
     pub metadata: Value,
-    /// How its logs come about.
+    /// Origin of its logs.
     pub provenance: Option<RunProvenance>,
 }
 
-/// Wants a run to begin.
+/// Shape of the body that creates a run.
 #[derive(Debug)]
 pub struct NewRunShape<'f> {
-    /// Where faults go.
+    /// List that receives the faults.
     pub faults: &'f mut Faults,
 }
 
@@ -92,7 +92,7 @@ impl<'de> Shape<'de> for NewRunShape<'_> {
                     let text = Text { faults, min_chars: 1, max_chars: LIMITS.agent_chars };
                     let name = members.next_value_seed(Read(text))?;
                     if name.as_ref().is_some_and(|name| name.trim().is_empty() && !name.is_empty()) {
-                        faults.add("a name of nothing but spaces");
+                        faults.add("expected a name that does not only consist of spaces");
                     }
                     agent = Some(name);
                 }

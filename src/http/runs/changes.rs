@@ -1,4 +1,4 @@
-//! The end of a run: finishing it, with what it leaves out, and deleting one that is open.
+//! Ending a run: finishing it, with the tasks that it skips, or deleting it while it is open.
 
 use axum::Json;
 use axum::extract::{Path, State};
@@ -17,36 +17,36 @@ use crate::store::keys::Scope;
 use crate::store::runs::{RunChanged, RunRow, Skip};
 use plumbline_engine::intake::Faults;
 
-/// What a run leaves out.
+/// Body that finishes a run.
 #[derive(Debug, Default, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({ "skip": "unanswered" }))]
 pub struct FinishBody {
-    /// Tasks that are left out on purpose. They count as failed, and as covered: a run that covers too little of its suite is not
-    /// compared with others on the board.
+    /// Tasks that are skipped on purpose. They count as failed, and as covered: a run that covers too little of its
+    /// suite is not compared with others on the board.
     skip: Option<SkipBody>,
 }
 
-/// Tasks that a run leaves out.
+/// Tasks that a run skips.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(untagged)]
 pub enum SkipBody {
-    /// All that have no submission.
+    /// All tasks without a submission.
     All(SkipAll),
-    /// These.
+    /// The listed tasks.
     Tasks(Vec<TaskName>),
 }
 
-/// All tasks without a submission.
+/// Name for all tasks without a submission.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SkipAll {
-    /// All that have no submission.
+    /// Tasks without a submission.
     Unanswered,
 }
 
-/// Say that no more submissions will come, and which tasks are left out on purpose. Tasks without a submission count as failed. The
-/// run finishes when all that was posted has been graded. Nothing need be sent.
+/// Declares that no more submissions will come, and which tasks are skipped on purpose. Tasks without a submission
+/// count as failed. The run finishes when all its submissions have been graded. The body is optional.
 #[utoipa::path(
     post, path = "/v1/runs/{id}/finish", operation_id = "finish_run", tag = "runs", summary = "Finish a run",
     params(("id" = String, Path, description = "The run's id")),
@@ -91,7 +91,7 @@ pub async fn finish_run(
     }
 }
 
-/// The run, where it is the caller's.
+/// Returns the run if it belongs to the caller.
 async fn own_run(state: &AppState, caller: &Caller, id: &str) -> AppResult<RunRow> {
     let run = state.store.run(id).await?;
     let run = run.ok_or_else(|| AppError::not_found(format!("there is no run {id:?}")))?;
@@ -99,7 +99,7 @@ async fn own_run(state: &AppState, caller: &Caller, id: &str) -> AppResult<RunRo
     Ok(run)
 }
 
-/// Numbers of tasks that are named.
+/// Returns the numbers of the named tasks, sorted and without repetitions.
 async fn numbers_of(state: &AppState, run: &RunRow, names: Vec<TaskName>) -> AppResult<Vec<u32>> {
     let entry = state.suite(&run.suite_id).await?;
     let mut faults = Faults::new();
@@ -136,13 +136,14 @@ fn refuse_unless_done(changed: &RunChanged, id: &str) -> AppResult<()> {
     }
 }
 
-/// Delete a run that is still open: what waits of it is cancelled, and only `state=deleted` lists it. A finished run stays, and so do reports
-/// and receipts of what was graded. The board goes on counting it among the runs that the agent has begun.
+/// Deletes a run that is still open. Its pending submissions are cancelled, and only `state=deleted` lists it. Reports
+/// and receipts of its graded submissions stay, and the board still counts it among the runs that the agent has begun.
+/// A finished run cannot be deleted.
 #[utoipa::path(
     delete, path = "/v1/runs/{id}", operation_id = "delete_run", tag = "runs", summary = "Delete an open run",
     params(("id" = String, Path, description = "The run's id")),
     responses(
-        (status = 200, description = "The run, deleted", body = RunBody,
+        (status = 200, description = "The deleted run", body = RunBody,
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000000", "state": "deleted", "pending": 0 })),
         (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "It is not open any more", body = Problem, content_type = "application/problem+json"),

@@ -1,4 +1,4 @@
-//! Runs.
+//! Creating, reading and listing runs.
 
 use axum::Json;
 use axum::extract::{Path, State};
@@ -31,44 +31,45 @@ use plumbline_engine::intake::tolerant::{read_document, why_not_json};
 /// A run.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct RunBody {
-    /// Its id.
+    /// Identifier of the run.
     #[schema(format = Uuid)]
     pub id: String,
-    /// Who builds.
+    /// Name of the agent.
     pub agent: String,
     /// `name@version` of its suite.
     pub suite: String,
-    /// What its owner said about it.
+    /// Metadata from its owner.
     #[schema(value_type = Object)]
     pub metadata: Value,
-    /// How far it is.
+    /// State of the run.
     pub state: RunState,
-    /// Tasks of its suite.
+    /// Number of tasks in its suite.
     #[schema(minimum = 0)]
     pub tasks: i64,
-    /// Submissions queued or being graded.
+    /// Number of submissions that are queued or being graded.
     #[schema(minimum = 0)]
     pub pending: i64,
-    /// Submissions graded.
+    /// Number of graded submissions.
     #[schema(minimum = 0)]
     pub graded: i64,
-    /// Submissions ended by a failure of ours. Post their tasks again; the run does not finish before.
+    /// Number of submissions that ended by a failure of the service. The run does not finish until their tasks are
+    /// posted again.
     #[schema(minimum = 0)]
     pub grader_errors: i64,
-    /// When it was made.
+    /// Time at which it was created (RFC 3339).
     #[schema(format = DateTime)]
     pub created_at: String,
-    /// When it finished.
+    /// Time at which it finished (RFC 3339).
     #[schema(format = DateTime)]
     pub finished_at: Option<String>,
-    /// Its summary, once finished.
+    /// Summary of the run, once finished.
     pub summary: Option<Summary>,
-    /// Whose key began it; null where the service is open to everybody.
+    /// Owner of the key that created it; null if it was created without a key.
     pub owner: Option<String>,
-    /// How its logs come about.
+    /// Origin of its logs.
     #[schema(value_type = RunProvenance)]
     pub provenance: String,
-    /// Tasks that it skips on purpose; they count as failed.
+    /// Number of tasks that it skips on purpose; they count as failed.
     #[schema(minimum = 0)]
     pub skipped: i64,
 }
@@ -95,13 +96,13 @@ impl From<RunRow> for RunBody {
     }
 }
 
-/// Begin a run: one attempt of an agent at a suite. It finishes by itself when every task has been graded.
+/// Creates a run: one attempt of an agent at a suite. It finishes by itself when every task has been graded.
 #[utoipa::path(
-    post, path = "/v1/runs", operation_id = "create_run", tag = "runs", summary = "Begin a run",
-    params(("Idempotency-Key" = Option<String>, Header, description = "The same request with the same key is carried out once, for 24 hours: its answer is repeated")),
+    post, path = "/v1/runs", operation_id = "create_run", tag = "runs", summary = "Create a run",
+    params(("Idempotency-Key" = Option<String>, Header, description = "A request that is repeated with the same key within 24 hours is carried out only once, and its response is repeated")),
     request_body(content = NewRunBody, content_type = "application/json"),
     responses(
-        (status = 201, description = "The run", body = RunBody, headers(("Location" = String, description = "The run")),
+        (status = 201, description = "The run", body = RunBody, headers(("Location" = String, description = "Its URL")),
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000000", "agent": "my-agent 1.2", "suite": "mineceraft@1",
                            "state": "open", "tasks": 723, "pending": 0, "graded": 0, "grader_errors": 0 })),
         (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
@@ -121,7 +122,7 @@ pub async fn create_run(
 ) -> AppResult<Response> {
     caller.require(Scope::Submit)?;
     if body.format == Format::NdJson {
-        return Err(AppError::not_ndjson("a run is begun alone"));
+        return Err(AppError::not_ndjson("create one run per request"));
     }
     let underway = state.in_flight.begin(&headers, &caller, "create_run", &body.bytes)?;
     let mut faults = Faults::new();
@@ -157,7 +158,7 @@ pub async fn create_run(
         Before::OtherBody => return Err(key_reused()),
     };
     let run = run_body(&state, &id).await?;
-    // As it was when it was made, also where the answer is repeated.
+    // The run as it was at its creation, even if the response is repeated later.
     let run = RunBody {
         state: RunState::Open,
         pending: 0,
@@ -175,16 +176,16 @@ pub async fn create_run(
     Ok(response)
 }
 
-/// A run as the API shows it.
+/// Returns the body of a run.
 ///
 /// # Errors
-/// 404 where there is none.
+/// Returns an error (404) if there is no such run.
 pub async fn run_body(state: &AppState, id: &str) -> AppResult<RunBody> {
     let run = state.store.run(id).await?;
     run.map(RunBody::from).ok_or_else(|| AppError::not_found(format!("there is no run {id:?}")))
 }
 
-/// A run with its progress and, once finished, its summary.
+/// Returns a run with its progress and, once finished, its summary.
 #[utoipa::path(
     get, path = "/v1/runs/{id}", operation_id = "get_run", tag = "runs", summary = "Get a run",
     params(("id" = String, Path, description = "The run's id")),
@@ -199,31 +200,31 @@ pub async fn get_run(State(state): State<AppState>, Path(id): Path<String>) -> A
     Ok(Json(run_body(&state, &id).await?))
 }
 
-/// Which runs.
+/// Query parameters that filter runs.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct RunsQuery {
-    /// Only runs in this state. Deleted ones are listed only so.
+    /// Only runs in this state. Deleted runs are listed only with `state=deleted`.
     #[param(inline)]
     state: Option<RunState>,
-    /// Only of this suite: name@version, or a name for all its versions.
+    /// Only runs of this suite: name@version, or the name alone for all versions.
     suite: Option<String>,
-    /// Only agents whose names hold this text, in whatever case.
+    /// Only runs of agents whose names contain this text, ignoring the case of ASCII letters.
     agent: Option<String>,
     /// Only runs of the key's owner.
     #[serde(default)]
     mine: bool,
-    /// Only runs begun at this time or after (RFC 3339).
+    /// Only runs created at this time or later (RFC 3339).
     #[param(format = DateTime)]
     since: Option<String>,
-    /// Only runs begun before this time (RFC 3339).
+    /// Only runs created before this time (RFC 3339).
     #[param(format = DateTime)]
     until: Option<String>,
-    /// Only runs begun before this one: the page after.
+    /// Only runs created before the run with this id, for the next page.
     #[param(format = Uuid)]
     after: Option<String>,
-    /// Runs on a page.
+    /// Maximum number of runs on a page; 100 by default.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
 }
@@ -231,14 +232,14 @@ pub struct RunsQuery {
 /// A page of runs.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct RunPage {
-    /// The latest first, without their summaries.
+    /// The runs, latest first, without their summaries.
     pub runs: Vec<RunBody>,
-    /// `after` of the next page; null on the last.
+    /// Value of `after` for the next page; null on the last page.
     #[schema(format = Uuid)]
     pub next_after: Option<String>,
 }
 
-/// The runs, the latest first, filtered and in pages. `mine=true` lists those of the owner whose key is sent.
+/// Returns a page of runs, latest first. `mine=true` selects the runs of the key's owner.
 #[utoipa::path(
     get, path = "/v1/runs", operation_id = "list_runs", tag = "runs", summary = "List runs",
     params(RunsQuery),
@@ -265,7 +266,7 @@ pub async fn list_runs(
     let owner = if query.mine {
         let caller = caller?;
         let owner = caller.owner().map(str::to_owned);
-        Some(owner.ok_or_else(|| wrong("mine", "no key was sent that tells whose they are"))?)
+        Some(owner.ok_or_else(|| wrong("mine", "no key was sent, so the owner is unknown"))?)
     } else {
         None
     };
@@ -297,14 +298,14 @@ pub async fn list_runs(
     Ok(Json(RunPage { runs, next_after }))
 }
 
-/// Which submissions.
+/// Query parameters that select a page of submissions.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct PageQuery {
-    /// Only tasks with a greater number: the page after.
+    /// Only tasks with a greater number, for the next page.
     after: Option<u32>,
-    /// Submissions on a page.
+    /// Maximum number of submissions on a page; 100 by default.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
 }
@@ -312,13 +313,13 @@ pub struct PageQuery {
 /// A page of a run's submissions.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct SubmissionPage {
-    /// By task number.
+    /// The submissions, ordered by task number.
     pub submissions: Vec<SubmissionBody>,
-    /// `after` of the next page; null on the last.
+    /// Value of `after` for the next page; null on the last page.
     pub next_after: Option<u32>,
 }
 
-/// The submissions of a run, by task number, in pages.
+/// Returns a page of a run's submissions, ordered by task number.
 #[utoipa::path(
     get, path = "/v1/runs/{id}/submissions", operation_id = "list_run_submissions", tag = "runs",
     summary = "List a run's submissions",

@@ -1,7 +1,7 @@
-//! The accept loop: bounded connections, a bound on slow headers, and a shutdown that lets answers finish.
+//! The accept loop: limits on connections and on slow headers, and a shutdown that lets responses finish.
 //!
-//! It has a thread of its own: among the thousands of tasks that serve connections it would wait for its turn, and new
-//! connections with it.
+//! It runs on a thread of its own. Among the thousands of tasks that serve connections, it would wait to be scheduled
+//! and delay new connections.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -26,25 +26,26 @@ use crate::app::load::{Connections, OpenConnection};
 use crate::fair::{Place, Places};
 use crate::http::middleware::rates::{Peer, network};
 
-/// How long answers may take to finish after a shutdown was asked for.
+/// How long responses may take to finish after a shutdown is requested.
 const GRACE: Duration = Duration::from_secs(10);
-/// Bytes that a connection holds of what it reads, and of what it has to write: requests that are sent without waiting for answers
-/// fill it.
+/// Maximum size of a connection's buffer for reading, and of that for writing, in bytes. A client that pipelines
+/// requests fills them.
 const BUFFER_BYTES: usize = 128 << 10;
-/// Pause after accepting failed, as it does where files run out.
+/// Pause after accepting a connection failed, for example because there are no file descriptors left.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(50);
 
-/// A connection that counts as open.
+/// Guards of an open connection: its count, its slot, and its share per address.
 struct Open {
     _counted: OpenConnection,
     _slot: OwnedSemaphorePermit,
     _place: Place,
 }
 
-/// Serves until `stop`, then lets open answers finish. One address may have `per_address` connections open; more are closed at once.
+/// Serves until `stop` is cancelled, then lets open responses finish. Each address may have `per_address` open
+/// connections; further ones are closed at once.
 ///
 /// # Errors
-/// Where the listener cannot be handed over or there is no thread to be had.
+/// Returns an error if the listener cannot be handed over, or if the accept thread cannot be started.
 pub async fn serve(
     listener: TcpListener,
     router: Router,
@@ -60,7 +61,7 @@ pub async fn serve(
     std::thread::Builder::new().name("accept".to_owned()).spawn(move || {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
         let opened = runtime.and_then(|runtime| runtime.block_on(door.keep_open(listener, &stop)));
-        // Whoever waited for it may have gone.
+        // The receiver may have been dropped.
         let _ = closed.send(opened.map(|()| door.graceful));
     })?;
     let graceful = is_closed.await.map_err(std::io::Error::other)??;
@@ -71,7 +72,7 @@ pub async fn serve(
     Ok(())
 }
 
-/// What accepts connections and hands them to the threads that serve.
+/// Acceptor of connections, which hands them to the threads that serve.
 struct Door {
     router: Router,
     connections: Connections,
@@ -116,7 +117,7 @@ impl Door {
             let _open = open;
             let stream = match TcpStream::from_std(stream) {
                 Ok(stream) => stream,
-                Err(error) => return tracing::warn!(%error, "could not take over a connection"),
+                Err(error) => return tracing::warn!(%error, "could not hand over a connection"),
             };
             if let Err(error) = serve_one(stream, peer, router, graceful, stop).await {
                 tracing::debug!(%error, "connection ended");
@@ -132,9 +133,9 @@ async fn serve_one(
     graceful: Watcher,
     stop: CancellationToken,
 ) -> hyper::Result<()> {
-    // Small answers must not wait for more to send; failing to say so only costs time.
+    // Small responses must not wait for more data to send. If the option cannot be set, they are only slower.
     let _ = stream.set_nodelay(true);
-    // HTTP/1 alone: telling HTTP/2 apart would wait for the first bytes without a bound.
+    // Only HTTP/1: detecting HTTP/2 would wait for the first bytes without a time limit.
     let mut builder = http1::Builder::new();
     let headers = Duration::from_secs(LIMITS.header_seconds);
     builder.timer(TokioTimer::new()).header_read_timeout(headers).max_buf_size(BUFFER_BYTES);

@@ -1,4 +1,4 @@
-//! A connection that is closed where its client takes nothing of what is sent: it would hold memory, and delay a shutdown.
+//! A stream that fails if its client stops reading. Otherwise the connection would hold memory and delay a shutdown.
 
 use std::future::Future as _;
 use std::io::{self, ErrorKind, IoSlice};
@@ -10,27 +10,27 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::{Sleep, sleep};
 use tokio_util::sync::{CancellationToken, WaitForCancellationFutureOwned};
 
-/// How long a client may take nothing once the service stops.
+/// How long a client may read nothing once the service is stopping.
 const STOPPING: Duration = Duration::from_secs(1);
 
-/// A stream with a bound on how long writing may stand still.
+/// A stream that limits how long a write may make no progress.
 #[derive(Debug)]
 pub struct Impatient<S> {
     stream: S,
     patience: Duration,
-    /// While writing stands still: until when.
+    /// Timeout of a write that makes no progress.
     still: Option<Pin<Box<Sleep>>>,
     stop: Pin<Box<WaitForCancellationFutureOwned>>,
     is_stopping: bool,
 }
 
 impl<S> Impatient<S> {
-    /// Around a stream.
+    /// Wraps a stream whose writes may stall for up to `patience`, or for up to a second once `stop` is cancelled.
     pub fn new(stream: S, patience: Duration, stop: CancellationToken) -> Self {
         Self { stream, patience, still: None, stop: Box::pin(stop.cancelled_owned()), is_stopping: false }
     }
 
-    /// Passes on what became of writing, unless it has stood still for too long.
+    /// Returns the result of a write, or an error if it has made no progress for too long.
     fn watched<T>(&mut self, written: Poll<io::Result<T>>, context: &mut Context<'_>) -> Poll<io::Result<T>> {
         if written.is_ready() {
             self.still = None;
@@ -45,7 +45,7 @@ impl<S> Impatient<S> {
         if still.as_mut().poll(context).is_pending() {
             return Poll::Pending;
         }
-        Poll::Ready(Err(io::Error::new(ErrorKind::TimedOut, "the client takes nothing of its answer")))
+        Poll::Ready(Err(io::Error::new(ErrorKind::TimedOut, "the client does not read its response")))
     }
 }
 

@@ -1,4 +1,4 @@
-//! The server: accepting connections, and closing those that take nothing.
+//! The server: accepts connections, and closes those whose clients stop reading.
 
 pub mod accept;
 pub mod impatient;

@@ -9,21 +9,21 @@ use crate::clock::now_ms;
 use crate::http::problem::Problem;
 use crate::http::state::AppState;
 
-/// The OpenAPI document of this service.
+/// Returns the OpenAPI document of this service.
 #[utoipa::path(
-    get, path = "/openapi.json", operation_id = "get_openapi", tag = "service", summary = "This document",
-    responses((status = 200, description = "The document", body = Object, content_type = "application/json",
+    get, path = "/openapi.json", operation_id = "get_openapi", tag = "service", summary = "Get the OpenAPI document",
+    responses((status = 200, description = "The OpenAPI document", body = Object, content_type = "application/json",
                example = json!({ "openapi": "3.1.0", "info": { "title": "plumbline" } })))
 )]
 pub async fn get_openapi(State(state): State<AppState>) -> impl IntoResponse {
     ([(header::CONTENT_TYPE, "application/json")], state.openapi.to_string())
 }
 
-/// Metrics in the Prometheus text format.
+/// Returns the metrics in the Prometheus text format.
 #[utoipa::path(
-    get, path = "/metrics", operation_id = "get_metrics", tag = "service", summary = "Metrics",
+    get, path = "/metrics", operation_id = "get_metrics", tag = "service", summary = "Get the metrics",
     responses(
-        (status = 200, description = "Prometheus text format", body = String, content_type = "text/plain",
+        (status = 200, description = "Metrics as Prometheus text", body = String, content_type = "text/plain",
          example = "plumbline_graded_total 747"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )

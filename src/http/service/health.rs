@@ -1,22 +1,17 @@
-//! `/healthz` and `/readyz`.
-
-use std::time::{Duration, Instant};
+//! Probes of liveness (`/healthz`) and readiness (`/readyz`).
 
 use axum::Json;
 use axum::extract::State;
 use serde::Serialize;
-use tokio::sync::Mutex;
 
 use crate::app::error::{AppError, AppResult, Kind};
-use crate::clock::now_ms;
 use crate::http::problem::Problem;
 use crate::http::state::AppState;
-use crate::store::Store;
 
-/// State of the service.
+/// Status of the service.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct Health {
-    /// `ok`.
+    /// Always `ok`; a failure is a problem.
     #[schema(example = "ok")]
     pub status: &'static str,
     /// Version of the program.
@@ -26,53 +21,21 @@ pub struct Health {
 
 const OK: Health = Health { status: "ok", version: env!("CARGO_PKG_VERSION") };
 
-/// Whether the process is alive.
+/// Reports that the process is alive.
 #[utoipa::path(
-    get, path = "/healthz", operation_id = "get_health", tag = "service", summary = "Alive?",
-    responses((status = 200, description = "It is", body = Health, example = json!({ "status": "ok", "version": "0.1.0" })))
+    get, path = "/healthz", operation_id = "get_health", tag = "service", summary = "Check liveness",
+    responses((status = 200, description = "Alive", body = Health, example = json!({ "status": "ok", "version": "0.1.0" })))
 )]
 pub async fn get_health() -> Json<Health> {
     Json(OK)
 }
 
-/// How long what was found holds: probes that come more often cost nothing.
-const HOLDS_FOR: Duration = Duration::from_secs(1);
-/// How long the database may take.
-const PATIENCE: Duration = Duration::from_secs(4);
-
-/// Whether the database could be written and read lately. One request looks, and the others wait for what it finds.
-#[derive(Debug, Default)]
-pub struct Readiness(Mutex<Option<(Instant, Result<(), &'static str>)>>);
-
-impl Readiness {
-    async fn look(&self, store: &Store) -> Result<(), &'static str> {
-        let mut found = self.0.lock().await;
-        if let Some((at, found)) = *found
-            && at.elapsed() < HOLDS_FOR
-        {
-            return found;
-        }
-        let new = match tokio::time::timeout(PATIENCE, store.probe(now_ms())).await {
-            Ok(Ok(())) => Ok(()),
-            Ok(Err(error)) => {
-                tracing::error!(%error, "not ready");
-                Err("The database cannot be written or read; the service's log says why.")
-            }
-            Err(_late) => {
-                tracing::error!(seconds = PATIENCE.as_secs(), "not ready: the database could not be written in time");
-                Err("The database could not be written in time: something else may be holding it.")
-            }
-        };
-        *found = Some((Instant::now(), new));
-        new
-    }
-}
-
-/// Whether the service can take work: a transaction was written durably and every table can be read, now or in the second before.
+/// Reports whether the service can take work: within the last second, a transaction was written durably and every table
+/// was read.
 #[utoipa::path(
-    get, path = "/readyz", operation_id = "get_readiness", tag = "service", summary = "Ready?",
+    get, path = "/readyz", operation_id = "get_readiness", tag = "service", summary = "Check readiness",
     responses(
-        (status = 200, description = "It is", body = Health, example = json!({ "status": "ok", "version": "0.1.0" })),
+        (status = 200, description = "Ready", body = Health, example = json!({ "status": "ok", "version": "0.1.0" })),
         (status = 503, description = "It is not", body = Problem, content_type = "application/problem+json"),
     )
 )]

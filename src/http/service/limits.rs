@@ -1,4 +1,4 @@
-//! `/v1/limits`.
+//! Limits of the service (`/v1/limits`).
 
 use axum::Json;
 use axum::extract::State;
@@ -6,9 +6,9 @@ use axum::extract::State;
 use crate::app::limits::Limits;
 use crate::http::state::AppState;
 
-/// Every limit that the service enforces.
+/// Returns every limit that the service enforces.
 #[utoipa::path(
-    get, path = "/v1/limits", operation_id = "get_limits", tag = "service", summary = "Limits",
+    get, path = "/v1/limits", operation_id = "get_limits", tag = "service", summary = "Get the limits",
     responses((status = 200, description = "The limits in force", body = Limits,
                example = json!({ "body_bytes": 33_554_432, "events": 400_000, "blocks": 100_000 })))
 )]

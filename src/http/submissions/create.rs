@@ -1,4 +1,4 @@
-//! Submissions and their reports.
+//! Creating and validating submissions.
 
 use axum::Json;
 use axum::extract::State;
@@ -16,17 +16,19 @@ use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
 
-/// Post what an agent did for a task: events per turn. The answer comes when it is durable; grading follows.
+/// Accepts an agent's work on a task: the events of each turn. The response is sent once the submission is durable;
+/// grading follows.
 ///
-/// With `Content-Type: application/x-ndjson`, one submission a line: all are accepted in one transaction, or none.
-/// Within a run a task is answered once; posting the same log again gives the same submission.
+/// With `Content-Type: application/x-ndjson`, the body has one submission per line: either all are accepted, in one
+/// transaction, or none.
+/// A run answers each task once; posting the same log again returns the same submission.
 #[utoipa::path(
     post, path = "/v1/submissions", operation_id = "create_submission", tag = "submissions", summary = "Post a submission",
-    params(("Idempotency-Key" = Option<String>, Header, description = "The same request with the same key is carried out once, for 24 hours: its answer is repeated")),
+    params(("Idempotency-Key" = Option<String>, Header, description = "A request that is repeated with the same key within 24 hours is carried out only once, and its response is repeated")),
     request_body(content((NewSubmissionBody = "application/json"), (String = "application/x-ndjson"))),
     responses(
-        (status = 202, description = "Accepted; for NDJSON a list in the order of the lines", body = AcceptedAnswer,
-         headers(("Location" = String, description = "The submission; only for a JSON body")),
+        (status = 202, description = "Accepted; for NDJSON, a list in the order of the lines", body = AcceptedAnswer,
+         headers(("Location" = String, description = "URL of the submission; only for a JSON body")),
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000001", "repeated": false })),
         (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
         (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
@@ -68,14 +70,14 @@ fn accepted_answer(accepted: Vec<AcceptedBody>, format: Format) -> Response {
     (StatusCode::ACCEPTED, headers, Json(one)).into_response()
 }
 
-/// Check a submission, or many, without submitting: everything that posting checks, with all faults at once. Nothing is
-/// stored or graded, and it costs nothing.
+/// Checks one or many submissions without submitting them. It checks everything that posting checks, and reports all
+/// faults at once. Nothing is stored or graded, and no quota is used.
 #[utoipa::path(
     post, path = "/v1/validate", operation_id = "validate_submission", tag = "submissions",
-    summary = "Check a submission without submitting",
+    summary = "Check a submission without submitting it",
     request_body(content((NewSubmissionBody = "application/json"), (String = "application/x-ndjson"))),
     responses(
-        (status = 200, description = "All of it would be accepted", body = ValidatedList,
+        (status = 200, description = "All submissions would be accepted", body = ValidatedList,
          example = json!({ "submissions": [{ "suite": "mineceraft@2", "number": 113, "turns": 1, "events": 25,
                                             "log_hash": "9f86d081884c7d65…", "repeated": false }] })),
         (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
@@ -101,7 +103,7 @@ pub async fn validate_submission(
     Ok(Json(ValidatedList { submissions }))
 }
 
-/// The address of a submission.
+/// Returns the URL path of a submission.
 fn location(id: &str) -> HeaderValue {
     HeaderValue::from_str(&format!("/v1/submissions/{id}")).expect("an id is a UUID")
 }

@@ -1,4 +1,4 @@
-//! Action code in, events out: `/v1/replay`, and the turns of submissions that bring code.
+//! Replay of action code (`/v1/replay`): runs a script and returns the events that it records.
 
 use axum::Json;
 use axum::extract::State;
@@ -14,12 +14,12 @@ use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
 
-/// Bytes of an event in an answer, about, without the material's name.
+/// Approximate size of an event in the response, in bytes, without the material's name.
 const EVENT_BYTES: usize = 60;
-/// Bytes of an answer at most.
+/// Maximum size of a response, in bytes.
 const ANSWER_BYTES: usize = 32 << 20;
 
-/// Code to replay.
+/// Action code to run.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({ "action_code": "(async (bot) => { await skills.placeBlock(bot, 'stone', 0, 0, 0); })" }))]
@@ -28,26 +28,26 @@ pub struct NewReplay {
     action_code: String,
 }
 
-/// What code did.
+/// Result of running action code.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct ReplayBody {
-    /// What it placed and removed, in order.
+    /// Blocks that the code placed and removed, in order.
     pub events: Vec<ReplayedEvent>,
     /// Calls that recorded nothing, by reason.
     pub dropped: Vec<Dropped>,
-    /// The error that ended it, or that nobody waited for; what came before it counts.
+    /// Error that ended the code, or a rejection that nothing handled; events recorded before it count.
     pub error: Option<CodeError>,
-    /// What its author may want to know although nothing failed, such as that a function was defined and never called.
+    /// Notes for the author although nothing failed, for example that a function was defined but never called.
     pub notes: Vec<String>,
 }
 
-/// Run action code against stand-ins and get what it places and removes. Nothing is graded or stored. A script that reaches a limit
-/// is refused, with what it reached.
+/// Runs action code against stand-ins and returns the blocks that it places and removes. Nothing is graded or stored. A
+/// script that reaches a limit is refused, and the fault names the limit.
 #[utoipa::path(
     post, path = "/v1/replay", operation_id = "replay_action_code", tag = "submissions", summary = "Run action code",
     request_body(content = NewReplay, content_type = "application/json"),
     responses(
-        (status = 200, description = "What it did", body = ReplayBody,
+        (status = 200, description = "The recorded events", body = ReplayBody,
          example = json!({ "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }], "dropped": [],
                            "error": null, "notes": [] })),
         (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
@@ -70,12 +70,12 @@ pub async fn replay_action_code(
     }
     let new: NewReplay = read_json(&body)?;
     let done = replay(&state, caller.who(), &new.action_code).await?;
-    // Names are repeated with every event: an answer may be much larger than what was recorded.
+    // Every event repeats its material's name, so the response may be much larger than the recording.
     let name = |event: &crate::actions::RecordedEvent| event.material.and_then(|i| done.palette.get(i as usize));
     let bytes: usize = done.events.iter().map(|event| EVENT_BYTES + name(event).map_or(0, String::len)).sum();
     if bytes > ANSWER_BYTES {
         let mut faults = Faults::new();
-        faults.add_at("action_code", format!("its events take more than {ANSWER_BYTES} bytes to tell"));
+        faults.add_at("action_code", format!("its events take more than {ANSWER_BYTES} bytes in the response"));
         return Err(AppError::faulty(faults));
     }
     Ok(Json(ReplayBody { events: told(&done).collect(), dropped: done.dropped, error: done.error, notes: done.notes }))

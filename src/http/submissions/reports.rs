@@ -16,20 +16,20 @@ use crate::http::state::AppState;
 use crate::store::submissions::SubmissionState;
 use plumbline_engine::grading::Report;
 
-/// A report with where it came from.
+/// A report with its provenance.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct ReportBody {
-    /// The submission.
+    /// Identifier of the submission.
     #[schema(format = Uuid)]
     pub submission: String,
     /// Scores and evidence.
     #[serde(flatten)]
     pub report: Report,
-    /// Where the report came from.
+    /// Provenance of the report: what was graded, by which program, and when.
     pub provenance: Provenance,
 }
 
-/// Where a report came from.
+/// Provenance of a report.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct Provenance {
     /// SHA-256 of the log's canonical JSON, in hex.
@@ -37,31 +37,33 @@ pub struct Provenance {
     pub log_hash: String,
     /// `name@version` of the task's suite.
     pub suite: String,
-    /// Program and version that graded.
+    /// Program and version that graded the log.
     #[schema(example = "plumbline 0.1.0")]
     pub grader: String,
-    /// Attempt that made the report.
+    /// Number of the grading attempt that made the report.
     #[schema(minimum = 1)]
     pub attempt: i64,
-    /// When.
+    /// Time of grading (RFC 3339).
     #[schema(format = DateTime)]
     pub graded_at: String,
-    /// How long grading took, in microseconds.
+    /// Duration of grading, in microseconds.
     #[schema(minimum = 0)]
     pub grading_us: i64,
 }
 
-/// Which report.
+/// Query parameters that select a report.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct ReportQuery {
-    /// That of this attempt: grading again makes a new report beside the old one. Without it the latest.
+    /// Number of the grading attempt whose report to return; by default the latest. Regrading adds a report and keeps
+    /// the old one.
     #[param(minimum = 1)]
     attempt: Option<i64>,
 }
 
-/// The report: per turn, check and criterion what was measured and what was required, with the cells that show it.
+/// Returns the report: what was measured and what was required for each turn, check and criterion, with the cells that
+/// show it.
 #[utoipa::path(
     get, path = "/v1/submissions/{id}/report", operation_id = "get_report", tag = "submissions", summary = "Get a report",
     params(("id" = String, Path, description = "The submission's id"), ReportQuery),
@@ -103,12 +105,12 @@ pub async fn get_report(
     }))
 }
 
-/// The log as stored: canonical JSON, whose SHA-256 is the log hash.
+/// Returns the log as stored: canonical JSON, whose SHA-256 is the log hash.
 #[utoipa::path(
     get, path = "/v1/submissions/{id}/log", operation_id = "get_log", tag = "submissions", summary = "Get a log",
     params(("id" = String, Path, description = "The submission's id")),
     responses(
-        (status = 200, description = "One palette; per turn rows [x, y, z, i] or [x, y, z]. What `log` of a submission takes", body = StoredLogBody,
+        (status = 200, description = "The log: one palette, and rows `[x, y, z, i]` or `[x, y, z]` for each turn. The member `log` of a submission takes the same form", body = StoredLogBody,
          example = json!({ "palette": ["stone"], "turns": [[[0, 0, 0, 0]]] })),
         (status = 404, description = "There is no such submission", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),

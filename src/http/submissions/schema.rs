@@ -1,14 +1,15 @@
-//! Submissions as the API shows them: what is posted, what is answered.
+//! Submissions in the API: the bodies of requests and responses.
 
 use serde::{Deserialize, Serialize};
 
-use crate::app::replay::{EventAction, TurnReplay};
+use crate::actions::turn_replay::TurnReplay;
+use crate::app::replay::EventAction;
 use crate::app::submissions::accept::AcceptedSubmission;
 use crate::clock::rfc3339;
 use crate::store::submissions::{NewSubmission, SubmissionRow, SubmissionState};
 use plumbline_engine::tasks::catalogue::Entry;
 
-/// What an agent did for one task.
+/// An agent's work on one task.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({
@@ -17,18 +18,18 @@ use plumbline_engine::tasks::catalogue::Entry;
 }))]
 #[expect(dead_code, reason = "describes the body that SubmissionShape reads")]
 pub struct NewSubmissionBody {
-    /// Run that it belongs to. Without one it is graded all the same, and is on no board.
+    /// Run that the submission belongs to. Without a run it is graded all the same, but appears on no board.
     #[schema(format = Uuid)]
     run: Option<String>,
-    /// Suite of the task, where it belongs to no run: name, or name@version.
+    /// Suite of the task, if the submission belongs to no run: name, or name@version.
     #[schema(min_length = 1, max_length = 100)]
     suite: Option<String>,
     /// The task: its id, or its number in the suite (the `run_idx` of published records).
     task: TaskName,
-    /// What was done in each turn; as many as the task has. Either this or `log` is needed.
+    /// Turns of the log, as many as the task has. Either `turns` or `log` is required.
     #[schema(max_items = 64)]
     turns: Option<Vec<NewTurn>>,
-    /// The same in the stored form, as `/v1/submissions/{id}/log` shows it.
+    /// The log in the stored form, as `/v1/submissions/{id}/log` returns it.
     log: Option<StoredLogBody>,
 }
 
@@ -39,41 +40,41 @@ pub struct NewSubmissionBody {
 pub struct StoredLogBody {
     /// Names of materials.
     palette: Vec<String>,
-    /// Per turn its rows: `[x, y, z, i]` places palette entry i, `[x, y, z]` removes.
+    /// Rows of each turn: `[x, y, z, i]` places a block of palette entry i, `[x, y, z]` removes one.
     turns: Vec<Vec<Vec<i32>>>,
 }
 
-/// How a task is named.
+/// Reference to a task of a suite.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(untagged)]
 pub enum TaskName {
-    /// Its id.
+    /// Identifier of the task.
     #[schema(example = "walls/5x1x5-raise")]
     Id(String),
-    /// Its number in the suite.
+    /// Number of the task in the suite.
     Number(u32),
 }
 
-/// A turn: either plain events, or a palette and rows.
+/// A turn: plain events, a palette and rows, or action code.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 #[expect(dead_code, reason = "describes the body that the log reader reads")]
 pub struct NewTurn {
-    /// Events in order.
+    /// Events, in order.
     #[schema(max_items = 400_000)]
     events: Option<Vec<NewEvent>>,
-    /// Compact form: material names.
+    /// Compact form: names of the materials that `rows` refer to.
     palette: Option<Vec<String>>,
-    /// Compact form: `[x, y, z, i]` places palette entry i, `[x, y, z]` removes.
+    /// Compact form: `[x, y, z, i]` places a block of palette entry i, `[x, y, z]` removes one.
     #[schema(max_items = 400_000)]
     rows: Option<Vec<Vec<i32>>>,
-    /// Instead of events: JavaScript as agents of the mindcraft framework write it, bare or in a code fence. It is run, and what it
-    /// places and removes are the events.
+    /// Instead of events: JavaScript as agents of the mindcraft framework write it, bare or in a code fence. The
+    /// service runs it; the blocks that it places and removes are the events.
     #[schema(max_length = 524_288)]
     action_code: Option<String>,
 }
 
-/// One action.
+/// An event: a block that is placed or removed.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 #[expect(dead_code, reason = "describes the body that the log reader reads")]
@@ -81,16 +82,16 @@ pub struct NewEvent {
     /// `place` or `remove`.
     #[schema(value_type = EventAction, example = "place")]
     action: String,
-    /// East.
+    /// Coordinate to the east.
     #[schema(minimum = -30_000_000, maximum = 30_000_000)]
     x: i32,
-    /// Up; the ground surface is y <= 0.
+    /// Coordinate upwards; the ground surface is y <= 0.
     #[schema(minimum = -2048, maximum = 2047)]
     y: i32,
-    /// South.
+    /// Coordinate to the south.
     #[schema(minimum = -30_000_000, maximum = 30_000_000)]
     z: i32,
-    /// Material; needed to place.
+    /// Name of the material; required for `place`.
     #[schema(max_length = 128, example = "stone")]
     material: Option<String>,
 }
@@ -98,59 +99,59 @@ pub struct NewEvent {
 /// A submission.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct SubmissionBody {
-    /// Its id.
+    /// Identifier of the submission.
     #[schema(format = Uuid)]
     pub id: String,
-    /// Run that it belongs to.
+    /// Identifier of the run that it belongs to, if any.
     #[schema(format = Uuid)]
     pub run: Option<String>,
     /// `name@version` of the task's suite.
     pub suite: String,
-    /// The task's id.
+    /// Identifier of the task.
     pub task: String,
-    /// The task's number in the suite.
+    /// Number of the task in the suite.
     pub number: u32,
-    /// `queued`, `grading`, `graded`, `rejected`, `grader_error` (a failure of ours; post it again) or `cancelled`.
+    /// `queued`, `grading`, `graded`, `rejected`, `grader_error` (service failure; post it again) or `cancelled`.
     #[schema(value_type = SubmissionState, example = "graded")]
     pub state: &'static str,
-    /// Why it ended without a report.
+    /// Reason why it ended without a report.
     pub error: Option<String>,
     /// Whether the problem passes, once graded.
     pub overall: Option<bool>,
-    /// Whether its accuracy passes, once graded and where it applies.
+    /// Whether the accuracy passes, once graded and if it applies.
     pub accuracy: Option<bool>,
     /// SHA-256 of the log's canonical JSON, in hex.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub log_hash: String,
-    /// Turns of the log.
+    /// Number of turns in the log.
     #[schema(minimum = 0)]
     pub turns: i64,
-    /// Events of the log.
+    /// Number of events in the log.
     #[schema(minimum = 0)]
     pub events: i64,
-    /// When it was accepted.
+    /// Time at which it was accepted (RFC 3339).
     #[schema(format = DateTime)]
     pub created_at: String,
-    /// When it ended.
+    /// Time at which it ended (RFC 3339).
     #[schema(format = DateTime)]
     pub ended_at: Option<String>,
-    /// Whose key posted it; null where the service is open to everybody.
+    /// Owner of the key that posted it; null if it was posted without a key.
     pub owner: Option<String>,
-    /// While it waits: how many are graded before it; counted up to 10,000.
+    /// Number of submissions ahead of it while it is queued; counted up to 10,000.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0)]
     pub queued_before: Option<i64>,
-    /// While it waits: seconds until it is begun, at the pace of the last gradings.
+    /// Estimated seconds until its grading begins, while it is queued, at the pace of the latest gradings.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0)]
     pub estimated_seconds: Option<f64>,
-    /// What the action code of its turns did, where it brought some.
+    /// Results of the action code in its turns, if there was any.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub action_code: Vec<TurnReplay>,
 }
 
 impl SubmissionBody {
-    /// The body of a stored submission, whose task is in this suite.
+    /// Builds the body of a stored submission; `entry` is the suite of its task.
     #[must_use]
     pub fn of(row: SubmissionRow, entry: &Entry) -> Self {
         let number = u32::try_from(row.task_number).unwrap_or_default();
@@ -180,12 +181,12 @@ impl SubmissionBody {
 /// An accepted submission.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct AcceptedBody {
-    /// Its id.
+    /// Identifier of the submission.
     #[schema(format = Uuid)]
     pub id: String,
-    /// True where the run held this very log for the task already; nothing was stored again.
+    /// Whether the run already held the same log for the task, so that nothing was stored.
     pub repeated: bool,
-    /// What the action code of its turns did, where it brought some.
+    /// Results of the action code in its turns, if there was any.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub action_code: Vec<TurnReplay>,
 }
@@ -199,17 +200,17 @@ impl From<AcceptedSubmission> for AcceptedBody {
 /// Accepted submissions of an NDJSON body.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct AcceptedList {
-    /// In the order of the lines.
+    /// The submissions, in the order of the lines.
     pub submissions: Vec<AcceptedBody>,
 }
 
-/// The answer to a post: for one submission, or for the lines of an NDJSON body.
+/// Response to a post of one submission, or of an NDJSON body.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[serde(untagged)]
 pub enum AcceptedAnswer {
-    /// To a JSON body.
+    /// Response to a JSON body.
     One(AcceptedBody),
-    /// To an NDJSON body.
+    /// Response to an NDJSON body.
     Lines(AcceptedList),
 }
 
@@ -219,25 +220,25 @@ pub struct Validated {
     /// `name@version` of the task's suite.
     #[schema(example = "mineceraft@2")]
     pub suite: String,
-    /// The task's number in it.
+    /// Number of the task in the suite.
     #[schema(example = 113)]
     pub number: u32,
-    /// Turns of the log.
+    /// Number of turns in the log.
     pub turns: usize,
-    /// Events of the log.
+    /// Number of events in the log.
     pub events: usize,
     /// SHA-256 of the log's canonical JSON, in hex.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub log_hash: String,
-    /// Whether the run holds this very log for the task already.
+    /// Whether the run already holds the same log for the task.
     pub repeated: bool,
-    /// What the action code of its turns did, where it brought some.
+    /// Results of the action code in its turns, if there was any.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub action_code: Vec<TurnReplay>,
 }
 
 impl Validated {
-    /// Describes a submission that is ready to store.
+    /// Builds the description of a submission that is ready to store.
     #[must_use]
     pub fn of(new: &NewSubmission, repeated: bool) -> Self {
         Self {
@@ -255,6 +256,6 @@ impl Validated {
 /// The submissions of a body, all of which would be accepted.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct ValidatedList {
-    /// In the order of the body.
+    /// The submissions, in the order of the body.
     pub submissions: Vec<Validated>,
 }

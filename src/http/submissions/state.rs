@@ -1,4 +1,4 @@
-//! One submission: its state, its place in the queue, cancelling.
+//! One submission: reading its state and its position in the queue, and cancelling it.
 
 use axum::Json;
 use axum::extract::{Path, State};
@@ -12,16 +12,16 @@ use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use crate::store::submissions::{SubmissionRow, SubmissionState};
 
-/// The submission with this id.
+/// Returns the stored submission with this id.
 ///
 /// # Errors
-/// 404 where there is none.
+/// Returns an error (404) if there is no such submission.
 pub async fn stored(state: &AppState, id: &str) -> AppResult<SubmissionRow> {
     let row = state.store.submission(id).await?;
     row.ok_or_else(|| AppError::not_found(format!("there is no submission {id:?}")))
 }
 
-/// A submission's state and, once graded, its verdict.
+/// Returns a submission's state and, once graded, its verdict.
 #[utoipa::path(
     get, path = "/v1/submissions/{id}", operation_id = "get_submission", tag = "submissions", summary = "Get a submission",
     params(("id" = String, Path, description = "The submission's id")),
@@ -37,7 +37,7 @@ pub async fn get_submission(State(state): State<AppState>, Path(id): Path<String
     Ok(Json(body_of(&state, row).await?))
 }
 
-/// A submission's body; where it waits, with its place in the queue.
+/// Builds the body of a submission, with its position in the queue while it is queued.
 async fn body_of(state: &AppState, row: SubmissionRow) -> AppResult<SubmissionBody> {
     const MOST: i64 = 10_000;
     let entry = state.suite(&row.suite_id).await?;
@@ -48,7 +48,7 @@ async fn body_of(state: &AppState, row: SubmissionRow) -> AppResult<SubmissionBo
     Ok(SubmissionBody { queued_before: before, estimated_seconds, ..SubmissionBody::of(row, &entry) })
 }
 
-/// Cancel a submission that waits or is being graded. It ends as `cancelled`, and its task may be answered again.
+/// Cancels a submission that is queued or being graded. It ends as `cancelled`, and its task may be answered again.
 #[utoipa::path(
     post, path = "/v1/submissions/{id}/cancel", operation_id = "cancel_submission", tag = "submissions",
     summary = "Cancel a submission",
@@ -72,7 +72,7 @@ pub async fn cancel_submission(
     if !state.store.cancel(&id, now_ms()).await? {
         let row = stored(&state, &id).await?;
         let detail = format!("the submission has ended: {}", row.state.name());
-        // Cancelling twice is cancelling.
+        // Cancelling again succeeds as well.
         if row.state != SubmissionState::Cancelled {
             return Err(AppError::conflict("ended", detail));
         }

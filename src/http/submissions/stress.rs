@@ -1,4 +1,4 @@
-//! Stress fields of submissions, computed when first asked for.
+//! Stress fields of submissions, computed when first requested.
 
 use std::fmt::Write as _;
 
@@ -22,29 +22,30 @@ use plumbline_engine::elasticity::field::{FIELD_VERSION, Field, Method};
 use plumbline_engine::tasks::hex;
 use plumbline_engine::voxel::{Cell, Structure};
 
-/// Which field, and how it is written.
+/// Query parameters that select a stress field and its format.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct StressQuery {
-    /// The published simulation, or equilibrium by finite elements. Without it the published one.
+    /// Method: the published simulation (`sph`, the default), or equilibrium by finite elements (`fem`).
     #[param(example = "fem")]
     method: Option<Method>,
-    /// The structure after this turn, from 1. Without it the last.
+    /// Turn, from 1, after which the structure is examined. The default is the last turn.
     #[param(minimum = 1, example = 1)]
     turn: Option<usize>,
-    /// An object per block; a line per block; or an array per quantity. Without it what `Accept` asks for, else objects.
+    /// Format: an object per block (`json`), a line per block (`ndjson`), or an array per quantity (`arrays`). By
+    /// default `ndjson` if `Accept` asks for it, else `json`.
     #[param(inline)]
     format: Option<StressFormat>,
 }
 
-/// How a stress field is written.
+/// Format of a stress field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum StressFormat {
     /// One document with an object per block.
     Json,
-    /// One JSON object a line and block.
+    /// One line per block, each a JSON object.
     Ndjson,
     /// One document with an array per quantity: the smallest.
     Arrays,
@@ -56,29 +57,29 @@ pub struct StressedBlock<'a> {
     /// The cell, as `[x, y, z]`.
     #[schema(value_type = [i32; 3])]
     pub cell: Cell,
-    /// Its material.
+    /// Name of its material.
     #[schema(example = "stone")]
     pub material: &'a str,
-    /// Von Mises stress, Pa; null where the method leaves the block out.
+    /// Von Mises stress, in Pa; null if the method leaves the block out.
     #[schema(example = 5876.85)]
     pub von_mises_pa: Option<f64>,
-    /// Displacement of the centre, m (blocks): east, up, south; null where the method gives none.
+    /// Displacement of the centre to the east, up and to the south, in m (blocks); null if the method gives none.
     pub displacement_m: Option<[f64; 3]>,
 }
 
 /// A stress field.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct StressBody<'a> {
-    /// The submission.
+    /// Identifier of the submission.
     #[schema(format = Uuid)]
     pub submission: &'a str,
-    /// The turn after which the structure stands, from 1.
+    /// Turn, from 1, after which the structure was examined.
     pub turn: usize,
-    /// The method.
+    /// Method that computed the field.
     pub method: Method,
-    /// Greatest von Mises stress, Pa; null where there is no number.
+    /// Greatest von Mises stress, in Pa; null if it is not a number.
     pub max_von_mises_pa: Option<f64>,
-    /// Why the field must be read with care.
+    /// Reasons to read the field with care.
     pub cautions: &'a [String],
     /// The blocks, in the order of the structure.
     pub blocks: Vec<StressedBlock<'a>>,
@@ -87,16 +88,16 @@ pub struct StressBody<'a> {
 /// A stress field with an array per quantity, all in the order of the structure.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct StressArrays {
-    /// The submission.
+    /// Identifier of the submission.
     #[schema(format = Uuid)]
     submission: String,
-    /// The turn after which the structure stands, from 1.
+    /// Turn, from 1, after which the structure was examined.
     turn: usize,
-    /// The method.
+    /// Method that computed the field.
     method: Method,
-    /// Greatest von Mises stress, Pa; null where there is no number.
+    /// Greatest von Mises stress, in Pa; null if it is not a number.
     max_von_mises_pa: Option<f64>,
-    /// Why the field must be read with care.
+    /// Reasons to read the field with care.
     cautions: Vec<String>,
     /// Names of materials.
     palette: Vec<String>,
@@ -104,13 +105,13 @@ pub struct StressArrays {
     cells: Vec<[i32; 3]>,
     /// Material of each block, as an index into the palette.
     materials: Vec<u32>,
-    /// Von Mises stress, Pa.
+    /// Von Mises stress of each block, in Pa.
     von_mises_pa: Vec<Option<f64>>,
-    /// Displacement, m.
+    /// Displacement of each block's centre, in m.
     displacement_m: Vec<Option<[f64; 3]>>,
 }
 
-/// A stress field, as `format` asks for it.
+/// A stress field as one JSON document.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[serde(untagged)]
 pub enum StressAnswer {
@@ -120,14 +121,14 @@ pub enum StressAnswer {
     Arrays(StressArrays),
 }
 
-/// Stress and displacement of each block of what a submission built, in Pa and m. Computed when asked for, from the log:
-/// also for tasks without a stress check.
+/// Returns the stress (Pa) and the displacement (m) of each block that a submission built. They are computed from the
+/// log on request, also for tasks without a stress check.
 #[utoipa::path(
     get, path = "/v1/submissions/{id}/stress", operation_id = "get_stress", tag = "submissions",
     summary = "Get a stress field",
     params(("id" = String, Path, description = "The submission's id"), StressQuery),
     responses(
-        (status = 200, description = "The field",
+        (status = 200, description = "The stress field",
          content(
             (StressAnswer = "application/json",
              example = json!({ "submission": "0198c0de-0000-7000-8000-000000000001", "turn": 1, "method": "fem",
@@ -136,8 +137,8 @@ pub enum StressAnswer {
                                             "displacement_m": [0.0, -1e-6, 0.0] }] })),
             (String = "application/x-ndjson", example = "{\"cell\":[0,0,0],\"material\":\"stone\",\"von_mises_pa\":8177.7}\n"),
          ),
-         headers(("ETag" = String, description = "Names log, method, turn, format and grader; for If-None-Match"))),
-        (status = 304, description = "The client has it"),
+         headers(("ETag" = String, description = "Tag of log, method, turn, format and grader; for If-None-Match"))),
+        (status = 304, description = "The client already has the field"),
         (status = 400, description = "A query that cannot be read", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "There is no such submission or turn", body = Problem,
          content_type = "application/problem+json"),
@@ -166,7 +167,7 @@ pub async fn get_stress(
         return Err(AppError::not_found(format!("there is no turn {turn}; the log has {turns}")));
     }
     let named = format!("{id} {} {method:?} {turn} {format:?} {GRADER} {FIELD_VERSION}", row.log_hash);
-    // Weak: processors of another kind may round otherwise.
+    // The tag is weak because other kinds of processors may round differently.
     let etag = format!("W/\"{}\"", &hex(&Sha256::digest(named))[..32]);
     if has_tag(&headers, &etag) {
         return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, etag.as_str()), VARY]).into_response());
@@ -179,13 +180,13 @@ pub async fn get_stress(
     Ok(([(header::CONTENT_TYPE, kind), (header::ETAG, etag.as_str()), VARY], body).into_response())
 }
 
-/// The format may come from `Accept`.
+/// `Vary` header, because the format may depend on `Accept`.
 const VARY: (header::HeaderName, &str) = (header::VARY, "accept");
 
 /// Writes a field in one of its formats.
 ///
 /// # Errors
-/// Returns an error if the field holds what JSON cannot express.
+/// Returns an error if the field holds a value that JSON cannot express.
 pub fn write(
     id: &str,
     structure: &Structure,

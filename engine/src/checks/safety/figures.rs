@@ -2,28 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::checks::evidence::MAX_WITNESSES;
+use crate::checks::sample::CellSample;
 use crate::elasticity::{fem, sph};
 use crate::voxel::Cell;
-
-/// Sample of cells of one kind, with their total number.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
-pub struct CellSample {
-    /// Total number of cells; a cell listed twice counts twice.
-    pub total: u64,
-    /// First cells, as `[x, y, z]`; at most 20.
-    #[schema(value_type = Vec<[i32; 3]>)]
-    pub cells: Vec<Cell>,
-}
-
-impl CellSample {
-    /// Samples the cells of the entries with these indices.
-    #[must_use]
-    pub fn of(cells: &[Cell], entries: &[u32]) -> Self {
-        let first = entries.iter().take(MAX_WITNESSES).map(|&entry| cells[entry as usize]);
-        Self { total: entries.len() as u64, cells: first.collect() }
-    }
-}
 
 /// Figures of the published method, with diagnostics of how far to trust them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]

@@ -3,6 +3,7 @@
 
 mod board;
 mod log;
+mod stated;
 mod steps;
 mod times;
 

@@ -2,27 +2,13 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use serde_json::Value;
-
+use super::stated::Stated;
 use super::{Kept, Verified, log, times};
 use crate::hidden::commitment::{Commitment, Rules};
-use crate::hidden::evidence::{AnswerFact, ClosedFact, CompletedFact, DrawFact, EntryFact, Fact, TranscriptFact, fact};
+use crate::hidden::evidence::{EntryFact, Fact, fact};
 use crate::hidden::feedback::Tier;
 use crate::hidden::receipts::ReceiptFile;
 use crate::hidden::reveal::{Reveal, RevealedEntry, RevealedInstance};
-
-/// The facts that the receipts of an epoch state.
-#[derive(Default)]
-pub(super) struct Stated<'a> {
-    pub entries: BTreeMap<String, EntryFact>,
-    pub draws: BTreeMap<(String, u32), DrawFact>,
-    pub answers: BTreeMap<String, AnswerFact>,
-    pub completed: BTreeMap<String, CompletedFact>,
-    failed: BTreeSet<String>,
-    transcripts: BTreeMap<String, TranscriptFact>,
-    pub grades: BTreeMap<&'a str, Vec<&'a Value>>,
-    pub closed: Vec<(i64, ClosedFact)>,
-}
 
 /// Compares a reveal with its receipts.
 pub(super) fn check(reveal: &Reveal, commitment: &Commitment, kept: &Kept, found: &mut Verified) {

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::Verified;
-use super::steps::Stated;
+use super::stated::Stated;
 use crate::hidden::commitment::{Commitment, Rules};
 use crate::hidden::feedback::released_bits;
 use crate::hidden::reveal::Reveal;

@@ -1,4 +1,4 @@
-//! Adapters: the bodies that trainers of others already send for a reward.
+//! Adapters for the reward requests that other training frameworks already send.
 
 pub mod nemo_gym;
 pub mod nemo_metrics;
@@ -8,8 +8,8 @@ use serde_json::{Map, Value};
 
 use plumbline_engine::intake::Faults;
 
-/// Names the members that look like one of these options misspelt, which was not given: what a trainer believes to have said, and has
-/// not. A dataset has fields of its own; a short name must be one letter off, a long one may be three.
+/// Adds a fault for each member that looks like a misspelling of a missing option, which the trainer believes to have
+/// set. A dataset has fields of its own, so an option of up to 8 characters allows one edit, and a longer one three.
 fn add_misspelt(object: &Map<String, Value>, missing: &[&str], faults: &mut Faults) {
     for key in object.keys().filter(|key| !missing.contains(&key.as_str())) {
         let meant = missing.iter().find(|option| {

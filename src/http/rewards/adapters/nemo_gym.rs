@@ -1,8 +1,9 @@
-//! NeMo Gym's resources server: `POST /verify`, and the calls around it, which need nothing here.
+//! NeMo Gym's resources server: `POST /verify`, and the calls around it, for which the service keeps no state.
 //!
-//! Requests are those of `nemo_gym.base_resources_server` up to 0.7: flat (`responses_create_params`, `response` and what the dataset
-//! adds), or nested (`episode_id`, `task_id`, `verification_input`). The task is named by `task`, `suite` and `reward_scheme`, at the
-//! top, under `verifier_metadata` or under `verification_input`. The answer to a flat request repeats it.
+//! Requests are those of `nemo_gym.base_resources_server` up to 0.7: flat (`responses_create_params`, `response` and
+//! the dataset's members), or nested (`episode_id`, `task_id`, `verification_input`). The members `task`, `suite` and
+//! `reward_scheme` name the task, at the top level or under `verifier_metadata`, `task_data` or `verification_input`.
+//! The response to a flat request repeats the request.
 
 use axum::Json;
 use axum::extract::State;
@@ -11,9 +12,9 @@ use axum::response::{IntoResponse as _, Response};
 use serde_json::{Map, Value, json};
 
 use super::add_misspelt;
+use crate::actions::turn_replay::TurnReplay;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
-use crate::app::replay::TurnReplay;
 use crate::app::rewards::judge::judge;
 use crate::http::extract::body::JsonBody;
 use crate::http::problem::Problem;
@@ -26,63 +27,64 @@ use plumbline_engine::grading::reward::RewardComponents;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::tolerant::why_not_json;
 
-/// What names the task.
+/// Members that name the task and its reward scheme.
 const OPTIONS: [&str; 3] = ["task", "suite", "reward_scheme"];
-/// What the framework reads of a verified response; the request's own members stand beside it.
+/// Members of a response that the framework reads, next to the members of the request.
 #[derive(Debug, serde::Serialize, utoipa::ToSchema)]
 pub struct VerifyAnswer {
-    /// The reward.
+    /// Reward.
     #[schema(minimum = 0, maximum = 1)]
     reward: f64,
-    /// Whether the sample is to be left out: never, for a failure of ours is a problem.
+    /// Whether to leave the sample out; always false, because a failure of the service is reported as a problem.
     mask_sample: bool,
-    /// What the reward is made of.
+    /// Components of the reward.
     reward_components: RewardComponents,
-    /// What the action code did, where the model wrote some.
+    /// Results of the action code, if the model wrote any.
     action_code: Option<Vec<TurnReplay>>,
-    /// Why nothing could be graded.
+    /// Reason why nothing could be graded.
     failure_reason: Option<String>,
 }
 
-/// A request to verify: of what the framework sends, what is read.
+/// A request to verify, with the members that are read.
 #[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
 #[expect(dead_code, reason = "describes what is read piece by piece")]
 pub struct VerifyRequest {
-    /// The task: its id, or its number. It may stand under `verifier_metadata` too.
+    /// The task: its id or its number. It may also be under `verifier_metadata`.
     #[schema(value_type = Option<TaskName>)]
     task: Option<Value>,
     /// Suite of the task.
     suite: Option<String>,
-    /// How the reward is made.
+    /// Reward scheme.
     #[schema(value_type = Option<SchemeBody>)]
     reward_scheme: Option<Value>,
-    /// What the dataset keeps for the verifier.
+    /// Data that the dataset holds for the verifier.
     #[schema(value_type = Option<Object>)]
     verifier_metadata: Option<Value>,
-    /// What the model was asked.
+    /// Request to the model.
     #[schema(value_type = Option<Object>)]
     responses_create_params: Option<Value>,
-    /// What it answered: an object of the Responses API.
+    /// Response of the model: an object of the Responses API.
     #[schema(value_type = Option<Object>)]
     response: Option<Value>,
 }
 
-/// A request that begins or ends a session: what is read of it.
+/// A request that begins or ends a session, with the member that is read.
 #[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
 #[expect(dead_code, reason = "describes what is read piece by piece")]
 pub struct SessionRequest {
-    /// The session, in newer versions of the framework.
+    /// Identifier of the session, which newer versions of the framework send.
     resources_session_id: Option<String>,
 }
 
-/// The answer to it.
+/// Response to a request that begins or ends a session.
 #[derive(Debug, serde::Serialize, utoipa::ToSchema)]
 pub struct SessionAnswer {
-    /// The session, where the request named one.
+    /// Identifier of the session, if the request had one.
     resources_session_id: Option<String>,
 }
 
-/// Begin a session: nothing is kept between calls, so the answer only repeats the session's id, where the request has one.
+/// Begins a session. Nothing is kept between calls, so the response only repeats the session's id, if the request has
+/// one.
 #[utoipa::path(
     post, path = "/seed_session", operation_id = "seed_session", tag = "rewards", summary = "NeMo Gym: begin a session",
     request_body(content = SessionRequest, content_type = "application/json"),
@@ -97,7 +99,7 @@ pub async fn seed_session(caller: Caller, body: JsonBody) -> AppResult<Response>
     session(&body)
 }
 
-/// End a session. Nothing was kept; it may be ended again, and one that never began too.
+/// Ends a session. Nothing was kept, so it may end more than once, or without having begun.
 #[utoipa::path(
     post, path = "/close_session", operation_id = "close_session", tag = "rewards", summary = "NeMo Gym: end a session",
     request_body(content = SessionRequest, content_type = "application/json"),
@@ -117,16 +119,16 @@ fn session(body: &JsonBody) -> AppResult<Response> {
     let Some(id) = request.get("resources_session_id").and_then(Value::as_str) else {
         return Ok(Json(json!({})).into_response());
     };
-    // The framework asks for a cookie; it means nothing here.
+    // The framework requires a cookie; its value is not used.
     let cookie = [(header::SET_COOKIE, "plumbline_session=stateless; Path=/; HttpOnly; SameSite=Lax")];
     Ok((cookie, Json(json!({ "resources_session_id": id }))).into_response())
 }
 
-/// Whether an answer may be verified again: it may, with the same result.
+/// Returns whether a response may be verified again. It may, with the same result.
 #[utoipa::path(
-    get, path = "/reverify_mode", operation_id = "reverify_mode", tag = "rewards", summary = "NeMo Gym: may answers be verified again",
+    get, path = "/reverify_mode", operation_id = "reverify_mode", tag = "rewards", summary = "NeMo Gym: get reverification mode",
     responses(
-        (status = 200, description = "They may", body = String, content_type = "application/json", example = json!("stateless")),
+        (status = 200, description = "The mode", body = String, content_type = "application/json", example = json!("stateless")),
         (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
@@ -134,10 +136,11 @@ pub async fn reverify_mode() -> Json<&'static str> {
     Json("stateless")
 }
 
-/// Grade what a model answered, as NeMo Gym asks a resources server. In the assistant's messages the last complete answer counts, a
-/// block log as JSON or action code; of a task of several turns the last so many messages with an answer give a turn each. An answer
-/// that cannot be graded has reward 0 and a `failure_reason`; a failure of ours is a problem, never a reward. The criteria stand at
-/// the top as well (`reward_material`, …), where the framework makes means of them.
+/// Grades a model's response, as NeMo Gym requests it from a resources server. The last complete answer in the
+/// assistant's messages counts: a block log as JSON, or action code. If the task has several turns, the last messages
+/// with an answer give one turn each. An answer that cannot be graded has reward 0 and a `failure_reason`; a failure of
+/// the service is a problem, never a reward. The criteria are also at the top level (`reward_material`, …), where the
+/// framework averages them.
 #[utoipa::path(
     post, path = "/verify", operation_id = "verify", tag = "rewards", summary = "NeMo Gym: verify a response",
     request_body(content = VerifyRequest, content_type = "application/json", example = json!({
@@ -172,7 +175,7 @@ pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBod
     let (request, naming, texts) = reading.await.map_err(|error| AppError::internal(&error))??;
     let graded = judge(&state, who, &catalogue, &naming, texts).await;
     let graded = graded.map_err(|error| error.named(&[("/reward", "/reward_scheme")]))?;
-    // What is nested is not repeated: the framework refuses members that it does not know there.
+    // A nested request is not repeated, because there the framework refuses members that it does not know.
     let mut answer = if request.contains_key("verification_input") { Map::new() } else { request };
     answer.insert("reward".to_owned(), graded.reward.into());
     answer.insert("mask_sample".to_owned(), false.into());
@@ -206,10 +209,10 @@ pub(super) fn object(text: &[u8]) -> AppResult<Map<String, Value>> {
     }
 }
 
-/// How the task is named, at the top or among what the dataset keeps for the verifier.
+/// Returns the members that name the task, from the top level or from the objects below it.
 ///
 /// # Errors
-/// 422 where an option is misspelt.
+/// Returns an error (422) if an option is misspelt.
 fn naming(request: &Map<String, Value>) -> AppResult<Map<String, Value>> {
     let part = |key: &str| request.get(key).and_then(Value::as_object);
     let parts: Vec<(&str, &Map<String, Value>)> = ["verifier_metadata", "task_data", "verification_input"]
@@ -222,7 +225,8 @@ fn naming(request: &Map<String, Value>) -> AppResult<Map<String, Value>> {
     };
     let missing: Vec<&str> = OPTIONS.into_iter().filter(|option| find(option).is_none()).collect();
     let mut faults = Faults::new();
-    // At the top a dataset has names of its own in any number; short ones are left alone there.
+    // A dataset may have any fields of its own at the top level, so only long options are checked for misspellings
+    // there.
     let long: Vec<&str> = missing.iter().copied().filter(|option| option.len() > 8).collect();
     let sent: Map<String, Value> =
         request.iter().filter(|(key, _)| !is_own(key)).map(|(key, value)| (key.clone(), value.clone())).collect();
@@ -240,16 +244,16 @@ fn naming(request: &Map<String, Value>) -> AppResult<Map<String, Value>> {
     Ok(naming.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect())
 }
 
-/// Whether a member is one that an answer of ours adds: an answer may be verified again.
+/// Whether a member may come from an earlier response of this service, which may be sent for verification again.
 fn is_own(key: &str) -> bool {
     let component = |name: &str| name == "overall" || Criterion::ALL.iter().any(|criterion| criterion.name() == name);
     key == "response" || key == "responses_create_params" || key.strip_prefix("reward_").is_some_and(component)
 }
 
-/// The texts of the assistant's messages, in order: of a Responses object, or of a chat completion.
+/// Returns the texts of the assistant's messages, in order, from a Responses object or a chat completion.
 ///
 /// # Errors
-/// 422 where there are none to be read: then the trainer is wired wrongly, and the model is not to blame.
+/// Returns an error (422) if no texts can be read: then the trainer is misconfigured, and the model is not to blame.
 fn texts(request: &Map<String, Value>) -> AppResult<Vec<String>> {
     let response = request.get("response").or_else(|| request.get("verification_input")?.get("response"));
     let wrong = |place: &str, what: &str| {
@@ -263,7 +267,7 @@ fn texts(request: &Map<String, Value>) -> AppResult<Vec<String>> {
         AppError::faulty(faults)
     };
     let Some(response) = response.filter(|response| response.is_object()) else {
-        return Err(wrong("", "expected what the model answered: an object of the Responses API, with a list output"));
+        return Err(wrong("", "expected the model's response: an object of the Responses API, with a list output"));
     };
     if let Some(choices) = response.get("choices").and_then(Value::as_array) {
         return Ok(choices.iter().take(1).map(|choice| content_of(&choice["message"])).collect());
@@ -278,11 +282,11 @@ fn texts(request: &Map<String, Value>) -> AppResult<Vec<String>> {
         kind.is_none_or(|kind| kind == "message") && role.is_none_or(|role| role == "assistant")
     };
     let texts: Vec<String> = output.iter().filter(is_said).map(content_of).collect();
-    // A model may end without a word, after tools or thoughts.
+    // A model may end without a message, after tool calls or reasoning.
     Ok(if texts.is_empty() { vec![String::new()] } else { texts })
 }
 
-/// The text of a message, whole or in parts.
+/// Returns the text of a message, whose content is a string or a list of parts.
 fn content_of(message: &Value) -> String {
     match &message["content"] {
         Value::String(text) => text.clone(),

@@ -1,7 +1,7 @@
-//! NeMo Gym's `POST /aggregate_metrics`: figures over the rows of an evaluation.
+//! NeMo Gym's `POST /aggregate_metrics`: statistics over the rows of an evaluation.
 //!
-//! Of each row the numbers at its top count (true is 1), but for names that begin with an underscore, and those of its
-//! `response.usage`. Rows of the same `_ng_task_index` are a group. Rows with `mask_sample` are left out.
+//! The numbers at the top level of a row and in its `response.usage` count (true is 1), except those whose names begin
+//! with an underscore. Rows with the same `_ng_task_index` form a group. Rows with `mask_sample` are left out.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,28 +20,29 @@ use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
 
-/// Figures over rows.
+/// Statistics over the rows of an evaluation.
 #[derive(Debug, Default, Serialize, utoipa::ToSchema)]
 pub struct AggregateMetrics {
-    /// Per task its figures, with `_ng_task_index`.
+    /// Statistics of each task, with its `_ng_task_index`.
     #[schema(value_type = Vec<Object>)]
     pub group_level_metrics: Vec<Map<String, Value>>,
-    /// Over all rows: `mean/reward`, `max/reward`, `min/reward`, `median/reward`, `std/reward`, and so for each number.
+    /// Statistics of all rows: `mean/reward`, `max/reward`, `min/reward`, `median/reward` and `std/reward`; the same
+    /// for each other number.
     #[schema(value_type = Object)]
     pub agent_metrics: Map<String, Value>,
-    /// The means alone.
+    /// The means of `agent_metrics`.
     #[schema(value_type = Object)]
     pub key_metrics: Map<String, Value>,
 }
 
-/// Make figures of verified rows, as NeMo Gym asks a resources server after an evaluation.
+/// Computes statistics of verified rows, as NeMo Gym requests them from a resources server after an evaluation.
 #[utoipa::path(
     post, path = "/aggregate_metrics", operation_id = "aggregate_metrics", tag = "rewards",
-    summary = "NeMo Gym: figures over verified rows",
+    summary = "NeMo Gym: compute statistics of verified rows",
     request_body(content = Object, content_type = "application/json",
                  example = json!({ "verify_responses": [{ "_ng_task_index": 0, "reward": 1.0 }] })),
     responses(
-        (status = 200, description = "Figures", body = AggregateMetrics,
+        (status = 200, description = "The statistics", body = AggregateMetrics,
          example = json!({ "group_level_metrics": [{ "_ng_task_index": 0, "mean/reward": 1.0 }],
                            "agent_metrics": { "mean/reward": 1.0 }, "key_metrics": { "mean/reward": 1.0 } })),
         (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
@@ -125,7 +126,7 @@ fn figures(columns: &Columns) -> Map<String, Value> {
         } else {
             sorted[middle]
         };
-        // Of the sample, as the framework computes it; of one value 0.
+        // Sample standard deviation, as the framework computes it; 0 for a single value.
         let squares = sorted.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
         let std = if sorted.len() > 1 { (squares / (count - 1.0)).sqrt() } else { 0.0 };
         let (min, max) = (sorted[0], sorted[sorted.len() - 1]);

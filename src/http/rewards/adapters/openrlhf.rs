@@ -1,7 +1,8 @@
 //! OpenRLHF's remote reward model: `query`, `prompts` and `labels` in, `rewards`, `scores` and `extra_logs` out.
 //!
-//! `query` holds prompt and answer in one text each. A label names the task: its id, its number, or JSON with `task`, `suite` and
-//! `reward`. The trainer makes tensors of what is answered, so every sample has a number under the same names, whatever became of it.
+//! Each text of `query` holds a prompt and the answer to it. A label names the task: its id, its number, or JSON with
+//! `task`, `suite` and `reward`. The trainer turns the response into tensors, so every list has a number for every
+//! sample, even for one that could not be graded.
 
 use axum::Json;
 use axum::extract::State;
@@ -21,85 +22,86 @@ use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
 
-/// What a label may say.
+/// Members of a label that are read.
 const OPTIONS: [&str; 3] = ["task", "suite", "reward"];
-/// Samples of a request that are graded or wait at the same time.
+/// Number of samples of a request that are graded or wait at the same time.
 const AT_ONCE: usize = 8;
-/// Characters at the end of a prompt by which it is found in a query that lacks its beginning.
+/// Number of characters at the end of a prompt that are searched for in a query that lacks the beginning of the prompt.
 const PROMPT_END_CHARS: usize = 200;
 
-/// What OpenRLHF posts.
+/// Request from OpenRLHF.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[schema(example = json!({ "query": ["Raise a wall.{\"events\": []}"], "prompts": ["Raise a wall."], "labels": ["walls/5x1x5-raise"] }))]
 pub struct RewardQuery {
     /// Prompt and answer of each sample.
     #[schema(max_items = 10_000)]
     pub query: Vec<String>,
-    /// The prompt of each sample, which is taken off the query.
+    /// Prompt of each sample, which is removed from the query.
     #[serde(default)]
     #[schema(max_items = 10_000)]
     pub prompts: Option<Vec<Option<String>>>,
-    /// The task of each sample: its id, its number, or JSON with `task`, `suite` and `reward`, as text or not.
+    /// The task of each sample: its id, its number, or JSON with `task`, `suite` and `reward`, as an object or as text.
     #[schema(max_items = 10_000, value_type = Vec<LabelBody>)]
     pub labels: Vec<Value>,
 }
 
-/// The task of a sample.
+/// Label of a sample, which names its task.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(untagged)]
 pub enum LabelBody {
-    /// Its id, or JSON as text.
+    /// Identifier of the task, or JSON as text.
     Text(String),
-    /// Its number.
+    /// Number of the task.
     Number(u32),
-    /// Task, suite and reward, as `/v1/grade` takes them.
+    /// Task, suite and reward, as `/v1/grade` accepts them.
     #[schema(value_type = Object)]
     Whole(Map<String, Value>),
 }
 
-/// What OpenRLHF reads.
+/// Response to OpenRLHF.
 #[derive(Debug, Default, Serialize, utoipa::ToSchema)]
 pub struct Rewards {
-    /// The reward of each sample; 0 where it could not be graded.
+    /// Reward of each sample; 0 if it could not be graded.
     pub rewards: Vec<f64>,
-    /// 1 where the sample passes, else 0; for filtering.
+    /// 1 if the sample passes, else 0; for filtering.
     pub scores: Vec<f64>,
-    /// Figures to log, a value per sample.
+    /// Values to log, one per sample.
     pub extra_logs: ExtraLogs,
-    /// Samples that could not be graded, or whose code broke off, and why.
+    /// Samples that could not be graded or whose code ended with an error, with the reason.
     pub problems: Vec<SampleProblem>,
 }
 
-/// Figures of samples.
+/// Values to log for each sample.
 #[derive(Debug, Default, Serialize, utoipa::ToSchema)]
 pub struct ExtraLogs {
-    /// 1 where the problem passes.
+    /// 1 if the problem passes, else 0.
     pub overall: Vec<f64>,
-    /// Mean over the criteria that apply; 0 where there is no log.
+    /// Mean over the criteria that apply; 0 if there is no log.
     pub criteria_mean: Vec<f64>,
-    /// 1 where the answer held a log or code that fits the task.
+    /// 1 if the answer has a log or code that fits the task, else 0.
     pub readable: Vec<f64>,
-    /// 1 where the label names no task: a fault of the dataset, not of the model.
+    /// 1 if the label is faulty, for example names no task: a fault of the dataset, not of the model; else 0.
     pub mislabelled: Vec<f64>,
 }
 
-/// Why a sample could not be graded, or how its code broke off.
+/// Reason why a sample could not be graded, or the error that ended its code.
 #[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 pub struct SampleProblem {
-    /// Place of the sample, from 0.
+    /// Index of the sample, from 0.
     pub index: usize,
-    /// Why, in words.
+    /// Description of the problem.
     pub detail: String,
     /// Faults of the label.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub faults: Vec<FaultBody>,
 }
 
-/// Grade what a model answered, as OpenRLHF asks a remote reward model. An answer that cannot be graded has reward
-/// 0, and so has a sample whose label names no task; `problems` tells why. Where all labels are wrong the request is refused. Where
-/// grading one of them fails through us, the whole request fails with a retryable problem, never a reward.
+/// Grades a model's answers, as OpenRLHF requests it from a remote reward model. An answer that cannot be graded has
+/// reward 0, and so has a sample whose label names no task; `problems` gives the reason. If all labels are wrong, the
+/// request is refused. If the service fails to grade one of the samples, the whole request fails with a retryable
+/// problem, never a reward.
 #[utoipa::path(
-    post, path = "/get_reward", operation_id = "get_reward", tag = "rewards", summary = "OpenRLHF: rewards of samples",
+    post, path = "/get_reward", operation_id = "get_reward", tag = "rewards", summary = "OpenRLHF: reward samples",
     request_body(content = RewardQuery, content_type = "application/json"),
     responses(
         (status = 200, description = "Rewards in the order of the samples", body = Rewards,
@@ -137,13 +139,13 @@ pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: Jso
             Err(error) => Err(error),
         }
     };
-    // What is under way when the client leaves, or one sample fails through us, ends with this request.
+    // If the client disconnects, or the service fails on one sample, the work on the others ends with this request.
     let judged: AppResult<Vec<Judged>> =
         stream::iter(0..query.query.len()).map(judge_one).buffered(AT_ONCE).try_collect().await;
     answer(judged?)
 }
 
-/// A sample's grade, or what is wrong with its label.
+/// Grade of a sample, or the error in its label.
 type Judged = Result<GradeBody, AppError>;
 
 fn read(body: &JsonBody) -> AppResult<RewardQuery> {
@@ -165,7 +167,7 @@ fn read(body: &JsonBody) -> AppResult<RewardQuery> {
     if faults.is_empty() { Ok(query) } else { Err(AppError::faulty(faults)) }
 }
 
-/// The answer in a query. The trainer may have cut off the beginning of a long prompt, but never its end.
+/// Returns the answer in a query. The trainer may have cut off the beginning of a long prompt, but never its end.
 fn without_prompt<'q>(query: &'q str, prompt: &str) -> &'q str {
     if let Some(answer) = query.strip_prefix(prompt) {
         return answer;
@@ -174,10 +176,10 @@ fn without_prompt<'q>(query: &'q str, prompt: &str) -> &'q str {
     query.find(&prompt[end..]).map_or(query, |at| &query[at + prompt.len() - end..])
 }
 
-/// A label as JSON, or as the bare name of a task.
+/// Reads a label, which is JSON or the bare name of a task, as the members that name the task.
 ///
 /// # Errors
-/// 422 where an option is misspelt.
+/// Returns an error (422) if the label is empty or an option is misspelt.
 fn naming(label: &Value) -> AppResult<Map<String, Value>> {
     let parsed = label.as_str().and_then(|text| serde_json::from_str::<Value>(text).ok());
     let object = match (label, parsed) {
@@ -194,33 +196,33 @@ fn naming(label: &Value) -> AppResult<Map<String, Value>> {
     if !faults.is_empty() {
         return Err(AppError::faulty(faults));
     }
-    // What else a dataset says in a label is its own.
+    // Other members of a label belong to the dataset.
     Ok(object.into_iter().filter(|(key, _)| OPTIONS.contains(&key.as_str())).collect())
 }
 
-/// 422: a label is empty, as trainers leave it where nobody told them which column it is.
+/// Creates the error (422) for an empty label, which trainers send if their label column is not configured.
 fn no_task() -> AppError {
     let mut faults = Faults::new();
     faults.add("empty: a label names a task by its id, by its number, or as JSON with task, suite and reward");
     AppError::faulty(faults)
 }
 
-/// Rewards of all samples.
+/// Collects the rewards of all samples.
 ///
 /// # Errors
-/// The first fault, where no label names a task.
+/// Returns the first error if no label names a task.
 fn answer(judged: Vec<Judged>) -> AppResult<Json<Rewards>> {
     let mut rewards = Rewards::default();
     let is_any_labelled = judged.is_empty() || judged.iter().any(Result::is_ok);
     for (index, one) in judged.into_iter().enumerate() {
         let (reward, overall, mean, is_readable, problem) = match one {
             Ok(graded) => {
-                // A sum of nothing is a negative zero.
+                // Starts from 0.0 because the `sum` of nothing is negative zero.
                 let sum = graded.criteria.iter().fold(0.0, |sum, criterion| sum + criterion.mean);
                 let mean = sum / graded.criteria.len().max(1) as f64;
                 let why = graded.answer.and_then(|answer| answer.why);
                 let is_readable = why.is_none();
-                // Code that broke off is graded for what it did, and its error told.
+                // Code that ended with an error is graded for what it did, and its error is reported.
                 let broke = graded.action_code.into_iter().find_map(|replay| replay.error).map(|error| error.message);
                 let problem = why.or(broke).map(|detail| SampleProblem { index, detail, faults: Vec::new() });
                 (graded.reward, f64::from(graded.overall), mean, is_readable, problem)

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use super::is_door;
-use crate::checks::evidence::MAX_WITNESSES;
+use crate::checks::sample::MAX_WITNESSES;
 use crate::checks::{Amount, Finding, Rule, Subject};
 use crate::voxel::Cell;
 use crate::voxel::planar::sorted_distinct;

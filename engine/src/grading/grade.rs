@@ -1,0 +1,119 @@
+//! Grading: the checks of a task on the structures of a log, and what follows for criteria and problem (SPEC 5).
+
+use serde_json::Value;
+
+use super::advisories::advise;
+use super::report::{CheckReport, CriterionReport, Report, TurnReport};
+use crate::checks::{CHECKS_VERSION, Check, Criterion, Dimension, Finding, Subject};
+use crate::elasticity::{Control, Stopped};
+use crate::tasks::Task;
+use crate::voxel::replay::Replay;
+use crate::voxel::{BlockLog, Structure};
+
+/// Grades a log against a task, turn by turn.
+///
+/// A turn that the log lacks keeps the structure of the turn before, like a turn without events (SPEC 2).
+///
+/// # Errors
+/// Returns an error only if `control` stops a long computation.
+pub fn grade_log(task: &Task, log: &BlockLog, control: &Control<'_>) -> Result<Report, Stopped> {
+    grade_structures(task, Replay::new(log), control)
+}
+
+/// Grades a log as [`grade_log`] does, given the task's hash, which takes as long to compute as grading a small log.
+///
+/// # Errors
+/// Returns an error only if `control` stops a long computation.
+pub fn grade_hashed(task: &Task, hash: &str, log: &BlockLog, control: &Control<'_>) -> Result<Report, Stopped> {
+    grade(task, hash.to_owned(), Replay::new(log), control)
+}
+
+/// Grades structures, one per turn, against a task.
+///
+/// # Errors
+/// Returns an error only if `control` stops a long computation.
+pub fn grade_structures(
+    task: &Task,
+    structures: impl IntoIterator<Item = Structure>,
+    control: &Control<'_>,
+) -> Result<Report, Stopped> {
+    grade(task, task.content_hash(), structures, control)
+}
+
+fn grade(
+    task: &Task,
+    task_hash: String,
+    structures: impl IntoIterator<Item = Structure>,
+    control: &Control<'_>,
+) -> Result<Report, Stopped> {
+    let mut structures = structures.into_iter();
+    let mut standing = Structure::from_named([]);
+    let mut turns = Vec::with_capacity(task.turns.len());
+    let mut advisories = Vec::new();
+    for (turn, instruction) in (1u32..).zip(&task.turns) {
+        standing = structures.next().unwrap_or(standing);
+        let subject = Subject { structure: &standing, control };
+        let checks = check_reports(&instruction.checks, &subject)?;
+        let informational = check_reports(&instruction.informational, &subject)?;
+        let report = TurnReport { turn, blocks: standing.len() as u64, checks, informational };
+        advise(&standing, instruction, &report, &mut advisories);
+        turns.push(report);
+    }
+    let criteria = criterion_reports(&turns);
+    let holds = |wanted: &dyn Fn(&CriterionReport) -> bool| {
+        let mut applicable = criteria.iter().filter(|c| wanted(c)).peekable();
+        applicable.peek().is_some().then(|| applicable.all(|c| c.holds))
+    };
+    let accuracy = holds(&|c| c.dimension == Dimension::Accuracy);
+    let plausible = holds(&|c| c.criterion == Criterion::PhysicalPlausibility);
+    let ordered = holds(&|c| c.criterion == Criterion::Dependency);
+    Ok(Report {
+        task: task.id.clone(),
+        number: task.number,
+        task_hash,
+        checks_version: CHECKS_VERSION,
+        overall: [accuracy, plausible, ordered].into_iter().all(|part| part.unwrap_or(true)),
+        accuracy,
+        criteria,
+        turns,
+        advisories,
+    })
+}
+
+fn check_reports(checks: &[Check], subject: &Subject<'_>) -> Result<Vec<CheckReport>, Stopped> {
+    let mut reports = Vec::with_capacity(checks.len());
+    for check in checks {
+        if (subject.control.stop)() {
+            return Err(Stopped);
+        }
+        reports.push(check_report(check, check.evaluate(subject)?.bounded()));
+    }
+    Ok(reports)
+}
+
+fn check_report(check: &Check, finding: Finding) -> CheckReport {
+    let mut data = serde_json::to_value(check).unwrap_or_default();
+    let args = data.get_mut("args").map(Value::take).unwrap_or_default();
+    CheckReport { name: check.name().to_owned(), args, criterion: check.criterion(), finding }
+}
+
+fn criterion_reports(turns: &[TurnReport]) -> Vec<CriterionReport> {
+    let mut reports = Vec::new();
+    for criterion in Criterion::ALL {
+        let checks = || turns.iter().flat_map(|t| &t.checks).filter(|c| c.criterion == criterion);
+        let count = checks().count();
+        if count == 0 {
+            continue;
+        }
+        let at_1 = checks().filter(|c| c.finding.holds()).count();
+        reports.push(CriterionReport {
+            criterion,
+            dimension: criterion.dimension(),
+            holds: at_1 == count,
+            mean: checks().map(|c| c.finding.score).sum::<f64>() / count as f64,
+            checks: u32::try_from(count).unwrap_or(u32::MAX),
+            checks_at_1: u32::try_from(at_1).unwrap_or(u32::MAX),
+        });
+    }
+    reports
+}

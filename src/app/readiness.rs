@@ -1,0 +1,45 @@
+//! Readiness: whether the database can be written and read.
+
+use std::time::{Duration, Instant};
+
+use tokio::sync::Mutex;
+
+use crate::clock::now_ms;
+use crate::store::Store;
+
+/// How long a result holds; more frequent probes cost nothing.
+const HOLDS_FOR: Duration = Duration::from_secs(1);
+/// Time that the database may take.
+const PATIENCE: Duration = Duration::from_secs(4);
+
+/// Recent result of writing to and reading from the database. One request looks; the others wait for its result.
+#[derive(Debug, Default)]
+pub struct Readiness(Mutex<Option<(Instant, Result<(), &'static str>)>>);
+
+impl Readiness {
+    /// Returns whether the database can be written and read, at most a second ago.
+    ///
+    /// # Errors
+    /// Returns why it cannot.
+    pub async fn look(&self, store: &Store) -> Result<(), &'static str> {
+        let mut found = self.0.lock().await;
+        if let Some((at, found)) = *found
+            && at.elapsed() < HOLDS_FOR
+        {
+            return found;
+        }
+        let new = match tokio::time::timeout(PATIENCE, store.probe(now_ms())).await {
+            Ok(Ok(())) => Ok(()),
+            Ok(Err(error)) => {
+                tracing::error!(%error, "not ready");
+                Err("The database cannot be written or read; the service's log says why.")
+            }
+            Err(_late) => {
+                tracing::error!(seconds = PATIENCE.as_secs(), "not ready: the database could not be written in time");
+                Err("The database could not be written in time: another process may hold its lock.")
+            }
+        };
+        *found = Some((Instant::now(), new));
+        new
+    }
+}

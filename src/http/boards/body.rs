@@ -1,0 +1,79 @@
+//! The body of a leaderboard.
+
+use serde::Serialize;
+
+use crate::http::runs::body::RunProvenance;
+use plumbline_engine::grading::statistics::interval::Interval;
+use plumbline_engine::grading::statistics::ranks::RankRange;
+use plumbline_engine::grading::summary::{CheckRate, Graded, PerCriterion, ProblemRate};
+use plumbline_engine::tasks::reported::ReportedRow;
+
+/// A row of a leaderboard: a finished run.
+#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
+pub struct BoardRow {
+    /// Rank by overall rate; runs with the same rate share a rank. Null for a run that covers too little of the suite.
+    pub rank: Option<usize>,
+    /// Range of ranks that the data allow: only runs that are significantly better or worse are certain to rank before
+    /// or after this one, by McNemar's exact test on the common problems, with Holm's procedure over all pairs of the
+    /// board at 5 %. Null for a run that covers too little of the suite.
+    pub places: Option<RankRange>,
+    /// Identifier of the run.
+    #[schema(format = Uuid)]
+    pub run: String,
+    /// Name of the agent.
+    pub agent: String,
+    /// Problems that pass accuracy, physical plausibility and dependency, of all problems.
+    pub overall: ProblemRate,
+    /// Wilson interval of the overall rate at 95 % confidence; the wordings of one problem form a cluster.
+    pub interval: Option<Interval>,
+    /// Problems that pass material, shape and size, of the problems to which any of them applies.
+    pub accuracy: ProblemRate,
+    /// Problems that pass, by criterion and dimension.
+    pub problems: PerCriterion<ProblemRate>,
+    /// Scores of the checks, by criterion and dimension.
+    pub checks: PerCriterion<CheckRate>,
+    /// Mean efficiency and mean structural stability.
+    pub graded: Graded,
+    /// Graded problems, of all problems.
+    pub coverage: ProblemRate,
+    /// Number of problems that the run skips deliberately; they count as failed.
+    pub skipped: usize,
+    /// Number of runs of this suite that the agent has begun, in any state.
+    pub attempts: usize,
+    /// Origin of the logs.
+    #[schema(value_type = RunProvenance, example = "self-reported")]
+    pub provenance: String,
+    /// Finished runs of other owners with near-identical logs: nearly the same blocks in nearly the same order.
+    #[schema(value_type = Vec<uuid::Uuid>)]
+    pub similar_to: Vec<String>,
+    /// Time at which the run finished.
+    #[schema(format = DateTime)]
+    pub finished_at: String,
+}
+
+/// A page of a leaderboard.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct BoardBody {
+    /// `name@version` of the suite.
+    #[schema(example = "mineceraft@2")]
+    pub suite: String,
+    /// Number of problems in the suite.
+    #[schema(example = 723)]
+    pub tasks: usize,
+    /// Number of rows that match the filters, on all pages.
+    #[schema(example = 3)]
+    pub total: usize,
+    /// Share of the suite that a run must answer, or skip deliberately, to be compared with other runs.
+    #[schema(example = 1.0, minimum = 0, maximum = 1)]
+    pub minimum_coverage: f64,
+    /// Number of finished runs that cover less; `coverage=incomplete` lists them.
+    #[schema(example = 0)]
+    pub incomplete: usize,
+    /// Rows of this page.
+    pub rows: Vec<BoardRow>,
+    /// Value of `after` for the next page; null on the last page.
+    #[schema(format = Uuid)]
+    pub next_after: Option<String>,
+    /// Results on this suite that others report; they were not graded by this service.
+    pub reported: Vec<ReportedRow>,
+}
