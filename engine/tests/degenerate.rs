@@ -1,5 +1,5 @@
 //! Degenerate logs: the published rules let some of them pass, and then an advisory says what is wrong; of the latest
-//! version none solves a task (SPEC 7).
+//! version none solves a task (`docs/rules.md#strict-rules`).
 
 use std::collections::BTreeSet;
 

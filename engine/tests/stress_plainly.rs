@@ -1,4 +1,4 @@
-//! The stress simulation against SPEC 4 computed plainly: particle by particle, pair by pair, as the formulas stand.
+//! The stress simulation against `docs/rules.md#the-published-simulation` computed plainly: particle by particle, pair by pair, as the formulas stand.
 
 use nalgebra::{Matrix3, Vector3};
 use plumbline_engine::elasticity::small_matrix::{inverse_or_pseudo_inverse, pseudo_inverse};

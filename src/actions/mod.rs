@@ -1,5 +1,5 @@
 //! Action code, which agents write for the mindcraft framework, run against stand-ins that record what it places and
-//! removes (SPEC 8).
+//! removes (`docs/rules.md#formats`).
 //!
 //! The code is not trusted. Each script runs in its own process (`child`), which the operating system confines
 //! (`confine`) and which is taken from a few ready ones (`pool`). `engine` runs the script there; `prelude.js` holds

@@ -1,4 +1,4 @@
-// Stand-ins for what action code is given (SPEC 8). Called with the recording function.
+// Stand-ins for what action code is given (`docs/rules.md#formats`). Called with the recording function.
 (function (record) {
   "use strict";
   // May be called without `new`, as in the game's own library.

@@ -2,7 +2,7 @@
 //!
 //! Each builds as the best human would: load-bearing parts come first, and the path from block to block is short. The
 //! builds pass every check of every task but one: the published rule for the lower surface of an arch rejects a true
-//! arch (SPEC 3), which is what these builders make.
+//! arch (`docs/rules.md#shape`), which is what these builders make.
 
 pub mod civil;
 pub mod drawn;

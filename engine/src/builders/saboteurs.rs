@@ -278,7 +278,7 @@ mod tests {
     use crate::tasks::embedded;
 
     /// Returns whether nothing can fail a published check: two clusters of one level are never less than 1 apart, and
-    /// fewer than two pass (SPEC 3).
+    /// fewer than two pass (`docs/rules.md#shape`).
     fn cannot_fail(check: &Check) -> bool {
         matches!(check, Check::ClustersAtYHaveMinSpan(rule) if rule.min_span.0 <= 1.0)
     }

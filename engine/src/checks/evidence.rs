@@ -123,7 +123,7 @@ impl Finding {
             + self.stress.as_ref().map_or(0, |_| STRESS_BYTES)
     }
 
-    /// Returns whether the check holds, which takes a score of 1 (SPEC 5).
+    /// Returns whether the check holds, which takes a score of 1 (`docs/rules.md#scores`).
     #[must_use]
     pub fn holds(&self) -> bool {
         self.score >= 1.0

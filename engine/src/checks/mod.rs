@@ -1,4 +1,4 @@
-//! The catalogue of checks: rules with typed arguments that yield a score and evidence (SPEC 3).
+//! The catalogue of checks: rules with typed arguments that yield a score and evidence (`docs/rules.md#checks`).
 //!
 //! A check is data: `{"fn": "shape.has_rooms", "args": {"room_cnt": 2}}`. To add one, write its rule in a file of its
 //! criterion, and add a line to the catalogue below. Reading a task fails on unknown check names, and on unknown,

@@ -1,4 +1,4 @@
-//! Advisories: warnings that help to read the scores of a report (SPEC 7). They never change a score.
+//! Advisories: warnings that help to read the scores of a report (`docs/rules.md#advisories`). They never change a score.
 
 use super::advisory::{Advisory, AdvisoryCode};
 use super::report::TurnReport;

@@ -1,4 +1,4 @@
-//! The report on one submission, by turn, check and criterion, and for the problem as a whole (SPEC 5).
+//! The report on one submission, by turn, check and criterion, and for the problem as a whole (`docs/rules.md#scores`).
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -67,7 +67,7 @@ pub struct Report {
     pub task_hash: String,
     /// Version of the checks that scored the submission.
     pub checks_version: u32,
-    /// Whether accuracy, physical plausibility and dependency all pass, as far as they apply (SPEC 5).
+    /// Whether accuracy, physical plausibility and dependency all pass, as far as they apply (`docs/rules.md#scores`).
     pub overall: bool,
     /// Whether material, shape and size all pass, as far as they apply; null if the task has no such check.
     pub accuracy: Option<bool>,

@@ -9,7 +9,7 @@ use crate::checks::Criterion;
 /// Scheme that turns a report into a number in [0, 1].
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Scheme {
-    /// 1 if the problem passes overall (SPEC 5), else 0.
+    /// 1 if the problem passes overall (`docs/rules.md#scores`), else 0.
     #[default]
     Strict,
     /// The mean, over the criteria that apply, of the mean score of their checks. Doing nothing earns much of it.

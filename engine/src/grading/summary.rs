@@ -1,4 +1,4 @@
-//! The summary of a run: scores per check and per problem (SPEC 5; paper, appendix "Overall Accuracy").
+//! The summary of a run: scores per check and per problem (`docs/rules.md#scores`; paper, appendix "Overall Accuracy").
 //!
 //! Its keys are those of published summaries: `check_level`, `problem_level`, `graded`, `passed_runs`.
 
@@ -33,7 +33,7 @@ impl ProblemScores {
         self.holds(|c| c.dimension() == Dimension::Accuracy)
     }
 
-    /// Returns whether the problem passes overall (SPEC 5).
+    /// Returns whether the problem passes overall (`docs/rules.md#scores`).
     #[must_use]
     pub fn overall(&self) -> bool {
         let parts = [

@@ -1,4 +1,4 @@
-//! The Lite draw: one task per family, drawn as Python's `random` draws it (SPEC 6).
+//! The Lite draw: one task per family, drawn as Python's `random` draws it (`docs/rules.md#lite-draw`).
 //!
 //! CPython's `random.Random(seed)` is a Mersenne Twister keyed with the seed's 32-bit words. `choice` draws as many
 //! bits as the length has, and draws again until the result is below the length. The generator comes from `rand_mt`.

@@ -79,7 +79,7 @@ impl Task {
         self.turns.iter().flat_map(|turn| &turn.checks)
     }
 
-    /// Returns the criteria that apply, i.e. those with at least one check (SPEC 5), in the paper's order.
+    /// Returns the criteria that apply, i.e. those with at least one check (`docs/rules.md#scores`), in the paper's order.
     #[must_use]
     pub fn criteria(&self) -> Vec<Criterion> {
         let applies = |criterion: &Criterion| self.checks().any(|check| check.criterion() == *criterion);

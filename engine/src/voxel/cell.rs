@@ -11,7 +11,7 @@ pub const MIN_Y: i32 = -2_048;
 /// Greatest y (the upper bound of what Minecraft worlds can hold).
 pub const MAX_Y: i32 = 2_047;
 
-/// A cell of the block grid; `y` is up and the ground surface is `y <= 0` (SPEC 1).
+/// A cell of the block grid; `y` is up and the ground surface is `y <= 0` (`docs/rules.md#words`).
 ///
 /// Serialised as `[x, y, z]`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]

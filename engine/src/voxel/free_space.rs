@@ -140,7 +140,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Applies the rule as written in SPEC 3, cell by cell.
+    /// Applies the rule as written in `docs/rules.md#ways-out`, cell by cell.
     fn escapes_by_flooding(solid: &[Cell], bounds: &Bounds, size: BoxSize, starts: &[Cell]) -> bool {
         let solid: HashSet<Cell> = solid.iter().copied().collect();
         let fits = |a: Cell| {

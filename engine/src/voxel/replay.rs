@@ -1,4 +1,4 @@
-//! Conversion of events to the structure after each turn (SPEC 2), and of structures back to events.
+//! Conversion of events to the structure after each turn (`docs/rules.md#replay`), and of structures back to events.
 
 use std::sync::Arc;
 
@@ -65,7 +65,7 @@ fn apply(standing: &mut Vec<(Cell, MaterialId)>, turn: &[Event]) {
     standing.append(&mut placed);
 }
 
-/// Computes the events that turn `before` into `after`, including the order of the entries, under the rules of SPEC 2.
+/// Computes the events that turn `before` into `after`, including the order of the entries, under the rules of `docs/rules.md#replay`.
 ///
 /// Entries that already stand in the right order keep their positions, and are placed again only if their material
 /// changes. All others are removed where they stood and placed in order. `material` maps a name to its id in the log.

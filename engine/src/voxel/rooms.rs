@@ -213,7 +213,7 @@ mod tests {
         assert_eq!(plan.rooms()[0].area, 999 * 299_999);
     }
 
-    /// Applies the rule as written in SPEC 3, cell by cell.
+    /// Applies the rule as written in `docs/rules.md#shape`, cell by cell.
     fn rooms_by_flooding(walls: &[PlaneCell]) -> usize {
         let (lo, hi) = (-1, 8);
         let mut seen: HashSet<PlaneCell> = walls.iter().copied().collect();

@@ -8,7 +8,7 @@ use super::palette::{MaterialId, Palette};
 /// The blocks that stand after a turn, in building order.
 ///
 /// A structure that is replayed from a log holds every cell once. A structure that is taken as given (a raw record) may
-/// hold a cell several times; each entry then counts wherever a rule counts entries (SPEC 3).
+/// hold a cell several times; each entry then counts wherever a rule counts entries (`docs/rules.md#material`).
 #[derive(Debug, Clone)]
 pub struct Structure {
     palette: Arc<Palette>,

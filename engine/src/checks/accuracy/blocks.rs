@@ -1,4 +1,4 @@
-//! Strict rules for materials: block names must exist in the game, and families replace substrings (SPEC 7).
+//! Strict rules for materials: block names must exist in the game, and families replace substrings (`docs/rules.md#strict-rules`).
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;

@@ -1,4 +1,4 @@
-//! Material: what the blocks are made of (SPEC 3; paper, algorithms 1 to 3).
+//! Material: what the blocks are made of (`docs/rules.md#material`; paper, algorithms 1 to 3).
 //!
 //! Names compare case-sensitively. An empty name, of a block or in the arguments, matches nothing.
 

@@ -1,4 +1,4 @@
-//! Size: extents and heights of the bounding box (SPEC 3; paper, algorithms "Bounding-Box Size" and "Vertical and
+//! Size: extents and heights of the bounding box (`docs/rules.md#size`; paper, algorithms "Bounding-Box Size" and "Vertical and
 //! Minimum-Size").
 
 use serde::{Deserialize, Serialize};

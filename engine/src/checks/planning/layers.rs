@@ -1,4 +1,4 @@
-//! Strict rule for dependency: layers follow one another without overlap (SPEC 7).
+//! Strict rule for dependency: layers follow one another without overlap (`docs/rules.md#strict-rules`).
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;

@@ -1,4 +1,4 @@
-//! Strict rule for stability: stress in equilibrium, which is also defined for parts one block thick (SPEC 7).
+//! Strict rule for stability: stress in equilibrium, which is also defined for parts one block thick (`docs/rules.md#strict-rules`).
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

@@ -1,7 +1,7 @@
 //! Forces between pairs of neighbours.
 //!
 //! With `R` the reference vector of a pair and `r` its present one, the force on the first is
-//! `(P_i A_i^-1 + P_j A_j^-1) grad W - r k (((F_i + F_j) R . r) / |r|^2 - 2)` with `k = 0.5 * 1e8 W / R^3`: SPEC 4's
+//! `(P_i A_i^-1 + P_j A_j^-1) grad W - r k (((F_i + F_j) R . r) / |r|^2 - 2)` with `k = 0.5 * 1e8 W / R^3`: `docs/rules.md#the-published-simulation`'s
 //! formula with both hourglass terms combined, which needs no square root. The force on the second is the opposite, so
 //! each pair's force is computed once, for the particle from which the other lies ahead.
 

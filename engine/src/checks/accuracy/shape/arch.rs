@@ -1,5 +1,5 @@
 //! True arches: our own rule in addition to the published surface rules, which reject the underside of every arch
-//! (SPEC 7).
+//! (`docs/rules.md#strict-rules`).
 //!
 //! The supports are the two clusters of one level, and the clear span is the gap between them. An arch has a cut along
 //! the span whose underside rises from both supports and bulges up, and whose upper surface does likewise. Heights are

@@ -1,4 +1,4 @@
-//! Exits for a box of a given size (SPEC 3), which passes through doors and beds and needs no floor.
+//! Exits for a box of a given size (`docs/rules.md#ways-out`), which passes through doors and beds and needs no floor.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

@@ -1,5 +1,5 @@
 //! Shape: clusters, surfaces, rooms, doors, exits, symmetry and stairs. `enclosed`, `ways`, `spans` and `vaults` are
-//! our own strict rules for hidden suites (SPEC 7).
+//! our own strict rules for hidden suites (`docs/rules.md#strict-rules`).
 
 pub mod arch;
 pub mod clusters;

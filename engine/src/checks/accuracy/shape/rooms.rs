@@ -1,4 +1,4 @@
-//! Rooms: enclosed air on one level (SPEC 3; paper, algorithm "Room Counting").
+//! Rooms: enclosed air on one level (`docs/rules.md#shape`; paper, algorithm "Room Counting").
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;

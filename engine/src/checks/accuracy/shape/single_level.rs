@@ -1,4 +1,4 @@
-//! Flat paths from every bed (or seat) to the outside (SPEC 3; paper, algorithm "Flat Exit Path").
+//! Flat paths from every bed (or seat) to the outside (`docs/rules.md#ways-out`; paper, algorithm "Flat Exit Path").
 
 use std::collections::HashSet;
 

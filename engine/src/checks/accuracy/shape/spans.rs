@@ -1,4 +1,4 @@
-//! Strict rule for bridges: two supports, free cells between them, and a deck across (SPEC 7).
+//! Strict rule for bridges: two supports, free cells between them, and a deck across (`docs/rules.md#strict-rules`).
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

@@ -1,4 +1,4 @@
-//! Climbing by stairs (SPEC 3; paper, algorithm "Reachability by Stairs").
+//! Climbing by stairs (`docs/rules.md#shape`; paper, algorithm "Reachability by Stairs").
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;

@@ -1,4 +1,4 @@
-//! Surface concavity: some slice of the top or bottom surface bulges (SPEC 3; paper, algorithm "Surface Concavity").
+//! Surface concavity: some slice of the top or bottom surface bulges (`docs/rules.md#surfaces`; paper, algorithm "Surface Concavity").
 //!
 //! The published rule requires every point of the slice to lie above (below) every chord, with heights interpolated by
 //! index. Heights are integers, so this is equivalent to a second difference of the right sign at every interior point:
@@ -148,7 +148,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The rule as written in SPEC 3: every point against every chord, in floating point.
+    /// The rule as written in `docs/rules.md#surfaces`: every point against every chord, in floating point.
     fn holds_by_chords(heights: &[i32], sign: f64, strictness: Strictness) -> bool {
         if heights.len() == 1 {
             return strictness == Strictness::Lenient;

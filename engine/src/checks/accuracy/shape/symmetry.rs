@@ -1,4 +1,4 @@
-//! Mirror symmetry about the centre of the bounding box (SPEC 3). Materials do not matter.
+//! Mirror symmetry about the centre of the bounding box (`docs/rules.md#shape`). Materials do not matter.
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;

@@ -1,4 +1,4 @@
-//! Strict rules for walkable paths: outside over floors, and up in steps from any ground (SPEC 7).
+//! Strict rules for walkable paths: outside over floors, and up in steps from any ground (`docs/rules.md#strict-rules`).
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;
