@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 use uuid::Uuid;
 
-use crate::app::App;
 use crate::app::error::AppResult;
+use crate::store::Store;
 use crate::store::boards::{ActionRow, News, Read};
 use plumbline_engine::grading::standings::{Field, Standing, order};
 use plumbline_engine::grading::statistics::ranks::{Comparisons, RankRange};
@@ -205,29 +205,29 @@ impl Boards {
     ///
     /// # Errors
     /// Returns an error if the database fails.
-    pub async fn of(&self, app: &App, entry: &Arc<Entry>) -> AppResult<Arc<Board>> {
+    pub async fn of(&self, store: &Store, least_coverage: f64, entry: &Arc<Entry>) -> AppResult<Arc<Board>> {
         let suite_id = entry.suite.id();
-        if let Some(board) = self.current(app, &suite_id) {
+        if let Some(board) = self.current(store, &suite_id) {
             return Ok(board);
         }
         let _alone = self.reading.lock().await;
-        if let Some(board) = self.current(app, &suite_id) {
+        if let Some(board) = self.current(store, &suite_id) {
             return Ok(board);
         }
-        let runs_ended = app.store.runs_ended();
+        let runs_ended = store.runs_ended();
         let known = self.kept.read().unwrap_or_else(PoisonError::into_inner).get(&suite_id).cloned();
-        let board = known.map_or_else(|| Arc::new(empty(entry, app.least_coverage)), |kept| kept.board);
-        let news = app.store.board_news(&suite_id, &entry.suite.tasks, board.read).await?;
+        let board = known.map_or_else(|| Arc::new(empty(entry, least_coverage)), |kept| kept.board);
+        let news = store.board_news(&suite_id, &entry.suite.tasks, board.read).await?;
         let board = board.with(news);
         let kept = Kept { board: Arc::clone(&board), runs_ended, since: Instant::now() };
         self.kept.write().unwrap_or_else(PoisonError::into_inner).insert(suite_id, kept);
         Ok(board)
     }
 
-    fn current(&self, app: &App, suite_id: &str) -> Option<Arc<Board>> {
+    fn current(&self, store: &Store, suite_id: &str) -> Option<Arc<Board>> {
         let all = self.kept.read().unwrap_or_else(PoisonError::into_inner);
         let kept = all.get(suite_id)?;
-        let is_current = kept.runs_ended == app.store.runs_ended() && kept.since.elapsed() < CURRENT_FOR;
+        let is_current = kept.runs_ended == store.runs_ended() && kept.since.elapsed() < CURRENT_FOR;
         is_current.then(|| Arc::clone(&kept.board))
     }
 }

@@ -8,20 +8,17 @@ use quick_cache::sync::Cache;
 use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 
-use crate::app::App;
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::limits::LIMITS;
 use crate::app::rewards::grader::note_panic;
-use crate::fair::{FairSlots, Places};
-use crate::store::submissions::SubmissionRow;
+use crate::fair::{FairSlots, Place, Places};
 use crate::threads::yield_to_others;
 use plumbline_engine::elasticity::Control;
 use plumbline_engine::elasticity::field::{Field, Method};
-use plumbline_engine::voxel::replay::Replay;
-use plumbline_engine::voxel::{BlockLog, Structure};
+use plumbline_engine::voxel::Structure;
 
 /// Cache key: the log's hash, the turn, and the method.
-type Key = (Box<str>, usize, Method);
+pub type Key = (Box<str>, usize, Method);
 /// Field, or the time at which its computation timed out; the limit is in wall-clock time, so a later attempt may
 /// succeed.
 type Kept = Result<Arc<Field>, Instant>;
@@ -73,6 +70,17 @@ impl StressFields {
             threads: threads.start_handler(|_| yield_to_others(NICENESS)).panic_handler(note_panic).build()?,
             kept: Cache::with_weighter(bytes / TYPICAL_BYTES, bytes as u64, ByMemory),
         })
+    }
+
+    /// Takes a slot among the requests that compute or wait; a field that is kept needs none.
+    ///
+    /// # Errors
+    /// Refuses the request if too many wait.
+    pub fn admit(&self, key: &Key, who: &Arc<str>) -> AppResult<Option<Place>> {
+        if self.kept(key).is_some() {
+            return Ok(None);
+        }
+        self.admitted.take(who).map(Some).map_err(|_| busy())
     }
 
     fn kept(&self, key: &Key) -> Option<Kept> {
@@ -141,54 +149,4 @@ fn busy() -> AppError {
 fn too_long(blocks: usize) -> AppError {
     let detail = format!("the stress of these {blocks} blocks takes longer than {} s", LIMITS.stress_seconds);
     AppError::new(Kind::TooLong, detail)
-}
-
-/// A stress field, with the structure whose blocks it describes.
-#[derive(Debug)]
-pub struct StressedStructure {
-    /// The structure after the turn.
-    pub structure: Arc<Structure>,
-    /// Stress and displacement of each block, in the order of the structure.
-    pub field: Arc<Field>,
-}
-
-/// Computes the stress field of a stored submission after one of its turns, or returns the cached one.
-///
-/// # Errors
-/// Returns an error if there is no such submission, if it has too many blocks, if computing takes too long, or if too many
-/// requests wait.
-pub async fn of_submission(
-    app: &App,
-    who: &Arc<str>,
-    row: &SubmissionRow,
-    turn: usize,
-    method: Method,
-) -> AppResult<StressedStructure> {
-    let key = (Box::from(row.log_hash.as_str()), turn, method);
-    // Admitted before the log is read: with many requests, replaying large logs would itself be too much work.
-    let _admitted = match app.stress.kept(&key) {
-        Some(_) => None,
-        None => Some(app.stress.admitted.take(who).map_err(|_| busy())?),
-    };
-    let log = app.store.log_json(&row.id).await?;
-    let log = log.ok_or_else(|| AppError::not_found(format!("there is no submission {:?}", row.id)))?;
-    let replaying = tokio::task::spawn_blocking(move || structure_after(&log, turn));
-    let structure = Arc::new(replaying.await.map_err(|error| AppError::internal(&error))??);
-    let field = app.stress.field(key, &structure, who, &app.stop).await?;
-    Ok(StressedStructure { structure, field })
-}
-
-/// Returns the structure after a turn.
-///
-/// # Errors
-/// Returns 422 if it has more blocks than stress is computed for.
-fn structure_after(log: &[u8], turn: usize) -> AppResult<Structure> {
-    let log = BlockLog::from_canonical_json(log).map_err(|error| AppError::internal(&error))?;
-    let structure = Replay::new(&log).nth(turn - 1).unwrap_or_else(|| Structure::from_named([]));
-    let (blocks, most) = (structure.len(), LIMITS.blocks_with_stress);
-    if blocks > most {
-        let detail = format!("{blocks} blocks stand; stress is computed for at most {most}");
-        return Err(AppError::new(Kind::TooManyBlocks, detail));
-    }
-    Ok(structure)
 }

@@ -172,7 +172,7 @@ fn never_null(parameter: &mut RefOr<Parameter>) {
 pub fn document() -> String {
     let mut document = routes().into_openapi();
     complete(&mut document);
-    let mut text = document.to_pretty_json().unwrap_or_default();
+    let mut text = document.to_pretty_json().expect("the document is JSON");
     text.push('\n');
     text
 }

@@ -26,7 +26,7 @@ pub struct EntryRow {
     /// Tier of the entry.
     pub tier: Tier,
     /// Number of registered runs.
-    pub runs: i64,
+    pub runs: u32,
     /// Time of registration, in milliseconds since 1970.
     pub registered_at_ms: i64,
     /// Time at which the entrant finalized it.

@@ -246,7 +246,7 @@ impl Store {
         let read = tokio::task::spawn_blocking(move || secrets.epoch(&commitment.epoch, &commitment));
         let read = read.await.map_err(|error| StoreError::corrupt("secrets", error))??;
         let Some(secret) = read else {
-            if self.close_epoch(epoch.id(), LOST_KEY, now_ms).await? {
+            if epoch.closed.is_none() && self.close_epoch(epoch.id(), LOST_KEY, now_ms).await? {
                 tracing::error!(epoch = epoch.id(), "the key of an epoch is lost, or not the one committed to: closed");
             }
             return Ok(None);

@@ -131,7 +131,7 @@ impl Store {
         let mut tx = self.begin().await?;
         let Some(entry) = entry_in(&mut tx, entry_id).await? else { return Ok(Issued::Closed) };
         let Some(epoch) = epoch_in(&mut tx, &entry.epoch_id).await? else { return Ok(Issued::Closed) };
-        if run == 0 || i64::from(run) > entry.runs {
+        if run == 0 || run > entry.runs {
             return Ok(Issued::NoSuchRun);
         }
         let before = of_run(&mut tx, entry_id, run).await?;

@@ -156,7 +156,7 @@ impl Store {
                 submission_id,
                 run_id: row.try_get(1)?,
                 suite_id: row.try_get(2)?,
-                task_number: u32::try_from(row.try_get::<i64, _>(3)?).unwrap_or_default(),
+                task_number: row.try_get("task_number")?,
                 log: row.try_get(4)?,
                 owner: row.try_get(5)?,
                 log_hash: row.try_get(6)?,

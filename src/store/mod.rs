@@ -133,7 +133,7 @@ impl StoreError {
     pub fn is_busy(&self) -> bool {
         match self {
             Self::Database(sqlx::Error::PoolTimedOut) => true,
-            Self::Database(sqlx::Error::Database(error)) => error.message().contains("database is locked"),
+            Self::Database(sqlx::Error::Database(error)) => error.code().is_some_and(|code| is_busy_code(&code)),
             _ => false,
         }
     }
@@ -142,6 +142,14 @@ impl StoreError {
     pub fn corrupt(table: &'static str, detail: impl std::fmt::Display) -> Self {
         Self::Corrupt { table, detail: detail.to_string() }
     }
+}
+
+/// Returns whether a result code of SQLite says that another connection holds a lock. The low byte is the primary code; the
+/// rest says why.
+fn is_busy_code(code: &str) -> bool {
+    const SQLITE_BUSY: i32 = 5;
+    const SQLITE_LOCKED: i32 = 6;
+    code.parse::<i32>().is_ok_and(|code| matches!(code & 0xff, SQLITE_BUSY | SQLITE_LOCKED))
 }
 
 /// Result of a store function.

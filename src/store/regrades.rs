@@ -62,7 +62,7 @@ pub struct Difference {
     /// Identifier of its run.
     pub run_id: Option<String>,
     /// Number of the task.
-    pub task_number: i64,
+    pub task_number: u32,
     /// Verdict in force.
     pub before: bool,
     /// Verdict of the regrade.
@@ -132,7 +132,7 @@ impl Store {
         let read = |row: &sqlx::sqlite::SqliteRow| {
             Ok(ToRegrade {
                 submission_id: row.try_get(0)?,
-                task_number: u32::try_from(row.try_get::<i64, _>(1)?).unwrap_or_default(),
+                task_number: row.try_get("task_number")?,
                 log: row.try_get(2)?,
             })
         };

@@ -175,13 +175,13 @@ pub struct SubmissionRow {
     /// Hash of the task.
     pub task_hash: String,
     /// Number of the task in the suite.
-    pub task_number: i64,
+    pub task_number: u32,
     /// SHA-256 of the log's canonical JSON, in hex.
     pub log_hash: String,
     /// Size of that JSON, in bytes.
     pub log_bytes: i64,
     /// Number of turns in the log.
-    pub turns: i64,
+    pub turns: u32,
     /// Number of events in the log.
     pub events: i64,
     /// State of the submission.
@@ -216,23 +216,23 @@ macro_rules! select_submission {
 
 fn read_submission(row: &SqliteRow) -> StoreResult<SubmissionRow> {
     Ok(SubmissionRow {
-        id: row.try_get(0)?,
-        run_id: row.try_get(1)?,
-        suite_id: row.try_get(2)?,
-        task_hash: row.try_get(3)?,
-        task_number: row.try_get(4)?,
-        log_hash: row.try_get(5)?,
-        log_bytes: row.try_get(6)?,
-        turns: row.try_get(7)?,
-        events: row.try_get(8)?,
-        state: SubmissionState::read(row.try_get(9)?)?,
-        error: row.try_get(10)?,
-        created_at_ms: row.try_get(11)?,
-        ended_at_ms: row.try_get(12)?,
-        overall: row.try_get(13)?,
-        accuracy: row.try_get(14)?,
-        owner: row.try_get(15)?,
-        replays: row.try_get(16)?,
+        id: row.try_get("id")?,
+        run_id: row.try_get("run_id")?,
+        suite_id: row.try_get("suite_id")?,
+        task_hash: row.try_get("task_hash")?,
+        task_number: row.try_get("task_number")?,
+        log_hash: row.try_get("log_hash")?,
+        log_bytes: row.try_get("log_bytes")?,
+        turns: row.try_get("turns")?,
+        events: row.try_get("events")?,
+        state: SubmissionState::read(row.try_get("state")?)?,
+        error: row.try_get("error")?,
+        created_at_ms: row.try_get("created_at_ms")?,
+        ended_at_ms: row.try_get("ended_at_ms")?,
+        overall: row.try_get("overall")?,
+        accuracy: row.try_get("accuracy")?,
+        owner: row.try_get("owner")?,
+        replays: row.try_get("replays")?,
     })
 }
 

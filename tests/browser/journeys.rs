@@ -302,7 +302,7 @@ async fn a_reader_sees_epochs_their_clocks_and_what_they_revealed() {
     page.set_window_size(1280, 1000).await.unwrap();
     browser.see("epoch").await;
     browser.is_well(service).await;
-    scene.set_clock(7_200_000);
+    scene.end_epoch().await;
     page.refresh().await.unwrap();
     browser.wait(ROWS, |rows| *rows == 1).await;
     let told = browser.run("return document.querySelector('tbody').textContent").await;

@@ -4,3 +4,5 @@ mod copies;
 mod crash;
 mod crash_matrix;
 mod full_disk;
+mod held_lock;
+mod upgrade;

@@ -73,7 +73,7 @@ async fn an_epoch() -> (Scene, Downloaded) {
         scene.made(key, &format!("/v1/entries/{}/finalize", id(&entry)), &json!({})).await;
         becomes(&scene, &format!("/v1/entries/{}", id(&entry)), "complete").await;
     }
-    scene.set_clock(2 * HOUR_MS);
+    scene.end_epoch().await;
     let get = async |path: &str| scene.service.get(path).await;
     let reveal = get("/v1/epochs/autumn/reveal").await.json();
     let answers = get("/v1/epochs/autumn/answers").await.text;

@@ -86,7 +86,7 @@ async fn a_lab_goes_through_an_epoch_and_checks_what_it_revealed() {
     assert_eq!((&receipt["receipt"], &receipt["signature"]), (&Value::Null, &Value::Null));
 
     // Over: scores, board, receipts, reveal.
-    scene.set_clock(2 * HOUR_MS);
+    scene.end_epoch().await;
     let told = service.get(&format!("/v1/entries/{entry}")).await.json();
     assert_eq!((&told["result"]["passed"], &told["result"]["of"]), (&json!(48), &json!(52)), "{told}");
     let board = service.get("/v1/epochs/autumn/leaderboard").await.json();
@@ -225,6 +225,7 @@ async fn a_lost_key_closes_the_epoch_and_says_so() {
     let epoch = scene.service.get("/v1/epochs/autumn").await.json();
     assert_eq!(epoch["state"], "closed");
     assert!(epoch["closed_reason"].as_str().unwrap().starts_with("the key was lost"), "{epoch}");
+    scene.is_sealed().await;
     let reveal = scene.service.get("/v1/epochs/autumn/reveal").await;
     assert_eq!(reveal.json()["type"], "urn:plumbline:problem:key-lost", "{}", reveal.text);
 }

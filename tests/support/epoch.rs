@@ -81,6 +81,18 @@ impl Scene {
         String::from_utf8(made.stdout).unwrap().trim().to_owned()
     }
 
+    /// Sets the clock to after the epoch's end, and waits until its results are sealed.
+    pub async fn end_epoch(&self) {
+        self.set_clock(7_200_000);
+        self.is_sealed().await;
+    }
+
+    /// Waits until the results of the epoch are sealed; it is over.
+    pub async fn is_sealed(&self) {
+        let is_sealed = |reveal: &Value| reveal["type"] != "urn:plumbline:problem:still-grading";
+        self.service.wait_for("/v1/epochs/autumn/reveal", is_sealed).await;
+    }
+
     pub fn set_clock(&self, ms: i64) {
         std::fs::write(self.file("clock"), ms.to_string()).unwrap();
     }

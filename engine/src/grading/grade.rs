@@ -92,7 +92,7 @@ fn check_reports(checks: &[Check], subject: &Subject<'_>) -> Result<Vec<CheckRep
 }
 
 fn check_report(check: &Check, finding: Finding) -> CheckReport {
-    let mut data = serde_json::to_value(check).unwrap_or_default();
+    let mut data = serde_json::to_value(check).expect("a check is JSON");
     let args = data.get_mut("args").map(Value::take).unwrap_or_default();
     CheckReport { name: check.name().to_owned(), args, criterion: check.criterion(), finding }
 }

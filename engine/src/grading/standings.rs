@@ -132,7 +132,7 @@ fn problem(task: &Task) -> String {
     if task.parameters.is_empty() {
         return task.id.clone();
     }
-    format!("{}/{}", task.family(), serde_json::to_string(&task.parameters).unwrap_or_default())
+    format!("{}/{}", task.family(), serde_json::to_string(&task.parameters).expect("parameters are JSON"))
 }
 
 /// Returns the offset at which the wordings of these ids begin: after the last dash of their common beginning.

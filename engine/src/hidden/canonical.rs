@@ -10,7 +10,7 @@ pub type Hash = [u8; 32];
 /// numbers, so serialization cannot fail.
 #[must_use]
 pub fn canonical_json<T: Serialize>(value: &T) -> Vec<u8> {
-    serde_json_canonicalizer::to_vec(value).unwrap_or_default()
+    serde_json_canonicalizer::to_vec(value).expect("what is hashed and signed is JSON, with finite numbers")
 }
 
 /// Returns the SHA-256 of a value's canonical JSON.

@@ -71,7 +71,7 @@ impl Task {
     /// Returns the SHA-256 hash of the task's JSON, in hex. It changes with any prompt, check or argument.
     #[must_use]
     pub fn content_hash(&self) -> String {
-        hex(&Sha256::digest(serde_json::to_vec(self).unwrap_or_default()))
+        hex(&Sha256::digest(serde_json::to_vec(self).expect("a task is JSON")))
     }
 
     /// Returns the checks that count, over all turns.

@@ -104,7 +104,7 @@ impl BlockLog {
         }
         let renumbered: Vec<MaterialId> = self.palette.names().map(|name| used.get(name).unwrap_or(0)).collect();
         let canonical = Canonical { palette: &used, renumbered: &renumbered, turns: &self.turns };
-        serde_json::to_vec(&canonical).unwrap_or_default()
+        serde_json::to_vec(&canonical).expect("a log is JSON")
     }
 
     /// Parses a log from the JSON that [`BlockLog::canonical_json`] writes.

@@ -4,3 +4,4 @@ pub mod accept;
 pub mod decision;
 pub mod log_member;
 pub mod posted;
+pub mod stress;

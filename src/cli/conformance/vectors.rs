@@ -238,7 +238,7 @@ fn run_records(problems: &[RecordedProblem], expected: &Value) -> Verdict {
             Err(stopped) => return Verdict::Mismatch(stopped.to_string()),
         }
     }
-    let found = serde_json::to_value(Summary::of(&scores)).unwrap_or_default();
+    let found = serde_json::to_value(Summary::of(&scores)).expect("a summary is JSON");
     let mut differences = Vec::new();
     for part in ["check_level", "problem_level", "graded", "passed_runs"] {
         compare(part, &found[part], &expected[part], &mut differences);

@@ -88,7 +88,7 @@ pub async fn list_board_actions(
     Path(suite): Path<String>,
 ) -> AppResult<Json<BoardActions>> {
     let entry = state.suite(&suite).await?;
-    let board = state.boards.of(&state, &entry).await?;
+    let board = state.boards.of(&state.store, state.least_coverage, &entry).await?;
     Ok(Json(BoardActions { actions: board.actions.iter().rev().map(BoardAction::from).collect() }))
 }
 
@@ -205,7 +205,7 @@ pub async fn get_board_feed(
     headers: HeaderMap,
 ) -> AppResult<Response> {
     let entry = state.suite(&suite).await?;
-    let board = state.boards.of(&state, &entry).await?;
+    let board = state.boards.of(&state.store, state.least_coverage, &entry).await?;
     let finished = board.rows.all.iter().map(|row| {
         let rate = row.rate().map_or_else(|| "n/a".to_owned(), |rate| format!("{:.1} %", rate * 100.0));
         Entry {

@@ -127,7 +127,7 @@ pub fn breakdown(board: &Board, by: GroupBy, rows: &[Arc<Standing>]) -> Breakdow
 
 async fn board_of(state: &AppState, suite: &str) -> AppResult<Arc<Board>> {
     let entry = state.suite(suite).await?;
-    state.boards.of(state, &entry).await
+    state.boards.of(&state.store, state.least_coverage, &entry).await
 }
 
 fn standing<'b>(board: &'b Board, run: &str) -> AppResult<&'b Arc<Standing>> {

@@ -238,7 +238,7 @@ pub async fn get_leaderboard(
     asked: HeaderMap,
 ) -> AppResult<Response> {
     let entry = state.suite(&suite).await?;
-    let board = state.boards.of(&state, &entry).await?;
+    let board = state.boards.of(&state.store, state.least_coverage, &entry).await?;
     // The same version of a board and the same query always give the same document.
     let name = format!("board:{}:{}", board.version, raw.unwrap_or_default());
     state.documents.answer(&asked, name, || {

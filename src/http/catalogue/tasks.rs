@@ -83,7 +83,7 @@ pub struct CheckBody {
 
 impl CheckBody {
     fn of(check: &Check) -> Self {
-        let mut data = serde_json::to_value(check).unwrap_or_default();
+        let mut data = serde_json::to_value(check).expect("a check is JSON");
         let args = data.get_mut("args").map(Value::take).unwrap_or_default();
         Self { name: check.name(), args, criterion: check.criterion(), asks: check.asks() }
     }

@@ -132,7 +132,7 @@ async fn entry_body(state: &AppState, id: &str) -> AppResult<EntryBody> {
         agent: row.agent,
         configuration_sha256: row.configuration_hash,
         tier: row.tier,
-        runs: row.runs,
+        runs: i64::from(row.runs),
         result,
         receipt: None,
     })

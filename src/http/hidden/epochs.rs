@@ -205,7 +205,7 @@ fn revealed_entry(row: EntryRow) -> RevealedEntry {
         agent: row.agent,
         configuration_hash: row.configuration_hash,
         tier: row.tier,
-        runs: u32::try_from(row.runs).unwrap_or_default(),
+        runs: row.runs,
         registered_at_ms: row.registered_at_ms,
         finalized_at_ms: row.finalized_at_ms,
         owner: Some(row.owner),

@@ -52,9 +52,9 @@ fn log(method: &Method, route: &str, status: u16, took: Duration, id: &HeaderVal
     let owner = owner.map(|owner| owner.0.as_str());
     let (id, ms) = (id.to_str().unwrap_or_default(), took.as_secs_f64() * 1e3);
     if QUIET.contains(&route) {
-        tracing::debug!(target: "crate::request", request_id = id, %method, route, status, duration_ms = ms, owner, "request");
+        tracing::debug!(target: "plumbline::request", request_id = id, %method, route, status, duration_ms = ms, owner, "request");
     } else {
-        tracing::info!(target: "crate::request", request_id = id, %method, route, status, duration_ms = ms, owner, "request");
+        tracing::info!(target: "plumbline::request", request_id = id, %method, route, status, duration_ms = ms, owner, "request");
     }
 }
 

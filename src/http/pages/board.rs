@@ -92,7 +92,7 @@ pub async fn board(State(state): State<AppState>, Path(suite): Path<String>, Raw
     let mut query: BoardQuery = params::read(&filled)?;
     query.limit = query.limit.or(Some(ROWS));
     let entry = state.suite(&suite).await?;
-    let board = state.boards.of(&state, &entry).await?;
+    let board = state.boards.of(&state.store, state.least_coverage, &entry).await?;
     let body = rows_of(&board, &query)?;
     let apart = BoardQuery { coverage: CoverageFilter::Incomplete, after: None, ..query.clone() };
     let incomplete = match query.coverage {
@@ -212,7 +212,7 @@ pub async fn compare_runs(
 ) -> PageResult {
     let two: Two = params::read(raw.as_deref().unwrap_or_default())?;
     let entry = state.suite(&suite).await?;
-    let board = state.boards.of(&state, &entry).await?;
+    let board = state.boards.of(&state.store, state.least_coverage, &entry).await?;
     let standing = |run: &str| {
         board.standing(run).ok_or_else(|| AppError::not_found(format!("this board has no finished run {run:?}")))
     };

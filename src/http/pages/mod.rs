@@ -65,7 +65,7 @@ async fn home(State(state): State<AppState>, headers: HeaderMap) -> PageResult {
     entries.sort_by_key(|entry| std::cmp::Reverse(entry.suite.version));
     let mut boards = Vec::new();
     for entry in entries {
-        let board = state.boards.of(&state, &entry).await?;
+        let board = state.boards.of(&state.store, state.least_coverage, &entry).await?;
         boards.push(page(&board, &BoardQuery { limit: Some(ROWS), ..BoardQuery::default() })?);
     }
     html::page(&Home { boards, host, is_open: state.keys.open == Openness::Open })

@@ -45,7 +45,7 @@ struct RunPage {
 pub async fn run(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
     let run = state.store.run(&id).await?.ok_or_else(|| AppError::not_found(format!("there is no run {id:?}")))?;
     let entry = state.suite(&run.suite_id).await?;
-    let board = state.boards.of(&state, &entry).await?;
+    let board = state.boards.of(&state.store, state.least_coverage, &entry).await?;
     let standing = board.standing(&id).cloned();
     let squares = match &standing {
         Some(standing) => entry
@@ -94,7 +94,7 @@ fn square(row: &SubmissionRow) -> Square {
         Some(false) => ("failed", "not solved"),
         None => ("", row.state.name()),
     };
-    let number = u32::try_from(row.task_number).unwrap_or_default();
+    let number = row.task_number;
     Square { number, task: String::new(), class, told }
 }
 
@@ -104,7 +104,7 @@ fn square(row: &SubmissionRow) -> Square {
 /// Returns a 404 error if the run has no submission for the task.
 pub async fn answer_of(state: &AppState, run: &str, number: u32) -> Result<SubmissionRow, AppError> {
     let rows = state.store.submissions_of_run(run, i64::from(number) - 1, 1).await?;
-    let row = rows.into_iter().find(|row| row.task_number == i64::from(number));
+    let row = rows.into_iter().find(|row| row.task_number == number);
     row.ok_or_else(|| AppError::not_found(format!("the run {run:?} has no submission for task {number}")))
 }
 

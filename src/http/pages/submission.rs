@@ -13,7 +13,7 @@ use super::html::{self, PageResult, json_in_markup};
 use super::run::answer_of;
 use super::{assets, colours, isometric};
 use crate::app::error::AppError;
-use crate::app::stress::{StressedStructure, of_submission};
+use crate::app::submissions::stress::{StressedStructure, of_submission};
 use crate::clock::rfc3339;
 use crate::http::extract::caller::Reader;
 use crate::http::extract::params;
@@ -125,7 +125,7 @@ async fn log_of(state: &AppState, id: &str) -> Result<Vec<u8>, AppError> {
 
 async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Result<Shown, AppError> {
     let entry = state.suite(&row.suite_id).await?;
-    let number = u32::try_from(row.task_number).unwrap_or_default();
+    let number = row.task_number;
     let task = entry.task_numbered(number).map(|(task, _)| task);
     let report = state.store.report(&row.id, None).await?;
     let agent = match &row.run_id {

@@ -55,7 +55,7 @@ struct TasksPage {
 pub async fn tasks(State(state): State<AppState>, Path(suite): Path<String>, RawQuery(raw): RawQuery) -> PageResult {
     let query: TasksQuery = params::read(raw.as_deref().unwrap_or_default())?;
     let entry = state.suite(&suite).await?;
-    let board = state.boards.of(&state, &entry).await?;
+    let board = state.boards.of(&state.store, state.least_coverage, &entry).await?;
     let text = query.text.trim().to_lowercase();
     let fits = |task: &Task| {
         text.is_empty()
@@ -118,7 +118,7 @@ pub async fn task(State(state): State<AppState>, Path((suite, number)): Path<(St
     let entry = state.suite(&suite).await?;
     let task = found(&entry, number)?;
     let place = entry.suite.tasks.iter().position(|other| other.number == number).unwrap_or_default();
-    let board = state.boards.of(&state, &entry).await?;
+    let board = state.boards.of(&state.store, state.least_coverage, &entry).await?;
     let rows = board.rows.all.iter().filter(|row| row.outcomes.is_answered(place)).take(RUNS).map(|row| {
         let (class, told) = match &row.outcomes {
             o if o.is_solved(place) => ("good", "solved"),

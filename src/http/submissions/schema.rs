@@ -154,7 +154,7 @@ impl SubmissionBody {
     /// Builds the body of a stored submission; `entry` is the suite of its task.
     #[must_use]
     pub fn of(row: SubmissionRow, entry: &Entry) -> Self {
-        let number = u32::try_from(row.task_number).unwrap_or_default();
+        let number = row.task_number;
         Self {
             task: entry.task_numbered(number).map(|(task, _)| task.id.clone()).unwrap_or_default(),
             number,
@@ -166,7 +166,7 @@ impl SubmissionBody {
             overall: row.overall,
             accuracy: row.accuracy,
             log_hash: row.log_hash,
-            turns: row.turns,
+            turns: row.turns.into(),
             events: row.events,
             created_at: rfc3339(row.created_at_ms),
             ended_at: row.ended_at_ms.map(rfc3339),

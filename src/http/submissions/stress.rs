@@ -11,7 +11,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::state::stored;
 use crate::app::error::{AppError, AppResult};
-use crate::app::stress::{StressedStructure, of_submission};
+use crate::app::submissions::stress::{StressedStructure, of_submission};
 use crate::http::extract::caller::Reader;
 use crate::http::extract::conditional::has_tag;
 use crate::http::extract::params::Params;
@@ -161,7 +161,7 @@ pub async fn get_stress(
     let wants_lines = accepts.trim_start().starts_with("application/x-ndjson");
     let format = query.format.unwrap_or(if wants_lines { StressFormat::Ndjson } else { StressFormat::Json });
     let method = query.method.unwrap_or(Method::Sph);
-    let turns = usize::try_from(row.turns).unwrap_or_default();
+    let turns = row.turns as usize;
     let turn = query.turn.unwrap_or(turns);
     if !(1..=turns).contains(&turn) {
         return Err(AppError::not_found(format!("there is no turn {turn}; the log has {turns}")));

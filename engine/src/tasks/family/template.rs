@@ -153,7 +153,7 @@ pub fn value(value: &Value) -> minijinja::Value {
 
 /// Converts a TOML value to JSON.
 pub fn plain(value: &toml::Value) -> Value {
-    serde_json::to_value(value).unwrap_or_default()
+    serde_json::to_value(value).expect("values of templates are JSON")
 }
 
 fn whole_expression(text: &str) -> Option<&str> {

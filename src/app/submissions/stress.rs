@@ -1,0 +1,58 @@
+//! Stress fields of stored submissions.
+
+use std::sync::Arc;
+
+use crate::app::App;
+use crate::app::error::{AppError, AppResult, Kind};
+use crate::app::limits::LIMITS;
+use crate::store::submissions::SubmissionRow;
+use plumbline_engine::elasticity::field::{Field, Method};
+use plumbline_engine::voxel::replay::Replay;
+use plumbline_engine::voxel::{BlockLog, Structure};
+
+/// A stress field, with the structure whose blocks it describes.
+#[derive(Debug)]
+pub struct StressedStructure {
+    /// The structure after the turn.
+    pub structure: Arc<Structure>,
+    /// Stress and displacement of each block, in the order of the structure.
+    pub field: Arc<Field>,
+}
+
+/// Computes the stress field of a stored submission after one of its turns, or returns the cached one.
+///
+/// # Errors
+/// Returns an error if there is no such submission, if it has too many blocks, if computing takes too long, or if too many
+/// requests wait.
+pub async fn of_submission(
+    app: &App,
+    who: &Arc<str>,
+    row: &SubmissionRow,
+    turn: usize,
+    method: Method,
+) -> AppResult<StressedStructure> {
+    let key = (Box::from(row.log_hash.as_str()), turn, method);
+    // Admitted before the log is read: with many requests, replaying large logs would itself be too much work.
+    let _admitted = app.stress.admit(&key, who)?;
+    let log = app.store.log_json(&row.id).await?;
+    let log = log.ok_or_else(|| AppError::not_found(format!("there is no submission {:?}", row.id)))?;
+    let replaying = tokio::task::spawn_blocking(move || structure_after(&log, turn));
+    let structure = Arc::new(replaying.await.map_err(|error| AppError::internal(&error))??);
+    let field = app.stress.field(key, &structure, who, &app.stop).await?;
+    Ok(StressedStructure { structure, field })
+}
+
+/// Returns the structure after a turn.
+///
+/// # Errors
+/// Returns 422 if it has more blocks than stress is computed for.
+fn structure_after(log: &[u8], turn: usize) -> AppResult<Structure> {
+    let log = BlockLog::from_canonical_json(log).map_err(|error| AppError::internal(&error))?;
+    let structure = Replay::new(&log).nth(turn - 1).unwrap_or_else(|| Structure::from_named([]));
+    let (blocks, most) = (structure.len(), LIMITS.blocks_with_stress);
+    if blocks > most {
+        let detail = format!("{blocks} blocks stand; stress is computed for at most {most}");
+        return Err(AppError::new(Kind::TooManyBlocks, detail));
+    }
+    Ok(structure)
+}

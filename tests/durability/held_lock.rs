@@ -1,0 +1,88 @@
+//! Another process holds the write lock for 20 s: every GET and `/v1/validate` answer all the same, also for a key's first use.
+
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+use sqlx::ConnectOptions as _;
+
+use crate::support::epoch::{Scene, id};
+
+/// How long the lock is held.
+const HELD: Duration = Duration::from_secs(20);
+/// How long an answer may take meanwhile. Waiting for the lock would take longer.
+const PROMPT: Duration = Duration::from_secs(5);
+
+/// A value for each parameter of a path that GETs have.
+fn filled(path: &str, ids: &Value) -> String {
+    let with_id = |kind: &str| path.replace("{id}", ids[kind].as_str().unwrap());
+    let path = match path.split('/').nth(2).unwrap_or_default() {
+        "entries" => with_id("entry"),
+        "instances" => with_id("instance"),
+        "runs" => with_id("run"),
+        "submissions" => with_id("submission"),
+        _ => path.to_owned(),
+    };
+    let path = path.replace("{epoch}", "autumn").replace("{suite}", "mineceraft");
+    let path = path.replace("{family}/{instance}", "walls/5x1x5-raise");
+    assert!(!path.contains('{'), "{path}: give its parameters values");
+    if path.ends_with("/compare") { format!("{path}?a={0}&b={0}", ids["run"].as_str().unwrap()) } else { path }
+}
+
+#[tokio::test]
+async fn reads_never_wait_for_the_writer() {
+    let scene = Scene::new(&[]);
+    let key = scene.key("lab");
+    let entry = scene.register(&key, "dev", 1).await;
+    let instances = scene.draw(&key, &entry, 1).await;
+    let run = scene.made(&key, "/v1/runs", &json!({ "agent": "a", "suite": "mineceraft" })).await;
+    let turns = json!([{ "palette": ["stone"], "rows": [[0, 0, 0, 0]] }]);
+    let body = json!({ "run": run["id"], "task": 113, "turns": turns });
+    let submission = scene.made(&key, "/v1/submissions", &body).await;
+    let ids = json!({
+        "entry": entry, "instance": id(&instances[0]), "run": run["id"], "submission": submission["id"],
+    });
+    let waiting = format!("/v1/submissions/{}", id(&submission));
+    scene.service.wait_for(&waiting, |submission| submission["state"] == "graded").await;
+    let finish = format!("/v1/runs/{}/finish", id(&run));
+    scene.made(&key, &finish, &json!({ "skip": "unanswered" })).await;
+    scene.service.wait_for(&format!("/v1/runs/{}", id(&run)), |run| run["state"] == "finished").await;
+    let document = scene.service.get("/openapi.json").await.json();
+    let unused = scene.key("lab");
+
+    let options = sqlx::sqlite::SqliteConnectOptions::new().filename(scene.file("p.db"));
+    let mut holder = options.connect().await.unwrap();
+    sqlx::query("BEGIN IMMEDIATE").execute(&mut holder).await.unwrap();
+    let held = Instant::now();
+    let pages = ["/", "/boards/mineceraft", "/epochs", "/epochs/autumn", "/tasks"].map(str::to_owned);
+    let gets = document["paths"].as_object().unwrap().iter().filter(|(_, item)| item["get"].is_object());
+    let paths: Vec<String> = gets.map(|(path, _)| filled(path, &ids)).chain(pages).collect();
+    while held.elapsed() < HELD {
+        // The second time without a key, and in the end by then over an epoch that is over and cannot be sealed.
+        for path in &paths {
+            let begun = Instant::now();
+            let request = scene.service.http.get(format!("{}{path}", scene.service.url)).bearer_auth(&unused);
+            let response = tokio::time::timeout(PROMPT, request.send()).await;
+            let response = response.unwrap_or_else(|_| panic!("{path} waits")).unwrap();
+            let (status, took) = (response.status().as_u16(), begun.elapsed());
+            // The one that says whether the database can be written says that it cannot.
+            let is_probe = path == "/readyz" && status == 503;
+            assert!(status < 500 || is_probe, "{path}: {status} after {took:?}");
+        }
+        let begun = Instant::now();
+        let again = json!({ "run": null, "suite": null, "task": 113, "turns": turns });
+        let valid = scene.post(&unused, "/v1/validate", &again).await;
+        assert!(valid.status.is_success() && begun.elapsed() < PROMPT, "{}", valid.text);
+        scene.set_clock(7_200_000);
+    }
+    let reveal = scene.service.get("/v1/epochs/autumn/reveal").await;
+    assert_eq!(reveal.status, 409, "it is not sealed: {}", reveal.text);
+    sqlx::query("ROLLBACK").execute(&mut holder).await.unwrap();
+    let epoch = "/v1/epochs/autumn/leaderboard";
+    scene.service.wait_for(epoch, |board| board["is_released"] == true).await;
+    let used = |keys: &str| keys.lines().filter(|line| line.contains("lab")).count();
+    let listed = crate::support::commands::succeeded(&crate::support::commands::plumbline(
+        &["keys", "list"],
+        &scene.file("p.db"),
+    ));
+    assert_eq!(used(&listed), 2, "{listed}");
+}

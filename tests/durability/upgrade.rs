@@ -1,0 +1,50 @@
+//! A data directory of the last release, killed with submissions waiting: it opens, answers as before, and finishes its work.
+
+use std::path::Path;
+use std::process::Command;
+
+use serde_json::Value;
+
+use crate::support::commands::{plumbline, succeeded};
+use crate::support::{Service, repository};
+
+fn unpacked(folder: &Path) {
+    let archive = repository("tests/fixtures/release-0.1.0.tar.gz");
+    let tar = Command::new("tar").arg("-xzf").arg(archive).arg("-C").arg(folder).status().unwrap();
+    assert!(tar.success());
+}
+
+fn json(file: &Path) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap()
+}
+
+#[tokio::test]
+async fn a_data_directory_of_the_last_release_opens_as_before() {
+    let folder = tempfile::tempdir().unwrap();
+    unpacked(folder.path());
+    let database = folder.path().join("plumbline.db");
+    let service = Service::start_as_told(&database, &[]);
+    let answers = json(&folder.path().join("answers.json"));
+    for (path, before) in answers.as_object().unwrap() {
+        if path == "quota" {
+            let shown = succeeded(&plumbline(&["quota", "show", "--name", "south lab"], &database));
+            assert!(shown.contains("50") && shown.contains("47"), "{shown}");
+            continue;
+        }
+        let now = service.get(path).await;
+        assert!(now.status.is_success(), "{path}: {}", now.text);
+        let now = now.json();
+        if path == "/v1/receipts" {
+            // Grading what waited adds to the log; what it held stays.
+            let both = [before, &now].map(|log| log["receipts"].as_array().unwrap());
+            assert_eq!(both[0][..], both[1][..both[0].len()], "{path}");
+            continue;
+        }
+        assert_eq!(*before, now, "{path}");
+    }
+    for id in json(&folder.path().join("queued.json")).as_array().unwrap() {
+        let path = format!("/v1/submissions/{}", id.as_str().unwrap());
+        service.wait_for(&path, |submission| submission["state"] == "graded").await;
+    }
+    assert!(service.terminate());
+}
