@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::actions::ACTION_LIMITS;
-use crate::store::jobs::MAX_ATTEMPTS;
+use crate::store::job_ends::MAX_ATTEMPTS;
 use plumbline_engine::checks::evidence::{MAX_CHARS, MAX_ITEMS};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::LogLimits;

@@ -173,7 +173,7 @@ async fn show(store: &Store, id: &str) -> anyhow::Result<()> {
     let flips: Vec<&Difference> = differences.iter().filter(|d| d.before != d.after).collect();
     println!("{} submissions score differently; {} problems flip", differences.len(), flips.len());
     for flip in flips.iter().take(LISTED) {
-        let task = u32::try_from(flip.task_number).ok().and_then(|n| entry.task_numbered(n)).map(|(task, _)| &task.id);
+        let task = entry.task_numbered(flip.task_number).map(|(task, _)| &task.id);
         let becomes = if flip.after { "solved" } else { "not solved" };
         println!("  {} {}: {becomes}  {}", flip.task_number, task.map_or("", String::as_str), flip.submission_id);
     }

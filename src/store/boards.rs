@@ -3,8 +3,8 @@
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row as _, SqliteConnection};
 
+use super::results::problems_of;
 use super::rows::from_row;
-use super::run_ends::problems_of;
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::grading::fingerprints::Fingerprint;
 use plumbline_engine::grading::outcomes::Outcomes;
@@ -168,26 +168,6 @@ pub(super) async fn enter_action(
         .bind(actor)
         .bind(reason)
         .bind(now_ms)
-        .execute(tx)
-        .await?;
-    Ok(())
-}
-
-/// Records the result of a run, valid from now on.
-pub(super) async fn enter_result(
-    tx: &mut SqliteConnection,
-    run_id: &str,
-    summary: &str,
-    outcomes: &Outcomes,
-    fingerprint: &Fingerprint,
-    now_ms: i64,
-) -> StoreResult<()> {
-    sqlx::query("INSERT INTO results (run_id, since_ms, summary, outcomes, fingerprint) VALUES ($1, $2, $3, $4, $5)")
-        .bind(run_id)
-        .bind(now_ms)
-        .bind(summary)
-        .bind(outcomes.to_bytes())
-        .bind(fingerprint.to_bytes())
         .execute(tx)
         .await?;
     Ok(())

@@ -111,8 +111,7 @@ async fn outcomes_in(connection: &mut SqliteConnection, entry_id: &str) -> Store
     let rows: Vec<(String, Option<String>)> = sqlx::query_as(
         "SELECT i.id, r.scores FROM instances i
          LEFT JOIN submissions s ON s.instance_id = i.id AND s.superseded = 0
-         LEFT JOIN reports r ON r.submission_id = s.id
-          AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = s.id)
+         LEFT JOIN latest_reports r ON r.submission_id = s.id
          WHERE i.entry_id = $1 ORDER BY i.ordinal",
     )
     .bind(entry_id)
@@ -254,8 +253,7 @@ impl Store {
                     i.transcript_hash IS NOT NULL AS has_transcript, i.transcript_checked_ms IS NOT NULL AS is_checked
              FROM entries e JOIN instances i ON i.entry_id = e.id
              LEFT JOIN submissions s ON s.instance_id = i.id AND s.superseded = 0
-             LEFT JOIN reports r ON r.submission_id = s.id
-              AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = s.id)
+             LEFT JOIN latest_reports r ON r.submission_id = s.id
              WHERE e.epoch_id = $1 AND e.tier = $2 AND e.completed_at_ms IS NOT NULL ORDER BY i.ordinal",
         )
         .bind(epoch_id)

@@ -5,13 +5,15 @@ use sqlx::SqliteConnection;
 use super::StoreResult;
 use super::events::{self, NewEvent};
 use super::evidence::witness;
-use super::jobs::MAX_ATTEMPTS;
 use super::quota;
 use super::run_ends::end_if_complete;
-use super::runs::count;
-use super::submissions::SubmissionState;
+use super::run_rows::count;
+use super::states::SubmissionState;
 use plumbline_engine::hidden::evidence::{Fact, FailureFact};
 use plumbline_engine::hidden::receipts::Signer;
+
+/// Maximum number of attempts; after that a submission ends as `grader_error`.
+pub const MAX_ATTEMPTS: i64 = 3;
 
 /// Ends the submission of a job that has no attempts left.
 pub(super) async fn give_up(

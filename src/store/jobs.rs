@@ -8,16 +8,14 @@ use std::collections::HashMap;
 
 use sqlx::{QueryBuilder, Row as _, Sqlite, SqliteConnection};
 
+use super::job_ends::MAX_ATTEMPTS;
 use super::job_ends::{End, give_up};
 use super::queue::{Lane, note_taken};
-use super::submissions::SubmissionState;
+use super::states::SubmissionState;
 use super::{Store, StoreError, StoreResult, commit, decompress};
 use crate::clock::now_ms;
 use plumbline_engine::tasks::Task;
 use plumbline_engine::voxel::BlockLog;
-
-/// Maximum number of attempts; after that a submission ends as `grader_error`.
-pub const MAX_ATTEMPTS: i64 = 3;
 
 /// Job that a worker holds.
 #[derive(Debug, Clone)]

@@ -2,10 +2,9 @@
 
 use sqlx::{QueryBuilder, Row as _, SqliteConnection};
 
-use super::evidence::publish;
-use super::{Store, StoreError, StoreResult, commit};
+use super::{Store, StoreError, StoreResult};
 use plumbline_engine::hidden::canonical::{Hash, unhex};
-use plumbline_engine::hidden::receipts::{FIRST_LINK, ReceiptFile, Signed, Signer, key_change, link};
+use plumbline_engine::hidden::receipts::{FIRST_LINK, ReceiptFile, Signed, link};
 use plumbline_engine::tasks::hex;
 
 /// Receipt to append.
@@ -88,35 +87,6 @@ fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<ReceiptFile> {
 }
 
 impl Store {
-    /// Records a change of the key that signs receipts if the last receipt was signed with another key, and returns
-    /// that key.
-    ///
-    /// # Errors
-    /// Returns an error if the database fails.
-    pub async fn note_receipt_key(&self, signer: &Signer, now_ms: i64) -> StoreResult<Option<String>> {
-        const LAST: &str = "SELECT public_key FROM receipts ORDER BY seq DESC LIMIT 1";
-        const KEYS: &str = "SELECT DISTINCT public_key FROM (SELECT public_key FROM pending_receipts
-                            UNION ALL SELECT public_key FROM (SELECT public_key FROM receipts ORDER BY seq DESC LIMIT 1))";
-        let is_other = |last: &String| *last != signer.public_key();
-        // Nearly always there is nothing to write, so the start need not wait for another process that writes.
-        let last: Vec<String> = sqlx::query_scalar(KEYS).fetch_all(&self.readers).await?;
-        if !last.iter().any(is_other) {
-            return Ok(None);
-        }
-        let mut tx = self.begin().await?;
-        // Receipts signed with the old key are published before the change.
-        publish(&mut tx, None).await?;
-        let last: Option<String> = sqlx::query_scalar(LAST).fetch_optional(&mut *tx).await?;
-        let Some(before) = last.filter(is_other) else {
-            commit(tx, "note_receipt_key").await?;
-            return Ok(None);
-        };
-        let signed = signer.sign(&key_change(&before, &signer.public_key(), now_ms));
-        enter(&mut tx, &[NewReceipt { of: None, epoch_id: None, signed: &signed }]).await?;
-        commit(tx, "note_receipt_key").await?;
-        Ok(Some(before))
-    }
-
     /// Returns at most `limit` receipts after number `after` of the log.
     ///
     /// # Errors

@@ -4,8 +4,9 @@ use sqlx::{QueryBuilder, Row as _};
 
 use super::boards::enter_action;
 use super::reports::{GRADER, PackedReport};
+use super::results::problems_of;
 use super::rows::from_row;
-use super::run_ends::{problems_of, set_result};
+use super::run_ends::set_result;
 use super::{Store, StoreError, StoreResult, commit, decompress};
 use plumbline_engine::checks::CHECKS_VERSION;
 use plumbline_engine::grading::ProblemScores;
@@ -186,8 +187,7 @@ impl Store {
     pub async fn left_out(&self, id: &str) -> StoreResult<i64> {
         Ok(sqlx::query_scalar(
             "SELECT COUNT(*) FROM regrades q JOIN submissions s ON s.suite_id = q.suite_id AND s.state = 'graded'
-             JOIN reports r ON r.submission_id = s.id
-              AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = s.id)
+             JOIN latest_reports r ON r.submission_id = s.id
              WHERE q.id = $1 AND r.checks_version <> q.checks_version
                AND NOT EXISTS (SELECT 1 FROM regraded g WHERE g.regrade_id = q.id AND g.submission_id = s.id)",
         )
@@ -204,8 +204,7 @@ impl Store {
         Ok(sqlx::query_as(
             "SELECT g.submission_id, s.run_id, s.task_number, r.overall AS before, g.overall AS after
              FROM regraded g JOIN submissions s ON s.id = g.submission_id
-             JOIN reports r ON r.submission_id = g.submission_id
-              AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = g.submission_id)
+             JOIN latest_reports r ON r.submission_id = g.submission_id
              WHERE g.regrade_id = $1 AND g.scores <> r.scores ORDER BY s.task_number, g.submission_id",
         )
         .bind(id)
@@ -255,8 +254,7 @@ impl Store {
         let runs: Vec<String> = sqlx::query_scalar(
             "SELECT DISTINCT u.id FROM regraded g JOIN submissions s ON s.id = g.submission_id
              JOIN runs u ON u.id = s.run_id AND u.state = 'finished'
-             JOIN reports r ON r.submission_id = g.submission_id
-              AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = g.submission_id)
+             JOIN latest_reports r ON r.submission_id = g.submission_id
              WHERE g.regrade_id = $1 AND s.superseded = 0 AND g.scores <> r.scores ORDER BY u.id",
         )
         .bind(id)
@@ -270,8 +268,7 @@ impl Store {
                     q.checks_version, q.grader, g.overall, g.accuracy, g.scores, g.body, $2, g.grading_us,
                     r.fingerprint
              FROM regraded g JOIN regrades q ON q.id = g.regrade_id
-             JOIN reports r ON r.submission_id = g.submission_id
-              AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = g.submission_id)
+             JOIN latest_reports r ON r.submission_id = g.submission_id
              WHERE g.regrade_id = $1 AND g.scores <> r.scores",
         )
         .bind(id)

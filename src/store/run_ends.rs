@@ -1,10 +1,12 @@
 //! Ends of runs: skipped tasks, summary and result, and the check whether anything is still pending.
 
-use sqlx::{Row as _, SqliteConnection};
+use sqlx::SqliteConnection;
 
-use super::boards::enter_result;
 use super::events::{self, NewEvent};
-use super::runs::{RunRow, RunState, Skip, count, run_in};
+use super::results::enter_result;
+use super::results::problems_of;
+use super::run_rows::{RunRow, Skip, count, run_in};
+use super::states::RunState;
 use super::suites::tasks_of;
 use super::{StoreError, StoreResult};
 use plumbline_engine::grading::fingerprints::Fingerprint;
@@ -96,9 +98,8 @@ pub(super) async fn set_result(tx: &mut SqliteConnection, id: &str, tasks: &[Tas
 /// Merges the fingerprints of a run's latest reports.
 async fn fingerprint_of(tx: &mut SqliteConnection, id: &str) -> StoreResult<Fingerprint> {
     let parts: Vec<Vec<u8>> = sqlx::query_scalar(
-        "SELECT r.fingerprint FROM submissions s JOIN reports r ON r.submission_id = s.id
-         WHERE s.run_id = $1 AND s.state = 'graded' AND s.superseded = 0 AND r.fingerprint IS NOT NULL
-           AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = s.id)",
+        "SELECT r.fingerprint FROM submissions s JOIN latest_reports r ON r.submission_id = s.id
+         WHERE s.run_id = $1 AND s.state = 'graded' AND s.superseded = 0 AND r.fingerprint IS NOT NULL",
     )
     .bind(id)
     .fetch_all(tx)
@@ -106,27 +107,6 @@ async fn fingerprint_of(tx: &mut SqliteConnection, id: &str) -> StoreResult<Fing
     let mut whole = Fingerprint::default();
     parts.iter().filter_map(|bytes| Fingerprint::from_bytes(bytes)).for_each(|part| whole.merge(&part));
     Ok(whole)
-}
-
-/// Returns the scores of a run's reports, the latest of each submission.
-pub(super) async fn problems_of(tx: &mut SqliteConnection, id: &str) -> StoreResult<Vec<ProblemScores>> {
-    let rows = sqlx::query(
-        "SELECT s.task_number, r.scores
-         FROM submissions s JOIN reports r ON r.submission_id = s.id
-         WHERE s.run_id = $1 AND s.state = 'graded' AND s.superseded = 0
-           AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = s.id)
-         ORDER BY s.task_number",
-    )
-    .bind(id)
-    .fetch_all(&mut *tx)
-    .await?;
-    let mut problems = Vec::with_capacity(rows.len());
-    for row in &rows {
-        let scores: ProblemScores =
-            serde_json::from_str(row.try_get(1)?).map_err(|error| StoreError::corrupt("reports", error))?;
-        problems.push(scores);
-    }
-    Ok(problems)
 }
 
 /// Summarizes the problems of a run; tasks without an answer count as failed.

@@ -3,31 +3,16 @@
 //! A run ends by itself when every task of its suite has been graded, or when its owner has finished it and nothing is
 //! pending. A failure of ours keeps it from ending until the task is posted again.
 
-use serde::{Deserialize, Serialize};
-use sqlx::sqlite::SqliteRow;
-use sqlx::{QueryBuilder, Row as _, SqliteConnection};
+use sqlx::QueryBuilder;
 
 use super::events::{self, NewEvent};
 use super::idempotency::{Before, Once};
 use super::job_ends::End;
 use super::run_ends::{end_if_complete, skip_tasks};
-use super::submissions::SubmissionState;
-use super::{Store, StoreError, StoreResult, commit};
-use plumbline_engine::grading::Summary;
-
-/// State of a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum RunState {
-    /// Accepts submissions.
-    Open,
-    /// Accepts no more submissions; some are still being graded.
-    Finishing,
-    /// Ended, with a summary.
-    Finished,
-    /// Deleted by its owner while it was open.
-    Deleted,
-}
+use super::run_rows::{RunRow, Skip, read_run, run_in, select_run};
+use super::states::RunState;
+use super::states::SubmissionState;
+use super::{Store, StoreResult, commit};
 
 /// Filter for listing runs.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -48,15 +33,6 @@ pub struct RunsWanted {
     pub after: Option<String>,
 }
 
-/// Tasks that a run leaves out on purpose.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Skip {
-    /// All tasks without an answer.
-    Unanswered,
-    /// Tasks with these numbers.
-    Tasks(Vec<u32>),
-}
-
 /// Outcome of finishing or deleting a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum RunChanged {
@@ -68,61 +44,6 @@ pub enum RunChanged {
     NotOpen(RunState),
     /// These tasks were answered and therefore cannot be skipped.
     Answered(Vec<u32>),
-}
-
-impl RunState {
-    /// Returns the name of the state in the API and the database.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Open => "open",
-            Self::Finishing => "finishing",
-            Self::Finished => "finished",
-            Self::Deleted => "deleted",
-        }
-    }
-
-    fn read(name: &str) -> StoreResult<Self> {
-        [Self::Open, Self::Finishing, Self::Finished]
-            .into_iter()
-            .find(|state| state.name() == name)
-            .ok_or_else(|| StoreError::corrupt("runs", format!("state {name:?}")))
-    }
-}
-
-/// Row of a run.
-#[derive(Debug, Clone)]
-pub struct RunRow {
-    /// Identifier of the run.
-    pub id: String,
-    /// Name of the agent.
-    pub agent: String,
-    /// `name@version` of its suite.
-    pub suite_id: String,
-    /// Metadata that its owner provided, as JSON.
-    pub metadata: serde_json::Value,
-    /// State of the run.
-    pub state: RunState,
-    /// Number of submissions that are queued or being graded.
-    pub pending: i64,
-    /// Number of graded submissions.
-    pub graded: i64,
-    /// Number of submissions that ended because of a failure of ours and were not posted again.
-    pub grader_errors: i64,
-    /// Number of tasks in its suite.
-    pub tasks: i64,
-    /// Time of creation, in milliseconds since 1970.
-    pub created_at_ms: i64,
-    /// Time at which it ended, in milliseconds since 1970.
-    pub finished_at_ms: Option<i64>,
-    /// Summary, once it has ended.
-    pub summary: Option<Summary>,
-    /// Owner who began it; none if the service was open to everyone.
-    pub owner: Option<String>,
-    /// Provenance of its logs.
-    pub provenance: String,
-    /// Number of tasks that it skips.
-    pub skipped: i64,
 }
 
 /// Run to store.
@@ -140,44 +61,6 @@ pub struct NewRun<'a> {
     pub owner: Option<&'a str>,
     /// Provenance of its logs.
     pub provenance: &'a str,
-}
-
-/// Query with the columns of a run, for every query that reads one.
-macro_rules! select_run {
-    ($rest:literal) => {
-        concat!(
-            "SELECT r.id, r.agent, r.suite_id, r.metadata, r.state, r.pending, r.graded, r.grader_errors,
-                    s.task_count, r.created_at_ms, r.finished_at_ms, r.summary, r.owner, r.provenance,
-                    r.deleted_at_ms, (SELECT COUNT(*) FROM skipped_tasks k WHERE k.run_id = r.id)
-             FROM runs r JOIN suites s ON s.id = r.suite_id ",
-            $rest
-        )
-    };
-}
-
-pub(super) fn read_run(row: &SqliteRow) -> StoreResult<RunRow> {
-    let summary: Option<&str> = row.try_get(11)?;
-    let corrupt = |error: serde_json::Error| StoreError::corrupt("runs", error);
-    Ok(RunRow {
-        id: row.try_get(0)?,
-        agent: row.try_get(1)?,
-        suite_id: row.try_get(2)?,
-        metadata: serde_json::from_str(row.try_get(3)?).map_err(corrupt)?,
-        state: match row.try_get::<Option<i64>, _>(14)? {
-            Some(_) => RunState::Deleted,
-            None => RunState::read(row.try_get(4)?)?,
-        },
-        pending: row.try_get(5)?,
-        graded: row.try_get(6)?,
-        grader_errors: row.try_get(7)?,
-        tasks: row.try_get(8)?,
-        created_at_ms: row.try_get(9)?,
-        finished_at_ms: row.try_get(10)?,
-        summary: summary.map(serde_json::from_str).transpose().map_err(corrupt)?,
-        owner: row.try_get(12)?,
-        provenance: row.try_get(13)?,
-        skipped: row.try_get(15)?,
-    })
 }
 
 impl Store {
@@ -311,30 +194,4 @@ impl Store {
         self.note_ends(has_ended);
         Ok(RunChanged::Done)
     }
-}
-
-/// Reads a run within the transaction.
-pub(super) async fn run_in(tx: &mut SqliteConnection, id: &str) -> StoreResult<Option<RunRow>> {
-    let row = sqlx::query(select_run!("WHERE r.id = $1")).bind(id).fetch_optional(&mut *tx).await?;
-    row.as_ref().map(read_run).transpose()
-}
-
-/// Adds to a run's counters.
-pub(super) async fn count(
-    tx: &mut SqliteConnection,
-    id: &str,
-    pending: i64,
-    graded: i64,
-    grader_errors: i64,
-) -> StoreResult<()> {
-    sqlx::query(
-        "UPDATE runs SET pending = pending + $2, graded = graded + $3, grader_errors = grader_errors + $4 WHERE id = $1",
-    )
-    .bind(id)
-    .bind(pending)
-    .bind(graded)
-    .bind(grader_errors)
-    .execute(&mut *tx)
-    .await?;
-    Ok(())
 }

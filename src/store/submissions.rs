@@ -8,49 +8,10 @@ use sqlx::{Row as _, SqliteConnection};
 use super::idempotency::Once;
 use super::queue::{self, Lane, NewJob};
 use super::quota;
-use super::runs::{RunState, count, run_in};
+use super::run_rows::{count, run_in};
+use super::states::RunState;
+use super::states::SubmissionState;
 use super::{Store, StoreError, StoreResult, compress, decompress};
-
-/// State of a submission.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, utoipa::ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum SubmissionState {
-    /// Waits for a worker.
-    Queued,
-    /// Is being graded by a worker.
-    Grading,
-    /// Ended with a report.
-    Graded,
-    /// Ended because it cannot be graded as posted.
-    Rejected,
-    /// Ended because of a failure of ours.
-    GraderError,
-    /// Ended because its owner cancelled it.
-    Cancelled,
-}
-
-impl SubmissionState {
-    const ALL: [Self; 6] =
-        [Self::Queued, Self::Grading, Self::Graded, Self::Rejected, Self::GraderError, Self::Cancelled];
-
-    /// Returns the name of the state in the API and the database.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Queued => "queued",
-            Self::Grading => "grading",
-            Self::Graded => "graded",
-            Self::Rejected => "rejected",
-            Self::GraderError => "grader_error",
-            Self::Cancelled => "cancelled",
-        }
-    }
-
-    fn read(name: &str) -> StoreResult<Self> {
-        let state = Self::ALL.into_iter().find(|state| state.name() == name);
-        state.ok_or_else(|| StoreError::corrupt("submissions", format!("state {name:?}")))
-    }
-}
 
 /// Log as it is stored: canonical JSON, compressed.
 #[derive(Debug, Clone)]
@@ -207,8 +168,7 @@ macro_rules! select_submission {
         concat!(
             "SELECT s.id, s.run_id, s.suite_id, s.task_hash, s.task_number, s.log_hash, s.log_bytes, s.turns, s.events,
                     s.state, s.error, s.created_at_ms, s.ended_at_ms, r.overall, r.accuracy, s.owner, s.replays
-             FROM submissions s LEFT JOIN reports r ON r.submission_id = s.id
-              AND r.attempt = (SELECT MAX(l.attempt) FROM reports l WHERE l.submission_id = s.id) ",
+             FROM public_submissions s LEFT JOIN latest_reports r ON r.submission_id = s.id ",
             $rest
         )
     };
@@ -225,7 +185,7 @@ fn read_submission(row: &SqliteRow) -> StoreResult<SubmissionRow> {
         log_bytes: row.try_get("log_bytes")?,
         turns: row.try_get("turns")?,
         events: row.try_get("events")?,
-        state: SubmissionState::read(row.try_get("state")?)?,
+        state: row.try_get("state")?,
         error: row.try_get("error")?,
         created_at_ms: row.try_get("created_at_ms")?,
         ended_at_ms: row.try_get("ended_at_ms")?,
@@ -272,10 +232,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or the row cannot be read.
     pub async fn submission(&self, id: &str) -> StoreResult<Option<SubmissionRow>> {
-        let row = sqlx::query(select_submission!("WHERE s.id = $1 AND s.instance_id IS NULL"))
-            .bind(id)
-            .fetch_optional(&self.readers)
-            .await?;
+        let row = sqlx::query(select_submission!("WHERE s.id = $1")).bind(id).fetch_optional(&self.readers).await?;
         row.as_ref().map(read_submission).transpose()
     }
 
@@ -301,7 +258,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or the log cannot be read.
     pub async fn log_json(&self, id: &str) -> StoreResult<Option<Vec<u8>>> {
-        let sql = "SELECT log FROM submissions WHERE id = $1 AND instance_id IS NULL";
+        let sql = "SELECT log FROM public_submissions WHERE id = $1";
         let log: Option<Vec<u8>> = sqlx::query_scalar(sql).bind(id).fetch_optional(&self.readers).await?;
         let Some(log) = log else { return Ok(None) };
         let unpacked = tokio::task::spawn_blocking(move || decompress("submissions", &log));
@@ -314,11 +271,10 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn backlog(&self, now_ms: i64) -> StoreResult<(i64, i64)> {
-        let (open, oldest): (i64, Option<i64>) = sqlx::query_as(
-            "SELECT COUNT(*), MIN(created_at_ms) FROM submissions WHERE ended_at_ms IS NULL AND instance_id IS NULL",
-        )
-        .fetch_one(&self.readers)
-        .await?;
+        let (open, oldest): (i64, Option<i64>) =
+            sqlx::query_as("SELECT COUNT(*), MIN(created_at_ms) FROM public_submissions WHERE ended_at_ms IS NULL")
+                .fetch_one(&self.readers)
+                .await?;
         Ok((open, oldest.map_or(0, |oldest| (now_ms - oldest).max(0))))
     }
 }
@@ -328,7 +284,7 @@ async fn facts_of(connection: &mut SqliteConnection, new: &NewSubmission) -> Sto
     let (mut run, mut earlier) = (None, None);
     if let Some(run_id) = &new.run_id {
         run = run_in(connection, run_id).await?.map(|run| run.state);
-        let found: Option<(String, String, String)> = sqlx::query_as(
+        let found: Option<(String, String, SubmissionState)> = sqlx::query_as(
             "SELECT id, log_hash, state FROM submissions WHERE run_id = $1 AND task_number = $2 AND superseded = 0",
         )
         .bind(run_id)
@@ -336,7 +292,7 @@ async fn facts_of(connection: &mut SqliteConnection, new: &NewSubmission) -> Sto
         .fetch_optional(&mut *connection)
         .await?;
         if let Some((id, log_hash, state)) = found {
-            earlier = Some(EarlierAnswer { id, log_hash, state: SubmissionState::read(&state)? });
+            earlier = Some(EarlierAnswer { id, log_hash, state });
         }
     }
     let quota_left = quota::left(connection, new.owner.as_deref()).await?;

@@ -13,10 +13,11 @@ use tokio_util::task::TaskTracker;
 
 use crate::app::grading::{Cores, Unfinished, execute};
 use crate::clock::now_ms;
-use crate::store::jobs::{Claim, Claimed, HiddenJob, MAX_ATTEMPTS};
+use crate::store::job_ends::MAX_ATTEMPTS;
+use crate::store::jobs::{Claim, Claimed, HiddenJob};
 use crate::store::queue::Lane;
 use crate::store::reports::{GRADER, PackedReport};
-use crate::store::submissions::SubmissionState;
+use crate::store::states::SubmissionState;
 use crate::store::{Store, StoreResult};
 use crate::threads::yield_to_others;
 use plumbline_engine::grading::fingerprints::Fingerprint;

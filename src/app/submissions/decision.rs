@@ -2,8 +2,9 @@
 
 use std::collections::HashMap;
 
-use crate::store::runs::RunState;
-use crate::store::submissions::{AcceptFacts, Accepted, Decision, EarlierAnswer, NewSubmission, SubmissionState};
+use crate::store::states::RunState;
+use crate::store::states::SubmissionState;
+use crate::store::submissions::{AcceptFacts, Accepted, Decision, EarlierAnswer, NewSubmission};
 
 /// Decides on a submission. A run accepts one answer for each task: the same log again counts as the same submission, a
 /// different log is refused, and an answer that ended without a grade may be replaced.

@@ -22,8 +22,8 @@ use crate::http::extract::params::Params;
 use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::events::{EventRow, EventsOf};
-use crate::store::runs::RunState;
-use crate::store::submissions::SubmissionState;
+use crate::store::states::RunState;
+use crate::store::states::SubmissionState;
 use crate::store::{Store, StoreResult};
 
 /// Maximum number of events per read.

@@ -67,7 +67,7 @@ pub async fn board_of(state: &AppState, epoch: &EpochRow, tier: Tier) -> AppResu
             owner: entry.owner,
             agent: entry.agent,
             configuration_sha256: entry.configuration_hash,
-            runs: entry.runs as u32,
+            runs: entry.runs,
             completed_at_ms: entry.completed_at_ms,
         });
         rows = board::rows(tier, epoch.commitment.instances_per_run, entrants.collect());

@@ -11,7 +11,7 @@ use crate::http::boards::body::BoardRow;
 use crate::http::boards::comparisons::{Breakdown, GroupBy, breakdown};
 use crate::http::boards::leaderboard::row_of;
 use crate::http::state::AppState;
-use crate::store::runs::RunRow;
+use crate::store::run_rows::RunRow;
 use crate::store::submissions::SubmissionRow;
 
 /// Greatest number of submissions shown for an open run.

@@ -14,7 +14,8 @@ use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::http::submissions::schema::TaskName;
 use crate::store::keys::Scope;
-use crate::store::runs::{RunChanged, RunRow, Skip};
+use crate::store::run_rows::{RunRow, Skip};
+use crate::store::runs::RunChanged;
 use plumbline_engine::intake::Faults;
 
 /// Body that finishes a run.

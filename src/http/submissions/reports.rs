@@ -13,7 +13,7 @@ use crate::clock::rfc3339;
 use crate::http::extract::params::Params;
 use crate::http::problem::Problem;
 use crate::http::state::AppState;
-use crate::store::submissions::SubmissionState;
+use crate::store::states::SubmissionState;
 use plumbline_engine::grading::Report;
 
 /// A report with its provenance.

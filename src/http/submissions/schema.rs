@@ -6,7 +6,8 @@ use crate::actions::turn_replay::TurnReplay;
 use crate::app::replay::EventAction;
 use crate::app::submissions::accept::AcceptedSubmission;
 use crate::clock::rfc3339;
-use crate::store::submissions::{NewSubmission, SubmissionRow, SubmissionState};
+use crate::store::states::SubmissionState;
+use crate::store::submissions::{NewSubmission, SubmissionRow};
 use plumbline_engine::tasks::catalogue::Entry;
 
 /// An agent's work on one task.

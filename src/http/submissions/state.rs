@@ -10,7 +10,8 @@ use crate::clock::now_ms;
 use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
-use crate::store::submissions::{SubmissionRow, SubmissionState};
+use crate::store::states::SubmissionState;
+use crate::store::submissions::SubmissionRow;
 
 /// Returns the stored submission with this id.
 ///

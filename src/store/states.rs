@@ -1,0 +1,101 @@
+//! States as the database holds them: text columns that read as enums, and fail to read as anything else.
+
+use serde::{Deserialize, Serialize};
+use sqlx::encode::IsNull;
+use sqlx::error::BoxDynError;
+use sqlx::sqlite::{SqliteArgumentsBuffer, SqliteTypeInfo, SqliteValueRef};
+use sqlx::{Decode, Encode, Sqlite, Type};
+
+/// Lets an enum with `ALL` and `name` stand for the text of its names in queries.
+macro_rules! text_column {
+    ($state:ident) => {
+        impl Type<Sqlite> for $state {
+            fn type_info() -> SqliteTypeInfo {
+                <str as Type<Sqlite>>::type_info()
+            }
+        }
+
+        impl Encode<'_, Sqlite> for $state {
+            fn encode_by_ref(&self, buffer: &mut SqliteArgumentsBuffer) -> Result<IsNull, BoxDynError> {
+                <&str as Encode<Sqlite>>::encode(self.name(), buffer)
+            }
+        }
+
+        impl<'r> Decode<'r, Sqlite> for $state {
+            fn decode(value: SqliteValueRef<'r>) -> Result<Self, BoxDynError> {
+                let name = <&str as Decode<Sqlite>>::decode(value)?;
+                let state = Self::ALL.into_iter().find(|state| state.name() == name);
+                state.ok_or_else(|| format!("{name:?} is not a {}", stringify!($state)).into())
+            }
+        }
+    };
+}
+
+/// State of a submission.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SubmissionState {
+    /// Waits for a worker.
+    Queued,
+    /// Is being graded by a worker.
+    Grading,
+    /// Ended with a report.
+    Graded,
+    /// Ended because it cannot be graded as posted.
+    Rejected,
+    /// Ended because of a failure of ours.
+    GraderError,
+    /// Ended because its owner cancelled it.
+    Cancelled,
+}
+
+impl SubmissionState {
+    const ALL: [Self; 6] =
+        [Self::Queued, Self::Grading, Self::Graded, Self::Rejected, Self::GraderError, Self::Cancelled];
+
+    /// Returns the name of the state in the API and the database.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Queued => "queued",
+            Self::Grading => "grading",
+            Self::Graded => "graded",
+            Self::Rejected => "rejected",
+            Self::GraderError => "grader_error",
+            Self::Cancelled => "cancelled",
+        }
+    }
+}
+
+text_column!(SubmissionState);
+
+/// State of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum RunState {
+    /// Accepts submissions.
+    Open,
+    /// Accepts no more submissions; some are still being graded.
+    Finishing,
+    /// Ended, with a summary.
+    Finished,
+    /// Deleted by its owner while it was open.
+    Deleted,
+}
+
+impl RunState {
+    const ALL: [Self; 4] = [Self::Open, Self::Finishing, Self::Finished, Self::Deleted];
+
+    /// Returns the name of the state in the API and the database.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Open => "open",
+            Self::Finishing => "finishing",
+            Self::Finished => "finished",
+            Self::Deleted => "deleted",
+        }
+    }
+}
+
+text_column!(RunState);
