@@ -129,7 +129,7 @@ impl FairSlots {
 
 /// Permits, limited in total and per sender.
 #[derive(Debug)]
-pub struct Places {
+pub struct PermitPool {
     held: Mutex<(usize, HashMap<Arc<str>, usize>)>,
     all: usize,
     each: usize,
@@ -137,12 +137,12 @@ pub struct Places {
 
 /// Permit, held until it is dropped.
 #[derive(Debug)]
-pub struct Place {
-    places: Arc<Places>,
+pub struct Permit {
+    places: Arc<PermitPool>,
     who: Arc<str>,
 }
 
-impl Drop for Place {
+impl Drop for Permit {
     fn drop(&mut self) {
         let mut held = self.places.held.lock().unwrap_or_else(PoisonError::into_inner);
         held.0 -= 1;
@@ -157,14 +157,14 @@ impl Drop for Place {
 
 /// Reason why there is no permit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum NoPlace {
+pub enum NoPermit {
     /// All permits are held.
     All,
     /// The sender holds as many permits as one sender may.
     Own,
 }
 
-impl Places {
+impl PermitPool {
     /// Creates `all` permits, of which one sender may hold `each`.
     #[must_use]
     pub fn new(all: usize, each: usize) -> Arc<Self> {
@@ -175,18 +175,18 @@ impl Places {
     ///
     /// # Errors
     /// Returns an error if there is none.
-    pub fn take(self: &Arc<Self>, who: &Arc<str>) -> Result<Place, NoPlace> {
+    pub fn take(self: &Arc<Self>, who: &Arc<str>) -> Result<Permit, NoPermit> {
         let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
         if held.0 >= self.all {
-            return Err(NoPlace::All);
+            return Err(NoPermit::All);
         }
         let own = held.1.entry(Arc::clone(who)).or_default();
         if *own >= self.each {
-            return Err(NoPlace::Own);
+            return Err(NoPermit::Own);
         }
         *own += 1;
         held.0 += 1;
-        Ok(Place { places: Arc::clone(self), who: Arc::clone(who) })
+        Ok(Permit { places: Arc::clone(self), who: Arc::clone(who) })
     }
 }
 
@@ -251,12 +251,12 @@ mod tests {
 
     #[test]
     fn places_are_counted_in_all_and_for_each() {
-        let places = Places::new(3, 2);
+        let places = PermitPool::new(3, 2);
         let (a, b) = (named("a"), named("b"));
         let held = [places.take(&a).unwrap(), places.take(&a).unwrap()];
-        assert_eq!(places.take(&a).unwrap_err(), NoPlace::Own);
+        assert_eq!(places.take(&a).unwrap_err(), NoPermit::Own);
         let other = places.take(&b).unwrap();
-        assert_eq!(places.take(&b).unwrap_err(), NoPlace::All);
+        assert_eq!(places.take(&b).unwrap_err(), NoPermit::All);
         drop((held, other));
         assert!(places.take(&b).is_ok() && places.held.lock().unwrap().1.is_empty());
     }

@@ -21,7 +21,7 @@ use crate::app::load::Connections;
 use crate::app::rewards::grader::Grader;
 use crate::app::stress::StressFields;
 use crate::clock::now_ms;
-use crate::fair::Places;
+use crate::fair::PermitPool;
 use crate::http::middleware::rates::{RateSettings, Rates};
 use crate::http::{self, HttpParts};
 use crate::store::Store;
@@ -138,7 +138,7 @@ impl RunningService {
             stress: StressFields::new()?,
             limits,
             actions,
-            action_requests: Places::new(limits.action_requests, limits.action_requests_per_sender),
+            action_requests: PermitPool::new(limits.action_requests, limits.action_requests_per_sender),
             signer,
             stop: stop.clone(),
         };

@@ -10,6 +10,7 @@ mod browser;
 mod catalogue;
 mod cli;
 mod conformance;
+mod docs;
 mod durability;
 mod hidden;
 mod load;

@@ -1,5 +1,5 @@
 //! Gaming the boards: what the best of many entries, and a probing attack, gain on each tier. A simulation with a fixed seed;
-//! `cargo test --test gaming -- --nocapture` prints the table that ARCHITECTURE.md shows.
+//! `cargo test --package plumbline-engine --test engine gaming -- --nocapture` prints the table in docs/hidden-evaluation.md.
 //!
 //! An agent passes an instance with a probability that is its true score; what a board shows beyond that is bias.
 

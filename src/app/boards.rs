@@ -8,7 +8,7 @@ use uuid::Uuid;
 
 use crate::app::error::AppResult;
 use crate::store::Store;
-use crate::store::boards::{ActionRow, News, Read};
+use crate::store::boards::{ActionRow, BoardCursor, BoardUpdate};
 use plumbline_engine::grading::standings::{Field, Standing, order};
 use plumbline_engine::grading::statistics::ranks::{Comparisons, RankRange};
 use plumbline_engine::tasks::catalogue::Entry;
@@ -94,7 +94,7 @@ pub struct Board {
     similar: HashMap<String, BTreeSet<String>>,
     /// Number of runs that each agent has begun.
     begun: HashMap<String, usize>,
-    read: Read,
+    read: BoardCursor,
 }
 
 impl Board {
@@ -138,7 +138,7 @@ impl Board {
             .collect()
     }
 
-    fn with(self: &Arc<Self>, news: News) -> Arc<Self> {
+    fn with(self: &Arc<Self>, news: BoardUpdate) -> Arc<Self> {
         if news.read == self.read {
             return Arc::clone(self);
         }
@@ -217,7 +217,7 @@ impl Boards {
         let runs_ended = store.runs_ended();
         let known = self.kept.read().unwrap_or_else(PoisonError::into_inner).get(&suite_id).cloned();
         let board = known.map_or_else(|| Arc::new(empty(entry, least_coverage)), |kept| kept.board);
-        let news = store.board_news(&suite_id, &entry.suite.tasks, board.read).await?;
+        let news = store.board_update(&suite_id, &entry.suite.tasks, board.read).await?;
         let board = board.with(news);
         let kept = Kept { board: Arc::clone(&board), runs_ended, since: Instant::now() };
         self.kept.write().unwrap_or_else(PoisonError::into_inner).insert(suite_id, kept);
@@ -232,7 +232,7 @@ impl Boards {
     }
 }
 
-fn version(entry: &Entry, Read { result, action, run }: Read) -> String {
+fn version(entry: &Entry, BoardCursor { result, action, run }: BoardCursor) -> String {
     // Include the process: another program, or another database under the same name, may compute something else.
     static PROCESS: LazyLock<Uuid> = LazyLock::new(Uuid::new_v4);
     format!("{}:{result}:{action}:{run}:{}", entry.suite.id(), *PROCESS)
@@ -240,7 +240,7 @@ fn version(entry: &Entry, Read { result, action, run }: Read) -> String {
 
 fn empty(entry: &Arc<Entry>, least_coverage: f64) -> Board {
     Board {
-        version: version(entry, Read::default()),
+        version: version(entry, BoardCursor::default()),
         field: Arc::new(Field::of(&entry.suite.tasks)),
         least_coverage,
         entry: Arc::clone(entry),
@@ -249,6 +249,6 @@ fn empty(entry: &Arc<Entry>, least_coverage: f64) -> Board {
         results: HashMap::new(),
         similar: HashMap::new(),
         begun: HashMap::new(),
-        read: Read::default(),
+        read: BoardCursor::default(),
     }
 }

@@ -21,7 +21,7 @@ use std::sync::Arc;
 use tokio_util::sync::CancellationToken;
 
 use crate::actions::pool::Pool;
-use crate::fair::Places;
+use crate::fair::PermitPool;
 use crate::store::Store;
 use access::Keys;
 use boards::Boards;
@@ -52,7 +52,7 @@ pub struct App {
     /// Runs action code.
     pub actions: Pool,
     /// Slots for requests whose action code runs or waits.
-    pub action_requests: Arc<Places>,
+    pub action_requests: Arc<PermitPool>,
     /// Signs receipts.
     pub signer: Arc<Signer>,
     /// Cancelled when the service stops.

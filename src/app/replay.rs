@@ -9,7 +9,7 @@ use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::error::{AppError, AppResult};
 use crate::app::submissions::posted::PostedSubmission;
-use crate::fair::Place;
+use crate::fair::Permit;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::{SentLog, without_fences};
 use plumbline_engine::voxel::{BlockLog, Cell};
@@ -18,7 +18,7 @@ use plumbline_engine::voxel::{BlockLog, Cell};
 ///
 /// # Errors
 /// Returns 429 if no slot is free.
-pub fn place(app: &App, who: &Arc<str>) -> AppResult<Place> {
+pub fn place(app: &App, who: &Arc<str>) -> AppResult<Permit> {
     app.action_requests
         .take(who)
         .map_err(|_| AppError::too_many("much action code is waiting to be run; come back in a moment"))
@@ -37,7 +37,7 @@ pub async fn replay(app: &App, who: &Arc<str>, code: &str) -> AppResult<Replayed
     if add_too_long(code, app, &mut faults) {
         return Err(AppError::faulty(faults));
     }
-    let _place = place(app, who)?;
+    let _permit = place(app, who)?;
     let done = replayed(app, who, &without_fences(code)).await?;
     if add_stopped(&done, &mut faults) {
         return Err(AppError::faulty(faults));
@@ -89,7 +89,7 @@ pub async fn run_codes(
     if posted.iter().all(|submission| submission.sent.codes.is_empty()) {
         return Ok(());
     }
-    let _place = place(app, who)?;
+    let _permit = place(app, who)?;
     let mut budget = EventBudget::whole(app);
     for submission in posted {
         if let Some(line) = submission.line {
@@ -116,7 +116,7 @@ pub async fn run_code(
     if sent.codes.is_empty() {
         return Ok(Vec::new());
     }
-    let _place = place(app, who)?;
+    let _permit = place(app, who)?;
     run_sent(app, who, sent, &mut EventBudget::whole(app), faults).await
 }
 
@@ -200,7 +200,7 @@ fn take_events(
 #[serde(rename_all = "snake_case")]
 pub enum EventAction {
     /// A block is placed.
-    Place,
+    Permit,
     /// A block is removed.
     Remove,
 }

@@ -11,7 +11,7 @@ use tokio_util::sync::CancellationToken;
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::limits::LIMITS;
 use crate::app::rewards::grader::note_panic;
-use crate::fair::{FairSlots, Place, Places};
+use crate::fair::{FairSlots, Permit, PermitPool};
 use crate::threads::yield_to_others;
 use plumbline_engine::elasticity::Control;
 use plumbline_engine::elasticity::field::{Field, Method};
@@ -48,7 +48,7 @@ const NICENESS: i32 = 10;
 /// Computes stress fields, a few at once and one for each sender, and caches them by content.
 #[derive(Debug)]
 pub struct StressFields {
-    admitted: Arc<Places>,
+    admitted: Arc<PermitPool>,
     slots: Arc<FairSlots>,
     threads: rayon::ThreadPool,
     kept: Cache<Key, Kept, ByMemory>,
@@ -65,7 +65,7 @@ impl StressFields {
         let threads = rayon::ThreadPoolBuilder::new().num_threads(at_once).thread_name(|i| format!("stress-{i}"));
         let bytes = LIMITS.stress_cache_bytes;
         Ok(Self {
-            admitted: Places::new(at_once + LIMITS.stress_fields_waiting, LIMITS.stress_fields_waiting_per_sender),
+            admitted: PermitPool::new(at_once + LIMITS.stress_fields_waiting, LIMITS.stress_fields_waiting_per_sender),
             slots: FairSlots::new(at_once, LIMITS.stress_fields_per_sender),
             threads: threads.start_handler(|_| yield_to_others(NICENESS)).panic_handler(note_panic).build()?,
             kept: Cache::with_weighter(bytes / TYPICAL_BYTES, bytes as u64, ByMemory),
@@ -76,7 +76,7 @@ impl StressFields {
     ///
     /// # Errors
     /// Refuses the request if too many wait.
-    pub fn admit(&self, key: &Key, who: &Arc<str>) -> AppResult<Option<Place>> {
+    pub fn admit(&self, key: &Key, who: &Arc<str>) -> AppResult<Option<Permit>> {
         if self.kept(key).is_some() {
             return Ok(None);
         }

@@ -16,7 +16,7 @@ use super::database;
 use super::progress::bar;
 use crate::clock::{now_ms, rfc3339};
 use crate::store::Store;
-use crate::store::boards::Read;
+use crate::store::boards::BoardCursor;
 use crate::store::regrades::{Difference, ToRegrade};
 use crate::store::reports::PackedReport;
 use plumbline_engine::elasticity::Control;
@@ -185,7 +185,7 @@ async fn show(store: &Store, id: &str) -> anyhow::Result<()> {
 
 /// Prints how the rates and ranks of runs change.
 async fn ranks(store: &Store, id: &str, entry: &Entry, differences: &[Difference]) -> anyhow::Result<()> {
-    let news = store.board_news(&entry.suite.id(), &entry.suite.tasks, Read::default()).await?;
+    let news = store.board_update(&entry.suite.id(), &entry.suite.tasks, BoardCursor::default()).await?;
     // The last result of a run counts.
     let before: BTreeMap<String, (String, f64)> = news
         .results

@@ -24,7 +24,7 @@ use axum::Router;
 use metrics_exporter_prometheus::PrometheusHandle;
 
 use crate::app::App;
-use crate::fair::Places;
+use crate::fair::PermitPool;
 use state::{AppState, Shared};
 
 /// Components of the service that the HTTP layer needs.
@@ -68,7 +68,7 @@ pub fn routers(HttpParts { app, metrics, rates }: HttpParts, has_admin_listener:
         bodies: Arc::new(extract::body::budget()),
         documents: extract::conditional::Documents::default(),
         in_flight: Arc::default(),
-        event_streams: Places::new(limits.event_streams, limits.event_streams_per_sender),
+        event_streams: PermitPool::new(limits.event_streams, limits.event_streams_per_sender),
         rates,
         readiness: crate::app::readiness::Readiness::default(),
         metrics,

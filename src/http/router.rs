@@ -4,7 +4,7 @@ use axum::Router;
 use axum::http::{HeaderValue, header};
 use tower_http::set_header::SetResponseHeaderLayer;
 use utoipa::OpenApi;
-use utoipa::openapi::path::Parameter;
+use utoipa::openapi::path::{Operation, Parameter, ParameterIn};
 use utoipa::openapi::schema::{SchemaType, Type};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{Content, Ref, RefOr, ResponseBuilder, Schema};
@@ -13,7 +13,7 @@ use utoipa_axum::routes;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use super::extract::caller::PROBES;
-use super::problem::PROBLEM_JSON;
+use super::problem::{PROBLEM_JSON, Problem};
 use super::state::AppState;
 use super::{accounts, boards, catalogue, hidden, rewards, runs, service, submissions};
 
@@ -28,6 +28,7 @@ use super::{accounts, boards, catalogue, hidden, rewards, runs, service, submiss
         license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
     ),
     servers((url = "/", description = "This service")),
+    components(schemas(Problem)),
     tags(
         (name = "runs", description = "One agent's attempt at a suite."),
         (name = "submissions", description = "An agent's work on one task, and its report."),
@@ -121,36 +122,63 @@ pub fn trainers_elsewhere() -> Router<AppState> {
     Router::new().nest("/ng-rollout/{rollout}", gym()).nest("/with-key/{key}", all)
 }
 
-/// Adds what many operations share: the key that writing operations need, and the refusals without one or by rate
-/// limits.
+/// Completes the document with everything that holds for operations of a kind: the errors that they may answer with, and the
+/// key that writing needs.
+///
+/// An operation declares only the errors that are its own, without a body: every error is a problem.
 pub fn complete(document: &mut utoipa::openapi::OpenApi) {
     let bearer = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(
-        "A key created with `plumbline keys create`. Reading needs no key, nor does a service started with `--open`.",
+        "A key made by `plumbline keys create`. Reading needs none; a service started with `--open` asks for none.",
     ));
     let components = document.components.get_or_insert_default();
     components.add_security_scheme("key", SecurityScheme::Http(bearer.build()));
-    let problem = |description: &str| {
-        let content = Content::new(Some(Ref::from_schema_name("Problem")));
-        ResponseBuilder::new().description(description).content(PROBLEM_JSON, content).build()
-    };
     for (path, item) in &mut document.paths.paths {
-        for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
-            // Probes are exempt from rate limits.
-            if !PROBES.contains(&path.as_str()) {
-                let refused = problem("Too many requests from this key or address; come back").into();
-                operation.responses.responses.entry("429".to_owned()).or_insert(refused);
-            }
-            operation.security.get_or_insert_default();
+        for (operation, writes) in [(&mut item.get, false), (&mut item.post, true), (&mut item.delete, true)] {
+            let Some(operation) = operation else { continue };
             for parameter in operation.parameters.iter_mut().flatten() {
                 never_null(parameter);
             }
+            if writes {
+                operation.security = Some(vec![SecurityRequirement::new("key", [""; 0])]);
+            } else {
+                operation.security.get_or_insert_default();
+            }
+            add_errors(path, operation, writes);
         }
     }
-    let writing = document.paths.paths.values_mut().flat_map(|item| [&mut item.post, &mut item.delete]);
-    for operation in writing.flatten() {
-        operation.security = Some(vec![SecurityRequirement::new("key", [""; 0])]);
-        for (status, what) in [("401", "No key, or none that is live"), ("403", "The key does not allow this")] {
-            operation.responses.responses.insert(status.to_owned(), problem(what).into());
+}
+
+/// Adds the errors that follow from what an operation takes, and the form that all errors have.
+fn add_errors(path: &str, operation: &mut Operation, writes: bool) {
+    const BODY: &[(&str, &str)] = &[
+        ("400", "The body is not JSON"),
+        ("408", "The body came too slowly"),
+        ("413", "The body is too large"),
+        ("415", "The media type or the encoding of the body is not supported"),
+        ("422", "The body has faults; all of them are listed"),
+        ("503", "Busy; send the request again"),
+    ];
+    const KEY: &[(&str, &str)] = &[("401", "No key, or none that is live"), ("403", "The key does not allow this")];
+    let has = |place: ParameterIn| {
+        let mut all = operation.parameters.iter().flatten();
+        all.any(|parameter| matches!(parameter, RefOr::T(parameter) if parameter.parameter_in == place))
+    };
+    let mut errors: Vec<(&str, &str)> = Vec::new();
+    errors.extend(operation.request_body.iter().flat_map(|_| BODY));
+    errors.extend(writes.then_some(KEY).into_iter().flatten());
+    errors.extend(has(ParameterIn::Query).then_some(("400", "A parameter is wrong")));
+    errors.extend(has(ParameterIn::Path).then_some(("404", "There is nothing of this name")));
+    // Probes are never refused for being asked too often.
+    errors.extend((!PROBES.contains(&path)).then_some(("429", "Too many requests; send it again later")));
+    errors.extend((path != "/healthz").then_some(("500", "A failure of the service; send the request again")));
+    for (status, description) in errors {
+        let response = ResponseBuilder::new().description(description).build();
+        operation.responses.responses.entry(status.to_owned()).or_insert(response.into());
+    }
+    for (status, response) in &mut operation.responses.responses {
+        if let (true, RefOr::T(response)) = (status.starts_with(['4', '5']), response) {
+            let problem = Content::new(Some(Ref::from_schema_name("Problem")));
+            response.content.entry(PROBLEM_JSON.to_owned()).or_insert(problem.into());
         }
     }
 }

@@ -13,7 +13,7 @@ use super::extract::idempotency::InFlight;
 use super::middleware::rates::Rates;
 use crate::app::App;
 use crate::app::readiness::Readiness;
-use crate::fair::Places;
+use crate::fair::PermitPool;
 
 /// A handle to the state that handlers share. It is a single pointer, because every request clones it several times.
 #[derive(Debug, Clone)]
@@ -47,7 +47,7 @@ pub struct Shared {
     /// Cache of documents.
     pub documents: Documents,
     /// Slots for event streams.
-    pub event_streams: Arc<Places>,
+    pub event_streams: Arc<PermitPool>,
     /// Cache of the reveals of settled epochs, as they are sent.
     pub reveals: Cache<String, Bytes>,
     /// Feed that reads new events once for all streams.

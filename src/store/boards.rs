@@ -13,7 +13,7 @@ use plumbline_engine::tasks::Task;
 
 /// Position up to which a reader has read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Read {
+pub struct BoardCursor {
     /// Number of the last result.
     pub result: i64,
     /// Number of the last action.
@@ -43,7 +43,7 @@ from_row!(ActionRow { id, run_id, action, actor, reason, at_ms });
 
 /// Changes of a board since a reader's last position.
 #[derive(Debug, Default)]
-pub struct News {
+pub struct BoardUpdate {
     /// New results, in order.
     pub results: Vec<Finished>,
     /// New actions, in order.
@@ -51,7 +51,7 @@ pub struct News {
     /// Agents of the runs that were begun, one entry per run.
     pub begun: Vec<String>,
     /// Position after these changes.
-    pub read: Read,
+    pub read: BoardCursor,
 }
 
 /// Outcome of an action on a row.
@@ -70,7 +70,7 @@ impl Store {
     ///
     /// # Errors
     /// Returns an error if the database fails.
-    pub async fn board_news(&self, suite_id: &str, tasks: &[Task], read: Read) -> StoreResult<News> {
+    pub async fn board_update(&self, suite_id: &str, tasks: &[Task], read: BoardCursor) -> StoreResult<BoardUpdate> {
         let mut connection = self.readers.acquire().await?;
         // Start from the new rows, never from all runs of the suite: the unary plus keeps the planner off the index on
         // suite_id.
@@ -83,7 +83,7 @@ impl Store {
         .bind(suite_id)
         .fetch_all(&mut *connection)
         .await?;
-        let mut news = News { read, ..News::default() };
+        let mut news = BoardUpdate { read, ..BoardUpdate::default() };
         for row in &rows {
             news.read.result = row.try_get(0)?;
             match read_result(&mut connection, row, tasks).await {

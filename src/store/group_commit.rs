@@ -8,7 +8,7 @@ use std::sync::Arc;
 use sqlx::{Connection as _, SqliteConnection, SqlitePool};
 use tokio::sync::{Notify, mpsc, oneshot};
 
-use super::idempotency::{Before, Once};
+use super::idempotency::{IdempotencyKey, PriorRequest};
 use super::submissions::{Acceptability, Accepted, Decide, NewSubmission, accept_one};
 use super::{StoreError, StoreResult, commit};
 
@@ -21,7 +21,7 @@ const WAITING: usize = 1_024;
 #[derive(Debug)]
 pub(super) struct Acceptance {
     submissions: Arc<[NewSubmission]>,
-    once: Option<Once>,
+    once: Option<IdempotencyKey>,
     decide: Decide,
     now_ms: i64,
     answer: oneshot::Sender<StoreResult<Acceptability>>,
@@ -50,7 +50,7 @@ impl Acceptances {
     pub async fn store(
         &self,
         submissions: Arc<[NewSubmission]>,
-        once: Option<Once>,
+        once: Option<IdempotencyKey>,
         decide: Decide,
         now_ms: i64,
     ) -> StoreResult<Acceptability> {
@@ -115,9 +115,9 @@ async fn together(writer: &SqlitePool, group: &[Acceptance]) -> StoreResult<Vec<
 async fn store_request(tx: &mut SqliteConnection, request: &Acceptance) -> StoreResult<(Acceptability, bool)> {
     if let Some(once) = &request.once {
         match once.before(tx, request.now_ms).await? {
-            Before::Never => {}
-            Before::Done(result) => return Ok((Acceptability::Replayed(result), false)),
-            Before::OtherBody => return Ok((Acceptability::KeyUsedOtherwise, false)),
+            PriorRequest::Never => {}
+            PriorRequest::Done(result) => return Ok((Acceptability::Replayed(result), false)),
+            PriorRequest::OtherBody => return Ok((Acceptability::KeyUsedOtherwise, false)),
         }
     }
     let mut answers = Vec::with_capacity(request.submissions.len());

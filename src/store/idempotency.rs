@@ -9,7 +9,7 @@ pub const KEPT_MS: i64 = 24 * 60 * 60 * 1_000;
 
 /// Identifies a request that must be carried out only once.
 #[derive(Debug, Clone)]
-pub struct Once {
+pub struct IdempotencyKey {
     /// Owner of the API key that was used; empty if the service is open.
     pub owner: String,
     /// Value of the client's `Idempotency-Key`.
@@ -20,7 +20,7 @@ pub struct Once {
 
 /// Earlier use of an idempotency key.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Before {
+pub enum PriorRequest {
     /// The key was not used before.
     Never,
     /// The request was carried out; holds its result.
@@ -29,9 +29,9 @@ pub enum Before {
     OtherBody,
 }
 
-impl Once {
+impl IdempotencyKey {
     /// Looks up earlier use of the key, within the transaction.
-    pub(super) async fn before(&self, tx: &mut SqliteConnection, now_ms: i64) -> StoreResult<Before> {
+    pub(super) async fn before(&self, tx: &mut SqliteConnection, now_ms: i64) -> StoreResult<PriorRequest> {
         let found: Option<(String, String)> = sqlx::query_as(
             "SELECT body_hash, result FROM idempotency WHERE owner = $1 AND key = $2 AND created_at_ms > $3",
         )
@@ -41,9 +41,9 @@ impl Once {
         .fetch_optional(tx)
         .await?;
         Ok(match found {
-            None => Before::Never,
-            Some((hash, result)) if hash == self.body_hash => Before::Done(result),
-            Some(_) => Before::OtherBody,
+            None => PriorRequest::Never,
+            Some((hash, result)) if hash == self.body_hash => PriorRequest::Done(result),
+            Some(_) => PriorRequest::OtherBody,
         })
     }
 

@@ -3,7 +3,7 @@
 use super::entries::own_entries_in;
 use super::epochs::epoch_in;
 use super::evidence::witness;
-use super::idempotency::{Before, Once};
+use super::idempotency::{IdempotencyKey, PriorRequest};
 use super::reservations::{Room, held_in};
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::hidden::evidence::{EntryFact, Fact};
@@ -34,7 +34,7 @@ pub enum Registered {
     /// The entry is registered.
     New,
     /// The same request registered the entry before, under this identifier.
-    Before(String),
+    PriorRequest(String),
     /// The idempotency key was used for a different request.
     KeyUsedOtherwise,
     /// The epoch is not open.
@@ -59,15 +59,15 @@ impl Store {
     pub async fn register_entry(
         &self,
         new: &NewEntry<'_>,
-        once: Option<&Once>,
+        once: Option<&IdempotencyKey>,
         now_ms: i64,
     ) -> StoreResult<Registered> {
         let mut tx = self.begin().await?;
         if let Some(once) = once {
             match once.before(&mut tx, now_ms).await? {
-                Before::Never => once.keep(&mut tx, new.id, now_ms).await?,
-                Before::Done(id) => return Ok(Registered::Before(id)),
-                Before::OtherBody => return Ok(Registered::KeyUsedOtherwise),
+                PriorRequest::Never => once.keep(&mut tx, new.id, now_ms).await?,
+                PriorRequest::Done(id) => return Ok(Registered::PriorRequest(id)),
+                PriorRequest::OtherBody => return Ok(Registered::KeyUsedOtherwise),
             }
         }
         let epoch = epoch_in(&mut tx, new.epoch_id).await?;

@@ -6,7 +6,7 @@
 use sqlx::QueryBuilder;
 
 use super::events::{self, NewEvent};
-use super::idempotency::{Before, Once};
+use super::idempotency::{IdempotencyKey, PriorRequest};
 use super::job_ends::End;
 use super::run_ends::{end_if_complete, skip_tasks};
 use super::run_rows::{RunRow, Skip, read_run, run_in, select_run};
@@ -68,11 +68,16 @@ impl Store {
     ///
     /// # Errors
     /// Returns an error if the database fails.
-    pub async fn create_run(&self, run: &NewRun<'_>, once: Option<&Once>, now_ms: i64) -> StoreResult<Before> {
+    pub async fn create_run(
+        &self,
+        run: &NewRun<'_>,
+        once: Option<&IdempotencyKey>,
+        now_ms: i64,
+    ) -> StoreResult<PriorRequest> {
         let mut tx = self.begin().await?;
         if let Some(once) = once {
             let before = once.before(&mut tx, now_ms).await?;
-            if before != Before::Never {
+            if before != PriorRequest::Never {
                 return Ok(before);
             }
             once.keep(&mut tx, run.id, now_ms).await?;
@@ -91,7 +96,7 @@ impl Store {
         .execute(&mut *tx)
         .await?;
         commit(tx, "create_run").await?;
-        Ok(Before::Never)
+        Ok(PriorRequest::Never)
     }
 
     /// Returns the run with this identifier.

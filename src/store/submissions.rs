@@ -5,7 +5,7 @@ use std::sync::Arc;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row as _, SqliteConnection};
 
-use super::idempotency::Once;
+use super::idempotency::IdempotencyKey;
 use super::queue::{self, Lane, NewJob};
 use super::quota;
 use super::run_rows::{count, run_in};
@@ -205,7 +205,7 @@ impl Store {
     pub async fn accept(
         &self,
         submissions: Arc<[NewSubmission]>,
-        once: Option<Once>,
+        once: Option<IdempotencyKey>,
         decide: Decide,
         now_ms: i64,
     ) -> StoreResult<Acceptability> {

@@ -168,7 +168,7 @@ async fn a_new_receipt_key_is_told_and_the_log_verifies_under_both() {
     assert_eq!(log.json()["receipts"][1]["receipt"]["key_change"]["before"], json!(old), "{}", log.text);
     tokio::time::sleep(std::time::Duration::from_millis(100)).await;
     let said = restored.said.lock().unwrap().join("\n");
-    assert!(said.contains("another key from now on") && said.contains(&old), "{said}");
+    assert!(said.contains("a new key from now on") && said.contains(&old), "{said}");
     std::fs::write(path("log.json"), &log.text).unwrap();
     let verify = |keys: &[&str]| {
         let keys = keys.iter().flat_map(|key| ["--key", key]);

@@ -8,8 +8,6 @@ use crate::support::epoch::{CONFIGURATION, Scene, answer_to, id, run, said};
 use reqwest::StatusCode;
 use serde_json::{Value, json};
 
-const HOUR_MS: i64 = 3_600_000;
-
 #[tokio::test]
 async fn a_lab_goes_through_an_epoch_and_checks_what_it_revealed() {
     let scene = Scene::new(&[]);
@@ -138,7 +136,7 @@ fn verify_offline(scene: &Scene, key: &str) {
 
     // An instance taken out, and one drawn again.
     let text = std::fs::read_to_string(scene.file("reveal.json")).unwrap();
-    for (name, change) in [("lacks instance", 0), ("was drawn before", 1)] {
+    for (name, change) in [("lacks instance", 0), ("has the family and index of an earlier instance", 1)] {
         let mut reveal: Value = serde_json::from_str(&text).unwrap();
         let instances = reveal["instances"].as_array_mut().unwrap();
         let last = instances.pop().unwrap();

@@ -98,7 +98,7 @@ impl ReadRequest {
     /// code cannot be run. A faulty text of a model is no error, but earns a reward of 0.
     pub async fn prepare(self, app: &App, who: &Arc<str>) -> AppResult<Prepared> {
         let found = if self.is_small() { self.find_log()? } else { aside(move || self.find_log()).await? };
-        let _place = if found.has_code() { Some(place(app, who)?) } else { None };
+        let _permit = if found.has_code() { Some(place(app, who)?) } else { None };
         found.prepare(app, who).await
     }
 

@@ -17,7 +17,7 @@ use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::grading::{Cores, Unfinished, execute};
 use crate::app::limits::LIMITS;
 use crate::app::load::Connections;
-use crate::fair::{FairSlots, NoPlace, Place, Places};
+use crate::fair::{FairSlots, NoPermit, Permit, PermitPool};
 use crate::threads::yield_to_others;
 use plumbline_engine::grading::baseline::Baseline;
 use plumbline_engine::grading::cost::{Cost, cost};
@@ -106,8 +106,8 @@ impl Threads {
 /// Grader of the logs of requests that wait for the result.
 #[derive(Debug)]
 pub struct Grader {
-    waiting: Arc<Places>,
-    batches: Arc<Places>,
+    waiting: Arc<PermitPool>,
+    batches: Arc<PermitPool>,
     short: Threads,
     long: Threads,
     connections: Connections,
@@ -180,8 +180,8 @@ impl Grader {
             .then(|| Cache::with_weighter(cache_bytes.div_ceil(TYPICAL_BYTES), cache_bytes as u64, ByMemory));
         let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         Ok(Self {
-            waiting: Places::new(LIMITS.grades_waiting, LIMITS.grades_waiting_per_sender),
-            batches: Places::new(LIMITS.grade_batches, LIMITS.grade_batches_per_sender),
+            waiting: PermitPool::new(LIMITS.grades_waiting, LIMITS.grades_waiting_per_sender),
+            batches: PermitPool::new(LIMITS.grade_batches, LIMITS.grade_batches_per_sender),
             short: Threads::start("grade-short", cores, cores, SHORT_NICENESS)?,
             // A single sender leaves one slot free for others. A large build is split between the threads, so none
             // idles.
@@ -197,7 +197,7 @@ impl Grader {
     ///
     /// # Errors
     /// Returns 429 at once if no slot is free.
-    pub fn admit(&self, who: &Arc<str>) -> AppResult<Place> {
+    pub fn admit(&self, who: &Arc<str>) -> AppResult<Permit> {
         admitted(&self.waiting, who, "logs")
     }
 
@@ -205,7 +205,7 @@ impl Grader {
     ///
     /// # Errors
     /// Returns 429 at once if no slot is free.
-    pub fn admit_batch(&self, who: &Arc<str>) -> AppResult<Place> {
+    pub fn admit_batch(&self, who: &Arc<str>) -> AppResult<Permit> {
         admitted(&self.batches, who, "batches")
     }
 
@@ -377,12 +377,12 @@ pub fn note_panic(_panic: Box<dyn std::any::Any + Send>) {
     tracing::error!("work for a request panicked");
 }
 
-fn admitted(places: &Arc<Places>, who: &Arc<str>, what: &str) -> AppResult<Place> {
+fn admitted(places: &Arc<PermitPool>, who: &Arc<str>, what: &str) -> AppResult<Permit> {
     places.take(who).map_err(|no_place| {
         metrics::counter!("plumbline_grade_refused_total").increment(1);
         AppError::too_many(match no_place {
-            NoPlace::All => format!("many {what} are being graded; come back in a moment"),
-            NoPlace::Own => format!("many {what} of yours are being graded; come back in a moment"),
+            NoPermit::All => format!("many {what} are being graded; come back in a moment"),
+            NoPermit::Own => format!("many {what} of yours are being graded; come back in a moment"),
         })
     })
 }

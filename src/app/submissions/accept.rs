@@ -16,7 +16,7 @@ use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::replay::run_codes;
 use crate::clock::now_ms;
 use crate::store::StoreError;
-use crate::store::idempotency::Once;
+use crate::store::idempotency::IdempotencyKey;
 use crate::store::keys::Scope;
 use crate::store::queue::Lane;
 use crate::store::submissions::{Acceptability, Accepted, NewSubmission, PackedLog};
@@ -62,7 +62,7 @@ pub async fn accept(
     caller: &Caller,
     body: Bytes,
     format: Format,
-    once: Option<Once>,
+    once: Option<IdempotencyKey>,
 ) -> AppResult<Acceptance> {
     caller.require(Scope::Submit)?;
     let Checked { submissions, lines } = check(app, caller, body, format).await?;

@@ -15,11 +15,10 @@ use tokio::sync::broadcast;
 use super::event_feed::Batch;
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::clock::rfc3339;
-use crate::fair::Place;
+use crate::fair::Permit;
 use crate::http::extract::caller::Reader;
 use crate::http::extract::params;
 use crate::http::extract::params::Params;
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::events::{EventRow, EventsOf};
 use crate::store::states::RunState;
@@ -102,10 +101,7 @@ pub struct EventBody {
         (status = 200, description = "Events, until the client or the service closes the stream", body = String,
          content_type = "text/event-stream",
          example = "id: 7\nevent: submission\ndata: {\"run\":null,\"submission\":\"0198c0de-…\",\"state\":\"graded\",\"overall\":true,\"at\":\"…\"}\n\n"),
-        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "There is no such run or submission", body = Problem, content_type = "application/problem+json"),
-        (status = 429, description = "Too many streams; come back", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "There is no such run or submission"),
     )
 )]
 pub async fn get_events(
@@ -152,7 +148,7 @@ pub async fn get_events(
         has_ended,
         is_over: false,
         read: VecDeque::new(),
-        _place: place,
+        _permit: place,
     };
     let events = futures_util::stream::unfold(following, |mut following| async move {
         let event = following.next().await?;
@@ -211,7 +207,7 @@ struct Following {
     /// Whether no more events can follow because the followed run or submission has ended.
     is_over: bool,
     read: VecDeque<(EventRow, Event)>,
-    _place: Place,
+    _permit: Permit,
 }
 
 impl Following {

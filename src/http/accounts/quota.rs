@@ -9,7 +9,6 @@ use crate::app::error::AppResult;
 use crate::clock::rfc3339;
 use crate::http::catalogue::tasks::page_items;
 use crate::http::extract::params::Params;
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use crate::store::quota::QuotaEntry;
@@ -111,10 +110,8 @@ impl From<QuotaEntry> for QuotaEntryBody {
         (status = 200, description = "The quota", body = QuotaBody,
          example = json!({ "owner": "lab", "granted": 10_000, "used_before_first_grant": 0, "reserved": 2, "charged": 723, "left": 9_275,
                            "entries": [], "next_before": null })),
-        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
-        (status = 401, description = "No key, or none that is live", body = Problem, content_type = "application/problem+json"),
-        (status = 403, description = "Another owner's", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 401, description = "No key, or none that is live"),
+        (status = 403, description = "Another owner's"),
     )
 )]
 pub async fn get_quota(

@@ -11,7 +11,6 @@ use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
 use crate::clock::{now_ms, rfc3339};
 use crate::http::extract::body::{JsonBody, read_json};
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::boards::{Acted, ActionRow};
 use crate::store::keys::Scope;
@@ -79,8 +78,6 @@ pub struct BoardActions {
     params(("suite" = String, Path, description = "Name, or name@version", example = "mineceraft")),
     responses(
         (status = 200, description = "Actions, latest first", body = BoardActions, example = json!({ "actions": [] })),
-        (status = 404, description = "There is no such suite", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn list_board_actions(
@@ -125,13 +122,7 @@ pub enum HideOrRestore {
         (status = 200, description = "The action", body = BoardAction,
          example = json!({ "run": "0198c0de-0000-7000-8000-000000000000", "action": "hide", "actor": "operator",
                            "reason": "the logs are another agent's", "at": "2026-11-21T07:00:00.000Z" })),
-        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "There is no such finished run", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "It is so already", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "A fault", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "It is so already"),
     )
 )]
 pub async fn create_board_action(
@@ -195,8 +186,6 @@ impl Entry {
     responses(
         (status = 200, description = "The feed, latest first", body = String, content_type = "application/atom+xml",
          example = "<feed xmlns=\"http://www.w3.org/2005/Atom\">…</feed>"),
-        (status = 404, description = "There is no such suite", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_board_feed(

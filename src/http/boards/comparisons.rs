@@ -12,7 +12,6 @@ use crate::app::boards::Board;
 use crate::app::error::{AppError, AppResult};
 use crate::http::extract::conditional::tagged_json;
 use crate::http::extract::params::Params;
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::grading::standings::Standing;
@@ -143,9 +142,6 @@ fn standing<'b>(board: &'b Board, run: &str) -> AppResult<&'b Arc<Standing>> {
         (status = 200, description = "The rates", body = Breakdown,
          example = json!({ "suite": "mineceraft@2", "groups": ["walls"], "rows": [] })),
         (status = 304, description = "Not modified: If-None-Match names the current entity tag"),
-        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "There is no such suite or run", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_breakdown(
@@ -257,9 +253,6 @@ pub fn compare(board: &Board, a: &Standing, b: &Standing) -> Comparison {
         (status = 200, description = "The comparison", body = Comparison,
          example = json!({ "common": 723, "both": 200, "neither": 430, "only_a": [], "only_b": [], "p_value": 0.4 })),
         (status = 304, description = "Not modified: If-None-Match names the current entity tag"),
-        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "There is no such suite or run", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_comparison(

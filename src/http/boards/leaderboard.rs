@@ -14,7 +14,6 @@ use crate::app::error::{AppError, AppResult};
 use crate::clock::{milliseconds, rfc3339};
 use crate::http::catalogue::tasks::page_items;
 use crate::http::extract::params::{Params, wrong};
-use crate::http::problem::Problem;
 use crate::http::runs::body::RunProvenance;
 use crate::http::state::AppState;
 use plumbline_engine::grading::standings::Standing;
@@ -225,9 +224,6 @@ fn by_value(a: Option<f64>, b: Option<f64>, order: Direction) -> std::cmp::Order
          (String = "text/csv", example = "rank,first_place,last_place,run,agent\n"), (String = "application/x-ndjson", example = "{\"rank\":1}\n")),
          headers(("ETag" = String, description = "Strong entity tag"))),
         (status = 304, description = "Not modified: If-None-Match names the current entity tag"),
-        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "There is no such suite", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_leaderboard(

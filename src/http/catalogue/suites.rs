@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::http::extract::params::Params;
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::tasks::Suite;
@@ -125,7 +124,6 @@ impl SuiteBody {
     responses(
         (status = 200, description = "The suites", body = SuiteList,
          example = json!({ "suites": [{ "id": "mineceraft@2", "name": "mineceraft", "version": 2, "tasks": 723 }] })),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn list_suites(State(state): State<AppState>) -> AppResult<Json<SuiteList>> {
@@ -140,9 +138,6 @@ pub async fn list_suites(State(state): State<AppState>) -> AppResult<Json<SuiteL
     responses(
         (status = 200, description = "The suite", body = SuiteBody,
          example = json!({ "id": "mineceraft@2", "name": "mineceraft", "version": 2, "tasks": 723 })),
-        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "There is none of this name", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_suite(

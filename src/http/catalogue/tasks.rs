@@ -14,7 +14,6 @@ use crate::app::submissions::posted::near_tasks;
 use crate::http::extract::conditional::tagged_json;
 use crate::http::extract::params;
 use crate::http::extract::params::Params;
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::near::did_you_mean;
 use plumbline_engine::checks::{Check, Criterion};
@@ -219,9 +218,7 @@ fn lets_through(query: &TaskQuery, task: &Task) -> bool {
         (status = 200, description = "A page of tasks", headers(("ETag" = String, description = "Strong entity tag")), body = TaskPage,
          example = json!({ "suite": "mineceraft@2", "total": 723, "tasks": [], "next_after": 100 })),
         (status = 304, description = "Not modified: If-None-Match names the current entity tag"),
-        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "There is no such suite", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "There is no such suite"),
     )
 )]
 pub async fn list_tasks(
@@ -267,9 +264,6 @@ fn summary(task: &Task) -> TaskSummary {
         (status = 200, description = "The task", headers(("ETag" = String, description = "Strong entity tag")), body = TaskBody,
          example = json!({ "id": "walls/5x1x5-raise", "number": 113, "suite": "mineceraft@2", "turns": [] })),
         (status = 304, description = "Not modified: If-None-Match names the current entity tag"),
-        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "There is no such task", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_task(

@@ -9,7 +9,7 @@ use sha2::{Digest as _, Sha256};
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::limits::LIMITS;
-use crate::store::idempotency::Once;
+use crate::store::idempotency::IdempotencyKey;
 use plumbline_engine::tasks::hex;
 
 const HEADER: &str = "idempotency-key";
@@ -27,7 +27,7 @@ pub struct InFlight {
 #[derive(Debug)]
 pub struct Underway {
     /// Owner, key and hash of the request.
-    pub once: Once,
+    pub once: IdempotencyKey,
     all: Arc<InFlight>,
 }
 
@@ -57,7 +57,8 @@ impl InFlight {
             return Err(AppError::new(Kind::BadRequest, detail));
         }
         let body_hash = hex(&Sha256::new().chain_update(operation).chain_update([0]).chain_update(body).finalize());
-        let once = Once { owner: caller.owner().unwrap_or_default().to_owned(), key: key.to_owned(), body_hash };
+        let once =
+            IdempotencyKey { owner: caller.owner().unwrap_or_default().to_owned(), key: key.to_owned(), body_hash };
         let mut keys = self.keys.lock().unwrap_or_else(PoisonError::into_inner);
         if !keys.insert((once.owner.clone(), once.key.clone())) {
             let detail = "a request with this Idempotency-Key is still being processed; try again in a moment";

@@ -9,7 +9,6 @@ use serde::{Deserialize, Serialize};
 use super::epochs::stored_epoch;
 use crate::app::error::AppResult;
 use crate::http::extract::params::Params;
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::entries::{BoardOutcome, EntryRow};
 use crate::store::epochs::EpochRow;
@@ -84,9 +83,6 @@ pub async fn board_of(state: &AppState, epoch: &EpochRow, tier: Tier) -> AppResu
     responses(
         (status = 200, description = "The board", body = EpochBoard,
          example = json!({ "epoch": "2026-11", "tier": "official", "is_released": false, "registered": 3, "rows": [] })),
-        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "There is none of this name", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_epoch_leaderboard(

@@ -12,7 +12,6 @@ use crate::app::error::{AppError, AppResult};
 use crate::app::limits::LIMITS;
 use crate::clock::now_ms;
 use crate::http::extract::body::{JsonBody, read_json};
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::instances::Issued;
 use crate::store::keys::Scope;
@@ -49,14 +48,7 @@ pub struct InstanceList {
     responses(
         (status = 200, description = "The instances, with their prompts but without their checks", body = InstanceList,
          example = json!({ "instances": [{ "id": "5f0c…", "prompts": ["You stand at (0, 0, 0) …"], "expires_at": "2026-11-22T10:00:00.000Z" }] })),
-        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "There is no such entry", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "Drawn with another nonce, finalized, the epoch not open, or its pool used up", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "Faults, all of them", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "Drawn with another nonce, finalized, the epoch not open, or its pool used up"),
     )
 )]
 pub async fn create_instances(

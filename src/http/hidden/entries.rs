@@ -16,7 +16,6 @@ use crate::app::submissions::accept::key_reused;
 use crate::clock::{now_ms, rfc3339};
 use crate::http::extract::body::{JsonBody, read_json};
 use crate::http::extract::idempotency;
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::entries::EntryRow;
 use crate::store::epochs::EpochRow;
@@ -164,14 +163,7 @@ pub async fn own_entry(state: &AppState, caller: &Caller, id: &str) -> AppResult
     responses(
         (status = 201, description = "The entry", body = EntryBody, headers(("Location" = String, description = "URL of the entry")),
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000003", "epoch": "2026-11", "tier": "official", "state": "registered" })),
-        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "There is no such epoch", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "It is not open, its pool is used up, the owner has no entries left, or an official entry of another configuration", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "Faults, all of them", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "It is not open, its pool is used up, the owner has no entries left, or an official entry of another configuration"),
     )
 )]
 pub async fn create_entry(
@@ -214,7 +206,7 @@ pub async fn create_entry(
     let mut registered = id.clone();
     match state.store.register_entry(&entry, once, now_ms()).await? {
         Registered::New => {}
-        Registered::Before(before) => registered = before,
+        Registered::PriorRequest(before) => registered = before,
         Registered::KeyUsedOtherwise => return Err(key_reused()),
         Registered::NotOpen => return Err(not_open(&row)),
         Registered::TooMany(most) => {
@@ -287,8 +279,6 @@ pub fn not_open(epoch: &EpochRow) -> AppError {
     responses(
         (status = 200, description = "The entry", body = EntryBody,
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000003", "state": "complete", "result": { "passed": 20, "of": 26 } })),
-        (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_entry(State(state): State<AppState>, Path(id): Path<String>) -> AppResult<Json<EntryBody>> {
@@ -304,8 +294,6 @@ pub async fn get_entry(State(state): State<AppState>, Path(id): Path<String>) ->
     responses(
         (status = 200, description = "The entry", body = EntryBody,
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000003", "state": "finalized", "result": null })),
-        (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn finalize_entry(

@@ -13,7 +13,6 @@ use serde::Serialize;
 
 use crate::app::error::{AppError, AppResult};
 use crate::clock::{now_ms, rfc3339};
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::StoreError;
 use crate::store::entries::EntryRow;
@@ -154,7 +153,6 @@ pub async fn stored_epoch(state: &AppState, id: &str) -> AppResult<EpochRow> {
     get, path = "/v1/epochs", operation_id = "list_epochs", tag = "hidden evaluation", summary = "List epochs",
     responses(
         (status = 200, description = "The epochs", body = EpochList, example = json!({ "epochs": [] })),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn list_epochs(State(state): State<AppState>) -> AppResult<Json<EpochList>> {
@@ -172,8 +170,6 @@ pub async fn list_epochs(State(state): State<AppState>) -> AppResult<Json<EpochL
     responses(
         (status = 200, description = "The epoch", body = EpochBody,
          example = json!({ "id": "2026-11", "state": "open", "commitment": { "key_hash": "5891b5b5…", "root": "e258d248…" } })),
-        (status = 404, description = "There is none of this name", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_epoch(State(state): State<AppState>, Path(epoch): Path<String>) -> AppResult<Json<EpochBody>> {
@@ -182,7 +178,7 @@ pub async fn get_epoch(State(state): State<AppState>, Path(epoch): Path<String>)
 }
 
 /// Returns the epoch and its secret if the epoch is over, fully graded, and its key is available.
-async fn over(state: &AppState, id: &str) -> AppResult<(EpochRow, Arc<EpochSecret>)> {
+async fn sealed_epoch(state: &AppState, id: &str) -> AppResult<(EpochRow, Arc<EpochSecret>)> {
     let row = stored_epoch(state, id).await?;
     let now = now_ms();
     if !row.is_over(now) {
@@ -222,13 +218,11 @@ fn revealed_entry(row: EntryRow) -> RevealedEntry {
     responses(
         (status = 200, description = "The reveal", body = Object,
          example = json!({ "key": "6f1e…", "specifications": [{ "leaf": 0, "salt": "9a0c…", "hash": "77de…" }] })),
-        (status = 404, description = "There is none of this name", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "It is not over, its last answers are being graded, or its key was lost", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "It is not over, its last answers are being graded, or its key was lost"),
     )
 )]
 pub async fn get_epoch_reveal(State(state): State<AppState>, Path(epoch): Path<String>) -> AppResult<Response> {
-    let (row, secret) = over(&state, &epoch).await?;
+    let (row, secret) = sealed_epoch(&state, &epoch).await?;
     let json = [(header::CONTENT_TYPE, "application/json")];
     if let Some(made) = state.reveals.get(&epoch) {
         return Ok((json, made).into_response());
@@ -287,14 +281,12 @@ pub async fn get_epoch_reveal(State(state): State<AppState>, Path(epoch): Path<S
     responses(
         (status = 200, description = "One JSON object per line, with instance and log", body = String, content_type = "application/x-ndjson",
          example = "{\"instance\":\"5f0c…\",\"log\":{\"palette\":[\"stone\"],\"turns\":[[[0,0,0,0]]]}}\n"),
-        (status = 404, description = "There is none of this name", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "It is not over, or its key was lost", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "It is not over, or its key was lost"),
     )
 )]
 pub async fn get_epoch_answers(State(state): State<AppState>, Path(epoch): Path<String>) -> AppResult<Response> {
     const AT_ONCE: i64 = 10;
-    let (row, _secret) = over(&state, &epoch).await?;
+    let (row, _secret) = sealed_epoch(&state, &epoch).await?;
     let lines = stream::try_unfold((state, row, 0), |(state, row, after)| async move {
         let page = state.store.answers(row.id(), after, AT_ONCE).await?;
         let Some((last, _, _)) = page.last() else { return Ok::<_, StoreError>(None) };

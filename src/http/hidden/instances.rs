@@ -20,7 +20,6 @@ use crate::app::submissions::decision::decide;
 use crate::app::submissions::posted::Format;
 use crate::clock::{now_ms, rfc3339};
 use crate::http::extract::body::JsonBody;
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::http::submissions::schema::{NewTurn, StoredLogBody};
 use crate::store::epochs::HIDDEN_SUITE;
@@ -107,10 +106,8 @@ async fn own_instance(state: &AppState, caller: &Caller, id: &str) -> AppResult<
     responses(
         (status = 200, description = "The instance", body = InstanceBody,
          example = json!({ "id": "5f0c…", "prompts": ["You stand at (0, 0, 0) …"], "answered": false })),
-        (status = 401, description = "No key", body = Problem, content_type = "application/problem+json"),
-        (status = 403, description = "It is another owner's", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 401, description = "No key"),
+        (status = 403, description = "It is another owner's"),
     ),
     security(("key" = []))
 )]
@@ -170,16 +167,7 @@ pub struct AnswerTaken {
     responses(
         (status = 202, description = "The answer is stored durably and will be graded", body = AnswerTaken,
          example = json!({ "instance": "5f0c…", "log_sha256": "9f86d081…", "repeated": false })),
-        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
-        (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "Answered by another log, expired, or closed", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "Faults, all of them", body = Problem, content_type = "application/problem+json"),
-        (status = 429, description = "Too much action code waits; come back", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "Answered by another log, expired, or closed"),
     )
 )]
 pub async fn answer_instance(
@@ -313,11 +301,7 @@ fn new_submission(
     responses(
         (status = 200, description = "The transcript matches the promised hash", body = InstanceBody,
          example = json!({ "id": "5f0c…", "transcript_checked_at": "2026-11-22T10:00:00.000Z" })),
-        (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "None was promised, or another, or the epoch is over", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "None was promised, or another, or the epoch is over"),
     )
 )]
 pub async fn check_transcript(
@@ -353,9 +337,7 @@ pub async fn check_transcript(
     responses(
         (status = 200, description = "The task and the report", body = Object,
          example = json!({ "task": { "id": "slabs/00017" }, "report": { "overall": true } })),
-        (status = 404, description = "There is none with this id, or no answer was graded", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "Its epoch is not over", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "Its epoch is not over"),
     )
 )]
 pub async fn get_instance_report(State(state): State<AppState>, Path(id): Path<String>) -> AppResult<Json<Value>> {
@@ -382,8 +364,6 @@ pub async fn get_instance_report(State(state): State<AppState>, Path(id): Path<S
     responses(
         (status = 200, description = "The receipt", body = ReceiptFile,
          example = json!({ "seq": 12, "receipt": null, "hash": "2c26b46b…", "link": "fcde2b2e…" })),
-        (status = 404, description = "There is none with this id, or its entry is not complete", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_instance_receipt(

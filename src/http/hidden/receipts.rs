@@ -8,7 +8,6 @@ use crate::app::error::{AppError, AppResult};
 use crate::clock::now_ms;
 use crate::http::catalogue::tasks::page_items;
 use crate::http::extract::params::Params;
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use plumbline_engine::hidden::receipts::{LogHead, LogPage, ReceiptFile};
 
@@ -31,8 +30,6 @@ pub struct LogQuery {
     params(LogQuery),
     responses(
         (status = 200, description = "A page of the log", body = LogPage, example = json!({ "receipts": [], "next_after": null, "head": null })),
-        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn list_receipts(State(state): State<AppState>, Params(query): Params<LogQuery>) -> AppResult<Json<LogPage>> {
@@ -56,8 +53,6 @@ pub async fn list_receipts(State(state): State<AppState>, Params(query): Params<
     responses(
         (status = 200, description = "The receipt", body = ReceiptFile,
          example = json!({ "seq": 1, "receipt": { "overall": true }, "hash": "2c26b46b…", "signature": "b5bb9d80…" })),
-        (status = 404, description = "There is no such submission, or it has no receipt yet", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_receipt(State(state): State<AppState>, Path(id): Path<String>) -> AppResult<Json<ReceiptFile>> {
@@ -83,7 +78,6 @@ pub struct ReceiptKeys {
     summary = "Get the public keys of receipts",
     responses(
         (status = 200, description = "The keys", body = ReceiptKeys, example = json!({ "public_key": "d75a9801…", "all": ["d75a9801…"] })),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_receipt_keys(State(state): State<AppState>) -> AppResult<Json<ReceiptKeys>> {

@@ -68,14 +68,6 @@ pub struct BatchItem {
     responses(
         (status = 200, description = "One `BatchItem` per line", body = String, content_type = "application/x-ndjson",
          example = "{\"index\":0,\"status\":200,\"reward\":1.0}\n"),
-        (status = 400, description = "Not JSON as a whole", body = Problem, content_type = "application/problem+json"),
-        (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "Neither JSON nor NDJSON", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "Too many logs", body = Problem, content_type = "application/problem+json"),
-        (status = 429, description = "Too much to do; come back", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn grade_batch(State(state): State<AppState>, caller: Caller, body: JsonBody) -> AppResult<Response> {

@@ -13,7 +13,6 @@ use crate::app::rewards::request::Detail;
 use crate::app::rewards::score::GradeBody;
 use crate::app::submissions::posted::Format;
 use crate::http::extract::body::JsonBody;
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::http::submissions::schema::{NewTurn, StoredLogBody};
 use crate::store::keys::Scope;
@@ -156,15 +155,7 @@ const QUICK_BYTES: usize = 128 << 10;
          headers(("x-plumbline-cache" = String, description = "`hit` if the result came from the cache, else `miss`")),
          example = json!({ "task": "walls/5x1x5-raise", "reward": 1.0, "scheme": "strict", "overall": true, "accuracy": true,
                            "criteria": [], "checks": [], "timings": { "read_us": 20, "grade_us": 30 } })),
-        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "Faults, all of them", body = Problem, content_type = "application/problem+json"),
-        (status = 429, description = "Too much to do; come back", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Busy or stopping; come back", body = Problem, content_type = "application/problem+json"),
-        (status = 504, description = "The deadline passed", body = Problem, content_type = "application/problem+json"),
+        (status = 504, description = "The deadline passed"),
     )
 )]
 pub async fn grade(State(state): State<AppState>, caller: Caller, body: JsonBody) -> AppResult<Response> {
@@ -174,7 +165,7 @@ pub async fn grade(State(state): State<AppState>, caller: Caller, body: JsonBody
         return Err(AppError::not_ndjson("send many logs to /v1/grade:batch"));
     }
     let who = caller.who();
-    let _place = state.grader.admit(who).map_err(AppError::without_reward)?;
+    let _permit = state.grader.admit(who).map_err(AppError::without_reward)?;
     let catalogue = state.store.catalogue();
     let request = if bytes.len() <= QUICK_BYTES {
         ReadRequest::read(&bytes, &catalogue)?

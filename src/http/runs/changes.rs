@@ -10,7 +10,6 @@ use crate::app::error::{AppError, AppResult};
 use crate::app::submissions::posted::TaskRef;
 use crate::clock::now_ms;
 use crate::http::extract::body::{JsonBody, read_json};
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::http::submissions::schema::TaskName;
 use crate::store::keys::Scope;
@@ -53,13 +52,9 @@ pub enum SkipAll {
     params(("id" = String, Path, description = "The run's id")),
     request_body(content = Option<FinishBody>, content_type = "application/json"),
     responses(
-        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "It was deleted, or finished before with other tasks skipped", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "Tasks that cannot be skipped", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "It was deleted, or finished before with other tasks skipped"),
         (status = 200, description = "The run; its state is finishing or finished", body = RunBody,
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000000", "state": "finishing", "pending": 2 })),
-        (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn finish_run(
@@ -146,9 +141,7 @@ fn refuse_unless_done(changed: &RunChanged, id: &str) -> AppResult<()> {
     responses(
         (status = 200, description = "The deleted run", body = RunBody,
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000000", "state": "deleted", "pending": 0 })),
-        (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "It is not open any more", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "It is not open any more"),
     )
 )]
 pub async fn delete_run(

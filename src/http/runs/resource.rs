@@ -18,10 +18,9 @@ use crate::http::catalogue::tasks::page_items;
 use crate::http::extract::body::JsonBody;
 use crate::http::extract::idempotency;
 use crate::http::extract::params::{Params, wrong};
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::http::submissions::schema::SubmissionBody;
-use crate::store::idempotency::Before;
+use crate::store::idempotency::PriorRequest;
 use crate::store::keys::Scope;
 use crate::store::run_rows::RunRow;
 use crate::store::runs::{NewRun, RunsWanted};
@@ -107,13 +106,6 @@ impl From<RunRow> for RunBody {
         (status = 201, description = "The run", body = RunBody, headers(("Location" = String, description = "Its URL")),
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000000", "agent": "my-agent 1.2", "suite": "mineceraft@1",
                            "state": "open", "tasks": 723, "pending": 0, "graded": 0, "grader_errors": 0 })),
-        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "Neither JSON nor NDJSON", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "Faults, all of them", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn create_run(
@@ -155,9 +147,9 @@ pub async fn create_run(
     let new = NewRun { id: &id, agent: &agent, suite_id: &suite_id, metadata, owner, provenance: provenance.name() };
     let once = underway.as_ref().map(|underway| &underway.once);
     let (id, is_replayed) = match state.store.create_run(&new, once, now_ms()).await? {
-        Before::Never => (id, false),
-        Before::Done(id) => (id, true),
-        Before::OtherBody => return Err(key_reused()),
+        PriorRequest::Never => (id, false),
+        PriorRequest::Done(id) => (id, true),
+        PriorRequest::OtherBody => return Err(key_reused()),
     };
     let run = run_body(&state, &id).await?;
     // The run as it was at its creation, even if the response is repeated later.
@@ -194,8 +186,6 @@ pub async fn run_body(state: &AppState, id: &str) -> AppResult<RunBody> {
     responses(
         (status = 200, description = "The run", body = RunBody,
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000000", "state": "finished", "tasks": 723, "graded": 723 })),
-        (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_run(State(state): State<AppState>, Path(id): Path<String>) -> AppResult<Json<RunBody>> {
@@ -247,9 +237,7 @@ pub struct RunPage {
     params(RunsQuery),
     responses(
         (status = 200, description = "A page of runs", body = RunPage, example = json!({ "runs": [], "next_after": null })),
-        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
-        (status = 401, description = "Whose are mine? No key was sent", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 401, description = "Whose are mine? No key was sent"),
     )
 )]
 pub async fn list_runs(
@@ -329,9 +317,6 @@ pub struct SubmissionPage {
     responses(
         (status = 200, description = "A page of submissions", body = SubmissionPage,
          example = json!({ "submissions": [], "next_after": null })),
-        (status = 400, description = "A parameter is wrong", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "There is no such run", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn list_run_submissions(

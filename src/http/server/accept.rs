@@ -23,7 +23,7 @@ use tower::ServiceExt as _;
 use super::impatient::Impatient;
 use crate::app::limits::LIMITS;
 use crate::app::load::{Connections, OpenConnection};
-use crate::fair::{Place, Places};
+use crate::fair::{Permit, PermitPool};
 use crate::http::middleware::rates::{Peer, network};
 
 /// How long responses may take to finish after a shutdown is requested.
@@ -38,7 +38,7 @@ const ACCEPT_PAUSE: Duration = Duration::from_millis(50);
 struct Open {
     _counted: OpenConnection,
     _slot: OwnedSemaphorePermit,
-    _place: Place,
+    _permit: Permit,
 }
 
 /// Serves until `stop` is cancelled, then lets open responses finish. Each address may have `per_address` open
@@ -54,15 +54,16 @@ pub async fn serve(
     stop: CancellationToken,
 ) -> std::io::Result<()> {
     let serving = tokio::runtime::Handle::current();
-    let places = Places::new(LIMITS.connections, per_address);
-    let door = Door { router, connections, places, graceful: GracefulShutdown::new(), serving, stop: stop.clone() };
+    let permits = PermitPool::new(LIMITS.connections, per_address);
+    let acceptor =
+        Acceptor { router, connections, permits, graceful: GracefulShutdown::new(), serving, stop: stop.clone() };
     let listener = listener.into_std()?;
     let (closed, is_closed) = oneshot::channel();
     std::thread::Builder::new().name("accept".to_owned()).spawn(move || {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-        let opened = runtime.and_then(|runtime| runtime.block_on(door.keep_open(listener, &stop)));
+        let opened = runtime.and_then(|runtime| runtime.block_on(acceptor.run(listener, &stop)));
         // The receiver may have been dropped.
-        let _ = closed.send(opened.map(|()| door.graceful));
+        let _ = closed.send(opened.map(|()| acceptor.graceful));
     })?;
     let graceful = is_closed.await.map_err(std::io::Error::other)??;
     tokio::select! {
@@ -73,17 +74,17 @@ pub async fn serve(
 }
 
 /// Acceptor of connections, which hands them to the threads that serve.
-struct Door {
+struct Acceptor {
     router: Router,
     connections: Connections,
-    places: Arc<Places>,
+    permits: Arc<PermitPool>,
     graceful: GracefulShutdown,
     serving: tokio::runtime::Handle,
     stop: CancellationToken,
 }
 
-impl Door {
-    async fn keep_open(&self, listener: std::net::TcpListener, stop: &CancellationToken) -> std::io::Result<()> {
+impl Acceptor {
+    async fn run(&self, listener: std::net::TcpListener, stop: &CancellationToken) -> std::io::Result<()> {
         let listener = TcpListener::from_std(listener)?;
         let slots = Arc::new(Semaphore::new(LIMITS.connections));
         loop {
@@ -97,7 +98,7 @@ impl Door {
                 () = stop.cancelled() => return Ok(()),
             };
             match accepted {
-                Ok((stream, peer)) => self.let_in(stream, peer, slot),
+                Ok((stream, peer)) => self.spawn_connection(stream, peer, slot),
                 Err(error) => {
                     tracing::warn!(%error, "could not accept a connection");
                     tokio::time::sleep(ACCEPT_PAUSE).await;
@@ -106,12 +107,12 @@ impl Door {
         }
     }
 
-    fn let_in(&self, stream: std::net::TcpStream, peer: SocketAddr, slot: OwnedSemaphorePermit) {
-        let Ok(place) = self.places.take(&Arc::from(network(peer.ip()).to_string())) else {
+    fn spawn_connection(&self, stream: std::net::TcpStream, peer: SocketAddr, slot: OwnedSemaphorePermit) {
+        let Ok(permit) = self.permits.take(&Arc::from(network(peer.ip()).to_string())) else {
             metrics::counter!("plumbline_connections_refused_total").increment(1);
             return;
         };
-        let open = Open { _counted: self.connections.count(), _slot: slot, _place: place };
+        let open = Open { _counted: self.connections.count(), _slot: slot, _permit: permit };
         let (router, graceful, stop) = (self.router.clone(), self.graceful.watcher(), self.stop.clone());
         self.serving.spawn(async move {
             let _open = open;

@@ -5,7 +5,6 @@ use axum::extract::State;
 use serde::Serialize;
 
 use crate::app::error::{AppError, AppResult, Kind};
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 
 /// Status of the service.
@@ -36,7 +35,7 @@ pub async fn get_health() -> Json<Health> {
     get, path = "/readyz", operation_id = "get_readiness", tag = "service", summary = "Check readiness",
     responses(
         (status = 200, description = "Ready", body = Health, example = json!({ "status": "ok", "version": "0.1.0" })),
-        (status = 503, description = "It is not", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "It is not"),
     )
 )]
 pub async fn get_readiness(State(state): State<AppState>) -> AppResult<Json<Health>> {

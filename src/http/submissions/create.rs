@@ -12,7 +12,6 @@ use crate::app::submissions::accept::{Acceptance, accept, validate};
 use crate::app::submissions::posted::Format;
 use crate::http::extract::body::JsonBody;
 use crate::http::extract::idempotency;
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
 
@@ -30,16 +29,7 @@ use crate::store::keys::Scope;
         (status = 202, description = "Accepted; for NDJSON, a list in the order of the lines", body = AcceptedAnswer,
          headers(("Location" = String, description = "URL of the submission; only for a JSON body")),
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000001", "repeated": false })),
-        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The task was answered otherwise, or the run takes no more", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "Neither JSON nor NDJSON", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "Faults, all of them", body = Problem, content_type = "application/problem+json"),
-        (status = 429, description = "Too much action code waits; come back", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The task was answered otherwise, or the run takes no more"),
     )
 )]
 pub async fn create_submission(
@@ -80,16 +70,7 @@ fn accepted_answer(accepted: Vec<AcceptedBody>, format: Format) -> Response {
         (status = 200, description = "All submissions would be accepted", body = ValidatedList,
          example = json!({ "submissions": [{ "suite": "mineceraft@2", "number": 113, "turns": 1, "events": 25,
                                             "log_hash": "9f86d081884c7d65…", "repeated": false }] })),
-        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The task was answered otherwise, or the run takes no more", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "Neither JSON nor NDJSON", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "Faults, all of them", body = Problem, content_type = "application/problem+json"),
-        (status = 429, description = "Too much action code waits; come back", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The task was answered otherwise, or the run takes no more"),
     )
 )]
 pub async fn validate_submission(

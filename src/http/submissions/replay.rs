@@ -9,7 +9,6 @@ use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
 use crate::app::replay::{ReplayedEvent, replay, told};
 use crate::http::extract::body::{JsonBody, read_json};
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
@@ -50,14 +49,6 @@ pub struct ReplayBody {
         (status = 200, description = "The recorded events", body = ReplayBody,
          example = json!({ "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }], "dropped": [],
                            "error": null, "notes": [] })),
-        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "A fault, or a limit that the code reached", body = Problem, content_type = "application/problem+json"),
-        (status = 429, description = "Too much to do; come back", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn replay_action_code(

@@ -11,7 +11,6 @@ use super::state::stored;
 use crate::app::error::{AppError, AppResult};
 use crate::clock::rfc3339;
 use crate::http::extract::params::Params;
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::states::SubmissionState;
 use plumbline_engine::grading::Report;
@@ -71,10 +70,7 @@ pub struct ReportQuery {
         (status = 200, description = "The report", body = ReportBody,
          example = json!({ "submission": "0198c0de-0000-7000-8000-000000000001", "overall": true, "accuracy": true,
                            "criteria": [], "turns": [], "advisories": [] })),
-        (status = 404, description = "There is no such submission", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "It is not graded, not yet or not at all", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "It is not graded, not yet or not at all"),
     )
 )]
 pub async fn get_report(
@@ -112,8 +108,6 @@ pub async fn get_report(
     responses(
         (status = 200, description = "The log: one palette, and rows `[x, y, z, i]` or `[x, y, z]` for each turn. The member `log` of a submission takes the same form", body = StoredLogBody,
          example = json!({ "palette": ["stone"], "turns": [[[0, 0, 0, 0]]] })),
-        (status = 404, description = "There is no such submission", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_log(State(state): State<AppState>, Path(id): Path<String>) -> AppResult<Response> {

@@ -7,7 +7,6 @@ use super::schema::SubmissionBody;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
 use crate::clock::now_ms;
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use crate::store::states::SubmissionState;
@@ -29,8 +28,6 @@ pub async fn stored(state: &AppState, id: &str) -> AppResult<SubmissionRow> {
     responses(
         (status = 200, description = "The submission", body = SubmissionBody,
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000001", "state": "graded", "overall": true })),
-        (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_submission(State(state): State<AppState>, Path(id): Path<String>) -> AppResult<Json<SubmissionBody>> {
@@ -57,9 +54,7 @@ async fn body_of(state: &AppState, row: SubmissionRow) -> AppResult<SubmissionBo
     responses(
         (status = 200, description = "The submission; its state is cancelled", body = SubmissionBody,
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000001", "state": "cancelled" })),
-        (status = 404, description = "There is none with this id", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "It has ended already", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "It has ended already"),
     )
 )]
 pub async fn cancel_submission(

@@ -15,7 +15,6 @@ use crate::app::submissions::stress::{StressedStructure, of_submission};
 use crate::http::extract::caller::Reader;
 use crate::http::extract::conditional::has_tag;
 use crate::http::extract::params::Params;
-use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::reports::GRADER;
 use plumbline_engine::elasticity::field::{FIELD_VERSION, Field, Method};
@@ -139,14 +138,8 @@ pub enum StressAnswer {
          ),
          headers(("ETag" = String, description = "Tag of log, method, turn, format and grader; for If-None-Match"))),
         (status = 304, description = "The client already has the field"),
-        (status = 400, description = "A query that cannot be read", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "There is no such submission or turn", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 422, description = "More blocks than stress is computed for, or it takes too long", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too many ask for stress; come back", body = Problem,
-         content_type = "application/problem+json"),
+        (status = 422, description = "More blocks than stress is computed for, or it takes too long"),
+        (status = 503, description = "Too many ask for stress; come back"),
     )
 )]
 pub async fn get_stress(

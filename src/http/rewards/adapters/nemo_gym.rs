@@ -17,7 +17,6 @@ use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
 use crate::app::rewards::judge::judge;
 use crate::http::extract::body::JsonBody;
-use crate::http::problem::Problem;
 use crate::http::rewards::single::SchemeBody;
 use crate::http::state::AppState;
 use crate::http::submissions::schema::TaskName;
@@ -90,8 +89,6 @@ pub struct SessionAnswer {
     request_body(content = SessionRequest, content_type = "application/json"),
     responses(
         (status = 200, description = "The session's id, or an empty object", body = SessionAnswer, example = json!({})),
-        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn seed_session(caller: Caller, body: JsonBody) -> AppResult<Response> {
@@ -105,8 +102,6 @@ pub async fn seed_session(caller: Caller, body: JsonBody) -> AppResult<Response>
     request_body(content = SessionRequest, content_type = "application/json"),
     responses(
         (status = 200, description = "The session's id, or an empty object", body = SessionAnswer, example = json!({})),
-        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn close_session(caller: Caller, body: JsonBody) -> AppResult<Response> {
@@ -129,7 +124,6 @@ fn session(body: &JsonBody) -> AppResult<Response> {
     get, path = "/reverify_mode", operation_id = "reverify_mode", tag = "rewards", summary = "NeMo Gym: get reverification mode",
     responses(
         (status = 200, description = "The mode", body = String, content_type = "application/json", example = json!("stateless")),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn reverify_mode() -> Json<&'static str> {
@@ -151,21 +145,13 @@ pub async fn reverify_mode() -> Json<&'static str> {
         (status = 200, description = "The request with its reward; a nested request is not repeated", body = VerifyAnswer,
          example = json!({ "reward": 1.0, "reward_components": { "overall": 1.0, "material": 1.0 }, "reward_overall": 1.0,
                            "reward_material": 1.0, "mask_sample": false })),
-        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "No task, none of this name, no response, or a misspelt option", body = Problem, content_type = "application/problem+json"),
-        (status = 429, description = "Too much to do; come back", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
-        (status = 504, description = "The deadline passed", body = Problem, content_type = "application/problem+json"),
+        (status = 504, description = "The deadline passed"),
     )
 )]
 pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBody) -> AppResult<Json<Value>> {
     caller.require(Scope::Grade)?;
     let who = caller.who();
-    let _place = state.grader.admit(who).map_err(AppError::without_reward)?;
+    let _permit = state.grader.admit(who).map_err(AppError::without_reward)?;
     let catalogue = state.store.catalogue();
     let reading = tokio::task::spawn_blocking(move || {
         let request = object(&body.bytes)?;

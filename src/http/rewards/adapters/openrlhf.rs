@@ -107,22 +107,13 @@ pub struct SampleProblem {
         (status = 200, description = "Rewards in the order of the samples", body = Rewards,
          example = json!({ "rewards": [1.0], "scores": [1.0],
                            "extra_logs": { "overall": [1.0], "criteria_mean": [1.0], "readable": [1.0] } })),
-        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 408, description = "Too slow", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "Too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "Not JSON by its type", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "No label names a task, or lists of different lengths", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 429, description = "Too much to do; come back", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A failure of ours", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Busy; come back", body = Problem, content_type = "application/problem+json"),
-        (status = 504, description = "A deadline passed", body = Problem, content_type = "application/problem+json"),
+        (status = 504, description = "A deadline passed"),
     )
 )]
 pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: JsonBody) -> AppResult<Json<Rewards>> {
     caller.require(Scope::Grade)?;
     let who = caller.who();
-    let _place = state.grader.admit_batch(who).map_err(AppError::without_reward)?;
+    let _permit = state.grader.admit_batch(who).map_err(AppError::without_reward)?;
     let catalogue = state.store.current_catalogue().await?;
     let reading = tokio::task::spawn_blocking(move || read(&body));
     let query = reading.await.map_err(|error| AppError::internal(&error))??;
