@@ -5,9 +5,10 @@ use std::process::ExitCode;
 use clap::Parser as _;
 use plumbline::cli::{Cli, run};
 
-/// Requests are allocated on one thread and freed on another, which makes threads contend in glibc's allocator.
+/// Requests are taken up on one thread and dropped on another; the allocator of glibc makes these threads wait for each other.
+#[cfg(feature = "jemalloc")]
 #[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+static ALLOCATOR: tikv_jemallocator::Jemalloc = tikv_jemallocator::Jemalloc;
 
 fn main() -> ExitCode {
     let cli = Cli::parse();

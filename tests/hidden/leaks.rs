@@ -203,6 +203,8 @@ async fn observe(solves: bool) -> Observed {
         .filter(|name| !name.starts_with('#'))
         .collect();
     seen.0.push(("metrics".to_owned(), format!("{names:?}")));
+    // The log is written by a thread of its own.
+    tokio::time::sleep(std::time::Duration::from_millis(500)).await;
     let said = service.said.lock().unwrap().join("\n").replace(scene.folder.path().to_str().unwrap(), "FOLDER");
     let log: Vec<&str> = said.lines().filter(|line| !is_chance(line)).collect();
     seen.0.push(("log".to_owned(), plain(&log.join("\n"))));
