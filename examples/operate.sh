@@ -11,7 +11,10 @@ key=$("$plumbline" keys create --name my-lab --scopes submit,grade --expires 90d
 "$plumbline" keys rotate "$(cut -d_ -f2 <<< "$key")" --overlap 24
 "$plumbline" quota grant --name my-lab --submissions 10000 --reason 'autumn trial'
 
-"$plumbline" epochs create 2026-12 --opens 2026-12-01T00:00:00Z --closes 2027-01-01T00:00:00Z --per-instance 2
+# It opens in a week and lasts a month.
+opens=$(date -u -d '+7 days' +%Y-%m-%dT00:00:00Z)
+closes=$(date -u -d '+37 days' +%Y-%m-%dT00:00:00Z)
+"$plumbline" epochs create autumn --opens "$opens" --closes "$closes" --per-instance 2
 "$plumbline" epochs list
 
 "$plumbline" backup plumbline-backup.db

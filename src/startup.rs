@@ -144,8 +144,9 @@ impl RunningService {
         };
         let app = Arc::new(app);
         tokio::spawn(keep_up(metrics.clone(), Arc::clone(&app), Arc::clone(&rates), stop.clone()));
+        tokio::spawn(keep_uses(Arc::clone(&app), stop.clone()));
         let parts = HttpParts { app: Arc::clone(&app), metrics, rates };
-        let routers = http::routers(parts, admin_listener.is_some())?;
+        let routers = http::routers(parts, admin_listener.is_some());
         // All clients behind a proxy share its address.
         let per_address = if config.settings.rates.is_behind_proxy {
             LIMITS.connections
@@ -188,9 +189,7 @@ impl RunningService {
             }
         }
         self.workers.shut_down().await;
-        if let Err(error) = self.app.keys.store_uses(&self.app.store).await {
-            tracing::warn!(?error, "could not store when keys were last used");
-        }
+        store_uses(&self.app).await;
         self.app.store.close().await;
     }
 }
@@ -214,8 +213,7 @@ async fn receipt_key_notice(store: &Store, signer: &Signer) -> anyhow::Result<Op
 }
 
 /// Runs upkeep every few seconds: forgets idle clients in the rate limits, folds samples of histograms together, which
-/// would pile up if nobody reads the metrics, loads suites that another process has added, and stores when keys were
-/// last used.
+/// would pile up if nobody reads the metrics, and loads suites that another process has added.
 async fn keep_up(metrics: PrometheusHandle, app: Arc<App>, rates: Arc<Rates>, stop: CancellationToken) {
     const EVERY: Duration = Duration::from_secs(5);
     while stop.run_until_cancelled(tokio::time::sleep(EVERY)).await.is_some() {
@@ -224,16 +222,27 @@ async fn keep_up(metrics: PrometheusHandle, app: Arc<App>, rates: Arc<Rates>, st
         if let Err(error) = app.store.current_catalogue().await {
             tracing::warn!(%error, "could not look for new suites");
         }
-        if let Err(error) = app.keys.store_uses(&app.store).await {
-            tracing::warn!(?error, "could not store when keys were last used");
-        }
+    }
+}
+
+/// Stores every few seconds when keys were last used. It waits for the writer, and nothing waits for it.
+async fn keep_uses(app: Arc<App>, stop: CancellationToken) {
+    const EVERY: Duration = Duration::from_secs(5);
+    while stop.run_until_cancelled(tokio::time::sleep(EVERY)).await.is_some() {
+        store_uses(&app).await;
+    }
+}
+
+async fn store_uses(app: &App) {
+    if let Err(error) = app.keys.store_uses(&app.store).await {
+        tracing::warn!(%error, "could not store when keys were last used");
     }
 }
 
 /// Settles epochs as soon as they are over. Entries of open epochs are completed, and receipts published, only at full
 /// multiples of `every` since 1970, so that nobody can tell when an answer was graded.
 async fn keep_hidden(store: Store, every: Duration, stop: CancellationToken) {
-    const LOOK: Duration = Duration::from_millis(250);
+    const LOOK: Duration = Duration::from_secs(1);
     let every_ms = i64::try_from(every.as_millis()).unwrap_or(i64::MAX).max(1);
     let mut published = now_ms() / every_ms;
     // The file grows when a hidden answer is graded, so its size is reported only at these times.

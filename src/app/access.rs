@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::clock::now_ms;
-use crate::store::Store;
 use crate::store::keys::{KeyRow, Scope, parts};
+use crate::store::{Store, StoreResult};
 
 /// Time for which a key is trusted before it is looked up again; a revoked key works no longer than this.
 const TRUSTED_FOR: Duration = Duration::from_millis(500);
@@ -124,7 +124,7 @@ impl Keys {
     ///
     /// # Errors
     /// Returns an error if the database fails; the next call tries again.
-    pub async fn store_uses(&self, store: &Store) -> AppResult<()> {
+    pub async fn store_uses(&self, store: &Store) -> StoreResult<()> {
         let uses: Vec<(String, i64)> =
             self.uses.lock().unwrap_or_else(PoisonError::into_inner).iter().map(|(id, at)| (id.clone(), *at)).collect();
         if uses.is_empty() {

@@ -200,7 +200,7 @@ fn take_events(
 #[serde(rename_all = "snake_case")]
 pub enum EventAction {
     /// A block is placed.
-    Permit,
+    Place,
     /// A block is removed.
     Remove,
 }

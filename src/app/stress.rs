@@ -96,6 +96,7 @@ impl StressFields {
         &self,
         key: Key,
         structure: &Arc<Structure>,
+        permit: Option<Permit>,
         who: &Arc<str>,
         stop: &CancellationToken,
     ) -> AppResult<Arc<Field>> {
@@ -103,6 +104,11 @@ impl StressFields {
         if let Some(kept) = self.kept(&key) {
             return kept.map_err(|_| too_long(blocks));
         }
+        // A field that was kept when the request was admitted may have been evicted since.
+        let _permit = match permit {
+            Some(permit) => permit,
+            None => self.admitted.take(who).map_err(|_| busy())?,
+        };
         let patience = Duration::from_secs(LIMITS.stress_wait_seconds);
         let slot = tokio::time::timeout(patience, self.slots.take(who)).await.map_err(|_late| busy())?;
         // Another request may have computed it meanwhile.

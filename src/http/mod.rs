@@ -52,10 +52,7 @@ pub struct Routers {
 const REVEALS: usize = 4;
 
 /// Builds the routers of the whole service.
-///
-/// # Errors
-/// Where there are no threads to be had.
-pub fn routers(HttpParts { app, metrics, rates }: HttpParts, has_admin_listener: bool) -> anyhow::Result<Routers> {
+pub fn routers(HttpParts { app, metrics, rates }: HttpParts, has_admin_listener: bool) -> Routers {
     let (routes, mut openapi) = router::routes().split_for_parts();
     router::complete(&mut openapi);
     let event_feed =
@@ -77,9 +74,9 @@ pub fn routers(HttpParts { app, metrics, rates }: HttpParts, has_admin_listener:
     let routes = routes.merge(pages::routes()).merge(router::trainers_elsewhere());
     let router = routes.with_state(state.clone()).merge(router::reference());
     if !has_admin_listener {
-        return Ok(Routers { public: middleware::layers::around(router, state), admin: None });
+        return Routers { public: middleware::layers::around(router, state), admin: None };
     }
     let admin = middleware::layers::around(router.clone(), state.clone());
     let public = router.layer(axum::middleware::from_fn(middleware::layers::without_administration));
-    Ok(Routers { public: middleware::layers::around(public, state), admin: Some(admin) })
+    Routers { public: middleware::layers::around(public, state), admin: Some(admin) }
 }

@@ -158,6 +158,7 @@ fn add_errors(path: &str, operation: &mut Operation, writes: bool) {
         ("422", "The body has faults; all of them are listed"),
         ("503", "Busy; send the request again"),
     ];
+    const INFALLIBLE: [&str; 3] = ["/healthz", "/v1/limits", "/openapi.json"];
     const KEY: &[(&str, &str)] = &[("401", "No key, or none that is live"), ("403", "The key does not allow this")];
     let has = |place: ParameterIn| {
         let mut all = operation.parameters.iter().flatten();
@@ -170,7 +171,7 @@ fn add_errors(path: &str, operation: &mut Operation, writes: bool) {
     errors.extend(has(ParameterIn::Path).then_some(("404", "There is nothing of this name")));
     // Probes are never refused for being asked too often.
     errors.extend((!PROBES.contains(&path)).then_some(("429", "Too many requests; send it again later")));
-    errors.extend((path != "/healthz").then_some(("500", "A failure of the service; send the request again")));
+    errors.extend((!INFALLIBLE.contains(&path)).then_some(("500", "A failure of the service; send the request again")));
     for (status, description) in errors {
         let response = ResponseBuilder::new().description(description).build();
         operation.responses.responses.entry(status.to_owned()).or_insert(response.into());

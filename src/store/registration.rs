@@ -34,7 +34,7 @@ pub enum Registered {
     /// The entry is registered.
     New,
     /// The same request registered the entry before, under this identifier.
-    PriorRequest(String),
+    Repeated(String),
     /// The idempotency key was used for a different request.
     KeyUsedOtherwise,
     /// The epoch is not open.
@@ -66,7 +66,7 @@ impl Store {
         if let Some(once) = once {
             match once.before(&mut tx, now_ms).await? {
                 PriorRequest::Never => once.keep(&mut tx, new.id, now_ms).await?,
-                PriorRequest::Done(id) => return Ok(Registered::PriorRequest(id)),
+                PriorRequest::Done(id) => return Ok(Registered::Repeated(id)),
                 PriorRequest::OtherBody => return Ok(Registered::KeyUsedOtherwise),
             }
         }

@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
-# Load on the release build, client and server on the same cores: bash tests/bench/load.sh [SECONDS]
+# Load on the build for production, client and server on the same cores: bash tests/bench/load.sh [SECONDS]
 # Needs wrk (Debian: wrk). Prints offered and achieved rate, latencies, errors, and the server's memory.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 seconds=${1:-10}
 command -v wrk >/dev/null || { echo "load.sh: wrk is missing (Debian: apt-get install wrk)"; exit 1; }
-cargo build --release --quiet --bins --examples
-program=target/release/plumbline
+cargo build --profile dist --features jemalloc --quiet --bins --examples
+program=target/dist/plumbline
 work=$(mktemp -d)
 server=
 stop() { if [ -n "$server" ]; then kill "$server" 2>/dev/null || true; wait "$server" 2>/dev/null || true; fi; server=; }
@@ -48,7 +48,7 @@ echo "graded since the start: ${after:-0}; in the 2 s after: $((${after:-0} - ${
 # A board with rows, and the same bytes from a bare axum route, in turn.
 "$program" submit tests/conformance/run.jsonl --agent load --server http://127.0.0.1:8099 >/dev/null 2>&1
 board=/v1/leaderboards/mineceraft@1
-target/release/examples/bare_route 127.0.0.1:8098 "http://127.0.0.1:8099$board" &
+target/dist/examples/bare_route 127.0.0.1:8098 "http://127.0.0.1:8099$board" &
 bare=$!
 sleep 0.5
 for round in 1 2 3; do
@@ -60,7 +60,7 @@ memory
 # Ten thousand connections that send nothing, a thousand whose bodies trickle, and how others are served meanwhile.
 start
 ulimit -n "$(ulimit -Hn)"
-target/release/examples/slow_clients 127.0.0.1:8099 10000 1000 15
+target/dist/examples/slow_clients 127.0.0.1:8099 10000 1000 15
 memory
 # Sixteen thousand at once.
 load "grade, 16,000 connections" /v1/grade 16000 &

@@ -7,7 +7,7 @@ type Module = Vec<String>;
 
 /// The text without its tests, which may import what they like.
 pub fn without_tests(text: &str) -> &str {
-    text.split("#[cfg(test)]").next().unwrap_or_default()
+    text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default()
 }
 
 /// Files of a crate that import each other in a ring; each ring once, as names of files.

@@ -33,12 +33,12 @@ pub async fn of_submission(
 ) -> AppResult<StressedStructure> {
     let key = (Box::from(row.log_hash.as_str()), turn, method);
     // Admitted before the log is read: with many requests, replaying large logs would itself be too much work.
-    let _admitted = app.stress.admit(&key, who)?;
+    let permit = app.stress.admit(&key, who)?;
     let log = app.store.log_json(&row.id).await?;
     let log = log.ok_or_else(|| AppError::not_found(format!("there is no submission {:?}", row.id)))?;
     let replaying = tokio::task::spawn_blocking(move || structure_after(&log, turn));
     let structure = Arc::new(replaying.await.map_err(|error| AppError::internal(&error))??);
-    let field = app.stress.field(key, &structure, who, &app.stop).await?;
+    let field = app.stress.field(key, &structure, permit, who, &app.stop).await?;
     Ok(StressedStructure { structure, field })
 }
 

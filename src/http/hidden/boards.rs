@@ -47,8 +47,9 @@ pub struct EpochBoard {
 /// # Errors
 /// Returns an error if the database fails.
 pub async fn board_of(state: &AppState, epoch: &EpochRow, tier: Tier) -> AppResult<EpochBoard> {
-    // The worker of epochs seals an epoch within a second of its end; until then nothing more is released.
-    let is_released = epoch.closed.is_some() || tier.feedback(epoch.commitment.dev_feedback) > Feedback::AfterEpoch;
+    // Scores that are told only after the epoch are released once it is settled: then none of them changes any more.
+    let is_released =
+        epoch.settled_at_ms.is_some() || tier.feedback(epoch.commitment.dev_feedback) > Feedback::AfterEpoch;
     let entries: Vec<EntryRow> =
         state.store.entries(epoch.id()).await?.into_iter().filter(|entry| entry.tier == tier).collect();
     let registered = entries.len();

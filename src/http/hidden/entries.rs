@@ -206,7 +206,7 @@ pub async fn create_entry(
     let mut registered = id.clone();
     match state.store.register_entry(&entry, once, now_ms()).await? {
         Registered::New => {}
-        Registered::PriorRequest(before) => registered = before,
+        Registered::Repeated(before) => registered = before,
         Registered::KeyUsedOtherwise => return Err(key_reused()),
         Registered::NotOpen => return Err(not_open(&row)),
         Registered::TooMany(most) => {

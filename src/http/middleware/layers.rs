@@ -107,7 +107,7 @@ async fn as_problem(response: Response, asked: impl Fn() -> String) -> Response 
         return response;
     }
     let (parts, body) = response.into_parts();
-    let problem = match status {
+    let error = match status {
         StatusCode::NOT_FOUND => AppError::not_found(format!("no resource matches {}", asked())),
         StatusCode::METHOD_NOT_ALLOWED => {
             let detail = format!("{} is not allowed; the Allow header lists the allowed methods", asked());
@@ -122,13 +122,12 @@ async fn as_problem(response: Response, asked: impl Fn() -> String) -> Response 
             AppError::new(Kind::UnsupportedMediaType, detail)
         }
         _ if status.is_server_error() => AppError::internal(&format!("{}: {status}", asked())),
-        _ => {
-            let mut problem = Problem::from(AppError::new(Kind::BadRequest, text_of(body).await));
-            problem.status = status.as_u16();
-            return problem.respond(None);
-        }
+        _ => AppError::new(Kind::BadRequest, text_of(body).await),
     };
-    let mut response = problem.into_response();
+    let retry_after_s = error.retry_after_s();
+    // The status of whatever refused the request stays, also where no kind of ours has it.
+    let problem = Problem { status: status.as_u16(), ..Problem::from(error) };
+    let mut response = problem.respond(retry_after_s);
     for name in [header::ALLOW, header::RETRY_AFTER, header::ACCEPT_ENCODING] {
         if let Some(value) = parts.headers.get(&name) {
             response.headers_mut().insert(name, value.clone());
