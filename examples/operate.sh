@@ -2,7 +2,8 @@
 # An operator: a database, keys, quotas, a backup and an epoch of hidden evaluation, in a folder of its own.
 set -euo pipefail
 plumbline=${PLUMBLINE_PROGRAM:-plumbline}
-export PLUMBLINE_DATABASE=${PLUMBLINE_DATABASE:-plumbline.db}
+cd "$(mktemp -d)"
+export PLUMBLINE_DATABASE=plumbline.db
 
 "$plumbline" migrate --create
 

@@ -3,10 +3,12 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 server=${PLUMBLINE:-http://localhost:7586}
+# Faults are shown; a key is sent if there is one.
+curl() { command curl -sS --fail-with-body ${PLUMBLINE_KEY:+-H "authorization: Bearer $PLUMBLINE_KEY"} "$@"; }
 
-curl -sf -H 'content-type: application/json' "$server/v1/grade" --data-binary @examples/answer.json
+curl -H 'content-type: application/json' "$server/v1/grade" --data-binary @examples/answer.json
 echo
 
 # A line for each log; results stream back as they are ready, each with its index.
 for file in examples/wall.json examples/answer.json; do tr -d '\n' < "$file"; echo; done |
-    curl -sfN -H 'content-type: application/x-ndjson' "$server/v1/grade:batch" --data-binary @-
+    curl -N -H 'content-type: application/x-ndjson' "$server/v1/grade:batch" --data-binary @-

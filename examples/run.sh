@@ -3,22 +3,24 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 server=${PLUMBLINE:-http://localhost:7586}
+# Faults are shown; a key is sent if there is one.
+curl() { command curl -sS --fail-with-body ${PLUMBLINE_KEY:+-H "authorization: Bearer $PLUMBLINE_KEY"} "$@"; }
 json='content-type: application/json'
 id() { sed -E 's/.*"id": ?"([^"]+)".*/\1/'; }
 
 # What there is to build.
-curl -sf "$server/v1/tasks?suite=mineceraft-lite&limit=2"
+curl "$server/v1/tasks?suite=mineceraft-lite&limit=2"
 echo
 
-run=$(curl -sf -H "$json" "$server/v1/runs" -d '{"agent": "my-agent 1", "suite": "mineceraft"}' | id)
-submission=$(sed "1a \"run\": \"$run\"," examples/wall.json | curl -sf -H "$json" "$server/v1/submissions" --data-binary @- | id)
+run=$(curl -H "$json" "$server/v1/runs" -d '{"agent": "my-agent 1", "suite": "mineceraft"}' | id)
+submission=$(sed "1a \"run\": \"$run\"," examples/wall.json | curl -H "$json" "$server/v1/submissions" --data-binary @- | id)
 
 # Queued, grading, graded.
-until curl -sf "$server/v1/submissions/$submission" | grep -q '"state":"graded"'; do sleep 0.2; done
-curl -sf "$server/v1/submissions/$submission/report"
+while curl "$server/v1/submissions/$submission" | grep -E '"state":"(queued|grading)"' > /dev/null; do sleep 0.2; done
+curl "$server/v1/submissions/$submission/report"
 echo
 
 # No more answers will come; the other tasks are left out on purpose and count as failed.
-curl -sf -H "$json" "$server/v1/runs/$run/finish" -d '{"skip": "unanswered"}' > /dev/null
-until curl -sf "$server/v1/runs/$run" | grep -q '"state":"finished"'; do sleep 0.2; done
-curl -sf "$server/v1/leaderboards/mineceraft?format=csv"
+curl -H "$json" "$server/v1/runs/$run/finish" -d '{"skip": "unanswered"}' > /dev/null
+while curl "$server/v1/runs/$run" | grep '"state":"finishing"' > /dev/null; do sleep 0.2; done
+curl "$server/v1/leaderboards/mineceraft?format=csv"

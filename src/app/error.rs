@@ -83,7 +83,7 @@ kinds! {
     BodyTooLarge = "body-too-large", "The body is too large";
     UnsupportedMediaType = "unsupported-media-type", "Unsupported media type";
     InvalidBody = "invalid-body", "The body has faults";
-    IdempotencyKeyReused = "idempotency-key-reused", "The key was used otherwise";
+    IdempotencyKeyReused = "idempotency-key-reused", "Idempotency-Key reused";
     TooLong = "too-long", "Too long";
     TooManyBlocks = "too-many-blocks", "Too many blocks";
     TooManyRequests = "too-many-requests", "Too many requests";

@@ -148,7 +148,7 @@ impl FromRequestParts<AppState> for Caller {
             }
             Some(Identified::Refused(why)) => Err(unauthorized(why)),
             None if open != Openness::Keyed => Ok(Self { key: None, open, refused: None, who }),
-            None => Err(unauthorized("this needs a key: Authorization: Bearer …; reading needs none")),
+            None => Err(unauthorized("this needs a key: Authorization: Bearer …")),
         }
     }
 }
