@@ -15,6 +15,7 @@ use uuid::Uuid;
 use super::database;
 use super::progress::bar;
 use crate::clock::{now_ms, rfc3339};
+use crate::near::counted;
 use crate::store::Store;
 use crate::store::boards::BoardCursor;
 use crate::store::regrades::{Difference, ToRegrade};
@@ -171,7 +172,8 @@ async fn show(store: &Store, id: &str) -> anyhow::Result<()> {
     println!("{} of {}: {} ({})", regrade.id, regrade.suite_id, regrade.state, regrade.reason);
     let differences = store.differences(id).await?;
     let flips: Vec<&Difference> = differences.iter().filter(|d| d.before != d.after).collect();
-    println!("{} submissions score differently; {} problems flip", differences.len(), flips.len());
+    let (differing, flipping) = (counted(differences.len(), "submission"), counted(flips.len(), "problem"));
+    println!("{differing} with other scores; {flipping} with another verdict");
     for flip in flips.iter().take(LISTED) {
         let task = entry.task_numbered(flip.task_number).map(|(task, _)| &task.id);
         let becomes = if flip.after { "solved" } else { "not solved" };

@@ -10,6 +10,7 @@ use clap::Args;
 use crate::actions::pool::Pool;
 use crate::actions::{ACTION_LIMITS, Replayed};
 use crate::app::replay::told;
+use crate::near::counted;
 use plumbline_engine::intake::code::without_fences;
 
 /// Arguments of `replay`.
@@ -60,7 +61,7 @@ fn print(name: &str, replayed: &Replayed) -> std::io::Result<()> {
     }
     out.flush()?;
     for dropped in &replayed.dropped {
-        eprintln!("{name}: {} calls dropped: {}", dropped.count, dropped.reason);
+        eprintln!("{name}: {} dropped: {}", counted(dropped.count as usize, "call"), dropped.reason);
     }
     for note in &replayed.notes {
         eprintln!("{name}: {note}");

@@ -8,6 +8,7 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::{Deserializer, Value};
 
+use crate::near::counted;
 use plumbline_engine::hidden::commitment::Commitment;
 use plumbline_engine::hidden::evidence::GivenReceipt;
 use plumbline_engine::hidden::receipts::LogPage;
@@ -125,12 +126,20 @@ pub fn run(args: &VerifyEpochArgs) -> anyhow::Result<ExitCode> {
         reveal.instances.len(),
         found.grades
     );
-    println!("{} receipts agree with the reveal; {} boards recomputed and identical", found.receipts, found.boards);
+    let (receipts, boards) = (counted(found.receipts, "receipt"), counted(found.boards, "board"));
+    println!("{receipts} agree with the reveal; {boards} recomputed and identical");
     if found.ungraded > 0 {
-        println!("{} answers were not graded because the service failed, and count as failed", found.ungraded);
+        let answers = counted(found.ungraded, "answer");
+        println!("{answers} without a grade because the service failed; they count as failed");
     }
     if kept.commitment.is_none() {
         println!("NOT CHECKED  commitment: no copy saved before the epoch opened was given; the reveal's own was used");
+    }
+    if kept.boards.is_empty() {
+        println!("NOT CHECKED  boards: none that was fetched from the service was given (--board)");
+    }
+    if kept.given.is_empty() {
+        println!("NOT CHECKED  receipts that were handed out: none was given (--given)");
     }
     for what in &found.unchecked {
         println!("NOT CHECKED  {what}");

@@ -19,8 +19,10 @@ pub fn rings(folder: &str, sources: &[(String, String)]) -> Vec<Vec<String>> {
     let imports: BTreeMap<&Module, BTreeSet<Module>> = modules
         .iter()
         .map(|(module, text)| {
-            let uses = used_paths(without_tests(text)).into_iter().filter(|(is_public, _)| !is_public);
-            let targets = uses.filter_map(|(_, path)| resolve(&absolute(module, &path)?, &modules, &exports));
+            let code = without_tests(text);
+            let uses = used_paths(code).into_iter().filter(|(is_public, _)| !is_public).map(|(_, path)| path);
+            let paths = uses.chain(inline_paths(code));
+            let targets = paths.filter_map(|path| resolve(&absolute(module, &path)?, &modules, &exports));
             // A folder's mod.rs puts its files together, so its imports of them are no way back up.
             (module, targets.filter(|target| !target.starts_with(module)).collect())
         })
@@ -65,6 +67,14 @@ fn used_paths(text: &str) -> Vec<(bool, String)> {
         expand(tree.trim(), "", &mut |path| paths.push((is_public, path)));
     }
     paths
+}
+
+/// Paths from the root of the crate that stand in code instead of in `use` statements.
+fn inline_paths(text: &str) -> Vec<String> {
+    let code = text.lines().map(str::trim_start).filter(|line| !line.starts_with("//") && !line.starts_with("use "));
+    let parts = code.flat_map(|line| line.split("crate::").skip(1));
+    let is_path = |c: &char| c.is_alphanumeric() || matches!(c, '_' | ':');
+    parts.map(|part| format!("crate::{}", part.chars().take_while(is_path).collect::<String>())).collect()
 }
 
 /// Gives every path of a tree such as `a::{b, c::{d, e}}`.

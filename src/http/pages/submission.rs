@@ -28,7 +28,6 @@ use plumbline_engine::grading::Report;
 use plumbline_engine::grading::report::{CheckReport, TurnReport};
 use plumbline_engine::voxel::BlockLog;
 use plumbline_engine::voxel::replay::Replay;
-use serde_json::value::RawValue;
 
 /// A 3D view of a build.
 pub struct View {
@@ -244,9 +243,13 @@ pub async fn evidence(State(state): State<AppState>, Reader(who): Reader, Path(i
         if let Ok(StressedStructure { structure, field }) =
             of_submission(&state, &who, &one.row, turn, Method::Fem).await
         {
-            let written = write(&id, &structure, &field, Method::Fem, turn, StressFormat::Arrays);
-            stress = json!({ "fem": RawValue::from_string(written.map_err(|error| AppError::internal(&error))?)
-                                        .map_err(|error| AppError::internal(&error))? });
+            let submission = id.clone();
+            let writing = tokio::task::spawn_blocking(move || {
+                let written = write(&submission, &structure, &field, Method::Fem, turn, StressFormat::Arrays)?;
+                serde_json::from_str::<Value>(&written)
+            });
+            let written = writing.await.map_err(|error| AppError::internal(&error))?;
+            stress = json!({ "fem": written.map_err(|error| AppError::internal(&error))? });
         }
     }
     let cells = witnesses(one.report.as_ref());
