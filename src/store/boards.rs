@@ -85,7 +85,7 @@ impl Store {
         .await?;
         let mut news = BoardUpdate { read, ..BoardUpdate::default() };
         for row in &rows {
-            news.read.result = row.try_get(0)?;
+            news.read.result = row.try_get("id")?;
             match read_result(&mut connection, row, tasks).await {
                 Ok(result) => news.results.push(result),
                 // A damaged row must not take the board down.
@@ -174,23 +174,23 @@ pub(super) async fn enter_action(
 }
 
 async fn read_result(connection: &mut SqliteConnection, row: &SqliteRow, tasks: &[Task]) -> StoreResult<Finished> {
-    let run_id: String = row.try_get(1)?;
-    let summary: &str = row.try_get(5)?;
-    let stored: Option<&[u8]> = row.try_get(6)?;
+    let run_id: String = row.try_get("run_id")?;
+    let summary: &str = row.try_get("summary")?;
+    let stored: Option<&[u8]> = row.try_get("outcomes")?;
     let outcomes = match stored {
         Some(bytes) => Outcomes::from_bytes(bytes, tasks.len())
             .ok_or_else(|| StoreError::corrupt("results", format!("outcomes of {run_id}")))?,
         // The run finished before outcomes were stored.
         None => Outcomes::of(tasks, &problems_of(connection, &run_id).await?, &[]),
     };
-    let sketch: Option<&[u8]> = row.try_get(9)?;
+    let sketch: Option<&[u8]> = row.try_get("fingerprint")?;
     Ok(Finished {
-        owner: row.try_get(7)?,
-        provenance: row.try_get(8)?,
+        owner: row.try_get("owner")?,
+        provenance: row.try_get("provenance")?,
         fingerprint: sketch.and_then(Fingerprint::from_bytes),
-        agent: row.try_get(2)?,
-        finished_at_ms: row.try_get(3)?,
-        since_ms: row.try_get(4)?,
+        agent: row.try_get("agent")?,
+        finished_at_ms: row.try_get("finished_at_ms")?,
+        since_ms: row.try_get("since_ms")?,
         summary: serde_json::from_str(summary).map_err(|error| StoreError::corrupt("results", error))?,
         outcomes,
         run: run_id,

@@ -67,19 +67,19 @@ macro_rules! select_entry {
 
 /// Reads a row of `select_entry`.
 fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<EntryRow> {
-    let tier: &str = row.try_get(5)?;
+    let tier: &str = row.try_get("tier")?;
     let known = Tier::ALL.into_iter().find(|own| own.name() == tier);
     Ok(EntryRow {
-        id: row.try_get(0)?,
-        epoch_id: row.try_get(1)?,
-        owner: row.try_get(2)?,
-        agent: row.try_get(3)?,
-        configuration_hash: row.try_get(4)?,
+        id: row.try_get("id")?,
+        epoch_id: row.try_get("epoch_id")?,
+        owner: row.try_get("owner")?,
+        agent: row.try_get("agent")?,
+        configuration_hash: row.try_get("configuration_hash")?,
         tier: known.ok_or_else(|| StoreError::corrupt("entries", format!("tier {tier:?}")))?,
-        runs: row.try_get(6)?,
-        registered_at_ms: row.try_get(7)?,
-        finalized_at_ms: row.try_get(8)?,
-        completed_at_ms: row.try_get(9)?,
+        runs: row.try_get("runs")?,
+        registered_at_ms: row.try_get("registered_at_ms")?,
+        finalized_at_ms: row.try_get("finalized_at_ms")?,
+        completed_at_ms: row.try_get("completed_at_ms")?,
     })
 }
 

@@ -105,22 +105,23 @@ macro_rules! select_epoch {
 }
 
 fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<EpochRow> {
-    let closed_at_ms: Option<i64> = row.try_get(7)?;
-    let reason: Option<String> = row.try_get(8)?;
+    let closed_at_ms: Option<i64> = row.try_get("closed_at_ms")?;
+    let reason: Option<String> = row.try_get("closed_reason")?;
     Ok(EpochRow {
-        commitment: serde_json::from_str(row.try_get(0)?).map_err(|error| StoreError::corrupt("epochs", error))?,
+        commitment: serde_json::from_str(row.try_get("commitment")?)
+            .map_err(|error| StoreError::corrupt("epochs", error))?,
         rules: EpochRules {
-            instance_ms: row.try_get(1)?,
-            dev_entries: row.try_get(2)?,
-            official_entries: row.try_get(3)?,
-            budget_bits: row.try_get(4)?,
-            owner_runs: row.try_get(9)?,
-            reservation_ms: row.try_get(10)?,
+            instance_ms: row.try_get("instance_ms")?,
+            dev_entries: row.try_get("dev_entries")?,
+            official_entries: row.try_get("official_entries")?,
+            budget_bits: row.try_get("budget_bits")?,
+            owner_runs: row.try_get("owner_runs")?,
+            reservation_ms: row.try_get("reservation_ms")?,
         },
-        released_bits: row.try_get(5)?,
-        created_at_ms: row.try_get(6)?,
+        released_bits: row.try_get("released_bits")?,
+        created_at_ms: row.try_get("created_at_ms")?,
         closed: closed_at_ms.zip(reason),
-        settled_at_ms: row.try_get(11)?,
+        settled_at_ms: row.try_get("settled_at_ms")?,
     })
 }
 

@@ -72,7 +72,7 @@ macro_rules! select_instance {
     ($rest:literal) => {
         concat!(
             "SELECT i.id, i.entry_id, i.epoch_id, i.ordinal, i.run, i.family, i.family_index, i.nonce, i.leaf, i.task_hash,
-                    i.issued_at_ms, i.expires_at_ms, i.transcript_hash, i.transcript_checked_ms, s.id, s.log_hash
+                    i.issued_at_ms, i.expires_at_ms, i.transcript_hash, i.transcript_checked_ms, s.id AS submission_id, s.log_hash
              FROM instances i LEFT JOIN submissions s ON s.instance_id = i.id AND s.superseded = 0 ",
             $rest
         )
@@ -82,22 +82,22 @@ macro_rules! select_instance {
 fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<InstanceRow> {
     let small = |number: i64| u32::try_from(number).map_err(|error| StoreError::corrupt("instances", error));
     Ok(InstanceRow {
-        id: row.try_get(0)?,
-        entry_id: row.try_get(1)?,
-        epoch_id: row.try_get(2)?,
-        ordinal: row.try_get(3)?,
-        run: small(row.try_get(4)?)?,
-        family: row.try_get(5)?,
-        family_index: small(row.try_get(6)?)?,
-        nonce: row.try_get(7)?,
-        leaf: small(row.try_get(8)?)?,
-        task_hash: row.try_get(9)?,
-        issued_at_ms: row.try_get(10)?,
-        expires_at_ms: row.try_get(11)?,
-        transcript_hash: row.try_get(12)?,
-        transcript_checked_ms: row.try_get(13)?,
-        submission_id: row.try_get(14)?,
-        log_hash: row.try_get(15)?,
+        id: row.try_get("id")?,
+        entry_id: row.try_get("entry_id")?,
+        epoch_id: row.try_get("epoch_id")?,
+        ordinal: row.try_get("ordinal")?,
+        run: small(row.try_get("run")?)?,
+        family: row.try_get("family")?,
+        family_index: small(row.try_get("family_index")?)?,
+        nonce: row.try_get("nonce")?,
+        leaf: small(row.try_get("leaf")?)?,
+        task_hash: row.try_get("task_hash")?,
+        issued_at_ms: row.try_get("issued_at_ms")?,
+        expires_at_ms: row.try_get("expires_at_ms")?,
+        transcript_hash: row.try_get("transcript_hash")?,
+        transcript_checked_ms: row.try_get("transcript_checked_ms")?,
+        submission_id: row.try_get("submission_id")?,
+        log_hash: row.try_get("log_hash")?,
     })
 }
 

@@ -137,8 +137,8 @@ impl Store {
         push_ids(&mut update, taken.iter().map(|(id, _)| id.as_str()));
         update.build().execute(&mut *tx).await?;
         let mut select = QueryBuilder::new(
-            "SELECT s.id, s.run_id, s.suite_id, s.task_number, s.log, s.owner, s.log_hash, i.id, i.epoch_id, i.salt,
-                    i.task_hash, CASE WHEN i.id IS NULL THEN NULL ELSE t.body END
+            "SELECT s.id, s.run_id, s.suite_id, s.task_number, s.log, s.owner, s.log_hash, i.id AS instance_id, i.epoch_id, i.salt,
+                    i.task_hash, CASE WHEN i.id IS NULL THEN NULL ELSE t.body END AS task
              FROM submissions s LEFT JOIN instances i ON i.id = s.instance_id LEFT JOIN tasks t ON t.hash = i.task_hash
              WHERE s.id IN ",
         );
@@ -148,24 +148,24 @@ impl Store {
         let attempts: HashMap<String, i64> = taken.into_iter().collect();
         let mut claims = Vec::with_capacity(rows.len());
         for row in rows {
-            let submission_id: String = row.try_get(0)?;
+            let submission_id: String = row.try_get("id")?;
             claims.push(Claim {
-                attempt: attempts.get(&submission_id).copied().unwrap_or_default(),
+                attempt: *attempts.get(&submission_id).expect("the rows are those of the jobs taken"),
                 submission_id,
-                run_id: row.try_get(1)?,
-                suite_id: row.try_get(2)?,
+                run_id: row.try_get("run_id")?,
+                suite_id: row.try_get("suite_id")?,
                 task_number: row.try_get("task_number")?,
-                log: row.try_get(4)?,
-                owner: row.try_get(5)?,
-                log_hash: row.try_get(6)?,
-                hidden: match row.try_get::<Option<String>, _>(7)? {
+                log: row.try_get("log")?,
+                owner: row.try_get("owner")?,
+                log_hash: row.try_get("log_hash")?,
+                hidden: match row.try_get::<Option<String>, _>("instance_id")? {
                     None => None,
                     Some(instance_id) => Some(HiddenJob {
                         instance_id,
-                        epoch_id: row.try_get(8)?,
-                        salt: row.try_get(9)?,
-                        task_hash: row.try_get(10)?,
-                        task: row.try_get(11)?,
+                        epoch_id: row.try_get("epoch_id")?,
+                        salt: row.try_get("salt")?,
+                        task_hash: row.try_get("task_hash")?,
+                        task: row.try_get("task")?,
                     }),
                 },
             });

@@ -60,7 +60,7 @@ macro_rules! select_receipt {
     ($rest:literal) => {
         concat!(
             "SELECT r.seq, r.body, r.hash, r.signature, r.public_key, r.previous, r.link,
-                    e.id IS NULL OR e.closed_at_ms IS NOT NULL
+                    (e.id IS NULL OR e.closed_at_ms IS NOT NULL) AS is_released
              FROM receipts r LEFT JOIN epochs e ON e.id = r.epoch_id ",
             $rest
         )
@@ -70,18 +70,18 @@ macro_rules! select_receipt {
 /// Reads a receipt as the public may see it now: body and signature of a hidden instance's receipt only once its epoch
 /// is over.
 fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<ReceiptFile> {
-    let is_released: bool = row.try_get(7)?;
-    let body: &str = row.try_get(1)?;
+    let is_released: bool = row.try_get("is_released")?;
+    let body: &str = row.try_get("body")?;
     let receipt = serde_json::from_str(body).map_err(|error| StoreError::corrupt("receipts", error))?;
-    let signature: String = row.try_get(3)?;
+    let signature: String = row.try_get("signature")?;
     Ok(ReceiptFile {
-        seq: row.try_get(0)?,
+        seq: row.try_get("seq")?,
         receipt: Some(receipt).filter(|_| is_released),
-        hash: row.try_get(2)?,
+        hash: row.try_get("hash")?,
         signature: Some(signature).filter(|_| is_released),
-        public_key: row.try_get(4)?,
-        previous: row.try_get(5)?,
-        link: row.try_get(6)?,
+        public_key: row.try_get("public_key")?,
+        previous: row.try_get("previous")?,
+        link: row.try_get("link")?,
         place_signature: None,
     })
 }

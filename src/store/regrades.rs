@@ -132,9 +132,9 @@ impl Store {
         .await?;
         let read = |row: &sqlx::sqlite::SqliteRow| {
             Ok(ToRegrade {
-                submission_id: row.try_get(0)?,
+                submission_id: row.try_get("id")?,
                 task_number: row.try_get("task_number")?,
-                log: row.try_get(2)?,
+                log: row.try_get("log")?,
             })
         };
         rows.iter().map(read).collect()

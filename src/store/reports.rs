@@ -222,13 +222,13 @@ impl Store {
 }
 
 fn read_report(row: &SqliteRow) -> StoreResult<ReportRow> {
-    let body = decompress("reports", row.try_get(4)?)?;
+    let body = decompress("reports", row.try_get("body")?)?;
     Ok(ReportRow {
         report: serde_json::from_slice(&body).map_err(|error| StoreError::corrupt("reports", error))?,
-        attempt: row.try_get(0)?,
-        grader: row.try_get(1)?,
-        graded_at_ms: row.try_get(2)?,
-        grading_us: row.try_get(3)?,
+        attempt: row.try_get("attempt")?,
+        grader: row.try_get("grader")?,
+        graded_at_ms: row.try_get("graded_at_ms")?,
+        grading_us: row.try_get("grading_us")?,
     })
 }
 

@@ -120,9 +120,10 @@ impl Store {
         .await?;
         let mut suites: Vec<Suite> = Vec::new();
         for row in rows {
-            let name: String = row.try_get(0)?;
-            let version = u32::try_from(row.try_get::<i64, _>(1)?).map_err(|e| StoreError::corrupt("suites", e))?;
-            let body: &str = row.try_get(2)?;
+            let name: String = row.try_get("name")?;
+            let version =
+                u32::try_from(row.try_get::<i64, _>("version")?).map_err(|e| StoreError::corrupt("suites", e))?;
+            let body: &str = row.try_get("body")?;
             let task: Task = serde_json::from_str(body).map_err(|error| StoreError::corrupt("tasks", error))?;
             match suites.last_mut() {
                 Some(suite) if suite.name == name && suite.version == version => suite.tasks.push(task),
