@@ -1,13 +1,7 @@
 //! Texts for people: suggestions for misspelt names, and counts with their nouns.
 
-/// Returns the name nearest to `given` (Damerau-Levenshtein), if it is near enough to have been meant: one letter and a
-/// third of the letters of `given` may be wrong. A name that begins with at least three given letters is near as well.
-pub fn nearest<'n>(given: &str, names: impl IntoIterator<Item = &'n str>) -> Option<&'n str> {
-    near(given, names, 1).into_iter().next()
-}
-
 /// Returns at most `most` names that are near to `given`, the nearest first.
-pub fn near<'n>(given: &str, names: impl IntoIterator<Item = &'n str>, most: usize) -> Vec<&'n str> {
+fn near<'n>(given: &str, names: impl IntoIterator<Item = &'n str>, most: usize) -> Vec<&'n str> {
     let given: String = given.to_lowercase().chars().take(100).collect();
     let allowed = 1 + given.chars().count() / 3;
     let mut found: Vec<(usize, &str)> = names
@@ -45,11 +39,11 @@ mod tests {
     #[test]
     fn near_names_are_found_and_far_ones_not() {
         let names = ["reward_scheme", "task", "suite"];
-        assert_eq!(nearest("reward_schem", names), Some("reward_scheme"));
-        assert_eq!(nearest("tsak", names), Some("task"));
-        assert_eq!(nearest("Suites", names), Some("suite"));
-        assert_eq!(nearest("reward", names), Some("reward_scheme"));
-        assert_eq!(nearest("image", names), None);
+        assert_eq!(near("reward_schem", names, 1), ["reward_scheme"]);
+        assert_eq!(near("tsak", names, 1), ["task"]);
+        assert_eq!(near("Suites", names, 1), ["suite"]);
+        assert_eq!(near("reward", names, 1), ["reward_scheme"]);
+        assert!(near("image", names, 1).is_empty());
         assert_eq!(did_you_mean("wals", ["walls", "halls", "roofs"]), "; did you mean walls, halls?");
         assert_eq!(did_you_mean("nothing", names), "");
     }
