@@ -1,7 +1,7 @@
 //! Composition: assembles store, workers and HTTP into one service, and starts and stops them in order.
 
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -26,6 +26,7 @@ use crate::http::middleware::rates::{RateSettings, Rates};
 use crate::http::{self, HttpParts};
 use crate::store::Store;
 use crate::store::keys::Scope;
+use crate::store::location::Location;
 use crate::store::suites::SuiteStored;
 use crate::worker::{WorkerSettings, Workers};
 use plumbline_engine::hidden::receipts::Signer;
@@ -51,8 +52,10 @@ pub struct Config {
     pub listen: String,
     /// Host and port for metrics and administration, if they have a listener of their own.
     pub admin_listen: Option<String>,
-    /// Path of the database file.
-    pub database: PathBuf,
+    /// Location of the database.
+    pub database: Location,
+    /// Folder of the secrets, if it is not the default one.
+    pub secrets: Option<PathBuf>,
     /// Number of submissions graded at the same time.
     pub workers: usize,
     /// Time after which a job is taken from a worker that no longer renews its lease.
@@ -92,17 +95,13 @@ impl RunningService {
             None => None,
         };
         let admin_address = admin_listener.as_ref().map(TcpListener::local_addr).transpose()?;
-        let folder = config.database.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let folder = config.database.file().and_then(Path::parent).filter(|folder| !folder.as_os_str().is_empty());
         if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
-            anyhow::bail!(
-                "cannot create the database {}: there is no folder {}",
-                config.database.display(),
-                folder.display()
-            );
+            anyhow::bail!("cannot create the database {}: there is no folder {}", config.database, folder.display());
         }
-        let store = Store::open(&config.database)
+        let store = Store::open(&config.database, config.secrets.clone())
             .await
-            .with_context(|| format!("cannot open the database {}", config.database.display()))?;
+            .with_context(|| format!("cannot open the database {}", config.database))?;
         store_suites(&store).await?;
         let settings = WorkerSettings {
             workers: config.workers,
@@ -161,7 +160,7 @@ impl RunningService {
             serving.push(tokio::spawn(serve));
         }
         let admin = admin_address.map(|address| address.to_string());
-        tracing::info!(%address, admin_address = admin, database = %config.database.display(), workers = config.workers, "listening");
+        tracing::info!(%address, admin_address = admin, database = %config.database, workers = config.workers, "listening");
         Ok(Self { address, admin_address, notices, app, workers, stop, serving })
     }
 
@@ -213,7 +212,7 @@ async fn receipt_key_notice(store: &Store, signer: &Signer) -> anyhow::Result<Op
 }
 
 /// Runs upkeep every few seconds: forgets idle clients in the rate limits, folds samples of histograms together, which
-/// would pile up if nobody reads the metrics, and loads suites that another process has added.
+/// would pile up if nobody reads the metrics, and loads suites that another process has added, and forgets old idempotency keys.
 async fn keep_up(metrics: PrometheusHandle, app: Arc<App>, rates: Arc<Rates>, stop: CancellationToken) {
     const EVERY: Duration = Duration::from_secs(5);
     while stop.run_until_cancelled(tokio::time::sleep(EVERY)).await.is_some() {
@@ -221,6 +220,9 @@ async fn keep_up(metrics: PrometheusHandle, app: Arc<App>, rates: Arc<Rates>, st
         rates.evict_idle();
         if let Err(error) = app.store.current_catalogue().await {
             tracing::warn!(%error, "could not look for new suites");
+        }
+        if let Err(error) = app.store.forget_old_requests(now_ms()).await {
+            tracing::warn!(%error, "could not delete old idempotency keys");
         }
     }
 }
@@ -246,7 +248,11 @@ async fn keep_hidden(store: Store, every: Duration, stop: CancellationToken) {
     let every_ms = i64::try_from(every.as_millis()).unwrap_or(i64::MAX).max(1);
     let mut published = now_ms() / every_ms;
     // The file grows when a hidden answer is graded, so its size is reported only at these times.
-    let tell_size = || metrics::gauge!("plumbline_database_bytes").set(store.file_bytes() as f64);
+    let tell_size = || {
+        if let Some(bytes) = store.file_bytes() {
+            metrics::gauge!("plumbline_database_bytes").set(bytes as f64);
+        }
+    };
     tell_size();
     while stop.run_until_cancelled(tokio::time::sleep(LOOK)).await.is_some() {
         if let Err(error) = store.settle_epochs(now_ms()).await {

@@ -9,20 +9,23 @@ use std::process::ExitCode;
 use anyhow::{Context as _, bail};
 use clap::Args;
 
-use super::database;
-use crate::store::copies::{Contents, copy, inspect};
+use super::database::DatabaseArgs;
 use crate::store::secrets::Secrets;
+use crate::store::sqlite::copies::{Contents, copy, inspect};
 use crate::store::transfer::export;
 use crate::store::transfer_tables::{KINDS, Kind};
+
+/// Remedy where a command copies files and the database is on a server.
+const NO_BACKUP: &str = "backup and restore copy a file; back up PostgreSQL with pg_dump, and the folder of secrets with \
+                         it (docs/operations.md says how); `plumbline export` works on both";
 
 /// Arguments of `backup` and `restore`.
 #[derive(Debug, Args)]
 pub struct CopyArgs {
     /// Backup file.
     file: PathBuf,
-    /// Database file of the service.
-    #[arg(long, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
-    database: PathBuf,
+    #[command(flatten)]
+    database: DatabaseArgs,
     /// Include the keys of epochs and receipts, in the folder FILE.secrets. Anyone who has it can draw what is
     /// still hidden.
     #[arg(long)]
@@ -44,9 +47,8 @@ pub struct RestoreArgs {
 pub struct ExportArgs {
     /// Folder of the exported files: `runs.ndjson`, `submissions.ndjson`, `reports.ndjson` and others.
     folder: PathBuf,
-    /// Database file of the service.
-    #[arg(long, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
-    database: PathBuf,
+    #[command(flatten)]
+    database: DatabaseArgs,
 }
 
 /// Writes a consistent copy, whether or not the service runs.
@@ -54,11 +56,12 @@ pub struct ExportArgs {
 /// # Errors
 /// Returns an error if the database does not exist, or the copy already exists or cannot be written.
 pub fn back_up(args: &CopyArgs) -> anyhow::Result<ExitCode> {
-    must_exist(&args.database)?;
-    database::name(&args.database);
-    let contents = copy_checked(&args.database, &args.file)?;
+    let database = args.database.file(NO_BACKUP)?;
+    must_exist(database)?;
+    args.database.name();
+    let contents = copy_checked(database, &args.file)?;
     if args.with_secrets {
-        Secrets::beside(&args.database).copy_to(&Secrets::beside(&args.file))?;
+        args.database.kept_secrets().copy_to(&Secrets::beside(&args.file))?;
     }
     tell("backed up to", &args.file, contents);
     Ok(ExitCode::SUCCESS)
@@ -70,7 +73,8 @@ pub fn back_up(args: &CopyArgs) -> anyhow::Result<ExitCode> {
 /// Returns an error if a database already exists, or the copy is damaged or belongs to another program.
 pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
     let RestoreArgs { copy: args, dry_run } = args;
-    let (from, to) = (args.file.display(), std::path::absolute(&args.database)?);
+    let database = args.database.file(NO_BACKUP)?;
+    let (from, to) = (args.file.display(), std::path::absolute(database)?);
     let keys = Secrets::beside(&args.file);
     println!("restoring {from} to {}", to.display());
     if args.with_secrets && !keys.folder().is_dir() {
@@ -84,8 +88,8 @@ pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
         }
     }
     must_exist(&args.file)?;
-    let beside = |ending: &str| PathBuf::from(format!("{}{ending}", args.database.display()));
-    for left in [args.database.clone(), beside("-wal"), beside("-shm")] {
+    let beside = |ending: &str| PathBuf::from(format!("{}{ending}", database.display()));
+    for left in [database.to_owned(), beside("-wal"), beside("-shm")] {
         if left.exists() {
             bail!("{} already exists; move it away first (and stop the service)", left.display());
         }
@@ -96,10 +100,10 @@ pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     if args.with_secrets {
-        Secrets::beside(&args.file).copy_to(&Secrets::beside(&args.database))?;
+        Secrets::beside(&args.file).copy_to(&args.database.kept_secrets())?;
     }
-    let contents = copy_checked(&args.file, &args.database)?;
-    tell("restored to", &args.database, contents);
+    let contents = copy_checked(&args.file, database)?;
+    tell("restored to", database, contents);
     Ok(ExitCode::SUCCESS)
 }
 
@@ -108,8 +112,7 @@ pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
 /// # Errors
 /// Returns an error if the database does not exist, or a file already exists or cannot be written.
 pub fn export_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
-    must_exist(&args.database)?;
-    database::name(&args.database);
+    args.database.name();
     std::fs::create_dir_all(&args.folder).with_context(|| args.folder.display().to_string())?;
     let mut files = Vec::new();
     for kind in KINDS {
@@ -124,7 +127,7 @@ pub fn export_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
         *lines += 1;
         writeln!(file, "{line}")
     };
-    run(export(&args.database, write))??;
+    run(export(&args.database.database, write))??;
     for (file, path, lines) in files {
         file.into_inner().map_err(std::io::IntoInnerError::into_error)?.sync_all()?;
         println!("{}: {lines} lines", path.display());
@@ -147,7 +150,7 @@ pub fn import_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
         bail!("{} holds no complete export: {} missing", args.folder.display(), missing.join(", "));
     }
     run(async {
-        let store = database::open(&args.database).await?;
+        let store = args.database.open().await?;
         let lines = |kind: &'static Kind| -> std::io::Result<Option<Lines<BufReader<File>>>> {
             match File::open(lines_file(&args.folder, kind)) {
                 Ok(file) => Ok(Some(BufReader::new(file).lines())),

@@ -5,29 +5,56 @@ use std::process::ExitCode;
 
 use clap::Args;
 
-use crate::store::{Store, schema};
+use crate::store::location::Location;
+use crate::store::secrets::Secrets;
+use crate::store::{Store, StoreError, schema};
 
-/// Opens an existing database and prints its path.
-///
-/// # Errors
-/// Returns an error if the database does not exist, has another schema version, or cannot be opened.
-pub async fn open(file: &Path) -> anyhow::Result<Store> {
-    name(file);
-    Ok(Store::open_existing(file).await?)
+/// Arguments of every command that works on the database of a service.
+#[derive(Debug, Clone, Args)]
+pub struct DatabaseArgs {
+    /// Database of the service: a file, or the URL of a PostgreSQL database (`postgres://USER@HOST/NAME`).
+    #[arg(long, global = true, env = "PLUMBLINE_DATABASE", value_name = "FILE|URL", default_value = "plumbline.db")]
+    pub database: Location,
+    /// Folder of the keys of epochs and receipts; by default FILE.secrets, or plumbline.secrets for PostgreSQL. All
+    /// nodes of a service need the same.
+    #[arg(long, global = true, env = "PLUMBLINE_SECRETS", value_name = "FOLDER")]
+    pub secrets: Option<PathBuf>,
 }
 
-/// Prints the absolute path of the database file on standard error.
-pub fn name(file: &Path) {
-    let whole = std::path::absolute(file);
-    eprintln!("database {}", whole.as_deref().unwrap_or(file).display());
+impl DatabaseArgs {
+    /// Opens an existing database and prints its location.
+    ///
+    /// # Errors
+    /// Returns an error if the database does not exist, has another schema version, or cannot be opened.
+    pub async fn open(&self) -> anyhow::Result<Store> {
+        self.name();
+        Ok(Store::open_existing(&self.database, self.secrets.clone()).await?)
+    }
+
+    /// Prints the location of the database on standard error: an absolute path, or a URL without its password.
+    pub fn name(&self) {
+        eprintln!("database {}", self.database);
+    }
+
+    /// Returns the secrets of the database.
+    pub fn kept_secrets(&self) -> Secrets {
+        Secrets::in_folder(self.secrets.clone().unwrap_or_else(|| self.database.default_secrets()))
+    }
+
+    /// Returns the file of the database.
+    ///
+    /// # Errors
+    /// Returns an error with `instead`, the remedy, if the database is on a server.
+    pub fn file(&self, instead: &'static str) -> Result<&Path, StoreError> {
+        self.database.file().ok_or(StoreError::OnlyFiles(instead))
+    }
 }
 
 /// Arguments of `migrate`.
 #[derive(Debug, Args)]
 pub struct MigrateArgs {
-    /// Database file of the service, which must not be running.
-    #[arg(long, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
-    database: PathBuf,
+    #[command(flatten)]
+    database: DatabaseArgs,
     /// Print what would be done, without doing it.
     #[arg(long)]
     dry_run: bool,
@@ -43,17 +70,18 @@ pub struct MigrateArgs {
 pub fn migrate(args: &MigrateArgs) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
-        name(&args.database);
-        let before = schema::state(&args.database).await?;
-        before.must_not_be_newer(&args.database)?;
+        let location = &args.database.database;
+        args.database.name();
+        let before = schema::state(location).await?;
+        before.must_not_be_newer(location)?;
         let is_new = !before.is_there && args.create;
         if is_new && !args.dry_run {
-            Store::open(&args.database).await?.close().await;
+            Store::open(location, args.database.secrets.clone()).await?.close().await;
             println!("created with schema {}", before.known);
             return Ok(ExitCode::SUCCESS);
         }
         if !is_new && !before.is_there {
-            before.must_be_current(&args.database)?;
+            before.must_be_current(location)?;
         }
         if before.lacking.is_empty() {
             println!("schema {} is up to date: nothing to do", before.found);
@@ -67,8 +95,9 @@ pub fn migrate(args: &MigrateArgs) -> anyhow::Result<ExitCode> {
             println!("nothing was changed");
             return Ok(ExitCode::SUCCESS);
         }
-        if let Some(copy) = schema::migrate(&args.database).await? {
-            println!("done; the previous database is kept as {}", copy.display());
+        match schema::migrate(location).await? {
+            Some(copy) => println!("done; the previous database is kept as {}", copy.display()),
+            None => println!("done"),
         }
         Ok(ExitCode::SUCCESS)
     })

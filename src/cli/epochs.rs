@@ -1,6 +1,5 @@
 //! `plumbline epochs`: announces, lists and closes epochs.
 
-use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::bail;
@@ -8,7 +7,8 @@ use clap::{Args, Subcommand, ValueEnum};
 use jiff::Timestamp;
 use rayon::prelude::*;
 
-use super::{database, progress};
+use super::database::DatabaseArgs;
+use super::progress;
 use crate::clock::{now_ms, rfc3339};
 use crate::store::Store;
 use crate::store::epochs::EpochRules;
@@ -21,9 +21,8 @@ use plumbline_engine::hidden::secret::EpochKey;
 /// Arguments of `epochs`.
 #[derive(Debug, Args)]
 pub struct EpochsArgs {
-    /// Database file of the service.
-    #[arg(long, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db", global = true)]
-    database: PathBuf,
+    #[command(flatten)]
+    database: DatabaseArgs,
     #[command(subcommand)]
     command: EpochsCommand,
 }
@@ -99,7 +98,7 @@ struct CreateArgs {
 pub fn run(args: &EpochsArgs) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
-        let store = database::open(&args.database).await?;
+        let store = args.database.open().await?;
         match &args.command {
             EpochsCommand::Create(new) => create(&store, new).await?,
             EpochsCommand::List => list(&store).await?,

@@ -1,13 +1,12 @@
 //! `plumbline keys`: creates, rotates, lists and revokes API keys.
 
-use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::bail;
 use clap::{Args, Subcommand};
 use comfy_table::{Table, presets};
 
-use super::database;
+use super::database::DatabaseArgs;
 use crate::clock::{now_ms, rfc3339};
 use crate::store::Store;
 use crate::store::keys::{KeyRow, LIVE_KEYS, Scope, parts};
@@ -15,9 +14,8 @@ use crate::store::keys::{KeyRow, LIVE_KEYS, Scope, parts};
 /// Arguments of `keys`.
 #[derive(Debug, Args)]
 pub struct KeysArgs {
-    /// Database file of the service, which may keep running.
-    #[arg(long, global = true, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
-    database: PathBuf,
+    #[command(flatten)]
+    database: DatabaseArgs,
     #[command(subcommand)]
     command: KeysCommand,
 }
@@ -65,7 +63,7 @@ enum KeysCommand {
 pub fn run(args: &KeysArgs) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
-        let store = database::open(&args.database).await?;
+        let store = args.database.open().await?;
         let done = match &args.command {
             KeysCommand::Create { name, scopes, expires } => create(&store, name, scopes, *expires).await,
             KeysCommand::List => list(&store).await,

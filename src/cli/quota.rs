@@ -1,12 +1,11 @@
 //! `plumbline quota`: grants submissions to owners, lifts their limits and shows their usage.
 
-use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::bail;
 use clap::{Args, Subcommand};
 
-use super::database;
+use super::database::DatabaseArgs;
 use crate::clock::{now_ms, rfc3339};
 use crate::near::did_you_mean;
 use crate::store::Store;
@@ -14,9 +13,8 @@ use crate::store::Store;
 /// Arguments of `quota`.
 #[derive(Debug, Args)]
 pub struct QuotaArgs {
-    /// Database file of the service, which may keep running.
-    #[arg(long, global = true, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
-    database: PathBuf,
+    #[command(flatten)]
+    database: DatabaseArgs,
     #[command(subcommand)]
     command: QuotaCommand,
 }
@@ -63,7 +61,7 @@ enum QuotaCommand {
 pub fn run(args: &QuotaArgs) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
-        let store = database::open(&args.database).await?;
+        let store = args.database.open().await?;
         let done = match &args.command {
             QuotaCommand::Grant { name, submissions, reason, new_owner } => {
                 if !new_owner {

@@ -2,7 +2,6 @@
 //! what changes, and applies or discards it.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -12,7 +11,7 @@ use comfy_table::{Table, presets};
 use rayon::prelude::*;
 use uuid::Uuid;
 
-use super::database;
+use super::database::DatabaseArgs;
 use super::progress::bar;
 use crate::clock::{now_ms, rfc3339};
 use crate::near::counted;
@@ -35,6 +34,8 @@ const LISTED: usize = 50;
 #[derive(Debug, Args)]
 #[command(args_conflicts_with_subcommands = true)]
 pub struct RegradeArgs {
+    #[command(flatten)]
+    database: DatabaseArgs,
     #[command(subcommand)]
     command: Option<RegradeCommand>,
     #[command(flatten)]
@@ -52,22 +53,13 @@ struct ComputeArgs {
     /// Person who regrades, recorded with every row that changes.
     #[arg(long, default_value = "operator")]
     actor: String,
-    #[command(flatten)]
-    at: Database,
-}
-
-#[derive(Debug, Args)]
-struct Database {
-    /// Database file of the service, which may keep running.
-    #[arg(long, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
-    database: PathBuf,
 }
 
 /// Commands on computed regrades.
 #[derive(Debug, Subcommand)]
 enum RegradeCommand {
     /// List regrades.
-    List(Database),
+    List,
     /// Show what a regrade would change.
     Show(Named),
     /// Apply a regrade: boards change at once, and old reports are kept.
@@ -80,8 +72,6 @@ enum RegradeCommand {
 struct Named {
     /// Id of the regrade.
     id: String,
-    #[command(flatten)]
-    at: Database,
 }
 
 /// Runs the command.
@@ -90,21 +80,14 @@ struct Named {
 /// Returns an error if the database cannot be opened, there is no such suite or regrade, or a submission cannot be
 /// graded.
 pub fn run(args: &RegradeArgs) -> anyhow::Result<ExitCode> {
-    let database = match &args.command {
-        None => &args.compute.at.database,
-        Some(RegradeCommand::List(at)) => &at.database,
-        Some(RegradeCommand::Show(named) | RegradeCommand::Apply(named) | RegradeCommand::Discard(named)) => {
-            &named.at.database
-        }
-    };
     // Lets a service on this machine go first. A failure does not change the results.
     let _ = rustix::process::setpriority_process(None, NICENESS);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
-        let store = database::open(database).await?;
+        let store = args.database.open().await?;
         let done = match &args.command {
             None => compute(&store, &args.compute).await,
-            Some(RegradeCommand::List(_)) => list(&store).await,
+            Some(RegradeCommand::List) => list(&store).await,
             Some(RegradeCommand::Show(named)) => show(&store, &named.id).await,
             Some(RegradeCommand::Apply(named)) => apply(&store, &named.id).await,
             Some(RegradeCommand::Discard(named)) => discard(&store, &named.id).await,

@@ -1,6 +1,5 @@
-//! `plumbline serve`: runs the service on one database file.
+//! `plumbline serve`: runs the service.
 
-use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -8,6 +7,7 @@ use clap::Args;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use tokio::signal::unix::{SignalKind, signal};
 
+use super::database::DatabaseArgs;
 use crate::app::access::Openness;
 use crate::app::limits::LIMITS;
 use crate::http::middleware::rates::RateSettings;
@@ -24,9 +24,8 @@ pub struct ServeArgs {
     /// Separate address for metrics and administration, which are then not served on the main address.
     #[arg(long, env = "PLUMBLINE_ADMIN_LISTEN", value_name = "HOST:PORT")]
     admin_listen: Option<String>,
-    /// Database file, created if it does not exist.
-    #[arg(long, env = "PLUMBLINE_DATABASE", default_value = "plumbline.db")]
-    database: PathBuf,
+    #[command(flatten)]
+    database: DatabaseArgs,
     /// Number of submissions graded at the same time; by default, one per processor.
     #[arg(long, env = "PLUMBLINE_WORKERS", value_parser = clap::value_parser!(u16).range(1..=1024))]
     workers: Option<u16>,
@@ -100,7 +99,7 @@ fn greet(args: &ServeArgs, app: &RunningService) {
     if args.open_grade {
         eprintln!("anyone who can reach it may grade (/v1/grade, /verify, /get_reward) without a key");
     }
-    eprintln!("writing needs a key: plumbline keys create --name YOU --database {}", args.database.display());
+    eprintln!("writing needs a key: plumbline keys create --name YOU --database {}", args.database.database);
 }
 
 /// Runs the command until the process is asked to stop.
@@ -116,7 +115,8 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
     let config = Config {
         listen: args.listen.clone(),
         admin_listen: args.admin_listen.clone(),
-        database: args.database.clone(),
+        database: args.database.database.clone(),
+        secrets: args.database.secrets.clone(),
         workers: args.workers.map_or(processors, usize::from),
         lease: Duration::from_secs(args.lease_seconds),
         hidden_publish: Duration::from_secs(args.hidden_publish_seconds),

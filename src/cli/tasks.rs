@@ -2,17 +2,18 @@
 
 use std::fmt::Write as _;
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Context as _, bail};
 use clap::Subcommand;
 use serde_json::Value;
 
-use super::database;
+use super::database::DatabaseArgs;
 use super::validate::{self, ValidateArgs};
 use crate::clock::now_ms;
 use crate::near::{counted, did_you_mean};
+use crate::store::location::Location;
 use crate::store::suites::SuiteStored;
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::grading::saboteur_table;
@@ -60,8 +61,8 @@ pub enum TasksCommand {
         #[arg(long)]
         suite: Option<String>,
         /// Database to add the suite to; without it, the files are only checked. The service may keep running.
-        #[arg(long, value_name = "FILE")]
-        database: Option<PathBuf>,
+        #[arg(long, value_name = "FILE|URL")]
+        database: Option<Location>,
     },
 }
 
@@ -77,7 +78,7 @@ pub fn run(command: TasksCommand) -> anyhow::Result<ExitCode> {
         TasksCommand::Validate(args) => validate::run(&args),
         TasksCommand::Schema => print(&format!("{}\n", serde_json::to_string_pretty(&json_schema())?)),
         TasksCommand::Saboteurs => print(&saboteur_table::markdown(&suite()?)),
-        TasksCommand::Import { files, suite, database } => import(&files, suite.as_deref(), database.as_deref()),
+        TasksCommand::Import { files, suite, database } => import(&files, suite.as_deref(), database),
     }
 }
 
@@ -146,7 +147,7 @@ fn show(wanted: &str, as_json: bool) -> anyhow::Result<ExitCode> {
     print(&text)
 }
 
-fn import(files: &[PathBuf], suite: Option<&str>, database: Option<&Path>) -> anyhow::Result<ExitCode> {
+fn import(files: &[PathBuf], suite: Option<&str>, database: Option<Location>) -> anyhow::Result<ExitCode> {
     let suites = match files {
         [folder] if folder.is_dir() => {
             if suite.is_some() {
@@ -177,19 +178,23 @@ fn import(files: &[PathBuf], suite: Option<&str>, database: Option<&Path>) -> an
             }
         }
     }
-    for suite in &suites {
-        match database {
-            Some(database) => store(suite, database)?,
-            None => println!("checked, not stored; --database FILE stores it as {}", suite.id()),
+    let Some(database) = database else {
+        for suite in &suites {
+            println!("checked, not stored; --database FILE stores it as {}", suite.id());
         }
+        return Ok(ExitCode::SUCCESS);
+    };
+    let database = DatabaseArgs { database, secrets: None };
+    for suite in &suites {
+        store(suite, &database)?;
     }
     Ok(ExitCode::SUCCESS)
 }
 
-fn store(suite: &Suite, database: &Path) -> anyhow::Result<()> {
+fn store(suite: &Suite, database: &DatabaseArgs) -> anyhow::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
-        let store = database::open(database).await?;
+        let store = database.open().await?;
         let stored = store.put_suite(suite, now_ms()).await?;
         store.close().await;
         match stored {

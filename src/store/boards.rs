@@ -1,8 +1,8 @@
 //! Data of boards: results of finished runs and actions of operators on their rows, read incrementally.
 
-use sqlx::sqlite::SqliteRow;
-use sqlx::{Row as _, SqliteConnection};
-
+use super::db::{Each, Row, Tx, query, query_as, query_scalar};
+use super::locks::Lock;
+use super::postgres::notices::Notice;
 use super::results::problems_of;
 use super::rows::from_row;
 use super::{Store, StoreError, StoreResult, commit};
@@ -71,21 +71,25 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn board_update(&self, suite_id: &str, tasks: &[Task], read: BoardCursor) -> StoreResult<BoardUpdate> {
-        let mut connection = self.readers.acquire().await?;
+        let mut connection = self.readers.begin_reading().await?;
         // Start from the new rows, never from all runs of the suite: the unary plus keeps the planner off the index on
         // suite_id.
-        let rows = sqlx::query(
-            "SELECT s.id, s.run_id, r.agent, r.finished_at_ms, s.since_ms, s.summary, s.outcomes, r.owner, r.provenance,
-                    s.fingerprint
-             FROM results s CROSS JOIN runs r ON r.id = s.run_id WHERE s.id > $1 AND +r.suite_id = $2 ORDER BY s.id",
-        )
+        let rows: Vec<Row> = query(Each {
+            sqlite: "SELECT s.id, s.run_id, r.agent, r.finished_at_ms, s.since_ms, s.summary, s.outcomes, r.owner,
+                            r.provenance, s.fingerprint
+                     FROM results s CROSS JOIN runs r ON r.id = s.run_id
+                     WHERE s.id > $1 AND +r.suite_id = $2 ORDER BY s.id",
+            postgres: "SELECT s.id, s.run_id, r.agent, r.finished_at_ms, s.since_ms, s.summary, s.outcomes, r.owner,
+                              r.provenance, s.fingerprint
+                       FROM results s JOIN runs r ON r.id = s.run_id WHERE s.id > $1 AND r.suite_id = $2 ORDER BY s.id",
+        })
         .bind(read.result)
         .bind(suite_id)
-        .fetch_all(&mut *connection)
+        .fetch_all(&mut connection)
         .await?;
         let mut news = BoardUpdate { read, ..BoardUpdate::default() };
         for row in &rows {
-            news.read.result = row.try_get("id")?;
+            news.read.result = row.get("id")?;
             match read_result(&mut connection, row, tasks).await {
                 Ok(result) => news.results.push(result),
                 // A damaged row must not take the board down.
@@ -96,21 +100,27 @@ impl Store {
                 Err(error) => return Err(error),
             }
         }
-        news.actions = sqlx::query_as(
-            "SELECT a.id, a.run_id, a.action, a.actor, a.reason, a.at_ms
-             FROM board_actions a CROSS JOIN runs r ON r.id = a.run_id WHERE a.id > $1 AND +r.suite_id = $2 ORDER BY a.id",
-        )
+        news.actions = query_as(Each {
+            sqlite: "SELECT a.id, a.run_id, a.action, a.actor, a.reason, a.at_ms
+                     FROM board_actions a CROSS JOIN runs r ON r.id = a.run_id
+                     WHERE a.id > $1 AND +r.suite_id = $2 ORDER BY a.id",
+            postgres: "SELECT a.id, a.run_id, a.action, a.actor, a.reason, a.at_ms
+                       FROM board_actions a JOIN runs r ON r.id = a.run_id
+                       WHERE a.id > $1 AND r.suite_id = $2 ORDER BY a.id",
+        })
         .bind(read.action)
         .bind(suite_id)
-        .fetch_all(&mut *connection)
+        .fetch_all(&mut connection)
         .await?;
         news.read.action = news.actions.last().map_or(read.action, |last| last.id);
-        let begun: Vec<(i64, String)> =
-            sqlx::query_as("SELECT rowid, agent FROM runs WHERE rowid > $1 AND +suite_id = $2 ORDER BY rowid")
-                .bind(read.run)
-                .bind(suite_id)
-                .fetch_all(&mut *connection)
-                .await?;
+        let begun: Vec<(i64, String)> = query_as(Each {
+            sqlite: "SELECT rowid, agent FROM runs WHERE rowid > $1 AND +suite_id = $2 ORDER BY rowid",
+            postgres: "SELECT seq, agent FROM runs WHERE seq > $1 AND suite_id = $2 ORDER BY seq",
+        })
+        .bind(read.run)
+        .bind(suite_id)
+        .fetch_all(&mut connection)
+        .await?;
         news.read.run = begun.last().map_or(read.run, |(last, _)| *last);
         news.begun = begun.into_iter().map(|(_, agent)| agent).collect();
         Ok(news)
@@ -129,24 +139,26 @@ impl Store {
         now_ms: i64,
     ) -> StoreResult<Acted> {
         let mut tx = self.begin().await?;
-        let found: Option<i64> = sqlx::query_scalar("SELECT 1 FROM runs WHERE id = $1 AND state = 'finished'")
+        tx.lock([Lock::Run(run_id)]).await?;
+        let is_finished: bool = query_scalar("SELECT EXISTS (SELECT 1 FROM runs WHERE id = $1 AND state = 'finished')")
             .bind(run_id)
-            .fetch_optional(&mut *tx)
+            .fetch_one(&mut tx)
             .await?;
-        if found.is_none() {
+        if !is_finished {
             return Ok(Acted::NoSuchRow);
         }
-        let last: Option<String> = sqlx::query_scalar(
+        let last: Option<String> = query_scalar(
             "SELECT action FROM board_actions WHERE run_id = $1 AND action <> 'regrade' ORDER BY id DESC LIMIT 1",
         )
         .bind(run_id)
-        .fetch_optional(&mut *tx)
+        .fetch_optional(&mut tx)
         .await?;
         if (last.as_deref() == Some("hide")) == hide {
             return Ok(Acted::Already);
         }
         let action = if hide { "hide" } else { "restore" };
         enter_action(&mut tx, run_id, action, actor, reason, now_ms).await?;
+        tx.notify(Notice::Ended).await?;
         commit(tx, "act_on_row").await?;
         self.note_ends(true);
         Ok(Acted::Done)
@@ -155,14 +167,15 @@ impl Store {
 
 /// Records an action on a row.
 pub(super) async fn enter_action(
-    tx: &mut SqliteConnection,
+    tx: &mut Tx,
     run_id: &str,
     action: &str,
     actor: &str,
     reason: &str,
     now_ms: i64,
 ) -> StoreResult<()> {
-    sqlx::query("INSERT INTO board_actions (run_id, action, actor, reason, at_ms) VALUES ($1, $2, $3, $4, $5)")
+    tx.lock([Lock::Order]).await?;
+    query("INSERT INTO board_actions (run_id, action, actor, reason, at_ms) VALUES ($1, $2, $3, $4, $5)")
         .bind(run_id)
         .bind(action)
         .bind(actor)
@@ -173,24 +186,24 @@ pub(super) async fn enter_action(
     Ok(())
 }
 
-async fn read_result(connection: &mut SqliteConnection, row: &SqliteRow, tasks: &[Task]) -> StoreResult<Finished> {
-    let run_id: String = row.try_get("run_id")?;
-    let summary: &str = row.try_get("summary")?;
-    let stored: Option<&[u8]> = row.try_get("outcomes")?;
+async fn read_result(connection: &mut Tx, row: &Row, tasks: &[Task]) -> StoreResult<Finished> {
+    let run_id: String = row.get("run_id")?;
+    let summary: &str = row.get("summary")?;
+    let stored: Option<&[u8]> = row.get("outcomes")?;
     let outcomes = match stored {
         Some(bytes) => Outcomes::from_bytes(bytes, tasks.len())
             .ok_or_else(|| StoreError::corrupt("results", format!("outcomes of {run_id}")))?,
         // The run finished before outcomes were stored.
         None => Outcomes::of(tasks, &problems_of(connection, &run_id).await?, &[]),
     };
-    let sketch: Option<&[u8]> = row.try_get("fingerprint")?;
+    let sketch: Option<&[u8]> = row.get("fingerprint")?;
     Ok(Finished {
-        owner: row.try_get("owner")?,
-        provenance: row.try_get("provenance")?,
+        owner: row.get("owner")?,
+        provenance: row.get("provenance")?,
         fingerprint: sketch.and_then(Fingerprint::from_bytes),
-        agent: row.try_get("agent")?,
-        finished_at_ms: row.try_get("finished_at_ms")?,
-        since_ms: row.try_get("since_ms")?,
+        agent: row.get("agent")?,
+        finished_at_ms: row.get("finished_at_ms")?,
+        since_ms: row.get("since_ms")?,
         summary: serde_json::from_str(summary).map_err(|error| StoreError::corrupt("results", error))?,
         outcomes,
         run: run_id,

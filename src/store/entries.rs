@@ -1,7 +1,6 @@
 //! Entries to an epoch: registered before any instance is issued, finalized once, complete when all answers are graded.
 
-use sqlx::{Row as _, SqliteConnection};
-
+use super::db::{Row, Tx, query, query_as, query_scalar};
 use super::epochs::{BUDGET_SPENT, close_in, epoch_in};
 use super::evidence::{publish, witness};
 use super::rows::from_row;
@@ -66,51 +65,45 @@ macro_rules! select_entry {
 }
 
 /// Reads a row of `select_entry`.
-fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<EntryRow> {
-    let tier: &str = row.try_get("tier")?;
+fn read(row: &Row) -> StoreResult<EntryRow> {
+    let tier: &str = row.get("tier")?;
     let known = Tier::ALL.into_iter().find(|own| own.name() == tier);
     Ok(EntryRow {
-        id: row.try_get("id")?,
-        epoch_id: row.try_get("epoch_id")?,
-        owner: row.try_get("owner")?,
-        agent: row.try_get("agent")?,
-        configuration_hash: row.try_get("configuration_hash")?,
+        id: row.get("id")?,
+        epoch_id: row.get("epoch_id")?,
+        owner: row.get("owner")?,
+        agent: row.get("agent")?,
+        configuration_hash: row.get("configuration_hash")?,
         tier: known.ok_or_else(|| StoreError::corrupt("entries", format!("tier {tier:?}")))?,
-        runs: row.try_get("runs")?,
-        registered_at_ms: row.try_get("registered_at_ms")?,
-        finalized_at_ms: row.try_get("finalized_at_ms")?,
-        completed_at_ms: row.try_get("completed_at_ms")?,
+        runs: row.get("runs")?,
+        registered_at_ms: row.get("registered_at_ms")?,
+        finalized_at_ms: row.get("finalized_at_ms")?,
+        completed_at_ms: row.get("completed_at_ms")?,
     })
 }
 
 /// Reads an entry within the transaction.
-pub(super) async fn entry_in(tx: &mut SqliteConnection, id: &str) -> StoreResult<Option<EntryRow>> {
-    let row = sqlx::query(select_entry!("WHERE id = $1")).bind(id).fetch_optional(tx).await?;
+pub(super) async fn entry_in(tx: &mut Tx, id: &str) -> StoreResult<Option<EntryRow>> {
+    let row = query(select_entry!("WHERE id = $1")).bind(id).fetch_optional(tx).await?;
     row.as_ref().map(read).transpose()
 }
 
 /// Reads an owner's entries to a tier within the transaction, in order of registration.
-pub(super) async fn own_entries_in(
-    tx: &mut SqliteConnection,
-    epoch_id: &str,
-    tier: Tier,
-    owner: &str,
-) -> StoreResult<Vec<EntryRow>> {
-    let rows =
-        sqlx::query(select_entry!("WHERE epoch_id = $1 AND tier = $2 AND owner = $3 ORDER BY registered_at_ms, id"))
-            .bind(epoch_id)
-            .bind(tier.name())
-            .bind(owner)
-            .fetch_all(tx)
-            .await?;
+pub(super) async fn own_entries_in(tx: &mut Tx, epoch_id: &str, tier: Tier, owner: &str) -> StoreResult<Vec<EntryRow>> {
+    let rows = query(select_entry!("WHERE epoch_id = $1 AND tier = $2 AND owner = $3 ORDER BY registered_at_ms, id"))
+        .bind(epoch_id)
+        .bind(tier.name())
+        .bind(owner)
+        .fetch_all(tx)
+        .await?;
     rows.iter().map(read).collect()
 }
 
 /// Returns the outcome of each instance of an entry, in order of issue.
-async fn outcomes_in(connection: &mut SqliteConnection, entry_id: &str) -> StoreResult<Vec<Outcome>> {
-    let rows: Vec<(String, Option<String>)> = sqlx::query_as(
+async fn outcomes_in(connection: &mut Tx, entry_id: &str) -> StoreResult<Vec<Outcome>> {
+    let rows: Vec<(String, Option<String>)> = query_as(
         "SELECT i.id, r.scores FROM instances i
-         LEFT JOIN submissions s ON s.instance_id = i.id AND s.superseded = 0
+         LEFT JOIN submissions s ON s.instance_id = i.id AND s.superseded = FALSE
          LEFT JOIN latest_reports r ON r.submission_id = s.id
          WHERE i.entry_id = $1 ORDER BY i.ordinal",
     )
@@ -126,25 +119,20 @@ async fn outcomes_in(connection: &mut SqliteConnection, entry_id: &str) -> Store
 
 /// Completes a finalized entry whose answers are all graded, and counts the bits released to its owner. Closes the
 /// epoch if its budget of released information is spent.
-pub(super) async fn complete_if_graded(
-    tx: &mut SqliteConnection,
-    signer: &Signer,
-    entry_id: &str,
-    now_ms: i64,
-) -> StoreResult<()> {
+pub(super) async fn complete_if_graded(tx: &mut Tx, signer: &Signer, entry_id: &str, now_ms: i64) -> StoreResult<()> {
     let Some(entry) = entry_in(tx, entry_id).await? else { return Ok(()) };
     let Some(epoch) = epoch_in(tx, &entry.epoch_id).await? else { return Ok(()) };
     // An answer whose grading failed on our side may be given again until the epoch is over; after that it counts as
     // failed.
-    let (answered, ungraded): (i64, i64) = sqlx::query_as(
-        "SELECT COUNT(*), COALESCE(SUM(s.state != 'graded' AND NOT ($2 AND s.state = 'grader_error')), 0)
-         FROM instances i JOIN submissions s ON s.instance_id = i.id AND s.superseded = 0 WHERE i.entry_id = $1",
+    let (answered, ungraded): (i64, i64) = query_as(
+        "SELECT COUNT(*), COUNT(*) FILTER (WHERE s.state != 'graded' AND NOT ($2 AND s.state = 'grader_error'))
+         FROM instances i JOIN submissions s ON s.instance_id = i.id AND s.superseded = FALSE WHERE i.entry_id = $1",
     )
     .bind(entry_id)
     .bind(epoch.is_over(now_ms))
     .fetch_one(&mut *tx)
     .await?;
-    let completed = sqlx::query(
+    let completed = query(
         "UPDATE entries SET completed_at_ms = $2
          WHERE id = $1 AND finalized_at_ms IS NOT NULL AND completed_at_ms IS NULL AND $3 = 0",
     )
@@ -153,7 +141,7 @@ pub(super) async fn complete_if_graded(
     .bind(ungraded)
     .execute(&mut *tx)
     .await?;
-    if completed.rows_affected() == 0 {
+    if completed == 0 {
         return Ok(());
     }
     settle_quota(tx, entry_id, now_ms).await?;
@@ -162,7 +150,7 @@ pub(super) async fn complete_if_graded(
     let completed = CompletedFact { entry: entry_id.to_owned(), finalized_at_ms, completed_at_ms: now_ms };
     witness(tx, signer, epoch.id(), &Fact::Completed(completed)).await?;
     let bits = released_bits(entry.tier.feedback(epoch.commitment.dev_feedback), answered as usize);
-    sqlx::query("UPDATE epochs SET released_bits = released_bits + $2 WHERE id = $1")
+    query("UPDATE epochs SET released_bits = released_bits + $2 WHERE id = $1")
         .bind(epoch.id())
         .bind(bits)
         .execute(&mut *tx)
@@ -175,11 +163,11 @@ pub(super) async fn complete_if_graded(
 
 /// Charges the graded answers of an entry and refunds the others. This happens only when the entry is completed, so
 /// that the ledger does not reveal when an answer was graded, or how.
-async fn settle_quota(tx: &mut SqliteConnection, entry_id: &str, now_ms: i64) -> StoreResult<()> {
-    let rows: Vec<(String, String, bool)> = sqlx::query_as(
+async fn settle_quota(tx: &mut Tx, entry_id: &str, now_ms: i64) -> StoreResult<()> {
+    let rows: Vec<(String, String, bool)> = query_as(
         "SELECT s.id, s.owner, s.state = 'graded'
          FROM submissions s JOIN instances i ON i.id = s.instance_id
-         WHERE i.entry_id = $1 AND s.owner IS NOT NULL AND s.superseded = 0 ORDER BY s.id",
+         WHERE i.entry_id = $1 AND s.owner IS NOT NULL AND s.superseded = FALSE ORDER BY s.id",
     )
     .bind(entry_id)
     .fetch_all(&mut *tx)
@@ -199,7 +187,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or the row cannot be read.
     pub async fn entry(&self, id: &str) -> StoreResult<Option<EntryRow>> {
-        let row = sqlx::query(select_entry!("WHERE id = $1")).bind(id).fetch_optional(&self.readers).await?;
+        let row = query(select_entry!("WHERE id = $1")).bind(id).fetch_optional(&self.readers).await?;
         row.as_ref().map(read).transpose()
     }
 
@@ -208,7 +196,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or a row cannot be read.
     pub async fn entries(&self, epoch_id: &str) -> StoreResult<Vec<EntryRow>> {
-        let rows = sqlx::query(select_entry!("WHERE epoch_id = $1 ORDER BY registered_at_ms, id"))
+        let rows = query(select_entry!("WHERE epoch_id = $1 ORDER BY registered_at_ms, id"))
             .bind(epoch_id)
             .fetch_all(&self.readers)
             .await?;
@@ -223,13 +211,11 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn finalize_entry(&self, id: &str, now_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
-        let finalized =
-            sqlx::query("UPDATE entries SET finalized_at_ms = $2 WHERE id = $1 AND finalized_at_ms IS NULL")
-                .bind(id)
-                .bind(now_ms)
-                .execute(&mut *tx)
-                .await?
-                .rows_affected();
+        let finalized = query("UPDATE entries SET finalized_at_ms = $2 WHERE id = $1 AND finalized_at_ms IS NULL")
+            .bind(id)
+            .bind(now_ms)
+            .execute(&mut tx)
+            .await?;
         commit(tx, "finalize_entry").await?;
         Ok(finalized > 0)
     }
@@ -240,7 +226,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or scores cannot be read.
     pub async fn outcomes_of_entry(&self, id: &str) -> StoreResult<Vec<Outcome>> {
-        outcomes_in(&mut *self.readers.acquire().await?, id).await
+        outcomes_in(&mut self.readers.begin_reading().await?, id).await
     }
 
     /// Returns the outcomes of the instances of a tier's complete entries for boards, in order of issue.
@@ -248,18 +234,18 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn board_outcomes(&self, epoch_id: &str, tier: Tier) -> StoreResult<Vec<BoardOutcome>> {
-        Ok(sqlx::query_as(
-            "SELECT e.id AS entry_id, i.salt, COALESCE(r.overall, 0) AS passes, s.id IS NOT NULL AS is_answered,
+        query_as(
+            "SELECT e.id AS entry_id, i.salt, COALESCE(r.overall, FALSE) AS passes, s.id IS NOT NULL AS is_answered,
                     i.transcript_hash IS NOT NULL AS has_transcript, i.transcript_checked_ms IS NOT NULL AS is_checked
              FROM entries e JOIN instances i ON i.entry_id = e.id
-             LEFT JOIN submissions s ON s.instance_id = i.id AND s.superseded = 0
+             LEFT JOIN submissions s ON s.instance_id = i.id AND s.superseded = FALSE
              LEFT JOIN latest_reports r ON r.submission_id = s.id
              WHERE e.epoch_id = $1 AND e.tier = $2 AND e.completed_at_ms IS NOT NULL ORDER BY i.ordinal",
         )
         .bind(epoch_id)
         .bind(tier.name())
         .fetch_all(&self.readers)
-        .await?)
+        .await
     }
 
     /// Completes the finalized entries whose answers are graded, and publishes the pending receipts in the log, in one
@@ -270,7 +256,7 @@ impl Store {
     pub async fn publish_hidden(&self, now_ms: i64) -> StoreResult<()> {
         const WAITING: &str =
             "SELECT id FROM entries WHERE finalized_at_ms IS NOT NULL AND completed_at_ms IS NULL ORDER BY id";
-        let waiting: Vec<String> = sqlx::query_scalar(WAITING).fetch_all(&self.readers).await?;
+        let waiting: Vec<String> = query_scalar(WAITING).fetch_all(&self.readers).await?;
         if waiting.is_empty() && !self.has_pending_receipts().await? {
             return Ok(());
         }

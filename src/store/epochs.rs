@@ -3,8 +3,7 @@
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use sqlx::{Row as _, SqliteConnection};
-
+use super::db::{Row, Tx, query};
 use super::secrets::EpochSecret;
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::hidden::commitment::{Commitment, Rules};
@@ -104,36 +103,36 @@ macro_rules! select_epoch {
     };
 }
 
-fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<EpochRow> {
-    let closed_at_ms: Option<i64> = row.try_get("closed_at_ms")?;
-    let reason: Option<String> = row.try_get("closed_reason")?;
+fn read(row: &Row) -> StoreResult<EpochRow> {
+    let closed_at_ms: Option<i64> = row.get("closed_at_ms")?;
+    let reason: Option<String> = row.get("closed_reason")?;
     Ok(EpochRow {
-        commitment: serde_json::from_str(row.try_get("commitment")?)
+        commitment: serde_json::from_str(row.get("commitment")?)
             .map_err(|error| StoreError::corrupt("epochs", error))?,
         rules: EpochRules {
-            instance_ms: row.try_get("instance_ms")?,
-            dev_entries: row.try_get("dev_entries")?,
-            official_entries: row.try_get("official_entries")?,
-            budget_bits: row.try_get("budget_bits")?,
-            owner_runs: row.try_get("owner_runs")?,
-            reservation_ms: row.try_get("reservation_ms")?,
+            instance_ms: row.get("instance_ms")?,
+            dev_entries: row.get("dev_entries")?,
+            official_entries: row.get("official_entries")?,
+            budget_bits: row.get("budget_bits")?,
+            owner_runs: row.get("owner_runs")?,
+            reservation_ms: row.get("reservation_ms")?,
         },
-        released_bits: row.try_get("released_bits")?,
-        created_at_ms: row.try_get("created_at_ms")?,
+        released_bits: row.get("released_bits")?,
+        created_at_ms: row.get("created_at_ms")?,
         closed: closed_at_ms.zip(reason),
-        settled_at_ms: row.try_get("settled_at_ms")?,
+        settled_at_ms: row.get("settled_at_ms")?,
     })
 }
 
 /// Reads an epoch within the transaction.
-pub(super) async fn epoch_in(tx: &mut SqliteConnection, id: &str) -> StoreResult<Option<EpochRow>> {
-    let row = sqlx::query(select_epoch!("WHERE id = $1")).bind(id).fetch_optional(tx).await?;
+pub(super) async fn epoch_in(tx: &mut Tx, id: &str) -> StoreResult<Option<EpochRow>> {
+    let row = query(select_epoch!("WHERE id = $1")).bind(id).fetch_optional(tx).await?;
     row.as_ref().map(read).transpose()
 }
 
 /// Marks an epoch whose time has passed as closed, so that it stays closed whatever the clock says later.
-pub(super) async fn seal_in(tx: &mut SqliteConnection, id: &str) -> StoreResult<()> {
-    sqlx::query(
+pub(super) async fn seal_in(tx: &mut Tx, id: &str) -> StoreResult<()> {
+    query(
         "UPDATE epochs SET closed_at_ms = closes_at_ms, closed_reason = 'its time is over'
          WHERE id = $1 AND closed_at_ms IS NULL",
     )
@@ -144,8 +143,8 @@ pub(super) async fn seal_in(tx: &mut SqliteConnection, id: &str) -> StoreResult<
 }
 
 /// Closes an epoch that is neither closed nor past its time; returns whether it did.
-pub(super) async fn close_in(tx: &mut SqliteConnection, id: &str, reason: &str, now_ms: i64) -> StoreResult<bool> {
-    let closed = sqlx::query(
+pub(super) async fn close_in(tx: &mut Tx, id: &str, reason: &str, now_ms: i64) -> StoreResult<bool> {
+    let closed = query(
         "UPDATE epochs SET closed_at_ms = $2, closed_reason = $3 WHERE id = $1 AND closed_at_ms IS NULL AND closes_at_ms > $2",
     )
     .bind(id)
@@ -153,7 +152,7 @@ pub(super) async fn close_in(tx: &mut SqliteConnection, id: &str, reason: &str, 
     .bind(reason)
     .execute(tx)
     .await?;
-    Ok(closed.rows_affected() > 0)
+    Ok(closed > 0)
 }
 
 impl Store {
@@ -174,15 +173,15 @@ impl Store {
         }
         let text = serde_json::to_string(commitment).map_err(|error| StoreError::corrupt("epochs", error))?;
         let mut tx = self.begin().await?;
-        sqlx::query(
+        query(
             "INSERT INTO suites (id, name, version, task_count, content_hash, created_at_ms)
              VALUES ($1, 'hidden', 1, 0, '', $2) ON CONFLICT (id) DO NOTHING",
         )
         .bind(HIDDEN_SUITE)
         .bind(now_ms)
-        .execute(&mut *tx)
+        .execute(&mut tx)
         .await?;
-        sqlx::query(
+        query(
             "INSERT INTO epochs (id, commitment, opens_at_ms, closes_at_ms, instance_ms, dev_entries, official_entries,
                                  budget_bits, created_at_ms, owner_runs, reservation_ms)
              VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11)",
@@ -198,7 +197,7 @@ impl Store {
         .bind(now_ms)
         .bind(rules.owner_runs)
         .bind(rules.reservation_ms)
-        .execute(&mut *tx)
+        .execute(&mut tx)
         .await?;
         commit(tx, "create_epoch").await?;
         Ok(true)
@@ -209,7 +208,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or the row cannot be read.
     pub async fn epoch(&self, id: &str) -> StoreResult<Option<EpochRow>> {
-        let row = sqlx::query(select_epoch!("WHERE id = $1")).bind(id).fetch_optional(&self.readers).await?;
+        let row = query(select_epoch!("WHERE id = $1")).bind(id).fetch_optional(&self.readers).await?;
         row.as_ref().map(read).transpose()
     }
 
@@ -218,7 +217,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or a row cannot be read.
     pub async fn epochs(&self) -> StoreResult<Vec<EpochRow>> {
-        let rows = sqlx::query(select_epoch!("ORDER BY opens_at_ms DESC, id")).fetch_all(&self.readers).await?;
+        let rows = query(select_epoch!("ORDER BY opens_at_ms DESC, id")).fetch_all(&self.readers).await?;
         rows.iter().map(read).collect()
     }
 

@@ -1,7 +1,7 @@
 //! Events: ends of submissions and runs, in the order in which they became durable.
 
-use sqlx::{QueryBuilder, SqliteConnection};
-
+use super::db::{Builder, Tx, query_scalar};
+use super::locks::Lock;
 use super::rows::from_row;
 use super::{Store, StoreResult};
 
@@ -61,9 +61,10 @@ pub(super) struct NewEvent<'a> {
 }
 
 /// Stores events.
-pub(super) async fn enter(tx: &mut SqliteConnection, events: &[NewEvent<'_>], now_ms: i64) -> StoreResult<()> {
-    let mut query = QueryBuilder::new("INSERT INTO events (at_ms, run_id, submission_id, state, overall) ");
-    query.push_values(events, |mut row, event| {
+pub(super) async fn enter(tx: &mut Tx, events: &[NewEvent<'_>], now_ms: i64) -> StoreResult<()> {
+    tx.lock([Lock::Order]).await?;
+    let mut query = Builder::new("INSERT INTO events (at_ms, run_id, submission_id, state, overall) ");
+    query.push_values(events, |row, event| {
         row.push_bind(now_ms)
             .push_bind(event.run_id.map(str::to_owned))
             .push_bind(event.submission_id.map(str::to_owned))
@@ -81,7 +82,7 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn events(&self, of: &EventsOf, after: i64, limit: i64) -> StoreResult<Vec<EventRow>> {
         let mut query =
-            QueryBuilder::new(
+            Builder::new(
             "SELECT e.id, e.at_ms, e.run_id, e.submission_id, e.state, e.overall, COALESCE(s.suite_id, r.suite_id) AS suite_id,
                     s.task_number
              FROM events e LEFT JOIN submissions s ON s.id = e.submission_id LEFT JOIN runs r ON r.id = e.run_id
@@ -98,7 +99,7 @@ impl Store {
             }
         }
         query.push(" ORDER BY e.id LIMIT ").push_bind(limit);
-        Ok(query.build_query_as().fetch_all(&self.readers).await?)
+        query.build_as().fetch_all(&self.readers).await
     }
 
     /// Returns the number of the last event; 0 if there is none.
@@ -106,6 +107,6 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn last_event(&self) -> StoreResult<i64> {
-        Ok(sqlx::query_scalar("SELECT COALESCE(MAX(id), 0) FROM events").fetch_one(&self.readers).await?)
+        query_scalar("SELECT COALESCE(MAX(id), 0) FROM events").fetch_one(&self.readers).await
     }
 }

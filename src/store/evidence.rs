@@ -2,8 +2,8 @@
 //! published later.
 
 use serde_json::Value;
-use sqlx::SqliteConnection;
 
+use super::db::{Tx, query, query_as, query_scalar};
 use super::receipts::{NewReceipt, enter};
 use super::rows::from_row;
 use super::secrets::random_key;
@@ -17,12 +17,7 @@ use plumbline_engine::tasks::hex;
 const AT_ONCE: usize = 500;
 
 /// Signs a fact and stores its receipt for later publication.
-pub(super) async fn witness(
-    tx: &mut SqliteConnection,
-    signer: &Signer,
-    epoch_id: &str,
-    fact: &Fact,
-) -> StoreResult<GivenReceipt> {
+pub(super) async fn witness(tx: &mut Tx, signer: &Signer, epoch_id: &str, fact: &Fact) -> StoreResult<GivenReceipt> {
     let receipt: Value = receipt(epoch_id, &random_key()?, fact);
     let signed = signer.sign(&receipt);
     keep(tx, epoch_id, None, &signed).await?;
@@ -30,13 +25,8 @@ pub(super) async fn witness(
 }
 
 /// Stores a receipt of an epoch for later publication; `of` is the submission and attempt of a grade.
-pub(super) async fn keep(
-    tx: &mut SqliteConnection,
-    epoch_id: &str,
-    of: Option<(&str, i64)>,
-    signed: &Signed,
-) -> StoreResult<()> {
-    sqlx::query(
+pub(super) async fn keep(tx: &mut Tx, epoch_id: &str, of: Option<(&str, i64)>, signed: &Signed) -> StoreResult<()> {
+    query(
         "INSERT INTO pending_receipts (epoch_id, submission_id, attempt, body, hash, signature, public_key)
          VALUES ($1, $2, $3, $4, $5, $6, $7)",
     )
@@ -53,8 +43,8 @@ pub(super) async fn keep(
 }
 
 /// Counts the receipts of an epoch, published or pending.
-pub(super) async fn count_of(tx: &mut SqliteConnection, epoch_id: &str) -> StoreResult<u64> {
-    let count: i64 = sqlx::query_scalar(
+pub(super) async fn count_of(tx: &mut Tx, epoch_id: &str) -> StoreResult<u64> {
+    let count: i64 = query_scalar(
         "SELECT (SELECT COUNT(*) FROM receipts WHERE epoch_id = $1) + (SELECT COUNT(*) FROM pending_receipts WHERE epoch_id = $1)",
     )
     .bind(epoch_id)
@@ -77,8 +67,8 @@ from_row!(Pending { epoch_id, submission_id, attempt, body, hash, signature, pub
 
 /// Publishes the pending receipts of one epoch, or of all, in the log. They are ordered by hash, so that the order
 /// reveals nothing.
-pub(super) async fn publish(tx: &mut SqliteConnection, epoch_id: Option<&str>) -> StoreResult<()> {
-    let pending: Vec<Pending> = sqlx::query_as(
+pub(super) async fn publish(tx: &mut Tx, epoch_id: Option<&str>) -> StoreResult<()> {
+    let pending: Vec<Pending> = query_as(
         "SELECT epoch_id, submission_id, attempt, body, hash, signature, public_key FROM pending_receipts
          WHERE $1 IS NULL OR epoch_id = $1 ORDER BY hash",
     )
@@ -103,7 +93,7 @@ pub(super) async fn publish(tx: &mut SqliteConnection, epoch_id: Option<&str>) -
     for part in new.chunks(AT_ONCE) {
         enter(tx, part).await?;
     }
-    sqlx::query("DELETE FROM pending_receipts WHERE $1 IS NULL OR epoch_id = $1").bind(epoch_id).execute(tx).await?;
+    query("DELETE FROM pending_receipts WHERE $1 IS NULL OR epoch_id = $1").bind(epoch_id).execute(tx).await?;
     Ok(())
 }
 
@@ -111,6 +101,6 @@ impl Store {
     /// Returns whether receipts are pending.
     pub(super) async fn has_pending_receipts(&self) -> StoreResult<bool> {
         const WAITING: &str = "SELECT EXISTS (SELECT 1 FROM pending_receipts)";
-        Ok(sqlx::query_scalar(WAITING).fetch_one(&self.readers).await?)
+        query_scalar(WAITING).fetch_one(&self.readers).await
     }
 }

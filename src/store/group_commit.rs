@@ -5,12 +5,14 @@
 
 use std::sync::Arc;
 
-use sqlx::{Connection as _, SqliteConnection, SqlitePool};
 use tokio::sync::{Notify, mpsc, oneshot};
 
+use super::acceptance::{Acceptability, Accepted, Decide, Decision, Facts, ToStore, locks_of, store_all};
+use super::db::{Pool, Tx};
 use super::idempotency::{IdempotencyKey, PriorRequest};
-use super::submissions::{Acceptability, Accepted, Decide, NewSubmission, accept_one};
-use super::{StoreError, StoreResult, commit};
+use super::postgres::notices::Notice;
+use super::submissions::NewSubmission;
+use super::{Store, StoreError, StoreResult, commit};
 
 /// Maximum number of requests in one transaction; with more, the first would wait long for the last.
 const MAX_GROUP: usize = 128;
@@ -33,21 +35,28 @@ pub(super) struct Acceptances(mpsc::Sender<Acceptance>);
 
 impl Acceptances {
     /// Starts the task. It ends when the last handle is dropped.
-    pub fn start(writer: SqlitePool, queued: Arc<Notify>) -> Self {
+    pub fn start(writer: Pool, queued: Arc<Notify>) -> Self {
         let (sender, mut receiver) = mpsc::channel(WAITING);
         tokio::spawn(async move {
             let mut group = Vec::with_capacity(MAX_GROUP);
             while receiver.recv_many(&mut group, MAX_GROUP).await > 0 {
                 metrics::histogram!("plumbline_accepted_together").record(group.len() as f64);
-                store(&writer, std::mem::take(&mut group)).await;
-                queued.notify_waiters();
+                if store(&writer, std::mem::take(&mut group)).await {
+                    queued.notify_waiters();
+                }
             }
         });
         Self(sender)
     }
+}
 
-    /// Stores the submissions of one request; see [`super::Store::accept`].
-    pub async fn store(
+impl Store {
+    /// Stores submissions and their jobs: all of them, or none if one is refused. Requests that arrive at the same time
+    /// share a transaction.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails; then nothing is stored.
+    pub async fn accept(
         &self,
         submissions: Arc<[NewSubmission]>,
         once: Option<IdempotencyKey>,
@@ -56,78 +65,100 @@ impl Acceptances {
     ) -> StoreResult<Acceptability> {
         let (answer, answered) = oneshot::channel();
         let closed = || StoreError::Database(sqlx::Error::PoolClosed);
-        self.0.send(Acceptance { submissions, once, decide, now_ms, answer }).await.map_err(|_| closed())?;
+        let acceptance = Acceptance { submissions, once, decide, now_ms, answer };
+        self.acceptances.0.send(acceptance).await.map_err(|_| closed())?;
         answered.await.map_err(|_| closed())?
     }
 }
 
-async fn store(writer: &SqlitePool, group: Vec<Acceptance>) {
+/// Stores a group of requests and answers them. Returns whether a job was queued.
+async fn store(writer: &Pool, group: Vec<Acceptance>) -> bool {
     match together(writer, &group).await {
-        Ok(answers) => {
-            for (request, answers) in group.into_iter().zip(answers) {
+        Ok((answers, is_queued)) => {
+            for (request, answer) in group.into_iter().zip(answers) {
                 // The client may be gone.
-                let _ = request.answer.send(Ok(answers));
+                let _ = request.answer.send(Ok(answer));
             }
+            is_queued
         }
         Err(_) if group.len() > 1 => {
             // One request failed the whole group: store each on its own.
+            let mut is_any_queued = false;
             for request in group {
                 let alone = together(writer, std::slice::from_ref(&request)).await;
-                let _ = request
-                    .answer
-                    .send(alone.map(|mut answers| answers.pop().unwrap_or_else(|| Acceptability::Decided(Vec::new()))));
+                is_any_queued |= matches!(alone, Ok((_, true)));
+                let answer = alone.map(|(mut answers, _)| answers.pop().expect("one request has one answer"));
+                let _ = request.answer.send(answer);
             }
+            is_any_queued
         }
         Err(error) => {
             if let Some(request) = group.into_iter().next() {
                 let _ = request.answer.send(Err(error));
             }
+            false
         }
     }
 }
 
-/// Stores the requests in one transaction. A refused request leaves no trace.
-async fn together(writer: &SqlitePool, group: &[Acceptance]) -> StoreResult<Vec<Acceptability>> {
-    let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
-    let mut all = Vec::with_capacity(group.len());
+/// Stores the requests in one transaction, and returns their answers and whether a job was queued. A refused request
+/// leaves no trace.
+async fn together(writer: &Pool, group: &[Acceptance]) -> StoreResult<(Vec<Acceptability>, bool)> {
+    let mut tx = writer.begin_writing().await?;
+    let all = group.iter().flat_map(|request| request.submissions.iter());
+    let once = group.iter().filter_map(|request| request.once.as_ref());
+    tx.lock(locks_of(all.clone(), once)).await?;
+    let mut facts = Facts::read(&mut tx, all).await?;
+    let mut answers = Vec::with_capacity(group.len());
+    let mut stored: Vec<ToStore<'_>> = Vec::new();
     for request in group {
-        // A single submission that is refused has written nothing, so it needs no savepoint.
-        if let ([only], None) = (&*request.submissions, &request.once) {
-            let answer = accept_one(&mut tx, only, request.decide, request.now_ms).await?;
-            all.push(Acceptability::Decided(vec![answer]));
-            continue;
+        let (answer, new) = decide_request(&mut tx, request, &facts).await?;
+        for one in new {
+            facts.note(one.new);
+            stored.push(one);
         }
-        let mut part = tx.begin().await?;
-        let (answer, is_stored) = store_request(&mut part, request).await?;
-        if is_stored {
-            part.commit().await?;
-        } else {
-            part.rollback().await?;
-        }
-        all.push(answer);
+        answers.push(answer);
+    }
+    let Some(now_ms) = group.iter().map(|request| request.now_ms).max() else { return Ok((answers, false)) };
+    store_all(&mut tx, &stored, now_ms).await?;
+    let is_queued = !stored.is_empty();
+    if is_queued {
+        tx.notify(Notice::Queued).await?;
     }
     commit(tx, "accept").await?;
-    Ok(all)
+    Ok((answers, is_queued))
 }
 
-/// Stores the submissions of one request, and its result if the request has an idempotency key. Returns whether to keep
-/// the changes.
-async fn store_request(tx: &mut SqliteConnection, request: &Acceptance) -> StoreResult<(Acceptability, bool)> {
+/// Decides on a request, and returns its answer and what it stores. Its result is kept if it has an idempotency key.
+async fn decide_request<'a>(
+    tx: &mut Tx,
+    request: &'a Acceptance,
+    facts: &Facts,
+) -> StoreResult<(Acceptability, Vec<ToStore<'a>>)> {
     if let Some(once) = &request.once {
         match once.before(tx, request.now_ms).await? {
             PriorRequest::Never => {}
-            PriorRequest::Done(result) => return Ok((Acceptability::Replayed(result), false)),
-            PriorRequest::OtherBody => return Ok((Acceptability::KeyUsedOtherwise, false)),
+            PriorRequest::Done(result) => return Ok((Acceptability::Replayed(result), Vec::new())),
+            PriorRequest::OtherBody => return Ok((Acceptability::KeyUsedOtherwise, Vec::new())),
         }
     }
-    let mut answers = Vec::with_capacity(request.submissions.len());
-    for submission in &*request.submissions {
-        answers.push(accept_one(tx, submission, request.decide, request.now_ms).await?);
+    let submissions = &request.submissions;
+    let mut stored = Vec::with_capacity(submissions.len());
+    let mut answers = Vec::with_capacity(submissions.len());
+    for (new, decision) in submissions.iter().zip((request.decide)(submissions, facts.about(submissions))) {
+        answers.push(match decision {
+            Decision::Answer(answer) => answer,
+            Decision::Store { supersedes } => {
+                stored.push(ToStore { new, supersedes, takes_over: None });
+                Accepted::New
+            }
+        });
     }
-    let is_stored = answers.iter().all(|answer| matches!(answer, Accepted::New | Accepted::Same(_)));
-    if let (Some(once), true) = (&request.once, is_stored) {
-        let result: Vec<(&str, bool)> = request
-            .submissions
+    if !answers.iter().all(|answer| matches!(answer, Accepted::New | Accepted::Same(_))) {
+        return Ok((Acceptability::Decided(answers), Vec::new()));
+    }
+    if let Some(once) = &request.once {
+        let result: Vec<(&str, bool)> = submissions
             .iter()
             .zip(&answers)
             .map(|(submission, answer)| match answer {
@@ -135,8 +166,8 @@ async fn store_request(tx: &mut SqliteConnection, request: &Acceptance) -> Store
                 _ => (submission.id.as_str(), false),
             })
             .collect();
-        let result = serde_json::to_string(&result).map_err(|error| StoreError::corrupt("idempotency", error))?;
+        let result = serde_json::to_string(&result).expect("identifiers and truth values are JSON");
         once.keep(tx, &result, request.now_ms).await?;
     }
-    Ok((Acceptability::Decided(answers), is_stored))
+    Ok((Acceptability::Decided(answers), stored))
 }

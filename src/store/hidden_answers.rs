@@ -1,10 +1,12 @@
 //! Answers to hidden instances: one log each, accepted once.
 
+use super::acceptance::{Accepted, Decide, Decision, Facts, ToStore, store_all};
+use super::db::{query, query_as};
 use super::entries::entry_in;
 use super::epochs::epoch_in;
 use super::evidence::witness;
 use super::instances::instance_in;
-use super::submissions::{Accepted, Decide, NewSubmission, accept_instead};
+use super::submissions::NewSubmission;
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::hidden::evidence::{AnswerFact, Fact};
 
@@ -43,12 +45,12 @@ impl Store {
     ) -> StoreResult<Answered> {
         let mut tx = self.begin().await?;
         let instance = instance_in(&mut tx, instance_id).await?;
-        let before: Option<(String, String, String, Option<String>)> = sqlx::query_as(
+        let before: Option<(String, String, String, Option<String>)> = query_as(
             "SELECT s.id, s.log_hash, s.state, i.receipt FROM submissions s JOIN instances i ON i.id = s.instance_id
-             WHERE s.instance_id = $1 AND s.superseded = 0",
+             WHERE s.instance_id = $1 AND s.superseded = FALSE",
         )
         .bind(instance_id)
-        .fetch_optional(&mut *tx)
+        .fetch_optional(&mut tx)
         .await?;
         match &before {
             Some((_, log_hash, _, _)) if *log_hash != new.log_hash => return Ok(Answered::Other),
@@ -75,18 +77,27 @@ impl Store {
             }
         }
         if let Some((id, _, _, _)) = &before {
-            sqlx::query("UPDATE submissions SET superseded = 1 WHERE id = $1").bind(id).execute(&mut *tx).await?;
+            query("UPDATE submissions SET superseded = TRUE WHERE id = $1").bind(id).execute(&mut tx).await?;
         }
         // An answer that is graded again is charged already; charging it no further does not reveal that grading
         // failed.
         let earlier = before.as_ref().map(|(id, _, _, _)| id.as_str());
-        if accept_instead(&mut tx, new, earlier, decide, now_ms).await? == Accepted::QuotaUsedUp {
-            return Ok(Answered::QuotaUsedUp);
+        let submission = std::slice::from_ref(new);
+        let mut facts = Facts::read(&mut tx, submission.iter()).await?.about(submission);
+        if earlier.is_some() {
+            facts.iter_mut().for_each(|facts| facts.quota_left = None);
         }
-        sqlx::query("UPDATE submissions SET instance_id = $2 WHERE id = $1")
+        match decide(submission, facts).pop() {
+            Some(Decision::Answer(Accepted::QuotaUsedUp)) => return Ok(Answered::QuotaUsedUp),
+            Some(Decision::Store { supersedes }) => {
+                store_all(&mut tx, &[ToStore { new, supersedes, takes_over: earlier }], now_ms).await?;
+            }
+            other => return Err(StoreError::corrupt("submissions", format!("{other:?} on an answer without a run"))),
+        }
+        query("UPDATE submissions SET instance_id = $2 WHERE id = $1")
             .bind(&new.id)
             .bind(instance_id)
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await?;
         // An answer that is graded again after a failure of ours looks like any repeated answer.
         if let Some((_, _, _, receipt)) = before {
@@ -103,11 +114,11 @@ impl Store {
         };
         let receipt = witness(&mut tx, &*self.signer()?, &instance.epoch_id, &Fact::Answer(answer)).await?;
         let receipt = serde_json::to_string(&receipt).map_err(|error| StoreError::corrupt("instances", error))?;
-        sqlx::query("UPDATE instances SET transcript_hash = $2, receipt = $3 WHERE id = $1")
+        query("UPDATE instances SET transcript_hash = $2, receipt = $3 WHERE id = $1")
             .bind(instance_id)
             .bind(transcript_hash)
             .bind(&receipt)
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await?;
         commit(tx, "answer_instance").await?;
         self.queued.notify_waiters();

@@ -1,8 +1,8 @@
 //! Idempotent requests: carried out once, however often they are sent. Their result is stored with their effect.
 
-use sqlx::SqliteConnection;
-
-use super::StoreResult;
+use super::db::{Tx, query, query_as, query_scalar};
+use super::locks::Lock;
+use super::{Store, StoreResult, commit};
 
 /// Time for which a key is remembered, in milliseconds.
 pub const KEPT_MS: i64 = 24 * 60 * 60 * 1_000;
@@ -30,16 +30,20 @@ pub enum PriorRequest {
 }
 
 impl IdempotencyKey {
+    /// Returns the lock that requests with this key take.
+    pub(super) fn lock(&self) -> Lock<'_> {
+        Lock::Request(&self.owner, &self.key)
+    }
+
     /// Looks up earlier use of the key, within the transaction.
-    pub(super) async fn before(&self, tx: &mut SqliteConnection, now_ms: i64) -> StoreResult<PriorRequest> {
-        let found: Option<(String, String)> = sqlx::query_as(
-            "SELECT body_hash, result FROM idempotency WHERE owner = $1 AND key = $2 AND created_at_ms > $3",
-        )
-        .bind(&self.owner)
-        .bind(&self.key)
-        .bind(now_ms - KEPT_MS)
-        .fetch_optional(tx)
-        .await?;
+    pub(super) async fn before(&self, tx: &mut Tx, now_ms: i64) -> StoreResult<PriorRequest> {
+        let found: Option<(String, String)> =
+            query_as("SELECT body_hash, result FROM idempotency WHERE owner = $1 AND key = $2 AND created_at_ms > $3")
+                .bind(&self.owner)
+                .bind(&self.key)
+                .bind(now_ms - KEPT_MS)
+                .fetch_optional(tx)
+                .await?;
         Ok(match found {
             None => PriorRequest::Never,
             Some((hash, result)) if hash == self.body_hash => PriorRequest::Done(result),
@@ -47,14 +51,13 @@ impl IdempotencyKey {
         })
     }
 
-    /// Stores the result of the request, and deletes results that are too old.
-    pub(super) async fn keep(&self, tx: &mut SqliteConnection, result: &str, now_ms: i64) -> StoreResult<()> {
-        sqlx::query("DELETE FROM idempotency WHERE created_at_ms <= $1")
-            .bind(now_ms - KEPT_MS)
-            .execute(&mut *tx)
-            .await?;
-        sqlx::query(
-            "INSERT INTO idempotency (owner, key, body_hash, result, created_at_ms) VALUES ($1, $2, $3, $4, $5)",
+    /// Stores the result of the request.
+    pub(super) async fn keep(&self, tx: &mut Tx, result: &str, now_ms: i64) -> StoreResult<()> {
+        // The key may have been used more than a day ago.
+        query(
+            "INSERT INTO idempotency (owner, key, body_hash, result, created_at_ms) VALUES ($1, $2, $3, $4, $5)
+             ON CONFLICT (owner, key) DO UPDATE SET
+                 body_hash = excluded.body_hash, result = excluded.result, created_at_ms = excluded.created_at_ms",
         )
         .bind(&self.owner)
         .bind(&self.key)
@@ -64,5 +67,22 @@ impl IdempotencyKey {
         .execute(tx)
         .await?;
         Ok(())
+    }
+}
+
+impl Store {
+    /// Deletes results of requests that are too old to be repeated.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails.
+    pub async fn forget_old_requests(&self, now_ms: i64) -> StoreResult<()> {
+        const ARE_THERE: &str = "SELECT EXISTS (SELECT 1 FROM idempotency WHERE created_at_ms <= $1)";
+        let before_ms = now_ms - KEPT_MS;
+        if !query_scalar(ARE_THERE).bind(before_ms).fetch_one(&self.readers).await? {
+            return Ok(());
+        }
+        let mut tx = self.begin().await?;
+        query("DELETE FROM idempotency WHERE created_at_ms <= $1").bind(before_ms).execute(&mut tx).await?;
+        commit(tx, "forget_old_requests").await
     }
 }

@@ -2,8 +2,7 @@
 
 use std::collections::HashSet;
 
-use sqlx::{Row as _, SqliteConnection};
-
+use super::db::{Row, Tx, query, query_as, query_scalar};
 use super::entries::entry_in;
 use super::epochs::epoch_in;
 use super::evidence::witness;
@@ -73,41 +72,41 @@ macro_rules! select_instance {
         concat!(
             "SELECT i.id, i.entry_id, i.epoch_id, i.ordinal, i.run, i.family, i.family_index, i.nonce, i.leaf, i.task_hash,
                     i.issued_at_ms, i.expires_at_ms, i.transcript_hash, i.transcript_checked_ms, s.id AS submission_id, s.log_hash
-             FROM instances i LEFT JOIN submissions s ON s.instance_id = i.id AND s.superseded = 0 ",
+             FROM instances i LEFT JOIN submissions s ON s.instance_id = i.id AND s.superseded = FALSE ",
             $rest
         )
     };
 }
 
-fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<InstanceRow> {
+fn read(row: &Row) -> StoreResult<InstanceRow> {
     let small = |number: i64| u32::try_from(number).map_err(|error| StoreError::corrupt("instances", error));
     Ok(InstanceRow {
-        id: row.try_get("id")?,
-        entry_id: row.try_get("entry_id")?,
-        epoch_id: row.try_get("epoch_id")?,
-        ordinal: row.try_get("ordinal")?,
-        run: small(row.try_get("run")?)?,
-        family: row.try_get("family")?,
-        family_index: small(row.try_get("family_index")?)?,
-        nonce: row.try_get("nonce")?,
-        leaf: small(row.try_get("leaf")?)?,
-        task_hash: row.try_get("task_hash")?,
-        issued_at_ms: row.try_get("issued_at_ms")?,
-        expires_at_ms: row.try_get("expires_at_ms")?,
-        transcript_hash: row.try_get("transcript_hash")?,
-        transcript_checked_ms: row.try_get("transcript_checked_ms")?,
-        submission_id: row.try_get("submission_id")?,
-        log_hash: row.try_get("log_hash")?,
+        id: row.get("id")?,
+        entry_id: row.get("entry_id")?,
+        epoch_id: row.get("epoch_id")?,
+        ordinal: row.get("ordinal")?,
+        run: small(row.get("run")?)?,
+        family: row.get("family")?,
+        family_index: small(row.get("family_index")?)?,
+        nonce: row.get("nonce")?,
+        leaf: small(row.get("leaf")?)?,
+        task_hash: row.get("task_hash")?,
+        issued_at_ms: row.get("issued_at_ms")?,
+        expires_at_ms: row.get("expires_at_ms")?,
+        transcript_hash: row.get("transcript_hash")?,
+        transcript_checked_ms: row.get("transcript_checked_ms")?,
+        submission_id: row.get("submission_id")?,
+        log_hash: row.get("log_hash")?,
     })
 }
 
 /// Reads an instance within the transaction.
-pub(super) async fn instance_in(tx: &mut SqliteConnection, id: &str) -> StoreResult<InstanceRow> {
-    read(&sqlx::query(select_instance!("WHERE i.id = $1")).bind(id).fetch_one(tx).await?)
+pub(super) async fn instance_in(tx: &mut Tx, id: &str) -> StoreResult<InstanceRow> {
+    read(&query(select_instance!("WHERE i.id = $1")).bind(id).fetch_one(tx).await?)
 }
 
-async fn of_run(tx: &mut SqliteConnection, entry_id: &str, run: u32) -> StoreResult<Vec<InstanceRow>> {
-    let rows = sqlx::query(select_instance!("WHERE i.entry_id = $1 AND i.run = $2 ORDER BY i.ordinal"))
+async fn of_run(tx: &mut Tx, entry_id: &str, run: u32) -> StoreResult<Vec<InstanceRow>> {
+    let rows = query(select_instance!("WHERE i.entry_id = $1 AND i.run = $2 ORDER BY i.ordinal"))
         .bind(entry_id)
         .bind(i64::from(run))
         .fetch_all(tx)
@@ -149,10 +148,8 @@ impl Store {
                 Room::ShareUsedUp(most) => return Ok(Issued::ShareUsedUp(most)),
             }
         }
-        let issued: Vec<i64> = sqlx::query_scalar("SELECT leaf FROM instances WHERE epoch_id = $1")
-            .bind(epoch.id())
-            .fetch_all(&mut *tx)
-            .await?;
+        let issued: Vec<i64> =
+            query_scalar("SELECT leaf FROM instances WHERE epoch_id = $1").bind(epoch.id()).fetch_all(&mut tx).await?;
         let mut ordinal = issued.len() as i64;
         let mut gone: HashSet<u32> = issued.into_iter().filter_map(|leaf| u32::try_from(leaf).ok()).collect();
         for stratum in &secret.strata {
@@ -170,7 +167,7 @@ impl Store {
                 let id = uuid::Uuid::new_v4().to_string();
                 let expires_at_ms = (now_ms + epoch.rules.instance_ms).min(epoch.commitment.closes_at_ms);
                 let salt = hex(&secret.key.derive("receipt", &[id.as_bytes()]));
-                sqlx::query(
+                query(
                     "INSERT INTO instances (id, entry_id, epoch_id, ordinal, run, family, family_index, nonce, leaf, task_hash,
                                             issued_at_ms, expires_at_ms, salt)
                      VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13)",
@@ -188,7 +185,7 @@ impl Store {
                 .bind(now_ms)
                 .bind(expires_at_ms)
                 .bind(salt)
-                .execute(&mut *tx)
+                .execute(&mut tx)
                 .await?;
             }
         }
@@ -210,7 +207,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or the row cannot be read.
     pub async fn instance(&self, id: &str) -> StoreResult<Option<InstanceRow>> {
-        let row = sqlx::query(select_instance!("WHERE i.id = $1")).bind(id).fetch_optional(&self.readers).await?;
+        let row = query(select_instance!("WHERE i.id = $1")).bind(id).fetch_optional(&self.readers).await?;
         row.as_ref().map(read).transpose()
     }
 
@@ -219,7 +216,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or a row cannot be read.
     pub async fn instances_of_entry(&self, entry_id: &str) -> StoreResult<Vec<InstanceRow>> {
-        let rows = sqlx::query(select_instance!("WHERE i.entry_id = $1 ORDER BY i.ordinal"))
+        let rows = query(select_instance!("WHERE i.entry_id = $1 ORDER BY i.ordinal"))
             .bind(entry_id)
             .fetch_all(&self.readers)
             .await?;
@@ -231,7 +228,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or a row cannot be read.
     pub async fn instances_of_epoch(&self, epoch_id: &str) -> StoreResult<Vec<InstanceRow>> {
-        let rows = sqlx::query(select_instance!("WHERE i.epoch_id = $1 ORDER BY i.ordinal"))
+        let rows = query(select_instance!("WHERE i.epoch_id = $1 ORDER BY i.ordinal"))
             .bind(epoch_id)
             .fetch_all(&self.readers)
             .await?;
@@ -244,7 +241,7 @@ impl Store {
     /// Returns an error if the database fails, or if the task does not exist or cannot be read.
     pub async fn task(&self, hash: &str) -> StoreResult<Task> {
         let body: String =
-            sqlx::query_scalar("SELECT body FROM tasks WHERE hash = $1").bind(hash).fetch_one(&self.readers).await?;
+            query_scalar("SELECT body FROM tasks WHERE hash = $1").bind(hash).fetch_one(&self.readers).await?;
         serde_json::from_str(&body).map_err(|error| StoreError::corrupt("tasks", error))
     }
 
@@ -264,10 +261,10 @@ impl Store {
         else {
             return Ok(true);
         };
-        sqlx::query("UPDATE instances SET transcript_checked_ms = $2 WHERE id = $1")
+        query("UPDATE instances SET transcript_checked_ms = $2 WHERE id = $1")
             .bind(instance_id)
             .bind(now_ms)
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await?;
         let shown = TranscriptFact { instance: instance.id, transcript_sha256, checked_at_ms: now_ms };
         witness(&mut tx, &*self.signer()?, &instance.epoch_id, &Fact::Transcript(shown)).await?;
@@ -281,8 +278,8 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or a log cannot be read.
     pub async fn answers(&self, epoch_id: &str, after: i64, limit: i64) -> StoreResult<Vec<(i64, String, Vec<u8>)>> {
-        let rows: Vec<(i64, String, Vec<u8>)> = sqlx::query_as(
-            "SELECT i.ordinal, i.id, s.log FROM instances i JOIN submissions s ON s.instance_id = i.id AND s.superseded = 0
+        let rows: Vec<(i64, String, Vec<u8>)> = query_as(
+            "SELECT i.ordinal, i.id, s.log FROM instances i JOIN submissions s ON s.instance_id = i.id AND s.superseded = FALSE
              WHERE i.epoch_id = $1 AND i.ordinal > $2 ORDER BY i.ordinal LIMIT $3",
         )
         .bind(epoch_id)
@@ -299,9 +296,9 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn epoch_counts(&self, epoch_id: &str) -> StoreResult<EpochCounts> {
-        let (issued, answered, dev, official): (i64, i64, i64, i64) = sqlx::query_as(
+        let (issued, answered, dev, official): (i64, i64, i64, i64) = query_as(
             "SELECT (SELECT COUNT(*) FROM instances WHERE epoch_id = $1),
-                    (SELECT COUNT(*) FROM instances i JOIN submissions s ON s.instance_id = i.id AND s.superseded = 0
+                    (SELECT COUNT(*) FROM instances i JOIN submissions s ON s.instance_id = i.id AND s.superseded = FALSE
                      WHERE i.epoch_id = $1),
                     (SELECT COUNT(*) FROM entries WHERE epoch_id = $1 AND tier = 'dev'),
                     (SELECT COUNT(*) FROM entries WHERE epoch_id = $1 AND tier = 'official')",
@@ -327,10 +324,10 @@ pub struct EpochCounts {
 }
 
 /// Stores a task under its hash, and returns the hash.
-async fn put_task(tx: &mut SqliteConnection, task: &Task) -> StoreResult<String> {
+async fn put_task(tx: &mut Tx, task: &Task) -> StoreResult<String> {
     let hash = task.content_hash();
     let body = serde_json::to_string(task).map_err(|error| StoreError::corrupt("tasks", error))?;
-    sqlx::query("INSERT INTO tasks (hash, id, family, body) VALUES ($1, $2, $3, $4) ON CONFLICT (hash) DO NOTHING")
+    query("INSERT INTO tasks (hash, id, family, body) VALUES ($1, $2, $3, $4) ON CONFLICT (hash) DO NOTHING")
         .bind(&hash)
         .bind(&task.id)
         .bind(task.family())

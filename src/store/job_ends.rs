@@ -1,8 +1,7 @@
 //! Ends of jobs without a report: cancelled, failed, or given up.
 
-use sqlx::SqliteConnection;
-
 use super::StoreResult;
+use super::db::{Tx, query, query_as, query_scalar};
 use super::events::{self, NewEvent};
 use super::evidence::witness;
 use super::quota;
@@ -14,23 +13,6 @@ use plumbline_engine::hidden::receipts::Signer;
 
 /// Maximum number of attempts; after that a submission ends as `grader_error`.
 pub const MAX_ATTEMPTS: i64 = 3;
-
-/// Ends the submission of a job that has no attempts left.
-pub(super) async fn give_up(
-    tx: &mut SqliteConnection,
-    signer: &Signer,
-    submission_id: &str,
-    now_ms: i64,
-) -> StoreResult<bool> {
-    let (run_id, suite_id): (Option<String>, String) =
-        sqlx::query_as("SELECT run_id, suite_id FROM submissions WHERE id = $1")
-            .bind(submission_id)
-            .fetch_one(&mut *tx)
-            .await?;
-    let why = format!("grading was begun {MAX_ATTEMPTS} times and never ended");
-    let end = End { submission_id, run_id: run_id.as_deref(), state: SubmissionState::GraderError };
-    end.record(tx, signer, &why, &suite_id, now_ms).await
-}
 
 /// End of a submission without a report.
 pub(super) struct End<'a> {
@@ -44,13 +26,15 @@ impl End<'_> {
     /// Returns whether the run ended.
     pub async fn record(
         &self,
-        tx: &mut SqliteConnection,
+        tx: &mut Tx,
         signer: &Signer,
         why: &str,
         suite_id: &str,
         now_ms: i64,
     ) -> StoreResult<bool> {
-        let (owner, instance): (Option<String>, Option<String>) = sqlx::query_as(
+        // The job goes first, as in every transaction that takes one.
+        query("DELETE FROM jobs WHERE submission_id = $1").bind(self.submission_id).execute(&mut *tx).await?;
+        let (owner, instance): (Option<String>, Option<String>) = query_as(
             "UPDATE submissions SET state = $2, error = $3, ended_at_ms = $4 WHERE id = $1 RETURNING owner, instance_id",
         )
         .bind(self.submission_id)
@@ -73,7 +57,7 @@ impl End<'_> {
             None => events::enter(tx, &[ended], now_ms).await?,
             // The end of a hidden instance is not announced before the epoch is over.
             Some(instance) => {
-                let epoch_id: String = sqlx::query_scalar("SELECT epoch_id FROM instances WHERE id = $1")
+                let epoch_id: String = query_scalar("SELECT epoch_id FROM instances WHERE id = $1")
                     .bind(&instance)
                     .fetch_one(&mut *tx)
                     .await?;
@@ -82,7 +66,6 @@ impl End<'_> {
                 witness(tx, signer, &epoch_id, &Fact::Failure(failure)).await?;
             }
         }
-        sqlx::query("DELETE FROM jobs WHERE submission_id = $1").bind(self.submission_id).execute(&mut *tx).await?;
         if let Some(run_id) = self.run_id {
             let errors = i64::from(self.state == SubmissionState::GraderError);
             count(tx, run_id, -1, 0, errors).await?;

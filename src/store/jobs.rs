@@ -5,11 +5,12 @@
 //! `grader_error`.
 
 use std::collections::HashMap;
+use std::sync::atomic::{AtomicI64, Ordering};
 
-use sqlx::{QueryBuilder, Row as _, Sqlite, SqliteConnection};
-
-use super::job_ends::MAX_ATTEMPTS;
-use super::job_ends::{End, give_up};
+use super::db::{Builder, Each, Tx, query, query_as, query_scalar};
+use super::job_ends::{End, MAX_ATTEMPTS};
+use super::locks::Lock;
+use super::postgres::notices::Notice;
 use super::queue::{Lane, note_taken};
 use super::states::SubmissionState;
 use super::{Store, StoreError, StoreResult, commit, decompress};
@@ -99,9 +100,10 @@ impl Store {
         }
         let mut tx = self.begin().await?;
         let now_ms = now_ms();
+        let is_thorough = self.looks.is_due(lease_ms, now_ms);
         let mut first = None;
         for lane in lanes {
-            first = take_first(&mut tx, *lane, lease_ms, now_ms).await?.map(|taken| (*lane, taken));
+            first = take_first(&mut tx, *lane, lease_ms, now_ms, is_thorough).await?.map(|taken| (*lane, taken));
             if first.is_some() {
                 break;
             }
@@ -109,68 +111,98 @@ impl Store {
         let Some((lane, Taken { id, attempt, turn })) = first else { return Ok(Claimed::Nothing) };
         note_taken(&mut tx, lane, turn).await?;
         if attempt > MAX_ATTEMPTS {
-            let has_ended = give_up(&mut tx, &*self.signer()?, &id, now_ms).await?;
-            commit(tx, "claim (given up)").await?;
-            self.note_ends(has_ended);
+            // Its run and owner are locked before its job, so it is given up in a transaction of its own.
+            commit(tx, "claim (no attempts left)").await?;
+            self.give_up(&id, attempt, now_ms).await?;
             return Ok(Claimed::GivenUp);
         }
         let mut taken = vec![(id, attempt)];
         if lane == Lane::Quick && attempt == 1 {
-            let more: Vec<(String, i64, i64)> = sqlx::query_as(
-                "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $1 + $2, lease_ms = $2
-                 WHERE submission_id IN (SELECT submission_id FROM jobs
-                                         WHERE lane = 'quick' AND lease_until_ms <= $1 AND attempt = 0
-                                         ORDER BY turn, queued_at_ms, submission_id LIMIT $3)
-                 RETURNING submission_id, attempt, turn",
-            )
+            let more: Vec<(String, i64, i64)> = query_as(Each {
+                sqlite: "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $1 + $2, lease_ms = $2
+                         WHERE submission_id IN (SELECT submission_id FROM jobs
+                                                 WHERE lane = 'quick' AND lease_until_ms <= $1 AND attempt = 0
+                                                 ORDER BY turn, queued_at_ms, submission_id LIMIT $3)
+                         RETURNING submission_id, attempt, turn",
+                postgres: "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $1 + $2, lease_ms = $2
+                           WHERE submission_id IN (SELECT submission_id FROM jobs
+                                                   WHERE lane = 'quick' AND lease_until_ms <= $1 AND attempt = 0
+                                                     AND turn >= (SELECT turn FROM lanes WHERE name = 'quick')
+                                                   ORDER BY turn, queued_at_ms, submission_id LIMIT $3
+                                                   FOR UPDATE SKIP LOCKED)
+                           RETURNING submission_id, attempt, turn",
+            })
             .bind(now_ms)
             .bind(lease_ms)
             .bind(most.saturating_sub(1) as i64)
-            .fetch_all(&mut *tx)
+            .fetch_all(&mut tx)
             .await?;
             if let Some(turn) = more.iter().map(|(_, _, turn)| *turn).max() {
                 note_taken(&mut tx, lane, turn).await?;
             }
             taken.extend(more.into_iter().map(|(id, attempt, _)| (id, attempt)));
         }
-        let mut update = QueryBuilder::new("UPDATE submissions SET state = 'grading' WHERE id IN ");
-        push_ids(&mut update, taken.iter().map(|(id, _)| id.as_str()));
-        update.build().execute(&mut *tx).await?;
-        let mut select = QueryBuilder::new(
+        let mut update = Builder::new("UPDATE submissions SET state = 'grading' WHERE id IN ");
+        update.push_list(taken.iter().map(|(id, _)| id.as_str()));
+        update.build().execute(&mut tx).await?;
+        let mut select = Builder::new(
             "SELECT s.id, s.run_id, s.suite_id, s.task_number, s.log, s.owner, s.log_hash, i.id AS instance_id, i.epoch_id, i.salt,
                     i.task_hash, CASE WHEN i.id IS NULL THEN NULL ELSE t.body END AS task
              FROM submissions s LEFT JOIN instances i ON i.id = s.instance_id LEFT JOIN tasks t ON t.hash = i.task_hash
              WHERE s.id IN ",
         );
-        push_ids(&mut select, taken.iter().map(|(id, _)| id.as_str()));
-        let rows = select.build().fetch_all(&mut *tx).await?;
+        select.push_list(taken.iter().map(|(id, _)| id.as_str()));
+        let rows = select.build().fetch_all(&mut tx).await?;
         commit(tx, "claim").await?;
         let attempts: HashMap<String, i64> = taken.into_iter().collect();
         let mut claims = Vec::with_capacity(rows.len());
         for row in rows {
-            let submission_id: String = row.try_get("id")?;
+            let submission_id: String = row.get("id")?;
             claims.push(Claim {
                 attempt: *attempts.get(&submission_id).expect("the rows are those of the jobs taken"),
                 submission_id,
-                run_id: row.try_get("run_id")?,
-                suite_id: row.try_get("suite_id")?,
-                task_number: row.try_get("task_number")?,
-                log: row.try_get("log")?,
-                owner: row.try_get("owner")?,
-                log_hash: row.try_get("log_hash")?,
-                hidden: match row.try_get::<Option<String>, _>("instance_id")? {
+                run_id: row.get("run_id")?,
+                suite_id: row.get("suite_id")?,
+                task_number: row.get("task_number")?,
+                log: row.get("log")?,
+                owner: row.get("owner")?,
+                log_hash: row.get("log_hash")?,
+                hidden: match row.get::<Option<String>>("instance_id")? {
                     None => None,
                     Some(instance_id) => Some(HiddenJob {
                         instance_id,
-                        epoch_id: row.try_get("epoch_id")?,
-                        salt: row.try_get("salt")?,
-                        task_hash: row.try_get("task_hash")?,
-                        task: row.try_get("task")?,
+                        epoch_id: row.get("epoch_id")?,
+                        salt: row.get("salt")?,
+                        task_hash: row.get("task_hash")?,
+                        task: row.get("task")?,
                     }),
                 },
             });
         }
         Ok(Claimed::Jobs(claims))
+    }
+
+    /// Ends the submission of a job that has no attempts left, unless the job has changed meanwhile.
+    async fn give_up(&self, submission_id: &str, attempt: i64, now_ms: i64) -> StoreResult<()> {
+        let mut tx = self.begin().await?;
+        let (run_id, suite_id, owner, epoch_id): (Option<String>, String, Option<String>, Option<String>) = query_as(
+            "SELECT s.run_id, s.suite_id, s.owner, i.epoch_id
+             FROM submissions s LEFT JOIN instances i ON i.id = s.instance_id WHERE s.id = $1",
+        )
+        .bind(submission_id)
+        .fetch_one(&mut tx)
+        .await?;
+        tx.lock(locks_of(run_id.as_deref(), owner.as_deref(), epoch_id.as_deref())).await?;
+        if attempt_in(&mut tx, submission_id).await? != Some(attempt) {
+            return Ok(());
+        }
+        let why = format!("grading was begun {MAX_ATTEMPTS} times and never ended");
+        let end = End { submission_id, run_id: run_id.as_deref(), state: SubmissionState::GraderError };
+        let has_ended = end.record(&mut tx, &*self.signer()?, &why, &suite_id, now_ms).await?;
+        tx.notify(Notice::Ended).await?;
+        commit(tx, "claim (given up)").await?;
+        self.note_ends(has_ended);
+        Ok(())
     }
 
     /// Extends a lease to `lease_ms` from now. Returns false if the job no longer belongs to this attempt.
@@ -180,14 +212,13 @@ impl Store {
     pub async fn renew(&self, claim: &Claim, lease_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
         let held =
-            sqlx::query("UPDATE jobs SET lease_until_ms = $3, lease_ms = $4 WHERE submission_id = $1 AND attempt = $2")
+            query("UPDATE jobs SET lease_until_ms = $3, lease_ms = $4 WHERE submission_id = $1 AND attempt = $2")
                 .bind(&claim.submission_id)
                 .bind(claim.attempt)
                 .bind(now_ms() + lease_ms)
                 .bind(lease_ms)
-                .execute(&mut *tx)
-                .await?
-                .rows_affected();
+                .execute(&mut tx)
+                .await?;
         commit(tx, "renew").await?;
         Ok(held > 0)
     }
@@ -198,19 +229,18 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn give_back(&self, claim: &Claim, attempt_counts: bool) -> StoreResult<()> {
         let mut tx = self.begin().await?;
-        let held = sqlx::query(
+        let held = query(
             "UPDATE jobs SET lease_until_ms = 0, attempt = attempt - $3 WHERE submission_id = $1 AND attempt = $2",
         )
         .bind(&claim.submission_id)
         .bind(claim.attempt)
         .bind(i64::from(!attempt_counts))
-        .execute(&mut *tx)
-        .await?
-        .rows_affected();
+        .execute(&mut tx)
+        .await?;
         if held > 0 {
-            sqlx::query("UPDATE submissions SET state = 'queued' WHERE id = $1")
+            query("UPDATE submissions SET state = 'queued' WHERE id = $1")
                 .bind(&claim.submission_id)
-                .execute(&mut *tx)
+                .execute(&mut tx)
                 .await?;
         }
         commit(tx, "give_back").await?;
@@ -224,17 +254,20 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn cancel(&self, submission_id: &str, now_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
-        let found: Option<(Option<String>, String)> = sqlx::query_as(
-            "SELECT s.run_id, s.suite_id FROM submissions s JOIN jobs j ON j.submission_id = s.id
-             WHERE s.id = $1 AND s.instance_id IS NULL",
-        )
-        .bind(submission_id)
-        .fetch_optional(&mut *tx)
-        .await?;
-        let Some((run_id, suite_id)) = found else { return Ok(false) };
+        let found: Option<(Option<String>, String, Option<String>)> =
+            query_as("SELECT run_id, suite_id, owner FROM submissions WHERE id = $1 AND instance_id IS NULL")
+                .bind(submission_id)
+                .fetch_optional(&mut tx)
+                .await?;
+        let Some((run_id, suite_id, owner)) = found else { return Ok(false) };
+        tx.lock(locks_of(run_id.as_deref(), owner.as_deref(), None)).await?;
+        if attempt_in(&mut tx, submission_id).await?.is_none() {
+            return Ok(false);
+        }
         let end = End { submission_id, run_id: run_id.as_deref(), state: SubmissionState::Cancelled };
         // The job is gone, so a result that a worker still brings back does not count.
         let has_ended = end.record(&mut tx, &*self.signer()?, "cancelled by its owner", &suite_id, now_ms).await?;
+        tx.notify(Notice::Ended).await?;
         commit(tx, "cancel").await?;
         self.note_ends(has_ended);
         Ok(true)
@@ -244,8 +277,8 @@ impl Store {
     /// lock.
     async fn has_jobs(&self, lanes: &[Lane]) -> StoreResult<bool> {
         for lane in lanes {
-            let has_one: bool = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM jobs WHERE lane = $1)")
-                .bind(lane.name())
+            let has_one: bool = query_scalar("SELECT EXISTS (SELECT 1 FROM jobs WHERE lane = $1)")
+                .bind(*lane)
                 .fetch_one(&self.readers)
                 .await?;
             if has_one {
@@ -261,12 +294,12 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn jobs_before(&self, submission_id: &str, most: i64) -> StoreResult<Option<i64>> {
         let place: Option<(i64, i64, String)> =
-            sqlx::query_as("SELECT turn, queued_at_ms, lane FROM jobs WHERE submission_id = $1 AND lease_until_ms = 0")
+            query_as("SELECT turn, queued_at_ms, lane FROM jobs WHERE submission_id = $1 AND lease_until_ms = 0")
                 .bind(submission_id)
                 .fetch_optional(&self.readers)
                 .await?;
         let Some((turn, queued_at_ms, lane)) = place else { return Ok(None) };
-        let before = sqlx::query_scalar(
+        let before = query_scalar(
             "SELECT COUNT(*) FROM (SELECT 1 FROM jobs
                                    WHERE lane = $5 AND (turn < $1 OR (turn = $1 AND (queued_at_ms, submission_id) < ($2, $3)))
                                    LIMIT $4) AS b",
@@ -288,13 +321,30 @@ impl Store {
     pub async fn fail(&self, claim: &Claim, state: SubmissionState, why: &str, now_ms: i64) -> StoreResult<()> {
         let mut tx = self.begin().await?;
         let mut has_ended = false;
-        if holds(&mut tx, claim).await? {
+        let epoch = claim.hidden.as_ref().map(|hidden| hidden.epoch_id.as_str());
+        tx.lock(locks_of(claim.run_id.as_deref(), claim.owner.as_deref(), epoch)).await?;
+        if attempt_in(&mut tx, &claim.submission_id).await? == Some(claim.attempt) {
             let end = End { submission_id: &claim.submission_id, run_id: claim.run_id.as_deref(), state };
             has_ended = end.record(&mut tx, &*self.signer()?, why, &claim.suite_id, now_ms).await?;
         }
+        tx.notify(Notice::Ended).await?;
         commit(tx, "fail").await?;
         self.note_ends(has_ended);
         Ok(())
+    }
+}
+
+/// Times at which this process looks through all jobs of the lanes, not only those of the current rounds.
+#[derive(Debug, Default)]
+pub(super) struct Looks(AtomicI64);
+
+impl Looks {
+    /// Returns whether such a look is due: four times in the length of a lease, so that a job whose worker died is
+    /// found soon after its lease ends.
+    fn is_due(&self, lease_ms: i64, now_ms: i64) -> bool {
+        let last_ms = self.0.load(Ordering::Relaxed);
+        let is_due = now_ms < last_ms || now_ms - last_ms >= (lease_ms / 4).min(2_000);
+        is_due && self.0.compare_exchange(last_ms, now_ms, Ordering::Relaxed, Ordering::Relaxed).is_ok()
     }
 }
 
@@ -307,37 +357,60 @@ struct Taken {
 
 /// Takes the first job of a lane that is free, whose lease has expired, or whose lease begins in the future, as after a
 /// clock was set back.
-async fn take_first(tx: &mut SqliteConnection, lane: Lane, lease_ms: i64, now_ms: i64) -> StoreResult<Option<Taken>> {
-    let taken: Option<(String, i64, i64)> = sqlx::query_as(
-        "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $1 + $2, lease_ms = $2
-         WHERE submission_id = (SELECT submission_id FROM jobs
-                                WHERE lane = $3 AND (lease_until_ms <= $1 OR lease_until_ms - lease_ms > $1)
-                                ORDER BY turn, queued_at_ms, submission_id LIMIT 1)
-         RETURNING submission_id, attempt, turn",
-    )
+///
+/// On PostgreSQL, jobs that another node is taking are passed over. Rounds below the lane's hold only jobs that were
+/// taken before; they are looked through only if `is_thorough` is set, because the index keeps the entries of deleted
+/// jobs for as long as any transaction is open.
+async fn take_first(
+    tx: &mut Tx,
+    lane: Lane,
+    lease_ms: i64,
+    now_ms: i64,
+    is_thorough: bool,
+) -> StoreResult<Option<Taken>> {
+    let taken: Option<(String, i64, i64)> = query_as(Each {
+        sqlite: "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $1 + $2, lease_ms = $2
+                 WHERE submission_id = (SELECT submission_id FROM jobs
+                                        WHERE lane = $3 AND (lease_until_ms <= $1 OR lease_until_ms - lease_ms > $1)
+                                          AND ($4 OR TRUE)
+                                        ORDER BY turn, queued_at_ms, submission_id LIMIT 1)
+                 RETURNING submission_id, attempt, turn",
+        postgres: "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $1 + $2, lease_ms = $2
+                   WHERE submission_id = (SELECT submission_id FROM jobs
+                                          WHERE lane = $3 AND (lease_until_ms <= $1 OR lease_until_ms - lease_ms > $1)
+                                            AND turn >= CASE WHEN $4 THEN 0 ELSE (SELECT turn FROM lanes WHERE name = $3) END
+                                          ORDER BY turn, queued_at_ms, submission_id LIMIT 1
+                                          FOR UPDATE SKIP LOCKED)
+                   RETURNING submission_id, attempt, turn",
+    })
     .bind(now_ms)
     .bind(lease_ms)
-    .bind(lane.name())
+    .bind(lane)
+    .bind(is_thorough)
     .fetch_optional(tx)
     .await?;
     Ok(taken.map(|(id, attempt, turn)| Taken { id, attempt, turn }))
 }
 
-/// Appends `(id, id, …)` as bound values.
-pub(super) fn push_ids<'a>(query: &mut QueryBuilder<Sqlite>, ids: impl Iterator<Item = &'a str>) {
-    query.push("(");
-    let mut list = query.separated(", ");
-    for id in ids {
-        list.push_bind(id.to_owned());
-    }
-    query.push(")");
+/// Returns the attempt of a job, and keeps others from taking the job until the transaction ends; none if the job has
+/// ended.
+pub(super) async fn attempt_in(tx: &mut Tx, submission_id: &str) -> StoreResult<Option<i64>> {
+    query_scalar(Each {
+        sqlite: "SELECT attempt FROM jobs WHERE submission_id = $1",
+        postgres: "SELECT attempt FROM jobs WHERE submission_id = $1 FOR UPDATE",
+    })
+    .bind(submission_id)
+    .fetch_optional(tx)
+    .await
 }
 
-/// Returns whether the job still belongs to this attempt.
-pub(super) async fn holds(tx: &mut SqliteConnection, claim: &Claim) -> StoreResult<bool> {
-    let attempt: Option<i64> = sqlx::query_scalar("SELECT attempt FROM jobs WHERE submission_id = $1")
-        .bind(&claim.submission_id)
-        .fetch_optional(&mut *tx)
-        .await?;
-    Ok(attempt == Some(claim.attempt))
+/// Returns the locks that ending a submission takes.
+pub(super) fn locks_of<'a>(
+    run_id: Option<&'a str>,
+    owner: Option<&'a str>,
+    epoch_id: Option<&'a str>,
+) -> impl Iterator<Item = Lock<'a>> {
+    [epoch_id.map(Lock::Epoch), run_id.map(Lock::Run), Some(Lock::Owner(owner.unwrap_or_default()))]
+        .into_iter()
+        .flatten()
 }

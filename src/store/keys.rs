@@ -1,9 +1,12 @@
 //! API keys. Only the owner knows the secret of a key; the database holds its hash.
 
+use std::collections::BTreeMap;
+
 use sha2::{Digest as _, Sha256};
-use sqlx::SqliteConnection;
 use uuid::Uuid;
 
+use super::db::{Tx, query, query_as, query_scalar};
+use super::locks::Lock;
 use super::{Store, StoreResult, commit};
 use plumbline_engine::tasks::hex;
 
@@ -118,7 +121,7 @@ macro_rules! select_key {
 
 /// Stores a new key, and returns the whole key including its secret.
 async fn enter_key(
-    tx: &mut SqliteConnection,
+    tx: &mut Tx,
     owner: &str,
     scopes: &[Scope],
     expires_at_ms: Option<i64>,
@@ -128,7 +131,7 @@ async fn enter_key(
     // 244 random bits.
     let secret = format!("{}{}", Uuid::new_v4().simple(), Uuid::new_v4().simple());
     let scopes: Vec<&str> = scopes.iter().map(|scope| scope.name()).collect();
-    sqlx::query(
+    query(
         "INSERT INTO keys (id, owner, secret_hash, scopes, created_at_ms, expires_at_ms) VALUES ($1, $2, $3, $4, $5, $6)",
     )
     .bind(&id)
@@ -156,13 +159,14 @@ impl Store {
         now_ms: i64,
     ) -> StoreResult<Option<String>> {
         let mut tx = self.begin().await?;
-        let live: i64 = sqlx::query_scalar(
+        tx.lock([Lock::Owner(owner)]).await?;
+        let live: i64 = query_scalar(
             "SELECT COUNT(*) FROM keys
              WHERE owner = $1 AND revoked_at_ms IS NULL AND (expires_at_ms IS NULL OR expires_at_ms > $2)",
         )
         .bind(owner)
         .bind(now_ms)
-        .fetch_one(&mut *tx)
+        .fetch_one(&mut tx)
         .await?;
         if live >= LIVE_KEYS {
             return Ok(None);
@@ -186,24 +190,27 @@ impl Store {
     ) -> StoreResult<Option<String>> {
         let Some(old) = self.key(old_id).await? else { return Ok(None) };
         let mut tx = self.begin().await?;
-        let others: i64 = sqlx::query_scalar(
+        tx.lock([Lock::Owner(&old.owner)]).await?;
+        let others: i64 = query_scalar(
             "SELECT COUNT(*) FROM keys
              WHERE owner = $1 AND id <> $3 AND revoked_at_ms IS NULL AND (expires_at_ms IS NULL OR expires_at_ms > $2)",
         )
         .bind(&old.owner)
         .bind(now_ms)
         .bind(old_id)
-        .fetch_one(&mut *tx)
+        .fetch_one(&mut tx)
         .await?;
         // During the overlap the owner may have one key more than otherwise.
         if others >= LIVE_KEYS {
             return Ok(None);
         }
-        sqlx::query("UPDATE keys SET expires_at_ms = MIN(COALESCE(expires_at_ms, $2), $2) WHERE id = $1")
-            .bind(old_id)
-            .bind(old_ends_at_ms)
-            .execute(&mut *tx)
-            .await?;
+        query(
+            "UPDATE keys SET expires_at_ms = CASE WHEN expires_at_ms < $2 THEN expires_at_ms ELSE $2 END WHERE id = $1",
+        )
+        .bind(old_id)
+        .bind(old_ends_at_ms)
+        .execute(&mut tx)
+        .await?;
         let key = enter_key(&mut tx, &old.owner, &old.scopes, expires_at_ms, now_ms).await?;
         commit(tx, "rotate_key").await?;
         Ok(Some(key))
@@ -215,7 +222,7 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn key(&self, id: &str) -> StoreResult<Option<KeyRow>> {
         let row: Option<Columns> =
-            sqlx::query_as(select_key!("WHERE id = $1")).bind(id).fetch_optional(&self.readers).await?;
+            query_as(select_key!("WHERE id = $1")).bind(id).fetch_optional(&self.readers).await?;
         Ok(row.map(read))
     }
 
@@ -224,8 +231,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn keys(&self) -> StoreResult<Vec<KeyRow>> {
-        let rows: Vec<Columns> =
-            sqlx::query_as(select_key!("ORDER BY created_at_ms, id")).fetch_all(&self.readers).await?;
+        let rows: Vec<Columns> = query_as(select_key!("ORDER BY created_at_ms, id")).fetch_all(&self.readers).await?;
         Ok(rows.into_iter().map(read).collect())
     }
 
@@ -235,12 +241,11 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn revoke_key(&self, id: &str, now_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
-        let found = sqlx::query("UPDATE keys SET revoked_at_ms = $2 WHERE id = $1 AND revoked_at_ms IS NULL")
+        let found = query("UPDATE keys SET revoked_at_ms = $2 WHERE id = $1 AND revoked_at_ms IS NULL")
             .bind(id)
             .bind(now_ms)
-            .execute(&mut *tx)
-            .await?
-            .rows_affected();
+            .execute(&mut tx)
+            .await?;
         commit(tx, "revoke_key").await?;
         Ok(found > 0)
     }
@@ -251,11 +256,13 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn note_key_uses(&self, uses: &[(String, i64)]) -> StoreResult<()> {
         let mut tx = self.begin().await?;
+        // All nodes take the rows in the same order.
+        let uses: BTreeMap<&String, i64> = uses.iter().map(|(id, used_at_ms)| (id, *used_at_ms)).collect();
         for (id, used_at_ms) in uses {
-            sqlx::query("UPDATE keys SET last_used_at_ms = $2 WHERE id = $1")
+            query("UPDATE keys SET last_used_at_ms = $2 WHERE id = $1 AND COALESCE(last_used_at_ms, 0) < $2")
                 .bind(id)
                 .bind(used_at_ms)
-                .execute(&mut *tx)
+                .execute(&mut tx)
                 .await?;
         }
         commit(tx, "note_key_uses").await

@@ -5,12 +5,15 @@
 //! comes late is therefore served next, and not after all jobs that another owner has queued. The greatest round never
 //! decreases, even when the lane is empty, and all processes on a database share it.
 
-use sqlx::SqliteConnection;
-
 use super::StoreResult;
+use super::db::{Builder, Tx, query, query_scalar};
+use super::states::text_column;
+
+/// Maximum number of jobs that one statement inserts.
+const AT_ONCE: usize = 500;
 
 /// Lane of the queue.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Lane {
     /// Jobs that take next to no time. One worker is reserved for them.
     Quick,
@@ -21,6 +24,8 @@ pub enum Lane {
 }
 
 impl Lane {
+    const ALL: [Self; 3] = [Self::Quick, Self::Long, Self::Hidden];
+
     /// Returns the name of the lane in the database.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -32,38 +37,37 @@ impl Lane {
     }
 }
 
+text_column!(Lane);
+
 /// Job to enqueue.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct NewJob<'a> {
     pub submission_id: &'a str,
-    pub owner: Option<&'a str>,
-    pub lane: Lane,
 }
 
-/// Enqueues a job in its owner's next round.
-pub(super) async fn enter(tx: &mut SqliteConnection, job: &NewJob<'_>, now_ms: i64) -> StoreResult<()> {
-    sqlx::query(
-        "INSERT INTO jobs (submission_id, queued_at_ms, lane, owner, turn)
-         SELECT $1, $2, l.name, $4,
-                MAX(l.turn, COALESCE((SELECT MAX(j.turn) + 1 FROM jobs j WHERE j.lane = l.name AND j.owner = $4), 0))
-         FROM lanes l WHERE l.name = $3",
-    )
-    .bind(job.submission_id)
-    .bind(now_ms)
-    .bind(job.lane.name())
-    .bind(job.owner.unwrap_or_default())
-    .execute(tx)
-    .await?;
+/// Enqueues jobs of one owner in the owner's next rounds.
+pub(super) async fn enter(tx: &mut Tx, lane: Lane, owner: &str, jobs: &[NewJob<'_>], now_ms: i64) -> StoreResult<()> {
+    let served: i64 = query_scalar("SELECT turn FROM lanes WHERE name = $1").bind(lane).fetch_one(&mut *tx).await?;
+    let own: Option<i64> = query_scalar("SELECT MAX(turn) FROM jobs WHERE lane = $1 AND owner = $2")
+        .bind(lane)
+        .bind(owner)
+        .fetch_one(&mut *tx)
+        .await?;
+    let first = served.max(own.map_or(0, |own| own + 1));
+    for (part, jobs) in jobs.chunks(AT_ONCE).enumerate() {
+        let first = first + (part * AT_ONCE) as i64;
+        let mut insert = Builder::new("INSERT INTO jobs (submission_id, queued_at_ms, lane, owner, turn) ");
+        insert.push_values((first..).zip(jobs), |row, (turn, job)| {
+            row.push_bind(job.submission_id).push_bind(now_ms).push_bind(lane).push_bind(owner).push_bind(turn);
+        });
+        insert.build().execute(&mut *tx).await?;
+    }
     Ok(())
 }
 
 /// Records that a job of this round was taken.
-pub(super) async fn note_taken(tx: &mut SqliteConnection, lane: Lane, turn: i64) -> StoreResult<()> {
-    sqlx::query("UPDATE lanes SET turn = $2 WHERE name = $1 AND turn < $2")
-        .bind(lane.name())
-        .bind(turn)
-        .execute(tx)
-        .await?;
+pub(super) async fn note_taken(tx: &mut Tx, lane: Lane, turn: i64) -> StoreResult<()> {
+    query("UPDATE lanes SET turn = $2 WHERE name = $1 AND turn < $2").bind(lane).bind(turn).execute(tx).await?;
     Ok(())
 }
 
@@ -71,23 +75,24 @@ pub(super) async fn note_taken(tx: &mut SqliteConnection, lane: Lane, turn: i64)
 mod tests {
     use super::*;
     use crate::store::Store;
+    use crate::store::db::query_as;
 
-    async fn turns(tx: &mut SqliteConnection) -> Vec<(String, i64)> {
-        sqlx::query_as("SELECT owner, turn FROM jobs ORDER BY queued_at_ms").fetch_all(tx).await.unwrap()
+    async fn turns(tx: &mut Tx) -> Vec<(String, i64)> {
+        query_as("SELECT owner, turn FROM jobs ORDER BY queued_at_ms").fetch_all(tx).await.unwrap()
     }
 
-    async fn enter_for(tx: &mut SqliteConnection, owner: &str, lane: Lane, at: i64) {
+    async fn enter_for(tx: &mut Tx, owner: &str, lane: Lane, at: i64) {
         let id = format!("{owner}{at}");
-        enter(tx, &NewJob { submission_id: &id, owner: Some(owner), lane }, at).await.unwrap();
+        enter(tx, lane, owner, &[NewJob { submission_id: &id }], at).await.unwrap();
     }
 
     #[tokio::test]
     async fn owners_take_turns_and_turns_never_fall() {
         let folder = tempfile::tempdir().unwrap();
-        let store = Store::open(&folder.path().join("p.db")).await.unwrap();
+        let store = Store::open(&folder.path().join("p.db").into(), None).await.unwrap();
         let mut tx = store.begin().await.unwrap();
         // The jobs here belong to no submission; only their order matters.
-        sqlx::query("PRAGMA defer_foreign_keys = ON").execute(&mut *tx).await.unwrap();
+        query("PRAGMA defer_foreign_keys = ON").execute(&mut tx).await.unwrap();
         for at in 0..4 {
             enter_for(&mut tx, "a", Lane::Long, at).await;
         }
@@ -99,7 +104,7 @@ mod tests {
         let wanted = [("a", 0), ("a", 1), ("a", 2), ("a", 3), ("b", 1), ("b", 2), ("c", 0)];
         assert_eq!(found, wanted.map(|(owner, turn)| (owner.to_owned(), turn)));
         // An owner who comes to an empty lane gets no round below those already served.
-        sqlx::query("DELETE FROM jobs").execute(&mut *tx).await.unwrap();
+        query("DELETE FROM jobs").execute(&mut tx).await.unwrap();
         note_taken(&mut tx, Lane::Long, 0).await.unwrap();
         enter_for(&mut tx, "d", Lane::Long, 7).await;
         assert_eq!(turns(&mut tx).await, [("d".to_owned(), 1)]);

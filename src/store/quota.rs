@@ -1,12 +1,15 @@
 //! Quota: the number of submissions that owners may make, as a ledger. Every row is written in the transaction of its
 //! cause.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use sqlx::{QueryBuilder, SqliteConnection};
-
+use super::db::{Builder, Tx, query, query_as, query_scalar};
+use super::locks::Lock;
 use super::rows::from_row;
 use super::{Store, StoreResult, commit};
+
+/// Maximum number of rows that one statement inserts.
+const AT_ONCE: usize = 500;
 
 /// Quota and use of an owner, in submissions.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -51,43 +54,42 @@ pub struct QuotaEntry {
 
 from_row!(QuotaEntry { id, kind, units, submission_id, reason, at_ms });
 
-/// Returns the units that an owner may still use; `None` without a limit. Submissions that nobody owns are free.
-pub(super) async fn left(connection: &mut SqliteConnection, owner: Option<&str>) -> StoreResult<Option<i64>> {
-    let Some(owner) = owner else { return Ok(None) };
-    let left: Option<Option<i64>> =
-        sqlx::query_scalar("SELECT granted - (charged + reserved - used_before) FROM quotas WHERE owner = $1")
-            .bind(owner)
-            .fetch_optional(connection)
-            .await?;
-    Ok(left.flatten())
+/// Returns the units that each of these owners may still use. Owners without a limit are left out.
+pub(super) async fn left_of(tx: &mut Tx, owners: &BTreeSet<&str>) -> StoreResult<BTreeMap<String, i64>> {
+    let mut select = Builder::new(
+        "SELECT owner, granted - (charged + reserved - used_before) FROM quotas WHERE granted IS NOT NULL AND owner IN ",
+    );
+    select.push_list(owners.iter().copied());
+    let left: Vec<(String, i64)> = select.build_as().fetch_all(tx).await?;
+    Ok(left.into_iter().collect())
 }
 
-/// Reserves a unit for a submission about to be stored.
-pub(super) async fn reserve(tx: &mut SqliteConnection, owner: Option<&str>) -> StoreResult<()> {
-    let Some(owner) = owner else { return Ok(()) };
-    sqlx::query(
-        "INSERT INTO quotas (owner, reserved) VALUES ($1, 1) ON CONFLICT (owner) DO UPDATE SET reserved = reserved + 1",
-    )
-    .bind(owner)
-    .execute(tx)
-    .await?;
-    Ok(())
+/// Reserves a unit for each stored submission, given as owner and submission.
+pub(super) async fn reserve(tx: &mut Tx, stored: &[(&str, &str)], now_ms: i64) -> StoreResult<()> {
+    if stored.is_empty() {
+        return Ok(());
+    }
+    let mut upsert = Builder::new("INSERT INTO quotas (owner, reserved) ");
+    upsert.push_values(units_of(stored), |row, (owner, units)| {
+        row.push_bind(owner).push_bind(units);
+    });
+    upsert.push(" ON CONFLICT (owner) DO UPDATE SET reserved = quotas.reserved + excluded.reserved");
+    upsert.build().execute(&mut *tx).await?;
+    enter(tx, "reserve", "accepted", now_ms, stored).await
 }
 
-/// Adds a reservation to the ledger, once the submission is stored.
-pub(super) async fn note_reserved(
-    tx: &mut SqliteConnection,
-    owner: Option<&str>,
-    submission_id: &str,
-    now_ms: i64,
-) -> StoreResult<()> {
-    let Some(owner) = owner else { return Ok(()) };
-    enter(tx, "reserve", "accepted", now_ms, &[(owner, submission_id)]).await
+/// Counts the submissions of each owner, given as owner and submission.
+fn units_of<'a>(submissions: &[(&'a str, &str)]) -> BTreeMap<&'a str, i64> {
+    let mut owners: BTreeMap<&str, i64> = BTreeMap::new();
+    for (owner, _) in submissions {
+        *owners.entry(owner).or_default() += 1;
+    }
+    owners
 }
 
 /// Transfers the reservation of a submission to the submission that replaces it.
-pub(super) async fn hand_over(tx: &mut SqliteConnection, from: &str, to: &str) -> StoreResult<()> {
-    sqlx::query("UPDATE quota_entries SET submission_id = $2 WHERE submission_id = $1 AND kind = 'reserve'")
+pub(super) async fn hand_over(tx: &mut Tx, from: &str, to: &str) -> StoreResult<()> {
+    query("UPDATE quota_entries SET submission_id = $2 WHERE submission_id = $1 AND kind = 'reserve'")
         .bind(from)
         .bind(to)
         .execute(tx)
@@ -96,16 +98,12 @@ pub(super) async fn hand_over(tx: &mut SqliteConnection, from: &str, to: &str) -
 }
 
 /// Charges the owners of graded submissions, given as owner and submission, whose reports are released now.
-pub(super) async fn charge(tx: &mut SqliteConnection, graded: &[(&str, &str)], now_ms: i64) -> StoreResult<()> {
+pub(super) async fn charge(tx: &mut Tx, graded: &[(&str, &str)], now_ms: i64) -> StoreResult<()> {
     if graded.is_empty() {
         return Ok(());
     }
-    let mut owners: BTreeMap<&str, i64> = BTreeMap::new();
-    for (owner, _) in graded {
-        *owners.entry(owner).or_default() += 1;
-    }
-    for (owner, units) in owners {
-        sqlx::query("UPDATE quotas SET reserved = reserved - $2, charged = charged + $2 WHERE owner = $1")
+    for (owner, units) in units_of(graded) {
+        query("UPDATE quotas SET reserved = reserved - $2, charged = charged + $2 WHERE owner = $1")
             .bind(owner)
             .bind(units)
             .execute(&mut *tx)
@@ -116,15 +114,16 @@ pub(super) async fn charge(tx: &mut SqliteConnection, graded: &[(&str, &str)], n
 
 /// Refunds the reservation of a submission that ends without a released report.
 pub(super) async fn refund(
-    tx: &mut SqliteConnection,
+    tx: &mut Tx,
     owner: &str,
     submission_id: &str,
     reason: &str,
     now_ms: i64,
 ) -> StoreResult<()> {
     // Use before the first grant cannot exceed total use.
-    sqlx::query(
-        "UPDATE quotas SET reserved = reserved - 1, used_before = MAX(0, MIN(used_before, charged + reserved - 1))
+    query(
+        "UPDATE quotas SET reserved = reserved - 1,
+             used_before = CASE WHEN used_before < charged + reserved THEN used_before ELSE charged + reserved - 1 END
          WHERE owner = $1",
     )
     .bind(owner)
@@ -134,29 +133,25 @@ pub(super) async fn refund(
 }
 
 /// Adds a row of one unit for each owner and submission.
-async fn enter(
-    tx: &mut SqliteConnection,
-    kind: &'static str,
-    reason: &str,
-    now_ms: i64,
-    of: &[(&str, &str)],
-) -> StoreResult<()> {
-    let mut query = QueryBuilder::new("INSERT INTO quota_entries (owner, submission_id, kind, units, reason, at_ms) ");
-    query.push_values(of, |mut row, (owner, submission_id)| {
-        row.push_bind((*owner).to_owned())
-            .push_bind((*submission_id).to_owned())
-            .push_bind(kind)
-            .push_bind(1)
-            .push_bind(reason.to_owned())
-            .push_bind(now_ms);
-    });
-    query.build().execute(tx).await?;
+async fn enter(tx: &mut Tx, kind: &'static str, reason: &str, now_ms: i64, of: &[(&str, &str)]) -> StoreResult<()> {
+    for part in of.chunks(AT_ONCE) {
+        let mut insert = Builder::new("INSERT INTO quota_entries (owner, submission_id, kind, units, reason, at_ms) ");
+        insert.push_values(part, |row, (owner, submission_id)| {
+            row.push_bind(*owner)
+                .push_bind(*submission_id)
+                .push_bind(kind)
+                .push_bind(1)
+                .push_bind(reason)
+                .push_bind(now_ms);
+        });
+        insert.build().execute(&mut *tx).await?;
+    }
     Ok(())
 }
 
 /// Adds a grant to the ledger.
-async fn enter_grant(tx: &mut SqliteConnection, owner: &str, units: i64, reason: &str, now_ms: i64) -> StoreResult<()> {
-    sqlx::query("INSERT INTO quota_entries (owner, kind, units, reason, at_ms) VALUES ($1, 'grant', $2, $3, $4)")
+async fn enter_grant(tx: &mut Tx, owner: &str, units: i64, reason: &str, now_ms: i64) -> StoreResult<()> {
+    query("INSERT INTO quota_entries (owner, kind, units, reason, at_ms) VALUES ($1, 'grant', $2, $3, $4)")
         .bind(owner)
         .bind(units)
         .bind(reason)
@@ -172,11 +167,11 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn knows_owner(&self, owner: &str) -> StoreResult<bool> {
-        let found = sqlx::query_scalar(
+        let found = query_scalar(
             "SELECT EXISTS (SELECT 1 FROM keys WHERE owner = $1) OR EXISTS (SELECT 1 FROM runs WHERE owner = $1)
                  OR EXISTS (SELECT 1 FROM quotas WHERE owner = $1)",
         );
-        Ok(found.bind(owner).fetch_one(&self.readers).await?)
+        found.bind(owner).fetch_one(&self.readers).await
     }
 
     /// Returns all owners that have a key.
@@ -184,7 +179,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn owners(&self) -> StoreResult<Vec<String>> {
-        Ok(sqlx::query_scalar("SELECT DISTINCT owner FROM keys ORDER BY owner").fetch_all(&self.readers).await?)
+        query_scalar("SELECT DISTINCT owner FROM keys ORDER BY owner").fetch_all(&self.readers).await
     }
 
     /// Lifts the quota of an owner: from now on it is unlimited. Returns false if it was not limited.
@@ -193,14 +188,13 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn lift_quota(&self, owner: &str, reason: &str, now_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
-        let granted: Option<Option<i64>> = sqlx::query_scalar("SELECT granted FROM quotas WHERE owner = $1")
-            .bind(owner)
-            .fetch_optional(&mut *tx)
-            .await?;
+        tx.lock([Lock::Owner(owner)]).await?;
+        let granted: Option<Option<i64>> =
+            query_scalar("SELECT granted FROM quotas WHERE owner = $1").bind(owner).fetch_optional(&mut tx).await?;
         let Some(granted) = granted.flatten() else { return Ok(false) };
-        sqlx::query("UPDATE quotas SET granted = NULL, used_before = 0 WHERE owner = $1")
+        query("UPDATE quotas SET granted = NULL, used_before = 0 WHERE owner = $1")
             .bind(owner)
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await?;
         enter_grant(&mut tx, owner, -granted, &format!("lifted: {reason}"), now_ms).await?;
         commit(tx, "lift_quota").await?;
@@ -214,7 +208,8 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn grant(&self, owner: &str, units: i64, reason: &str, now_ms: i64) -> StoreResult<QuotaRow> {
         let mut tx = self.begin().await?;
-        sqlx::query(
+        tx.lock([Lock::Owner(owner)]).await?;
+        query(
             "INSERT INTO quotas (owner, granted) VALUES ($1, $2)
              ON CONFLICT (owner) DO UPDATE SET
                  used_before = CASE WHEN quotas.granted IS NULL THEN quotas.charged + quotas.reserved ELSE quotas.used_before END,
@@ -222,7 +217,7 @@ impl Store {
         )
         .bind(owner)
         .bind(units)
-        .execute(&mut *tx)
+        .execute(&mut tx)
         .await?;
         enter_grant(&mut tx, owner, units, reason, now_ms).await?;
         commit(tx, "grant").await?;
@@ -235,7 +230,7 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn quota(&self, owner: &str) -> StoreResult<QuotaRow> {
         let found: Option<(Option<i64>, i64, i64, i64)> =
-            sqlx::query_as("SELECT granted, reserved, charged, used_before FROM quotas WHERE owner = $1")
+            query_as("SELECT granted, reserved, charged, used_before FROM quotas WHERE owner = $1")
                 .bind(owner)
                 .fetch_optional(&self.readers)
                 .await?;
@@ -248,7 +243,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn quota_entries(&self, owner: &str, before: i64, limit: i64) -> StoreResult<Vec<QuotaEntry>> {
-        let rows = sqlx::query_as(
+        let rows = query_as(
             "SELECT id, kind, units, submission_id, reason, at_ms FROM quota_entries
              WHERE owner = $1 AND id < $2 ORDER BY id DESC LIMIT $3",
         )

@@ -1,6 +1,8 @@
 //! The key that signs receipts: a change of it is recorded in their log.
 
+use super::db::query_scalar;
 use super::evidence::publish;
+use super::locks::Lock;
 use super::receipts::{NewReceipt, enter};
 use super::{Store, StoreResult, commit};
 use plumbline_engine::hidden::receipts::{Signer, key_change};
@@ -14,17 +16,18 @@ impl Store {
     pub async fn note_receipt_key(&self, signer: &Signer, now_ms: i64) -> StoreResult<Option<String>> {
         const LAST: &str = "SELECT public_key FROM receipts ORDER BY seq DESC LIMIT 1";
         const KEYS: &str = "SELECT DISTINCT public_key FROM (SELECT public_key FROM pending_receipts
-                            UNION ALL SELECT public_key FROM (SELECT public_key FROM receipts ORDER BY seq DESC LIMIT 1))";
+                            UNION ALL SELECT public_key FROM (SELECT public_key FROM receipts ORDER BY seq DESC LIMIT 1) AS last) AS used";
         let is_other = |last: &String| *last != signer.public_key();
         // Nearly always there is nothing to write, so the start need not wait for another process that writes.
-        let last: Vec<String> = sqlx::query_scalar(KEYS).fetch_all(&self.readers).await?;
+        let last: Vec<String> = query_scalar(KEYS).fetch_all(&self.readers).await?;
         if !last.iter().any(is_other) {
             return Ok(None);
         }
         let mut tx = self.begin().await?;
+        tx.lock([Lock::Order]).await?;
         // Receipts signed with the old key are published before the change.
         publish(&mut tx, None).await?;
-        let last: Option<String> = sqlx::query_scalar(LAST).fetch_optional(&mut *tx).await?;
+        let last: Option<String> = query_scalar(LAST).fetch_optional(&mut tx).await?;
         let Some(before) = last.filter(is_other) else {
             commit(tx, "note_receipt_key").await?;
             return Ok(None);

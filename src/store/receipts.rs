@@ -1,7 +1,7 @@
 //! Receipts: signed by the grader, and linked to each other in the transaction that stores the report.
 
-use sqlx::{QueryBuilder, Row as _, SqliteConnection};
-
+use super::db::{Builder, Row, Tx, query, query_as, query_scalar};
+use super::locks::Lock;
 use super::{Store, StoreError, StoreResult};
 use plumbline_engine::hidden::canonical::{Hash, unhex};
 use plumbline_engine::hidden::receipts::{FIRST_LINK, ReceiptFile, Signed, link};
@@ -16,12 +16,13 @@ pub(super) struct NewReceipt<'a> {
 }
 
 /// Appends receipts to the log.
-pub(super) async fn enter(tx: &mut SqliteConnection, receipts: &[NewReceipt<'_>]) -> StoreResult<()> {
+pub(super) async fn enter(tx: &mut Tx, receipts: &[NewReceipt<'_>]) -> StoreResult<()> {
     if receipts.is_empty() {
         return Ok(());
     }
+    tx.lock([Lock::Order]).await?;
     let last: Option<(i64, String)> =
-        sqlx::query_as("SELECT seq, link FROM receipts ORDER BY seq DESC LIMIT 1").fetch_optional(&mut *tx).await?;
+        query_as("SELECT seq, link FROM receipts ORDER BY seq DESC LIMIT 1").fetch_optional(&mut *tx).await?;
     let (mut seq, mut previous): (i64, Hash) = match last {
         None => (0, FIRST_LINK),
         Some((seq, link)) => {
@@ -37,10 +38,10 @@ pub(super) async fn enter(tx: &mut SqliteConnection, receipts: &[NewReceipt<'_>]
             (seq, before, next)
         })
         .collect();
-    let mut query = QueryBuilder::new(
+    let mut query = Builder::new(
         "INSERT INTO receipts (seq, submission_id, attempt, epoch_id, body, hash, signature, public_key, previous, link) ",
     );
-    query.push_values(receipts.iter().zip(&links), |mut row, (receipt, (seq, before, next))| {
+    query.push_values(receipts.iter().zip(&links), |row, (receipt, (seq, before, next))| {
         row.push_bind(*seq)
             .push_bind(receipt.of.map(|(submission_id, _)| submission_id.to_owned()))
             .push_bind(receipt.of.map(|(_, attempt)| attempt))
@@ -69,19 +70,19 @@ macro_rules! select_receipt {
 
 /// Reads a receipt as the public may see it now: body and signature of a hidden instance's receipt only once its epoch
 /// is over.
-fn read(row: &sqlx::sqlite::SqliteRow) -> StoreResult<ReceiptFile> {
-    let is_released: bool = row.try_get("is_released")?;
-    let body: &str = row.try_get("body")?;
+fn read(row: &Row) -> StoreResult<ReceiptFile> {
+    let is_released: bool = row.get("is_released")?;
+    let body: &str = row.get("body")?;
     let receipt = serde_json::from_str(body).map_err(|error| StoreError::corrupt("receipts", error))?;
-    let signature: String = row.try_get("signature")?;
+    let signature: String = row.get("signature")?;
     Ok(ReceiptFile {
-        seq: row.try_get("seq")?,
+        seq: row.get("seq")?,
         receipt: Some(receipt).filter(|_| is_released),
-        hash: row.try_get("hash")?,
+        hash: row.get("hash")?,
         signature: Some(signature).filter(|_| is_released),
-        public_key: row.try_get("public_key")?,
-        previous: row.try_get("previous")?,
-        link: row.try_get("link")?,
+        public_key: row.get("public_key")?,
+        previous: row.get("previous")?,
+        link: row.get("link")?,
         place_signature: None,
     })
 }
@@ -92,7 +93,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or a row cannot be read.
     pub async fn receipts(&self, after: i64, limit: i64) -> StoreResult<Vec<ReceiptFile>> {
-        let rows = sqlx::query(select_receipt!("WHERE r.seq > $1 ORDER BY r.seq LIMIT $2"))
+        let rows = query(select_receipt!("WHERE r.seq > $1 ORDER BY r.seq LIMIT $2"))
             .bind(after)
             .bind(limit)
             .fetch_all(&self.readers)
@@ -105,9 +106,8 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn log_end(&self) -> StoreResult<(i64, String)> {
-        let last: Option<(i64, String)> = sqlx::query_as("SELECT seq, link FROM receipts ORDER BY seq DESC LIMIT 1")
-            .fetch_optional(&self.readers)
-            .await?;
+        let last: Option<(i64, String)> =
+            query_as("SELECT seq, link FROM receipts ORDER BY seq DESC LIMIT 1").fetch_optional(&self.readers).await?;
         Ok(last.unwrap_or_else(|| (0, hex(&FIRST_LINK))))
     }
 
@@ -116,7 +116,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or a row cannot be read.
     pub async fn receipts_of_epoch(&self, epoch_id: &str) -> StoreResult<Vec<ReceiptFile>> {
-        let rows = sqlx::query(select_receipt!("WHERE r.epoch_id = $1 ORDER BY r.seq"))
+        let rows = query(select_receipt!("WHERE r.epoch_id = $1 ORDER BY r.seq"))
             .bind(epoch_id)
             .fetch_all(&self.readers)
             .await?;
@@ -128,7 +128,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or the row cannot be read.
     pub async fn receipt_of(&self, submission_id: &str) -> StoreResult<Option<ReceiptFile>> {
-        let row = sqlx::query(select_receipt!("WHERE r.submission_id = $1 ORDER BY r.attempt DESC LIMIT 1"))
+        let row = query(select_receipt!("WHERE r.submission_id = $1 ORDER BY r.attempt DESC LIMIT 1"))
             .bind(submission_id)
             .fetch_optional(&self.readers)
             .await?;
@@ -140,8 +140,8 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn receipt_keys(&self) -> StoreResult<Vec<String>> {
-        Ok(sqlx::query_scalar("SELECT public_key FROM receipts GROUP BY public_key ORDER BY MIN(seq)")
+        query_scalar("SELECT public_key FROM receipts GROUP BY public_key ORDER BY MIN(seq)")
             .fetch_all(&self.readers)
-            .await?)
+            .await
     }
 }

@@ -1,5 +1,6 @@
 //! Registration of entries: enforces the number of entries per owner, the owner's share, and the size of the pool.
 
+use super::db::{query, query_scalar};
 use super::entries::own_entries_in;
 use super::epochs::epoch_in;
 use super::evidence::witness;
@@ -92,12 +93,12 @@ impl Store {
         }
         // An owner with two names would have twice the attempts with one agent. The owner who first registered a
         // configuration, in any tier, keeps it, because its hash may be read on a board.
-        let holder: Option<String> = sqlx::query_scalar(
+        let holder: Option<String> = query_scalar(
             "SELECT owner FROM entries WHERE epoch_id = $1 AND configuration_hash = $2 ORDER BY registered_at_ms, id LIMIT 1",
         )
         .bind(new.epoch_id)
         .bind(new.configuration_hash)
-        .fetch_optional(&mut *tx)
+        .fetch_optional(&mut tx)
         .await?;
         if new.tier == Tier::Official && holder.is_some_and(|holder| holder != new.owner) {
             return Ok(Registered::ConfigurationTaken);
@@ -113,7 +114,7 @@ impl Store {
         };
         let receipt = witness(&mut tx, &*self.signer()?, new.epoch_id, &Fact::Entry(fact)).await?;
         let receipt = serde_json::to_string(&receipt).map_err(|error| StoreError::corrupt("entries", error))?;
-        sqlx::query(
+        query(
             "INSERT INTO entries (id, epoch_id, owner, agent, configuration_hash, tier, runs, registered_at_ms, receipt)
              VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)",
         )
@@ -126,7 +127,7 @@ impl Store {
         .bind(i64::from(new.runs))
         .bind(now_ms)
         .bind(receipt)
-        .execute(&mut *tx)
+        .execute(&mut tx)
         .await?;
         commit(tx, "register_entry").await?;
         Ok(Registered::New)
@@ -137,7 +138,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn receipt_of_entry(&self, id: &str) -> StoreResult<Option<String>> {
-        let found = sqlx::query_scalar("SELECT receipt FROM entries WHERE id = $1").bind(id);
+        let found = query_scalar("SELECT receipt FROM entries WHERE id = $1").bind(id);
         Ok(found.fetch_optional(&self.readers).await?.flatten())
     }
 }

@@ -1,8 +1,9 @@
 //! Regrades: computed alongside the results in force, reviewed, then applied or discarded as a whole.
 
-use sqlx::{QueryBuilder, Row as _};
-
 use super::boards::enter_action;
+use super::db::{Builder, Row, query, query_as, query_scalar};
+use super::locks::Lock;
+use super::postgres::notices::Notice;
 use super::reports::{GRADER, PackedReport};
 use super::results::problems_of;
 use super::rows::from_row;
@@ -86,7 +87,7 @@ impl Store {
         now_ms: i64,
     ) -> StoreResult<()> {
         let mut tx = self.begin().await?;
-        sqlx::query(
+        query(
             "INSERT INTO regrades (id, suite_id, reason, actor, checks_version, grader, state, created_at_ms)
              VALUES ($1, $2, $3, $4, $5, $6, 'computing', $7)",
         )
@@ -97,7 +98,7 @@ impl Store {
         .bind(i64::from(CHECKS_VERSION))
         .bind(GRADER)
         .bind(now_ms)
-        .execute(&mut *tx)
+        .execute(&mut tx)
         .await?;
         commit(tx, "begin_regrade").await
     }
@@ -107,12 +108,12 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn regrades(&self) -> StoreResult<Vec<RegradeRow>> {
-        Ok(sqlx::query_as(
+        query_as(
             "SELECT id, suite_id, reason, actor, checks_version, state, created_at_ms FROM regrades
              ORDER BY created_at_ms DESC, id",
         )
         .fetch_all(&self.readers)
-        .await?)
+        .await
     }
 
     /// Returns at most `limit` graded submissions of a suite after the one with identifier `after`, in order of
@@ -121,7 +122,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn to_regrade(&self, suite_id: &str, after: &str, limit: i64) -> StoreResult<Vec<ToRegrade>> {
-        let rows = sqlx::query(
+        let rows = query(
             "SELECT id, task_number, log FROM submissions
              WHERE id > $2 AND suite_id = $1 AND state = 'graded' ORDER BY id LIMIT $3",
         )
@@ -130,12 +131,8 @@ impl Store {
         .bind(limit)
         .fetch_all(&self.readers)
         .await?;
-        let read = |row: &sqlx::sqlite::SqliteRow| {
-            Ok(ToRegrade {
-                submission_id: row.try_get("id")?,
-                task_number: row.try_get("task_number")?,
-                log: row.try_get("log")?,
-            })
+        let read = |row: &Row| {
+            Ok(ToRegrade { submission_id: row.get("id")?, task_number: row.get("task_number")?, log: row.get("log")? })
         };
         rows.iter().map(read).collect()
     }
@@ -149,14 +146,14 @@ impl Store {
             return Ok(());
         }
         let mut tx = self.begin().await?;
-        let mut query = QueryBuilder::new(
+        let mut query = Builder::new(
             "INSERT INTO regraded (regrade_id, submission_id, overall, accuracy, scores, body, grading_us) ",
         );
-        query.push_values(graded, |mut row, (submission_id, report)| {
+        query.push_values(graded, |row, (submission_id, report)| {
             row.push_bind(regrade_id.to_owned()).push_bind(submission_id.clone());
-            report.push_to(&mut row);
+            report.push_to(row);
         });
-        query.build().execute(&mut *tx).await?;
+        query.build().execute(&mut tx).await?;
         commit(tx, "put_regraded").await
     }
 
@@ -166,14 +163,15 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn end_computing(&self, id: &str, is_kept: bool, now_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
+        tx.lock([Lock::Boards]).await?;
         let update = if is_kept {
             "UPDATE regrades SET state = 'ready' WHERE id = $1 AND state = 'computing'"
         } else {
             "UPDATE regrades SET state = 'discarded', ended_at_ms = $2 WHERE id = $1 AND state IN ('computing', 'ready')"
         };
-        let found = sqlx::query(update).bind(id).bind(now_ms).execute(&mut *tx).await?.rows_affected();
+        let found = query(update).bind(id).bind(now_ms).execute(&mut tx).await?;
         if !is_kept {
-            sqlx::query("DELETE FROM regraded WHERE regrade_id = $1").bind(id).execute(&mut *tx).await?;
+            query("DELETE FROM regraded WHERE regrade_id = $1").bind(id).execute(&mut tx).await?;
         }
         commit(tx, "end_computing").await?;
         Ok(found > 0)
@@ -185,7 +183,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn left_out(&self, id: &str) -> StoreResult<i64> {
-        Ok(sqlx::query_scalar(
+        query_scalar(
             "SELECT COUNT(*) FROM regrades q JOIN submissions s ON s.suite_id = q.suite_id AND s.state = 'graded'
              JOIN latest_reports r ON r.submission_id = s.id
              WHERE q.id = $1 AND r.checks_version <> q.checks_version
@@ -193,7 +191,7 @@ impl Store {
         )
         .bind(id)
         .fetch_one(&self.readers)
-        .await?)
+        .await
     }
 
     /// Returns the submissions whose scores the regrade changes.
@@ -201,7 +199,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn differences(&self, id: &str) -> StoreResult<Vec<Difference>> {
-        Ok(sqlx::query_as(
+        query_as(
             "SELECT g.submission_id, s.run_id, s.task_number, r.overall AS before, g.overall AS after
              FROM regraded g JOIN submissions s ON s.id = g.submission_id
              JOIN latest_reports r ON r.submission_id = g.submission_id
@@ -209,7 +207,7 @@ impl Store {
         )
         .bind(id)
         .fetch_all(&self.readers)
-        .await?)
+        .await
     }
 
     /// Returns the scores of a run as they would be after the regrade.
@@ -217,15 +215,15 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or scores cannot be read.
     pub async fn regraded_problems(&self, id: &str, run_id: &str) -> StoreResult<Vec<ProblemScores>> {
-        let mut connection = self.readers.acquire().await?;
+        let mut connection = self.readers.begin_reading().await?;
         let mut problems = problems_of(&mut connection, run_id).await?;
-        let rows: Vec<(String,)> = sqlx::query_as(
+        let rows: Vec<(String,)> = query_as(
             "SELECT g.scores FROM regraded g JOIN submissions s ON s.id = g.submission_id
-             WHERE g.regrade_id = $1 AND s.run_id = $2 AND s.superseded = 0",
+             WHERE g.regrade_id = $1 AND s.run_id = $2 AND s.superseded = FALSE",
         )
         .bind(id)
         .bind(run_id)
-        .fetch_all(&mut *connection)
+        .fetch_all(&mut connection)
         .await?;
         for (scores,) in rows {
             let scores: ProblemScores =
@@ -245,22 +243,23 @@ impl Store {
     /// Returns an error if the database fails; then nothing is changed.
     pub async fn apply_regrade(&self, id: &str, tasks: &[Task], now_ms: i64) -> StoreResult<Option<usize>> {
         let mut tx = self.begin().await?;
+        tx.lock([Lock::Boards]).await?;
         let found: Option<(String, String)> =
-            sqlx::query_as("SELECT reason, actor FROM regrades WHERE id = $1 AND state = 'ready'")
+            query_as("SELECT reason, actor FROM regrades WHERE id = $1 AND state = 'ready'")
                 .bind(id)
-                .fetch_optional(&mut *tx)
+                .fetch_optional(&mut tx)
                 .await?;
         let Some((reason, actor)) = found else { return Ok(None) };
-        let runs: Vec<String> = sqlx::query_scalar(
+        let runs: Vec<String> = query_scalar(
             "SELECT DISTINCT u.id FROM regraded g JOIN submissions s ON s.id = g.submission_id
              JOIN runs u ON u.id = s.run_id AND u.state = 'finished'
              JOIN latest_reports r ON r.submission_id = g.submission_id
-             WHERE g.regrade_id = $1 AND s.superseded = 0 AND g.scores <> r.scores ORDER BY u.id",
+             WHERE g.regrade_id = $1 AND s.superseded = FALSE AND g.scores <> r.scores ORDER BY u.id",
         )
         .bind(id)
-        .fetch_all(&mut *tx)
+        .fetch_all(&mut tx)
         .await?;
-        sqlx::query(
+        query(
             "INSERT INTO reports (submission_id, attempt, checks_version, grader, overall, accuracy, scores, body,
                                   graded_at_ms, grading_us, fingerprint)
              SELECT g.submission_id,
@@ -273,18 +272,19 @@ impl Store {
         )
         .bind(id)
         .bind(now_ms)
-        .execute(&mut *tx)
+        .execute(&mut tx)
         .await?;
         for run_id in &runs {
             set_result(&mut tx, run_id, tasks, now_ms).await?;
             enter_action(&mut tx, run_id, "regrade", &actor, &reason, now_ms).await?;
         }
-        sqlx::query("UPDATE regrades SET state = 'applied', ended_at_ms = $2 WHERE id = $1")
+        query("UPDATE regrades SET state = 'applied', ended_at_ms = $2 WHERE id = $1")
             .bind(id)
             .bind(now_ms)
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await?;
-        sqlx::query("DELETE FROM regraded WHERE regrade_id = $1").bind(id).execute(&mut *tx).await?;
+        query("DELETE FROM regraded WHERE regrade_id = $1").bind(id).execute(&mut tx).await?;
+        tx.notify(Notice::Ended).await?;
         commit(tx, "apply_regrade").await?;
         self.note_ends(true);
         Ok(Some(runs.len()))

@@ -2,13 +2,11 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use sqlx::query_builder::Separated;
-use sqlx::sqlite::SqliteRow;
-use sqlx::{QueryBuilder, Row as _, Sqlite};
-
+use super::db::{Builder, Dialect, Row, RowValues, query};
 use super::events::{self, NewEvent};
 use super::evidence;
-use super::jobs::{Claim, push_ids};
+use super::jobs::{Claim, locks_of};
+use super::postgres::notices::Notice;
 use super::quota;
 use super::receipts::{self, NewReceipt};
 use super::run_ends::end_if_complete;
@@ -83,7 +81,7 @@ impl PackedReport {
 
 impl PackedReport {
     /// Appends verdicts, scores, body and duration to a row of values, in this order.
-    pub(super) fn push_to(&self, row: &mut Separated<'_, Sqlite, &'static str>) {
+    pub(super) fn push_to(&self, row: &mut RowValues<'_>) {
         row.push_bind(self.overall)
             .push_bind(self.accuracy)
             .push_bind(self.scores.clone())
@@ -101,20 +99,28 @@ impl Store {
     /// Returns an error if the database fails; then nothing is stored.
     pub async fn record(&self, graded: &[(Claim, PackedReport)], now_ms: i64) -> StoreResult<usize> {
         let mut tx = self.begin().await?;
-        let mut query = QueryBuilder::new("SELECT submission_id, attempt FROM jobs WHERE submission_id IN ");
-        push_ids(&mut query, graded.iter().map(|(claim, _)| claim.submission_id.as_str()));
-        let held: Vec<(String, i64)> = query.build_query_as().fetch_all(&mut *tx).await?;
+        let locks = graded.iter().flat_map(|(claim, _)| {
+            let epoch_id = claim.hidden.as_ref().map(|hidden| hidden.epoch_id.as_str());
+            locks_of(claim.run_id.as_deref(), claim.owner.as_deref(), epoch_id)
+        });
+        tx.lock(locks).await?;
+        let mut select = Builder::new("SELECT submission_id, attempt FROM jobs WHERE submission_id IN ");
+        select.push_list(graded.iter().map(|(claim, _)| claim.submission_id.as_str()));
+        if tx.dialect() == Dialect::Postgres {
+            select.push(" ORDER BY submission_id FOR UPDATE");
+        }
+        let held: Vec<(String, i64)> = select.build_as().fetch_all(&mut tx).await?;
         let held: HashMap<String, i64> = held.into_iter().collect();
         let ours: Vec<&(Claim, PackedReport)> =
             graded.iter().filter(|(claim, _)| held.get(&claim.submission_id) == Some(&claim.attempt)).collect();
         if ours.is_empty() {
             return Ok(0);
         }
-        let mut query = QueryBuilder::new(
+        let mut query = Builder::new(
             "INSERT INTO reports (submission_id, attempt, checks_version, grader, overall, accuracy, scores, body,
                                   graded_at_ms, grading_us, fingerprint) ",
         );
-        query.push_values(&ours, |mut row, (claim, report)| {
+        query.push_values(&ours, |row, (claim, report)| {
             row.push_bind(claim.submission_id.clone())
                 .push_bind(claim.attempt)
                 .push_bind(report.checks_version)
@@ -127,19 +133,19 @@ impl Store {
                 .push_bind(report.grading_us)
                 .push_bind(report.fingerprint.clone());
         });
-        query.build().execute(&mut *tx).await?;
+        query.build().execute(&mut tx).await?;
         let ids = || ours.iter().map(|(claim, _)| claim.submission_id.as_str());
-        let mut query = QueryBuilder::new("UPDATE submissions SET state = ");
+        let mut query = Builder::new("UPDATE submissions SET state = ");
         query
             .push_bind(SubmissionState::Graded.name())
             .push(", ended_at_ms = ")
             .push_bind(now_ms)
             .push(" WHERE id IN ");
-        push_ids(&mut query, ids());
-        query.build().execute(&mut *tx).await?;
-        let mut query = QueryBuilder::new("DELETE FROM jobs WHERE submission_id IN ");
-        push_ids(&mut query, ids());
-        query.build().execute(&mut *tx).await?;
+        query.push_list(ids());
+        query.build().execute(&mut tx).await?;
+        let mut query = Builder::new("DELETE FROM jobs WHERE submission_id IN ");
+        query.push_list(ids());
+        query.build().execute(&mut tx).await?;
         let charged: Vec<(&str, &str)> = ours
             .iter()
             .filter(|(claim, _)| claim.hidden.is_none())
@@ -181,6 +187,7 @@ impl Store {
             count(&mut tx, run_id, -reports, reports, 0).await?;
             has_ended |= end_if_complete(&mut tx, run_id, suite_id, now_ms).await?;
         }
+        tx.notify(Notice::Ended).await?;
         commit(tx, "record").await?;
         self.note_ends(has_ended);
         Ok(ours.len())
@@ -191,7 +198,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or the report cannot be read.
     pub async fn report(&self, submission_id: &str, attempt: Option<i64>) -> StoreResult<Option<ReportRow>> {
-        let row = sqlx::query(
+        let row = query(
             "SELECT r.attempt, r.grader, r.graded_at_ms, r.grading_us, r.body
              FROM reports r JOIN submissions s ON s.id = r.submission_id
              WHERE r.submission_id = $1 AND ($2 IS NULL OR r.attempt = $2) AND s.instance_id IS NULL
@@ -209,9 +216,9 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or the report cannot be read.
     pub async fn report_of_instance(&self, instance_id: &str) -> StoreResult<Option<ReportRow>> {
-        let row = sqlx::query(
+        let row = query(
             "SELECT r.attempt, r.grader, r.graded_at_ms, r.grading_us, r.body
-             FROM reports r JOIN submissions s ON s.id = r.submission_id AND s.superseded = 0
+             FROM reports r JOIN submissions s ON s.id = r.submission_id AND s.superseded = FALSE
              WHERE s.instance_id = $1 ORDER BY r.attempt DESC LIMIT 1",
         )
         .bind(instance_id)
@@ -221,14 +228,14 @@ impl Store {
     }
 }
 
-fn read_report(row: &SqliteRow) -> StoreResult<ReportRow> {
-    let body = decompress("reports", row.try_get("body")?)?;
+fn read_report(row: &Row) -> StoreResult<ReportRow> {
+    let body = decompress("reports", row.get("body")?)?;
     Ok(ReportRow {
         report: serde_json::from_slice(&body).map_err(|error| StoreError::corrupt("reports", error))?,
-        attempt: row.try_get("attempt")?,
-        grader: row.try_get("grader")?,
-        graded_at_ms: row.try_get("graded_at_ms")?,
-        grading_us: row.try_get("grading_us")?,
+        attempt: row.get("attempt")?,
+        grader: row.get("grader")?,
+        graded_at_ms: row.get("graded_at_ms")?,
+        grading_us: row.get("grading_us")?,
     })
 }
 

@@ -1,8 +1,7 @@
 //! Shares of an epoch's pool: runs that were drawn, and runs that are reserved for a limited time.
 
-use sqlx::SqliteConnection;
-
 use super::StoreResult;
+use super::db::{Tx, query_as};
 use super::epochs::EpochRow;
 use super::rows::from_row;
 use plumbline_engine::hidden::feedback::Tier;
@@ -34,8 +33,8 @@ pub(super) enum Room {
 
 /// Returns the shares that the entries of an epoch hold now. A run that is not drawn is reserved until the entry is
 /// finalized or the reservation ends.
-pub(super) async fn held_in(tx: &mut SqliteConnection, epoch: &EpochRow, now_ms: i64) -> StoreResult<Holdings> {
-    let rows = sqlx::query_as(
+pub(super) async fn held_in(tx: &mut Tx, epoch: &EpochRow, now_ms: i64) -> StoreResult<Holdings> {
+    let rows = query_as(
         "SELECT e.id, e.owner, e.tier = 'dev' AS is_dev, d.drawn,
                 CASE WHEN e.finalized_at_ms IS NULL AND ($2 IS NULL OR e.registered_at_ms + $2 > $3) THEN e.runs - d.drawn ELSE 0 END
                     AS reserved

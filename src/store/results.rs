@@ -1,7 +1,7 @@
 //! Results of runs.
 
-use sqlx::{Row as _, SqliteConnection};
-
+use super::db::{Tx, query};
+use super::locks::Lock;
 use super::{StoreError, StoreResult};
 use plumbline_engine::grading::ProblemScores;
 use plumbline_engine::grading::fingerprints::Fingerprint;
@@ -9,14 +9,15 @@ use plumbline_engine::grading::outcomes::Outcomes;
 
 /// Records the result of a run, valid from now on.
 pub(super) async fn enter_result(
-    tx: &mut SqliteConnection,
+    tx: &mut Tx,
     run_id: &str,
     summary: &str,
     outcomes: &Outcomes,
     fingerprint: &Fingerprint,
     now_ms: i64,
 ) -> StoreResult<()> {
-    sqlx::query("INSERT INTO results (run_id, since_ms, summary, outcomes, fingerprint) VALUES ($1, $2, $3, $4, $5)")
+    tx.lock([Lock::Order]).await?;
+    query("INSERT INTO results (run_id, since_ms, summary, outcomes, fingerprint) VALUES ($1, $2, $3, $4, $5)")
         .bind(run_id)
         .bind(now_ms)
         .bind(summary)
@@ -28,11 +29,11 @@ pub(super) async fn enter_result(
 }
 
 /// Returns the scores of a run's reports, the latest of each submission.
-pub(super) async fn problems_of(tx: &mut SqliteConnection, id: &str) -> StoreResult<Vec<ProblemScores>> {
-    let rows = sqlx::query(
+pub(super) async fn problems_of(tx: &mut Tx, id: &str) -> StoreResult<Vec<ProblemScores>> {
+    let rows = query(
         "SELECT s.task_number, r.scores
          FROM submissions s JOIN latest_reports r ON r.submission_id = s.id
-         WHERE s.run_id = $1 AND s.state = 'graded' AND s.superseded = 0
+         WHERE s.run_id = $1 AND s.state = 'graded' AND s.superseded = FALSE
          ORDER BY s.task_number",
     )
     .bind(id)
@@ -41,7 +42,7 @@ pub(super) async fn problems_of(tx: &mut SqliteConnection, id: &str) -> StoreRes
     let mut problems = Vec::with_capacity(rows.len());
     for row in &rows {
         let scores: ProblemScores =
-            serde_json::from_str(row.try_get("scores")?).map_err(|error| StoreError::corrupt("reports", error))?;
+            serde_json::from_str(row.get("scores")?).map_err(|error| StoreError::corrupt("reports", error))?;
         problems.push(scores);
     }
     Ok(problems)

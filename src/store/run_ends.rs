@@ -1,7 +1,6 @@
 //! Ends of runs: skipped tasks, summary and result, and the check whether anything is still pending.
 
-use sqlx::SqliteConnection;
-
+use super::db::{Tx, query, query_scalar};
 use super::events::{self, NewEvent};
 use super::results::enter_result;
 use super::results::problems_of;
@@ -16,10 +15,10 @@ use plumbline_engine::tasks::Task;
 
 /// Records the tasks that a run skips. Returns the tasks that cannot be skipped because they were answered; if there
 /// are any, nothing is recorded.
-pub(super) async fn skip_tasks(tx: &mut SqliteConnection, run: &RunRow, skip: &Skip) -> StoreResult<Vec<u32>> {
-    let answered: Vec<i64> = sqlx::query_scalar(
+pub(super) async fn skip_tasks(tx: &mut Tx, run: &RunRow, skip: &Skip) -> StoreResult<Vec<u32>> {
+    let answered: Vec<i64> = query_scalar(
         "SELECT task_number FROM submissions
-         WHERE run_id = $1 AND superseded = 0 AND state IN ('queued', 'grading', 'graded') ORDER BY task_number",
+         WHERE run_id = $1 AND superseded = FALSE AND state IN ('queued', 'grading', 'graded') ORDER BY task_number",
     )
     .bind(&run.id)
     .fetch_all(&mut *tx)
@@ -36,13 +35,13 @@ pub(super) async fn skip_tasks(tx: &mut SqliteConnection, run: &RunRow, skip: &S
     if conflicts.is_empty() {
         for number in numbers {
             // A submission that failed because of us no longer keeps the run open.
-            let failed = sqlx::query(
-                "UPDATE submissions SET superseded = 1
-                 WHERE run_id = $1 AND task_number = $2 AND superseded = 0 AND state = 'grader_error'",
+            let failed = query(
+                "UPDATE submissions SET superseded = TRUE
+                 WHERE run_id = $1 AND task_number = $2 AND superseded = FALSE AND state = 'grader_error'",
             );
-            let failed = failed.bind(&run.id).bind(number).execute(&mut *tx).await?.rows_affected();
+            let failed = failed.bind(&run.id).bind(number).execute(&mut *tx).await?;
             count(tx, &run.id, 0, 0, -(failed as i64)).await?;
-            sqlx::query("INSERT INTO skipped_tasks (run_id, task_number) VALUES ($1, $2) ON CONFLICT DO NOTHING")
+            query("INSERT INTO skipped_tasks (run_id, task_number) VALUES ($1, $2) ON CONFLICT DO NOTHING")
                 .bind(&run.id)
                 .bind(number)
                 .execute(&mut *tx)
@@ -53,17 +52,12 @@ pub(super) async fn skip_tasks(tx: &mut SqliteConnection, run: &RunRow, skip: &S
 }
 
 /// Returns the numbers of the tasks that a run skips.
-async fn skipped_by(tx: &mut SqliteConnection, id: &str) -> StoreResult<Vec<u32>> {
-    Ok(sqlx::query_scalar("SELECT task_number FROM skipped_tasks WHERE run_id = $1").bind(id).fetch_all(tx).await?)
+async fn skipped_by(tx: &mut Tx, id: &str) -> StoreResult<Vec<u32>> {
+    query_scalar("SELECT task_number FROM skipped_tasks WHERE run_id = $1").bind(id).fetch_all(tx).await
 }
 
 /// Ends the run if nothing is pending, with a summary over the tasks of its suite. Returns whether it ended.
-pub(super) async fn end_if_complete(
-    tx: &mut SqliteConnection,
-    id: &str,
-    suite_id: &str,
-    now_ms: i64,
-) -> StoreResult<bool> {
+pub(super) async fn end_if_complete(tx: &mut Tx, id: &str, suite_id: &str, now_ms: i64) -> StoreResult<bool> {
     let Some(run) = run_in(tx, id).await? else { return Ok(false) };
     let is_quiet = run.pending == 0 && run.grader_errors == 0;
     let is_complete = run.state == RunState::Finishing || run.graded >= run.tasks;
@@ -78,11 +72,11 @@ pub(super) async fn end_if_complete(
 }
 
 /// Finishes a run with the result of its latest reports, or replaces the result of a finished run.
-pub(super) async fn set_result(tx: &mut SqliteConnection, id: &str, tasks: &[Task], now_ms: i64) -> StoreResult<()> {
+pub(super) async fn set_result(tx: &mut Tx, id: &str, tasks: &[Task], now_ms: i64) -> StoreResult<()> {
     let problems = problems_of(tx, id).await?;
     let summary = serde_json::to_string(&summarise(&problems, tasks));
     let summary = summary.map_err(|error| StoreError::corrupt("runs", error))?;
-    sqlx::query(
+    query(
         "UPDATE runs SET state = 'finished', finished_at_ms = COALESCE(finished_at_ms, $2), summary = $3 WHERE id = $1",
     )
     .bind(id)
@@ -96,10 +90,10 @@ pub(super) async fn set_result(tx: &mut SqliteConnection, id: &str, tasks: &[Tas
 }
 
 /// Merges the fingerprints of a run's latest reports.
-async fn fingerprint_of(tx: &mut SqliteConnection, id: &str) -> StoreResult<Fingerprint> {
-    let parts: Vec<Vec<u8>> = sqlx::query_scalar(
+async fn fingerprint_of(tx: &mut Tx, id: &str) -> StoreResult<Fingerprint> {
+    let parts: Vec<Vec<u8>> = query_scalar(
         "SELECT r.fingerprint FROM submissions s JOIN latest_reports r ON r.submission_id = s.id
-         WHERE s.run_id = $1 AND s.state = 'graded' AND s.superseded = 0 AND r.fingerprint IS NOT NULL",
+         WHERE s.run_id = $1 AND s.state = 'graded' AND s.superseded = FALSE AND r.fingerprint IS NOT NULL",
     )
     .bind(id)
     .fetch_all(tx)

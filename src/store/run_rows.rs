@@ -1,8 +1,8 @@
 //! Rows of runs, and their counters.
 
-use sqlx::sqlite::SqliteRow;
-use sqlx::{Row as _, SqliteConnection};
+use std::collections::{BTreeMap, BTreeSet};
 
+use super::db::{Builder, Row, Tx, query};
 use super::states::RunState;
 use super::{StoreError, StoreResult};
 use plumbline_engine::grading::Summary;
@@ -64,48 +64,42 @@ macro_rules! select_run {
     };
 }
 
-pub(super) fn read_run(row: &SqliteRow) -> StoreResult<RunRow> {
-    let summary: Option<&str> = row.try_get("summary")?;
+pub(super) fn read_run(row: &Row) -> StoreResult<RunRow> {
+    let summary: Option<&str> = row.get("summary")?;
     let corrupt = |error: serde_json::Error| StoreError::corrupt("runs", error);
     Ok(RunRow {
-        id: row.try_get("id")?,
-        agent: row.try_get("agent")?,
-        suite_id: row.try_get("suite_id")?,
-        metadata: serde_json::from_str(row.try_get("metadata")?).map_err(corrupt)?,
-        state: match row.try_get::<Option<i64>, _>("deleted_at_ms")? {
+        id: row.get("id")?,
+        agent: row.get("agent")?,
+        suite_id: row.get("suite_id")?,
+        metadata: serde_json::from_str(row.get("metadata")?).map_err(corrupt)?,
+        state: match row.get::<Option<i64>>("deleted_at_ms")? {
             Some(_) => RunState::Deleted,
-            None => row.try_get("state")?,
+            None => row.get("state")?,
         },
-        pending: row.try_get("pending")?,
-        graded: row.try_get("graded")?,
-        grader_errors: row.try_get("grader_errors")?,
-        tasks: row.try_get("tasks")?,
-        created_at_ms: row.try_get("created_at_ms")?,
-        finished_at_ms: row.try_get("finished_at_ms")?,
+        pending: row.get("pending")?,
+        graded: row.get("graded")?,
+        grader_errors: row.get("grader_errors")?,
+        tasks: row.get("tasks")?,
+        created_at_ms: row.get("created_at_ms")?,
+        finished_at_ms: row.get("finished_at_ms")?,
         summary: summary.map(serde_json::from_str).transpose().map_err(corrupt)?,
-        owner: row.try_get("owner")?,
-        provenance: row.try_get("provenance")?,
-        skipped: row.try_get("skipped")?,
+        owner: row.get("owner")?,
+        provenance: row.get("provenance")?,
+        skipped: row.get("skipped")?,
     })
 }
 
 pub(super) use select_run;
 
 /// Reads a run within the transaction.
-pub(super) async fn run_in(tx: &mut SqliteConnection, id: &str) -> StoreResult<Option<RunRow>> {
-    let row = sqlx::query(select_run!("WHERE r.id = $1")).bind(id).fetch_optional(&mut *tx).await?;
+pub(super) async fn run_in(tx: &mut Tx, id: &str) -> StoreResult<Option<RunRow>> {
+    let row = query(select_run!("WHERE r.id = $1")).bind(id).fetch_optional(&mut *tx).await?;
     row.as_ref().map(read_run).transpose()
 }
 
 /// Adds to a run's counters.
-pub(super) async fn count(
-    tx: &mut SqliteConnection,
-    id: &str,
-    pending: i64,
-    graded: i64,
-    grader_errors: i64,
-) -> StoreResult<()> {
-    sqlx::query(
+pub(super) async fn count(tx: &mut Tx, id: &str, pending: i64, graded: i64, grader_errors: i64) -> StoreResult<()> {
+    query(
         "UPDATE runs SET pending = pending + $2, graded = graded + $3, grader_errors = grader_errors + $4 WHERE id = $1",
     )
     .bind(id)
@@ -115,4 +109,13 @@ pub(super) async fn count(
     .execute(&mut *tx)
     .await?;
     Ok(())
+}
+
+/// Returns the states of runs; runs that do not exist are left out.
+pub(super) async fn states_of(tx: &mut Tx, ids: &BTreeSet<&str>) -> StoreResult<BTreeMap<String, RunState>> {
+    let mut select = Builder::new("SELECT id, state, deleted_at_ms IS NOT NULL FROM runs WHERE id IN ");
+    select.push_list(ids.iter().copied());
+    let found: Vec<(String, RunState, bool)> = select.build_as().fetch_all(tx).await?;
+    let state = |(id, state, is_deleted)| (id, if is_deleted { RunState::Deleted } else { state });
+    Ok(found.into_iter().map(state).collect())
 }

@@ -3,11 +3,12 @@
 //! A run ends by itself when every task of its suite has been graded, or when its owner has finished it and nothing is
 //! pending. A failure of ours keeps it from ending until the task is posted again.
 
-use sqlx::QueryBuilder;
-
+use super::db::{Builder, query, query_scalar};
 use super::events::{self, NewEvent};
 use super::idempotency::{IdempotencyKey, PriorRequest};
 use super::job_ends::End;
+use super::locks::Lock;
+use super::postgres::notices::Notice;
 use super::run_ends::{end_if_complete, skip_tasks};
 use super::run_rows::{RunRow, Skip, read_run, run_in, select_run};
 use super::states::RunState;
@@ -75,6 +76,7 @@ impl Store {
         now_ms: i64,
     ) -> StoreResult<PriorRequest> {
         let mut tx = self.begin().await?;
+        tx.lock(once.map(IdempotencyKey::lock)).await?;
         if let Some(once) = once {
             let before = once.before(&mut tx, now_ms).await?;
             if before != PriorRequest::Never {
@@ -82,7 +84,8 @@ impl Store {
             }
             once.keep(&mut tx, run.id, now_ms).await?;
         }
-        sqlx::query(
+        tx.lock([Lock::Order]).await?;
+        query(
             "INSERT INTO runs (id, agent, suite_id, metadata, state, created_at_ms, owner, provenance)
              VALUES ($1, $2, $3, $4, 'open', $5, $6, $7)",
         )
@@ -93,7 +96,7 @@ impl Store {
         .bind(now_ms)
         .bind(run.owner)
         .bind(run.provenance)
-        .execute(&mut *tx)
+        .execute(&mut tx)
         .await?;
         commit(tx, "create_run").await?;
         Ok(PriorRequest::Never)
@@ -104,7 +107,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or the row cannot be read.
     pub async fn run(&self, id: &str) -> StoreResult<Option<RunRow>> {
-        let row = sqlx::query(select_run!("WHERE r.id = $1")).bind(id).fetch_optional(&self.readers).await?;
+        let row = query(select_run!("WHERE r.id = $1")).bind(id).fetch_optional(&self.readers).await?;
         row.as_ref().map(read_run).transpose()
     }
 
@@ -113,7 +116,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or a row cannot be read.
     pub async fn runs(&self, wanted: &RunsWanted, limit: i64) -> StoreResult<Vec<RunRow>> {
-        let mut query = QueryBuilder::new(select_run!("WHERE "));
+        let mut query = Builder::new(select_run!("WHERE "));
         match wanted.state {
             None => query.push("r.deleted_at_ms IS NULL"),
             Some(RunState::Deleted) => query.push("r.deleted_at_ms IS NOT NULL"),
@@ -128,7 +131,10 @@ impl Store {
             query.push(" AND r.owner = ").push_bind(owner.clone());
         }
         if let Some(agent) = &wanted.agent {
-            query.push(" AND instr(lower(r.agent), ").push_bind(agent.to_ascii_lowercase()).push(") > 0");
+            query
+                .push(" AND lower(r.agent) LIKE ")
+                .push_bind(anywhere(&agent.to_ascii_lowercase()))
+                .push(r" ESCAPE '\'");
         }
         if let Some(since) = wanted.since_ms {
             query.push(" AND r.created_at_ms >= ").push_bind(since);
@@ -150,16 +156,19 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn delete_run(&self, id: &str, now_ms: i64) -> StoreResult<RunChanged> {
         let mut tx = self.begin().await?;
+        tx.lock([Lock::Run(id)]).await?;
         let Some(run) = run_in(&mut tx, id).await? else { return Ok(RunChanged::NoSuchRun) };
+        // Whoever could post to the run is its owner; the quotas of its submissions change.
+        tx.lock([Lock::Owner(run.owner.as_deref().unwrap_or_default())]).await?;
         if run.state != RunState::Open {
             return Ok(RunChanged::NotOpen(run.state));
         }
-        sqlx::query("UPDATE runs SET deleted_at_ms = $2 WHERE id = $1").bind(id).bind(now_ms).execute(&mut *tx).await?;
-        let waiting: Vec<String> = sqlx::query_scalar(
+        query("UPDATE runs SET deleted_at_ms = $2 WHERE id = $1").bind(id).bind(now_ms).execute(&mut tx).await?;
+        let waiting: Vec<String> = query_scalar(
             "SELECT s.id FROM submissions s JOIN jobs j ON j.submission_id = s.id WHERE s.run_id = $1 ORDER BY s.id",
         )
         .bind(id)
-        .fetch_all(&mut *tx)
+        .fetch_all(&mut tx)
         .await?;
         for submission_id in &waiting {
             let end = End { submission_id, run_id: Some(id), state: SubmissionState::Cancelled };
@@ -167,6 +176,7 @@ impl Store {
         }
         let ended = NewEvent { run_id: Some(id), submission_id: None, state: RunState::Deleted.name(), overall: None };
         events::enter(&mut tx, &[ended], now_ms).await?;
+        tx.notify(Notice::Ended).await?;
         commit(tx, "delete_run").await?;
         self.note_ends(false);
         Ok(RunChanged::Done)
@@ -179,6 +189,7 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn finish_run(&self, id: &str, skip: Option<&Skip>, now_ms: i64) -> StoreResult<RunChanged> {
         let mut tx = self.begin().await?;
+        tx.lock([Lock::Run(id)]).await?;
         let Some(run) = run_in(&mut tx, id).await? else { return Ok(RunChanged::NoSuchRun) };
         if run.state == RunState::Deleted || (run.state != RunState::Open && skip.is_some()) {
             return Ok(RunChanged::NotOpen(run.state));
@@ -189,14 +200,28 @@ impl Store {
                 return Ok(RunChanged::Answered(answered));
             }
         }
-        let found = sqlx::query("UPDATE runs SET state = 'finishing' WHERE id = $1 AND state = 'open'")
+        let found = query("UPDATE runs SET state = 'finishing' WHERE id = $1 AND state = 'open'")
             .bind(id)
-            .execute(&mut *tx)
-            .await?
-            .rows_affected();
+            .execute(&mut tx)
+            .await?;
         let has_ended = found > 0 && end_if_complete(&mut tx, id, &run.suite_id, now_ms).await?;
+        tx.notify(Notice::Ended).await?;
         commit(tx, "finish_run").await?;
         self.note_ends(has_ended);
         Ok(RunChanged::Done)
     }
+}
+
+/// Returns the pattern for LIKE that finds a text anywhere.
+fn anywhere(text: &str) -> String {
+    let mut pattern = String::with_capacity(text.len() + 2);
+    pattern.push('%');
+    for c in text.chars() {
+        if matches!(c, '%' | '_' | '\\') {
+            pattern.push('\\');
+        }
+        pattern.push(c);
+    }
+    pattern.push('%');
+    pattern
 }

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use super::location::Location;
 use super::{StoreError, StoreResult};
 use plumbline_engine::hidden::canonical::unhex;
 use plumbline_engine::hidden::commitment::{Commitment, leaf_hash};
@@ -54,12 +55,16 @@ fn failed(path: &Path, error: &std::io::Error) -> StoreError {
 }
 
 impl Secrets {
-    /// Returns the folder beside this database.
+    /// Returns the secrets in this folder.
+    #[must_use]
+    pub const fn in_folder(folder: PathBuf) -> Self {
+        Self { folder }
+    }
+
+    /// Returns the folder beside this database file.
     #[must_use]
     pub fn beside(database: &Path) -> Self {
-        let mut name = database.as_os_str().to_owned();
-        name.push(".secrets");
-        Self { folder: name.into() }
+        Self::in_folder(Location::File(database.to_owned()).default_secrets())
     }
 
     /// Returns the path of the folder.

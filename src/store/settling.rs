@@ -1,8 +1,7 @@
 //! Settling of epochs that are over: closes the epoch for good, completes its entries, publishes its receipts, and
 //! marks it settled.
 
-use sqlx::SqliteConnection;
-
+use super::db::{Tx, query, query_scalar};
 use super::entries::complete_if_graded;
 use super::epochs::{EpochRow, epoch_in, seal_in};
 use super::evidence::{count_of, publish, witness};
@@ -46,14 +45,14 @@ impl Store {
     }
 }
 
-async fn settle_in(tx: &mut SqliteConnection, signer: &Signer, epoch_id: &str, now_ms: i64) -> StoreResult<bool> {
+async fn settle_in(tx: &mut Tx, signer: &Signer, epoch_id: &str, now_ms: i64) -> StoreResult<bool> {
     let open: Vec<String> =
-        sqlx::query_scalar("SELECT id FROM entries WHERE epoch_id = $1 AND completed_at_ms IS NULL ORDER BY id")
+        query_scalar("SELECT id FROM entries WHERE epoch_id = $1 AND completed_at_ms IS NULL ORDER BY id")
             .bind(epoch_id)
             .fetch_all(&mut *tx)
             .await?;
     for entry in &open {
-        sqlx::query("UPDATE entries SET finalized_at_ms = $2 WHERE id = $1 AND finalized_at_ms IS NULL")
+        query("UPDATE entries SET finalized_at_ms = $2 WHERE id = $1 AND finalized_at_ms IS NULL")
             .bind(entry)
             .bind(now_ms)
             .execute(&mut *tx)
@@ -61,7 +60,7 @@ async fn settle_in(tx: &mut SqliteConnection, signer: &Signer, epoch_id: &str, n
         complete_if_graded(tx, signer, entry, now_ms).await?;
     }
     let is_open: bool =
-        sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM entries WHERE epoch_id = $1 AND completed_at_ms IS NULL)")
+        query_scalar("SELECT EXISTS (SELECT 1 FROM entries WHERE epoch_id = $1 AND completed_at_ms IS NULL)")
             .bind(epoch_id)
             .fetch_one(&mut *tx)
             .await?;
@@ -75,6 +74,6 @@ async fn settle_in(tx: &mut SqliteConnection, signer: &Signer, epoch_id: &str, n
     let receipts = count_of(tx, epoch_id).await?;
     witness(tx, signer, epoch_id, &Fact::Closed(ClosedFact { closed_at_ms, reason, receipts })).await?;
     publish(tx, Some(epoch_id)).await?;
-    sqlx::query("UPDATE epochs SET settled_at_ms = $2 WHERE id = $1").bind(epoch_id).bind(now_ms).execute(tx).await?;
+    query("UPDATE epochs SET settled_at_ms = $2 WHERE id = $1").bind(epoch_id).bind(now_ms).execute(tx).await?;
     Ok(true)
 }

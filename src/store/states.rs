@@ -1,35 +1,29 @@
 //! States as the database holds them: text columns that read as enums, and fail to read as anything else.
 
 use serde::{Deserialize, Serialize};
-use sqlx::encode::IsNull;
-use sqlx::error::BoxDynError;
-use sqlx::sqlite::{SqliteArgumentsBuffer, SqliteTypeInfo, SqliteValueRef};
-use sqlx::{Decode, Encode, Sqlite, Type};
 
 /// Lets an enum with `ALL` and `name` stand for the text of its names in queries.
 macro_rules! text_column {
     ($state:ident) => {
-        impl Type<Sqlite> for $state {
-            fn type_info() -> SqliteTypeInfo {
-                <str as Type<Sqlite>>::type_info()
+        impl From<$state> for $crate::store::db::Value {
+            fn from(state: $state) -> Self {
+                Self::from(state.name())
             }
         }
 
-        impl Encode<'_, Sqlite> for $state {
-            fn encode_by_ref(&self, buffer: &mut SqliteArgumentsBuffer) -> Result<IsNull, BoxDynError> {
-                <&str as Encode<Sqlite>>::encode(self.name(), buffer)
-            }
-        }
+        impl<'r> $crate::store::db::Column<'r> for $state {
+            type Raw = &'r str;
 
-        impl<'r> Decode<'r, Sqlite> for $state {
-            fn decode(value: SqliteValueRef<'r>) -> Result<Self, BoxDynError> {
-                let name = <&str as Decode<Sqlite>>::decode(value)?;
+            fn from_raw(raw: Option<&'r str>) -> Result<Self, sqlx::error::BoxDynError> {
+                let name = <&str as $crate::store::db::Column>::from_raw(raw)?;
                 let state = Self::ALL.into_iter().find(|state| state.name() == name);
                 state.ok_or_else(|| format!("{name:?} is not a {}", stringify!($state)).into())
             }
         }
     };
 }
+
+pub(super) use text_column;
 
 /// State of a submission.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, utoipa::ToSchema)]

@@ -1,15 +1,7 @@
 //! Submissions: an agent's log for one task each.
 
-use std::sync::Arc;
-
-use sqlx::sqlite::SqliteRow;
-use sqlx::{Row as _, SqliteConnection};
-
-use super::idempotency::IdempotencyKey;
-use super::queue::{self, Lane, NewJob};
-use super::quota;
-use super::run_rows::{count, run_in};
-use super::states::RunState;
+use super::db::{Row, query, query_as, query_scalar};
+use super::queue::Lane;
 use super::states::SubmissionState;
 use super::{Store, StoreError, StoreResult, compress, decompress};
 
@@ -28,6 +20,16 @@ impl PackedLog {
     /// Returns an error if compression fails.
     pub fn of(json: &[u8]) -> StoreResult<Self> {
         Ok(Self { zstd: compress(json)?, json_bytes: json.len() })
+    }
+
+    /// Returns the compressed bytes.
+    pub(super) fn zstd(&self) -> &[u8] {
+        &self.zstd
+    }
+
+    /// Returns the size of the canonical JSON in bytes.
+    pub(super) const fn json_bytes(&self) -> usize {
+        self.json_bytes
     }
 }
 
@@ -58,70 +60,6 @@ pub struct NewSubmission {
     pub lane: Lane,
     /// Results of the action code of its turns, as JSON; none if it had no action code.
     pub replays: Option<String>,
-}
-
-/// Outcome of storing a submission.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Accepted {
-    /// The submission is new and queued.
-    New,
-    /// The run already has the same log for this task, under this identifier.
-    Same(String),
-    /// The run already has a different log for this task, under this identifier.
-    Other(String),
-    /// The run accepts no more submissions.
-    RunClosed,
-    /// The owner's quota is used up.
-    QuotaUsedUp,
-}
-
-/// Answer that a run already has for a task.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct EarlierAnswer {
-    /// Identifier of the submission.
-    pub id: String,
-    /// SHA-256 of its log's canonical JSON, in hex.
-    pub log_hash: String,
-    /// State of the submission.
-    pub state: SubmissionState,
-}
-
-/// Stored facts that decide whether a submission may be stored.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct AcceptFacts {
-    /// State of its run; `None` if it belongs to none, or to one that does not exist.
-    pub run: Option<RunState>,
-    /// Answer that its run already has for the same task.
-    pub earlier: Option<EarlierAnswer>,
-    /// Submissions that its owner may still post; `None` without a limit.
-    pub quota_left: Option<i64>,
-}
-
-/// Decision on a submission.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Decision {
-    /// The submission is stored. An earlier answer, which ended without a grade, no longer counts.
-    Store {
-        /// Earlier answer that no longer counts.
-        supersedes: Option<EarlierAnswer>,
-    },
-    /// The submission is not stored, for this reason.
-    Answer(Accepted),
-}
-
-/// Decides on a submission from stored facts; the use cases own the rule.
-pub type Decide = fn(&NewSubmission, &AcceptFacts) -> Decision;
-
-/// Outcome of a request to store submissions.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Acceptability {
-    /// The outcome of each submission, in the order given. If all are [`Accepted::New`] or [`Accepted::Same`], they are
-    /// durable; otherwise none was stored.
-    Decided(Vec<Accepted>),
-    /// The same request was carried out before; holds the identifiers, and whether each existed even then, as JSON.
-    Replayed(String),
-    /// The idempotency key was used for a different request.
-    KeyUsedOtherwise,
 }
 
 /// Row of a submission, without its log.
@@ -174,65 +112,36 @@ macro_rules! select_submission {
     };
 }
 
-fn read_submission(row: &SqliteRow) -> StoreResult<SubmissionRow> {
+fn read_submission(row: &Row) -> StoreResult<SubmissionRow> {
     Ok(SubmissionRow {
-        id: row.try_get("id")?,
-        run_id: row.try_get("run_id")?,
-        suite_id: row.try_get("suite_id")?,
-        task_hash: row.try_get("task_hash")?,
-        task_number: row.try_get("task_number")?,
-        log_hash: row.try_get("log_hash")?,
-        log_bytes: row.try_get("log_bytes")?,
-        turns: row.try_get("turns")?,
-        events: row.try_get("events")?,
-        state: row.try_get("state")?,
-        error: row.try_get("error")?,
-        created_at_ms: row.try_get("created_at_ms")?,
-        ended_at_ms: row.try_get("ended_at_ms")?,
-        overall: row.try_get("overall")?,
-        accuracy: row.try_get("accuracy")?,
-        owner: row.try_get("owner")?,
-        replays: row.try_get("replays")?,
+        id: row.get("id")?,
+        run_id: row.get("run_id")?,
+        suite_id: row.get("suite_id")?,
+        task_hash: row.get("task_hash")?,
+        task_number: row.get("task_number")?,
+        log_hash: row.get("log_hash")?,
+        log_bytes: row.get("log_bytes")?,
+        turns: row.get("turns")?,
+        events: row.get("events")?,
+        state: row.get("state")?,
+        error: row.get("error")?,
+        created_at_ms: row.get("created_at_ms")?,
+        ended_at_ms: row.get("ended_at_ms")?,
+        overall: row.get("overall")?,
+        accuracy: row.get("accuracy")?,
+        owner: row.get("owner")?,
+        replays: row.get("replays")?,
     })
 }
 
 impl Store {
-    /// Stores submissions and their jobs: all of them, or none if one is refused. Requests that arrive at the same time
-    /// share a transaction.
-    ///
-    /// # Errors
-    /// Returns an error if the database fails; then nothing is stored.
-    pub async fn accept(
-        &self,
-        submissions: Arc<[NewSubmission]>,
-        once: Option<IdempotencyKey>,
-        decide: Decide,
-        now_ms: i64,
-    ) -> StoreResult<Acceptability> {
-        self.acceptances.store(submissions, once, decide, now_ms).await
-    }
-
-    /// Reads the facts that decide whether each submission may be stored, without waiting for the writer.
-    ///
-    /// # Errors
-    /// Returns an error if the database fails.
-    pub async fn accept_facts(&self, submissions: &[NewSubmission]) -> StoreResult<Vec<AcceptFacts>> {
-        // A single transaction reads a consistent snapshot.
-        let mut reading = self.readers.begin().await?;
-        let mut facts = Vec::with_capacity(submissions.len());
-        for submission in submissions {
-            facts.push(facts_of(&mut reading, submission).await?);
-        }
-        Ok(facts)
-    }
-
     /// Returns the submission with this identifier; none if it answers a hidden instance, which only `instances` may
     /// show.
     ///
     /// # Errors
     /// Returns an error if the database fails or the row cannot be read.
     pub async fn submission(&self, id: &str) -> StoreResult<Option<SubmissionRow>> {
-        let row = sqlx::query(select_submission!("WHERE s.id = $1")).bind(id).fetch_optional(&self.readers).await?;
+        let row = query(select_submission!("WHERE s.id = $1")).bind(id).fetch_optional(&self.readers).await?;
         row.as_ref().map(read_submission).transpose()
     }
 
@@ -242,8 +151,8 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or a row cannot be read.
     pub async fn submissions_of_run(&self, run_id: &str, after: i64, limit: i64) -> StoreResult<Vec<SubmissionRow>> {
-        let rows = sqlx::query(select_submission!(
-            "WHERE s.run_id = $1 AND s.superseded = 0 AND s.task_number > $2 ORDER BY s.task_number LIMIT $3"
+        let rows = query(select_submission!(
+            "WHERE s.run_id = $1 AND s.superseded = FALSE AND s.task_number > $2 ORDER BY s.task_number LIMIT $3"
         ))
         .bind(run_id)
         .bind(after)
@@ -259,7 +168,7 @@ impl Store {
     /// Returns an error if the database fails or the log cannot be read.
     pub async fn log_json(&self, id: &str) -> StoreResult<Option<Vec<u8>>> {
         let sql = "SELECT log FROM public_submissions WHERE id = $1";
-        let log: Option<Vec<u8>> = sqlx::query_scalar(sql).bind(id).fetch_optional(&self.readers).await?;
+        let log: Option<Vec<u8>> = query_scalar(sql).bind(id).fetch_optional(&self.readers).await?;
         let Some(log) = log else { return Ok(None) };
         let unpacked = tokio::task::spawn_blocking(move || decompress("submissions", &log));
         unpacked.await.map_err(|error| StoreError::corrupt("submissions", error))?.map(Some)
@@ -272,94 +181,9 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn backlog(&self, now_ms: i64) -> StoreResult<(i64, i64)> {
         let (open, oldest): (i64, Option<i64>) =
-            sqlx::query_as("SELECT COUNT(*), MIN(created_at_ms) FROM public_submissions WHERE ended_at_ms IS NULL")
+            query_as("SELECT COUNT(*), MIN(created_at_ms) FROM public_submissions WHERE ended_at_ms IS NULL")
                 .fetch_one(&self.readers)
                 .await?;
         Ok((open, oldest.map_or(0, |oldest| (now_ms - oldest).max(0))))
     }
-}
-
-/// Reads the facts that decide whether a submission may be stored.
-async fn facts_of(connection: &mut SqliteConnection, new: &NewSubmission) -> StoreResult<AcceptFacts> {
-    let (mut run, mut earlier) = (None, None);
-    if let Some(run_id) = &new.run_id {
-        run = run_in(connection, run_id).await?.map(|run| run.state);
-        let found: Option<(String, String, SubmissionState)> = sqlx::query_as(
-            "SELECT id, log_hash, state FROM submissions WHERE run_id = $1 AND task_number = $2 AND superseded = 0",
-        )
-        .bind(run_id)
-        .bind(i64::from(new.task_number))
-        .fetch_optional(&mut *connection)
-        .await?;
-        if let Some((id, log_hash, state)) = found {
-            earlier = Some(EarlierAnswer { id, log_hash, state });
-        }
-    }
-    let quota_left = quota::left(connection, new.owner.as_deref()).await?;
-    Ok(AcceptFacts { run, earlier, quota_left })
-}
-
-/// Stores a submission and its job, if `decide` allows it.
-pub(super) async fn accept_one(
-    tx: &mut SqliteConnection,
-    new: &NewSubmission,
-    decide: Decide,
-    now_ms: i64,
-) -> StoreResult<Accepted> {
-    accept_instead(tx, new, None, decide, now_ms).await
-}
-
-/// Does the same as [`accept_one`]. A submission that replaces `earlier` takes over its reservation of the quota.
-pub(super) async fn accept_instead(
-    tx: &mut SqliteConnection,
-    new: &NewSubmission,
-    earlier: Option<&str>,
-    decide: Decide,
-    now_ms: i64,
-) -> StoreResult<Accepted> {
-    let mut facts = facts_of(tx, new).await?;
-    if earlier.is_some() {
-        facts.quota_left = None;
-    }
-    let supersedes = match decide(new, &facts) {
-        Decision::Answer(answer) => return Ok(answer),
-        Decision::Store { supersedes } => supersedes,
-    };
-    if earlier.is_none() {
-        quota::reserve(tx, new.owner.as_deref()).await?;
-    }
-    if let Some(run_id) = &new.run_id {
-        let was_error = supersedes.as_ref().is_some_and(|answer| answer.state == SubmissionState::GraderError);
-        count(tx, run_id, 1, 0, -i64::from(was_error)).await?;
-    }
-    if let Some(answer) = supersedes {
-        sqlx::query("UPDATE submissions SET superseded = 1 WHERE id = $1").bind(answer.id).execute(&mut *tx).await?;
-    }
-    sqlx::query(
-        "INSERT INTO submissions (id, run_id, suite_id, task_hash, task_number, log_hash, log, log_bytes, turns, events,
-                                  state, created_at_ms, owner, replays)
-         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 'queued', $11, $12, $13)",
-    )
-    .bind(&new.id)
-    .bind(&new.run_id)
-    .bind(&new.suite_id)
-    .bind(&new.task_hash)
-    .bind(i64::from(new.task_number))
-    .bind(&new.log_hash)
-    .bind(new.log.zstd.as_slice())
-    .bind(new.log.json_bytes as i64)
-    .bind(new.turns as i64)
-    .bind(new.events as i64)
-    .bind(now_ms)
-    .bind(&new.owner)
-    .bind(&new.replays)
-    .execute(&mut *tx)
-    .await?;
-    let job = NewJob { submission_id: &new.id, owner: new.owner.as_deref(), lane: new.lane };
-    queue::enter(tx, &job, now_ms).await?;
-    match earlier {
-        None => quota::note_reserved(tx, new.owner.as_deref(), &new.id, now_ms).await?,
-        Some(earlier) => quota::hand_over(tx, earlier, &new.id).await?,
-    }
-    Ok(Accepted::New)
 }

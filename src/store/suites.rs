@@ -1,10 +1,11 @@
 //! Suites and their tasks. A stored suite never changes; a change needs a new version.
 
 use sha2::{Digest as _, Sha256};
-use sqlx::{Row as _, SqliteConnection};
 
 use std::sync::Arc;
 
+use super::db::{Tx, query, query_scalar};
+use super::locks::Lock;
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::tasks::catalogue::Catalogue;
 use plumbline_engine::tasks::{Suite, Task, hex};
@@ -33,16 +34,17 @@ impl Store {
             if stored == content_hash { SuiteStored::Unchanged } else { SuiteStored::Conflict }
         };
         // A suite never changes: if it exists, there is nothing to write, and no need to wait for the write lock.
-        let stored: Option<String> = sqlx::query_scalar(STORED).bind(suite.id()).fetch_optional(&self.readers).await?;
+        let stored: Option<String> = query_scalar(STORED).bind(suite.id()).fetch_optional(&self.readers).await?;
         if let Some(stored) = stored {
             return Ok(outcome(stored));
         }
         let mut tx = self.begin().await?;
-        let stored: Option<String> = sqlx::query_scalar(STORED).bind(suite.id()).fetch_optional(&mut *tx).await?;
+        tx.lock([Lock::Suites]).await?;
+        let stored: Option<String> = query_scalar(STORED).bind(suite.id()).fetch_optional(&mut tx).await?;
         if let Some(stored) = stored {
             return Ok(outcome(stored));
         }
-        sqlx::query(
+        query(
             "INSERT INTO suites (id, name, version, task_count, content_hash, created_at_ms)
              VALUES ($1, $2, $3, $4, $5, $6)",
         )
@@ -52,24 +54,22 @@ impl Store {
         .bind(suite.tasks.len() as i64)
         .bind(&content_hash)
         .bind(now_ms)
-        .execute(&mut *tx)
+        .execute(&mut tx)
         .await?;
         for (task, hash) in suite.tasks.iter().zip(&hashes) {
             let body = serde_json::to_string(task).map_err(|error| StoreError::corrupt("tasks", error))?;
-            sqlx::query(
-                "INSERT INTO tasks (hash, id, family, body) VALUES ($1, $2, $3, $4) ON CONFLICT (hash) DO NOTHING",
-            )
-            .bind(hash)
-            .bind(&task.id)
-            .bind(task.family())
-            .bind(body)
-            .execute(&mut *tx)
-            .await?;
-            sqlx::query("INSERT INTO suite_tasks (suite_id, number, task_hash) VALUES ($1, $2, $3)")
+            query("INSERT INTO tasks (hash, id, family, body) VALUES ($1, $2, $3, $4) ON CONFLICT (hash) DO NOTHING")
+                .bind(hash)
+                .bind(&task.id)
+                .bind(task.family())
+                .bind(body)
+                .execute(&mut tx)
+                .await?;
+            query("INSERT INTO suite_tasks (suite_id, number, task_hash) VALUES ($1, $2, $3)")
                 .bind(suite.id())
                 .bind(i64::from(task.number))
                 .bind(hash)
-                .execute(&mut *tx)
+                .execute(&mut tx)
                 .await?;
         }
         commit(tx, "put_suite").await?;
@@ -91,7 +91,7 @@ impl Store {
         let held = self.catalogue();
         // Suites are never changed or deleted, so comparing their number is enough.
         let stored: i64 =
-            sqlx::query_scalar("SELECT COUNT(*) FROM suites WHERE task_count > 0").fetch_one(&self.readers).await?;
+            query_scalar("SELECT COUNT(*) FROM suites WHERE task_count > 0").fetch_one(&self.readers).await?;
         if held.suites().len() as i64 == stored { Ok(held) } else { self.refresh_catalogue().await }
     }
 
@@ -111,7 +111,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or a task cannot be read.
     pub async fn suites(&self) -> StoreResult<Vec<Suite>> {
-        let rows = sqlx::query(
+        let rows = query(
             "SELECT s.name, s.version, t.body
              FROM suites s JOIN suite_tasks st ON st.suite_id = s.id JOIN tasks t ON t.hash = st.task_hash
              ORDER BY s.name, s.version, st.number",
@@ -120,10 +120,9 @@ impl Store {
         .await?;
         let mut suites: Vec<Suite> = Vec::new();
         for row in rows {
-            let name: String = row.try_get("name")?;
-            let version =
-                u32::try_from(row.try_get::<i64, _>("version")?).map_err(|e| StoreError::corrupt("suites", e))?;
-            let body: &str = row.try_get("body")?;
+            let name: String = row.get("name")?;
+            let version = u32::try_from(row.get::<i64>("version")?).map_err(|e| StoreError::corrupt("suites", e))?;
+            let body: &str = row.get("body")?;
             let task: Task = serde_json::from_str(body).map_err(|error| StoreError::corrupt("tasks", error))?;
             match suites.last_mut() {
                 Some(suite) if suite.name == name && suite.version == version => suite.tasks.push(task),
@@ -135,8 +134,8 @@ impl Store {
 }
 
 /// Reads the tasks of a suite within the transaction.
-pub(super) async fn tasks_of(tx: &mut SqliteConnection, suite_id: &str) -> StoreResult<Vec<Task>> {
-    let bodies: Vec<String> = sqlx::query_scalar(
+pub(super) async fn tasks_of(tx: &mut Tx, suite_id: &str) -> StoreResult<Vec<Task>> {
+    let bodies: Vec<String> = query_scalar(
         "SELECT t.body FROM suite_tasks st JOIN tasks t ON t.hash = st.task_hash WHERE st.suite_id = $1
          ORDER BY st.number",
     )

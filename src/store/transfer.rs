@@ -3,21 +3,19 @@
 //! One list of tables and columns serves both directions. Hidden evaluation, receipts, keys and events are not
 //! exported; a backup contains everything.
 
-use std::path::Path;
-
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
-use futures_util::TryStreamExt as _;
 use serde::Serialize;
 use serde::ser::SerializeMap as _;
 use serde_json::value::{RawValue, to_raw_value};
 use sha2::{Digest as _, Sha256};
-use sqlx::sqlite::SqliteRow;
-use sqlx::{AssertSqlSafe, Connection as _, Row as _, SqliteConnection};
+use sqlx::AssertSqlSafe;
 
-use super::copies::read_only;
+use super::db::{Dialect, Row, Tx, query, query_as, query_scalar};
+use super::location::Location;
+use super::locks::Lock;
 use super::transfer_tables::{Form, KINDS, Kind, PUBLIC};
-use super::{Store, StoreError, StoreResult, commit, compress, decompress, schema};
+use super::{Store, StoreError, StoreResult, commit, compress, decompress, postgres, schema, sqlite};
 use plumbline_engine::tasks::{Task, hex};
 
 /// Line of an export: the columns of a row in their order, and for submissions the id of the task.
@@ -34,31 +32,31 @@ impl Serialize for Line {
 }
 
 impl Kind {
-    fn line(&self, row: &SqliteRow) -> StoreResult<Line> {
+    fn line(&self, row: &Row) -> StoreResult<Line> {
         let corrupt = |error: serde_json::Error| StoreError::corrupt(self.table, error);
         let mut line = Vec::with_capacity(self.columns.len() + 1);
         for (i, (_, name, form)) in self.columns.iter().enumerate() {
             let value = match form {
-                Form::Text => to_raw_value(&row.try_get::<Option<String>, _>(i)?),
-                Form::Number => to_raw_value(&row.try_get::<Option<i64>, _>(i)?),
-                Form::Flag => to_raw_value(&row.try_get::<Option<i64>, _>(i)?.map(|flag| flag != 0)),
-                Form::Json => match row.try_get::<Option<String>, _>(i)? {
+                Form::Text => to_raw_value(&row.get::<Option<String>>(i)?),
+                Form::Number => to_raw_value(&row.get::<Option<i64>>(i)?),
+                Form::Flag => to_raw_value(&row.get::<Option<bool>>(i)?),
+                Form::Json => match row.get::<Option<String>>(i)? {
                     None => to_raw_value(&()),
                     Some(json) => RawValue::from_string(json),
                 },
                 Form::Packed => {
-                    let json = decompress(self.table, row.try_get(i)?)?;
+                    let json = decompress(self.table, row.get(i)?)?;
                     RawValue::from_string(String::from_utf8_lossy(&json).into_owned())
                 }
                 Form::Bytes => {
-                    let bytes: Option<Vec<u8>> = row.try_get(i)?;
+                    let bytes: Option<Vec<u8>> = row.get(i)?;
                     to_raw_value(&bytes.map(|bytes| BASE64_STANDARD.encode(bytes)))
                 }
             };
             line.push((*name, value.map_err(corrupt)?));
         }
         if self.table == "submissions" {
-            let task: Option<String> = row.try_get(self.columns.len())?;
+            let task: Option<String> = row.get(self.columns.len())?;
             line.push(("task", to_raw_value(&task).map_err(corrupt)?));
         }
         Ok(Line(line))
@@ -74,7 +72,7 @@ impl Kind {
     }
 
     /// Inserts the row of a line.
-    async fn enter(&self, tx: &mut SqliteConnection, line: &str) -> StoreResult<()> {
+    async fn enter(&self, tx: &mut Tx, line: &str) -> StoreResult<()> {
         let bad = |what: String| StoreError::corrupt(self.table, what);
         let members: std::collections::HashMap<String, Box<RawValue>> =
             serde_json::from_str(line).map_err(|error| bad(error.to_string()))?;
@@ -87,7 +85,7 @@ impl Kind {
         // The names come from the list of tables, not from the line.
         let sql =
             format!("INSERT INTO {} ({}) VALUES ({}){conflict}", self.table, columns.join(", "), places.join(", "));
-        let mut query = sqlx::query(AssertSqlSafe(sql));
+        let mut query = query(AssertSqlSafe(sql));
         let null = RawValue::NULL;
         for (_, name, form) in self.columns {
             let raw = members.get(*name).map_or(null, |value| &**value);
@@ -96,7 +94,7 @@ impl Kind {
             query = match form {
                 Form::Text => query.bind(serde_json::from_str::<Option<String>>(raw.get()).map_err(read)?),
                 Form::Number => query.bind(serde_json::from_str::<Option<i64>>(raw.get()).map_err(read)?),
-                Form::Flag => query.bind(serde_json::from_str::<Option<bool>>(raw.get()).map_err(read)?.map(i64::from)),
+                Form::Flag => query.bind(serde_json::from_str::<Option<bool>>(raw.get()).map_err(read)?),
                 Form::Json => query.bind((!is_null).then(|| raw.get().to_owned())),
                 Form::Packed => {
                     if *name == "log" {
@@ -125,21 +123,24 @@ impl Kind {
 /// # Errors
 /// Returns an error if the database fails, a row cannot be read, or `write` fails.
 pub async fn export(
-    database: &Path,
+    database: &Location,
     mut write: impl FnMut(&'static Kind, &str) -> std::io::Result<()>,
 ) -> StoreResult<()> {
     schema::state(database).await?.must_be_current(database)?;
-    let mut connection = read_only(database).await?;
-    let mut moment = connection.begin().await?;
+    let pool = match database {
+        Location::File(file) => sqlite::open_reading(file).await?,
+        Location::Server(server) => postgres::open(server, false).await?,
+    };
+    let mut moment = pool.begin_reading().await?;
     for kind in KINDS {
-        let mut rows = sqlx::query(AssertSqlSafe(kind.select())).fetch(&mut *moment);
-        while let Some(row) = rows.try_next().await? {
+        let each = |row: Row| {
             let line = serde_json::to_string(&kind.line(&row)?).map_err(|e| StoreError::corrupt(kind.table, e))?;
-            write(kind, &line).map_err(|error| StoreError::Database(sqlx::Error::Io(error)))?;
-        }
+            write(kind, &line).map_err(|error| StoreError::Database(sqlx::Error::Io(error)))
+        };
+        query(AssertSqlSafe(kind.select())).for_each(&mut moment, each).await?;
     }
-    moment.rollback().await?;
-    connection.close().await?;
+    drop(moment);
+    pool.close().await;
     Ok(())
 }
 
@@ -184,12 +185,12 @@ impl Store {
     ) -> Result<Vec<(&'static str, usize)>, ImportError> {
         let io = |error: std::io::Error| StoreError::Database(sqlx::Error::Io(error));
         let mut tx = self.begin().await?;
-        let held: i64 = sqlx::query_scalar(
+        tx.lock([Lock::Suites, Lock::Boards, Lock::Order]).await?;
+        let held: i64 = query_scalar(
             "SELECT (SELECT COUNT(*) FROM runs) + (SELECT COUNT(*) FROM submissions) + (SELECT COUNT(*) FROM quotas)",
         )
-        .fetch_one(&mut *tx)
-        .await
-        .map_err(StoreError::from)?;
+        .fetch_one(&mut tx)
+        .await?;
         if held > 0 {
             return Err(ImportError::NotEmpty(held));
         }
@@ -216,7 +217,16 @@ impl Store {
                  (SELECT COUNT(*) FROM submissions s WHERE s.owner = quotas.owner AND s.ended_at_ms IS NULL)",
         ];
         for statement in requeue {
-            sqlx::query(statement).execute(&mut *tx).await.map_err(StoreError::from)?;
+            query(statement).execute(&mut tx).await?;
+        }
+        if tx.dialect() == Dialect::Postgres {
+            // Rows kept their numbers; new ones come after them.
+            for table in ["results", "board_actions", "quota_entries"] {
+                let after = format!(
+                    "SELECT setval(pg_get_serial_sequence('{table}', 'id'), COALESCE(MAX(id), 0) + 1, FALSE) FROM {table}"
+                );
+                query(AssertSqlSafe(after)).execute(&mut tx).await?;
+            }
         }
         commit(tx, "import").await?;
         self.refresh_catalogue().await?;
@@ -235,18 +245,14 @@ fn must_be_task(members: &std::collections::HashMap<String, Box<RawValue>>) -> R
 }
 
 /// Refuses suites of which tasks are missing.
-async fn must_be_whole(tx: &mut SqliteConnection) -> Result<(), ImportError> {
-    let suites: Vec<(String, String)> = sqlx::query_as("SELECT id, content_hash FROM suites WHERE task_count > 0")
-        .fetch_all(&mut *tx)
-        .await
-        .map_err(StoreError::from)?;
+async fn must_be_whole(tx: &mut Tx) -> Result<(), ImportError> {
+    let suites: Vec<(String, String)> =
+        query_as("SELECT id, content_hash FROM suites WHERE task_count > 0").fetch_all(&mut *tx).await?;
     for (id, content_hash) in suites {
-        let hashes: Vec<String> =
-            sqlx::query_scalar("SELECT task_hash FROM suite_tasks WHERE suite_id = $1 ORDER BY number")
-                .bind(&id)
-                .fetch_all(&mut *tx)
-                .await
-                .map_err(StoreError::from)?;
+        let hashes: Vec<String> = query_scalar("SELECT task_hash FROM suite_tasks WHERE suite_id = $1 ORDER BY number")
+            .bind(&id)
+            .fetch_all(&mut *tx)
+            .await?;
         if hex(&Sha256::digest(hashes.concat())) != content_hash {
             return Err(ImportError::Cut(id));
         }
@@ -254,14 +260,11 @@ async fn must_be_whole(tx: &mut SqliteConnection) -> Result<(), ImportError> {
     Ok(())
 }
 
-async fn must_not_differ(tx: &mut SqliteConnection, line: &str) -> Result<(), ImportError> {
+async fn must_not_differ(tx: &mut Tx, line: &str) -> Result<(), ImportError> {
     let suite: serde_json::Value = serde_json::from_str(line).map_err(|error| StoreError::corrupt("suites", error))?;
     let id = suite["id"].as_str().unwrap_or_default();
-    let own: Option<String> = sqlx::query_scalar("SELECT content_hash FROM suites WHERE id = $1")
-        .bind(id)
-        .fetch_optional(tx)
-        .await
-        .map_err(StoreError::from)?;
+    let own: Option<String> =
+        query_scalar("SELECT content_hash FROM suites WHERE id = $1").bind(id).fetch_optional(tx).await?;
     match own {
         Some(own) if suite["content_hash"] != own.as_str() => Err(ImportError::OtherSuite(id.to_owned())),
         _ => Ok(()),

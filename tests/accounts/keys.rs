@@ -10,7 +10,12 @@ use reqwest::StatusCode;
 use serde_json::{Value, json};
 
 fn keys(database: &Path, arguments: &[&str]) -> Result<String, String> {
-    let output = Command::new(PROGRAM).arg("keys").args(arguments).arg("--database").arg(database).output().unwrap();
+    let output = Command::new(PROGRAM)
+        .arg("keys")
+        .args(arguments)
+        .args(crate::support::database::named(database))
+        .output()
+        .unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).trim().to_owned();
     if output.status.success() { Ok(text(&output.stdout)) } else { Err(text(&output.stderr)) }
 }

@@ -8,7 +8,8 @@ use reqwest::StatusCode;
 use serde_json::{Value, json};
 
 fn command(database: &Path, arguments: &[&str]) -> String {
-    let output = Command::new(PROGRAM).args(arguments).arg("--database").arg(database).output().unwrap();
+    let output =
+        Command::new(PROGRAM).args(arguments).args(crate::support::database::named(database)).output().unwrap();
     assert!(output.status.success(), "{output:?}");
     String::from_utf8(output.stdout).unwrap().trim().to_owned()
 }

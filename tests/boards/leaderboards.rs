@@ -110,8 +110,9 @@ async fn what_is_done_to_a_row_is_told_for_ever() {
     assert_eq!(names(&service.get(&then).await.json()), ["one"]);
 
     let key = |scopes: &str, name: &str| {
-        let arguments = ["keys", "create", "--name", name, "--scopes", scopes, "--database"];
-        let made = Command::new(PROGRAM).args(arguments).arg(&database).output().unwrap();
+        let arguments = ["keys", "create", "--name", name, "--scopes", scopes];
+        let made =
+            Command::new(PROGRAM).args(arguments).args(crate::support::database::named(&database)).output().unwrap();
         String::from_utf8(made.stdout).unwrap().trim().to_owned()
     };
     let (operator, lab) = (key("admin", "operator"), key("submit", "lab"));
@@ -264,8 +265,8 @@ async fn runs_are_listed_and_open_ones_deleted() {
 /// A client that sends an owner's key.
 fn client_of(database: &std::path::Path, owner: &str) -> reqwest::Client {
     let made = Command::new(PROGRAM)
-        .args(["keys", "create", "--scopes", "admin", "--name", owner, "--database"])
-        .arg(database)
+        .args(["keys", "create", "--scopes", "admin", "--name", owner])
+        .args(crate::support::database::named(database))
         .output()
         .unwrap();
     let key = String::from_utf8(made.stdout).unwrap();

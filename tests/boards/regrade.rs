@@ -10,7 +10,12 @@ use sqlx::ConnectOptions as _;
 use sqlx::sqlite::SqliteConnectOptions;
 
 fn regrade(database: &Path, arguments: &[&str]) -> Result<String, String> {
-    let output = Command::new(PROGRAM).arg("regrade").args(arguments).arg("--database").arg(database).output().unwrap();
+    let output = Command::new(PROGRAM)
+        .arg("regrade")
+        .args(arguments)
+        .args(crate::support::database::named(database))
+        .output()
+        .unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     if output.status.success() { Ok(text(&output.stdout)) } else { Err(text(&output.stderr)) }
 }

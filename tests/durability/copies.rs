@@ -7,7 +7,7 @@ use crate::support::{PROGRAM, Service};
 use serde_json::{Value, json};
 
 fn plumbline(command: &str, target: &Path, database: &Path) -> Output {
-    Command::new(PROGRAM).arg(command).arg(target).arg("--database").arg(database).output().unwrap()
+    Command::new(PROGRAM).arg(command).arg(target).args(crate::support::database::named(database)).output().unwrap()
 }
 
 fn succeeded(output: &Output) -> String {
@@ -128,8 +128,8 @@ fn found_task(logs: &[Value], submission: &str) -> Value {
 
 fn plumbline_key(database: &Path, scopes: &str) -> String {
     let made = Command::new(PROGRAM)
-        .args(["keys", "create", "--name", "operator", "--scopes", scopes, "--database"])
-        .arg(database)
+        .args(["keys", "create", "--name", "operator", "--scopes", scopes])
+        .args(crate::support::database::named(database))
         .output()
         .unwrap();
     succeeded(&made).trim().to_owned()

@@ -6,8 +6,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use crate::support::audit::{audit, open};
+use crate::support::audit::audit;
+use crate::support::database::{is_postgres, pool};
 use crate::support::{PROGRAM, Service};
+use plumbline::store::db::{Each, Text, query};
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::tasks::embedded;
 use reqwest::{RequestBuilder, StatusCode};
@@ -27,10 +29,15 @@ impl Scene {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let database = folder.path().join("p.db");
-        let create = Command::new(PROGRAM).args(["migrate", "--create", "--database"]).arg(&database).output().unwrap();
+        let create = Command::new(PROGRAM)
+            .args(["migrate", "--create"])
+            .args(crate::support::database::named(&database))
+            .output()
+            .unwrap();
         assert!(create.status.success());
-        let arguments = ["keys", "create", "--name", "lab", "--database"];
-        let made = Command::new(PROGRAM).args(arguments).arg(&database).output().unwrap();
+        let arguments = ["keys", "create", "--name", "lab"];
+        let made =
+            Command::new(PROGRAM).args(arguments).args(crate::support::database::named(&database)).output().unwrap();
         assert!(made.status.success());
         let key = String::from_utf8(made.stdout).unwrap().trim().to_owned();
         Self { _folder: folder, database, key, acknowledged: Vec::new() }
@@ -50,8 +57,13 @@ impl Scene {
     fn start_and_die(&self, moment: &str) {
         // `timeout` ends with another signal, so a service that lives on fails the test instead of holding it up.
         let mut command = Command::new("timeout");
-        command.args(["--signal=INT", "60", PROGRAM, "serve", "--listen", "127.0.0.1:0", "--database"]);
-        let ended = command.arg(&self.database).args(LEASE).env("PLUMBLINE_TEST_KILL", moment).output().unwrap();
+        command.args(["--signal=INT", "60", PROGRAM, "serve", "--listen", "127.0.0.1:0"]);
+        let ended = command
+            .args(crate::support::database::named(&self.database))
+            .args(LEASE)
+            .env("PLUMBLINE_TEST_KILL", moment)
+            .output()
+            .unwrap();
         let is_killed = ended.status.signal() == Some(9) || ended.status.code() == Some(128 + 9);
         assert!(is_killed, "{moment}: {ended:?}");
     }
@@ -124,9 +136,10 @@ async fn settle(service: &Service) {
     panic!("submissions are stuck");
 }
 
-async fn change(database: &Path, query: &'static str, id: &str) {
-    let mut connection = open(database).await;
-    assert_eq!(sqlx::query(query).bind(id).execute(&mut connection).await.unwrap().rows_affected(), 1);
+async fn change(database: &Path, text: impl Into<Text>, id: &str) {
+    let pool = pool(database).await;
+    assert_eq!(query(text).bind(id).execute(&pool).await.unwrap(), 1);
+    pool.close().await;
 }
 
 #[tokio::test]
@@ -154,7 +167,15 @@ async fn killed_while_an_unreadable_submission_ends() {
         let id = scene.post(&service, slow()).await;
         service.wait_for_end(moment).await;
         let Some(id) = id else { continue };
-        change(&scene.database, "UPDATE submissions SET log = x'00' WHERE id = $1", &id).await;
+        change(
+            &scene.database,
+            Each {
+                sqlite: "UPDATE submissions SET log = x'00' WHERE id = $1",
+                postgres: r"UPDATE submissions SET log = '\x00' WHERE id = $1",
+            },
+            &id,
+        )
+        .await;
         scene.start_and_die(moment);
         scene.end_well(moment).await;
         let service = scene.start();
@@ -242,6 +263,10 @@ async fn a_clock_that_jumps() {
 
 #[tokio::test]
 async fn a_disk_without_room() {
+    if is_postgres() {
+        // The server has a disk of its own.
+        return;
+    }
     let mut scene = Scene::new();
     assert!(scene.start().terminate());
     // No file may grow beyond the database and a little more; writing further fails, as on a full disk.
@@ -300,7 +325,11 @@ async fn corrupt_rows_harm_nobody_else() {
         }
     }
     let torn = scene.acknowledged[1].clone();
-    change(&scene.database, "UPDATE reports SET body = x'28B52FFD' WHERE submission_id = $1", &torn).await;
+    let broken = Each {
+        sqlite: "UPDATE reports SET body = x'28B52FFD' WHERE submission_id = $1",
+        postgres: r"UPDATE reports SET body = '\x28B52FFD' WHERE submission_id = $1",
+    };
+    change(&scene.database, broken, &torn).await;
     tokio::time::sleep(Duration::from_millis(1_100)).await;
     let report = service.get(&format!("/v1/submissions/{torn}/report")).await;
     assert_eq!((report.status, report.kind.as_str()), (StatusCode::INTERNAL_SERVER_ERROR, "application/problem+json"));

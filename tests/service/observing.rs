@@ -112,8 +112,8 @@ async fn logs_are_json_throughout_with_a_line_a_request() {
     let database = folder.path().join("p.db");
     let address = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
     let mut process = Command::new(PROGRAM)
-        .args(["serve", "--open", "--log-format", "json", "--listen", &address, "--database"])
-        .arg(&database)
+        .args(["serve", "--open", "--log-format", "json", "--listen", &address])
+        .args(crate::support::database::named(&database))
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
@@ -139,8 +139,8 @@ async fn logs_are_json_throughout_with_a_line_a_request() {
     assert!(!text.contains("verysecret") && !text.contains("needle"), "{text}");
     // What goes wrong at the start is JSON too.
     let wrong = Command::new(PROGRAM)
-        .args(["serve", "--log-format", "json", "--listen", "nowhere", "--database"])
-        .arg(&database)
+        .args(["serve", "--log-format", "json", "--listen", "nowhere"])
+        .args(crate::support::database::named(&database))
         .output()
         .unwrap();
     let line: Value = serde_json::from_slice(&wrong.stderr).unwrap();

@@ -199,7 +199,11 @@ async fn a_database_of_another_program_is_left_alone() {
     connection.close().await.unwrap();
     let serve = |database: &std::path::Path| {
         let mut command = std::process::Command::new(crate::support::PROGRAM);
-        let output = command.args(["serve", "--listen", "127.0.0.1:0", "--database"]).arg(database).output().unwrap();
+        let output = command
+            .args(["serve", "--listen", "127.0.0.1:0"])
+            .args(crate::support::database::named(database))
+            .output()
+            .unwrap();
         assert!(!output.status.success());
         String::from_utf8(output.stderr).unwrap()
     };

@@ -6,7 +6,7 @@ use std::process::{Command, Output};
 use super::PROGRAM;
 
 pub fn plumbline(arguments: &[&str], database: &Path) -> Output {
-    Command::new(PROGRAM).args(arguments).arg("--database").arg(database).output().unwrap()
+    Command::new(PROGRAM).args(arguments).args(crate::support::database::named(database)).output().unwrap()
 }
 
 pub fn told(output: &Output) -> String {

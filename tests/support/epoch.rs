@@ -24,7 +24,7 @@ pub fn run(arguments: &[&str], database: Option<&Path>) -> Output {
     let mut command = Command::new(PROGRAM);
     command.args(arguments);
     if let Some(database) = database {
-        command.arg("--database").arg(database);
+        command.args(super::database::named(database));
     }
     command.output().unwrap()
 }

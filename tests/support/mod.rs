@@ -1,7 +1,9 @@
 //! The real program for tests: started as a process on a free port with a database file of its own.
 
 pub mod audit;
+pub mod cluster;
 pub mod commands;
+pub mod database;
 pub mod epoch;
 pub mod tampering;
 
@@ -85,10 +87,10 @@ impl Service {
     }
 
     /// The same, by a command that runs the program.
-    pub fn start_by(mut command: Command, database: &std::path::Path, arguments: &[&str]) -> Self {
+    pub fn start_by(mut command: Command, path: &std::path::Path, arguments: &[&str]) -> Self {
         let mut process = command
-            .args(["serve", "--listen", "127.0.0.1:0", "--database"])
-            .arg(database)
+            .args(["serve", "--listen", "127.0.0.1:0"])
+            .args(database::named(path))
             .args(arguments)
             .stderr(Stdio::piped())
             .spawn()

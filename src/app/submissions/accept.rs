@@ -7,7 +7,7 @@ use bytes::Bytes;
 use sha2::{Digest as _, Sha256};
 use uuid::Uuid;
 
-use super::decision::{decide, decide_all};
+use super::decision::{answers, decide_all};
 use super::posted::{Format, Posted, PostedSubmission, check_against_task, read_submissions};
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
@@ -16,10 +16,11 @@ use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::replay::run_codes;
 use crate::clock::now_ms;
 use crate::store::StoreError;
+use crate::store::acceptance::{Acceptability, Accepted};
 use crate::store::idempotency::IdempotencyKey;
 use crate::store::keys::Scope;
 use crate::store::queue::Lane;
-use crate::store::submissions::{Acceptability, Accepted, NewSubmission, PackedLog};
+use crate::store::submissions::{NewSubmission, PackedLog};
 use plumbline_engine::grading::cost::{Cost, cost};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::tasks::catalogue::Entry;
@@ -67,7 +68,7 @@ pub async fn accept(
     caller.require(Scope::Submit)?;
     let Checked { submissions, lines } = check(app, caller, body, format).await?;
     let submissions: Arc<[NewSubmission]> = submissions.into();
-    match app.store.accept(Arc::clone(&submissions), once, decide, now_ms()).await? {
+    match app.store.accept(Arc::clone(&submissions), once, decide_all, now_ms()).await? {
         Acceptability::Decided(answers) => {
             Ok(Acceptance { submissions: decided(&submissions, answers, &lines)?, is_replayed: false })
         }
@@ -94,7 +95,7 @@ pub async fn validate(
 ) -> AppResult<Vec<(NewSubmission, AcceptedSubmission)>> {
     caller.require(Scope::Submit)?;
     let Checked { submissions, lines } = check(app, caller, body, format).await?;
-    let answers = decide_all(&submissions, app.store.accept_facts(&submissions).await?);
+    let answers = answers(decide_all(&submissions, app.store.accept_facts(&submissions).await?));
     let accepted = decided(&submissions, answers, &lines)?;
     Ok(submissions.into_iter().zip(accepted).collect())
 }

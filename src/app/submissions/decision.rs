@@ -2,14 +2,15 @@
 
 use std::collections::HashMap;
 
+use crate::store::acceptance::{AcceptFacts, Accepted, Decision, EarlierAnswer};
 use crate::store::states::RunState;
 use crate::store::states::SubmissionState;
-use crate::store::submissions::{AcceptFacts, Accepted, Decision, EarlierAnswer, NewSubmission};
+use crate::store::submissions::NewSubmission;
 
 /// Decides on a submission. A run accepts one answer for each task: the same log again counts as the same submission, a
 /// different log is refused, and an answer that ended without a grade may be replaced.
 #[must_use]
-pub fn decide(new: &NewSubmission, facts: &AcceptFacts) -> Decision {
+fn decide(new: &NewSubmission, facts: &AcceptFacts) -> Decision {
     let mut supersedes = None;
     if new.run_id.is_some() {
         match &facts.earlier {
@@ -36,7 +37,7 @@ pub fn decide(new: &NewSubmission, facts: &AcceptFacts) -> Decision {
 
 /// Decides on all submissions of a body as if each were stored before the next.
 #[must_use]
-pub fn decide_all(submissions: &[NewSubmission], facts: Vec<AcceptFacts>) -> Vec<Accepted> {
+pub fn decide_all(submissions: &[NewSubmission], facts: Vec<AcceptFacts>) -> Vec<Decision> {
     let mut answered: HashMap<(&str, u32), EarlierAnswer> = HashMap::new();
     let mut used: HashMap<Option<&str>, i64> = HashMap::new();
     let mut decisions = Vec::with_capacity(submissions.len());
@@ -47,18 +48,26 @@ pub fn decide_all(submissions: &[NewSubmission], facts: Vec<AcceptFacts>) -> Vec
         }
         let used = used.entry(new.owner.as_deref()).or_default();
         facts.quota_left = facts.quota_left.map(|left| left - *used);
-        decisions.push(match decide(new, &facts) {
-            Decision::Answer(answer) => answer,
-            Decision::Store { .. } => {
-                *used += 1;
-                let (id, log_hash) = (new.id.clone(), new.log_hash.clone());
-                let answer = EarlierAnswer { id, log_hash, state: SubmissionState::Queued };
-                answered.extend(task.map(|task| (task, answer)));
-                Accepted::New
-            }
-        });
+        let decision = decide(new, &facts);
+        if matches!(decision, Decision::Store { .. }) {
+            *used += 1;
+            let (id, log_hash) = (new.id.clone(), new.log_hash.clone());
+            let answer = EarlierAnswer { id, log_hash, state: SubmissionState::Queued };
+            answered.extend(task.map(|task| (task, answer)));
+        }
+        decisions.push(decision);
     }
     decisions
+}
+
+/// Returns what the clients are told if every submission to be stored is stored.
+#[must_use]
+pub fn answers(decisions: Vec<Decision>) -> Vec<Accepted> {
+    let answer = |decision| match decision {
+        Decision::Answer(answer) => answer,
+        Decision::Store { .. } => Accepted::New,
+    };
+    decisions.into_iter().map(answer).collect()
 }
 
 #[cfg(test)]
@@ -124,7 +133,7 @@ mod tests {
         let lines =
             [submission("1", 1, "a"), submission("2", 1, "a"), submission("3", 1, "b"), submission("4", 2, "a")];
         let open = || facts(Some(RunState::Open), None, Some(1));
-        let decided = decide_all(&lines, lines.iter().map(|_| open()).collect());
+        let decided = answers(decide_all(&lines, lines.iter().map(|_| open()).collect()));
         let first = || "1".to_owned();
         assert_eq!(decided, [Accepted::New, Accepted::Same(first()), Accepted::Other(first()), Accepted::QuotaUsedUp]);
     }

@@ -16,7 +16,7 @@ use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::hidden::answer::{AnswerShape, PostedAnswer};
 use crate::app::limits::LIMITS;
 use crate::app::replay::run_code;
-use crate::app::submissions::decision::decide;
+use crate::app::submissions::decision::decide_all;
 use crate::app::submissions::posted::Format;
 use crate::clock::{now_ms, rfc3339};
 use crate::http::extract::body::JsonBody;
@@ -211,7 +211,7 @@ pub async fn answer_instance(
         new_submission(&sent.log, &task, &issued, &by, told)
     });
     let new = prepared.await.map_err(|error| AppError::internal(&error))??;
-    let answered = state.store.answer_instance(&id, &new, transcript_sha256.as_deref(), decide, now_ms()).await?;
+    let answered = state.store.answer_instance(&id, &new, transcript_sha256.as_deref(), decide_all, now_ms()).await?;
     let is_repeated = matches!(answered, Answered::Same(_));
     let receipt = match answered {
         Answered::New(receipt) => Some(receipt),

@@ -5,7 +5,7 @@ use std::path::Path;
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions as _, Connection as _, SqliteConnection};
 
-use super::{StoreError, StoreResult};
+use crate::store::{StoreError, StoreResult};
 
 /// Number of rows in a copy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -58,6 +58,6 @@ pub async fn inspect(file: &Path) -> StoreResult<Contents> {
 }
 
 /// Opens a file read-only.
-pub(super) async fn read_only(file: &Path) -> StoreResult<SqliteConnection> {
+async fn read_only(file: &Path) -> StoreResult<SqliteConnection> {
     Ok(SqliteConnectOptions::new().filename(file).read_only(true).connect().await?)
 }

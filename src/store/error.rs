@@ -1,0 +1,148 @@
+//! Errors of the store.
+
+use std::path::PathBuf;
+
+use super::location::Location;
+
+/// Errors of the store.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// The database failed, refused a statement, or holds a value that it should not.
+    #[error("database: {0}")]
+    Database(#[from] sqlx::Error),
+    /// The schema of the database could not be migrated.
+    #[error("migration: {0}")]
+    Migration(#[from] sqlx::migrate::MigrateError),
+    /// The database does not exist.
+    #[error("there is no database {0}; `plumbline serve` and `plumbline migrate --create` create one")]
+    Missing(Location),
+    /// The database was written by a newer version of the program.
+    #[error(
+        "the database {database} was written by a newer plumbline (schema {found}, this one knows up to {known}): use \
+         the newer program or an older backup"
+    )]
+    Newer {
+        /// The database.
+        database: Location,
+        /// Version of its last migration.
+        found: i64,
+        /// Version of this program's last migration.
+        known: i64,
+    },
+    /// The schema of the database is older than that of this program.
+    #[error(
+        "the database {database} has schema {found}, but this plumbline needs {known}: `plumbline migrate` brings it up \
+         to date (with --dry-run it only shows what it would do), and so does `plumbline serve`"
+    )]
+    Older {
+        /// The database.
+        database: Location,
+        /// Version of its last migration.
+        found: i64,
+        /// Version of this program's last migration.
+        known: i64,
+    },
+    /// The SQLite library that the program was built with is too old.
+    #[error("SQLite {0} may corrupt a database with a write-ahead log; 3.51.3 or newer is needed")]
+    OldSqlite(String),
+    /// The PostgreSQL server is too old.
+    #[error("the server is PostgreSQL {found}; version {needed} or newer is needed")]
+    OldServer {
+        /// Version of the server.
+        found: String,
+        /// First version that serves.
+        needed: u32,
+    },
+    /// The PostgreSQL server cannot be reached, or refuses the connection.
+    #[error("cannot connect to {database}: {detail}; {remedy}")]
+    Unreachable {
+        /// The database.
+        database: Location,
+        /// Words of the server or the operating system.
+        detail: String,
+        /// What the operator can do.
+        remedy: &'static str,
+    },
+    /// The role may not do what the service needs.
+    #[error(
+        "the role may not create tables in {database}: make it the owner of the database, or grant it CREATE on the \
+         schema ({detail})"
+    )]
+    NoRights {
+        /// The database.
+        database: Location,
+        /// Words of the server.
+        detail: String,
+    },
+    /// The command works on files only.
+    #[error("{0}")]
+    OnlyFiles(&'static str),
+    /// The database belongs to another program.
+    #[error("the database holds tables of another program")]
+    Foreign,
+    /// A file of secrets cannot be read or written.
+    #[error("{}: {detail}", path.display())]
+    Secret {
+        /// Path of the file.
+        path: PathBuf,
+        /// Description of the fault.
+        detail: String,
+    },
+    /// A stored row cannot be read, or holds invalid data.
+    #[error("row of {table}: {detail}")]
+    Corrupt {
+        /// Table of the row.
+        table: &'static str,
+        /// Description of the fault.
+        detail: String,
+    },
+}
+
+impl StoreError {
+    /// Returns whether the database was only busy, so that the same operation may succeed in a moment.
+    #[must_use]
+    pub fn is_busy(&self) -> bool {
+        match self {
+            Self::Database(sqlx::Error::PoolTimedOut | sqlx::Error::Io(_) | sqlx::Error::BeginFailed) => true,
+            Self::Database(sqlx::Error::Database(error)) => error.code().is_some_and(|code| is_busy_code(&code)),
+            _ => false,
+        }
+    }
+
+    /// Creates the error for a stored row that cannot be read.
+    pub fn corrupt(table: &'static str, detail: impl std::fmt::Display) -> Self {
+        Self::Corrupt { table, detail: detail.to_string() }
+    }
+}
+
+/// Returns whether a code of the database says that the same operation may succeed in a moment.
+///
+/// SQLite gives numbers, whose low byte is the primary code. PostgreSQL gives five characters (appendix A of its
+/// manual): serialization failures, deadlocks, locks that are not available, and a server that starts or stops.
+fn is_busy_code(code: &str) -> bool {
+    const SQLITE_BUSY: i32 = 5;
+    const SQLITE_LOCKED: i32 = 6;
+    const POSTGRES: [&str; 9] = ["40001", "40P01", "55P03", "57014", "57P01", "57P02", "57P03", "25P03", "53300"];
+    if code.len() == 5 {
+        return POSTGRES.contains(&code) || code.starts_with("08");
+    }
+    code.parse::<i32>().is_ok_and(|code| matches!(code & 0xff, SQLITE_BUSY | SQLITE_LOCKED))
+}
+
+/// Result of a store function.
+pub type StoreResult<T> = Result<T, StoreError>;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn busy_is_told_from_the_code() {
+        for code in ["5", "6", "261", "517", "40001", "40P01", "57P03", "08006"] {
+            assert!(is_busy_code(code), "{code}");
+        }
+        for code in ["1", "11", "2067", "23505", "42P01"] {
+            assert!(!is_busy_code(code), "{code}");
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! PostgreSQL: a server that several nodes share.
+
+pub(super) mod notices;
+pub(super) mod schema;
+
+use std::time::Duration;
+
+use sqlx::PgPool;
+use sqlx::postgres::{PgConnectOptions, PgPoolOptions};
+
+use super::db::Pool;
+use super::location::{Location, Server};
+use super::migrations::POSTGRES;
+use super::{StoreError, StoreResult};
+
+/// First version of PostgreSQL that serves.
+const OLDEST: u32 = 15;
+/// Number of connections of a node.
+const CONNECTIONS: u32 = 12;
+/// Time for which a request waits for a connection.
+const ACQUIRE: Duration = Duration::from_secs(10);
+
+/// Session settings: a node that freezes within a transaction must not hold its locks for ever, and a statement that
+/// waits for a lock ends before its request does.
+const SETTINGS: [(&str, &str); 4] = [
+    ("idle_in_transaction_session_timeout", "15s"),
+    ("lock_timeout", "20s"),
+    ("statement_timeout", "60s"),
+    ("default_transaction_isolation", "read\\ committed"),
+];
+
+/// Opens a database and brings its schema up to date if `may_change` is set.
+pub(super) async fn open(server: &Server, may_change: bool) -> StoreResult<Pool> {
+    let location = || Location::Server(Box::new(server.clone()));
+    let pool = connect(server, CONNECTIONS).await?;
+    let state = schema::state_of(&pool).await?;
+    state.must_not_be_newer(&location())?;
+    if may_change && !state.lacking.is_empty() {
+        POSTGRES.run(&pool).await.map_err(|error| explain_migration(error, location()))?;
+    }
+    Ok(Pool::Postgres(pool))
+}
+
+/// Connects to a server and checks its version.
+async fn connect(server: &Server, connections: u32) -> StoreResult<PgPool> {
+    let options: PgConnectOptions = server.options.clone().application_name("plumbline").options(SETTINGS);
+    let pool = PgPoolOptions::new()
+        .max_connections(connections)
+        .acquire_timeout(ACQUIRE)
+        .test_before_acquire(false)
+        .connect_with(options)
+        .await
+        .map_err(|error| explain(&error, Location::Server(Box::new(server.clone()))))?;
+    let found: String = sqlx::query_scalar("SHOW server_version").fetch_one(&pool).await?;
+    let major: u32 = found.split(|c: char| !c.is_ascii_digit()).next().and_then(|n| n.parse().ok()).unwrap_or(0);
+    if major < OLDEST {
+        return Err(StoreError::OldServer { found, needed: OLDEST });
+    }
+    Ok(pool)
+}
+
+/// Says what the operator can do about a failed connection.
+fn explain(error: &sqlx::Error, database: Location) -> StoreError {
+    let code = match error {
+        sqlx::Error::Database(error) => error.code().map(std::borrow::Cow::into_owned),
+        _ => None,
+    };
+    let remedy = match code.as_deref() {
+        Some("3D000") => "create it with `createdb`, or mend the name at the end of the URL",
+        Some("28P01" | "28000") => "check the user and the password of the URL, and the server's pg_hba.conf",
+        Some("53300") => "the server has no connection left: raise its max_connections or put a pooler in front",
+        Some("57P03") => "the server is starting or stopping: try again in a moment",
+        _ => "check that the server runs, and the host and port of the URL",
+    };
+    StoreError::Unreachable { database, detail: error.to_string(), remedy }
+}
+
+/// Tells a lack of rights from other failures of a migration.
+fn explain_migration(error: sqlx::migrate::MigrateError, database: Location) -> StoreError {
+    let source = match &error {
+        sqlx::migrate::MigrateError::Execute(source) | sqlx::migrate::MigrateError::ExecuteMigration(source, _) => {
+            Some(source)
+        }
+        _ => None,
+    };
+    let code = source.and_then(|source| source.as_database_error()).and_then(sqlx::error::DatabaseError::code);
+    if code.as_deref() == Some("42501") {
+        return StoreError::NoRights { database, detail: error.to_string() };
+    }
+    error.into()
+}

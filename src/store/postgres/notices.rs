@@ -1,0 +1,80 @@
+//! Notices between nodes: a transaction that queues jobs or ends submissions says so to all nodes.
+//!
+//! A notice only shortens waiting. Every reader also looks by itself from time to time, so a lost notice, or a pooler
+//! that passes none on, costs some hundreds of milliseconds and nothing else.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use sqlx::PgPool;
+use sqlx::postgres::PgListener;
+use tokio::sync::Notify;
+
+use crate::store::StoreResult;
+use crate::store::db::{Tx, query};
+
+/// Channel of notices about queued jobs.
+const QUEUED: &str = "plumbline_queued";
+/// Channel of notices about ended submissions and runs, and about changes of boards.
+const ENDED: &str = "plumbline_ended";
+/// Pause before a connection that failed is opened again.
+const PAUSE: Duration = Duration::from_secs(1);
+
+/// Subject of a notice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::store) enum Notice {
+    /// Jobs were queued.
+    Queued,
+    /// Submissions or runs ended, or a board changed.
+    Ended,
+}
+
+impl Tx {
+    /// Tells all nodes once the transaction is committed. Does nothing on SQLite, whose file one process serves.
+    pub(in crate::store) async fn notify(&mut self, notice: Notice) -> StoreResult<()> {
+        if matches!(self, Self::Sqlite(_)) {
+            return Ok(());
+        }
+        let channel = match notice {
+            Notice::Queued => QUEUED,
+            Notice::Ended => ENDED,
+        };
+        query("SELECT pg_notify($1, '')").bind(channel).execute(self).await?;
+        Ok(())
+    }
+}
+
+/// Passes the notices of all nodes on to the waiting tasks of this process, for as long as the pool is open.
+pub(in crate::store) fn follow(pool: PgPool, queued: Arc<Notify>, ends: Arc<Notify>, boards: Arc<AtomicU64>) {
+    tokio::spawn(async move {
+        while !pool.is_closed() {
+            if let Err(error) = listen(&pool, &queued, &ends, &boards).await
+                && !pool.is_closed()
+            {
+                tracing::warn!(%error, "no notices from other nodes; looking from time to time instead");
+                tokio::time::sleep(PAUSE).await;
+            }
+        }
+    });
+}
+
+async fn listen(pool: &PgPool, queued: &Notify, ends: &Notify, boards: &AtomicU64) -> Result<(), sqlx::Error> {
+    let mut listener = PgListener::connect_with(pool).await?;
+    listener.listen_all([QUEUED, ENDED]).await?;
+    loop {
+        // Notices of the time before the connection are lost, so everybody looks once.
+        match listener.try_recv().await? {
+            Some(notice) if notice.channel() == QUEUED => queued.notify_waiters(),
+            Some(_) => {
+                boards.fetch_add(1, Ordering::AcqRel);
+                ends.notify_waiters();
+            }
+            None => {
+                boards.fetch_add(1, Ordering::AcqRel);
+                queued.notify_waiters();
+                ends.notify_waiters();
+            }
+        }
+    }
+}

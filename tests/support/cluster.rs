@@ -1,0 +1,134 @@
+//! A PostgreSQL server of the tests: Debian's programs, a temporary folder, a free port, an unprivileged user. It ends
+//! with the process that started it, and nothing outside its folder is changed.
+
+use std::net::TcpListener;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::{Mutex, OnceLock};
+use std::time::Duration;
+
+/// Starts the server, and stops it and removes its folder when standard input ends: that is when the process that
+/// holds the other end is gone, however it went.
+const KEEPER: &str = r#"
+cd / && "$0/pg_ctl" -D "$1" -w -t 60 -l "$1/log" -o "$2" start >/dev/null && echo ready
+cat >/dev/null
+"$0/pg_ctl" -D "$1" -m immediate stop >/dev/null 2>&1
+rm -rf "$1"
+"#;
+
+/// A running server.
+pub struct Cluster {
+    programs: PathBuf,
+    pub data: PathBuf,
+    pub port: u16,
+    keeper: Mutex<Child>,
+}
+
+impl Cluster {
+    /// Returns the server that all tests of this process share.
+    pub fn shared() -> &'static Self {
+        static SHARED: OnceLock<Cluster> = OnceLock::new();
+        SHARED.get_or_init(|| Self::start(&[]))
+    }
+
+    /// Starts a server with these settings beside the usual ones.
+    pub fn start(settings: &[&str]) -> Self {
+        let programs = programs();
+        let data = tempfile::Builder::new().prefix("plumbline-pg").tempdir().unwrap().keep();
+        std::fs::set_permissions(&data, std::fs::Permissions::from_mode(0o700)).unwrap();
+        if rustix::process::getuid().is_root() {
+            let given = Command::new("chown").arg("nobody").arg(&data).status().unwrap();
+            assert!(given.success());
+        }
+        let made = unprivileged(&programs.join("initdb"))
+            .args(["--auth=trust", "--username=plumbline", "--encoding=UTF8", "--locale=C.UTF-8", "--no-sync", "-D"])
+            .arg(&data)
+            .current_dir("/")
+            .output()
+            .unwrap();
+        assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let mut options = format!(
+            "-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories='' -c max_connections=400 -c \
+             shared_buffers=64MB -c autovacuum_naptime=2s"
+        );
+        for setting in settings {
+            options.push_str(" -c ");
+            options.push_str(setting);
+        }
+        let mut keeper = unprivileged(Path::new("sh"));
+        keeper.args(["-c", KEEPER]).arg(&programs).arg(&data).arg(&options);
+        let mut keeper = keeper.stdin(Stdio::piped()).stdout(Stdio::piped()).current_dir("/").spawn().unwrap();
+        let mut ready = [0; 6];
+        let is_ready = std::io::Read::read_exact(keeper.stdout.as_mut().unwrap(), &mut ready);
+        assert!(is_ready.is_ok(), "{}", std::fs::read_to_string(data.join("log")).unwrap_or_default());
+        Self { programs, data, port, keeper: Mutex::new(keeper) }
+    }
+
+    /// Returns the URL of a database.
+    pub fn url(&self, database: &str) -> String {
+        format!("postgres://plumbline@127.0.0.1:{}/{database}", self.port)
+    }
+
+    /// Creates a database.
+    pub fn create(&self, database: &str) {
+        let made = Command::new(self.programs.join("createdb"))
+            .args(["--host=127.0.0.1", "--username=plumbline", &format!("--port={}", self.port), database])
+            .output()
+            .unwrap();
+        assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    }
+
+    /// Stops the server without warning, as a power cut would, and starts it again after a pause.
+    pub fn restart_hard(&self, pause: Duration) {
+        let control = |arguments: &[&str]| {
+            let done = unprivileged(&self.programs.join("pg_ctl"))
+                .arg("-D")
+                .arg(&self.data)
+                .args(arguments)
+                .current_dir("/")
+                .stdout(Stdio::null())
+                .status()
+                .unwrap();
+            assert!(done.success());
+        };
+        control(&["-m", "immediate", "stop"]);
+        std::thread::sleep(pause);
+        let log = self.data.join("log");
+        let options = std::fs::read_to_string(self.data.join("postmaster.opts")).unwrap();
+        let options = options.trim().split_once(' ').unwrap().1.replace('"', "'");
+        let options = options.replace(&format!("'-D' '{}'", self.data.display()), "");
+        control(&["-w", "-t", "60", "-l", log.to_str().unwrap(), "-o", &options, "start"]);
+    }
+}
+
+impl Drop for Cluster {
+    fn drop(&mut self) {
+        let keeper = self.keeper.get_mut().unwrap();
+        drop(keeper.stdin.take());
+        let _ = keeper.wait();
+    }
+}
+
+/// Returns a command that runs a program as nobody; PostgreSQL refuses to run as root.
+fn unprivileged(program: &Path) -> Command {
+    if !rustix::process::getuid().is_root() {
+        return Command::new(program);
+    }
+    let mut command = Command::new("setpriv");
+    command.args(["--reuid=nobody", "--regid=nogroup", "--clear-groups", "--"]).arg(program);
+    command
+}
+
+/// Returns the folder of the newest PostgreSQL programs that are installed.
+fn programs() -> PathBuf {
+    let folder = std::fs::read_dir("/usr/lib/postgresql").expect("tests/run installs Debian's postgresql");
+    let versions = folder.map(|entry| entry.unwrap().path().join("bin")).filter(|bin| bin.join("initdb").exists());
+    versions.max_by_key(|bin| version_of(bin)).expect("tests/run installs Debian's postgresql")
+}
+
+fn version_of(programs: &Path) -> u32 {
+    let version = programs.parent().and_then(Path::file_name).and_then(|name| name.to_str());
+    version.and_then(|version| version.parse().ok()).unwrap_or(0)
+}
