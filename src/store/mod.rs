@@ -4,14 +4,17 @@
 //! function returns (WAL, synchronous=FULL).
 
 pub mod boards;
+pub mod completion;
 pub mod copies;
 mod crash_points;
+pub mod draws;
 pub mod entries;
 pub mod epochs;
 pub mod events;
 mod evidence;
 mod group_commit;
 pub mod hidden_answers;
+pub mod holdings;
 pub mod idempotency;
 pub mod instances;
 pub mod job_ends;
@@ -27,7 +30,6 @@ pub mod receipts;
 pub mod registration;
 pub mod regrades;
 pub mod reports;
-mod reservations;
 mod results;
 mod rows;
 mod run_ends;
