@@ -16,6 +16,7 @@ use crate::actions::pool::Pool;
 use crate::app::App;
 use crate::app::access::{Keys, Openness};
 use crate::app::boards::Boards;
+use crate::app::hidden::completion;
 use crate::app::limits::{LIMITS, Limits};
 use crate::app::load::Connections;
 use crate::app::rewards::grader::Grader;
@@ -255,14 +256,14 @@ async fn keep_hidden(store: Store, every: Duration, stop: CancellationToken) {
     };
     tell_size();
     while stop.run_until_cancelled(tokio::time::sleep(LOOK)).await.is_some() {
-        if let Err(error) = store.settle_epochs(now_ms()).await {
+        if let Err(error) = completion::settle_epochs(&store, now_ms()).await {
             tracing::warn!(%error, "could not settle epochs that are over");
         }
         let due = now_ms() / every_ms;
         if due == published {
             continue;
         }
-        match store.publish_hidden(now_ms()).await {
+        match completion::publish(&store, now_ms()).await {
             Ok(()) => {
                 published = due;
                 tell_size();

@@ -1,13 +1,10 @@
-//! Entries to an epoch: registered before any instance is issued, finalized once, complete when all answers are graded.
+//! Entries to an epoch: registered before any instance is issued, and finalized once.
 
-use super::db::{Row, Tx, query, query_as, query_scalar};
-use super::epochs::{BUDGET_SPENT, close_in, epoch_in};
-use super::evidence::{publish, witness};
+use super::db::{Row, Tx, query, query_as};
+use super::locks::Lock;
 use super::rows::from_row;
-use super::{Store, StoreError, StoreResult, commit, quota};
-use plumbline_engine::hidden::evidence::{CompletedFact, Fact};
-use plumbline_engine::hidden::feedback::{Outcome, Tier, released_bits};
-use plumbline_engine::hidden::receipts::Signer;
+use super::{Store, StoreError, StoreResult, commit};
+use plumbline_engine::hidden::feedback::{Outcome, Tier};
 
 /// Row of an entry.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -117,70 +114,6 @@ async fn outcomes_in(connection: &mut Tx, entry_id: &str) -> StoreResult<Vec<Out
     rows.into_iter().map(outcome).collect()
 }
 
-/// Completes a finalized entry whose answers are all graded, and counts the bits released to its owner. Closes the
-/// epoch if its budget of released information is spent.
-pub(super) async fn complete_if_graded(tx: &mut Tx, signer: &Signer, entry_id: &str, now_ms: i64) -> StoreResult<()> {
-    let Some(entry) = entry_in(tx, entry_id).await? else { return Ok(()) };
-    let Some(epoch) = epoch_in(tx, &entry.epoch_id).await? else { return Ok(()) };
-    // An answer whose grading failed on our side may be given again until the epoch is over; after that it counts as
-    // failed.
-    let (answered, ungraded): (i64, i64) = query_as(
-        "SELECT COUNT(*), COUNT(*) FILTER (WHERE s.state != 'graded' AND NOT ($2 AND s.state = 'grader_error'))
-         FROM instances i JOIN submissions s ON s.instance_id = i.id AND s.superseded = FALSE WHERE i.entry_id = $1",
-    )
-    .bind(entry_id)
-    .bind(epoch.is_over(now_ms))
-    .fetch_one(&mut *tx)
-    .await?;
-    let completed = query(
-        "UPDATE entries SET completed_at_ms = $2
-         WHERE id = $1 AND finalized_at_ms IS NOT NULL AND completed_at_ms IS NULL AND $3 = 0",
-    )
-    .bind(entry_id)
-    .bind(now_ms)
-    .bind(ungraded)
-    .execute(&mut *tx)
-    .await?;
-    if completed == 0 {
-        return Ok(());
-    }
-    settle_quota(tx, entry_id, now_ms).await?;
-    let finalized_at_ms =
-        entry.finalized_at_ms.ok_or_else(|| StoreError::corrupt("entries", "complete, not finalized"))?;
-    let completed = CompletedFact { entry: entry_id.to_owned(), finalized_at_ms, completed_at_ms: now_ms };
-    witness(tx, signer, epoch.id(), &Fact::Completed(completed)).await?;
-    let bits = released_bits(entry.tier.feedback(epoch.commitment.dev_feedback), answered as usize);
-    query("UPDATE epochs SET released_bits = released_bits + $2 WHERE id = $1")
-        .bind(epoch.id())
-        .bind(bits)
-        .execute(&mut *tx)
-        .await?;
-    if bits > 0.0 && epoch.released_bits + bits >= epoch.rules.budget_bits {
-        close_in(tx, epoch.id(), BUDGET_SPENT, now_ms).await?;
-    }
-    Ok(())
-}
-
-/// Charges the graded answers of an entry and refunds the others. This happens only when the entry is completed, so
-/// that the ledger does not reveal when an answer was graded, or how.
-async fn settle_quota(tx: &mut Tx, entry_id: &str, now_ms: i64) -> StoreResult<()> {
-    let rows: Vec<(String, String, bool)> = query_as(
-        "SELECT s.id, s.owner, s.state = 'graded'
-         FROM submissions s JOIN instances i ON i.id = s.instance_id
-         WHERE i.entry_id = $1 AND s.owner IS NOT NULL AND s.superseded = FALSE ORDER BY s.id",
-    )
-    .bind(entry_id)
-    .fetch_all(&mut *tx)
-    .await?;
-    let charged: Vec<(&str, &str)> =
-        rows.iter().filter(|(_, _, graded)| *graded).map(|(id, owner, _)| (owner.as_str(), id.as_str())).collect();
-    quota::charge(tx, &charged, now_ms).await?;
-    for (id, owner, _) in rows.iter().filter(|(_, _, graded)| !graded) {
-        quota::refund(tx, owner, id, "not graded", now_ms).await?;
-    }
-    Ok(())
-}
-
 impl Store {
     /// Returns the entry with this identifier.
     ///
@@ -211,6 +144,8 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn finalize_entry(&self, id: &str, now_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
+        let Some(entry) = entry_in(&mut tx, id).await? else { return Ok(false) };
+        tx.lock([Lock::Epoch(&entry.epoch_id)]).await?;
         let finalized = query("UPDATE entries SET finalized_at_ms = $2 WHERE id = $1 AND finalized_at_ms IS NULL")
             .bind(id)
             .bind(now_ms)
@@ -246,26 +181,5 @@ impl Store {
         .bind(tier.name())
         .fetch_all(&self.readers)
         .await
-    }
-
-    /// Completes the finalized entries whose answers are graded, and publishes the pending receipts in the log, in one
-    /// transaction.
-    ///
-    /// # Errors
-    /// Returns an error if the database fails.
-    pub async fn publish_hidden(&self, now_ms: i64) -> StoreResult<()> {
-        const WAITING: &str =
-            "SELECT id FROM entries WHERE finalized_at_ms IS NOT NULL AND completed_at_ms IS NULL ORDER BY id";
-        let waiting: Vec<String> = query_scalar(WAITING).fetch_all(&self.readers).await?;
-        if waiting.is_empty() && !self.has_pending_receipts().await? {
-            return Ok(());
-        }
-        let signer = self.signer()?;
-        let mut tx = self.begin().await?;
-        for entry in &waiting {
-            complete_if_graded(&mut tx, &signer, entry, now_ms).await?;
-        }
-        publish(&mut tx, None).await?;
-        commit(tx, "publish_hidden").await
     }
 }

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::db::{Row, Tx, query};
+use super::locks::Lock;
 use super::secrets::EpochSecret;
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::hidden::commitment::{Commitment, Rules};
@@ -173,6 +174,7 @@ impl Store {
         }
         let text = serde_json::to_string(commitment).map_err(|error| StoreError::corrupt("epochs", error))?;
         let mut tx = self.begin().await?;
+        tx.lock([Lock::Epoch(&commitment.epoch), Lock::Suites]).await?;
         query(
             "INSERT INTO suites (id, name, version, task_count, content_hash, created_at_ms)
              VALUES ($1, 'hidden', 1, 0, '', $2) ON CONFLICT (id) DO NOTHING",
@@ -227,17 +229,17 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn close_epoch(&self, id: &str, reason: &str, now_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
+        tx.lock([Lock::Epoch(id)]).await?;
         let is_closed = close_in(&mut tx, id, reason, now_ms).await?;
         commit(tx, "close_epoch").await?;
         Ok(is_closed)
     }
 
-    /// Returns the secret that an epoch draws from. If the secret is lost, closes the epoch with a public reason and
-    /// returns none.
+    /// Returns the secret that an epoch draws from; none if it is lost, or is not the one committed to.
     ///
     /// # Errors
-    /// Returns an error if the database or the file fails.
-    pub async fn epoch_secret(&self, epoch: &EpochRow, now_ms: i64) -> StoreResult<Option<Arc<EpochSecret>>> {
+    /// Returns an error if the file cannot be read.
+    pub async fn epoch_secret(&self, epoch: &EpochRow) -> StoreResult<Option<Arc<EpochSecret>>> {
         let held = || self.secrets_read.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(secret) = held().get(epoch.id()) {
             return Ok(Some(Arc::clone(secret)));
@@ -245,19 +247,8 @@ impl Store {
         let (secrets, commitment) = (self.secrets.clone(), epoch.commitment.clone());
         let read = tokio::task::spawn_blocking(move || secrets.epoch(&commitment.epoch, &commitment));
         let read = read.await.map_err(|error| StoreError::corrupt("secrets", error))??;
-        let Some(secret) = read else {
-            if epoch.closed.is_none() && self.close_epoch(epoch.id(), LOST_KEY, now_ms).await? {
-                tracing::error!(epoch = epoch.id(), "the key of an epoch is lost, or not the one committed to: closed");
-            }
-            return Ok(None);
-        };
-        let secret = Arc::new(secret);
+        let Some(secret) = read.map(Arc::new) else { return Ok(None) };
         held().insert(epoch.id().to_owned(), Arc::clone(&secret));
         Ok(Some(secret))
     }
 }
-
-/// Reason for closing an epoch whose key is lost.
-pub const LOST_KEY: &str = "the key was lost, or is not the one committed to: nothing can be drawn or revealed";
-/// Reason for closing an epoch whose budget of released information is spent.
-pub const BUDGET_SPENT: &str = "the budget of released information is spent";

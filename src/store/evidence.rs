@@ -68,13 +68,15 @@ from_row!(Pending { epoch_id, submission_id, attempt, body, hash, signature, pub
 /// Publishes the pending receipts of one epoch, or of all, in the log. They are ordered by hash, so that the order
 /// reveals nothing.
 pub(super) async fn publish(tx: &mut Tx, epoch_id: Option<&str>) -> StoreResult<()> {
-    let pending: Vec<Pending> = query_as(
-        "SELECT epoch_id, submission_id, attempt, body, hash, signature, public_key FROM pending_receipts
-         WHERE $1 IS NULL OR epoch_id = $1 ORDER BY hash",
+    // What is deleted is what is published: another node may sign more meanwhile.
+    let mut pending: Vec<Pending> = query_as(
+        "DELETE FROM pending_receipts WHERE $1 IS NULL OR epoch_id = $1
+         RETURNING epoch_id, submission_id, attempt, body, hash, signature, public_key",
     )
     .bind(epoch_id)
     .fetch_all(&mut *tx)
     .await?;
+    pending.sort_by(|one, other| one.hash.cmp(&other.hash));
     let mut signed = Vec::with_capacity(pending.len());
     for row in &pending {
         let hash = unhex(&row.hash).ok_or_else(|| StoreError::corrupt("pending_receipts", "hash"))?;
@@ -93,7 +95,6 @@ pub(super) async fn publish(tx: &mut Tx, epoch_id: Option<&str>) -> StoreResult<
     for part in new.chunks(AT_ONCE) {
         enter(tx, part).await?;
     }
-    query("DELETE FROM pending_receipts WHERE $1 IS NULL OR epoch_id = $1").bind(epoch_id).execute(tx).await?;
     Ok(())
 }
 

@@ -1,27 +1,26 @@
-//! Answers to hidden instances: one log each, accepted once.
+//! Answers to hidden instances: one log each, accepted once, with the facts that decide on it.
 
 use super::acceptance::{Accepted, Decide, Decision, Facts, ToStore, store_all};
-use super::db::{query, query_as};
-use super::entries::entry_in;
-use super::epochs::epoch_in;
+use super::db::{Tx, query, query_as};
+use super::entries::{EntryRow, entry_in};
+use super::epochs::{EpochRow, epoch_in};
 use super::evidence::witness;
-use super::instances::instance_in;
+use super::instances::{InstanceRow, instance_in};
+use super::locks::Lock;
+use super::postgres::notices::Notice;
+use super::states::SubmissionState;
 use super::submissions::NewSubmission;
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::hidden::evidence::{AnswerFact, Fact};
 
-/// Outcome of posting an answer.
+/// Reason why an answer is not stored.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Answered {
-    /// The answer is stored and queued; holds its receipt as JSON.
-    New(String),
-    /// The instance was already answered with the same log; holds the receipt of that answer.
-    Same(Option<String>),
+pub enum AnswerRefusal {
     /// The instance was already answered with the same log, but with a different promised transcript or none; holds the
     /// stored hash.
     OtherTranscript(Option<String>),
     /// The instance was already answered with a different log.
-    Other,
+    OtherLog,
     /// The time to answer the instance has passed.
     Expired,
     /// The entry is finalized, or its epoch is over.
@@ -30,89 +29,137 @@ pub enum Answered {
     QuotaUsedUp,
 }
 
+/// Outcome of posting an answer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Answered {
+    /// The answer is stored and queued; holds its receipt as JSON.
+    New(String),
+    /// The instance was already answered with the same log; holds the receipt of that answer.
+    Same(Option<String>),
+    /// The answer is not stored, for this reason.
+    Refused(AnswerRefusal),
+}
+
+/// Answer to store.
+#[derive(Debug, Clone, Copy)]
+pub struct NewAnswer<'a> {
+    /// Identifier of the instance.
+    pub instance_id: &'a str,
+    /// Submission that carries the log.
+    pub submission: &'a NewSubmission,
+    /// SHA-256 of the transcript that the entrant promises to show.
+    pub transcript_hash: Option<&'a str>,
+}
+
+/// Answer that an instance already has.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StoredAnswer {
+    /// Identifier of its submission.
+    pub submission_id: String,
+    /// SHA-256 of its log's canonical JSON, in hex.
+    pub log_hash: String,
+    /// State of its submission.
+    pub state: SubmissionState,
+    /// Receipt of the answer, as JSON; none for answers that are older than these receipts.
+    pub receipt: Option<String>,
+}
+
+/// Stored facts that decide whether an answer may be stored.
+#[derive(Debug, Clone)]
+pub struct AnswerFacts {
+    /// The instance.
+    pub instance: InstanceRow,
+    /// Answer that it already has.
+    pub before: Option<StoredAnswer>,
+    /// Entry of the instance.
+    pub entry: EntryRow,
+    /// Epoch of the entry.
+    pub epoch: EpochRow,
+    /// Time of the decision, in milliseconds since 1970.
+    pub now_ms: i64,
+}
+
+/// Decision on an answer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum AnswerDecision {
+    /// The answer is stored. An earlier one with the same log, whose grading failed, no longer counts.
+    Store {
+        /// Earlier answer that no longer counts.
+        supersedes: Option<StoredAnswer>,
+    },
+    /// The instance was already answered with the same log; nothing changes.
+    Repeat,
+    /// The answer is not stored, for this reason.
+    Refuse(AnswerRefusal),
+}
+
+/// Decides on an answer from stored facts; the use cases own the rule.
+pub type DecideAnswer = fn(&NewAnswer<'_>, &AnswerFacts) -> AnswerDecision;
+
 impl Store {
-    /// Stores the answer to an instance: one log, once. The same log again counts as the same answer.
+    /// Stores the answer to an instance, if `decide` allows it, and if `accept` allows its submission.
     ///
     /// # Errors
     /// Returns an error if the database fails; then nothing is stored.
     pub async fn answer_instance(
         &self,
-        instance_id: &str,
-        new: &NewSubmission,
-        transcript_hash: Option<&str>,
-        decide: Decide,
+        new: &NewAnswer<'_>,
+        decide: DecideAnswer,
+        accept: Decide,
         now_ms: i64,
     ) -> StoreResult<Answered> {
+        let NewAnswer { instance_id, submission, transcript_hash } = *new;
         let mut tx = self.begin().await?;
-        let instance = instance_in(&mut tx, instance_id).await?;
-        let before: Option<(String, String, String, Option<String>)> = query_as(
-            "SELECT s.id, s.log_hash, s.state, i.receipt FROM submissions s JOIN instances i ON i.id = s.instance_id
-             WHERE s.instance_id = $1 AND s.superseded = FALSE",
-        )
-        .bind(instance_id)
-        .fetch_optional(&mut tx)
-        .await?;
-        match &before {
-            Some((_, log_hash, _, _)) if *log_hash != new.log_hash => return Ok(Answered::Other),
-            Some(_) if transcript_hash.is_some() && transcript_hash != instance.transcript_hash.as_deref() => {
-                return Ok(Answered::OtherTranscript(instance.transcript_hash));
-            }
-            // An answer whose grading failed on our side is graded again if the same log is posted again.
-            Some((_, _, state, receipt)) if state != "grader_error" => return Ok(Answered::Same(receipt.clone())),
-            _ => {}
-        }
-        let entry = entry_in(&mut tx, &instance.entry_id).await?;
-        let epoch = epoch_in(&mut tx, &instance.epoch_id).await?;
-        // A complete entry may have been revealed, so it must not change.
-        if entry.as_ref().is_none_or(|entry| entry.completed_at_ms.is_some()) {
-            return Ok(Answered::Closed);
-        }
-        if before.is_none() {
-            let is_finalized = entry.is_none_or(|entry| entry.finalized_at_ms.is_some());
-            if is_finalized || epoch.is_none_or(|epoch| epoch.is_over(now_ms)) {
-                return Ok(Answered::Closed);
-            }
-            if now_ms >= instance.expires_at_ms {
-                return Ok(Answered::Expired);
-            }
-        }
-        if let Some((id, _, _, _)) = &before {
+        let epoch_id = instance_in(&mut tx, instance_id).await?.epoch_id;
+        tx.lock([Lock::Epoch(&epoch_id), Lock::Owner(submission.owner.as_deref().unwrap_or_default())]).await?;
+        let facts = facts_of(&mut tx, instance_id, now_ms).await?;
+        let before = match decide(new, &facts) {
+            AnswerDecision::Store { supersedes } => supersedes,
+            AnswerDecision::Repeat => return Ok(Answered::Same(facts.before.and_then(|before| before.receipt))),
+            AnswerDecision::Refuse(refusal) => return Ok(Answered::Refused(refusal)),
+        };
+        let earlier = before.as_ref().map(|before| before.submission_id.as_str());
+        if let Some(id) = earlier {
             query("UPDATE submissions SET superseded = TRUE WHERE id = $1").bind(id).execute(&mut tx).await?;
         }
         // An answer that is graded again is charged already; charging it no further does not reveal that grading
         // failed.
-        let earlier = before.as_ref().map(|(id, _, _, _)| id.as_str());
-        let submission = std::slice::from_ref(new);
-        let mut facts = Facts::read(&mut tx, submission.iter()).await?.about(submission);
+        let submissions = std::slice::from_ref(submission);
+        let mut accept_facts = Facts::read(&mut tx, submissions.iter()).await?.about(submissions);
         if earlier.is_some() {
-            facts.iter_mut().for_each(|facts| facts.quota_left = None);
+            for facts in &mut accept_facts {
+                facts.quota_left = None;
+            }
         }
-        match decide(submission, facts).pop() {
-            Some(Decision::Answer(Accepted::QuotaUsedUp)) => return Ok(Answered::QuotaUsedUp),
+        match accept(submissions, accept_facts).pop() {
+            Some(Decision::Answer(Accepted::QuotaUsedUp)) => {
+                return Ok(Answered::Refused(AnswerRefusal::QuotaUsedUp));
+            }
             Some(Decision::Store { supersedes }) => {
-                store_all(&mut tx, &[ToStore { new, supersedes, takes_over: earlier }], now_ms).await?;
+                store_all(&mut tx, &[ToStore { new: submission, supersedes, takes_over: earlier }], now_ms).await?;
             }
             other => return Err(StoreError::corrupt("submissions", format!("{other:?} on an answer without a run"))),
         }
         query("UPDATE submissions SET instance_id = $2 WHERE id = $1")
-            .bind(&new.id)
+            .bind(&submission.id)
             .bind(instance_id)
             .execute(&mut tx)
             .await?;
         // An answer that is graded again after a failure of ours looks like any repeated answer.
-        if let Some((_, _, _, receipt)) = before {
+        if let Some(before) = before {
+            tx.notify(Notice::Queued).await?;
             commit(tx, "answer_instance").await?;
             self.queued.notify_waiters();
-            return Ok(Answered::Same(receipt));
+            return Ok(Answered::Same(before.receipt));
         }
         let answer = AnswerFact {
             instance: instance_id.to_owned(),
-            entry: instance.entry_id,
-            log_sha256: new.log_hash.clone(),
+            entry: facts.entry.id,
+            log_sha256: submission.log_hash.clone(),
             transcript_sha256: transcript_hash.map(str::to_owned),
             answered_at_ms: now_ms,
         };
-        let receipt = witness(&mut tx, &*self.signer()?, &instance.epoch_id, &Fact::Answer(answer)).await?;
+        let receipt = witness(&mut tx, &*self.signer()?, facts.epoch.id(), &Fact::Answer(answer)).await?;
         let receipt = serde_json::to_string(&receipt).map_err(|error| StoreError::corrupt("instances", error))?;
         query("UPDATE instances SET transcript_hash = $2, receipt = $3 WHERE id = $1")
             .bind(instance_id)
@@ -120,8 +167,26 @@ impl Store {
             .bind(&receipt)
             .execute(&mut tx)
             .await?;
+        tx.notify(Notice::Queued).await?;
         commit(tx, "answer_instance").await?;
         self.queued.notify_waiters();
         Ok(Answered::New(receipt))
     }
+}
+
+/// Reads the facts that decide whether an answer may be stored.
+async fn facts_of(tx: &mut Tx, instance_id: &str, now_ms: i64) -> StoreResult<AnswerFacts> {
+    let instance = instance_in(tx, instance_id).await?;
+    let found: Option<(String, String, SubmissionState, Option<String>)> = query_as(
+        "SELECT s.id, s.log_hash, s.state, i.receipt FROM submissions s JOIN instances i ON i.id = s.instance_id
+         WHERE s.instance_id = $1 AND s.superseded = FALSE",
+    )
+    .bind(instance_id)
+    .fetch_optional(&mut *tx)
+    .await?;
+    let before =
+        found.map(|(submission_id, log_hash, state, receipt)| StoredAnswer { submission_id, log_hash, state, receipt });
+    let entry = entry_in(tx, &instance.entry_id).await?.ok_or_else(|| StoreError::corrupt("entries", "gone"))?;
+    let epoch = epoch_in(tx, &instance.epoch_id).await?.ok_or_else(|| StoreError::corrupt("epochs", "gone"))?;
+    Ok(AnswerFacts { instance, before, entry, epoch, now_ms })
 }

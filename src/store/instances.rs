@@ -1,17 +1,12 @@
 //! Instances: specifications issued to entries, each answered at most once.
 
-use std::collections::HashSet;
-
 use super::db::{Row, Tx, query, query_as, query_scalar};
-use super::entries::entry_in;
 use super::epochs::epoch_in;
 use super::evidence::witness;
-use super::reservations::{Room, held_in};
-use super::secrets::EpochSecret;
+use super::locks::Lock;
 use super::{Store, StoreError, StoreResult, commit, decompress};
-use plumbline_engine::hidden::evidence::{DrawFact, Fact, TranscriptFact};
-use plumbline_engine::hidden::issue::{Draw, leaf};
-use plumbline_engine::tasks::{Task, hex};
+use plumbline_engine::hidden::evidence::{Fact, TranscriptFact};
+use plumbline_engine::tasks::Task;
 
 /// Row of an instance, with its answer.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -48,23 +43,6 @@ pub struct InstanceRow {
     pub submission_id: Option<String>,
     /// Hash of the log that answered it.
     pub log_hash: Option<String>,
-}
-
-/// Outcome of drawing a run.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Issued {
-    /// The instances of the run.
-    Instances(Vec<InstanceRow>),
-    /// The run was drawn before, with a different nonce.
-    OtherNonce,
-    /// The entry has no run of this number.
-    NoSuchRun,
-    /// The entry is finalized, or its epoch is not open.
-    Closed,
-    /// The reservation of the run has ended, and the pool has no room left for it.
-    Exhausted,
-    /// The reservation of the run has ended, and the owner holds the maximum number of runs, which is given.
-    ShareUsedUp(i64),
 }
 
 macro_rules! select_instance {
@@ -105,7 +83,8 @@ pub(super) async fn instance_in(tx: &mut Tx, id: &str) -> StoreResult<InstanceRo
     read(&query(select_instance!("WHERE i.id = $1")).bind(id).fetch_one(tx).await?)
 }
 
-async fn of_run(tx: &mut Tx, entry_id: &str, run: u32) -> StoreResult<Vec<InstanceRow>> {
+/// Reads the instances of a run within the transaction, in order of issue.
+pub(super) async fn of_run(tx: &mut Tx, entry_id: &str, run: u32) -> StoreResult<Vec<InstanceRow>> {
     let rows = query(select_instance!("WHERE i.entry_id = $1 AND i.run = $2 ORDER BY i.ordinal"))
         .bind(entry_id)
         .bind(i64::from(run))
@@ -115,93 +94,6 @@ async fn of_run(tx: &mut Tx, entry_id: &str, run: u32) -> StoreResult<Vec<Instan
 }
 
 impl Store {
-    /// Issues the instances of an entry's run, or returns the issued ones if the same nonce drew them.
-    ///
-    /// # Errors
-    /// Returns an error if the database fails.
-    pub async fn issue_instances(
-        &self,
-        entry_id: &str,
-        run: u32,
-        nonce: &str,
-        secret: &EpochSecret,
-        now_ms: i64,
-    ) -> StoreResult<Issued> {
-        let mut tx = self.begin().await?;
-        let Some(entry) = entry_in(&mut tx, entry_id).await? else { return Ok(Issued::Closed) };
-        let Some(epoch) = epoch_in(&mut tx, &entry.epoch_id).await? else { return Ok(Issued::Closed) };
-        if run == 0 || run > entry.runs {
-            return Ok(Issued::NoSuchRun);
-        }
-        let before = of_run(&mut tx, entry_id, run).await?;
-        if let Some(first) = before.first() {
-            return Ok(if first.nonce == nonce { Issued::Instances(before) } else { Issued::OtherNonce });
-        }
-        if entry.finalized_at_ms.is_some() || !epoch.is_open(now_ms) {
-            return Ok(Issued::Closed);
-        }
-        let holdings = held_in(&mut tx, &epoch, now_ms).await?;
-        if !holdings.has_reserved(entry_id) {
-            match holdings.room_for(&entry.owner, entry.tier, 1, &epoch) {
-                Room::Enough => {}
-                Room::PoolUsedUp => return Ok(Issued::Exhausted),
-                Room::ShareUsedUp(most) => return Ok(Issued::ShareUsedUp(most)),
-            }
-        }
-        let issued: Vec<i64> =
-            query_scalar("SELECT leaf FROM instances WHERE epoch_id = $1").bind(epoch.id()).fetch_all(&mut tx).await?;
-        let mut ordinal = issued.len() as i64;
-        let mut gone: HashSet<u32> = issued.into_iter().filter_map(|leaf| u32::try_from(leaf).ok()).collect();
-        for stratum in &secret.strata {
-            for index in 0..stratum.instances {
-                let draw = Draw { entry: entry_id, nonce, run, index };
-                let Some(leaf) = leaf(&secret.key, stratum, &draw, |leaf| gone.contains(&leaf)) else {
-                    return Ok(Issued::Exhausted);
-                };
-                gone.insert(leaf);
-                ordinal += 1;
-                let Some(specification) = secret.specifications.get(leaf as usize) else {
-                    return Err(StoreError::corrupt("secrets", format!("the pool has no leaf {leaf}")));
-                };
-                let hash = put_task(&mut tx, &specification.task).await?;
-                let id = uuid::Uuid::new_v4().to_string();
-                let expires_at_ms = (now_ms + epoch.rules.instance_ms).min(epoch.commitment.closes_at_ms);
-                let salt = hex(&secret.key.derive("receipt", &[id.as_bytes()]));
-                query(
-                    "INSERT INTO instances (id, entry_id, epoch_id, ordinal, run, family, family_index, nonce, leaf, task_hash,
-                                            issued_at_ms, expires_at_ms, salt)
-                     VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13)",
-                )
-                .bind(id)
-                .bind(entry_id)
-                .bind(epoch.id())
-                .bind(ordinal)
-                .bind(i64::from(run))
-                .bind(&stratum.family)
-                .bind(i64::from(index))
-                .bind(nonce)
-                .bind(i64::from(leaf))
-                .bind(hash)
-                .bind(now_ms)
-                .bind(expires_at_ms)
-                .bind(salt)
-                .execute(&mut tx)
-                .await?;
-            }
-        }
-        let instances = of_run(&mut tx, entry_id, run).await?;
-        let drawn = DrawFact {
-            entry: entry_id.to_owned(),
-            run,
-            nonce: nonce.to_owned(),
-            instances: instances.iter().map(|own| own.id.clone()).collect(),
-            drawn_at_ms: now_ms,
-        };
-        witness(&mut tx, &*self.signer()?, epoch.id(), &Fact::Draw(drawn)).await?;
-        commit(tx, "issue_instances").await?;
-        Ok(Issued::Instances(instances))
-    }
-
     /// Returns the instance with this identifier.
     ///
     /// # Errors
@@ -252,6 +144,8 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn note_transcript(&self, instance_id: &str, now_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
+        let epoch_id = instance_in(&mut tx, instance_id).await?.epoch_id;
+        tx.lock([Lock::Epoch(&epoch_id)]).await?;
         let instance = instance_in(&mut tx, instance_id).await?;
         let epoch = epoch_in(&mut tx, &instance.epoch_id).await?;
         if epoch.is_none_or(|epoch| epoch.is_over(now_ms)) {
@@ -321,18 +215,4 @@ pub struct EpochCounts {
     pub dev: i64,
     /// Number of entries in the official tier.
     pub official: i64,
-}
-
-/// Stores a task under its hash, and returns the hash.
-async fn put_task(tx: &mut Tx, task: &Task) -> StoreResult<String> {
-    let hash = task.content_hash();
-    let body = serde_json::to_string(task).map_err(|error| StoreError::corrupt("tasks", error))?;
-    query("INSERT INTO tasks (hash, id, family, body) VALUES ($1, $2, $3, $4) ON CONFLICT (hash) DO NOTHING")
-        .bind(&hash)
-        .bind(&task.id)
-        .bind(task.family())
-        .bind(body)
-        .execute(tx)
-        .await?;
-    Ok(hash)
 }

@@ -6,8 +6,10 @@
 
 pub mod acceptance;
 pub mod boards;
+pub mod completion;
 mod crash_points;
 pub mod db;
+pub mod draws;
 pub mod entries;
 pub mod epochs;
 mod error;
@@ -15,6 +17,7 @@ pub mod events;
 mod evidence;
 mod group_commit;
 pub mod hidden_answers;
+pub mod holdings;
 pub mod idempotency;
 pub mod instances;
 pub mod job_ends;
@@ -33,7 +36,6 @@ pub mod receipts;
 pub mod registration;
 pub mod regrades;
 pub mod reports;
-mod reservations;
 mod results;
 mod rows;
 mod run_ends;

@@ -1,11 +1,12 @@
-//! Registration of entries: enforces the number of entries per owner, the owner's share, and the size of the pool.
+//! Registration of entries, with the facts that decide on it.
 
-use super::db::{query, query_scalar};
-use super::entries::own_entries_in;
-use super::epochs::epoch_in;
+use super::db::{Tx, query, query_scalar};
+use super::entries::{EntryRow, own_entries_in};
+use super::epochs::{EpochRow, epoch_in};
 use super::evidence::witness;
+use super::holdings::{Holding, holdings_in};
 use super::idempotency::{IdempotencyKey, PriorRequest};
-use super::reservations::{Room, held_in};
+use super::locks::Lock;
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::hidden::evidence::{EntryFact, Fact};
 use plumbline_engine::hidden::feedback::Tier;
@@ -29,15 +30,9 @@ pub struct NewEntry<'a> {
     pub runs: u32,
 }
 
-/// Outcome of a registration.
+/// Reason why an entry is not registered.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Registered {
-    /// The entry is registered.
-    New,
-    /// The same request registered the entry before, under this identifier.
-    Repeated(String),
-    /// The idempotency key was used for a different request.
-    KeyUsedOtherwise,
+pub enum RegistrationRefusal {
     /// The epoch is not open.
     NotOpen,
     /// The owner already has the maximum number of entries in this tier, which is given.
@@ -52,8 +47,39 @@ pub enum Registered {
     ShareUsedUp(i64),
 }
 
+/// Outcome of a registration.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Registered {
+    /// The entry is registered.
+    New,
+    /// The same request registered the entry before, under this identifier.
+    Repeated(String),
+    /// The idempotency key was used for a different request.
+    KeyUsedOtherwise,
+    /// The entry is not registered, for this reason.
+    Refused(RegistrationRefusal),
+}
+
+/// Stored facts that decide whether an entry may be registered.
+#[derive(Debug, Clone)]
+pub struct RegistrationFacts {
+    /// Epoch of the entry.
+    pub epoch: EpochRow,
+    /// The owner's entries to the same tier, in order of registration.
+    pub own: Vec<EntryRow>,
+    /// Runs that the entries of the epoch hold.
+    pub holdings: Vec<Holding>,
+    /// Owner who first registered the entry's configuration in this epoch, in any tier.
+    pub configuration_holder: Option<String>,
+    /// Time of the decision, in milliseconds since 1970.
+    pub now_ms: i64,
+}
+
+/// Decides on a registration from stored facts; the use cases own the rule.
+pub type DecideRegistration = fn(&NewEntry<'_>, &RegistrationFacts) -> Result<(), RegistrationRefusal>;
+
 impl Store {
-    /// Registers an entry.
+    /// Registers an entry, if `decide` allows it.
     ///
     /// # Errors
     /// Returns an error if the database fails.
@@ -61,9 +87,11 @@ impl Store {
         &self,
         new: &NewEntry<'_>,
         once: Option<&IdempotencyKey>,
+        decide: DecideRegistration,
         now_ms: i64,
     ) -> StoreResult<Registered> {
         let mut tx = self.begin().await?;
+        tx.lock(once.map(IdempotencyKey::lock).into_iter().chain([Lock::Epoch(new.epoch_id)])).await?;
         if let Some(once) = once {
             match once.before(&mut tx, now_ms).await? {
                 PriorRequest::Never => once.keep(&mut tx, new.id, now_ms).await?,
@@ -71,37 +99,8 @@ impl Store {
                 PriorRequest::OtherBody => return Ok(Registered::KeyUsedOtherwise),
             }
         }
-        let epoch = epoch_in(&mut tx, new.epoch_id).await?;
-        let Some(epoch) = epoch.filter(|epoch| epoch.is_open(now_ms)) else { return Ok(Registered::NotOpen) };
-        let own = own_entries_in(&mut tx, new.epoch_id, new.tier, new.owner).await?;
-        let most = match new.tier {
-            Tier::Dev => epoch.rules.dev_entries,
-            Tier::Official => epoch.rules.official_entries,
-        };
-        if own.len() as i64 >= most {
-            return Ok(Registered::TooMany(most));
-        }
-        match held_in(&mut tx, &epoch, now_ms).await?.room_for(new.owner, new.tier, new.runs.into(), &epoch) {
-            Room::Enough => {}
-            Room::PoolUsedUp => return Ok(Registered::PoolUsedUp),
-            Room::ShareUsedUp(most) => return Ok(Registered::ShareUsedUp(most)),
-        }
-        if let Some(first) = own.first().filter(|_| new.tier == Tier::Official)
-            && (first.agent != new.agent || first.configuration_hash != new.configuration_hash)
-        {
-            return Ok(Registered::OtherConfiguration(first.agent.clone()));
-        }
-        // An owner with two names would have twice the attempts with one agent. The owner who first registered a
-        // configuration, in any tier, keeps it, because its hash may be read on a board.
-        let holder: Option<String> = query_scalar(
-            "SELECT owner FROM entries WHERE epoch_id = $1 AND configuration_hash = $2 ORDER BY registered_at_ms, id LIMIT 1",
-        )
-        .bind(new.epoch_id)
-        .bind(new.configuration_hash)
-        .fetch_optional(&mut tx)
-        .await?;
-        if new.tier == Tier::Official && holder.is_some_and(|holder| holder != new.owner) {
-            return Ok(Registered::ConfigurationTaken);
+        if let Err(refusal) = decide(new, &facts_of(&mut tx, new, now_ms).await?) {
+            return Ok(Registered::Refused(refusal));
         }
         let fact = EntryFact {
             id: new.id.to_owned(),
@@ -141,4 +140,19 @@ impl Store {
         let found = query_scalar("SELECT receipt FROM entries WHERE id = $1").bind(id);
         Ok(found.fetch_optional(&self.readers).await?.flatten())
     }
+}
+
+/// Reads the facts that decide whether an entry may be registered.
+async fn facts_of(tx: &mut Tx, new: &NewEntry<'_>, now_ms: i64) -> StoreResult<RegistrationFacts> {
+    let epoch = epoch_in(tx, new.epoch_id).await?.ok_or_else(|| StoreError::corrupt("epochs", "gone"))?;
+    let own = own_entries_in(tx, new.epoch_id, new.tier, new.owner).await?;
+    let holdings = holdings_in(tx, new.epoch_id).await?;
+    let configuration_holder: Option<String> = query_scalar(
+        "SELECT owner FROM entries WHERE epoch_id = $1 AND configuration_hash = $2 ORDER BY registered_at_ms, id LIMIT 1",
+    )
+    .bind(new.epoch_id)
+    .bind(new.configuration_hash)
+    .fetch_optional(tx)
+    .await?;
+    Ok(RegistrationFacts { epoch, own, holdings, configuration_holder, now_ms })
 }

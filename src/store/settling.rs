@@ -1,51 +1,42 @@
 //! Settling of epochs that are over: closes the epoch for good, completes its entries, publishes its receipts, and
 //! marks it settled.
 
+use super::completion::{DecideCompletion, complete};
 use super::db::{Tx, query, query_scalar};
-use super::entries::complete_if_graded;
-use super::epochs::{EpochRow, epoch_in, seal_in};
+use super::epochs::{epoch_in, seal_in};
 use super::evidence::{count_of, publish, witness};
+use super::locks::Lock;
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::hidden::evidence::{ClosedFact, Fact};
 use plumbline_engine::hidden::receipts::Signer;
 
 impl Store {
-    /// Settles an epoch that is over: finalizes open entries, and counts instances as failed if they have no answer or
-    /// if their grading failed because of us. Returns whether all answers are graded and all receipts published.
+    /// Settles an epoch, which callers must know to be over: closes it for good, finalizes open entries, completes those
+    /// for which `decide` allows it, and marks the epoch settled once all entries are complete and all receipts
+    /// published.
     ///
     /// # Errors
     /// Returns an error if the database fails.
-    pub async fn settle_epoch(&self, epoch: &EpochRow, now_ms: i64) -> StoreResult<bool> {
-        if epoch.settled_at_ms.is_some() {
-            return Ok(true);
-        }
-        if !epoch.is_over(now_ms) {
-            return Ok(false);
-        }
+    pub async fn settle_epoch(&self, id: &str, decide: DecideCompletion, now_ms: i64) -> StoreResult<()> {
         let signer = self.signer()?;
         let mut tx = self.begin().await?;
-        seal_in(&mut tx, epoch.id()).await?;
-        let is_settled = settle_in(&mut tx, &signer, epoch.id(), now_ms).await?;
-        commit(tx, "settle_epoch").await?;
-        Ok(is_settled)
-    }
-
-    /// Settles all epochs that are over and not settled.
-    ///
-    /// # Errors
-    /// Returns an error if the database fails.
-    pub async fn settle_epochs(&self, now_ms: i64) -> StoreResult<()> {
-        for epoch in self.epochs().await? {
-            // A damaged epoch must not keep the others from being settled.
-            if let Err(error) = self.settle_epoch(&epoch, now_ms).await {
-                tracing::error!(%error, epoch = epoch.id(), "could not settle an epoch that is over");
-            }
-        }
-        Ok(())
+        tx.lock([Lock::Epoch(id)]).await?;
+        let owners: Vec<String> =
+            query_scalar("SELECT DISTINCT owner FROM entries WHERE epoch_id = $1").bind(id).fetch_all(&mut tx).await?;
+        tx.lock(owners.iter().map(|owner| Lock::Owner(owner))).await?;
+        seal_in(&mut tx, id).await?;
+        settle_in(&mut tx, &signer, id, decide, now_ms).await?;
+        commit(tx, "settle_epoch").await
     }
 }
 
-async fn settle_in(tx: &mut Tx, signer: &Signer, epoch_id: &str, now_ms: i64) -> StoreResult<bool> {
+async fn settle_in(
+    tx: &mut Tx,
+    signer: &Signer,
+    epoch_id: &str,
+    decide: DecideCompletion,
+    now_ms: i64,
+) -> StoreResult<()> {
     let open: Vec<String> =
         query_scalar("SELECT id FROM entries WHERE epoch_id = $1 AND completed_at_ms IS NULL ORDER BY id")
             .bind(epoch_id)
@@ -57,7 +48,7 @@ async fn settle_in(tx: &mut Tx, signer: &Signer, epoch_id: &str, now_ms: i64) ->
             .bind(now_ms)
             .execute(&mut *tx)
             .await?;
-        complete_if_graded(tx, signer, entry, now_ms).await?;
+        complete(tx, signer, entry, decide, now_ms).await?;
     }
     let is_open: bool =
         query_scalar("SELECT EXISTS (SELECT 1 FROM entries WHERE epoch_id = $1 AND completed_at_ms IS NULL)")
@@ -66,7 +57,7 @@ async fn settle_in(tx: &mut Tx, signer: &Signer, epoch_id: &str, now_ms: i64) ->
             .await?;
     let epoch = epoch_in(tx, epoch_id).await?.ok_or_else(|| StoreError::corrupt("epochs", "gone"))?;
     if is_open || epoch.settled_at_ms.is_some() {
-        return Ok(!is_open);
+        return Ok(());
     }
     let (closed_at_ms, reason) = epoch.closed.ok_or_else(|| StoreError::corrupt("epochs", "over, not closed"))?;
     // Publish the others first: within a batch receipts are ordered by hash, and this one must be the last.
@@ -75,5 +66,5 @@ async fn settle_in(tx: &mut Tx, signer: &Signer, epoch_id: &str, now_ms: i64) ->
     witness(tx, signer, epoch_id, &Fact::Closed(ClosedFact { closed_at_ms, reason, receipts })).await?;
     publish(tx, Some(epoch_id)).await?;
     query("UPDATE epochs SET settled_at_ms = $2 WHERE id = $1").bind(epoch_id).bind(now_ms).execute(tx).await?;
-    Ok(true)
+    Ok(())
 }

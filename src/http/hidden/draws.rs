@@ -4,18 +4,13 @@ use axum::Json;
 use axum::extract::{Path, State};
 use serde::{Deserialize, Serialize};
 
-use super::entries::{not_open, own_entry};
-use super::epochs::stored_epoch;
 use super::instances::InstanceBody;
 use crate::app::access::Caller;
-use crate::app::error::{AppError, AppResult};
-use crate::app::limits::LIMITS;
-use crate::clock::now_ms;
+use crate::app::error::AppResult;
+use crate::app::hidden::draws::draw_run;
 use crate::http::extract::body::{JsonBody, read_json};
 use crate::http::state::AppState;
-use crate::store::instances::Issued;
 use crate::store::keys::Scope;
-use plumbline_engine::intake::Faults;
 
 /// Request to draw the instances of a run.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
@@ -59,49 +54,6 @@ pub async fn create_instances(
 ) -> AppResult<Json<InstanceList>> {
     caller.require(Scope::Submit)?;
     let new: NewDraw = read_json(&body)?;
-    let entry = own_entry(&state, &caller, &id).await?;
-    let (least, most) = (LIMITS.nonce_min_chars, LIMITS.nonce_max_chars);
-    if !(least..=most).contains(&new.nonce.chars().count()) || new.nonce.chars().any(char::is_control) {
-        let mut faults = Faults::new();
-        faults.add_at("nonce", format!("expected {least} to {most} characters"));
-        return Err(AppError::faulty(faults));
-    }
-    let epoch = stored_epoch(&state, &entry.epoch_id).await?;
-    let now = now_ms();
-    let Some(secret) = state.store.epoch_secret(&epoch, now).await? else {
-        return Err(AppError::conflict("key-lost", crate::store::epochs::LOST_KEY));
-    };
-    match state.store.issue_instances(&id, new.run, &new.nonce, &secret, now).await? {
-        Issued::Instances(rows) => {
-            let mut instances = Vec::with_capacity(rows.len());
-            for row in rows {
-                instances.push(InstanceBody::of(&state, row).await?);
-            }
-            Ok(Json(InstanceList { instances }))
-        }
-        Issued::NoSuchRun => {
-            let mut faults = Faults::new();
-            faults.add_at("run", format!("out of range: the entry has {} runs", entry.runs));
-            Err(AppError::faulty(faults))
-        }
-        Issued::OtherNonce => {
-            Err(AppError::conflict("already-drawn", "the run has already been drawn, with another nonce"))
-        }
-        Issued::Closed if entry.finalized_at_ms.is_some() => {
-            Err(AppError::conflict("finalized", "the entry is finalized"))
-        }
-        Issued::Closed => Err(not_open(&epoch)),
-        Issued::Exhausted => {
-            let detail =
-                "the reservation of this run has ended, and the epoch's pool has no room for it; nothing was issued";
-            Err(AppError::conflict("pool-used-up", detail))
-        }
-        Issued::ShareUsedUp(most) => {
-            let detail = format!(
-                "the reservation of this run has ended, and the owner holds the maximum of {most} runs of the pool; \
-                 nothing was issued"
-            );
-            Err(AppError::conflict("share-used-up", detail))
-        }
-    }
+    let instances = draw_run(&state, &caller, &id, new.run, &new.nonce).await?;
+    Ok(Json(InstanceList { instances: instances.into_iter().map(InstanceBody::from).collect() }))
 }

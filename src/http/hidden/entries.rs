@@ -6,25 +6,17 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use uuid::Uuid;
 
-use super::epochs::stored_epoch;
 use crate::app::access::Caller;
-use crate::app::error::{AppError, AppResult};
-use crate::app::limits::LIMITS;
-use crate::app::submissions::accept::key_reused;
-use crate::clock::{now_ms, rfc3339};
+use crate::app::error::AppResult;
+use crate::app::hidden::entries::{self, EntryStatus, PostedEntry, RegisteredEntry};
+use crate::clock::rfc3339;
 use crate::http::extract::body::{JsonBody, read_json};
 use crate::http::extract::idempotency;
 use crate::http::state::AppState;
-use crate::store::entries::EntryRow;
-use crate::store::epochs::EpochRow;
 use crate::store::keys::Scope;
-use crate::store::registration::{NewEntry, Registered};
-use plumbline_engine::hidden::canonical::unhex;
 use plumbline_engine::hidden::evidence::GivenReceipt;
-use plumbline_engine::hidden::feedback::{Outcome, Tier, told};
-use plumbline_engine::intake::Faults;
+use plumbline_engine::hidden::feedback::Tier;
 
 /// Request to register an entry.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
@@ -98,58 +90,24 @@ pub enum EntryState {
     Complete,
 }
 
-/// Adds a failed outcome for each instance of the runs that were never drawn.
-fn with_undrawn(mut outcomes: Vec<Outcome>, entry: &EntryRow, epoch: &EpochRow) -> Vec<Outcome> {
-    let all = entry.runs as usize * epoch.commitment.instances_per_run as usize;
-    while outcomes.len() < all {
-        outcomes.push(Outcome { instance: String::new(), scores: None });
+impl From<EntryStatus> for EntryBody {
+    fn from(EntryStatus { row, state, issued, answered, result }: EntryStatus) -> Self {
+        Self {
+            state,
+            issued,
+            answered,
+            registered_at: rfc3339(row.registered_at_ms),
+            finalized_at: row.finalized_at_ms.map(rfc3339),
+            id: row.id,
+            epoch: row.epoch_id,
+            agent: row.agent,
+            configuration_sha256: row.configuration_hash,
+            tier: row.tier,
+            runs: i64::from(row.runs),
+            result,
+            receipt: None,
+        }
     }
-    outcomes
-}
-
-async fn entry_body(state: &AppState, id: &str) -> AppResult<EntryBody> {
-    let row = stored_entry(state, id).await?;
-    let epoch = stored_epoch(state, &row.epoch_id).await?;
-    let instances = state.store.instances_of_entry(id).await?;
-    let mut result = Value::Null;
-    if row.completed_at_ms.is_some() {
-        let outcomes = with_undrawn(state.store.outcomes_of_entry(id).await?, &row, &epoch);
-        result = told(row.tier.feedback(epoch.commitment.dev_feedback), epoch.closed.is_some(), &outcomes);
-    }
-    Ok(EntryBody {
-        state: match (row.finalized_at_ms, row.completed_at_ms) {
-            (_, Some(_)) => "complete",
-            (Some(_), None) => "finalized",
-            (None, None) => "registered",
-        },
-        issued: instances.len(),
-        answered: instances.iter().filter(|own| own.submission_id.is_some()).count(),
-        registered_at: rfc3339(row.registered_at_ms),
-        finalized_at: row.finalized_at_ms.map(rfc3339),
-        id: row.id,
-        epoch: row.epoch_id,
-        agent: row.agent,
-        configuration_sha256: row.configuration_hash,
-        tier: row.tier,
-        runs: i64::from(row.runs),
-        result,
-        receipt: None,
-    })
-}
-
-async fn stored_entry(state: &AppState, id: &str) -> AppResult<EntryRow> {
-    let row = state.store.entry(id).await?;
-    row.ok_or_else(|| AppError::not_found(format!("there is no entry {id:?}")))
-}
-
-/// Returns the entry if the caller may act on it.
-///
-/// # Errors
-/// Returns an error if the entry belongs to another owner (403) or does not exist (404).
-pub async fn own_entry(state: &AppState, caller: &Caller, id: &str) -> AppResult<EntryRow> {
-    let row = stored_entry(state, id).await?;
-    caller.require_own(Some(row.owner.as_str()).filter(|owner| !owner.is_empty()), "entry")?;
-    Ok(row)
 }
 
 /// Registers an entry before any instance is seen: the evaluated agent, its configuration and the number of runs. All
@@ -176,100 +134,22 @@ pub async fn create_entry(
     caller.require(Scope::Submit)?;
     let underway = state.in_flight.begin(&headers, &caller, &format!("create_entry {epoch}"), &body.bytes)?;
     let new: NewEntryBody = read_json(&body)?;
-    let row = stored_epoch(&state, &epoch).await?;
-    let mut faults = Faults::new();
-    let agent = new.agent.trim();
-    if agent.is_empty() || agent.chars().count() > LIMITS.agent_chars {
-        faults.add_at("agent", format!("expected 1 to {} characters", LIMITS.agent_chars));
-    }
-    let has_upper = new.configuration_sha256.bytes().any(|byte| byte.is_ascii_uppercase());
-    if has_upper || unhex::<32>(&new.configuration_sha256).is_none() {
-        faults.add_at("configuration_sha256", "expected 64 lower-case hexadecimal digits");
-    }
-    if new.runs == 0 || new.runs > LIMITS.entry_runs {
-        faults.add_at("runs", format!("expected 1 to {}", LIMITS.entry_runs));
-    }
-    if !faults.is_empty() {
-        return Err(AppError::faulty(faults));
-    }
-    let id = Uuid::now_v7().to_string();
-    let entry = NewEntry {
-        id: &id,
-        epoch_id: row.id(),
-        owner: caller.owner().unwrap_or_default(),
-        agent,
-        configuration_hash: &new.configuration_sha256,
+    let new = PostedEntry {
+        agent: new.agent,
+        configuration_sha256: new.configuration_sha256,
         tier: new.tier,
         runs: new.runs,
     };
     let once = underway.as_ref().map(|underway| &underway.once);
-    let mut registered = id.clone();
-    match state.store.register_entry(&entry, once, now_ms()).await? {
-        Registered::New => {}
-        Registered::Repeated(before) => registered = before,
-        Registered::KeyUsedOtherwise => return Err(key_reused()),
-        Registered::NotOpen => return Err(not_open(&row)),
-        Registered::TooMany(most) => {
-            let detail = format!(
-                "the owner already has {most} entries of the tier {:?} in this epoch, the maximum",
-                new.tier.name()
-            );
-            return Err(AppError::conflict("no-entries-left", detail));
-        }
-        Registered::PoolUsedUp => {
-            let detail = "the epoch has too few specifications left; half of them are reserved for official entries";
-            return Err(AppError::conflict("pool-used-up", detail));
-        }
-        Registered::ShareUsedUp(most) => {
-            let detail = format!(
-                "one owner may hold at most {most} runs of this epoch's pool, drawn or reserved; a reservation ends \
-                 when its entry is finalized, or after {} s",
-                row.rules.reservation_ms.unwrap_or_default() / 1_000
-            );
-            return Err(AppError::conflict("share-used-up", detail));
-        }
-        Registered::ConfigurationTaken => {
-            let detail =
-                "another owner has already entered this configuration in this epoch; only one owner may enter it";
-            return Err(AppError::conflict("configuration-taken", detail));
-        }
-        Registered::OtherConfiguration(agent) => {
-            let detail = format!(
-                "the owner's official entries in this epoch have another agent or configuration (agent {agent:?}); \
-                 official entries are pooled, so all of them must have the same"
-            );
-            return Err(AppError::conflict("another-configuration", detail));
-        }
-    }
-    let location = format!("/v1/entries/{registered}");
-    let mut body = entry_body(&state, &registered).await?;
-    body.receipt = given(state.store.receipt_of_entry(&registered).await?.as_deref())?;
+    let RegisteredEntry { entry, receipt, is_replayed } =
+        entries::register_entry(&state, &caller, &epoch, &new, once).await?;
+    let body = EntryBody { receipt, ..entry.into() };
+    let location = format!("/v1/entries/{}", body.id);
     let mut response = (StatusCode::CREATED, [(header::LOCATION, location)], Json(body)).into_response();
-    if registered != id {
+    if is_replayed {
         response.headers_mut().extend([idempotency::REPLAYED]);
     }
     Ok(response)
-}
-
-/// Parses a stored receipt.
-///
-/// # Errors
-/// Returns an error if the stored text is not a receipt.
-pub fn given(stored: Option<&str>) -> AppResult<Option<GivenReceipt>> {
-    stored.map(serde_json::from_str).transpose().map_err(|error| AppError::internal(&error))
-}
-
-/// Returns a 409 error that says why the epoch is not open.
-pub fn not_open(epoch: &EpochRow) -> AppError {
-    let detail = match &epoch.closed {
-        Some((_, reason)) => format!("the epoch is closed: {reason}"),
-        None => format!(
-            "the epoch is open from {} to {}",
-            rfc3339(epoch.commitment.opens_at_ms),
-            rfc3339(epoch.commitment.closes_at_ms)
-        ),
-    };
-    AppError::conflict("epoch-not-open", detail)
 }
 
 /// Returns an entry with its state and, as far as it is released, its result.
@@ -282,7 +162,7 @@ pub fn not_open(epoch: &EpochRow) -> AppError {
     )
 )]
 pub async fn get_entry(State(state): State<AppState>, Path(id): Path<String>) -> AppResult<Json<EntryBody>> {
-    Ok(Json(entry_body(&state, &id).await?))
+    Ok(Json(entries::entry(&state, &id).await?.into()))
 }
 
 /// Finalizes an entry, which then takes no more answers. Unanswered instances and runs that were not drawn count as
@@ -301,8 +181,5 @@ pub async fn finalize_entry(
     caller: Caller,
     Path(id): Path<String>,
 ) -> AppResult<Json<EntryBody>> {
-    caller.require(Scope::Submit)?;
-    own_entry(&state, &caller, &id).await?;
-    state.store.finalize_entry(&id, now_ms()).await?;
-    Ok(Json(entry_body(&state, &id).await?))
+    Ok(Json(entries::finalize_entry(&state, &caller, &id).await?.into()))
 }

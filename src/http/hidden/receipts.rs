@@ -4,12 +4,12 @@ use axum::Json;
 use axum::extract::{Path, State};
 use serde::{Deserialize, Serialize};
 
-use crate::app::error::{AppError, AppResult};
-use crate::clock::now_ms;
+use crate::app::error::AppResult;
+use crate::app::hidden::receipts::{self, VerifyingKeys};
 use crate::http::catalogue::tasks::page_items;
 use crate::http::extract::params::Params;
 use crate::http::state::AppState;
-use plumbline_engine::hidden::receipts::{LogHead, LogPage, ReceiptFile};
+use plumbline_engine::hidden::receipts::{LogPage, ReceiptFile};
 
 /// Query of the log of receipts.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
@@ -34,15 +34,7 @@ pub struct LogQuery {
 )]
 pub async fn list_receipts(State(state): State<AppState>, Params(query): Params<LogQuery>) -> AppResult<Json<LogPage>> {
     let items = page_items(query.limit, 100)?;
-    // Reads the end of the log first: receipts that are added meanwhile belong to the next page.
-    let (size, link) = state.store.log_end().await?;
-    let mut receipts = state.store.receipts(query.after.unwrap_or(0), items as i64 + 1).await?;
-    receipts.retain(|receipt| receipt.seq <= size);
-    let has_more = receipts.len() > items;
-    receipts.truncate(items);
-    let next_after = receipts.last().filter(|_| has_more).map(|last| last.seq);
-    let head = Some(LogHead::signed(size, link, now_ms(), &state.signer));
-    Ok(Json(LogPage { receipts, next_after, head }))
+    Ok(Json(receipts::log_page(&state, query.after.unwrap_or(0), items).await?))
 }
 
 /// Returns the receipt of a submission's latest grade by a worker; a regrade creates no receipt. Check it offline with
@@ -56,11 +48,7 @@ pub async fn list_receipts(State(state): State<AppState>, Params(query): Params<
     )
 )]
 pub async fn get_receipt(State(state): State<AppState>, Path(id): Path<String>) -> AppResult<Json<ReceiptFile>> {
-    crate::http::submissions::state::stored(&state, &id).await?;
-    let receipt = state.store.receipt_of(&id).await?.map(|receipt| receipt.with_place(&state.signer));
-    let missing =
-        || AppError::not_found("the submission has no receipt: it is ungraded, or older than the log of receipts");
-    Ok(Json(receipt.ok_or_else(missing)?))
+    Ok(Json(receipts::receipt_of_submission(&state, &id).await?))
 }
 
 /// Public keys that verify receipts, in hex.
@@ -81,10 +69,6 @@ pub struct ReceiptKeys {
     )
 )]
 pub async fn get_receipt_keys(State(state): State<AppState>) -> AppResult<Json<ReceiptKeys>> {
-    let mut all = state.store.receipt_keys().await?;
-    let public_key = state.signer.public_key();
-    if !all.contains(&public_key) {
-        all.push(public_key.clone());
-    }
-    Ok(Json(ReceiptKeys { public_key, all }))
+    let VerifyingKeys { in_use, all } = receipts::verifying_keys(&state).await?;
+    Ok(Json(ReceiptKeys { public_key: in_use, all }))
 }

@@ -5,9 +5,10 @@ use axum::extract::{Path, State};
 use axum::http::{HeaderMap, header};
 
 use super::html::{self, PageResult};
+use crate::app::hidden::boards::{TierBoard, board_of};
+use crate::app::hidden::epochs;
 use crate::clock::{milliseconds, now_ms};
-use crate::http::hidden::boards::{EpochBoard, board_of};
-use crate::http::hidden::epochs::{EpochBody, epoch_body, stored_epoch};
+use crate::http::hidden::epochs::EpochBody;
 use crate::http::state::AppState;
 use plumbline_engine::hidden::feedback::Tier;
 
@@ -75,12 +76,9 @@ struct EpochsPage {
 /// Returns an error if the database fails.
 pub async fn epochs(State(state): State<AppState>, headers: HeaderMap) -> PageResult {
     let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
-    let mut epochs = Vec::new();
-    for row in state.store.epochs().await? {
-        epochs.push(Shown::of(epoch_body(&state, &row).await?, now_ms()));
-    }
+    let epochs = epochs::epochs(&state).await?;
     html::page(&EpochsPage {
-        epochs,
+        epochs: epochs.into_iter().map(|epoch| Shown::of(epoch.into(), now_ms())).collect(),
         host: named.unwrap_or("localhost:7586").to_owned(),
         key: state.signer.public_key(),
     })
@@ -90,7 +88,7 @@ pub async fn epochs(State(state): State<AppState>, headers: HeaderMap) -> PageRe
 #[template(path = "epoch.html")]
 struct EpochPage {
     epoch: Shown,
-    boards: [(&'static str, EpochBoard); 2],
+    boards: [(&'static str, TierBoard); 2],
 }
 
 /// Serves the page of an epoch: its commitment, its schedule and its boards.
@@ -98,12 +96,12 @@ struct EpochPage {
 /// # Errors
 /// Returns a 404 error if no epoch has this name.
 pub async fn epoch(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
-    let row = stored_epoch(&state, &id).await?;
+    let epoch = epochs::epoch(&state, &id).await?;
     let boards = [
-        ("Official board", board_of(&state, &row, Tier::Official).await?),
-        ("Development board", board_of(&state, &row, Tier::Dev).await?),
+        ("Official board", board_of(&state, &epoch.row, Tier::Official).await?),
+        ("Development board", board_of(&state, &epoch.row, Tier::Dev).await?),
     ];
-    html::page(&EpochPage { epoch: Shown::of(epoch_body(&state, &row).await?, now_ms()), boards })
+    html::page(&EpochPage { epoch: Shown::of(epoch.into(), now_ms()), boards })
 }
 
 #[cfg(test)]

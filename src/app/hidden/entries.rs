@@ -1,0 +1,222 @@
+//! Entries to an epoch. An entry is registered before its owner sees any instance, then drawn, answered and finalized.
+
+use serde_json::Value;
+use uuid::Uuid;
+
+use super::epochs::{not_open, stored_epoch};
+use super::receipts::given;
+use super::registration::decide_registration;
+use crate::app::App;
+use crate::app::access::Caller;
+use crate::app::error::{AppError, AppResult};
+use crate::app::limits::LIMITS;
+use crate::app::submissions::accept::key_reused;
+use crate::clock::now_ms;
+use crate::store::entries::EntryRow;
+use crate::store::epochs::EpochRow;
+use crate::store::idempotency::IdempotencyKey;
+use crate::store::keys::Scope;
+use crate::store::registration::{NewEntry, Registered, RegistrationRefusal};
+use plumbline_engine::hidden::canonical::unhex;
+use plumbline_engine::hidden::evidence::GivenReceipt;
+use plumbline_engine::hidden::feedback::{Outcome, Tier, told};
+use plumbline_engine::intake::Faults;
+
+/// Entry as it is posted.
+#[derive(Debug, Clone)]
+pub struct PostedEntry {
+    /// Name of the evaluated agent.
+    pub agent: String,
+    /// SHA-256 of the agent's configuration, in hex.
+    pub configuration_sha256: String,
+    /// Tier of the entry.
+    pub tier: Tier,
+    /// Number of runs.
+    pub runs: u32,
+}
+
+/// An entry as it is now, with as much of its result as the feedback of its tier allows.
+#[derive(Debug)]
+pub struct EntryStatus {
+    /// Stored entry.
+    pub row: EntryRow,
+    /// State: `registered`, `finalized` or `complete`.
+    pub state: &'static str,
+    /// Number of issued instances.
+    pub issued: usize,
+    /// Number of answered instances.
+    pub answered: usize,
+    /// Result, as far as it is released.
+    pub result: Value,
+}
+
+/// Registered entry.
+#[derive(Debug)]
+pub struct RegisteredEntry {
+    /// The entry.
+    pub entry: EntryStatus,
+    /// Receipt of the registration; none for entries that are older than these receipts.
+    pub receipt: Option<GivenReceipt>,
+    /// Whether an earlier request with the same `Idempotency-Key` already had the effect.
+    pub is_replayed: bool,
+}
+
+/// Registers an entry before any instance is seen.
+///
+/// # Errors
+/// Returns all faults of the entry, a conflict if the rules of the epoch do not allow it, and a refusal if the caller
+/// may not submit.
+pub async fn register_entry(
+    app: &App,
+    caller: &Caller,
+    epoch: &str,
+    posted: &PostedEntry,
+    once: Option<&IdempotencyKey>,
+) -> AppResult<RegisteredEntry> {
+    caller.require(Scope::Submit)?;
+    let epoch = stored_epoch(app, epoch).await?;
+    let agent = posted.agent.trim();
+    let faults = faults_of(posted, agent);
+    if !faults.is_empty() {
+        return Err(AppError::faulty(faults));
+    }
+    let id = Uuid::now_v7().to_string();
+    let new = NewEntry {
+        id: &id,
+        epoch_id: epoch.id(),
+        owner: caller.owner().unwrap_or_default(),
+        agent,
+        configuration_hash: &posted.configuration_sha256,
+        tier: posted.tier,
+        runs: posted.runs,
+    };
+    let (registered, is_replayed) = match app.store.register_entry(&new, once, decide_registration, now_ms()).await? {
+        Registered::New => (id, false),
+        Registered::Repeated(before) => (before, true),
+        Registered::KeyUsedOtherwise => return Err(key_reused()),
+        Registered::Refused(refusal) => return Err(refused(&refusal, posted.tier, &epoch)),
+    };
+    let receipt = given(app.store.receipt_of_entry(&registered).await?.as_deref())?;
+    Ok(RegisteredEntry { entry: entry(app, &registered).await?, receipt, is_replayed })
+}
+
+fn faults_of(posted: &PostedEntry, agent: &str) -> Faults {
+    let mut faults = Faults::new();
+    if agent.is_empty() || agent.chars().count() > LIMITS.agent_chars {
+        faults.add_at("agent", format!("expected 1 to {} characters", LIMITS.agent_chars));
+    }
+    let has_upper = posted.configuration_sha256.bytes().any(|byte| byte.is_ascii_uppercase());
+    if has_upper || unhex::<32>(&posted.configuration_sha256).is_none() {
+        faults.add_at("configuration_sha256", "expected 64 lower-case hexadecimal digits");
+    }
+    if posted.runs == 0 || posted.runs > LIMITS.entry_runs {
+        faults.add_at("runs", format!("expected 1 to {}", LIMITS.entry_runs));
+    }
+    faults
+}
+
+/// Creates the conflict for an entry that may not be registered.
+fn refused(refusal: &RegistrationRefusal, tier: Tier, epoch: &EpochRow) -> AppError {
+    match refusal {
+        RegistrationRefusal::NotOpen => not_open(epoch),
+        RegistrationRefusal::TooMany(most) => {
+            let tier = tier.name();
+            let detail =
+                format!("the owner already has {most} entries of the tier {tier:?} in this epoch, the maximum");
+            AppError::conflict("no-entries-left", detail)
+        }
+        RegistrationRefusal::PoolUsedUp => {
+            let detail = "the epoch has too few specifications left; half of them are reserved for official entries";
+            AppError::conflict("pool-used-up", detail)
+        }
+        RegistrationRefusal::ShareUsedUp(most) => {
+            let detail = format!(
+                "one owner may hold at most {most} runs of this epoch's pool, drawn or reserved; a reservation ends \
+                 when its entry is finalized, or after {} s",
+                epoch.rules.reservation_ms.unwrap_or_default() / 1_000
+            );
+            AppError::conflict("share-used-up", detail)
+        }
+        RegistrationRefusal::ConfigurationTaken => {
+            let detail =
+                "another owner has already entered this configuration in this epoch; only one owner may enter it";
+            AppError::conflict("configuration-taken", detail)
+        }
+        RegistrationRefusal::OtherConfiguration(agent) => {
+            let detail = format!(
+                "the owner's official entries in this epoch have another agent or configuration (agent {agent:?}); \
+                 official entries are pooled, so all of them must have the same"
+            );
+            AppError::conflict("another-configuration", detail)
+        }
+    }
+}
+
+/// Returns an entry with its state and, as far as it is released, its result.
+///
+/// # Errors
+/// Returns an error (404) if there is no such entry.
+pub async fn entry(app: &App, id: &str) -> AppResult<EntryStatus> {
+    let row = stored_entry(app, id).await?;
+    let epoch = stored_epoch(app, &row.epoch_id).await?;
+    let instances = app.store.instances_of_entry(id).await?;
+    let mut result = Value::Null;
+    if row.completed_at_ms.is_some() {
+        let outcomes = with_undrawn(app.store.outcomes_of_entry(id).await?, &row, &epoch);
+        result = told(row.tier.feedback(epoch.commitment.dev_feedback), epoch.closed.is_some(), &outcomes);
+    }
+    Ok(EntryStatus {
+        state: match (row.finalized_at_ms, row.completed_at_ms) {
+            (_, Some(_)) => "complete",
+            (Some(_), None) => "finalized",
+            (None, None) => "registered",
+        },
+        issued: instances.len(),
+        answered: instances.iter().filter(|own| own.submission_id.is_some()).count(),
+        row,
+        result,
+    })
+}
+
+/// Adds a failed outcome for each instance of the runs that were never drawn.
+fn with_undrawn(mut outcomes: Vec<Outcome>, entry: &EntryRow, epoch: &EpochRow) -> Vec<Outcome> {
+    let all = entry.runs as usize * epoch.commitment.instances_per_run as usize;
+    while outcomes.len() < all {
+        outcomes.push(Outcome { instance: String::new(), scores: None });
+    }
+    outcomes
+}
+
+async fn stored_entry(app: &App, id: &str) -> AppResult<EntryRow> {
+    let row = app.store.entry(id).await?;
+    row.ok_or_else(|| AppError::not_found(format!("there is no entry {id:?}")))
+}
+
+/// Returns the entry if the caller may act on it.
+///
+/// # Errors
+/// Returns an error if the entry belongs to another owner (403) or does not exist (404).
+pub(super) async fn own_entry(app: &App, caller: &Caller, id: &str) -> AppResult<EntryRow> {
+    let row = stored_entry(app, id).await?;
+    require_owner(caller, &row, "entry")?;
+    Ok(row)
+}
+
+/// Checks that the caller may act on something that belongs to the owner of an entry.
+///
+/// # Errors
+/// Returns an error (403) if it belongs to another owner.
+pub(super) fn require_owner(caller: &Caller, entry: &EntryRow, what: &str) -> AppResult<()> {
+    caller.require_own(Some(entry.owner.as_str()).filter(|owner| !owner.is_empty()), what)
+}
+
+/// Finalizes an entry, which then takes no more answers.
+///
+/// # Errors
+/// Returns an error if there is no such entry, or if the caller may not act on it.
+pub async fn finalize_entry(app: &App, caller: &Caller, id: &str) -> AppResult<EntryStatus> {
+    caller.require(Scope::Submit)?;
+    own_entry(app, caller, id).await?;
+    app.store.finalize_entry(id, now_ms()).await?;
+    entry(app, id).await
+}

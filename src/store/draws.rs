@@ -1,0 +1,192 @@
+//! Draws: the instances of an entry's run, issued together, with the facts that decide on them.
+
+use std::collections::HashSet;
+
+use super::db::{Tx, query, query_scalar};
+use super::entries::{EntryRow, entry_in};
+use super::epochs::{EpochRow, epoch_in};
+use super::evidence::witness;
+use super::holdings::{Holding, holdings_in};
+use super::instances::{InstanceRow, of_run};
+use super::locks::Lock;
+use super::secrets::EpochSecret;
+use super::{Store, StoreError, StoreResult, commit};
+use plumbline_engine::hidden::evidence::{DrawFact, Fact};
+use plumbline_engine::tasks::{Task, hex};
+
+/// Draw of a run's instances.
+#[derive(Debug, Clone, Copy)]
+pub struct NewDraw<'a> {
+    /// Identifier of the entry.
+    pub entry_id: &'a str,
+    /// Number of the run within the entry, from 1.
+    pub run: u32,
+    /// Nonce that the entrant chose for the run.
+    pub nonce: &'a str,
+    /// Secret of the entry's epoch.
+    pub secret: &'a EpochSecret,
+}
+
+/// Stored facts that decide on a draw.
+#[derive(Debug, Clone)]
+pub struct DrawFacts {
+    /// Entry of the run.
+    pub entry: EntryRow,
+    /// Epoch of the entry.
+    pub epoch: EpochRow,
+    /// Nonce with which the run was drawn before; none if it was not.
+    pub earlier_nonce: Option<String>,
+    /// Runs that the entries of the epoch hold.
+    pub holdings: Vec<Holding>,
+    /// Leaves of the pool that are issued.
+    pub issued_leaves: HashSet<u32>,
+    /// Time of the decision, in milliseconds since 1970.
+    pub now_ms: i64,
+}
+
+/// Leaf of the pool that becomes an instance.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DrawnLeaf {
+    /// Family of the specification.
+    pub family: String,
+    /// Index among the family's instances in the run, from 0.
+    pub family_index: u32,
+    /// Leaf of the specification in the pool.
+    pub leaf: u32,
+    /// Time until which the instance may be answered.
+    pub expires_at_ms: i64,
+}
+
+/// Reason why a run is not drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DrawRefusal {
+    /// The run was drawn before, with a different nonce.
+    OtherNonce,
+    /// The entry has no run of this number.
+    NoSuchRun,
+    /// The entry is finalized, or its epoch is not open.
+    Closed,
+    /// The reservation of the run has ended, and the pool has no room left for it.
+    Exhausted,
+    /// The reservation of the run has ended, and the owner holds the maximum number of runs, which is given.
+    ShareUsedUp(i64),
+}
+
+/// Decision on a draw.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum DrawDecision {
+    /// These leaves are issued, in this order.
+    Issue(Vec<DrawnLeaf>),
+    /// The same draw was made before; its instances are returned.
+    Repeat,
+    /// Nothing is issued, for this reason.
+    Refuse(DrawRefusal),
+}
+
+/// Decides on a draw from stored facts; the use cases own the rule.
+pub type DecideDraw = fn(&NewDraw<'_>, &DrawFacts) -> DrawDecision;
+
+/// Outcome of drawing a run.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Issued {
+    /// The instances of the run.
+    Instances(Vec<InstanceRow>),
+    /// Nothing was issued, for this reason.
+    Refused(DrawRefusal),
+}
+
+impl Store {
+    /// Issues the instances of an entry's run as `decide` says, or returns the issued ones.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails.
+    pub async fn issue_instances(&self, new: &NewDraw<'_>, decide: DecideDraw, now_ms: i64) -> StoreResult<Issued> {
+        let mut tx = self.begin().await?;
+        let entry = entry_in(&mut tx, new.entry_id).await?.ok_or_else(|| StoreError::corrupt("entries", "gone"))?;
+        tx.lock([Lock::Epoch(&entry.epoch_id)]).await?;
+        let before = of_run(&mut tx, new.entry_id, new.run).await?;
+        let facts = facts_of(&mut tx, new.entry_id, &before, now_ms).await?;
+        let leaves = match decide(new, &facts) {
+            DrawDecision::Issue(leaves) => leaves,
+            DrawDecision::Repeat => return Ok(Issued::Instances(before)),
+            DrawDecision::Refuse(refusal) => return Ok(Issued::Refused(refusal)),
+        };
+        for (ordinal, drawn) in (facts.issued_leaves.len() as i64 + 1..).zip(&leaves) {
+            insert(&mut tx, new, facts.epoch.id(), ordinal, drawn, now_ms).await?;
+        }
+        let instances = of_run(&mut tx, new.entry_id, new.run).await?;
+        let drawn = DrawFact {
+            entry: new.entry_id.to_owned(),
+            run: new.run,
+            nonce: new.nonce.to_owned(),
+            instances: instances.iter().map(|own| own.id.clone()).collect(),
+            drawn_at_ms: now_ms,
+        };
+        witness(&mut tx, &*self.signer()?, facts.epoch.id(), &Fact::Draw(drawn)).await?;
+        commit(tx, "issue_instances").await?;
+        Ok(Issued::Instances(instances))
+    }
+}
+
+/// Reads the facts that decide on the draw of a run; `before` holds its issued instances.
+async fn facts_of(tx: &mut Tx, entry_id: &str, before: &[InstanceRow], now_ms: i64) -> StoreResult<DrawFacts> {
+    let entry = entry_in(tx, entry_id).await?.ok_or_else(|| StoreError::corrupt("entries", "gone"))?;
+    let epoch = epoch_in(tx, &entry.epoch_id).await?.ok_or_else(|| StoreError::corrupt("epochs", "gone"))?;
+    let holdings = holdings_in(tx, epoch.id()).await?;
+    let issued: Vec<u32> =
+        query_scalar("SELECT leaf FROM instances WHERE epoch_id = $1").bind(epoch.id()).fetch_all(tx).await?;
+    let earlier_nonce = before.first().map(|first| first.nonce.clone());
+    Ok(DrawFacts { entry, epoch, earlier_nonce, holdings, issued_leaves: issued.into_iter().collect(), now_ms })
+}
+
+/// Stores an instance and its task.
+async fn insert(
+    tx: &mut Tx,
+    new: &NewDraw<'_>,
+    epoch_id: &str,
+    ordinal: i64,
+    drawn: &DrawnLeaf,
+    now_ms: i64,
+) -> StoreResult<()> {
+    let Some(specification) = new.secret.specifications.get(drawn.leaf as usize) else {
+        return Err(StoreError::corrupt("secrets", format!("the pool has no leaf {}", drawn.leaf)));
+    };
+    let hash = put_task(tx, &specification.task).await?;
+    let id = uuid::Uuid::new_v4().to_string();
+    let salt = hex(&new.secret.key.derive("receipt", &[id.as_bytes()]));
+    query(
+        "INSERT INTO instances (id, entry_id, epoch_id, ordinal, run, family, family_index, nonce, leaf, task_hash,
+                                issued_at_ms, expires_at_ms, salt)
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13)",
+    )
+    .bind(id)
+    .bind(new.entry_id)
+    .bind(epoch_id)
+    .bind(ordinal)
+    .bind(i64::from(new.run))
+    .bind(&drawn.family)
+    .bind(i64::from(drawn.family_index))
+    .bind(new.nonce)
+    .bind(i64::from(drawn.leaf))
+    .bind(hash)
+    .bind(now_ms)
+    .bind(drawn.expires_at_ms)
+    .bind(salt)
+    .execute(tx)
+    .await?;
+    Ok(())
+}
+
+/// Stores a task under its hash, and returns the hash.
+async fn put_task(tx: &mut Tx, task: &Task) -> StoreResult<String> {
+    let hash = task.content_hash();
+    let body = serde_json::to_string(task).map_err(|error| StoreError::corrupt("tasks", error))?;
+    query("INSERT INTO tasks (hash, id, family, body) VALUES ($1, $2, $3, $4) ON CONFLICT (hash) DO NOTHING")
+        .bind(&hash)
+        .bind(&task.id)
+        .bind(task.family())
+        .bind(body)
+        .execute(tx)
+        .await?;
+    Ok(hash)
+}
