@@ -341,6 +341,12 @@ CREATE TABLE leases (
     lease_until_ms BIGINT NOT NULL
 ) WITH (fillfactor = 10);
 
+-- Facts that all nodes agree on, such as the public key that verifies receipts.
+CREATE TABLE agreed (
+    name  TEXT COLLATE "C" NOT NULL PRIMARY KEY,
+    value TEXT NOT NULL
+);
+
 CREATE FUNCTION refuse_change() RETURNS trigger LANGUAGE plpgsql AS $$
 BEGIN
     RAISE EXCEPTION 'rows of % are permanent', TG_TABLE_NAME;

@@ -53,8 +53,8 @@ pub struct App {
     pub actions: Pool,
     /// Slots for requests whose action code runs or waits.
     pub action_requests: Arc<PermitPool>,
-    /// Signs receipts.
-    pub signer: Arc<Signer>,
+    /// Signs receipts; none on a node that lacks the secrets.
+    pub signer: Option<Arc<Signer>>,
     /// Cancelled when the service stops.
     pub stop: CancellationToken,
 }

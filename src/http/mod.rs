@@ -11,6 +11,7 @@ pub mod middleware;
 pub mod pages;
 pub mod problem;
 pub mod rewards;
+pub mod role;
 pub mod router;
 pub mod runs;
 pub mod server;
@@ -25,6 +26,7 @@ use metrics_exporter_prometheus::PrometheusHandle;
 
 use crate::app::App;
 use crate::fair::PermitPool;
+use role::Role;
 use state::{AppState, Shared};
 
 /// Components of the service that the HTTP layer needs.
@@ -36,6 +38,8 @@ pub struct HttpParts {
     pub metrics: PrometheusHandle,
     /// Rate limiter for requests.
     pub rates: Arc<middleware::rates::Rates>,
+    /// Role of the node.
+    pub role: Role,
 }
 
 /// Routers of the service, one for each listener.
@@ -52,9 +56,10 @@ pub struct Routers {
 const REVEALS: usize = 4;
 
 /// Builds the routers of the whole service.
-pub fn routers(HttpParts { app, metrics, rates }: HttpParts, has_admin_listener: bool) -> Routers {
+pub fn routers(HttpParts { app, metrics, rates, role }: HttpParts, has_admin_listener: bool) -> Routers {
     let (routes, mut openapi) = router::routes().split_for_parts();
     router::complete(&mut openapi);
+    openapi.paths.paths.retain(|path, _| role.serves(path));
     let event_feed =
         accounts::event_feed::EventFeed::start(app.store.clone(), app.stop.clone(), accounts::events::written);
     let limits = app.limits;
@@ -72,7 +77,11 @@ pub fn routers(HttpParts { app, metrics, rates }: HttpParts, has_admin_listener:
         openapi: openapi.to_json().expect("the document is JSON").into(),
     });
     let routes = routes.merge(pages::routes()).merge(router::trainers_elsewhere());
-    let router = routes.with_state(state.clone()).merge(router::reference());
+    let mut router = routes.with_state(state.clone()).merge(router::reference());
+    if role != Role::Whole {
+        let rest = axum::routing::any(|| async { axum::http::StatusCode::NOT_FOUND });
+        router = router.fallback(rest).layer(axum::middleware::from_fn_with_state(role, role::keep_to_role));
+    }
     if !has_admin_listener {
         return Routers { public: middleware::layers::around(router, state), admin: None };
     }

@@ -88,6 +88,9 @@ pub enum StoreError {
         /// Description of the fault.
         detail: String,
     },
+    /// The node lacks the secrets of the service.
+    #[error("this node lacks the secrets of the service: there is no receipts.key in {}", .0.display())]
+    NoSecrets(PathBuf),
     /// A stored row cannot be read, or holds invalid data.
     #[error("row of {table}: {detail}")]
     Corrupt {

@@ -149,6 +149,12 @@ impl Store {
         self.location.file().map(sqlite::file_bytes)
     }
 
+    /// Returns where the database is.
+    #[must_use]
+    pub fn location(&self) -> &Location {
+        &self.location
+    }
+
     /// Returns the secrets in the files beside the database.
     #[must_use]
     pub const fn secrets(&self) -> &Secrets {
@@ -162,6 +168,10 @@ impl Store {
     pub fn signer(&self) -> StoreResult<Arc<Signer>> {
         if let Some(signer) = self.signer.get() {
             return Ok(Arc::clone(signer));
+        }
+        // Nodes of one server share a key; making one here would be another.
+        if matches!(*self.location, Location::Server(_)) && !self.secrets.has_signer()? {
+            return Err(StoreError::NoSecrets(self.secrets.folder().to_owned()));
         }
         let signer = Arc::new(self.secrets.signer()?);
         Ok(Arc::clone(self.signer.get_or_init(|| signer)))

@@ -1,6 +1,8 @@
 //! The key that signs receipts: a change of it is recorded in their log.
 
-use super::db::query_scalar;
+use sqlx::AssertSqlSafe;
+
+use super::db::{query, query_scalar};
 use super::evidence::publish;
 use super::locks::Lock;
 use super::receipts::{NewReceipt, enter};
@@ -36,5 +38,35 @@ impl Store {
         enter(&mut tx, &[NewReceipt { of: None, epoch_id: None, signed: &signed }]).await?;
         commit(tx, "note_receipt_key").await?;
         Ok(Some(before))
+    }
+
+    /// Returns the key that receipts were signed with last; none if there are no receipts.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails.
+    pub async fn last_receipt_key(&self) -> StoreResult<Option<String>> {
+        const LAST: &str = "SELECT public_key FROM receipts ORDER BY seq DESC LIMIT 1";
+        query_scalar(LAST).fetch_optional(&self.readers).await
+    }
+
+    /// Lets all nodes of a PostgreSQL database agree on the key that signs receipts. The first key that is proposed
+    /// holds; with `replaces` the proposed one holds from now on. Returns the key that holds; none if none was proposed
+    /// yet.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails.
+    pub async fn agree_on_receipt_key(&self, proposed: Option<&str>, replaces: bool) -> StoreResult<Option<String>> {
+        const HELD: &str = "SELECT value FROM agreed WHERE name = 'receipt key'";
+        let held: Option<String> = query_scalar(HELD).fetch_optional(&self.readers).await?;
+        let Some(proposed) = proposed.filter(|_| held.is_none() || replaces) else { return Ok(held) };
+        let mut tx = self.begin().await?;
+        tx.lock([Lock::Order]).await?;
+        let conflict = if replaces { "UPDATE SET value = excluded.value" } else { "NOTHING" };
+        let upsert =
+            format!("INSERT INTO agreed (name, value) VALUES ('receipt key', $1) ON CONFLICT (name) DO {conflict}");
+        query(AssertSqlSafe(upsert)).bind(proposed).execute(&mut tx).await?;
+        let held: Option<String> = query_scalar(HELD).fetch_optional(&mut tx).await?;
+        commit(tx, "agree_on_receipt_key").await?;
+        Ok(held)
     }
 }

@@ -44,6 +44,9 @@ impl EpochSecret {
     }
 }
 
+/// File of the key that signs receipts.
+const SIGNER: &str = "receipts.key";
+
 /// Folder that holds the secrets of a database.
 #[derive(Debug, Clone)]
 pub struct Secrets {
@@ -153,19 +156,26 @@ impl Secrets {
         Ok(())
     }
 
+    /// Returns whether there is a key that signs receipts.
+    ///
+    /// # Errors
+    /// Returns an error if the folder cannot be read.
+    pub fn has_signer(&self) -> StoreResult<bool> {
+        Ok(self.get(SIGNER)?.is_some())
+    }
+
     /// Returns the key that signs receipts, and creates it if there is none.
     ///
     /// # Errors
     /// Returns an error if the key cannot be read, written or created.
     pub fn signer(&self) -> StoreResult<Signer> {
-        const NAME: &str = "receipts.key";
-        if self.get(NAME)?.is_none() {
-            self.put(NAME, hex(&random_key()?).as_bytes())?;
+        if self.get(SIGNER)?.is_none() {
+            self.put(SIGNER, hex(&random_key()?).as_bytes())?;
         }
-        let kept = self.get(NAME)?.unwrap_or_default();
+        let kept = self.get(SIGNER)?.unwrap_or_default();
         let secret = std::str::from_utf8(&kept).ok().and_then(|text| unhex(text.trim()));
         let unreadable =
-            || StoreError::Secret { path: self.file(NAME), detail: "is not 32 bytes of hexadecimal".to_owned() };
+            || StoreError::Secret { path: self.file(SIGNER), detail: "is not 32 bytes of hexadecimal".to_owned() };
         Ok(Signer::new(&secret.ok_or_else(unreadable)?))
     }
 }

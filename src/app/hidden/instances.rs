@@ -278,5 +278,5 @@ pub async fn receipt_of_instance(app: &App, id: &str) -> AppResult<ReceiptFile> 
     // The receipt would reveal when the instance was graded, so it is withheld until the entry is complete.
     let entry = app.store.entry(&row.entry_id).await?.filter(|entry| entry.completed_at_ms.is_some());
     let submission = entry.and(row.submission_id).ok_or_else(missing)?;
-    Ok(app.store.receipt_of(&submission).await?.ok_or_else(missing)?.with_place(&app.signer))
+    Ok(app.store.receipt_of(&submission).await?.ok_or_else(missing)?.with_place(app.signer.as_deref()))
 }

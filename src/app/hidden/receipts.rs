@@ -35,7 +35,7 @@ pub async fn log_page(app: &App, after: i64, items: usize) -> AppResult<LogPage>
     let has_more = receipts.len() > items;
     receipts.truncate(items);
     let next_after = receipts.last().filter(|_| has_more).map(|last| last.seq);
-    let head = Some(LogHead::signed(size, link, now_ms(), &app.signer));
+    let head = app.signer.as_ref().map(|signer| LogHead::signed(size, link, now_ms(), signer));
     Ok(LogPage { receipts, next_after, head })
 }
 
@@ -47,7 +47,7 @@ pub async fn receipt_of_submission(app: &App, id: &str) -> AppResult<ReceiptFile
     if app.store.submission(id).await?.is_none() {
         return Err(AppError::not_found(format!("there is no submission {id:?}")));
     }
-    let receipt = app.store.receipt_of(id).await?.map(|receipt| receipt.with_place(&app.signer));
+    let receipt = app.store.receipt_of(id).await?.map(|receipt| receipt.with_place(app.signer.as_deref()));
     let missing =
         || AppError::not_found("the submission has no receipt: it is ungraded, or older than the log of receipts");
     receipt.ok_or_else(missing)
@@ -59,9 +59,15 @@ pub async fn receipt_of_submission(app: &App, id: &str) -> AppResult<ReceiptFile
 /// Returns an error if the database fails.
 pub async fn verifying_keys(app: &App) -> AppResult<VerifyingKeys> {
     let mut all = app.store.receipt_keys().await?;
-    let in_use = app.signer.public_key();
-    if !all.contains(&in_use) {
-        all.push(in_use.clone());
+    if let Some(in_use) = app.signer.as_ref().map(|signer| signer.public_key())
+        && !all.contains(&in_use)
+    {
+        all.push(in_use);
     }
+    // A node without the secrets knows the key in use from the log.
+    let in_use = match &app.signer {
+        Some(signer) => signer.public_key(),
+        None => app.store.last_receipt_key().await?.ok_or_else(no_secrets)?,
+    };
     Ok(VerifyingKeys { in_use, all })
 }

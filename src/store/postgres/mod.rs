@@ -22,12 +22,8 @@ const ACQUIRE: Duration = Duration::from_secs(10);
 
 /// Session settings: a node that freezes within a transaction must not hold its locks for ever, and a statement that
 /// waits for a lock ends before its request does.
-const SETTINGS: [(&str, &str); 4] = [
-    ("idle_in_transaction_session_timeout", "15s"),
-    ("lock_timeout", "20s"),
-    ("statement_timeout", "60s"),
-    ("default_transaction_isolation", "read\\ committed"),
-];
+const SETTINGS: [(&str, &str); 3] =
+    [("idle_in_transaction_session_timeout", "15s"), ("lock_timeout", "20s"), ("statement_timeout", "60s")];
 
 /// Opens a database and brings its schema up to date if `may_change` is set.
 pub(super) async fn open(server: &Server, may_change: bool) -> StoreResult<Pool> {

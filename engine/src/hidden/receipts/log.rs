@@ -76,10 +76,10 @@ fn place_text(seq: i64, link: &str) -> Value {
 }
 
 impl ReceiptFile {
-    /// Adds a signature over position and link, for a receipt that is returned on its own.
+    /// Adds a signature over position and link, for a receipt that is returned on its own; none if there is no signer.
     #[must_use]
-    pub fn with_place(mut self, signer: &Signer) -> Self {
-        self.place_signature = Some(signer.sign(&place_text(self.seq, &self.link)).signature);
+    pub fn with_place(mut self, signer: Option<&Signer>) -> Self {
+        self.place_signature = signer.map(|signer| signer.sign(&place_text(self.seq, &self.link)).signature);
         self
     }
 
@@ -198,7 +198,7 @@ mod tests {
         assert_eq!(verify_end(&[&first], &head, &[&key]), Err(cut));
         let shorter = LogHead { size: 1, link: first.link.clone(), ..head };
         assert_eq!(verify_end(&[&first], &shorter, &[&key]), Err(ReceiptFault::BadSignature));
-        let mut alone = second.with_place(&signer);
+        let mut alone = second.with_place(Some(&signer));
         assert_eq!(alone.verify_place(&[&key]), Ok(()));
         alone.seq = 3;
         assert_eq!(alone.verify_place(&[&key]), Err(ReceiptFault::BadPlace(3)));
