@@ -13,16 +13,13 @@ use tokio_util::sync::CancellationToken;
 
 use crate::actions::ACTION_LIMITS;
 use crate::actions::pool::Pool;
-use crate::app::App;
 use crate::app::access::{Keys, Openness};
-use crate::app::boards::Boards;
 use crate::app::hidden::completion;
 use crate::app::limits::{LIMITS, Limits};
 use crate::app::load::Connections;
 use crate::app::rewards::grader::Grader;
-use crate::app::stress::StressFields;
+use crate::app::{App, AppParts};
 use crate::clock::now_ms;
-use crate::fair::PermitPool;
 use crate::http::middleware::rates::{RateSettings, Rates};
 use crate::http::{self, HttpParts};
 use crate::store::Store;
@@ -77,6 +74,7 @@ pub struct RunningService {
     /// Notices for the operator who starts the service.
     pub notices: Vec<String>,
     app: Arc<App>,
+    store: Store,
     workers: Workers,
     stop: CancellationToken,
     serving: Vec<JoinHandle<std::io::Result<()>>>,
@@ -129,19 +127,16 @@ impl RunningService {
             connections_per_address: config.settings.rates.connections_per_address,
             ..LIMITS
         };
-        let app = App {
+        let app = App::new(AppParts {
             store: store.clone(),
-            grader: Arc::new(Grader::new(config.settings.grade_cache_bytes, &connections, stop.clone())?),
+            grader: Grader::new(config.settings.grade_cache_bytes, &connections, stop.clone())?,
             keys: Keys::new(config.settings.open),
             least_coverage: config.settings.least_coverage,
-            boards: Boards::default(),
-            stress: StressFields::new()?,
             limits,
             actions,
-            action_requests: PermitPool::new(limits.action_requests, limits.action_requests_per_sender),
             signer,
             stop: stop.clone(),
-        };
+        })?;
         let app = Arc::new(app);
         tokio::spawn(keep_up(metrics.clone(), Arc::clone(&app), Arc::clone(&rates), stop.clone()));
         tokio::spawn(keep_uses(Arc::clone(&app), stop.clone()));
@@ -162,7 +157,7 @@ impl RunningService {
         }
         let admin = admin_address.map(|address| address.to_string());
         tracing::info!(%address, admin_address = admin, database = %config.database, workers = config.workers, "listening");
-        Ok(Self { address, admin_address, notices, app, workers, stop, serving })
+        Ok(Self { address, admin_address, notices, app, store, workers, stop, serving })
     }
 
     /// Creates a key for the demo agents that is valid for a day, and revokes their earlier keys.
@@ -173,10 +168,10 @@ impl RunningService {
         const OWNER: &str = "demo";
         const DAY_MS: i64 = 86_400_000;
         let now = now_ms();
-        for key in self.app.store.keys().await?.iter().filter(|key| key.owner == OWNER && key.is_live(now)) {
-            self.app.store.revoke_key(&key.id, now).await?;
+        for key in self.store.keys().await?.iter().filter(|key| key.owner == OWNER && key.is_live(now)) {
+            self.store.revoke_key(&key.id, now).await?;
         }
-        let key = self.app.store.create_key(OWNER, &[Scope::Submit], Some(now + DAY_MS), now).await?;
+        let key = self.store.create_key(OWNER, &[Scope::Submit], Some(now + DAY_MS), now).await?;
         key.context("the demo has too many keys")
     }
 
@@ -190,7 +185,7 @@ impl RunningService {
         }
         self.workers.shut_down().await;
         store_uses(&self.app).await;
-        self.app.store.close().await;
+        self.store.close().await;
     }
 }
 
@@ -219,7 +214,7 @@ async fn keep_up(metrics: PrometheusHandle, app: Arc<App>, rates: Arc<Rates>, st
     while stop.run_until_cancelled(tokio::time::sleep(EVERY)).await.is_some() {
         metrics.run_upkeep();
         rates.evict_idle();
-        if let Err(error) = app.store.current_catalogue().await {
+        if let Err(error) = app.current_catalogue().await {
             tracing::warn!(%error, "could not look for new suites");
         }
         if let Err(error) = app.store.forget_old_requests(now_ms()).await {
@@ -237,7 +232,7 @@ async fn keep_uses(app: Arc<App>, stop: CancellationToken) {
 }
 
 async fn store_uses(app: &App) {
-    if let Err(error) = app.keys.store_uses(&app.store).await {
+    if let Err(error) = app.store_key_uses().await {
         tracing::warn!(%error, "could not store when keys were last used");
     }
 }

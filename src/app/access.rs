@@ -7,6 +7,7 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
+use crate::app::App;
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::clock::now_ms;
 use crate::store::keys::{KeyRow, Scope, parts};
@@ -101,6 +102,24 @@ impl Caller {
     }
 }
 
+impl App {
+    /// Returns the key that was sent, if it may be used now.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails.
+    pub async fn live_key(&self, sent: &str) -> AppResult<Option<KeyRow>> {
+        self.keys.live(&self.store, sent).await
+    }
+
+    /// Stores the last uses of keys in one transaction. Requests never wait for this.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails; the next call tries again.
+    pub async fn store_key_uses(&self) -> StoreResult<()> {
+        self.keys.store_uses(&self.store).await
+    }
+}
+
 impl Keys {
     /// Creates an empty cache of keys.
     #[must_use]
@@ -120,11 +139,7 @@ impl Keys {
         held.get(id).filter(|(_, since)| since.elapsed() < TRUSTED_FOR).map(|(key, _)| key.clone())
     }
 
-    /// Stores the last uses of keys in one transaction. Requests never wait for this.
-    ///
-    /// # Errors
-    /// Returns an error if the database fails; the next call tries again.
-    pub async fn store_uses(&self, store: &Store) -> StoreResult<()> {
+    async fn store_uses(&self, store: &Store) -> StoreResult<()> {
         let uses: Vec<(String, i64)> =
             self.uses.lock().unwrap_or_else(PoisonError::into_inner).iter().map(|(id, at)| (id.clone(), *at)).collect();
         if uses.is_empty() {
@@ -136,11 +151,7 @@ impl Keys {
         Ok(())
     }
 
-    /// Returns the key that was sent, if it may be used now.
-    ///
-    /// # Errors
-    /// Returns an error if the database fails.
-    pub async fn live(&self, store: &Store, sent: &str) -> AppResult<Option<KeyRow>> {
+    async fn live(&self, store: &Store, sent: &str) -> AppResult<Option<KeyRow>> {
         let Some((id, secret)) = parts(sent) else { return Ok(None) };
         let is_live = |key: &KeyRow| key.has_secret(secret) && key.is_live(now_ms());
         if let Some(key) = self.held(id) {

@@ -141,6 +141,22 @@ impl AppError {
         Self::new(Kind::InvalidBody, detail).with_faults(faults)
     }
 
+    /// Creates the failure of a query string; each fault names its parameter.
+    #[must_use]
+    pub fn invalid_query(faults: Vec<FaultBody>) -> Self {
+        let told: Vec<String> = faults
+            .iter()
+            .map(|fault| format!("{}: {}", fault.parameter.as_deref().unwrap_or_default(), fault.detail))
+            .collect();
+        Self::new(Kind::InvalidQuery, told.join("; ")).with_fault_list(faults)
+    }
+
+    /// Creates the failure of a query string with one wrong parameter.
+    pub fn wrong_parameter(name: &str, detail: impl Into<String>) -> Self {
+        let (parameter, detail) = (Some(name.to_owned()), detail.into());
+        Self::invalid_query(vec![FaultBody { line: None, pointer: String::new(), parameter, detail }])
+    }
+
     /// Creates the refusal of an NDJSON body where one document is expected.
     pub fn not_ndjson(detail: &str) -> Self {
         Self::new(Kind::UnsupportedMediaType, format!("expected one JSON document, not NDJSON; {detail}"))

@@ -4,15 +4,19 @@
 //! decides. It calls the store, and depends on neither axum nor SQL.
 
 pub mod access;
+pub mod accounts;
 pub mod boards;
+pub mod catalogue;
 pub mod error;
 pub mod grading;
 pub mod hidden;
 pub mod limits;
 pub mod load;
+pub mod paging;
 pub mod readiness;
 pub mod replay;
 pub mod rewards;
+pub mod runs;
 pub mod stress;
 pub mod submissions;
 
@@ -22,29 +26,32 @@ use tokio_util::sync::CancellationToken;
 
 use crate::actions::pool::Pool;
 use crate::fair::PermitPool;
-use crate::store::Store;
+use crate::store::{Store, StoreResult};
 use access::Keys;
-use boards::Boards;
+use boards::cache::Boards;
 use error::{AppError, AppResult};
 use limits::Limits;
 use plumbline_engine::hidden::receipts::Signer;
-use plumbline_engine::tasks::catalogue::Entry;
+use plumbline_engine::tasks::catalogue::{Catalogue, Entry};
+use readiness::Readiness;
 use rewards::grader::Grader;
 use stress::StressFields;
 
 /// State that the use cases share.
 #[derive(Debug)]
 pub struct App {
-    /// The database.
-    pub store: Store,
+    /// The database, which only use cases read and write.
+    pub(crate) store: Store,
     /// Grader of the logs of requests that wait for the result.
     pub grader: Arc<Grader>,
     /// Recently used keys.
     pub keys: Keys,
     /// Share of a suite that a run must cover to be compared on its board.
-    pub least_coverage: f64,
+    least_coverage: f64,
     /// Boards in memory.
-    pub boards: Boards,
+    boards: Boards,
+    /// Latest result of probing the database.
+    readiness: Readiness,
     /// Computes and caches stress fields.
     pub stress: StressFields,
     /// Limits in force.
@@ -59,17 +66,74 @@ pub struct App {
     pub stop: CancellationToken,
 }
 
+/// Parts from which the use cases are put together.
+#[derive(Debug)]
+pub struct AppParts {
+    /// The database.
+    pub store: Store,
+    /// Grader of the logs of requests that wait for the result.
+    pub grader: Grader,
+    /// Recently used keys.
+    pub keys: Keys,
+    /// Share of a suite that a run must cover to be compared on its board.
+    pub least_coverage: f64,
+    /// Limits in force.
+    pub limits: Limits,
+    /// Runs action code.
+    pub actions: Pool,
+    /// Signs receipts.
+    pub signer: Arc<Signer>,
+    /// Cancelled when the service stops.
+    pub stop: CancellationToken,
+}
+
 impl App {
+    /// Puts the use cases together.
+    ///
+    /// # Errors
+    /// Returns an error if the threads that compute stress fields cannot be started.
+    pub fn new(parts: AppParts) -> anyhow::Result<Self> {
+        let AppParts { store, grader, keys, least_coverage, limits, actions, signer, stop } = parts;
+        Ok(Self {
+            store,
+            grader: Arc::new(grader),
+            keys,
+            least_coverage,
+            boards: Boards::default(),
+            readiness: Readiness::default(),
+            stress: StressFields::new()?,
+            limits,
+            actions,
+            action_requests: PermitPool::new(limits.action_requests, limits.action_requests_per_sender),
+            signer,
+            stop,
+        })
+    }
+
+    /// Returns the suites as last read. The catalogue is read again every few seconds.
+    #[must_use]
+    pub fn catalogue(&self) -> Arc<Catalogue> {
+        self.store.catalogue()
+    }
+
+    /// Returns the suites as they are now, with those that another process has added.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails.
+    pub async fn current_catalogue(&self) -> StoreResult<Arc<Catalogue>> {
+        self.store.current_catalogue().await
+    }
+
     /// Finds a suite by its name, or by name and version, even if another process has added it.
     ///
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn find_suite(&self, name: &str) -> AppResult<Option<Arc<Entry>>> {
         // The catalogue is read again every few seconds, so a version that another process adds soon becomes the latest.
-        if let Some(entry) = self.store.catalogue().suite(name) {
+        if let Some(entry) = self.catalogue().suite(name) {
             return Ok(Some(Arc::clone(entry)));
         }
-        Ok(self.store.current_catalogue().await?.suite(name).cloned())
+        Ok(self.current_catalogue().await?.suite(name).cloned())
     }
 
     /// Returns a suite by its name, or by name and version.

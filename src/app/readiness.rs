@@ -4,6 +4,8 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::Mutex;
 
+use crate::app::App;
+use crate::app::error::{AppError, AppResult, Kind};
 use crate::clock::now_ms;
 use crate::store::Store;
 
@@ -16,12 +18,17 @@ const PATIENCE: Duration = Duration::from_secs(4);
 #[derive(Debug, Default)]
 pub struct Readiness(Mutex<Option<(Instant, Result<(), &'static str>)>>);
 
+/// Checks that the database can be written and read, at most a second ago.
+///
+/// # Errors
+/// Returns an error that says why it cannot.
+pub async fn check(app: &App) -> AppResult<()> {
+    let found = app.readiness.look(&app.store).await;
+    found.map_err(|detail| AppError::new(Kind::NotReady, detail).retry_after(1))
+}
+
 impl Readiness {
-    /// Returns whether the database can be written and read, at most a second ago.
-    ///
-    /// # Errors
-    /// Returns why it cannot.
-    pub async fn look(&self, store: &Store) -> Result<(), &'static str> {
+    async fn look(&self, store: &Store) -> Result<(), &'static str> {
         let mut found = self.0.lock().await;
         if let Some((at, found)) = *found
             && at.elapsed() < HOLDS_FOR

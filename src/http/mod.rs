@@ -60,8 +60,7 @@ pub fn routers(HttpParts { app, metrics, rates, role }: HttpParts, has_admin_lis
     let (routes, mut openapi) = router::routes().split_for_parts();
     router::complete(&mut openapi);
     openapi.paths.paths.retain(|path, _| role.serves(path));
-    let event_feed =
-        accounts::event_feed::EventFeed::start(app.store.clone(), app.stop.clone(), accounts::events::written);
+    let event_feed = accounts::event_feed::EventFeed::start(Arc::clone(&app), accounts::events::written);
     let limits = app.limits;
     let state = AppState::new(Shared {
         app,
@@ -72,7 +71,6 @@ pub fn routers(HttpParts { app, metrics, rates, role }: HttpParts, has_admin_lis
         in_flight: Arc::default(),
         event_streams: PermitPool::new(limits.event_streams, limits.event_streams_per_sender),
         rates,
-        readiness: crate::app::readiness::Readiness::default(),
         metrics,
         openapi: openapi.to_json().expect("the document is JSON").into(),
     });

@@ -12,7 +12,6 @@ use super::extract::conditional::Documents;
 use super::extract::idempotency::InFlight;
 use super::middleware::rates::Rates;
 use crate::app::App;
-use crate::app::readiness::Readiness;
 use crate::fair::PermitPool;
 
 /// A handle to the state that handlers share. It is a single pointer, because every request clones it several times.
@@ -54,8 +53,6 @@ pub struct Shared {
     pub event_feed: EventFeed,
     /// Rate limiter for requests.
     pub rates: Arc<Rates>,
-    /// Latest result of probing the database.
-    pub readiness: Readiness,
     /// Renderer of the Prometheus metrics.
     pub metrics: PrometheusHandle,
     /// The OpenAPI document, as JSON.

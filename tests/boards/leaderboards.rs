@@ -93,6 +93,21 @@ async fn rows_are_ordered_compared_and_told_in_every_form() {
     assert_eq!([&told["common"], &told["both"], &told["p_value"]], [&json!(25), &json!(23), &json!(0.5)]);
     assert_eq!((told["only_a"].as_array().unwrap().len(), told["only_b"].as_array().unwrap().len()), (2, 0));
     service.get(&format!("{path}/compare?a={best}&b=nobody")).await.faults(404);
+
+    // The links of the page keep its filters; order and page are none.
+    let page = service.get(&format!("/boards/{SUITE}?provenance=self-reported&sort=shape&limit=2")).await.text;
+    assert!(page.contains("3 runs that match"), "{page}");
+    let links = page.split("href=\"").filter(|part| part.starts_with(&format!("/boards/{SUITE}?")));
+    let links: Vec<&str> = links.map(|part| part.split('"').next().unwrap()).collect();
+    assert_eq!(links.len(), 12, "eleven columns and the next page: {links:?}");
+    assert!(
+        links.iter().all(|link| link.contains("provenance=self-reported") && link.contains("limit=2")),
+        "{links:?}"
+    );
+    let sorted = service.get(&format!("/boards/{SUITE}?sort=shape&order=asc&agent=&coverage=")).await.text;
+    assert!(sorted.contains("3 runs.") && !sorted.contains("that match"), "{sorted}");
+    let none = service.get(&format!("/boards/{SUITE}?coverage=incomplete")).await.text;
+    assert!(none.contains("No finished runs match the filters"), "{none}");
 }
 
 #[tokio::test]
@@ -208,6 +223,17 @@ async fn empty_runs_spoil_no_places() {
         (&json!(24), &json!(1), &json!(1))
     );
     assert_eq!(board["rows"][0]["places"], json!({ "first": 1, "last": 1 }));
+    // Also beside another: the skipped problems are common to both, and failed.
+    let compared = format!("compare?a={}&b={run}", board["rows"][1]["run"].as_str().unwrap());
+    let told = service.get(&format!("{path}/{compared}")).await.json();
+    let solved_by_both = told["both"].as_u64().unwrap();
+    let (only_a, only_b) = (told["only_a"].as_array().unwrap().len(), told["only_b"].as_array().unwrap().len());
+    assert_eq!(
+        (told["common"].as_u64(), only_a as u64 + solved_by_both, only_b as u64 + solved_by_both),
+        (Some(25), 5, 1)
+    );
+    let page = service.get(&format!("/boards/{SUITE}/{compared}")).await.text;
+    assert!(page.contains("Of the 25 problems"), "{page}");
 }
 
 #[tokio::test]

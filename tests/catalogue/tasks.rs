@@ -18,11 +18,17 @@ async fn tasks_are_found_by_category_type_criterion_and_text() {
         ("criterion=structural_stability", 21),
         ("criterion=structural_stability&category=civil-engineering", 9),
         ("text=sea_lantern", 9),
+        ("text=SEA_Lantern", 9),
         ("suite=mineceraft-lite&category=structural-elements", 7),
     ] {
         let page = service.get(&format!("/v1/tasks?limit=1&{query}")).await.json();
         assert_eq!((&page["total"], page["suite"].as_str().unwrap().ends_with("@2")), (&json!(total), true), "{query}");
     }
+    // The search on the page ignores case too.
+    let page = service.get("/suites/mineceraft/tasks?text=SEA_Lantern").await.text;
+    assert!(page.contains("9 tasks"), "{page}");
+    let page = service.get("/suites/mineceraft/tasks?text=Walls/5x1x5-RAISE").await.text;
+    assert!(page.contains(">walls/5x1x5-raise</a>") && !page.contains("walls/5x1x5-courses"), "{page}");
     let unknown = service.get("/v1/tasks?category=towers").await;
     assert_eq!(unknown.status, StatusCode::BAD_REQUEST);
     assert!(unknown.text.contains("civil-engineering"), "{}", unknown.text);

@@ -1,7 +1,9 @@
-//! Submissions: reading, checking against their tasks, and acceptance.
+//! Submissions: reading bodies, checking against their tasks, acceptance; reading and cancelling what is stored.
 
 pub mod accept;
+pub mod cancel;
 pub mod decision;
 pub mod log_member;
 pub mod posted;
+pub mod read;
 pub mod stress;

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::read;
 use crate::app::App;
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::limits::LIMITS;
@@ -19,6 +20,19 @@ pub struct StressedStructure {
     pub field: Arc<Field>,
 }
 
+/// Returns the turn of a submission after which stress is asked for; the last one by default.
+///
+/// # Errors
+/// Returns an error if the log has no such turn.
+pub fn turn_of(row: &SubmissionRow, asked: Option<usize>) -> AppResult<usize> {
+    let turns = row.turns as usize;
+    let turn = asked.unwrap_or(turns);
+    if (1..=turns).contains(&turn) {
+        return Ok(turn);
+    }
+    Err(AppError::not_found(format!("there is no turn {turn}; the log has {turns}")))
+}
+
 /// Computes the stress field of a stored submission after one of its turns, or returns the cached one.
 ///
 /// # Errors
@@ -34,8 +48,7 @@ pub async fn of_submission(
     let key = (Box::from(row.log_hash.as_str()), turn, method);
     // Admitted before the log is read: with many requests, replaying large logs would itself be too much work.
     let permit = app.stress.admit(&key, who)?;
-    let log = app.store.log_json(&row.id).await?;
-    let log = log.ok_or_else(|| AppError::not_found(format!("there is no submission {:?}", row.id)))?;
+    let log = read::log(app, &row.id).await?;
     let replaying = tokio::task::spawn_blocking(move || structure_after(&log, turn));
     let structure = Arc::new(replaying.await.map_err(|error| AppError::internal(&error))??);
     let field = app.stress.field(key, &structure, permit, who, &app.stop).await?;

@@ -5,13 +5,12 @@ use std::time::Duration;
 
 use axum::response::sse::Event;
 use tokio::sync::broadcast;
-use tokio_util::sync::CancellationToken;
 
+use crate::app::App;
+use crate::app::accounts::events::{EventsRead, after, ends, last};
+use crate::store::StoreResult;
 use crate::store::events::{EventRow, EventsOf};
-use crate::store::{Store, StoreResult};
 
-/// Maximum number of events per read.
-const PAGE: i64 = 500;
 /// Polling interval for events that another process has written.
 const LOOK: Duration = Duration::from_secs(1);
 /// Pause before reading after a notification, so that thousands of events per second need few reads.
@@ -35,30 +34,30 @@ pub struct Batch {
 pub struct EventFeed(broadcast::Sender<Arc<Batch>>);
 
 impl EventFeed {
-    /// Starts the task that reads events until `stop` is cancelled. `write` turns a stored event into the one to send.
+    /// Starts the task that reads events until the service stops. `write` turns a stored event into the one to send.
     #[must_use]
-    pub fn start(store: Store, stop: CancellationToken, write: fn(&Store, &EventRow) -> Option<Event>) -> Self {
+    pub fn start(app: Arc<App>, write: fn(&App, &EventRow) -> Option<Event>) -> Self {
         let (sender, _) = broadcast::channel(BEHIND);
         let feed = Self(sender.clone());
         tokio::spawn(async move {
-            let mut last = None;
-            while !stop.is_cancelled() {
-                let ended = store.ends().notified();
+            let mut read_to = None;
+            while !app.stop.is_cancelled() {
+                let ended = ends(&app).notified();
                 tokio::pin!(ended);
                 ended.as_mut().enable();
                 // Without streams there is nothing to read.
                 let read = if sender.receiver_count() == 0 {
-                    last = None;
+                    read_to = None;
                     Ok(false)
                 } else {
-                    read(&store, &sender, &mut last, write).await
+                    read(&app, &sender, &mut read_to, write).await
                 };
                 match read {
                     Ok(true) => {}
                     Ok(false) => tokio::select! {
                         () = ended => tokio::time::sleep(GATHER).await,
                         () = tokio::time::sleep(LOOK) => {}
-                        () = stop.cancelled() => {}
+                        () = app.stop.cancelled() => {}
                     },
                     Err(error) => {
                         tracing::warn!(%error, "could not read events");
@@ -79,26 +78,25 @@ impl EventFeed {
 
 /// Reads the new events and broadcasts them; returns whether there may be more.
 async fn read(
-    store: &Store,
+    app: &App,
     sender: &broadcast::Sender<Arc<Batch>>,
-    last: &mut Option<i64>,
-    write: fn(&Store, &EventRow) -> Option<Event>,
+    read_to: &mut Option<i64>,
+    write: fn(&App, &EventRow) -> Option<Event>,
 ) -> StoreResult<bool> {
-    let after = if let Some(after) = *last {
-        after
+    let from = if let Some(from) = *read_to {
+        from
     } else {
-        let after = store.last_event().await?;
+        let from = last(app).await?;
         // Makes each stream that last read the store before this point read it again.
-        let _ = sender.send(Arc::new(Batch { after, to: after, events: Vec::new() }));
-        after
+        let _ = sender.send(Arc::new(Batch { after: from, to: from, events: Vec::new() }));
+        from
     };
-    *last = Some(after);
-    let rows = store.events(&EventsOf::Everything, after, PAGE).await?;
+    *read_to = Some(from);
+    let EventsRead { rows, is_full } = after(app, &EventsOf::Everything, from).await?;
     let Some(to) = rows.last().map(|row| row.id) else { return Ok(false) };
-    let is_full = rows.len() as i64 == PAGE;
-    let events = rows.into_iter().filter_map(|row| write(store, &row).map(|event| (row, event))).collect();
-    *last = Some(to);
+    let events = rows.into_iter().filter_map(|row| write(app, &row).map(|event| (row, event))).collect();
+    *read_to = Some(to);
     // Sending fails if all streams have ended meanwhile.
-    let _ = sender.send(Arc::new(Batch { after, to, events }));
+    let _ = sender.send(Arc::new(Batch { after: from, to, events }));
     Ok(is_full)
 }

@@ -13,20 +13,17 @@ use serde::{Deserialize, Serialize};
 use tokio::sync::broadcast;
 
 use super::event_feed::Batch;
+use crate::app::App;
+use crate::app::accounts::events::{Beginning, EventsRead, after, begin, last, task_of};
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::clock::rfc3339;
 use crate::fair::Permit;
 use crate::http::extract::caller::Reader;
-use crate::http::extract::params;
 use crate::http::extract::params::Params;
 use crate::http::state::AppState;
+use crate::store::StoreResult;
 use crate::store::events::{EventRow, EventsOf};
-use crate::store::states::RunState;
-use crate::store::states::SubmissionState;
-use crate::store::{Store, StoreResult};
 
-/// Maximum number of events per read.
-const PAGE: i64 = 500;
 /// Interval of keep-alive comments on an idle stream.
 const ALIVE: Duration = Duration::from_secs(15);
 
@@ -118,24 +115,7 @@ pub async fn get_events(
             Some(id.ok_or_else(|| bad("Last-Event-ID: expected the identifier of an event"))?)
         }
     };
-    let of = match (query.run, query.submission) {
-        (Some(_), Some(_)) => return Err(params::wrong("submission", "run and submission cannot be combined")),
-        (Some(id), None) if state.store.run(&id).await?.is_none() => {
-            return Err(AppError::not_found(format!("there is no run {id:?}")));
-        }
-        (None, Some(id)) if state.store.submission(&id).await?.is_none() => {
-            return Err(AppError::not_found(format!("there is no submission {id:?}")));
-        }
-        (Some(id), None) => EventsOf::Run(id),
-        (None, Some(id)) => EventsOf::Submission(id),
-        (None, None) => EventsOf::Everything,
-    };
-    let has_ended = has_ended(&state, &of).await?;
-    let after = match (seen, &of) {
-        (Some(seen), _) => seen,
-        (None, EventsOf::Everything) => state.store.last_event().await?,
-        (None, _) => 0,
-    };
+    let Beginning { of, after, has_ended } = begin(&state, query.run, query.submission, seen).await?;
     let place = state.event_streams.take(&who);
     let place = place.map_err(|_| AppError::too_many("too many event streams are open; try again in a moment"))?;
     let feed = state.event_feed.follow();
@@ -157,33 +137,13 @@ pub async fn get_events(
     Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(ALIVE)).into_response())
 }
 
-/// Returns whether the followed run or submission has already ended.
-async fn has_ended(state: &AppState, of: &EventsOf) -> AppResult<bool> {
-    Ok(match of {
-        EventsOf::Everything => false,
-        EventsOf::Run(id) => {
-            let run = state.store.run(id).await?;
-            run.is_some_and(|run| matches!(run.state, RunState::Finished | RunState::Deleted))
-        }
-        EventsOf::Submission(id) => {
-            let found = state.store.submission(id).await?;
-            found.is_some_and(|found| !matches!(found.state, SubmissionState::Queued | SubmissionState::Grading))
-        }
-    })
-}
-
 /// Converts a stored event into the one to send; returns `None` if it cannot be serialized.
-pub fn written(store: &Store, row: &EventRow) -> Option<Event> {
+pub fn written(app: &App, row: &EventRow) -> Option<Event> {
     let name = if row.submission_id.is_some() { "submission" } else { "run" };
-    let number = row.task_number.and_then(|number| u32::try_from(number).ok());
-    let task = row.suite_id.as_deref().zip(number).and_then(|(suite, number)| {
-        let entry = store.catalogue().suite(suite).cloned()?;
-        Some(entry.task_numbered(number)?.0.id.clone())
-    });
     let body = EventBody {
         suite: row.suite_id.clone(),
-        task,
-        number,
+        task: task_of(app, row),
+        number: row.task_number.and_then(|number| u32::try_from(number).ok()),
         run: row.run_id.clone(),
         submission: row.submission_id.clone(),
         state: row.state.clone(),
@@ -255,14 +215,14 @@ impl Following {
 
     async fn look(&mut self) -> StoreResult<()> {
         // Reads the last identifier first: events added meanwhile may be read twice but are sent once.
-        let end = self.state.store.last_event().await?;
-        let rows = self.state.store.events(&self.of, self.after, PAGE).await?;
-        if (rows.len() as i64) < PAGE {
+        let end = last(&self.state).await?;
+        let EventsRead { rows, is_full } = after(&self.state, &self.of, self.after).await?;
+        if !is_full {
             self.seen = Some(end);
         }
         // The client has already received the last event.
         self.is_over |= rows.is_empty() && self.has_ended;
-        let written = rows.into_iter().filter_map(|row| written(&self.state.store, &row).map(|event| (row, event)));
+        let written = rows.into_iter().filter_map(|row| written(&self.state, &row).map(|event| (row, event)));
         self.read = written.collect();
         Ok(())
     }

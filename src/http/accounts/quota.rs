@@ -5,12 +5,11 @@ use axum::extract::State;
 use serde::{Deserialize, Serialize};
 
 use crate::app::access::Caller;
+use crate::app::accounts::quota::{QuotaPage, quota};
 use crate::app::error::AppResult;
 use crate::clock::rfc3339;
-use crate::http::catalogue::tasks::page_items;
 use crate::http::extract::params::Params;
 use crate::http::state::AppState;
-use crate::store::keys::Scope;
 use crate::store::quota::QuotaEntry;
 
 /// Query of a quota.
@@ -99,6 +98,35 @@ impl From<QuotaEntry> for QuotaEntryBody {
     }
 }
 
+impl QuotaBody {
+    /// Body for a caller without an owner, for whom nothing is counted.
+    const NOTHING: Self = Self {
+        owner: None,
+        granted: None,
+        used_before_first_grant: 0,
+        reserved: 0,
+        charged: 0,
+        left: None,
+        entries: Vec::new(),
+        next_before: None,
+    };
+}
+
+impl From<QuotaPage> for QuotaBody {
+    fn from(QuotaPage { quota, entries }: QuotaPage) -> Self {
+        Self {
+            left: quota.left(),
+            owner: Some(quota.owner),
+            granted: quota.granted,
+            used_before_first_grant: quota.used_before,
+            reserved: quota.reserved,
+            charged: quota.charged,
+            next_before: entries.next(|entry| entry.id),
+            entries: entries.items.into_iter().map(QuotaEntryBody::from).collect(),
+        }
+    }
+}
+
 /// Returns the quota of the caller's owner and its ledger. A submission is reserved when it is accepted, charged when
 /// its report is released, and refunded if it ends without a report because of any failure or a cancellation.
 /// `/v1/grade` and `/v1/validate` are not counted.
@@ -119,39 +147,9 @@ pub async fn get_quota(
     caller: Caller,
     Params(query): Params<QuotaQuery>,
 ) -> AppResult<Json<QuotaBody>> {
-    let items = page_items(query.limit, 100)?;
-    let own = caller.owner().map(str::to_owned);
-    if query.owner.is_some() && query.owner != own {
-        caller.require(Scope::Admin)?;
-    }
-    let Some(owner) = query.owner.or(own) else {
-        let nothing = QuotaBody {
-            owner: None,
-            granted: None,
-            used_before_first_grant: 0,
-            reserved: 0,
-            charged: 0,
-            left: None,
-            entries: Vec::new(),
-            next_before: None,
-        };
-        return Ok(Json(nothing));
-    };
-    let quota = state.store.quota(&owner).await?;
-    let before = query.before.unwrap_or(i64::MAX);
-    let mut entries = state.store.quota_entries(&owner, before, items as i64 + 1).await?;
-    let has_more = entries.len() > items;
-    entries.truncate(items);
-    let next_before = entries.last().filter(|_| has_more).map(|entry| entry.id);
-    let left = quota.left();
-    Ok(Json(QuotaBody {
-        owner: Some(quota.owner),
-        granted: quota.granted,
-        used_before_first_grant: quota.used_before,
-        reserved: quota.reserved,
-        charged: quota.charged,
-        left,
-        entries: entries.into_iter().map(QuotaEntryBody::from).collect(),
-        next_before,
+    let QuotaQuery { owner, before, limit } = query;
+    Ok(Json(match quota(&state, &caller, owner, before, limit).await? {
+        Some(page) => page.into(),
+        None => QuotaBody::NOTHING,
     }))
 }

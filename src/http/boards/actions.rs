@@ -8,18 +8,15 @@ use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
 
 use crate::app::access::Caller;
+use crate::app::boards::actions::{Action, HideOrRestore, act};
+use crate::app::boards::news::{News, news};
+use crate::app::boards::read;
 use crate::app::error::{AppError, AppResult};
-use crate::clock::{now_ms, rfc3339};
+use crate::clock::rfc3339;
 use crate::http::extract::body::{JsonBody, read_json};
 use crate::http::state::AppState;
-use crate::store::boards::{Acted, ActionRow};
+use crate::store::boards::ActionRow;
 use crate::store::keys::Scope;
-use plumbline_engine::intake::Faults;
-
-/// Maximum length of a reason, in characters.
-const REASON_CHARS: usize = 500;
-/// Maximum number of entries in a feed.
-const FEED_ENTRIES: usize = 100;
 
 /// Kind of an action on a row.
 #[derive(Debug, utoipa::ToSchema, serde::Serialize)]
@@ -63,6 +60,12 @@ impl From<&ActionRow> for BoardAction {
     }
 }
 
+impl From<Action> for BoardAction {
+    fn from(Action { run, kind, actor, reason, at_ms }: Action) -> Self {
+        Self { run, action: kind.name().to_owned(), actor, reason, at: rfc3339(at_ms) }
+    }
+}
+
 /// All actions on the rows of a board.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct BoardActions {
@@ -84,8 +87,7 @@ pub async fn list_board_actions(
     State(state): State<AppState>,
     Path(suite): Path<String>,
 ) -> AppResult<Json<BoardActions>> {
-    let entry = state.suite(&suite).await?;
-    let board = state.boards.of(&state.store, state.least_coverage, &entry).await?;
+    let board = read::board(&state, &suite).await?;
     Ok(Json(BoardActions { actions: board.actions.iter().rev().map(BoardAction::from).collect() }))
 }
 
@@ -99,16 +101,6 @@ pub struct NewBoardAction {
     /// Reason for the action; it is public.
     #[schema(min_length = 1, max_length = 500)]
     reason: String,
-}
-
-/// Action that a request may ask for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum HideOrRestore {
-    /// Removes the row from the board.
-    Hide,
-    /// Shows a hidden row again.
-    Restore,
 }
 
 /// Hides a finished run from its board, or shows it again. Requires the scope `admin`; the actor and the reason are
@@ -131,27 +123,10 @@ pub async fn create_board_action(
     Path(id): Path<String>,
     body: JsonBody,
 ) -> AppResult<Json<BoardAction>> {
+    // A caller without the scope is refused before the body is read.
     caller.require(Scope::Admin)?;
     let new: NewBoardAction = read_json(&body)?;
-    if new.reason.trim().is_empty() || new.reason.chars().count() > REASON_CHARS {
-        let mut faults = Faults::new();
-        faults.add_at("reason", format!("expected 1 to {REASON_CHARS} characters"));
-        return Err(AppError::faulty(faults));
-    }
-    let actor = caller.owner().unwrap_or("anybody").to_owned();
-    let hide = new.action == HideOrRestore::Hide;
-    let (reason, now) = (new.reason.trim().to_owned(), now_ms());
-    match state.store.act_on_row(&id, hide, &actor, &reason, now).await? {
-        Acted::Done => {
-            let action = if hide { "hide" } else { "restore" }.to_owned();
-            Ok(Json(BoardAction { run: id, action, actor, reason, at: rfc3339(now) }))
-        }
-        Acted::Already => {
-            let detail = if hide { "the row is already hidden" } else { "the row is not hidden" };
-            Err(AppError::conflict("already-so", detail))
-        }
-        Acted::NoSuchRow => Err(AppError::not_found(format!("there is no finished run {id:?}"))),
-    }
+    Ok(Json(act(&state, &caller, id, new.action, &new.reason).await?.into()))
 }
 
 /// An entry of the feed.
@@ -170,6 +145,31 @@ struct Feed {
     host: String,
     updated: String,
     entries: Vec<Entry>,
+}
+
+impl From<News> for Entry {
+    fn from(news: News) -> Self {
+        let (id, at_ms) = (format!("urn:plumbline:{}", news.name()), news.at_ms());
+        match news {
+            News::Finished(row) => {
+                let rate = row.rate().map_or_else(|| "n/a".to_owned(), |rate| format!("{:.1} %", rate * 100.0));
+                Self {
+                    id,
+                    title: format!("{}: {rate} overall", row.agent),
+                    text: format!("A run finished with {} problems solved.", row.summary.problem_level.overall.pass),
+                    at_ms,
+                    link: format!("/runs/{}", row.run),
+                }
+            }
+            News::Acted(action) => Self {
+                id,
+                title: format!("{} by {}", action.action, action.actor),
+                link: format!("/runs/{}", action.run_id),
+                text: action.reason,
+                at_ms,
+            },
+        }
+    }
 }
 
 impl Entry {
@@ -193,31 +193,11 @@ pub async fn get_board_feed(
     Path(suite): Path<String>,
     headers: HeaderMap,
 ) -> AppResult<Response> {
-    let entry = state.suite(&suite).await?;
-    let board = state.boards.of(&state.store, state.least_coverage, &entry).await?;
-    let finished = board.rows.all.iter().map(|row| {
-        let rate = row.rate().map_or_else(|| "n/a".to_owned(), |rate| format!("{:.1} %", rate * 100.0));
-        Entry {
-            id: format!("urn:plumbline:run:{}", row.run),
-            title: format!("{}: {rate} overall", row.agent),
-            text: format!("A run finished with {} problems solved.", row.summary.problem_level.overall.pass),
-            at_ms: row.finished_at_ms,
-            link: format!("/runs/{}", row.run),
-        }
-    });
-    let done = board.actions.iter().map(|action| Entry {
-        id: format!("urn:plumbline:board-action:{}", action.id),
-        title: format!("{} by {}", action.action, action.actor),
-        text: action.reason.clone(),
-        at_ms: action.at_ms,
-        link: format!("/runs/{}", action.run_id),
-    });
-    let mut entries: Vec<Entry> = finished.chain(done).collect();
-    entries.sort_by(|a, b| b.at_ms.cmp(&a.at_ms).then_with(|| a.id.cmp(&b.id)));
-    entries.truncate(FEED_ENTRIES);
+    let board = read::board(&state, &suite).await?;
+    let entries: Vec<Entry> = news(&board).into_iter().map(Entry::from).collect();
     let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
     let feed = Feed {
-        suite: entry.suite.id(),
+        suite: board.entry.suite.id(),
         host: named.unwrap_or("localhost").to_owned(),
         updated: rfc3339(entries.first().map_or(0, |entry| entry.at_ms)),
         entries,

@@ -2,6 +2,8 @@
 
 use serde::Serialize;
 
+use crate::app::boards::leaderboard::{BoardPage, Row};
+use crate::clock::rfc3339;
 use crate::http::runs::body::RunProvenance;
 use plumbline_engine::grading::statistics::interval::Interval;
 use plumbline_engine::grading::statistics::ranks::RankRange;
@@ -51,6 +53,31 @@ pub struct BoardRow {
     pub finished_at: String,
 }
 
+impl From<Row> for BoardRow {
+    fn from(row: Row) -> Self {
+        let Row { standing, rank, places, coverage, attempts, similar_to } = row;
+        let levels = &standing.summary.problem_level;
+        Self {
+            rank,
+            places,
+            run: standing.run.clone(),
+            agent: standing.agent.clone(),
+            overall: levels.overall,
+            interval: standing.interval,
+            accuracy: levels.per.accuracy,
+            problems: levels.per,
+            checks: standing.summary.check_level,
+            graded: standing.summary.graded,
+            coverage,
+            skipped: standing.skipped(),
+            attempts,
+            provenance: standing.provenance.clone(),
+            similar_to,
+            finished_at: rfc3339(standing.finished_at_ms),
+        }
+    }
+}
+
 /// A page of a leaderboard.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct BoardBody {
@@ -76,4 +103,20 @@ pub struct BoardBody {
     pub next_after: Option<String>,
     /// Results on this suite that others report; they were not graded by this service.
     pub reported: Vec<ReportedRow>,
+}
+
+impl From<BoardPage> for BoardBody {
+    fn from(page: BoardPage) -> Self {
+        let suite = &page.board.entry.suite;
+        Self {
+            suite: suite.id(),
+            tasks: suite.tasks.len(),
+            total: page.total,
+            minimum_coverage: page.board.least_coverage,
+            incomplete: page.incomplete,
+            rows: page.rows.into_iter().map(BoardRow::from).collect(),
+            next_after: page.next_after,
+            reported: page.reported,
+        }
+    }
 }

@@ -4,13 +4,12 @@ use axum::Json;
 use axum::extract::{Path, State};
 use serde::{Deserialize, Serialize};
 
-use crate::app::error::{AppError, AppResult, Kind};
+use crate::app::catalogue::suites::draw;
+use crate::app::error::AppResult;
 use crate::http::extract::params::Params;
 use crate::http::state::AppState;
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::tasks::Suite;
-use plumbline_engine::tasks::embedded;
-use plumbline_engine::tasks::embedded::LITE_SUFFIX;
 
 /// Summary of a suite.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -127,7 +126,7 @@ impl SuiteBody {
     )
 )]
 pub async fn list_suites(State(state): State<AppState>) -> AppResult<Json<SuiteList>> {
-    let catalogue = state.store.current_catalogue().await?;
+    let catalogue = state.current_catalogue().await?;
     Ok(Json(SuiteList { suites: catalogue.suites().iter().map(|entry| SuiteBody::of(&entry.suite)).collect() }))
 }
 
@@ -145,14 +144,8 @@ pub async fn get_suite(
     Path(suite): Path<String>,
     Params(query): Params<DrawQuery>,
 ) -> AppResult<Json<SuiteBody>> {
-    let entry = state.suite(&suite).await?;
-    let Some(seed) = query.seed else { return Ok(Json(SuiteBody::of(&entry.suite))) };
-    let Some(full) = entry.suite.name.strip_suffix(LITE_SUFFIX) else {
-        let detail = format!("seed applies only to Lite suites; {} is not a Lite suite", entry.suite.id());
-        return Err(AppError::new(Kind::BadRequest, detail));
-    };
-    let full = state.suite(&format!("{full}@{}", entry.suite.version)).await?;
-    let lite = embedded::lite(&full.suite, seed);
+    let Some(seed) = query.seed else { return Ok(Json(SuiteBody::of(&state.suite(&suite).await?.suite))) };
+    let lite = draw(&state, &suite, seed).await?;
     let drawn = lite.tasks.iter().map(|task| DrawnTask { id: task.id.clone(), number: task.number }).collect();
     Ok(Json(SuiteBody { seed: Some(seed), drawn: Some(drawn), ..SuiteBody::of(&lite) }))
 }

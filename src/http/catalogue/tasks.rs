@@ -1,25 +1,20 @@
 //! `/v1/tasks`: tasks with their instructions and checks.
 
-use std::collections::BTreeSet;
-
 use axum::extract::{Path, State};
 use axum::http::HeaderMap;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::app::error::{AppError, AppResult};
-use crate::app::limits::LIMITS;
-use crate::app::submissions::posted::near_tasks;
+use crate::app::catalogue::tasks::{self, FoundTask, TaskFilter};
+use crate::app::error::AppResult;
+pub use crate::app::paging::page_items;
 use crate::http::extract::conditional::tagged_json;
-use crate::http::extract::params;
 use crate::http::extract::params::Params;
 use crate::http::state::AppState;
-use crate::near::did_you_mean;
 use plumbline_engine::checks::{Check, Criterion};
-use plumbline_engine::tasks::embedded::FULL;
+use plumbline_engine::tasks::Task;
 use plumbline_engine::tasks::family::Category;
-use plumbline_engine::tasks::{Suite, Task};
 
 /// Summary of a task in a list.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -171,43 +166,11 @@ pub struct SuiteQuery {
     suite: Option<String>,
 }
 
-/// Returns the number of items on a page: `limit`, or `default` without one.
-///
-/// # Errors
-/// Returns an error (400) if `limit` is out of range.
-pub fn page_items(limit: Option<u32>, default: u32) -> AppResult<usize> {
-    let items = limit.unwrap_or(default);
-    if (1..=LIMITS.page_items).contains(&items) {
-        return Ok(items as usize);
+impl From<TaskQuery> for TaskFilter {
+    fn from(query: TaskQuery) -> Self {
+        let TaskQuery { suite, family, category, kind, criterion, text, after, limit } = query;
+        Self { suite, family, category, kind, criterion, text, after, limit }
     }
-    Err(params::wrong("limit", format!("{items} is out of range: 1 to {}", LIMITS.page_items)))
-}
-
-/// Rejects a filter value that occurs nowhere in the suite. It is probably misspelt, and an empty page would hide that.
-fn must_be_known<'t>(name: &str, wanted: Option<&str>, known: impl Iterator<Item = &'t str>) -> AppResult<()> {
-    let Some(wanted) = wanted else { return Ok(()) };
-    let known: BTreeSet<&str> = known.collect();
-    if known.contains(wanted) {
-        return Ok(());
-    }
-    let near = did_you_mean(wanted, known.iter().copied());
-    let all: Vec<&str> = known.into_iter().collect();
-    Err(params::wrong(
-        name,
-        format!("the suite has no {wanted:?}{near} It has {}", all.join(", ")).replace("\" It", "\". It"),
-    ))
-}
-
-fn lets_through(query: &TaskQuery, task: &Task) -> bool {
-    let contains = |text: &String| {
-        let text = text.to_lowercase();
-        task.id.to_lowercase().contains(&text) || task.turns.iter().any(|t| t.prompt.to_lowercase().contains(&text))
-    };
-    query.family.as_ref().is_none_or(|family| family == task.family())
-        && query.category.is_none_or(|category| task.category == Some(category))
-        && query.kind.as_ref().is_none_or(|kind| task.kind.as_ref() == Some(kind))
-        && query.criterion.is_none_or(|criterion| task.criteria().contains(&criterion))
-        && query.text.as_ref().is_none_or(contains)
 }
 
 /// Lists the tasks of a suite by number, with filters and paging.
@@ -226,17 +189,9 @@ pub async fn list_tasks(
     headers: HeaderMap,
     Params(query): Params<TaskQuery>,
 ) -> AppResult<Response> {
-    let items = page_items(query.limit, 100)?;
-    let entry = state.suite(query.suite.as_deref().unwrap_or(FULL)).await?;
-    let suite = &entry.suite;
-    must_be_known("family", query.family.as_deref(), suite.tasks.iter().map(Task::family))?;
-    must_be_known("type", query.kind.as_deref(), suite.tasks.iter().filter_map(|task| task.kind.as_deref()))?;
-    let found: Vec<&Task> = suite.tasks.iter().filter(|task| lets_through(&query, task)).collect();
-    let after = query.after.unwrap_or(0);
-    let mut rest = found.iter().filter(|task| task.number > after);
-    let tasks: Vec<TaskSummary> = rest.by_ref().take(items).map(|task| summary(task)).collect();
-    let next_after = rest.next().and_then(|_| tasks.last().map(|task| task.number));
-    tagged_json(&headers, &TaskPage { suite: suite.id(), total: found.len(), tasks, next_after })
+    let page = tasks::list(&state, &query.into()).await?;
+    let (suite, total, next_after) = (page.entry.suite.id(), page.total, page.next_after);
+    tagged_json(&headers, &TaskPage { suite, total, tasks: page.tasks().map(summary).collect(), next_after })
 }
 
 fn summary(task: &Task) -> TaskSummary {
@@ -272,14 +227,12 @@ pub async fn get_task(
     headers: HeaderMap,
     Params(query): Params<SuiteQuery>,
 ) -> AppResult<Response> {
-    let entry = state.suite(query.suite.as_deref().unwrap_or(FULL)).await?;
-    let id = format!("{family}/{instance}");
-    let missing = || AppError::not_found(format!("{} has no task {id:?}{}", entry.suite.id(), near_tasks(&entry, &id)));
-    let (task, hash) = entry.task(&id).ok_or_else(missing)?;
-    tagged_json(&headers, &body(&entry.suite, task, hash))
+    let found = tasks::with_id(&state, query.suite.as_deref(), &format!("{family}/{instance}")).await?;
+    tagged_json(&headers, &body(&found))
 }
 
-fn body(suite: &Suite, task: &Task, hash: &str) -> TaskBody {
+fn body(found: &FoundTask) -> TaskBody {
+    let task = found.task();
     TaskBody {
         id: task.id.clone(),
         number: task.number,
@@ -287,8 +240,8 @@ fn body(suite: &Suite, task: &Task, hash: &str) -> TaskBody {
         category: task.category,
         kind: task.kind.clone(),
         parameters: Value::Object(task.parameters.clone()),
-        suite: suite.id(),
-        hash: hash.to_owned(),
+        suite: found.entry.suite.id(),
+        hash: found.hash().to_owned(),
         criteria: task.criteria(),
         turns: task
             .turns

@@ -72,7 +72,7 @@ pub async fn identify(state: &AppState, request: &mut Request) -> Result<Sender,
             if !state.keys.knows(&sent) {
                 state.rates.looking_up(peer, request.headers())?;
             }
-            match state.keys.live(&state.store, &sent).await? {
+            match state.live_key(&sent).await? {
                 Some(key)
                     if is_in_path && key.scopes.iter().any(|scope| !matches!(scope, Scope::Grade | Scope::Read)) =>
                 {

@@ -4,7 +4,7 @@ use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
 use serde::de::DeserializeOwned;
 
-use crate::app::error::{AppError, AppResult, FaultBody, Kind};
+use crate::app::error::{AppError, AppResult, FaultBody};
 use crate::app::limits::LIMITS;
 use crate::near::did_you_mean;
 use plumbline_engine::intake::Faults;
@@ -46,25 +46,7 @@ pub fn read<T: DeserializeOwned>(query: &str) -> AppResult<T> {
         let name = whole.split('`').nth(1).unwrap_or_default().to_owned();
         faults.push(fault(&name, "", &whole));
     }
-    Err(faulty(faults))
-}
-
-/// Returns a 400 error with a fault for one parameter.
-pub fn wrong(name: &str, detail: impl Into<String>) -> AppError {
-    faulty(vec![FaultBody {
-        line: None,
-        pointer: String::new(),
-        parameter: Some(name.to_owned()),
-        detail: detail.into(),
-    }])
-}
-
-fn faulty(faults: Vec<FaultBody>) -> AppError {
-    let told: Vec<String> = faults
-        .iter()
-        .map(|fault| format!("{}: {}", fault.parameter.as_deref().unwrap_or_default(), fault.detail))
-        .collect();
-    AppError::new(Kind::InvalidQuery, told.join("; ")).with_fault_list(faults)
+    Err(AppError::invalid_query(faults))
 }
 
 fn fault(name: &str, value: &str, detail: &str) -> FaultBody {

@@ -5,29 +5,33 @@ use axum::extract::{Path, RawQuery, State};
 use serde::Deserialize;
 
 use super::html::{self, PageResult};
-use crate::app::error::AppError;
+use crate::app::boards::breakdown::{GroupBy, of_rows};
+use crate::app::boards::comparison::compare;
+use crate::app::boards::leaderboard::{CoverageFilter, Direction, Selection, SortBy, page as rows_of};
+use crate::app::boards::read;
 use crate::http::boards::body::{BoardBody, BoardRow};
-use crate::http::boards::comparisons::{Breakdown, ComparedTask, Comparison, GroupBy, breakdown, compare};
-use crate::http::boards::leaderboard::{BoardQuery, CoverageFilter, Direction, page as rows_of};
+use crate::http::boards::comparisons::{Breakdown, ComparedTask, Comparison};
+use crate::http::boards::leaderboard::BoardQuery;
 use crate::http::extract::params;
+use crate::http::runs::body::RunProvenance;
 use crate::http::state::AppState;
 use plumbline_engine::grading::statistics::comparison::fisher;
 use plumbline_engine::grading::statistics::ranks::{range, threshold};
 use plumbline_engine::tasks::reported::ReportedRow;
 
-/// Columns that a board can be sorted by: key and displayed name.
-const COLUMNS: [(&str, &str); 11] = [
-    ("overall", "overall"),
-    ("accuracy", "accuracy"),
-    ("material", "material"),
-    ("shape", "shape"),
-    ("size", "size"),
-    ("physical_plausibility", "plausibility"),
-    ("dependency", "dependency"),
-    ("structural_stability", "mean stability"),
-    ("efficiency", "mean efficiency"),
-    ("coverage", "coverage"),
-    ("finished", "finished"),
+/// Columns that a board can be sorted by: value, its name in queries, and displayed name.
+const COLUMNS: [(SortBy, &str, &str); 11] = [
+    (SortBy::Overall, "overall", "overall"),
+    (SortBy::Accuracy, "accuracy", "accuracy"),
+    (SortBy::Material, "material", "material"),
+    (SortBy::Shape, "shape", "shape"),
+    (SortBy::Size, "size", "size"),
+    (SortBy::PhysicalPlausibility, "physical_plausibility", "plausibility"),
+    (SortBy::Dependency, "dependency", "dependency"),
+    (SortBy::StructuralStability, "structural_stability", "mean stability"),
+    (SortBy::Efficiency, "efficiency", "mean efficiency"),
+    (SortBy::Coverage, "coverage", "coverage"),
+    (SortBy::Finished, "finished", "finished"),
 ];
 /// Number of rows on a page.
 const ROWS: u32 = 50;
@@ -58,12 +62,14 @@ struct BoardPage {
     body: BoardBody,
     incomplete: Vec<BoardRow>,
     columns: Vec<Column>,
-    sort: String,
+    sort: &'static str,
     is_ascending: bool,
     direction: &'static str,
     agent: String,
+    provenance: &'static str,
+    lists_incomplete: bool,
     as_of: String,
-    query_text: String,
+    is_filtered: bool,
     next: Option<String>,
     tables: Vec<Table>,
     reported: Vec<Reported>,
@@ -89,60 +95,100 @@ pub async fn board(State(state): State<AppState>, Path(suite): Path<String>, Raw
         .filter(|(_, value)| !value.is_empty())
         .collect();
     let filled = form_urlencoded::Serializer::new(String::new()).extend_pairs(set).finish();
-    let mut query: BoardQuery = params::read(&filled)?;
-    query.limit = query.limit.or(Some(ROWS));
-    let entry = state.suite(&suite).await?;
-    let board = state.boards.of(&state.store, state.least_coverage, &entry).await?;
-    let body = rows_of(&board, &query)?;
-    let apart = BoardQuery { coverage: CoverageFilter::Incomplete, after: None, ..query.clone() };
-    let incomplete = match query.coverage {
+    let query: BoardQuery = params::read(&filled)?;
+    let links = Links::of(&suite, &query);
+    let (is_ascending, provenance) = (query.order == Direction::Asc, query.provenance.map_or("", RunProvenance::name));
+    let wanted = Selection { limit: query.limit.or(Some(ROWS)), ..query.into() };
+    let board = read::board(&state, &suite).await?;
+    let page = rows_of(&board, &wanted)?;
+    let apart = Selection { coverage: CoverageFilter::Incomplete, after: None, ..wanted.clone() };
+    let incomplete = match wanted.coverage {
         CoverageFilter::Complete => rows_of(&board, &apart)?.rows,
         CoverageFilter::Incomplete => Vec::new(),
     };
-    let raw = raw.unwrap_or_default();
-    let named = form_urlencoded::parse(raw.as_bytes()).find(|(name, _)| name == "sort");
-    let sort = named.map_or_else(|| "overall".to_owned(), |(_, value)| value.into_owned());
-    let is_ascending = query.order == Direction::Asc;
-    let filters = {
-        let mut filters = form_urlencoded::Serializer::new(String::new());
-        for (name, value) in [("agent", &query.agent), ("as_of", &query.as_of)] {
-            if let Some(value) = value {
-                filters.append_pair(name, value);
-            }
-        }
-        filters.finish()
-    };
-    let link = |key: &str, ascending: bool| {
-        let order = if ascending { "&order=asc" } else { "" };
-        format!("/boards/{suite}?sort={key}{order}{}{filters}", if filters.is_empty() { "" } else { "&" })
-    };
-    let columns = COLUMNS
-        .map(|(key, name)| Column { key, name, link: link(key, key == sort && !is_ascending) })
-        .into_iter()
-        .collect();
-    let next = body.next_after.as_ref().map(|after| format!("{}&after={after}", link(&sort, is_ascending)));
     let best: Vec<_> =
-        body.rows.iter().take(GROUPED_ROWS).filter_map(|row| board.standing(&row.run)).cloned().collect();
+        page.rows.iter().take(GROUPED_ROWS).filter_map(|row| board.standing(&row.standing.run)).cloned().collect();
     let tables =
         [("By criterion", GroupBy::Criterion), ("By category", GroupBy::Category), ("By family", GroupBy::Family)]
-            .map(|(title, by)| Table { title, rates: breakdown(&board, by, &best) })
+            .map(|(title, by)| Table { title, rates: of_rows(&board, by, &best).into() })
             .into_iter()
             .filter(|table| !table.rates.groups.is_empty())
             .collect();
+    let body = BoardBody::from(page);
     html::page(&BoardPage {
         reported: reported(&body.reported),
-        columns,
+        next: body.next_after.as_ref().map(|after| links.next_page(after)),
+        columns: links.columns(),
+        sort: links.sort(),
         is_ascending,
         direction: if is_ascending { "ascending" } else { "descending" },
-        agent: query.agent.unwrap_or_default(),
-        as_of: query.as_of.unwrap_or_default(),
-        query_text: raw,
-        next,
+        is_filtered: links.is_filtered(),
+        provenance,
+        lists_incomplete: wanted.coverage == CoverageFilter::Incomplete,
+        agent: wanted.agent.unwrap_or_default(),
+        as_of: wanted.as_of.unwrap_or_default(),
         tables,
-        sort,
-        incomplete,
+        incomplete: incomplete.into_iter().map(BoardRow::from).collect(),
         body,
     })
+}
+
+/// Links of a board page to itself: they keep the filters and the number of rows.
+struct Links<'q> {
+    suite: &'q str,
+    sort: SortBy,
+    order: Direction,
+    filters: Vec<(&'static str, String)>,
+    limit: Option<u32>,
+}
+
+impl<'q> Links<'q> {
+    fn of(suite: &'q str, query: &BoardQuery) -> Self {
+        let filters = [
+            ("agent", query.agent.clone()),
+            ("provenance", query.provenance.map(|provenance| provenance.name().to_owned())),
+            ("coverage", (query.coverage == CoverageFilter::Incomplete).then(|| "incomplete".to_owned())),
+            ("as_of", query.as_of.clone()),
+        ];
+        let filters = filters.into_iter().filter_map(|(name, value)| Some((name, value?))).collect();
+        Self { suite, sort: query.sort, order: query.order, filters, limit: query.limit }
+    }
+
+    /// Returns whether the page lists only some of the runs. Order and page are no filters.
+    const fn is_filtered(&self) -> bool {
+        !self.filters.is_empty()
+    }
+
+    /// Returns the name of the value by which the page is sorted.
+    fn sort(&self) -> &'static str {
+        COLUMNS.iter().find(|(by, ..)| *by == self.sort).map_or("overall", |(_, key, _)| key)
+    }
+
+    /// Returns the columns; each links to the page sorted by it, or in the other direction if it is sorted by it.
+    fn columns(&self) -> Vec<Column> {
+        let column = |(by, key, name)| {
+            let turned =
+                if by == self.sort && self.order == Direction::Desc { Direction::Asc } else { Direction::Desc };
+            Column { key, name, link: self.link(key, turned, None) }
+        };
+        COLUMNS.map(column).into()
+    }
+
+    fn next_page(&self, after: &str) -> String {
+        self.link(self.sort(), self.order, Some(after))
+    }
+
+    fn link(&self, sort: &str, order: Direction, after: Option<&str>) -> String {
+        let mut query = form_urlencoded::Serializer::new(String::new());
+        query.append_pair("sort", sort);
+        if order == Direction::Asc {
+            query.append_pair("order", "asc");
+        }
+        query.extend_pairs(&self.filters);
+        query.extend_pairs(self.limit.map(|limit| ("limit", limit.to_string())));
+        query.extend_pairs(after.map(|after| ("after", after)));
+        format!("/boards/{}?{}", self.suite, query.finish())
+    }
 }
 
 /// Ranks the reported rows among each other and formats them for the page.
@@ -211,10 +257,43 @@ pub async fn compare_runs(
     RawQuery(raw): RawQuery,
 ) -> PageResult {
     let two: Two = params::read(raw.as_deref().unwrap_or_default())?;
-    let entry = state.suite(&suite).await?;
-    let board = state.boards.of(&state.store, state.least_coverage, &entry).await?;
-    let standing = |run: &str| {
-        board.standing(run).ok_or_else(|| AppError::not_found(format!("this board has no finished run {run:?}")))
-    };
-    html::page(&ComparePage { suite: entry.suite.id(), told: compare(&board, standing(&two.a)?, standing(&two.b)?) })
+    let told = compare(&state, &suite, &two.a, &two.b).await?;
+    html::page(&ComparePage { suite: told.board.entry.suite.id(), told: told.into() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn query(text: &str) -> BoardQuery {
+        params::read(text).unwrap()
+    }
+
+    #[test]
+    fn links_keep_filters_and_number_of_rows() {
+        let filters = "agent=a+b&provenance=re-run-by-host&coverage=incomplete&as_of=2026-11-21T00%3A00%3A00Z&limit=7";
+        let shown = query(&format!("{filters}&sort=shape&order=asc&after=x"));
+        let links = Links::of("lite", &shown);
+        let columns = links.columns();
+        assert_eq!(columns[0].link, format!("/boards/lite?sort=overall&{filters}"));
+        assert_eq!(columns[3].link, format!("/boards/lite?sort=shape&{filters}"), "the other direction");
+        assert_eq!(links.next_page("y"), format!("/boards/lite?sort=shape&order=asc&{filters}&after=y"));
+        assert!(links.is_filtered());
+    }
+
+    #[test]
+    fn order_and_page_are_no_filters() {
+        let shown = query("sort=finished&order=desc&limit=5&after=x&coverage=complete");
+        let links = Links::of("lite", &shown);
+        assert!(!links.is_filtered());
+        assert_eq!(links.sort(), "finished");
+        assert_eq!(links.columns()[10].link, "/boards/lite?sort=finished&order=asc&limit=5");
+    }
+
+    #[test]
+    fn every_column_has_the_name_of_its_value() {
+        for (by, key, _) in COLUMNS {
+            assert_eq!(query(&format!("sort={key}")).sort, by);
+        }
+    }
 }

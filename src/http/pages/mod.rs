@@ -18,9 +18,9 @@ use axum::http::{HeaderMap, header};
 use axum::routing::get;
 
 use super::boards::body::BoardBody;
-use super::boards::leaderboard::{BoardQuery, page};
 use super::state::AppState;
 use crate::app::access::Openness;
+use crate::app::boards::leaderboard::best_of_all;
 use html::PageResult;
 
 /// Number of rows of each board on the home page.
@@ -59,14 +59,6 @@ struct Home {
 async fn home(State(state): State<AppState>, headers: HeaderMap) -> PageResult {
     let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
     let host = named.unwrap_or("localhost:7586").to_owned();
-    let catalogue = state.store.catalogue();
-    let mut entries: Vec<_> = catalogue.suites().to_vec();
-    // Newest versions first: new runs use them.
-    entries.sort_by_key(|entry| std::cmp::Reverse(entry.suite.version));
-    let mut boards = Vec::new();
-    for entry in entries {
-        let board = state.boards.of(&state.store, state.least_coverage, &entry).await?;
-        boards.push(page(&board, &BoardQuery { limit: Some(ROWS), ..BoardQuery::default() })?);
-    }
+    let boards = best_of_all(&state, ROWS).await?.into_iter().map(BoardBody::from).collect();
     html::page(&Home { boards, host, is_open: state.keys.open == Openness::Open })
 }

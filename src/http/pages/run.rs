@@ -5,17 +5,17 @@ use axum::extract::{Path, State};
 use axum::response::{IntoResponse as _, Redirect};
 
 use super::html::{self, PageResult};
-use crate::app::error::AppError;
+use crate::app::boards::breakdown::GroupBy;
+use crate::app::boards::tasks::TaskResult;
+use crate::app::runs::read::answer;
+use crate::app::runs::results::{TasksOfRun, results};
 use crate::clock::rfc3339;
 use crate::http::boards::body::BoardRow;
-use crate::http::boards::comparisons::{Breakdown, GroupBy, breakdown};
-use crate::http::boards::leaderboard::row_of;
+use crate::http::boards::comparisons::Breakdown;
 use crate::http::state::AppState;
 use crate::store::run_rows::RunRow;
 use crate::store::submissions::SubmissionRow;
-
-/// Greatest number of submissions shown for an open run.
-const LATEST: i64 = 1_000;
+use plumbline_engine::tasks::Task;
 
 /// A problem, shown as a small coloured square.
 struct Square {
@@ -43,69 +43,52 @@ struct RunPage {
 /// # Errors
 /// Returns a 404 error if the run does not exist.
 pub async fn run(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
-    let run = state.store.run(&id).await?.ok_or_else(|| AppError::not_found(format!("there is no run {id:?}")))?;
-    let entry = state.suite(&run.suite_id).await?;
-    let board = state.boards.of(&state.store, state.least_coverage, &entry).await?;
-    let standing = board.standing(&id).cloned();
-    let squares = match &standing {
-        Some(standing) => entry
-            .suite
-            .tasks
-            .iter()
-            .enumerate()
-            .map(|(place, task)| {
-                let (class, told) = match &standing.outcomes {
-                    o if o.is_skipped(place) => ("", "skipped"),
-                    o if !o.is_answered(place) => ("", "not answered"),
-                    o if o.is_solved(place) => ("solved", "solved"),
-                    o if o.is_accurate(place) => ("accurate", "accurate, but not solved"),
-                    _ => ("failed", "not solved"),
-                };
-                Square { number: task.number, task: task.id.clone(), class, told }
-            })
-            .collect(),
-        None => state.store.submissions_of_run(&id, 0, LATEST).await?.iter().map(square).collect(),
+    let results = results(&state, &id).await?;
+    let squares = match &results.tasks {
+        TasksOfRun::Finished(all) => {
+            results.board.entry.suite.tasks.iter().zip(all).map(|(task, result)| square(task, *result)).collect()
+        }
+        TasksOfRun::Underway(rows) => rows.iter().map(square_so_far).collect(),
     };
-    let tables = standing.iter().flat_map(|standing| {
-        [
-            ("By criterion", GroupBy::Criterion),
-            ("By category", GroupBy::Category),
-            ("By family", GroupBy::Family),
-            ("By wording", GroupBy::Wording),
-        ]
-        .map(|(title, by)| (title, breakdown(&board, by, std::slice::from_ref(standing))))
-    });
-    let own = board.actions.iter().filter(|action| action.run_id == id);
+    let tables = [
+        ("By criterion", GroupBy::Criterion),
+        ("By category", GroupBy::Category),
+        ("By family", GroupBy::Family),
+        ("By wording", GroupBy::Wording),
+    ];
+    let tables = tables.into_iter().filter_map(|(title, by)| Some((title, Breakdown::from(results.breakdown(by)?))));
+    let is_hidden = results.is_hidden();
     html::page(&RunPage {
-        begun: rfc3339(run.created_at_ms),
-        is_hidden: board.is_hidden(&id),
-        actions: own.map(|a| (rfc3339(a.at_ms), a.action.clone(), a.actor.clone(), a.reason.clone())).collect(),
+        begun: rfc3339(results.run.created_at_ms),
+        is_hidden,
         tables: tables.filter(|(_, rates)| !rates.groups.is_empty()).collect(),
-        row: standing.map(|standing| row_of(&board, &standing, &board.rows)),
-        metadata: serde_json::to_string_pretty(&run.metadata).unwrap_or_default(),
+        actions: results.actions.into_iter().map(|a| (rfc3339(a.at_ms), a.action, a.actor, a.reason)).collect(),
+        row: results.row.map(BoardRow::from),
+        metadata: serde_json::to_string_pretty(&results.run.metadata).unwrap_or_default(),
         squares,
-        run,
+        run: results.run,
     })
 }
 
-fn square(row: &SubmissionRow) -> Square {
+fn square(task: &Task, result: TaskResult) -> Square {
+    let (class, told) = match result {
+        TaskResult::Skipped => ("", "skipped"),
+        TaskResult::NotAnswered => ("", "not answered"),
+        TaskResult::Solved => ("solved", "solved"),
+        TaskResult::Accurate => ("accurate", "accurate, but not solved"),
+        TaskResult::Failed => ("failed", "not solved"),
+    };
+    Square { number: task.number, task: task.id.clone(), class, told }
+}
+
+/// Builds the square of a submission to a run that has not finished.
+fn square_so_far(row: &SubmissionRow) -> Square {
     let (class, told) = match row.overall {
         Some(true) => ("solved", "solved"),
         Some(false) => ("failed", "not solved"),
         None => ("", row.state.name()),
     };
-    let number = row.task_number;
-    Square { number, task: String::new(), class, told }
-}
-
-/// Returns the submission that counts for a task of a run: the one that no later submission supersedes.
-///
-/// # Errors
-/// Returns a 404 error if the run has no submission for the task.
-pub async fn answer_of(state: &AppState, run: &str, number: u32) -> Result<SubmissionRow, AppError> {
-    let rows = state.store.submissions_of_run(run, i64::from(number) - 1, 1).await?;
-    let row = rows.into_iter().find(|row| row.task_number == number);
-    row.ok_or_else(|| AppError::not_found(format!("the run {run:?} has no submission for task {number}")))
+    Square { number: row.task_number, task: String::new(), class, told }
 }
 
 /// Redirects to a run's submission for a task.
@@ -113,6 +96,6 @@ pub async fn answer_of(state: &AppState, run: &str, number: u32) -> Result<Submi
 /// # Errors
 /// Returns a 404 error if the run has no submission for the task.
 pub async fn task_of_run(State(state): State<AppState>, Path((run, number)): Path<(String, u32)>) -> PageResult {
-    let row = answer_of(&state, &run, number).await?;
+    let row = answer(&state, &run, number).await?;
     Ok(Redirect::to(&format!("/submissions/{}", row.id)).into_response())
 }

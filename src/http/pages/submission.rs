@@ -10,19 +10,18 @@ use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
 use super::html::{self, PageResult, json_in_markup};
-use super::run::answer_of;
 use super::{assets, colours, isometric};
 use crate::app::error::AppError;
+use crate::app::runs::read::answer;
+use crate::app::submissions::read::{details, log, stored};
 use crate::app::submissions::stress::{StressedStructure, of_submission};
 use crate::clock::rfc3339;
 use crate::http::extract::caller::Reader;
 use crate::http::extract::params;
 use crate::http::state::AppState;
-use crate::http::submissions::state::stored;
 use crate::http::submissions::stress::{StressFormat, write};
 use crate::store::reports::ReportRow;
 use crate::store::submissions::SubmissionRow;
-use plumbline_engine::checks::Criterion;
 use plumbline_engine::elasticity::field::Method;
 use plumbline_engine::grading::Report;
 use plumbline_engine::grading::report::{CheckReport, TurnReport};
@@ -117,26 +116,12 @@ fn palette(json: &[u8]) -> Result<Vec<String>, AppError> {
     serde_json::from_slice::<Head>(json).map(|head| head.palette).map_err(|error| AppError::internal(&error))
 }
 
-async fn log_of(state: &AppState, id: &str) -> Result<Vec<u8>, AppError> {
-    let log = state.store.log_json(id).await?;
-    log.ok_or_else(|| AppError::not_found(format!("there is no submission {id:?}")))
-}
-
 async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Result<Shown, AppError> {
-    let entry = state.suite(&row.suite_id).await?;
-    let number = row.task_number;
-    let task = entry.task_numbered(number).map(|(task, _)| task);
-    let report = state.store.report(&row.id, None).await?;
-    let agent = match &row.run_id {
-        Some(run) => state.store.run(run).await?.map(|run| run.agent),
-        None => None,
-    };
-    let has_stress =
-        task.is_some_and(|task| task.checks().any(|check| check.criterion() == Criterion::StructuralStability));
-    let cells = witnesses(report.as_ref());
-    let id = &row.id;
+    let details = details(state, row).await?;
+    let id = &details.row.id;
+    let cells = witnesses(details.report.as_ref());
     let field = |method: &str| format!("/v1/submissions/{id}/stress?method={method}&format=arrays");
-    let log = log_of(state, id).await?;
+    let log = log(state, id).await?;
     let names =
         tokio::task::spawn_blocking(move || palette(&log)).await.map_err(|error| AppError::internal(&error))??;
     let scene = json!({
@@ -145,22 +130,22 @@ async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Re
         "stress": { "sph": field("sph"), "fem": field("fem") },
         "witnesses": cells,
     });
-    let task = task.map(|task| task.id.clone()).unwrap_or_default();
+    let task = details.task().map(|task| task.id.clone()).unwrap_or_default();
     Ok(Shown {
         view: View {
             scene: json_in_markup(&scene),
             picture: format!("/submissions/{id}/view.svg"),
             name: format!("Build for {task}"),
             camera,
-            has_stress,
+            has_stress: details.has_stress(),
             has_witnesses: !cells.is_empty(),
         },
         task,
-        agent,
-        created: rfc3339(row.created_at_ms),
-        graded: report.as_ref().map(|report| rfc3339(report.graded_at_ms)).unwrap_or_default(),
-        report,
-        row,
+        agent: details.agent,
+        created: rfc3339(details.row.created_at_ms),
+        graded: details.report.as_ref().map(|report| rfc3339(report.graded_at_ms)).unwrap_or_default(),
+        report: details.report,
+        row: details.row,
     })
 }
 
@@ -192,7 +177,7 @@ pub async fn beside(State(state): State<AppState>, RawQuery(raw): RawQuery) -> P
     let rows = match two {
         Two { a: Some(a), b: Some(b), .. } => [stored(&state, &a).await?, stored(&state, &b).await?],
         Two { run_a: Some(a), run_b: Some(b), task: Some(task), .. } => {
-            [answer_of(&state, &a, task).await?, answer_of(&state, &b, task).await?]
+            [answer(&state, &a, task).await?, answer(&state, &b, task).await?]
         }
         _ => {
             let detail = "expected two submissions (a and b), or two runs and a task (run_a, run_b and task)";
@@ -208,7 +193,7 @@ pub async fn beside(State(state): State<AppState>, RawQuery(raw): RawQuery) -> P
 /// # Errors
 /// Returns a 404 error if the submission does not exist.
 pub async fn picture(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
-    let json = log_of(&state, &id).await?;
+    let json = log(&state, &id).await?;
     let drawn = tokio::task::spawn_blocking(move || {
         BlockLog::from_canonical_json(&json).map(|log| Replay::new(&log).last().map(|end| isometric::svg(&end)))
     });
@@ -235,7 +220,7 @@ pub async fn evidence(State(state): State<AppState>, Reader(who): Reader, Path(i
     let row = stored(&state, &id).await?;
     let row_turns = row.turns;
     let mut one = shown(&state, row, "").await?;
-    let log: Value = serde_json::from_slice(&log_of(&state, &id).await?).map_err(|error| AppError::internal(&error))?;
+    let log: Value = serde_json::from_slice(&log(&state, &id).await?).map_err(|error| AppError::internal(&error))?;
     let mut stress = json!({});
     if one.view.has_stress {
         let turn = usize::try_from(row_turns).expect("a log has at most 64 turns");

@@ -10,18 +10,16 @@ use serde_json::{Value, json};
 use super::html::{self, PageResult, json_in_markup};
 use super::isometric;
 use super::submission::{View, colours_of, image};
+use crate::app::boards::tasks::{ResultsOnTask, SolvedTasks, TaskResult, results_on, search};
+use crate::app::catalogue::tasks::example;
 use crate::app::error::AppError;
 use crate::http::extract::params;
 use crate::http::state::AppState;
 use plumbline_engine::builders::build;
 use plumbline_engine::grading::standings::Standing;
-use plumbline_engine::tasks::Task;
-use plumbline_engine::tasks::catalogue::Entry;
+use plumbline_engine::tasks::{Suite, Task};
 use plumbline_engine::voxel::BlockLog;
 use plumbline_engine::voxel::replay::Replay;
-
-/// Greatest number of runs shown on the page of a task.
-const RUNS: usize = 50;
 
 struct TaskRow {
     number: u32,
@@ -54,28 +52,23 @@ struct TasksPage {
 /// Returns a 404 error if the suite does not exist.
 pub async fn tasks(State(state): State<AppState>, Path(suite): Path<String>, RawQuery(raw): RawQuery) -> PageResult {
     let query: TasksQuery = params::read(raw.as_deref().unwrap_or_default())?;
-    let entry = state.suite(&suite).await?;
-    let board = state.boards.of(&state.store, state.least_coverage, &entry).await?;
-    let text = query.text.trim().to_lowercase();
-    let fits = |task: &Task| {
-        text.is_empty()
-            || task.id.contains(&text)
-            || task.kind.as_ref().is_some_and(|kind| kind.contains(&text))
-            || task.turns.iter().any(|turn| turn.prompt.to_lowercase().contains(&text))
+    let SolvedTasks { board, tasks } = search(&state, &suite, &query.text).await?;
+    let suite = &board.entry.suite;
+    let row = |(place, solved): (usize, usize)| {
+        let task = &suite.tasks[place];
+        TaskRow {
+            number: task.number,
+            id: task.id.clone(),
+            kind: task.kind.clone().unwrap_or_default(),
+            turns: task.turns.len(),
+            criteria: task.criteria().iter().map(|criterion| criterion.name()).collect::<Vec<_>>().join(", "),
+            solved,
+        }
     };
-    let row = |(place, task): (usize, &Task)| TaskRow {
-        number: task.number,
-        id: task.id.clone(),
-        kind: task.kind.clone().unwrap_or_default(),
-        turns: task.turns.len(),
-        criteria: task.criteria().iter().map(|criterion| criterion.name()).collect::<Vec<_>>().join(", "),
-        solved: board.rows.all.iter().filter(|row| row.outcomes.is_solved(place)).count(),
-    };
-    let all = entry.suite.tasks.iter().enumerate().filter(|(_, task)| fits(task)).map(row);
     html::page(&TasksPage {
-        suite: entry.suite.id(),
+        suite: suite.id(),
         runs: board.rows.all.len(),
-        tasks: all.collect(),
+        tasks: tasks.into_iter().map(row).collect(),
         text: query.text,
     })
 }
@@ -91,18 +84,13 @@ struct TaskPage {
     rows: Vec<(Arc<Standing>, &'static str, &'static str)>,
 }
 
-fn found(entry: &Entry, number: u32) -> Result<&Task, AppError> {
-    let found = entry.task_numbered(number).map(|(task, _)| task);
-    found.ok_or_else(|| AppError::not_found(format!("{} has no task {number}", entry.suite.id())))
-}
-
-fn view(entry: &Entry, task: &Task, log: &BlockLog) -> Result<View, AppError> {
+fn view(suite: &Suite, task: &Task, log: &BlockLog) -> Result<View, AppError> {
     let json: Value = serde_json::from_slice(&log.canonical_json()).map_err(|error| AppError::internal(&error))?;
     let names = json["palette"].as_array().map(Vec::as_slice).unwrap_or_default();
     let colours = colours_of(names.iter().filter_map(Value::as_str));
     Ok(View {
         scene: json_in_markup(&json!({ "log": json, "colours": colours })),
-        picture: format!("/suites/{}/tasks/{}/view.svg", entry.suite.id(), task.number),
+        picture: format!("/suites/{}/tasks/{}/view.svg", suite.id(), task.number),
         name: format!("Example build for {}", task.id),
         camera: "",
         has_stress: false,
@@ -115,25 +103,20 @@ fn view(entry: &Entry, task: &Task, log: &BlockLog) -> Result<View, AppError> {
 /// # Errors
 /// Returns a 404 error if the suite or the task does not exist.
 pub async fn task(State(state): State<AppState>, Path((suite, number)): Path<(String, u32)>) -> PageResult {
-    let entry = state.suite(&suite).await?;
-    let task = found(&entry, number)?;
-    let place = entry.suite.tasks.iter().position(|other| other.number == number).unwrap_or_default();
-    let board = state.boards.of(&state.store, state.least_coverage, &entry).await?;
-    let rows = board.rows.all.iter().filter(|row| row.outcomes.is_answered(place)).take(RUNS).map(|row| {
-        let (class, told) = match &row.outcomes {
-            o if o.is_solved(place) => ("good", "solved"),
-            o if o.is_accurate(place) => ("bad", "accurate, but not solved"),
-            _ => ("bad", "not solved"),
-        };
-        (Arc::clone(row), class, told)
-    });
+    let ResultsOnTask { found, runs, solved, results } = results_on(&state, &suite, number).await?;
+    let told = |(row, result): (Arc<Standing>, TaskResult)| match result {
+        TaskResult::Solved => (row, "good", "solved"),
+        TaskResult::Accurate => (row, "bad", "accurate, but not solved"),
+        TaskResult::Failed | TaskResult::Skipped | TaskResult::NotAnswered => (row, "bad", "not solved"),
+    };
+    let (suite, task) = (&found.entry.suite, found.task());
     html::page(&TaskPage {
-        suite: entry.suite.id(),
-        runs: board.rows.all.len(),
-        solved: board.rows.all.iter().filter(|row| row.outcomes.is_solved(place)).count(),
-        rows: rows.collect(),
+        suite: suite.id(),
+        runs,
+        solved,
+        rows: results.into_iter().map(told).collect(),
         // Tasks imported from other sources may have no builder.
-        view: build(task).ok().map(|log| view(&entry, task, &log)).transpose()?,
+        view: build(task).ok().map(|log| view(suite, task, &log)).transpose()?,
         task: task.clone(),
     })
 }
@@ -143,8 +126,6 @@ pub async fn task(State(state): State<AppState>, Path((suite, number)): Path<(St
 /// # Errors
 /// Returns a 404 error if the suite or the task does not exist, or no builder can build it.
 pub async fn picture(State(state): State<AppState>, Path((suite, number)): Path<(String, u32)>) -> PageResult {
-    let entry = state.suite(&suite).await?;
-    let log = build(found(&entry, number)?)
-        .map_err(|error| AppError::not_found(format!("this task has no example build: {error}")))?;
+    let log = example(&state, &suite, number).await?;
     Ok(image(Replay::new(&log).last().map(|end| isometric::svg(&end)).unwrap_or_default()))
 }

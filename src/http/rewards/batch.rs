@@ -74,7 +74,7 @@ pub async fn grade_batch(State(state): State<AppState>, caller: Caller, body: Js
     caller.require(Scope::Grade)?;
     let place = state.grader.admit_batch(caller.who())?;
     let JsonBody { bytes, format, share } = body;
-    let catalogue = state.store.current_catalogue().await?;
+    let catalogue = state.current_catalogue().await?;
     let splitting = tokio::task::spawn_blocking(move || split(&bytes, format).map(|items| (bytes, items)));
     let (bytes, items) = splitting.await.map_err(|error| AppError::internal(&error))??;
     let (sender, receiver) = mpsc::channel(WAITING);

@@ -166,7 +166,7 @@ pub async fn grade(State(state): State<AppState>, caller: Caller, body: JsonBody
     }
     let who = caller.who();
     let _permit = state.grader.admit(who).map_err(AppError::without_reward)?;
-    let catalogue = state.store.catalogue();
+    let catalogue = state.catalogue();
     let request = if bytes.len() <= QUICK_BYTES {
         ReadRequest::read(&bytes, &catalogue)?
     } else {

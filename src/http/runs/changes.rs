@@ -4,18 +4,15 @@ use axum::Json;
 use axum::extract::{Path, State};
 use serde::Deserialize;
 
-use super::resource::{RunBody, run_body};
+use super::resource::RunBody;
 use crate::app::access::Caller;
-use crate::app::error::{AppError, AppResult};
+use crate::app::error::AppResult;
+use crate::app::runs::changes::{SkipRequest, delete, finish};
 use crate::app::submissions::posted::TaskRef;
-use crate::clock::now_ms;
 use crate::http::extract::body::{JsonBody, read_json};
 use crate::http::state::AppState;
 use crate::http::submissions::schema::TaskName;
 use crate::store::keys::Scope;
-use crate::store::run_rows::{RunRow, Skip};
-use crate::store::runs::RunChanged;
-use plumbline_engine::intake::Faults;
 
 /// Body that finishes a run.
 #[derive(Debug, Default, Deserialize, utoipa::ToSchema)]
@@ -45,6 +42,19 @@ pub enum SkipAll {
     Unanswered,
 }
 
+impl From<SkipBody> for SkipRequest {
+    fn from(skip: SkipBody) -> Self {
+        let task = |name| match name {
+            TaskName::Id(id) => TaskRef::Id(id),
+            TaskName::Number(number) => TaskRef::Number(number),
+        };
+        match skip {
+            SkipBody::All(SkipAll::Unanswered) => Self::Unanswered,
+            SkipBody::Tasks(names) => Self::Tasks(names.into_iter().map(task).collect()),
+        }
+    }
+}
+
 /// Declares that no more submissions will come, and which tasks are skipped on purpose. Tasks without a submission
 /// count as failed. The run finishes when all its submissions have been graded. The body is optional.
 #[utoipa::path(
@@ -63,73 +73,10 @@ pub async fn finish_run(
     Path(id): Path<String>,
     body: Option<JsonBody>,
 ) -> AppResult<Json<RunBody>> {
+    // A caller without the scope is refused before the body is read.
     caller.require(Scope::Submit)?;
     let asked: FinishBody = body.as_ref().map(read_json).transpose()?.unwrap_or_default();
-    let run = own_run(&state, &caller, &id).await?;
-    let skip = match asked.skip {
-        None => None,
-        Some(SkipBody::All(SkipAll::Unanswered)) => Some(Skip::Unanswered),
-        Some(SkipBody::Tasks(names)) => Some(Skip::Tasks(numbers_of(&state, &run, names).await?)),
-    };
-    match state.store.finish_run(&id, skip.as_ref(), now_ms()).await? {
-        RunChanged::Answered(numbers) => {
-            let mut faults = Faults::new();
-            let entry = state.suite(&run.suite_id).await?;
-            let ids = numbers.iter().filter_map(|number| Some(entry.task_numbered(*number)?.0.id.as_str()));
-            let ids: Vec<&str> = ids.collect();
-            faults.add_at("skip", format!("already answered, so they cannot be skipped: {}", ids.join(", ")));
-            Err(AppError::faulty(faults))
-        }
-        changed => {
-            refuse_unless_done(&changed, &id)?;
-            Ok(Json(run_body(&state, &id).await?))
-        }
-    }
-}
-
-/// Returns the run if it belongs to the caller.
-async fn own_run(state: &AppState, caller: &Caller, id: &str) -> AppResult<RunRow> {
-    let run = state.store.run(id).await?;
-    let run = run.ok_or_else(|| AppError::not_found(format!("there is no run {id:?}")))?;
-    caller.require_own(run.owner.as_deref(), "run")?;
-    Ok(run)
-}
-
-/// Returns the numbers of the named tasks, sorted and without repetitions.
-async fn numbers_of(state: &AppState, run: &RunRow, names: Vec<TaskName>) -> AppResult<Vec<u32>> {
-    let entry = state.suite(&run.suite_id).await?;
-    let mut faults = Faults::new();
-    faults.enter_key("skip");
-    if names.len() > entry.suite.tasks.len() {
-        faults.add(format!("{} tasks; {} has {}", names.len(), entry.suite.id(), entry.suite.tasks.len()));
-        return Err(AppError::faulty(faults));
-    }
-    let mut numbers = Vec::with_capacity(names.len());
-    for (i, name) in names.into_iter().enumerate() {
-        let named = match name {
-            TaskName::Id(id) => TaskRef::Id(id),
-            TaskName::Number(number) => TaskRef::Number(number),
-        };
-        faults.enter_index(i);
-        match named.find_in(&entry) {
-            Ok(number) => numbers.push(number),
-            Err(why) => faults.add(why),
-        }
-        faults.leave();
-    }
-    numbers.sort_unstable();
-    numbers.dedup();
-    if faults.is_empty() { Ok(numbers) } else { Err(AppError::faulty(faults)) }
-}
-
-fn refuse_unless_done(changed: &RunChanged, id: &str) -> AppResult<()> {
-    match changed {
-        RunChanged::Done | RunChanged::Answered(_) => Ok(()),
-        RunChanged::NoSuchRun => Err(AppError::not_found(format!("there is no run {id:?}"))),
-        RunChanged::NotOpen(state) => {
-            Err(AppError::conflict("run-not-open", format!("the run is already {}", state.name())))
-        }
-    }
+    Ok(Json(finish(&state, &caller, &id, asked.skip.map(SkipRequest::from)).await?.into()))
 }
 
 /// Deletes a run that is still open. Its pending submissions are cancelled, and only `state=deleted` lists it. Reports
@@ -149,8 +96,5 @@ pub async fn delete_run(
     caller: Caller,
     Path(id): Path<String>,
 ) -> AppResult<Json<RunBody>> {
-    caller.require(Scope::Submit)?;
-    own_run(&state, &caller, &id).await?;
-    refuse_unless_done(&state.store.delete_run(&id, now_ms()).await?, &id)?;
-    Ok(Json(run_body(&state, &id).await?))
+    Ok(Json(delete(&state, &caller, &id).await?.into()))
 }

@@ -6,24 +6,22 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use uuid::Uuid;
 
 use super::body::{NewRunBody, NewRunShape, RunProvenance};
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
-use crate::app::submissions::accept::key_reused;
+use crate::app::runs::create::{CreatedRun, RunDraft, create};
+use crate::app::runs::provenance::Provenance;
+use crate::app::runs::read::{self, RunFilter, SubmissionsOfRun};
 use crate::app::submissions::posted::Format;
-use crate::clock::{milliseconds, now_ms, rfc3339};
-use crate::http::catalogue::tasks::page_items;
+use crate::clock::rfc3339;
 use crate::http::extract::body::JsonBody;
 use crate::http::extract::idempotency;
-use crate::http::extract::params::{Params, wrong};
+use crate::http::extract::params::Params;
 use crate::http::state::AppState;
 use crate::http::submissions::schema::SubmissionBody;
-use crate::store::idempotency::PriorRequest;
 use crate::store::keys::Scope;
 use crate::store::run_rows::RunRow;
-use crate::store::runs::{NewRun, RunsWanted};
 use crate::store::states::RunState;
 use plumbline_engine::grading::Summary;
 use plumbline_engine::intake::Faults;
@@ -97,6 +95,15 @@ impl From<RunRow> for RunBody {
     }
 }
 
+impl From<RunProvenance> for Provenance {
+    fn from(provenance: RunProvenance) -> Self {
+        match provenance {
+            RunProvenance::SelfReported => Self::SelfReported,
+            RunProvenance::ReRunByHost => Self::ReRunByHost,
+        }
+    }
+}
+
 /// Creates a run: one attempt of an agent at a suite. It finishes by itself when every task has been graded.
 #[utoipa::path(
     post, path = "/v1/runs", operation_id = "create_run", tag = "runs", summary = "Create a run",
@@ -127,56 +134,20 @@ pub async fn create_run(
             return Err(AppError::malformed(faults));
         }
     };
-    let mut suite_id = None;
-    if let Some(name) = parsed.as_ref().and_then(|run| run.suite.as_deref()) {
-        match state.find_suite(name).await? {
-            Some(entry) => suite_id = Some(entry.suite.id()),
-            None => faults.add_at("suite", format!("there is no suite {name:?}; /v1/suites lists them")),
-        }
-    }
-    let agent = parsed.as_ref().and_then(|run| run.agent.clone());
-    let (Some(parsed), Some(agent), Some(suite_id), true) = (parsed, agent, suite_id, faults.is_empty()) else {
-        return Err(AppError::faulty(faults));
-    };
-    let id = Uuid::now_v7().to_string();
-    let provenance = parsed.provenance.unwrap_or(RunProvenance::SelfReported);
-    if provenance == RunProvenance::ReRunByHost {
-        caller.require(Scope::Admin)?;
-    }
-    let (metadata, owner) = (&parsed.metadata, caller.owner());
-    let new = NewRun { id: &id, agent: &agent, suite_id: &suite_id, metadata, owner, provenance: provenance.name() };
+    let draft = parsed.map(|parsed| RunDraft {
+        agent: parsed.agent,
+        suite: parsed.suite,
+        metadata: parsed.metadata,
+        provenance: parsed.provenance.map_or(Provenance::SelfReported, Provenance::from),
+    });
     let once = underway.as_ref().map(|underway| &underway.once);
-    let (id, is_replayed) = match state.store.create_run(&new, once, now_ms()).await? {
-        PriorRequest::Never => (id, false),
-        PriorRequest::Done(id) => (id, true),
-        PriorRequest::OtherBody => return Err(key_reused()),
-    };
-    let run = run_body(&state, &id).await?;
-    // The run as it was at its creation, even if the response is repeated later.
-    let run = RunBody {
-        state: RunState::Open,
-        pending: 0,
-        graded: 0,
-        grader_errors: 0,
-        skipped: 0,
-        finished_at: None,
-        summary: None,
-        ..run
-    };
-    let mut response = (StatusCode::CREATED, [(header::LOCATION, format!("/v1/runs/{id}"))], Json(run)).into_response();
+    let CreatedRun { run, is_replayed } = create(&state, &caller, draft, faults, once).await?;
+    let location = [(header::LOCATION, format!("/v1/runs/{}", run.id))];
+    let mut response = (StatusCode::CREATED, location, Json(RunBody::from(run))).into_response();
     if is_replayed {
         response.headers_mut().extend([idempotency::REPLAYED]);
     }
     Ok(response)
-}
-
-/// Returns the body of a run.
-///
-/// # Errors
-/// Returns an error (404) if there is no such run.
-pub async fn run_body(state: &AppState, id: &str) -> AppResult<RunBody> {
-    let run = state.store.run(id).await?;
-    run.map(RunBody::from).ok_or_else(|| AppError::not_found(format!("there is no run {id:?}")))
 }
 
 /// Returns a run with its progress and, once finished, its summary.
@@ -189,7 +160,7 @@ pub async fn run_body(state: &AppState, id: &str) -> AppResult<RunBody> {
     )
 )]
 pub async fn get_run(State(state): State<AppState>, Path(id): Path<String>) -> AppResult<Json<RunBody>> {
-    Ok(Json(run_body(&state, &id).await?))
+    Ok(Json(read::stored(&state, &id).await?.into()))
 }
 
 /// Query parameters that filter runs.
@@ -221,6 +192,13 @@ pub struct RunsQuery {
     limit: Option<u32>,
 }
 
+impl From<RunsQuery> for RunFilter {
+    fn from(query: RunsQuery) -> Self {
+        let RunsQuery { state, suite, agent, mine, since, until, after, limit } = query;
+        Self { state, suite, agent, mine, since, until, after, limit }
+    }
+}
+
 /// A page of runs.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct RunPage {
@@ -245,46 +223,9 @@ pub async fn list_runs(
     caller: Result<Caller, AppError>,
     Params(query): Params<RunsQuery>,
 ) -> AppResult<Json<RunPage>> {
-    let items = page_items(query.limit, 100)?;
-    let time = |name: &str, text: Option<&String>| {
-        let read = |text: &String| {
-            milliseconds(text)
-                .ok_or_else(|| wrong(name, format!("{text:?} is not a time (RFC 3339, such as 2026-11-22T00:00:00Z)")))
-        };
-        text.map(read).transpose()
-    };
-    let owner = if query.mine {
-        let caller = caller?;
-        let owner = caller.owner().map(str::to_owned);
-        Some(owner.ok_or_else(|| wrong("mine", "no key was sent, so the owner is unknown"))?)
-    } else {
-        None
-    };
-    if let Some(suite) = query.suite.as_deref()
-        && state.find_suite(suite).await?.is_none()
-    {
-        return Err(wrong("suite", format!("there is no suite {suite:?}; /v1/suites lists them")));
-    }
-    if let Some(after) = query.after.as_deref()
-        && state.store.run(after).await?.is_none()
-    {
-        return Err(wrong("after", format!("there is no run {after:?}")));
-    }
-    let (since_ms, until_ms) = (time("since", query.since.as_ref())?, time("until", query.until.as_ref())?);
-    let wanted = RunsWanted {
-        state: query.state,
-        suite_id: query.suite,
-        agent: query.agent,
-        owner,
-        since_ms,
-        until_ms,
-        after: query.after,
-    };
-    let mut rows = state.store.runs(&wanted, items as i64 + 1).await?;
-    let has_more = rows.len() > items;
-    rows.truncate(items);
-    let next_after = rows.last().filter(|_| has_more).map(|last| last.id.clone());
-    let runs = rows.into_iter().map(|row| RunBody { summary: None, ..RunBody::from(row) }).collect();
+    let page = read::list(&state, caller, query.into()).await?;
+    let next_after = page.next(|last| last.id.clone());
+    let runs = page.items.into_iter().map(|row| RunBody { summary: None, ..RunBody::from(row) }).collect();
     Ok(Json(RunPage { runs, next_after }))
 }
 
@@ -324,14 +265,8 @@ pub async fn list_run_submissions(
     Path(id): Path<String>,
     Params(query): Params<PageQuery>,
 ) -> AppResult<Json<SubmissionPage>> {
-    let items = page_items(query.limit, 100)?;
-    let run = run_body(&state, &id).await?;
-    let entry = state.suite(&run.suite).await?;
-    let after = i64::from(query.after.unwrap_or(0));
-    let mut rows = state.store.submissions_of_run(&id, after, items as i64 + 1).await?;
-    let has_more = rows.len() > items;
-    rows.truncate(items);
-    let submissions: Vec<SubmissionBody> = rows.into_iter().map(|row| SubmissionBody::of(row, &entry)).collect();
-    let next_after = submissions.last().filter(|_| has_more).map(|last| last.number);
+    let SubmissionsOfRun { entry, page } = read::submissions(&state, &id, query.after, query.limit).await?;
+    let next_after = page.next(|last| last.task_number);
+    let submissions = page.items.into_iter().map(|row| SubmissionBody::of(row, &entry)).collect();
     Ok(Json(SubmissionPage { submissions, next_after }))
 }

@@ -5,7 +5,7 @@ use axum::http::header;
 use axum::response::IntoResponse;
 
 use crate::app::error::AppResult;
-use crate::clock::now_ms;
+use crate::app::submissions::read::{Backlog, backlog};
 use crate::http::state::AppState;
 
 /// Returns the OpenAPI document of this service.
@@ -27,7 +27,7 @@ pub async fn get_openapi(State(state): State<AppState>) -> impl IntoResponse {
     )
 )]
 pub async fn get_metrics(State(state): State<AppState>) -> AppResult<impl IntoResponse> {
-    let (open, oldest_ms) = state.store.backlog(now_ms()).await?;
+    let Backlog { open, oldest_ms } = backlog(&state).await?;
     metrics::gauge!("plumbline_submissions_not_ended").set(open as f64);
     metrics::gauge!("plumbline_oldest_submission_not_ended_seconds").set(oldest_ms as f64 / 1_000.0);
     Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], state.metrics.render()))

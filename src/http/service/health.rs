@@ -4,7 +4,8 @@ use axum::Json;
 use axum::extract::State;
 use serde::Serialize;
 
-use crate::app::error::{AppError, AppResult, Kind};
+use crate::app::error::AppResult;
+use crate::app::readiness::check;
 use crate::http::state::AppState;
 
 /// Status of the service.
@@ -39,8 +40,6 @@ pub async fn get_health() -> Json<Health> {
     )
 )]
 pub async fn get_readiness(State(state): State<AppState>) -> AppResult<Json<Health>> {
-    let found = state.readiness.look(&state.store).await;
-    let not_ready = |detail| AppError::new(Kind::NotReady, detail);
-    found.map_err(|detail| not_ready(detail).retry_after(1))?;
+    check(&state).await?;
     Ok(Json(OK))
 }

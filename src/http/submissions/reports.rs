@@ -7,12 +7,11 @@ use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
 
 use super::schema::StoredLogBody;
-use super::state::stored;
-use crate::app::error::{AppError, AppResult};
+use crate::app::error::AppResult;
+use crate::app::submissions::read;
 use crate::clock::rfc3339;
 use crate::http::extract::params::Params;
 use crate::http::state::AppState;
-use crate::store::states::SubmissionState;
 use plumbline_engine::grading::Report;
 
 /// A report with its provenance.
@@ -78,15 +77,7 @@ pub async fn get_report(
     Path(id): Path<String>,
     Params(query): Params<ReportQuery>,
 ) -> AppResult<Json<ReportBody>> {
-    let row = stored(&state, &id).await?;
-    let Some(stored) = state.store.report(&id, query.attempt).await? else {
-        if let (Some(attempt), SubmissionState::Graded) = (query.attempt, row.state) {
-            return Err(AppError::not_found(format!("there is no report of attempt {attempt}")));
-        }
-        let error = AppError::conflict("not-graded", format!("the submission is {}", row.state.name()));
-        let is_coming = matches!(row.state, SubmissionState::Queued | SubmissionState::Grading);
-        return Err(if is_coming { error.retry_after(1) } else { error });
-    };
+    let (row, stored) = read::report(&state, &id, query.attempt).await?;
     Ok(Json(ReportBody {
         submission: row.id,
         report: stored.report,
@@ -111,7 +102,6 @@ pub async fn get_report(
     )
 )]
 pub async fn get_log(State(state): State<AppState>, Path(id): Path<String>) -> AppResult<Response> {
-    let log = state.store.log_json(&id).await?;
-    let log = log.ok_or_else(|| AppError::not_found(format!("there is no submission {id:?}")))?;
+    let log = read::log(&state, &id).await?;
     Ok(([(header::CONTENT_TYPE, "application/json")], log).into_response())
 }

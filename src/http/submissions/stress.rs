@@ -9,9 +9,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 use sha2::{Digest as _, Sha256};
 
-use super::state::stored;
 use crate::app::error::{AppError, AppResult};
-use crate::app::submissions::stress::{StressedStructure, of_submission};
+use crate::app::submissions::read::stored;
+use crate::app::submissions::stress::{StressedStructure, of_submission, turn_of};
 use crate::http::extract::caller::Reader;
 use crate::http::extract::conditional::has_tag;
 use crate::http::extract::params::Params;
@@ -154,11 +154,7 @@ pub async fn get_stress(
     let wants_lines = accepts.trim_start().starts_with("application/x-ndjson");
     let format = query.format.unwrap_or(if wants_lines { StressFormat::Ndjson } else { StressFormat::Json });
     let method = query.method.unwrap_or(Method::Sph);
-    let turns = row.turns as usize;
-    let turn = query.turn.unwrap_or(turns);
-    if !(1..=turns).contains(&turn) {
-        return Err(AppError::not_found(format!("there is no turn {turn}; the log has {turns}")));
-    }
+    let turn = turn_of(&row, query.turn)?;
     let named = format!("{id} {} {method:?} {turn} {format:?} {GRADER} {FIELD_VERSION}", row.log_hash);
     // The tag is weak because other kinds of processors may round differently.
     let etag = format!("W/\"{}\"", &hex(&Sha256::digest(named))[..32]);

@@ -152,7 +152,7 @@ pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBod
     caller.require(Scope::Grade)?;
     let who = caller.who();
     let _permit = state.grader.admit(who).map_err(AppError::without_reward)?;
-    let catalogue = state.store.catalogue();
+    let catalogue = state.catalogue();
     let reading = tokio::task::spawn_blocking(move || {
         let request = object(&body.bytes)?;
         let (naming, texts) = (naming(&request)?, texts(&request)?);

@@ -114,7 +114,7 @@ pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: Jso
     caller.require(Scope::Grade)?;
     let who = caller.who();
     let _permit = state.grader.admit_batch(who).map_err(AppError::without_reward)?;
-    let catalogue = state.store.current_catalogue().await?;
+    let catalogue = state.current_catalogue().await?;
     let reading = tokio::task::spawn_blocking(move || read(&body));
     let query = reading.await.map_err(|error| AppError::internal(&error))??;
     let judge_one = async |i: usize| {

@@ -205,7 +205,7 @@ impl Boards {
     ///
     /// # Errors
     /// Returns an error if the database fails.
-    pub async fn of(&self, store: &Store, least_coverage: f64, entry: &Arc<Entry>) -> AppResult<Arc<Board>> {
+    pub(super) async fn of(&self, store: &Store, least_coverage: f64, entry: &Arc<Entry>) -> AppResult<Arc<Board>> {
         let suite_id = entry.suite.id();
         if let Some(board) = self.current(store, &suite_id) {
             return Ok(board);

@@ -1,0 +1,4 @@
+//! Accounts: quotas, and events to follow.
+
+pub mod events;
+pub mod quota;

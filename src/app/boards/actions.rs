@@ -1,0 +1,74 @@
+//! Actions of operators on the rows of boards.
+
+use serde::Deserialize;
+
+use crate::app::App;
+use crate::app::access::Caller;
+use crate::app::error::{AppError, AppResult};
+use crate::clock::now_ms;
+use crate::store::boards::Acted;
+use crate::store::keys::Scope;
+use plumbline_engine::intake::Faults;
+
+/// Maximum length of a reason, in characters.
+const REASON_CHARS: usize = 500;
+
+/// Action that a request may ask for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum HideOrRestore {
+    /// Removes the row from the board.
+    Hide,
+    /// Shows a hidden row again.
+    Restore,
+}
+
+impl HideOrRestore {
+    /// Returns the name in the record of actions.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Hide => "hide",
+            Self::Restore => "restore",
+        }
+    }
+}
+
+/// An action that was carried out.
+#[derive(Debug)]
+pub struct Action {
+    /// Identifier of the run.
+    pub run: String,
+    /// Kind of the action.
+    pub kind: HideOrRestore,
+    /// Owner of the key that the request was sent with.
+    pub actor: String,
+    /// Reason for the action.
+    pub reason: String,
+    /// Time of the action, in milliseconds since 1970.
+    pub at_ms: i64,
+}
+
+/// Hides a finished run from its board, or shows it again. The actor and the reason are public and permanent.
+///
+/// # Errors
+/// Returns an error if the caller is no operator, if the reason is empty or too long, if there is no such finished run,
+/// if its row is in this state already, or if the database fails.
+pub async fn act(app: &App, caller: &Caller, run: String, kind: HideOrRestore, reason: &str) -> AppResult<Action> {
+    caller.require(Scope::Admin)?;
+    if reason.trim().is_empty() || reason.chars().count() > REASON_CHARS {
+        let mut faults = Faults::new();
+        faults.add_at("reason", format!("expected 1 to {REASON_CHARS} characters"));
+        return Err(AppError::faulty(faults));
+    }
+    let (actor, reason) = (caller.owner().unwrap_or("anybody").to_owned(), reason.trim().to_owned());
+    let (hide, at_ms) = (kind == HideOrRestore::Hide, now_ms());
+    match app.store.act_on_row(&run, hide, &actor, &reason, at_ms).await? {
+        Acted::Done => Ok(Action { run, kind, actor, reason, at_ms }),
+        Acted::Already => {
+            let detail = if hide { "the row is already hidden" } else { "the row is not hidden" };
+            Err(AppError::conflict("already-so", detail))
+        }
+        Acted::NoSuchRow => Err(AppError::not_found(format!("there is no finished run {run:?}"))),
+    }
+}

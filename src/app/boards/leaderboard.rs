@@ -1,0 +1,228 @@
+//! Leaderboards: one row per finished run of a suite, selected, sorted and split into pages.
+
+use std::sync::Arc;
+
+use serde::Deserialize;
+
+use super::cache::{Board, Rows};
+use super::read;
+use crate::app::App;
+use crate::app::error::{AppError, AppResult};
+use crate::app::paging::page_items;
+use crate::app::runs::provenance::Provenance;
+use crate::clock::milliseconds;
+use plumbline_engine::grading::standings::Standing;
+use plumbline_engine::grading::statistics::ranks::RankRange;
+use plumbline_engine::grading::summary::ProblemRate;
+use plumbline_engine::tasks::reported::{self, ReportedRow};
+
+/// Value by which a board is sorted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SortBy {
+    /// Share of problems solved.
+    #[default]
+    Overall,
+    /// Share of problems that pass accuracy.
+    Accuracy,
+    /// Share of problems that pass material.
+    Material,
+    /// Share of problems that pass shape.
+    Shape,
+    /// Share of problems that pass size.
+    Size,
+    /// Share of problems that pass physical plausibility.
+    PhysicalPlausibility,
+    /// Share of problems that pass dependency.
+    Dependency,
+    /// Mean structural stability.
+    StructuralStability,
+    /// Mean efficiency.
+    Efficiency,
+    /// Number of graded problems.
+    Coverage,
+    /// Time at which the run finished.
+    Finished,
+}
+
+/// Sort direction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Direction {
+    /// Greatest value first; rows without a value last.
+    #[default]
+    Desc,
+    /// Least value first; rows without a value last.
+    Asc,
+}
+
+/// Runs that a board lists, by their coverage.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum CoverageFilter {
+    /// Runs that cover enough of the suite to be compared.
+    #[default]
+    Complete,
+    /// The other runs, which have no rank.
+    Incomplete,
+}
+
+/// Selection of rows: filters, order and page.
+#[derive(Debug, Clone, Default)]
+pub struct Selection {
+    /// Value by which the rows are sorted.
+    pub sort: SortBy,
+    /// Sort direction.
+    pub order: Direction,
+    /// Text in the name of the agent; case is ignored.
+    pub agent: Option<String>,
+    /// Origin of the logs.
+    pub provenance: Option<Provenance>,
+    /// Runs to list, by their coverage.
+    pub coverage: CoverageFilter,
+    /// Time at which to show the board (RFC 3339).
+    pub as_of: Option<String>,
+    /// Run after whose row the page begins.
+    pub after: Option<String>,
+    /// Maximum number of rows on the page.
+    pub limit: Option<u32>,
+}
+
+/// A row of a leaderboard: a finished run among others.
+#[derive(Debug)]
+pub struct Row {
+    /// The run.
+    pub standing: Arc<Standing>,
+    /// Rank by overall rate; none for a run that covers too little of the suite.
+    pub rank: Option<usize>,
+    /// Range of ranks that the data allow; none for a run that covers too little of the suite.
+    pub places: Option<RankRange>,
+    /// Graded problems, of all problems.
+    pub coverage: ProblemRate,
+    /// Number of runs of this suite that the agent has begun, in any state.
+    pub attempts: usize,
+    /// Finished runs of other owners with near-identical logs.
+    pub similar_to: Vec<String>,
+}
+
+/// A page of a leaderboard.
+#[derive(Debug)]
+pub struct BoardPage {
+    /// The board.
+    pub board: Arc<Board>,
+    /// Number of rows that match the filters, on all pages.
+    pub total: usize,
+    /// Number of finished runs that cover too little to be compared.
+    pub incomplete: usize,
+    /// Rows of this page.
+    pub rows: Vec<Row>,
+    /// Run after whose row the next page begins; none on the last page.
+    pub next_after: Option<String>,
+    /// Results on this suite that others report; they were not graded by this service.
+    pub reported: Vec<ReportedRow>,
+}
+
+/// Selects a page of a board.
+///
+/// # Errors
+/// Returns an error (400) if a parameter is invalid.
+pub fn page(board: &Arc<Board>, wanted: &Selection) -> AppResult<BoardPage> {
+    let items = page_items(wanted.limit, 100)?;
+    let as_of = match &wanted.as_of {
+        None => None,
+        Some(text) => Some(milliseconds(text).ok_or_else(|| {
+            let detail = format!("{text:?} is not an RFC 3339 time, such as 2026-11-22T00:00:00Z");
+            AppError::wrong_parameter("as_of", detail)
+        })?),
+    };
+    let then = as_of.map(|at| board.as_of(at));
+    let compared = then.as_ref().unwrap_or(&board.rows);
+    let all = match wanted.coverage {
+        CoverageFilter::Complete => &compared.all,
+        CoverageFilter::Incomplete => &compared.incomplete,
+    };
+    let agent = wanted.agent.as_ref().map(|agent| agent.to_lowercase());
+    let lets_through = |row: &&Arc<Standing>| {
+        agent.as_ref().is_none_or(|text| row.agent.to_lowercase().contains(text))
+            && wanted.provenance.is_none_or(|wanted| wanted.name() == row.provenance)
+    };
+    let mut rows: Vec<&Arc<Standing>> = all.iter().filter(lets_through).collect();
+    if (wanted.sort, wanted.order) != (SortBy::Overall, Direction::Desc) {
+        rows.sort_by(|a, b| by_value(value(a, wanted.sort), value(b, wanted.sort), wanted.order));
+    }
+    let total = rows.len();
+    let begin = match &wanted.after {
+        None => 0,
+        Some(run) => {
+            let missing = || AppError::wrong_parameter("after", format!("this board has no row for the run {run:?}"));
+            1 + rows.iter().position(|row| row.run == *run).ok_or_else(missing)?
+        }
+    };
+    let end = (begin + items).min(total);
+    Ok(BoardPage {
+        total,
+        incomplete: compared.incomplete.len(),
+        rows: rows[begin..end].iter().map(|row| row_of(board, row, compared)).collect(),
+        next_after: (end < total).then(|| rows[end - 1].run.clone()),
+        reported: reported::on(&board.entry.suite.name).map_err(|error| AppError::internal(&error))?,
+        board: Arc::clone(board),
+    })
+}
+
+/// Returns the best rows of every board, the boards of the newest versions first: new runs use them.
+///
+/// # Errors
+/// Returns an error if the database fails.
+pub async fn best_of_all(app: &App, rows: u32) -> AppResult<Vec<BoardPage>> {
+    let mut entries = app.catalogue().suites().to_vec();
+    entries.sort_by_key(|entry| std::cmp::Reverse(entry.suite.version));
+    let best = Selection { limit: Some(rows), ..Selection::default() };
+    let mut pages = Vec::with_capacity(entries.len());
+    for entry in entries {
+        pages.push(page(&read::of_suite(app, &entry).await?, &best)?);
+    }
+    Ok(pages)
+}
+
+/// Builds the row of a run and compares the run with the given rows.
+#[must_use]
+pub fn row_of(board: &Board, standing: &Arc<Standing>, rows: &Rows) -> Row {
+    let rate = |row: &Standing| row.rate().unwrap_or(-1.0);
+    let (pass, of) = (standing.answered() as u64, standing.outcomes.len() as u64);
+    let is_compared = standing.covers(board.least_coverage);
+    Row {
+        // The rows are sorted by rate, greatest first.
+        rank: is_compared.then(|| 1 + rows.all.partition_point(|row| rate(row) > rate(standing))),
+        places: is_compared.then(|| rows.places(standing, &board.field)),
+        coverage: ProblemRate { pass, of, rate: (of > 0).then(|| pass as f64 / of as f64) },
+        attempts: board.attempts(&standing.agent),
+        similar_to: board.similar_to(&standing.run),
+        standing: Arc::clone(standing),
+    }
+}
+
+fn value(row: &Standing, by: SortBy) -> Option<f64> {
+    let per = &row.summary.problem_level.per;
+    match by {
+        SortBy::Overall => row.rate(),
+        SortBy::Accuracy => per.accuracy.rate,
+        SortBy::Material => per.material.rate,
+        SortBy::Shape => per.shape.rate,
+        SortBy::Size => per.size.rate,
+        SortBy::PhysicalPlausibility => per.physical_plausibility.rate,
+        SortBy::Dependency => per.dependency.rate,
+        SortBy::StructuralStability => row.summary.graded.stress.mean,
+        SortBy::Efficiency => row.summary.graded.efficiency.mean,
+        SortBy::Coverage => Some(row.answered() as f64),
+        SortBy::Finished => Some(row.finished_at_ms as f64),
+    }
+}
+
+/// Orders two values in the given direction; missing values come last in both directions.
+fn by_value(a: Option<f64>, b: Option<f64>, order: Direction) -> std::cmp::Ordering {
+    match (a, b, order) {
+        (Some(a), Some(b), Direction::Asc) => a.total_cmp(&b),
+        (Some(a), Some(b), Direction::Desc) => b.total_cmp(&a),
+        (a, b, _) => b.is_some().cmp(&a.is_some()),
+    }
+}

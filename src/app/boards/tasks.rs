@@ -1,0 +1,97 @@
+//! Results of the finished runs of a board on its tasks.
+
+use std::sync::Arc;
+
+use super::cache::Board;
+use super::read;
+use crate::app::App;
+use crate::app::catalogue::tasks::{FoundTask, SearchText, numbered};
+use crate::app::error::AppResult;
+use plumbline_engine::grading::outcomes::Outcomes;
+use plumbline_engine::grading::standings::Standing;
+use plumbline_engine::tasks::Task;
+
+/// Greatest number of runs listed for a task.
+const MAX_RUNS: usize = 50;
+
+/// Result of a run on a task.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TaskResult {
+    /// The run skips the task, which counts as failed.
+    Skipped,
+    /// The run has no graded answer.
+    NotAnswered,
+    /// The answer passes.
+    Solved,
+    /// The accuracy passes, but not the whole answer.
+    Accurate,
+    /// The accuracy does not pass.
+    Failed,
+}
+
+impl TaskResult {
+    /// Returns the result on the task at this position in the suite.
+    #[must_use]
+    pub fn of(outcomes: &Outcomes, place: usize) -> Self {
+        match outcomes {
+            o if o.is_skipped(place) => Self::Skipped,
+            o if !o.is_answered(place) => Self::NotAnswered,
+            o if o.is_solved(place) => Self::Solved,
+            o if o.is_accurate(place) => Self::Accurate,
+            _ => Self::Failed,
+        }
+    }
+}
+
+/// Tasks of a board, with the number of runs that solved each.
+#[derive(Debug)]
+pub struct SolvedTasks {
+    /// The board.
+    pub board: Arc<Board>,
+    /// Positions of the tasks in the suite, each with the number of runs that solved it.
+    pub tasks: Vec<(usize, usize)>,
+}
+
+/// Results on one task.
+#[derive(Debug)]
+pub struct ResultsOnTask {
+    /// The task.
+    pub found: FoundTask,
+    /// Number of compared runs of the board.
+    pub runs: usize,
+    /// Number of those that solved the task.
+    pub solved: usize,
+    /// Best runs with an answer, each with its result.
+    pub results: Vec<(Arc<Standing>, TaskResult)>,
+}
+
+/// Finds the tasks of a suite whose ids, types or instructions contain a text, each with the number of runs that solved
+/// it.
+///
+/// # Errors
+/// Returns an error if there is no such suite, or if the database fails.
+pub async fn search(app: &App, suite: &str, text: &str) -> AppResult<SolvedTasks> {
+    let board = read::board(app, suite).await?;
+    let text = SearchText::new(text.trim());
+    let fits = |task: &Task| text.is_in_task(task) || task.kind.as_ref().is_some_and(|kind| text.is_in(kind));
+    let tasks = board.entry.suite.tasks.iter().enumerate().filter(|(_, task)| fits(task));
+    let tasks = tasks.map(|(place, _)| (place, solved(&board, place))).collect();
+    Ok(SolvedTasks { board, tasks })
+}
+
+/// Returns the results of runs on a task.
+///
+/// # Errors
+/// Returns an error if there is no such suite or task, or if the database fails.
+pub async fn results_on(app: &App, suite: &str, number: u32) -> AppResult<ResultsOnTask> {
+    let found = numbered(app, suite, number).await?;
+    let board = read::of_suite(app, &found.entry).await?;
+    let place = found.place;
+    let answered = board.rows.all.iter().filter(|row| row.outcomes.is_answered(place)).take(MAX_RUNS);
+    let results = answered.map(|row| (Arc::clone(row), TaskResult::of(&row.outcomes, place))).collect();
+    Ok(ResultsOnTask { runs: board.rows.all.len(), solved: solved(&board, place), results, found })
+}
+
+fn solved(board: &Board, place: usize) -> usize {
+    board.rows.all.iter().filter(|row| row.outcomes.is_solved(place)).count()
+}

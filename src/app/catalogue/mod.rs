@@ -1,0 +1,4 @@
+//! The catalogue: suites and their tasks.
+
+pub mod suites;
+pub mod tasks;

@@ -1,0 +1,20 @@
+//! Draws of Lite suites.
+
+use crate::app::App;
+use crate::app::error::{AppError, AppResult, Kind};
+use plumbline_engine::tasks::Suite;
+use plumbline_engine::tasks::embedded::{self, LITE_SUFFIX};
+
+/// Draws a Lite suite with another seed.
+///
+/// # Errors
+/// Returns an error if there is no such suite, if it is not a Lite suite, or if the database fails.
+pub async fn draw(app: &App, name: &str, seed: u64) -> AppResult<Suite> {
+    let entry = app.suite(name).await?;
+    let Some(full) = entry.suite.name.strip_suffix(LITE_SUFFIX) else {
+        let detail = format!("seed applies only to Lite suites; {} is not a Lite suite", entry.suite.id());
+        return Err(AppError::new(Kind::BadRequest, detail));
+    };
+    let full = app.suite(&format!("{full}@{}", entry.suite.version)).await?;
+    Ok(embedded::lite(&full.suite, seed))
+}

@@ -1,0 +1,90 @@
+//! Creating a run.
+
+use serde_json::Value;
+use uuid::Uuid;
+
+use super::provenance::Provenance;
+use super::read::stored;
+use crate::app::App;
+use crate::app::access::Caller;
+use crate::app::error::{AppError, AppResult};
+use crate::app::submissions::accept::key_reused;
+use crate::clock::now_ms;
+use crate::store::idempotency::{IdempotencyKey, PriorRequest};
+use crate::store::keys::Scope;
+use crate::store::run_rows::RunRow;
+use crate::store::runs::NewRun;
+use crate::store::states::RunState;
+use plumbline_engine::intake::Faults;
+
+/// A run to create, as far as its body could be read.
+#[derive(Debug)]
+pub struct RunDraft {
+    /// Name of the agent.
+    pub agent: Option<String>,
+    /// Suite: name, or name@version.
+    pub suite: Option<String>,
+    /// Metadata from its owner.
+    pub metadata: Value,
+    /// Origin of its logs.
+    pub provenance: Provenance,
+}
+
+/// A created run.
+#[derive(Debug)]
+pub struct CreatedRun {
+    /// The run as it was at its creation.
+    pub run: RunRow,
+    /// Whether an earlier request with the same `Idempotency-Key` created it.
+    pub is_replayed: bool,
+}
+
+/// Creates a run. The draft is `None` if its body is no object; `faults` holds the faults of the body so far.
+///
+/// # Errors
+/// Returns all faults of the body, or a refusal if the caller may not create the run or used the idempotency key for
+/// another request.
+pub async fn create(
+    app: &App,
+    caller: &Caller,
+    draft: Option<RunDraft>,
+    mut faults: Faults,
+    once: Option<&IdempotencyKey>,
+) -> AppResult<CreatedRun> {
+    caller.require(Scope::Submit)?;
+    let mut suite_id = None;
+    if let Some(name) = draft.as_ref().and_then(|run| run.suite.as_deref()) {
+        match app.find_suite(name).await? {
+            Some(entry) => suite_id = Some(entry.suite.id()),
+            None => faults.add_at("suite", format!("there is no suite {name:?}; /v1/suites lists them")),
+        }
+    }
+    let (Some(RunDraft { agent: Some(agent), metadata, provenance, .. }), Some(suite_id), true) =
+        (draft, suite_id, faults.is_empty())
+    else {
+        return Err(AppError::faulty(faults));
+    };
+    if provenance == Provenance::ReRunByHost {
+        caller.require(Scope::Admin)?;
+    }
+    let id = Uuid::now_v7().to_string();
+    let (metadata, owner, provenance) = (&metadata, caller.owner(), provenance.name());
+    let new = NewRun { id: &id, agent: &agent, suite_id: &suite_id, metadata, owner, provenance };
+    let (id, is_replayed) = match app.store.create_run(&new, once, now_ms()).await? {
+        PriorRequest::Never => (id, false),
+        PriorRequest::Done(id) => (id, true),
+        PriorRequest::OtherBody => return Err(key_reused()),
+    };
+    // The run as it was at its creation, even if the request is repeated later.
+    let run = RunRow {
+        state: RunState::Open,
+        pending: 0,
+        graded: 0,
+        grader_errors: 0,
+        skipped: 0,
+        finished_at_ms: None,
+        summary: None,
+        ..stored(app, &id).await?
+    };
+    Ok(CreatedRun { run, is_replayed })
+}

@@ -1,0 +1,61 @@
+//! The key that signs receipts: where it comes from, and what the operator is told about it.
+
+use std::sync::Arc;
+
+use anyhow::{Context as _, bail};
+
+use crate::clock::now_ms;
+use crate::store::Store;
+use crate::store::location::Location;
+use plumbline_engine::hidden::receipts::Signer;
+
+/// Key that signs receipts.
+#[derive(Debug)]
+pub(super) struct Signing {
+    /// Signs receipts; none on a node that lacks the secrets.
+    pub signer: Option<Arc<Signer>>,
+    /// Public key that verifies what the service signs.
+    pub public_key: String,
+    /// Notice for the operator.
+    pub notice: Option<String>,
+}
+
+/// Loads the key, or makes it on first use. Nodes of one PostgreSQL database sign with the same key: a node whose
+/// folder holds another does not start, unless `replaces` says that the new key holds from now on.
+pub(super) async fn signing(store: &Store, replaces: bool) -> anyhow::Result<Signing> {
+    if matches!(store.location(), Location::Server(_)) {
+        let folder = store.secrets().folder().display().to_string();
+        let held = store.agree_on_receipt_key(None, false).await?;
+        if !store.secrets().has_signer()? {
+            if let Some(public_key) = held {
+                let notice = format!(
+                    "this node lacks the secrets of the service: it grades no submissions and issues no hidden \
+                     instances. Share the folder of another node, which holds receipts.key, as {folder} (--secrets)"
+                );
+                return Ok(Signing { signer: None, public_key, notice: Some(notice) });
+            }
+            store.secrets().signer().context("cannot make the key that signs receipts")?;
+        }
+        let own = store.signer().context("cannot load the key that signs receipts")?.public_key();
+        let held = store.agree_on_receipt_key(Some(&own), replaces).await?;
+        if let Some(held) = held.filter(|held| *held != own) {
+            bail!(
+                "{folder} holds the receipt key {own}, but the nodes of this database sign with {held}. Give this node \
+                 the folder of the others (--secrets). If their key is lost, start with --new-receipt-key: the log of \
+                 receipts then notes the change"
+            );
+        }
+    }
+    let signer = store.signer().context("cannot load the key that signs receipts")?;
+    let before = store.note_receipt_key(&signer, now_ms()).await?;
+    let public_key = signer.public_key();
+    let notice = before.map(|before| {
+        format!(
+            "receipts are signed with a new key from now on: {public_key}; the key before was {before}. The change is \
+             recorded in the log at /v1/receipts. If you still have the old key, stop the service, put it back into \
+             {}, and start again",
+            store.secrets().folder().display()
+        )
+    });
+    Ok(Signing { signer: Some(signer), public_key, notice })
+}
