@@ -4,6 +4,10 @@
 -- Texts that are compared or sorted have the collation "C", so that every server sorts them alike.
 -- Tables that change row by row leave room in their pages (fillfactor) and are vacuumed early.
 
+-- The time of the server. Leases count by it, because the clocks of nodes differ.
+CREATE FUNCTION now_ms() RETURNS BIGINT LANGUAGE sql STABLE AS
+    $$ SELECT (EXTRACT(EPOCH FROM statement_timestamp()) * 1000)::BIGINT $$;
+
 -- A suite under a name and a version. It never changes.
 CREATE TABLE suites (
     id            TEXT   COLLATE "C" NOT NULL PRIMARY KEY,  -- name@version

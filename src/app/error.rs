@@ -273,6 +273,11 @@ impl From<StoreError> for AppError {
             tracing::warn!(%error, "the database is busy");
             return Self::new(Kind::Busy, "The database is busy. The request may be sent again.").retry_after(1);
         }
+        if let StoreError::NoSecrets(_) = error {
+            tracing::warn!(%error, "refused");
+            let detail = "this node lacks the secrets that this needs; send the request again, to another node";
+            return Self::new(Kind::NotReady, detail).retry_after(1);
+        }
         Self::internal(&error)
     }
 }

@@ -62,6 +62,8 @@ pub struct App {
     pub action_requests: Arc<PermitPool>,
     /// Signs receipts; none on a node that lacks the secrets.
     pub signer: Option<Arc<Signer>>,
+    /// Public key that verifies what the service signs.
+    pub receipt_key: String,
     /// Cancelled when the service stops.
     pub stop: CancellationToken,
 }
@@ -81,8 +83,10 @@ pub struct AppParts {
     pub limits: Limits,
     /// Runs action code.
     pub actions: Pool,
-    /// Signs receipts.
-    pub signer: Arc<Signer>,
+    /// Signs receipts; none on a node that lacks the secrets.
+    pub signer: Option<Arc<Signer>>,
+    /// Public key that verifies what the service signs.
+    pub receipt_key: String,
     /// Cancelled when the service stops.
     pub stop: CancellationToken,
 }
@@ -93,7 +97,7 @@ impl App {
     /// # Errors
     /// Returns an error if the threads that compute stress fields cannot be started.
     pub fn new(parts: AppParts) -> anyhow::Result<Self> {
-        let AppParts { store, grader, keys, least_coverage, limits, actions, signer, stop } = parts;
+        let AppParts { store, grader, keys, least_coverage, limits, actions, signer, receipt_key, stop } = parts;
         Ok(Self {
             store,
             grader: Arc::new(grader),
@@ -106,6 +110,7 @@ impl App {
             actions,
             action_requests: PermitPool::new(limits.action_requests, limits.action_requests_per_sender),
             signer,
+            receipt_key,
             stop,
         })
     }

@@ -11,7 +11,9 @@ use super::database::DatabaseArgs;
 use crate::app::access::Openness;
 use crate::app::limits::LIMITS;
 use crate::http::middleware::rates::RateSettings;
+use crate::http::role::Role;
 use crate::startup::{Config, RunningService, ServiceSettings};
+use crate::store::location::Location;
 use crate::telemetry::{self, LogFormat};
 
 /// Arguments of `serve`; each but `--demo` can also be set in the environment.
@@ -26,9 +28,18 @@ pub struct ServeArgs {
     admin_listen: Option<String>,
     #[command(flatten)]
     database: DatabaseArgs,
-    /// Number of submissions graded at the same time; by default, one per processor.
-    #[arg(long, env = "PLUMBLINE_WORKERS", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    /// Number of submissions graded at the same time; by default, one per processor. With 0, other nodes grade
+    /// (`plumbline work`).
+    #[arg(long, env = "PLUMBLINE_WORKERS", value_parser = clap::value_parser!(u16).range(0..=1024))]
     workers: Option<u16>,
+    /// Only grade within requests, without a database: for trainers behind a load balancer. Serves /v1/grade,
+    /// /v1/grade:batch, /v1/replay, the trainers' routes and the catalogue, and asks for no key.
+    #[arg(long, env = "PLUMBLINE_GRADE_ONLY", conflicts_with_all = ["demo", "database"])]
+    grade_only: bool,
+    /// Sign receipts with the key in the folder of secrets although the nodes of this PostgreSQL database signed with
+    /// another, which is lost. The log of receipts notes the change.
+    #[arg(long)]
+    new_receipt_key: bool,
     /// Seconds after which a job is taken over from a worker that gives no sign of life.
     #[arg(long, env = "PLUMBLINE_LEASE_SECONDS", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     lease_seconds: u64,
@@ -92,6 +103,9 @@ fn greet(args: &ServeArgs, app: &RunningService) {
     for notice in &app.notices {
         eprintln!("NOTE: {notice}");
     }
+    if args.grade_only {
+        return;
+    }
     if args.open {
         eprintln!("the service is open: anyone who can reach it may write without a key");
         return;
@@ -115,14 +129,17 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
     let config = Config {
         listen: args.listen.clone(),
         admin_listen: args.admin_listen.clone(),
-        database: args.database.database.clone(),
+        role: if args.grade_only { Role::GradeOnly } else { Role::Whole },
+        database: if args.grade_only { Location::Memory } else { args.database.database.clone() },
         secrets: args.database.secrets.clone(),
         workers: args.workers.map_or(processors, usize::from),
+        cores: processors,
+        new_receipt_key: args.new_receipt_key,
         lease: Duration::from_secs(args.lease_seconds),
         hidden_publish: Duration::from_secs(args.hidden_publish_seconds),
         settings: ServiceSettings {
             grade_cache_bytes: args.grade_cache_mib << 20,
-            open: match (args.open, args.open_grade) {
+            open: match (args.open, args.open_grade || args.grade_only) {
                 (true, _) => Openness::Open,
                 (false, true) => Openness::Grading,
                 (false, false) => Openness::Keyed,

@@ -45,11 +45,11 @@ impl Role {
     #[must_use]
     pub fn serves(self, path: &str) -> bool {
         let is_at =
-            |route: &&str| path.strip_prefix(**route).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'));
+            |route: &&str| path.strip_prefix(*route).is_some_and(|rest: &str| rest.is_empty() || rest.starts_with('/'));
         match self {
             Self::Whole => true,
-            Self::GradeOnly => EVERYWHERE.iter().chain(&GRADING).any(|route| is_at(&route)),
-            Self::WorkOnly => EVERYWHERE.iter().any(|route| is_at(&route)),
+            Self::GradeOnly => EVERYWHERE.iter().chain(&GRADING).any(is_at),
+            Self::WorkOnly => EVERYWHERE.iter().any(is_at),
         }
     }
 }

@@ -124,9 +124,9 @@ impl Store {
                                                  WHERE lane = 'quick' AND lease_until_ms <= $1 AND attempt = 0
                                                  ORDER BY turn, queued_at_ms, submission_id LIMIT $3)
                          RETURNING submission_id, attempt, turn",
-                postgres: "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $1 + $2, lease_ms = $2
+                postgres: "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = now_ms() + $2, lease_ms = $2
                            WHERE submission_id IN (SELECT submission_id FROM jobs
-                                                   WHERE lane = 'quick' AND lease_until_ms <= $1 AND attempt = 0
+                                                   WHERE lane = 'quick' AND lease_until_ms <= now_ms() AND attempt = 0
                                                      AND turn >= (SELECT turn FROM lanes WHERE name = 'quick')
                                                    ORDER BY turn, queued_at_ms, submission_id LIMIT $3
                                                    FOR UPDATE SKIP LOCKED)
@@ -211,14 +211,17 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn renew(&self, claim: &Claim, lease_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
-        let held =
-            query("UPDATE jobs SET lease_until_ms = $3, lease_ms = $4 WHERE submission_id = $1 AND attempt = $2")
-                .bind(&claim.submission_id)
-                .bind(claim.attempt)
-                .bind(now_ms() + lease_ms)
-                .bind(lease_ms)
-                .execute(&mut tx)
-                .await?;
+        let held = query(Each {
+            sqlite: "UPDATE jobs SET lease_until_ms = $3 + $4, lease_ms = $4 WHERE submission_id = $1 AND attempt = $2",
+            postgres: "UPDATE jobs SET lease_until_ms = now_ms() + $4, lease_ms = $4
+                           WHERE submission_id = $1 AND attempt = $2",
+        })
+        .bind(&claim.submission_id)
+        .bind(claim.attempt)
+        .bind(now_ms())
+        .bind(lease_ms)
+        .execute(&mut tx)
+        .await?;
         commit(tx, "renew").await?;
         Ok(held > 0)
     }
@@ -375,9 +378,9 @@ async fn take_first(
                                           AND ($4 OR TRUE)
                                         ORDER BY turn, queued_at_ms, submission_id LIMIT 1)
                  RETURNING submission_id, attempt, turn",
-        postgres: "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $1 + $2, lease_ms = $2
+        postgres: "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = now_ms() + $2, lease_ms = $2
                    WHERE submission_id = (SELECT submission_id FROM jobs
-                                          WHERE lane = $3 AND (lease_until_ms <= $1 OR lease_until_ms - lease_ms > $1)
+                                          WHERE lane = $3 AND (lease_until_ms <= now_ms() OR lease_until_ms - lease_ms > now_ms())
                                             AND turn >= CASE WHEN $4 THEN 0 ELSE (SELECT turn FROM lanes WHERE name = $3) END
                                           ORDER BY turn, queued_at_ms, submission_id LIMIT 1
                                           FOR UPDATE SKIP LOCKED)

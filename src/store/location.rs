@@ -9,6 +9,8 @@ use sqlx::postgres::PgConnectOptions;
 /// Location of a database. It prints without the password.
 #[derive(Debug, Clone)]
 pub enum Location {
+    /// No database: what a node that only grades needs is in memory.
+    Memory,
     /// SQLite file.
     File(PathBuf),
     /// PostgreSQL database.
@@ -28,7 +30,7 @@ impl Location {
     pub fn file(&self) -> Option<&Path> {
         match self {
             Self::File(file) => Some(file),
-            Self::Server(_) => None,
+            Self::Memory | Self::Server(_) => None,
         }
     }
 
@@ -41,7 +43,7 @@ impl Location {
                 name.push(".secrets");
                 name.into()
             }
-            Self::Server(_) => "plumbline.secrets".into(),
+            Self::Memory | Self::Server(_) => "plumbline.secrets".into(),
         }
     }
 }
@@ -84,6 +86,7 @@ impl fmt::Display for Location {
                 let whole = std::path::absolute(file);
                 whole.as_deref().unwrap_or(file).display().fmt(formatter)
             }
+            Self::Memory => formatter.write_str("in memory"),
             Self::Server(server) => formatter.write_str(&server.shown),
         }
     }

@@ -23,6 +23,7 @@ pub mod instances;
 pub mod job_ends;
 pub mod jobs;
 pub mod keys;
+mod leadership;
 pub mod location;
 mod locks;
 mod migrations;
@@ -66,7 +67,7 @@ use location::Location;
 use pace::Pace;
 use plumbline_engine::hidden::receipts::Signer;
 use plumbline_engine::tasks::catalogue::Catalogue;
-use secrets::Secrets;
+use secrets::{Secrets, random_key};
 
 /// Handle to the database; clones share its connections.
 #[derive(Debug, Clone)]
@@ -173,7 +174,11 @@ impl Store {
         if matches!(*self.location, Location::Server(_)) && !self.secrets.has_signer()? {
             return Err(StoreError::NoSecrets(self.secrets.folder().to_owned()));
         }
-        let signer = Arc::new(self.secrets.signer()?);
+        let signer = Arc::new(match *self.location {
+            // Nothing is signed here that anybody could ask for later.
+            Location::Memory => Signer::new(&random_key()?),
+            _ => self.secrets.signer()?,
+        });
         Ok(Arc::clone(self.signer.get_or_init(|| signer)))
     }
 
@@ -241,6 +246,7 @@ async fn commit(tx: Tx, what: &'static str) -> StoreResult<()> {
 /// Opens the pools of a database that write and read.
 async fn pools(location: &Location, may_change: bool) -> StoreResult<(Pool, Pool)> {
     match location {
+        Location::Memory => sqlite::open_in_memory().await,
         Location::File(file) => sqlite::open(file, may_change).await,
         Location::Server(server) => {
             let pool = postgres::open(server, may_change).await?;

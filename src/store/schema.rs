@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use sqlx::migrate::Migrator;
 
 use super::location::Location;
+use super::migrations::SQLITE;
 use super::{Store, StoreError, StoreResult, postgres, sqlite};
 
 /// Migrations that a database has and lacks.
@@ -67,6 +68,7 @@ impl SchemaState {
 /// Returns an error if the database cannot be read, or belongs to another program.
 pub async fn state(database: &Location) -> StoreResult<SchemaState> {
     match database {
+        Location::Memory => Ok(SchemaState::of(&SQLITE, None)),
         Location::File(file) => sqlite::schema::state(file).await,
         Location::Server(server) => postgres::schema::state(server).await,
     }
@@ -88,7 +90,7 @@ pub async fn migrate(database: &Location) -> StoreResult<Option<PathBuf>> {
     }
     let copy = match database {
         Location::File(file) => Some(sqlite::schema::keep_copy(file, before.found).await?),
-        Location::Server(_) => None,
+        Location::Memory | Location::Server(_) => None,
     };
     Store::migrate_only(database).await?;
     Ok(copy)

@@ -128,6 +128,7 @@ pub async fn export(
 ) -> StoreResult<()> {
     schema::state(database).await?.must_be_current(database)?;
     let pool = match database {
+        Location::Memory => return Err(StoreError::Missing(Location::Memory)),
         Location::File(file) => sqlite::open_reading(file).await?,
         Location::Server(server) => postgres::open(server, false).await?,
     };

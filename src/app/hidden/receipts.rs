@@ -59,15 +59,9 @@ pub async fn receipt_of_submission(app: &App, id: &str) -> AppResult<ReceiptFile
 /// Returns an error if the database fails.
 pub async fn verifying_keys(app: &App) -> AppResult<VerifyingKeys> {
     let mut all = app.store.receipt_keys().await?;
-    if let Some(in_use) = app.signer.as_ref().map(|signer| signer.public_key())
-        && !all.contains(&in_use)
-    {
-        all.push(in_use);
+    let in_use = app.receipt_key.clone();
+    if !all.contains(&in_use) {
+        all.push(in_use.clone());
     }
-    // A node without the secrets knows the key in use from the log.
-    let in_use = match &app.signer {
-        Some(signer) => signer.public_key(),
-        None => app.store.last_receipt_key().await?.ok_or_else(no_secrets)?,
-    };
     Ok(VerifyingKeys { in_use, all })
 }

@@ -80,7 +80,7 @@ pub async fn epochs(State(state): State<AppState>, headers: HeaderMap) -> PageRe
     html::page(&EpochsPage {
         epochs: epochs.into_iter().map(|epoch| Shown::of(epoch.into(), now_ms())).collect(),
         host: named.unwrap_or("localhost:7586").to_owned(),
-        key: state.signer.public_key(),
+        key: state.receipt_key.clone(),
     })
 }
 

@@ -17,9 +17,13 @@ pub struct Health {
     /// Version of the program.
     #[schema(example = "0.1.0")]
     pub version: &'static str,
+    /// What the node lacks and others do instead: `secrets`, without which it grades no submissions and issues no hidden
+    /// instances.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    pub lacks: &'static [&'static str],
 }
 
-const OK: Health = Health { status: "ok", version: env!("CARGO_PKG_VERSION") };
+const OK: Health = Health { status: "ok", version: env!("CARGO_PKG_VERSION"), lacks: &[] };
 
 /// Reports that the process is alive.
 #[utoipa::path(
@@ -41,5 +45,5 @@ pub async fn get_health() -> Json<Health> {
 )]
 pub async fn get_readiness(State(state): State<AppState>) -> AppResult<Json<Health>> {
     check(&state).await?;
-    Ok(Json(OK))
+    Ok(Json(Health { lacks: if state.signer.is_none() { &["secrets"] } else { &[] }, ..OK }))
 }

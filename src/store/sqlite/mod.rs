@@ -59,6 +59,19 @@ pub(super) async fn open(file: &Path, may_change: bool) -> StoreResult<(Pool, Po
     Ok((Pool::Sqlite(writer), Pool::Sqlite(readers)))
 }
 
+/// Opens an empty database in memory, with one connection that writes and reads.
+pub(super) async fn open_in_memory() -> StoreResult<(Pool, Pool)> {
+    let pool = SqlitePoolOptions::new()
+        .max_connections(1)
+        .min_connections(1)
+        .idle_timeout(None)
+        .max_lifetime(None)
+        .connect_with(SqliteConnectOptions::new().in_memory(true).foreign_keys(true))
+        .await?;
+    SQLITE.run(&pool).await?;
+    Ok((Pool::Sqlite(pool.clone()), Pool::Sqlite(pool)))
+}
+
 /// Opens an existing file for reading alone.
 pub(super) async fn open_reading(file: &Path) -> StoreResult<Pool> {
     let options = SqliteConnectOptions::new().filename(file).read_only(true);

@@ -1,5 +1,8 @@
 //! Composition: assembles store, workers and HTTP into one service, and starts and stops them in order.
 
+mod background;
+mod signing;
+
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -14,21 +17,25 @@ use tokio_util::sync::CancellationToken;
 use crate::actions::ACTION_LIMITS;
 use crate::actions::pool::Pool;
 use crate::app::access::{Keys, Openness};
-use crate::app::hidden::completion;
 use crate::app::limits::{LIMITS, Limits};
 use crate::app::load::Connections;
 use crate::app::rewards::grader::Grader;
 use crate::app::{App, AppParts};
 use crate::clock::now_ms;
 use crate::http::middleware::rates::{RateSettings, Rates};
+use crate::http::role::Role;
 use crate::http::{self, HttpParts};
 use crate::store::Store;
 use crate::store::keys::Scope;
 use crate::store::location::Location;
 use crate::store::suites::SuiteStored;
 use crate::worker::{WorkerSettings, Workers};
-use plumbline_engine::hidden::receipts::Signer;
 use plumbline_engine::tasks::embedded;
+use signing::Signing;
+
+/// Notice of a node that only grades within requests.
+const GRADE_ONLY: &str = "this node only grades within requests: it has no database, and grading needs no key. Let nobody \
+                          reach it who should not";
 
 /// Settings of the use cases and of HTTP.
 #[derive(Debug, Clone, Copy)]
@@ -54,8 +61,14 @@ pub struct Config {
     pub database: Location,
     /// Folder of the secrets, if it is not the default one.
     pub secrets: Option<PathBuf>,
-    /// Number of submissions graded at the same time.
+    /// Role of the node.
+    pub role: Role,
+    /// Number of submissions graded at the same time; 0 leaves grading to other nodes.
     pub workers: usize,
+    /// Number of scripts of requests that run at the same time.
+    pub cores: usize,
+    /// Whether the receipt key in the folder of secrets replaces the one that the nodes signed with before.
+    pub new_receipt_key: bool,
     /// Time after which a job is taken from a worker that no longer renews its lease.
     pub lease: Duration,
     /// Interval at which entries of open epochs are completed and receipts of hidden evaluation are published.
@@ -75,7 +88,7 @@ pub struct RunningService {
     pub notices: Vec<String>,
     app: Arc<App>,
     store: Store,
-    workers: Workers,
+    workers: Option<Workers>,
     stop: CancellationToken,
     serving: Vec<JoinHandle<std::io::Result<()>>>,
 }
@@ -107,19 +120,30 @@ impl RunningService {
             lease: config.lease,
             deadline: Duration::from_secs(LIMITS.grading_seconds),
         };
-        let signer = store.signer().context("cannot load the key that signs receipts")?;
-        let notices: Vec<String> = receipt_key_notice(&store, &signer).await?.into_iter().collect();
+        let Signing { signer, public_key, notice } = signing::signing(&store, config.new_receipt_key).await?;
+        let mut notices: Vec<String> = notice.into_iter().collect();
+        notices.extend((config.role == Role::GradeOnly).then(|| GRADE_ONLY.to_owned()));
         for notice in &notices {
             tracing::warn!("{notice}");
         }
-        let workers = Workers::start(&store, settings, &signer)?;
+        // Grading a submission ends with a signed receipt.
+        let workers = match &signer {
+            Some(signer) if config.workers > 0 && config.role != Role::GradeOnly => {
+                Some(Workers::start(&store, settings, signer)?)
+            }
+            _ => None,
+        };
         let stop = CancellationToken::new();
         let connections = Connections::default();
         let rates = Arc::new(Rates::new(config.settings.rates));
         crate::telemetry::describe_metrics();
-        tokio::spawn(keep_hidden(store.clone(), config.hidden_publish, stop.clone()));
-        let actions = Pool::new(config.workers, ACTION_LIMITS);
-        actions.refill();
+        if signer.is_some() && config.role != Role::GradeOnly {
+            tokio::spawn(background::keep_hidden(store.clone(), config.hidden_publish, stop.clone()));
+        }
+        let actions = Pool::new(config.cores, ACTION_LIMITS);
+        if config.role != Role::WorkOnly {
+            actions.refill();
+        }
         let limits = Limits {
             requests_per_second_per_key: config.settings.rates.per_key,
             requests_per_second_per_address: config.settings.rates.per_address,
@@ -135,12 +159,15 @@ impl RunningService {
             limits,
             actions,
             signer,
+            receipt_key: public_key,
             stop: stop.clone(),
         })?;
         let app = Arc::new(app);
-        tokio::spawn(keep_up(metrics.clone(), Arc::clone(&app), Arc::clone(&rates), stop.clone()));
-        tokio::spawn(keep_uses(Arc::clone(&app), stop.clone()));
-        let parts = HttpParts { app: Arc::clone(&app), metrics, rates };
+        let upkeep =
+            background::keep_up(metrics.clone(), Arc::clone(&app), store.clone(), Arc::clone(&rates), stop.clone());
+        tokio::spawn(upkeep);
+        tokio::spawn(background::keep_uses(Arc::clone(&app), stop.clone()));
+        let parts = HttpParts { app: Arc::clone(&app), metrics, rates, role: config.role };
         let routers = http::routers(parts, admin_listener.is_some());
         // All clients behind a proxy share its address.
         let per_address = if config.settings.rates.is_behind_proxy {
@@ -183,8 +210,10 @@ impl RunningService {
                 tracing::error!(%error, "a listener failed");
             }
         }
-        self.workers.shut_down().await;
-        store_uses(&self.app).await;
+        if let Some(workers) = &self.workers {
+            workers.shut_down().await;
+        }
+        background::store_uses(&self.app).await;
         self.store.close().await;
     }
 }
@@ -192,82 +221,6 @@ impl RunningService {
 async fn listen(option: &str, place: &str) -> anyhow::Result<TcpListener> {
     let bound = TcpListener::bind(place).await;
     bound.with_context(|| format!("cannot listen on {place:?} ({option} is a host and a port, such as 127.0.0.1:7586)"))
-}
-
-/// Records a change of the key that signs receipts in their log; returns a notice for the operator if the key changed.
-async fn receipt_key_notice(store: &Store, signer: &Signer) -> anyhow::Result<Option<String>> {
-    let before = store.note_receipt_key(signer, now_ms()).await?;
-    Ok(before.map(|before| {
-        let (now, folder) = (signer.public_key(), store.secrets().folder().display().to_string());
-        format!(
-            "receipts are signed with a new key from now on: {now}; the key before was {before}. The change is \
-             recorded in the log at /v1/receipts. If you still have the old key, stop the service, put it back into \
-             {folder}, and start again"
-        )
-    }))
-}
-
-/// Runs upkeep every few seconds: forgets idle clients in the rate limits, folds samples of histograms together, which
-/// would pile up if nobody reads the metrics, and loads suites that another process has added, and forgets old idempotency keys.
-async fn keep_up(metrics: PrometheusHandle, app: Arc<App>, rates: Arc<Rates>, stop: CancellationToken) {
-    const EVERY: Duration = Duration::from_secs(5);
-    while stop.run_until_cancelled(tokio::time::sleep(EVERY)).await.is_some() {
-        metrics.run_upkeep();
-        rates.evict_idle();
-        if let Err(error) = app.current_catalogue().await {
-            tracing::warn!(%error, "could not look for new suites");
-        }
-        if let Err(error) = app.store.forget_old_requests(now_ms()).await {
-            tracing::warn!(%error, "could not delete old idempotency keys");
-        }
-    }
-}
-
-/// Stores every few seconds when keys were last used. It waits for the writer, and nothing waits for it.
-async fn keep_uses(app: Arc<App>, stop: CancellationToken) {
-    const EVERY: Duration = Duration::from_secs(5);
-    while stop.run_until_cancelled(tokio::time::sleep(EVERY)).await.is_some() {
-        store_uses(&app).await;
-    }
-}
-
-async fn store_uses(app: &App) {
-    if let Err(error) = app.store_key_uses().await {
-        tracing::warn!(%error, "could not store when keys were last used");
-    }
-}
-
-/// Settles epochs as soon as they are over. Entries of open epochs are completed, and receipts published, only at full
-/// multiples of `every` since 1970, so that nobody can tell when an answer was graded.
-async fn keep_hidden(store: Store, every: Duration, stop: CancellationToken) {
-    const LOOK: Duration = Duration::from_secs(1);
-    let every_ms = i64::try_from(every.as_millis()).unwrap_or(i64::MAX).max(1);
-    let mut published = now_ms() / every_ms;
-    // The file grows when a hidden answer is graded, so its size is reported only at these times.
-    let tell_size = || {
-        if let Some(bytes) = store.file_bytes() {
-            metrics::gauge!("plumbline_database_bytes").set(bytes as f64);
-        }
-    };
-    tell_size();
-    while stop.run_until_cancelled(tokio::time::sleep(LOOK)).await.is_some() {
-        if let Err(error) = completion::settle_epochs(&store, now_ms()).await {
-            tracing::warn!(%error, "could not settle epochs that are over");
-        }
-        let due = now_ms() / every_ms;
-        if due == published {
-            continue;
-        }
-        match completion::publish(&store, now_ms()).await {
-            Ok(()) => {
-                published = due;
-                tell_size();
-            }
-            Err(error) => {
-                tracing::warn!(%error, "could not complete entries and publish receipts of hidden evaluation");
-            }
-        }
-    }
 }
 
 async fn store_suites(store: &Store) -> anyhow::Result<()> {

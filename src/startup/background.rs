@@ -1,0 +1,99 @@
+//! Background tasks: upkeep, the use of keys, and what hidden evaluation does at fixed times.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use metrics_exporter_prometheus::PrometheusHandle;
+use tokio_util::sync::CancellationToken;
+
+use crate::app::App;
+use crate::app::hidden::completion;
+use crate::clock::now_ms;
+use crate::http::middleware::rates::Rates;
+use crate::store::Store;
+
+/// Task that one node does for all: settling epochs and publishing what they came to.
+const HIDDEN: &str = "hidden evaluation";
+
+/// Runs upkeep every few seconds: forgets idle clients in the rate limits, folds samples of histograms together, which
+/// would pile up if nobody reads the metrics, loads suites that another process has added, and forgets old requests.
+pub(super) async fn keep_up(
+    metrics: PrometheusHandle,
+    app: Arc<App>,
+    store: Store,
+    rates: Arc<Rates>,
+    stop: CancellationToken,
+) {
+    const EVERY: Duration = Duration::from_secs(5);
+    while stop.run_until_cancelled(tokio::time::sleep(EVERY)).await.is_some() {
+        metrics.run_upkeep();
+        rates.evict_idle();
+        if let Err(error) = app.current_catalogue().await {
+            tracing::warn!(%error, "could not look for new suites");
+        }
+        if let Err(error) = store.forget_old_requests(now_ms()).await {
+            tracing::warn!(%error, "could not delete old idempotency keys");
+        }
+    }
+}
+
+/// Stores every few seconds when keys were last used. It waits for the writer, and nothing waits for it.
+pub(super) async fn keep_uses(app: Arc<App>, stop: CancellationToken) {
+    const EVERY: Duration = Duration::from_secs(5);
+    while stop.run_until_cancelled(tokio::time::sleep(EVERY)).await.is_some() {
+        store_uses(&app).await;
+    }
+}
+
+/// Stores when keys were last used.
+pub(super) async fn store_uses(app: &App) {
+    if let Err(error) = app.store_key_uses().await {
+        tracing::warn!(%error, "could not store when keys were last used");
+    }
+}
+
+/// Settles epochs as soon as they are over. Entries of open epochs are completed, and receipts published, only at full
+/// multiples of `every` since 1970, so that nobody can tell when an answer was graded. Of several nodes, one does it.
+pub(super) async fn keep_hidden(store: Store, every: Duration, stop: CancellationToken) {
+    const LOOK: Duration = Duration::from_secs(1);
+    const LEASE_MS: i64 = 5_000;
+    let node = uuid::Uuid::new_v4().to_string();
+    let every_ms = i64::try_from(every.as_millis()).unwrap_or(i64::MAX).max(1);
+    let mut published = now_ms() / every_ms;
+    // The file grows when a hidden answer is graded, so its size is reported only at these times.
+    let tell_size = || {
+        if let Some(bytes) = store.file_bytes() {
+            metrics::gauge!("plumbline_database_bytes").set(bytes as f64);
+        }
+    };
+    tell_size();
+    while stop.run_until_cancelled(tokio::time::sleep(LOOK)).await.is_some() {
+        match store.lead(HIDDEN, &node, LEASE_MS).await {
+            Ok(true) => {}
+            Ok(false) => continue,
+            Err(error) => {
+                tracing::warn!(%error, "could not find out which node settles epochs");
+                continue;
+            }
+        }
+        if let Err(error) = completion::settle_epochs(&store, now_ms()).await {
+            tracing::warn!(%error, "could not settle epochs that are over");
+        }
+        let due = now_ms() / every_ms;
+        if due == published {
+            continue;
+        }
+        match completion::publish(&store, now_ms()).await {
+            Ok(()) => {
+                published = due;
+                tell_size();
+            }
+            Err(error) => {
+                tracing::warn!(%error, "could not complete entries and publish receipts of hidden evaluation");
+            }
+        }
+    }
+    if let Err(error) = store.stop_leading(HIDDEN, &node).await {
+        tracing::debug!(%error, "another node leads only when this node's lease has ended");
+    }
+}
