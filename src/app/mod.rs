@@ -5,6 +5,7 @@
 
 pub mod access;
 pub mod boards;
+pub mod body;
 pub mod error;
 pub mod grading;
 pub mod hidden;

@@ -17,7 +17,7 @@ use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
 
 /// Maximum length of a reason, in characters.
-const REASON_CHARS: usize = 500;
+pub const REASON_CHARS: usize = 500;
 /// Maximum number of entries in a feed.
 const FEED_ENTRIES: usize = 100;
 
@@ -97,7 +97,7 @@ pub struct NewBoardAction {
     /// `hide` or `restore`.
     action: HideOrRestore,
     /// Reason for the action; it is public.
-    #[schema(min_length = 1, max_length = 500)]
+    #[schema(min_length = 1)]
     reason: String,
 }
 

@@ -100,7 +100,7 @@ pub struct BoardQuery {
     #[param(format = Uuid)]
     pub after: Option<String>,
     /// Maximum number of rows on the page.
-    #[param(minimum = 1, maximum = 1000)]
+    #[param(minimum = 1)]
     pub limit: Option<u32>,
     /// Format of the page: `json`, `csv` or `ndjson`.
     #[serde(default)]

@@ -13,7 +13,7 @@ use super::entries::{given, not_open};
 use super::epochs::stored_epoch;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult, Kind};
-use crate::app::hidden::answer::{AnswerShape, PostedAnswer};
+use crate::app::hidden::answer::{NewAnswerBody, PostedAnswer, read_answer};
 use crate::app::limits::LIMITS;
 use crate::app::replay::run_code;
 use crate::app::submissions::decision::decide;
@@ -21,7 +21,6 @@ use crate::app::submissions::posted::Format;
 use crate::clock::{now_ms, rfc3339};
 use crate::http::extract::body::JsonBody;
 use crate::http::state::AppState;
-use crate::http::submissions::schema::{NewTurn, StoredLogBody};
 use crate::store::epochs::HIDDEN_SUITE;
 use crate::store::hidden_answers::Answered;
 use crate::store::instances::InstanceRow;
@@ -31,7 +30,7 @@ use crate::store::submissions::{NewSubmission, PackedLog};
 use plumbline_engine::hidden::evidence::GivenReceipt;
 use plumbline_engine::hidden::receipts::ReceiptFile;
 use plumbline_engine::intake::Faults;
-use plumbline_engine::intake::tolerant::{read_document, why_not_json};
+use plumbline_engine::intake::tolerant::why_not_json;
 use plumbline_engine::tasks::{Task, hex};
 use plumbline_engine::voxel::BlockLog;
 use plumbline_engine::voxel::replay::Replay;
@@ -121,23 +120,6 @@ pub async fn get_instance(
     Ok(Json(InstanceBody::of(&state, row).await?))
 }
 
-/// The answer to a hidden instance.
-#[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-#[schema(example = json!({ "turns": [{ "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }] }],
-                           "transcript_sha256": "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08" }))]
-#[expect(dead_code, reason = "describes the body that AnswerShape reads")]
-pub struct NewAnswerBody {
-    /// Actions of each turn, in any form that a submission accepts. Either `turns` or `log` is required.
-    #[schema(max_items = 64)]
-    turns: Option<Vec<NewTurn>>,
-    /// The log in its stored form, as `/v1/submissions/{id}/log` returns it.
-    log: Option<StoredLogBody>,
-    /// SHA-256 of the agent's transcript, which must be shown on request.
-    #[schema(pattern = "^[0-9a-fA-F]{64}$")]
-    transcript_sha256: Option<String>,
-}
-
 /// Confirmation of an accepted answer.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct AnswerTaken {
@@ -186,7 +168,7 @@ pub async fn answer_instance(
     let text = bytes.clone();
     let read = tokio::task::spawn_blocking(move || {
         let mut faults = Faults::new();
-        let posted = read_document(&bytes, AnswerShape { faults: &mut faults });
+        let posted = read_answer(&bytes, &mut faults);
         (posted, faults)
     });
     let (posted, mut faults) = read.await.map_err(|error| AppError::internal(&error))?;

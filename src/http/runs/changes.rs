@@ -11,7 +11,6 @@ use crate::app::submissions::posted::TaskRef;
 use crate::clock::now_ms;
 use crate::http::extract::body::{JsonBody, read_json};
 use crate::http::state::AppState;
-use crate::http::submissions::schema::TaskName;
 use crate::store::keys::Scope;
 use crate::store::run_rows::{RunRow, Skip};
 use crate::store::runs::RunChanged;
@@ -34,7 +33,7 @@ pub enum SkipBody {
     /// All tasks without a submission.
     All(SkipAll),
     /// The listed tasks.
-    Tasks(Vec<TaskName>),
+    Tasks(Vec<TaskRef>),
 }
 
 /// Name for all tasks without a submission.
@@ -96,7 +95,7 @@ async fn own_run(state: &AppState, caller: &Caller, id: &str) -> AppResult<RunRo
 }
 
 /// Returns the numbers of the named tasks, sorted and without repetitions.
-async fn numbers_of(state: &AppState, run: &RunRow, names: Vec<TaskName>) -> AppResult<Vec<u32>> {
+async fn numbers_of(state: &AppState, run: &RunRow, names: Vec<TaskRef>) -> AppResult<Vec<u32>> {
     let entry = state.suite(&run.suite_id).await?;
     let mut faults = Faults::new();
     faults.enter_key("skip");
@@ -106,12 +105,8 @@ async fn numbers_of(state: &AppState, run: &RunRow, names: Vec<TaskName>) -> App
     }
     let mut numbers = Vec::with_capacity(names.len());
     for (i, name) in names.into_iter().enumerate() {
-        let named = match name {
-            TaskName::Id(id) => TaskRef::Id(id),
-            TaskName::Number(number) => TaskRef::Number(number),
-        };
         faults.enter_index(i);
-        match named.find_in(&entry) {
+        match name.find_in(&entry) {
             Ok(number) => numbers.push(number),
             Err(why) => faults.add(why),
         }

@@ -8,8 +8,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use uuid::Uuid;
 
-use super::body::{NewRunBody, NewRunShape, RunProvenance};
+use super::body::{NewRunBody, RunProvenance};
 use crate::app::access::Caller;
+use crate::app::body::read_body;
 use crate::app::error::{AppError, AppResult};
 use crate::app::submissions::accept::key_reused;
 use crate::app::submissions::posted::Format;
@@ -27,7 +28,7 @@ use crate::store::runs::{NewRun, RunsWanted};
 use crate::store::states::RunState;
 use plumbline_engine::grading::Summary;
 use plumbline_engine::intake::Faults;
-use plumbline_engine::intake::tolerant::{read_document, why_not_json};
+use plumbline_engine::intake::tolerant::why_not_json;
 
 /// A run.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -120,7 +121,7 @@ pub async fn create_run(
     }
     let underway = state.in_flight.begin(&headers, &caller, "create_run", &body.bytes)?;
     let mut faults = Faults::new();
-    let parsed = match read_document(&body.bytes, NewRunShape { faults: &mut faults }) {
+    let parsed = match read_body::<NewRunBody>(&body.bytes, &mut faults) {
         Ok(parsed) => parsed,
         Err(error) => {
             faults.add(why_not_json(&body.bytes, &error));
@@ -143,8 +144,16 @@ pub async fn create_run(
     if provenance == RunProvenance::ReRunByHost {
         caller.require(Scope::Admin)?;
     }
-    let (metadata, owner) = (&parsed.metadata, caller.owner());
-    let new = NewRun { id: &id, agent: &agent, suite_id: &suite_id, metadata, owner, provenance: provenance.name() };
+    let metadata = parsed.metadata.unwrap_or_else(|| serde_json::json!({}));
+    let owner = caller.owner();
+    let new = NewRun {
+        id: &id,
+        agent: &agent,
+        suite_id: &suite_id,
+        metadata: &metadata,
+        owner,
+        provenance: provenance.name(),
+    };
     let once = underway.as_ref().map(|underway| &underway.once);
     let (id, is_replayed) = match state.store.create_run(&new, once, now_ms()).await? {
         PriorRequest::Never => (id, false),
@@ -217,7 +226,7 @@ pub struct RunsQuery {
     #[param(format = Uuid)]
     after: Option<String>,
     /// Maximum number of runs on a page; 100 by default.
-    #[param(minimum = 1, maximum = 1000)]
+    #[param(minimum = 1)]
     limit: Option<u32>,
 }
 
@@ -296,7 +305,7 @@ pub struct PageQuery {
     /// Only tasks with a greater number, for the next page.
     after: Option<u32>,
     /// Maximum number of submissions on a page; 100 by default.
-    #[param(minimum = 1, maximum = 1000)]
+    #[param(minimum = 1)]
     limit: Option<u32>,
 }
 

@@ -6,7 +6,6 @@ use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
 
-use super::schema::StoredLogBody;
 use super::state::stored;
 use crate::app::error::{AppError, AppResult};
 use crate::clock::rfc3339;
@@ -14,6 +13,7 @@ use crate::http::extract::params::Params;
 use crate::http::state::AppState;
 use crate::store::states::SubmissionState;
 use plumbline_engine::grading::Report;
+use plumbline_engine::intake::schema::StoredLogBody;
 
 /// A report with its provenance.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
