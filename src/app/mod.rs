@@ -6,6 +6,7 @@
 pub mod access;
 pub mod accounts;
 pub mod boards;
+pub mod body;
 pub mod catalogue;
 pub mod error;
 pub mod grading;

@@ -12,6 +12,7 @@ use crate::app::submissions::posted::PostedSubmission;
 use crate::fair::Permit;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::{SentLog, without_fences};
+use plumbline_engine::intake::schema::EventAction;
 use plumbline_engine::voxel::{BlockLog, Cell};
 
 /// Takes a slot for a request whose action code runs or waits.
@@ -195,22 +196,12 @@ fn take_events(
     true
 }
 
-/// Action on a block.
-#[derive(Debug, utoipa::ToSchema, serde::Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum EventAction {
-    /// A block is placed.
-    Place,
-    /// A block is removed.
-    Remove,
-}
-
 /// Event that action code recorded.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct ReplayedEvent {
     /// `place` or `remove`.
-    #[schema(value_type = EventAction, example = "place")]
-    pub action: &'static str,
+    #[schema(example = "place")]
+    pub action: EventAction,
     /// Coordinate to the east.
     pub x: i32,
     /// Coordinate upwards.
@@ -227,6 +218,7 @@ pub fn told(done: &Replayed) -> impl Iterator<Item = ReplayedEvent> {
     done.events.iter().map(|event| {
         let [x, y, z] = event.cell;
         let material = event.material.and_then(|index| done.palette.get(index as usize)).cloned();
-        ReplayedEvent { action: if material.is_some() { "place" } else { "remove" }, x, y, z, material }
+        let action = if material.is_some() { EventAction::Place } else { EventAction::Remove };
+        ReplayedEvent { action, x, y, z, material }
     })
 }

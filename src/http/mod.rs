@@ -4,6 +4,7 @@
 
 pub mod accounts;
 pub mod boards;
+mod bounds;
 pub mod catalogue;
 pub mod extract;
 pub mod hidden;

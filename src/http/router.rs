@@ -15,7 +15,7 @@ use utoipa_swagger_ui::{Config, SwaggerUi};
 use super::extract::caller::PROBES;
 use super::problem::{PROBLEM_JSON, Problem};
 use super::state::AppState;
-use super::{accounts, boards, catalogue, hidden, rewards, runs, service, submissions};
+use super::{accounts, boards, bounds, catalogue, hidden, rewards, runs, service, submissions};
 
 /// Metadata of the OpenAPI document: title, license, servers and tags.
 #[derive(OpenApi)]
@@ -123,7 +123,7 @@ pub fn trainers_elsewhere() -> Router<AppState> {
 }
 
 /// Completes the document with everything that holds for operations of a kind: the errors that they may answer with, and the
-/// key that writing needs.
+/// key that writing needs. Sets the bounds that are limits of the service.
 ///
 /// An operation declares only the errors that are its own, without a body: every error is a problem.
 pub fn complete(document: &mut utoipa::openapi::OpenApi) {
@@ -131,12 +131,14 @@ pub fn complete(document: &mut utoipa::openapi::OpenApi) {
         "A key made by `plumbline keys create`. Reading needs none; a service started with `--open` asks for none.",
     ));
     let components = document.components.get_or_insert_default();
+    bounds::set_in_bodies(components);
     components.add_security_scheme("key", SecurityScheme::Http(bearer.build()));
     for (path, item) in &mut document.paths.paths {
         for (operation, writes) in [(&mut item.get, false), (&mut item.post, true), (&mut item.delete, true)] {
             let Some(operation) = operation else { continue };
             for parameter in operation.parameters.iter_mut().flatten() {
                 never_null(parameter);
+                bounds::set_in_parameter(parameter);
             }
             if writes {
                 operation.security = Some(vec![SecurityRequirement::new("key", [""; 0])]);

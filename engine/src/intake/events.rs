@@ -4,6 +4,7 @@ use serde::de::{IgnoredAny, MapAccess, SeqAccess};
 
 use super::Reader;
 use super::faults::Faults;
+use super::schema::EventAction;
 use super::tolerant::{Integer, OrNull, Read, Scalar, Shape, Text};
 use crate::voxel::block_log::{Event, Turn};
 use crate::voxel::cell::{Cell, MAX_HORIZONTAL, MAX_Y, MIN_Y};
@@ -38,12 +39,6 @@ impl<'de> Shape<'de> for EventsShape<'_, '_> {
 
 struct EventShape<'r, 'f> {
     reader: &'r mut Reader<'f>,
-}
-
-#[derive(Clone, Copy, PartialEq)]
-enum Action {
-    Place,
-    Remove,
 }
 
 impl<'de> Shape<'de> for EventShape<'_, '_> {
@@ -92,13 +87,13 @@ impl<'de> Shape<'de> for EventShape<'_, '_> {
         if action.is_none() {
             reader.faults.add_at("action", "missing: \"place\" or \"remove\"");
         }
-        if action == Some(Some(Action::Place)) && material.is_none() {
+        if action == Some(Some(EventAction::Place)) && material.is_none() {
             reader.faults.add_at("material", "missing: an event that places a block needs a material");
         }
         let cell = cell_of(at.map(Option::flatten));
         Ok(match (action.flatten(), cell, material.flatten()) {
-            (Some(Action::Place), Some(cell), Some(material)) => Some(Event::Place { cell, material }),
-            (Some(Action::Remove), Some(cell), _) => Some(Event::Remove { cell }),
+            (Some(EventAction::Place), Some(cell), Some(material)) => Some(Event::Place { cell, material }),
+            (Some(EventAction::Remove), Some(cell), _) => Some(Event::Remove { cell }),
             _ => None,
         })
     }
@@ -128,7 +123,7 @@ struct ActionShape<'f> {
 }
 
 impl Shape<'_> for ActionShape<'_> {
-    type Out = Action;
+    type Out = EventAction;
 
     fn wanted(&self) -> &'static str {
         "\"place\" or \"remove\""
@@ -138,10 +133,10 @@ impl Shape<'_> for ActionShape<'_> {
         self.faults
     }
 
-    fn scalar(self, value: &Scalar<'_>) -> Option<Action> {
+    fn scalar(self, value: &Scalar<'_>) -> Option<EventAction> {
         match value {
-            Scalar::Text("place") => Some(Action::Place),
-            Scalar::Text("remove") => Some(Action::Remove),
+            Scalar::Text("place") => Some(EventAction::Place),
+            Scalar::Text("remove") => Some(EventAction::Remove),
             other => {
                 self.faults.add(format!("expected \"place\" or \"remove\", found {other}"));
                 None

@@ -41,6 +41,7 @@ pub mod code;
 mod events;
 pub mod faults;
 mod rows;
+pub mod schema;
 pub mod stored;
 pub mod text;
 pub mod tolerant;

@@ -11,7 +11,7 @@ use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
 
 /// Maximum length of a reason, in characters.
-const REASON_CHARS: usize = 500;
+pub const REASON_CHARS: usize = 500;
 
 /// Action that a request may ask for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, utoipa::ToSchema)]

@@ -9,7 +9,7 @@ use super::read;
 use crate::app::App;
 use crate::app::error::{AppError, AppResult};
 use crate::app::paging::page_items;
-use crate::app::runs::provenance::Provenance;
+use crate::app::runs::body::RunProvenance;
 use crate::clock::milliseconds;
 use plumbline_engine::grading::standings::Standing;
 use plumbline_engine::grading::statistics::ranks::RankRange;
@@ -77,7 +77,7 @@ pub struct Selection {
     /// Text in the name of the agent; case is ignored.
     pub agent: Option<String>,
     /// Origin of the logs.
-    pub provenance: Option<Provenance>,
+    pub provenance: Option<RunProvenance>,
     /// Runs to list, by their coverage.
     pub coverage: CoverageFilter,
     /// Time at which to show the board (RFC 3339).

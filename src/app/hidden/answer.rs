@@ -1,12 +1,31 @@
 //! Parser of answers to hidden instances, which reports all faults at once.
 
-use serde::de::{IgnoredAny, MapAccess};
-
-use crate::app::submissions::log_member::LogMember;
+use crate::app::body::values::Parsed;
+use crate::app::body::{read_body, request_body};
+use crate::app::submissions::log_member::{stored_log, turns};
 use plumbline_engine::hidden::canonical::unhex;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::SentLog;
-use plumbline_engine::intake::tolerant::{OrNull, Read, Shape, Text};
+use plumbline_engine::intake::schema::{NewTurn, StoredLogBody};
+use plumbline_engine::intake::tolerant::Text;
+
+request_body! {
+    /// The answer to a hidden instance.
+    #[schema(example = json!({ "turns": [{ "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }] }],
+                               "transcript_sha256": "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08" }))]
+    pub struct NewAnswerBody: "an object with \"turns\"" {
+        /// Actions of each turn, in any form that a submission accepts. Either `turns` or `log` is required.
+        #[schema(value_type = Option<Vec<NewTurn>>)]
+        turns: SentLog = work(turns),
+        /// The log in its stored form, as `/v1/submissions/{id}/log` returns it.
+        #[schema(value_type = Option<StoredLogBody>)]
+        log: SentLog = work(stored_log),
+        /// SHA-256 of the agent's transcript, which must be shown on request.
+        #[schema(pattern = "^[0-9a-fA-F]{64}$")]
+        transcript_sha256: String = optional(hash),
+    }
+    unknown: |_| "unknown field; an answer has turns or log, and transcript_sha256"
+}
 
 /// An answer as posted.
 #[derive(Debug)]
@@ -17,55 +36,21 @@ pub struct PostedAnswer {
     pub transcript_sha256: Option<String>,
 }
 
-/// Shape of an answer to a hidden instance.
-#[derive(Debug)]
-pub struct AnswerShape<'f> {
-    /// Collector of faults.
-    pub faults: &'f mut Faults,
+/// Reads an answer and adds all its faults to `faults`. Returns `None` if it has no log that could be read.
+///
+/// # Errors
+/// Returns an error if the text is not JSON.
+pub fn read_answer(text: &[u8], faults: &mut Faults) -> Result<Option<PostedAnswer>, serde_json::Error> {
+    let posted = |NewAnswerBody { turns, log, transcript_sha256 }| {
+        Some(PostedAnswer { sent: turns.or(log)?, transcript_sha256 })
+    };
+    Ok(read_body(text, faults)?.and_then(posted))
 }
 
-impl<'de> Shape<'de> for AnswerShape<'_> {
-    type Out = PostedAnswer;
-
-    fn wanted(&self) -> &'static str {
-        "an object with \"turns\""
-    }
-
-    fn faults(&mut self) -> &mut Faults {
-        self.faults
-    }
-
-    fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<PostedAnswer>, A::Error> {
-        let faults = self.faults;
-        let (mut log, mut transcript) = (LogMember::default(), None);
-        while let Some(key) = members.next_key::<String>()? {
-            faults.enter_key(&key);
-            match key.as_str() {
-                "turns" | "log" if !log.is_given() => log.read(&key, &mut members, faults)?,
-                "turns" | "log" => log.refuse_second(&mut members, faults)?,
-                "transcript_sha256" if transcript.is_none() => {
-                    let text = Text { faults, min_chars: 64, max_chars: 64 };
-                    let hash: Option<String> = members.next_value_seed(Read(OrNull(text)))?.flatten().flatten();
-                    if hash.as_deref().is_some_and(|hash| unhex::<32>(hash).is_none()) {
-                        faults.add("expected 64 hexadecimal digits");
-                    }
-                    transcript = Some(hash.map(|hash| hash.to_lowercase()));
-                }
-                "transcript_sha256" => {
-                    faults.add("given twice");
-                    members.next_value::<IgnoredAny>()?;
-                }
-                _ => {
-                    faults.add("unknown field; an answer has turns or log, and transcript_sha256");
-                    members.next_value::<IgnoredAny>()?;
-                }
-            }
-            faults.leave();
-        }
-        if !log.is_given() {
-            faults.add_at("turns", "missing");
-        }
-        let Some(sent) = log.sent() else { return Ok(None) };
-        Ok(Some(PostedAnswer { sent, transcript_sha256: transcript.flatten() }))
-    }
+fn hash(faults: &mut Faults) -> Parsed<'_, String> {
+    let parse = |hash: &str| match unhex::<32>(hash) {
+        Some(_) => Ok(hash.to_lowercase()),
+        None => Err("expected 64 hexadecimal digits".to_owned()),
+    };
+    Parsed { text: Text { faults, min_chars: 64, max_chars: 64 }, parse }
 }

@@ -5,7 +5,7 @@ use sha2::{Digest as _, Sha256};
 use uuid::Uuid;
 
 use super::acceptance::decide_answer;
-use super::answer::{AnswerShape, PostedAnswer};
+use super::answer::{PostedAnswer, read_answer};
 use super::entries::require_owner;
 use super::epochs::{not_open, stored_epoch};
 use super::receipts::given;
@@ -28,7 +28,7 @@ use crate::store::submissions::{NewSubmission, PackedLog};
 use plumbline_engine::hidden::evidence::GivenReceipt;
 use plumbline_engine::hidden::receipts::ReceiptFile;
 use plumbline_engine::intake::Faults;
-use plumbline_engine::intake::tolerant::{read_document, why_not_json};
+use plumbline_engine::intake::tolerant::why_not_json;
 use plumbline_engine::tasks::{Task, hex};
 use plumbline_engine::voxel::BlockLog;
 use plumbline_engine::voxel::replay::Replay;
@@ -113,7 +113,7 @@ pub async fn answer_instance(
     }
     let instance = own_instance(app, caller, id).await?;
     let task = app.store.task(&instance.task_hash).await?;
-    let PostedAnswer { mut sent, transcript_sha256 } = read_answer(body).await?;
+    let PostedAnswer { mut sent, transcript_sha256 } = read_posted(body).await?;
     let mut faults = Faults::new();
     let action_code = run_code(app, caller.who(), &mut sent, &mut faults).await?;
     let told = (!action_code.is_empty())
@@ -138,11 +138,11 @@ pub async fn answer_instance(
 }
 
 /// Reads an answer, collecting all its faults.
-async fn read_answer(body: Bytes) -> AppResult<PostedAnswer> {
+async fn read_posted(body: Bytes) -> AppResult<PostedAnswer> {
     let text = body.clone();
     let read = tokio::task::spawn_blocking(move || {
         let mut faults = Faults::new();
-        let posted = read_document(&body, AnswerShape { faults: &mut faults });
+        let posted = read_answer(&body, &mut faults);
         (posted, faults)
     });
     let (posted, mut faults) = read.await.map_err(|error| AppError::internal(&error))?;

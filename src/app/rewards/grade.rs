@@ -7,7 +7,8 @@ use sha2::{Digest as _, Sha256};
 
 use super::grader::{Deadline, GivenTask, Graded, Until};
 use super::model_text::{AnswerBody, log_in_texts};
-use super::request::{Detail, GivenWork, GradeRequest, GradeShape, NamedTask};
+use super::named_task::NamedTask;
+use super::request::{Detail, GivenWork, GradeRequest, read_request};
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::error::{AppError, AppResult};
@@ -20,7 +21,7 @@ use plumbline_engine::grading::cost::{Cost, cost};
 use plumbline_engine::grading::reward::{RewardComponents, Scheme};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::SentLog;
-use plumbline_engine::intake::tolerant::{read_document, why_not_json};
+use plumbline_engine::intake::tolerant::why_not_json;
 use plumbline_engine::tasks::catalogue::Catalogue;
 use plumbline_engine::tasks::embedded::FULL;
 use plumbline_engine::tasks::{Task, hex};
@@ -65,7 +66,7 @@ impl ReadRequest {
     pub fn read(text: &[u8], catalogue: &Catalogue) -> AppResult<Self> {
         let begun = Instant::now();
         let mut faults = Faults::new();
-        let request = match read_document(text, GradeShape { faults: &mut faults }) {
+        let request = match read_request(text, &mut faults) {
             Ok(request) => request,
             Err(error) => {
                 faults.add(why_not_json(text, &error));

@@ -4,5 +4,7 @@ pub mod grade;
 pub mod grader;
 pub mod judge;
 pub mod model_text;
+pub mod named_task;
 pub mod request;
+pub mod scheme;
 pub mod score;

@@ -2,22 +2,59 @@
 
 use std::time::Duration;
 
-use serde::de::{IgnoredAny, MapAccess, SeqAccess};
-use serde_json::{Map, Value};
+use serde::de::SeqAccess;
+use serde_json::Value;
 
+use super::named_task::{GivenTaskBody, NamedTask, NamedTaskShape};
+use super::scheme::{SchemeBody, read_scheme};
+use crate::app::body::values::Json;
+use crate::app::body::{name, read_body, request_body};
 use crate::app::limits::LIMITS;
-use crate::app::submissions::log_member::LogMember;
-use crate::app::submissions::posted::{TaskRef, TaskShape};
-use plumbline_engine::checks::Criterion;
+use crate::app::submissions::log_member::{stored_log, turns};
 use plumbline_engine::grading::reward::Scheme;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::SentLog;
-use plumbline_engine::intake::tolerant::{OrNull, Read, Scalar, Shape, Text, Verbatim};
-use plumbline_engine::tasks::published::read_checks;
-use plumbline_engine::tasks::{Instruction, Task};
+use plumbline_engine::intake::schema::{NewTurn, StoredLogBody};
+use plumbline_engine::intake::tolerant::{Read, Scalar, Shape, Verbatim};
+
+request_body! {
+    /// A log to grade synchronously.
+    #[schema(example = json!({
+        "task": "walls/5x1x5-raise", "reward": "mean",
+        "turns": [{ "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }] }]
+    }))]
+    pub struct NewGrade: "an object with \"task\" and \"turns\" or \"answer\"" {
+        /// The task: its id, its number, or a whole task, which is an object with `turns`, each with `checks` of `fn` and
+        /// `args`.
+        #[schema(value_type = GivenTaskBody)]
+        task: NamedTask = required(|faults| NamedTaskShape { faults }),
+        /// Suite of the task, if it is given by id or number: name, or name@version.
+        #[schema(min_length = 1)]
+        suite: String = optional(name),
+        /// Turns of the log, as many as the task has. One of `turns`, `log` and `answer` is required.
+        #[schema(value_type = Option<Vec<NewTurn>>)]
+        turns: SentLog = work(turns),
+        /// The log in the stored form, as `/v1/submissions/{id}/log` returns it.
+        #[schema(value_type = Option<StoredLogBody>)]
+        log: SentLog = work(stored_log),
+        /// Text or list of texts from a language model. The last complete answer outside thinking tags counts: a log as
+        /// JSON, or action code, in a code fence or bare. If there are several texts, each answers a turn.
+        #[schema(value_type = Option<AnswerTextsBody>)]
+        answer: Vec<String> = work(|faults| AnswerTexts { faults }),
+        /// Reward scheme; `strict` by default.
+        #[schema(value_type = Option<SchemeBody>)]
+        reward: Scheme = optional(|faults| Json { faults, read: read_scheme }),
+        /// Level of detail of the response; `scores` by default.
+        detail: Detail = optional(|faults| Json { faults, read: read_detail }),
+        /// Deadline for grading, in milliseconds; `/v1/limits` has the default and the maximum.
+        #[schema(minimum = 1)]
+        deadline_ms: u64 = optional(|faults| Json { faults, read: read_deadline }),
+    }
+    unknown: |_| "unknown field; a request has task, suite, turns or log or answer, reward, detail and deadline_ms"
+}
 
 /// Amount of detail in the response.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Detail {
     /// Reward, verdicts, and a score per criterion and check.
@@ -25,15 +62,6 @@ pub enum Detail {
     Scores,
     /// The whole report with its evidence as well.
     Report,
-}
-
-/// The task of a request to grade.
-#[derive(Debug, Clone, PartialEq)]
-pub enum NamedTask {
-    /// Task of a suite.
-    Listed(TaskRef),
-    /// Task that the request brings.
-    Inline(Box<Task>),
 }
 
 /// Work to grade.
@@ -62,79 +90,36 @@ pub struct GradeRequest {
     pub deadline: Duration,
 }
 
-/// Shape of a request to grade.
-#[derive(Debug)]
-pub struct GradeShape<'f> {
-    /// Collector of faults.
-    pub faults: &'f mut Faults,
+/// Reads a request to grade and adds all its faults to `faults`. Returns `None` if it has no task or no work that could
+/// be read.
+///
+/// # Errors
+/// Returns an error if the text is not JSON.
+pub fn read_request(text: &[u8], faults: &mut Faults) -> Result<Option<GradeRequest>, serde_json::Error> {
+    let Some(body) = read_body::<NewGrade>(text, faults)? else { return Ok(None) };
+    if matches!(body.task, Some(NamedTask::Inline(_))) && body.suite.is_some() {
+        faults.add_at("suite", "an inline task belongs to no suite; leave suite out");
+    }
+    let work = body.answer.map(GivenWork::Answer).or_else(|| body.turns.or(body.log).map(GivenWork::Log));
+    let (Some(task), Some(work)) = (body.task, work) else { return Ok(None) };
+    Ok(Some(GradeRequest {
+        task,
+        suite: body.suite,
+        work,
+        scheme: body.reward.unwrap_or_default(),
+        detail: body.detail.unwrap_or_default(),
+        deadline: Duration::from_millis(body.deadline_ms.unwrap_or(LIMITS.grade_default_deadline_ms)),
+    }))
 }
 
-const MEMBERS: &str = "a request has task, suite, turns or log or answer, reward, detail and deadline_ms";
-
-impl<'de> Shape<'de> for GradeShape<'_> {
-    type Out = GradeRequest;
-
-    fn wanted(&self) -> &'static str {
-        "an object with \"task\" and \"turns\" or \"answer\""
-    }
-
-    fn faults(&mut self) -> &mut Faults {
-        self.faults
-    }
-
-    fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<GradeRequest>, A::Error> {
-        let faults = self.faults;
-        let (mut task, mut suite, mut log, mut answer) = (None, None, LogMember::default(), None);
-        let (mut scheme, mut detail, mut deadline_ms) = (None, None, None);
-        while let Some(key) = members.next_key::<String>()? {
-            faults.enter_key(&key);
-            match key.as_str() {
-                "task" if task.is_none() => task = Some(members.next_value_seed(Read(NamedTaskShape { faults }))?),
-                "suite" if suite.is_none() => {
-                    let text = Text { faults, min_chars: 1, max_chars: 100 };
-                    suite = Some(members.next_value_seed(Read(OrNull(text)))?.flatten());
-                }
-                "turns" | "log" if !log.is_given() && answer.is_none() => log.read(&key, &mut members, faults)?,
-                "answer" if !log.is_given() && answer.is_none() => {
-                    answer = members.next_value_seed(Read(OrNull(AnswerTexts { faults })))?.flatten();
-                }
-                "turns" | "log" | "answer" => log.refuse_second(&mut members, faults)?,
-                "reward" if scheme.is_none() => scheme = Some(read_scheme(&members.next_value()?, faults)),
-                "detail" if detail.is_none() => detail = Some(read_detail(&members.next_value()?, faults)),
-                "deadline_ms" if deadline_ms.is_none() => {
-                    deadline_ms = Some(read_deadline(&members.next_value()?, faults));
-                }
-                "task" | "suite" | "reward" | "detail" | "deadline_ms" => {
-                    faults.add("given twice");
-                    members.next_value::<IgnoredAny>()?;
-                }
-                _ => {
-                    faults.add(format!("unknown field; {MEMBERS}"));
-                    members.next_value::<IgnoredAny>()?;
-                }
-            }
-            faults.leave();
-        }
-        for (key, is_missing) in [("task", task.is_none()), ("turns", !log.is_given() && answer.is_none())] {
-            if is_missing {
-                faults.add_at(key, "missing");
-            }
-        }
-        if matches!(task, Some(Some(NamedTask::Inline(_)))) && suite.as_ref().is_some_and(Option::is_some) {
-            faults.add_at("suite", "an inline task belongs to no suite; leave suite out");
-        }
-        let work = answer.flatten().map(GivenWork::Answer).or_else(|| log.sent().map(GivenWork::Log));
-        let (Some(Some(task)), Some(work)) = (task, work) else { return Ok(None) };
-        let deadline_ms = deadline_ms.unwrap_or(LIMITS.grade_default_deadline_ms);
-        Ok(Some(GradeRequest {
-            task,
-            suite: suite.flatten().flatten(),
-            work,
-            scheme: scheme.unwrap_or_default(),
-            detail: detail.unwrap_or_default(),
-            deadline: Duration::from_millis(deadline_ms),
-        }))
-    }
+/// Text that a model wrote.
+#[derive(Debug, utoipa::ToSchema)]
+#[serde(untagged)]
+pub enum AnswerTextsBody {
+    /// One text.
+    One(String),
+    /// Several texts, in order.
+    Several(Vec<String>),
 }
 
 /// Shape of the texts of a model: one string, or a list of strings.
@@ -174,168 +159,22 @@ impl<'de> Shape<'de> for AnswerTexts<'_> {
     }
 }
 
-/// Reads a scheme: `"strict"`, `"shaped"`, `"mean"`, or `{"weights": {criterion: weight}}`.
-pub fn read_scheme(value: &Value, faults: &mut Faults) -> Scheme {
-    match value {
-        Value::Null => return Scheme::Strict,
-        Value::String(name) if name == "strict" => return Scheme::Strict,
-        Value::String(name) if name == "mean" => return Scheme::Mean,
-        Value::String(name) if name == "shaped" => return Scheme::Shaped,
-        Value::Object(members) if members.len() == 1 && members.get("weights").is_some_and(Value::is_object) => {}
-        _ => {
-            faults.add("expected \"strict\", \"shaped\", \"mean\" or {\"weights\": {\"material\": 1, …}}");
-            return Scheme::Strict;
-        }
-    }
-    faults.enter_key("weights");
-    let mut weights = Vec::new();
-    for (name, weight) in value["weights"].as_object().into_iter().flatten() {
-        let criterion = Criterion::ALL.into_iter().find(|criterion| criterion.name() == name);
-        let number = weight.as_f64().filter(|weight| *weight >= 0.0 && weight.is_finite());
-        match (criterion, number) {
-            (Some(criterion), Some(weight)) => weights.push((criterion, weight)),
-            (None, _) => {
-                let known = Criterion::ALL.map(Criterion::name).join(", ");
-                faults.add_at(name, format!("not a criterion; there are {known}"));
-            }
-            (_, None) => faults.add_at(name, "expected a number of 0 or more"),
-        }
-    }
-    if faults.is_empty() && weights.iter().all(|(_, weight)| *weight == 0.0) {
-        faults.add("no weight is above 0");
-    }
-    faults.leave();
-    Scheme::Weighted(weights)
-}
-
-fn read_detail(value: &Value, faults: &mut Faults) -> Detail {
-    match value {
-        Value::Null => Detail::Scores,
-        Value::String(name) if name == "scores" => Detail::Scores,
-        Value::String(name) if name == "report" => Detail::Report,
+fn read_detail(value: &Value, faults: &mut Faults) -> Option<Detail> {
+    match value.as_str() {
+        Some("scores") => Some(Detail::Scores),
+        Some("report") => Some(Detail::Report),
         _ => {
             faults.add("expected \"scores\" or \"report\"");
-            Detail::Scores
+            None
         }
     }
 }
 
-fn read_deadline(value: &Value, faults: &mut Faults) -> u64 {
+fn read_deadline(value: &Value, faults: &mut Faults) -> Option<u64> {
     let most = LIMITS.grade_max_deadline_ms;
-    match value.as_u64() {
-        _ if value.is_null() => LIMITS.grade_default_deadline_ms,
-        Some(ms) if (1..=most).contains(&ms) => ms,
-        _ => {
-            faults.add(format!("expected milliseconds, 1 to {most}"));
-            most
-        }
+    let deadline = value.as_u64().filter(|ms| (1..=most).contains(ms));
+    if deadline.is_none() {
+        faults.add(format!("expected milliseconds, 1 to {most}"));
     }
-}
-
-struct NamedTaskShape<'f> {
-    faults: &'f mut Faults,
-}
-
-impl<'de> Shape<'de> for NamedTaskShape<'_> {
-    type Out = NamedTask;
-
-    fn wanted(&self) -> &'static str {
-        "a task: its id, its number, or an object with \"turns\""
-    }
-
-    fn faults(&mut self) -> &mut Faults {
-        self.faults
-    }
-
-    fn scalar(self, value: &Scalar<'_>) -> Option<NamedTask> {
-        TaskShape { faults: self.faults }.scalar(value).map(NamedTask::Listed)
-    }
-
-    fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<NamedTask>, A::Error> {
-        let mut object = Map::new();
-        while let Some((key, value)) = members.next_entry::<String, Value>()? {
-            object.insert(key, value);
-        }
-        let before = self.faults.total();
-        let (bytes, most) = (written_bytes(&object), LIMITS.grade_inline_bytes);
-        if bytes > most {
-            self.faults.add(format!("{bytes} bytes as JSON; at most {most} are allowed"));
-            return Ok(None);
-        }
-        let task = inline_task(&object, self.faults);
-        Ok((self.faults.total() == before).then(|| NamedTask::Inline(Box::new(task))))
-    }
-}
-
-/// Returns the size of an object as JSON, in bytes.
-fn written_bytes(object: &Map<String, Value>) -> usize {
-    serde_json::to_vec(object).map_or(usize::MAX, |bytes| bytes.len())
-}
-
-/// Reads a task as `GET /v1/tasks/{id}` shows it: `turns` with `checks`. Other members are ignored, except `id` and
-/// prompts.
-fn inline_task(object: &Map<String, Value>, faults: &mut Faults) -> Task {
-    let id = object.get("id").and_then(Value::as_str).unwrap_or("inline/task");
-    if id.len() > 200 {
-        faults.add_at("id", "longer than 200 bytes");
-    }
-    let mut turns = Vec::new();
-    let before = faults.total();
-    faults.enter_key("turns");
-    match object.get("turns").and_then(Value::as_array) {
-        None => faults.add("expected a list of turns, each with \"checks\""),
-        Some(list) if list.is_empty() || list.len() > LIMITS.turns => {
-            faults.add(format!("{} turns; expected 1 to {}", list.len(), LIMITS.turns));
-        }
-        Some(list) => {
-            for (i, turn) in list.iter().enumerate() {
-                faults.enter_index(i);
-                turns.push(inline_turn(turn, faults));
-                faults.leave();
-            }
-        }
-    }
-    let (checks, most) = (turns.iter().map(|turn| turn.checks.len()).sum::<usize>(), LIMITS.grade_inline_checks_in_all);
-    if checks > most {
-        faults.add(format!("{checks} checks in all; at most {most} are allowed"));
-    }
-    if faults.total() == before && turns.iter().all(|turn| turn.checks.is_empty()) {
-        faults.add("a task needs a check; one without any would be passed by every log");
-    }
-    faults.leave();
-    Task::foreign(id.to_owned(), 0, turns)
-}
-
-/// Returns the length of the longest list in the arguments of checks.
-fn longest_list(value: &Value, depth: usize) -> usize {
-    match value {
-        Value::Array(items) => {
-            let own = if depth > 0 { items.len() } else { 0 };
-            items.iter().map(|item| longest_list(item, depth + 1)).fold(own, usize::max)
-        }
-        Value::Object(members) => members.values().map(|member| longest_list(member, depth + 1)).max().unwrap_or(0),
-        _ => 0,
-    }
-}
-
-fn inline_turn(turn: &Value, faults: &mut Faults) -> Instruction {
-    let prompt = turn.get("prompt").and_then(Value::as_str).unwrap_or_default().to_owned();
-    faults.enter_key("checks");
-    let mut checks = turn.get("checks").cloned().unwrap_or_default();
-    for check in checks.as_array_mut().into_iter().flatten().filter_map(Value::as_object_mut) {
-        // Drop the members that the task's own page adds to a check.
-        check.remove("criterion");
-        check.remove("asks");
-    }
-    let most = LIMITS.grade_inline_list_items;
-    if longest_list(&checks, 0) > most {
-        faults.add(format!("a list of more than {most} names in the arguments of a check"));
-        checks = Value::Array(Vec::new());
-    }
-    let checks = read_checks(&checks, faults);
-    if checks.len() > LIMITS.grade_inline_checks {
-        faults.add(format!("{} checks; at most {} are allowed", checks.len(), LIMITS.grade_inline_checks));
-    }
-    faults.leave();
-    Instruction::new(prompt, checks)
+    deadline
 }

@@ -1,9 +1,9 @@
 //! Creating a run.
 
-use serde_json::Value;
+use serde_json::json;
 use uuid::Uuid;
 
-use super::provenance::Provenance;
+use super::body::{NewRunBody, RunProvenance};
 use super::read::stored;
 use crate::app::App;
 use crate::app::access::Caller;
@@ -16,19 +16,6 @@ use crate::store::run_rows::RunRow;
 use crate::store::runs::NewRun;
 use crate::store::states::RunState;
 use plumbline_engine::intake::Faults;
-
-/// A run to create, as far as its body could be read.
-#[derive(Debug)]
-pub struct RunDraft {
-    /// Name of the agent.
-    pub agent: Option<String>,
-    /// Suite: name, or name@version.
-    pub suite: Option<String>,
-    /// Metadata from its owner.
-    pub metadata: Value,
-    /// Origin of its logs.
-    pub provenance: Provenance,
-}
 
 /// A created run.
 #[derive(Debug)]
@@ -47,7 +34,7 @@ pub struct CreatedRun {
 pub async fn create(
     app: &App,
     caller: &Caller,
-    draft: Option<RunDraft>,
+    draft: Option<NewRunBody>,
     mut faults: Faults,
     once: Option<&IdempotencyKey>,
 ) -> AppResult<CreatedRun> {
@@ -59,12 +46,14 @@ pub async fn create(
             None => faults.add_at("suite", format!("there is no suite {name:?}; /v1/suites lists them")),
         }
     }
-    let (Some(RunDraft { agent: Some(agent), metadata, provenance, .. }), Some(suite_id), true) =
+    let (Some(NewRunBody { agent: Some(agent), metadata, provenance, .. }), Some(suite_id), true) =
         (draft, suite_id, faults.is_empty())
     else {
         return Err(AppError::faulty(faults));
     };
-    if provenance == Provenance::ReRunByHost {
+    let provenance = provenance.unwrap_or(RunProvenance::SelfReported);
+    let metadata = metadata.unwrap_or_else(|| json!({}));
+    if provenance == RunProvenance::ReRunByHost {
         caller.require(Scope::Admin)?;
     }
     let id = Uuid::now_v7().to_string();

@@ -1,15 +1,15 @@
 //! Parser of submissions in a body, JSON or NDJSON, which reports all faults at once.
 
-use serde::de::{IgnoredAny, MapAccess};
-
-use super::log_member::LogMember;
+use super::log_member::{stored_log, turns};
 use crate::actions::turn_replay::TurnReplay;
+use crate::app::body::{name, read_body, request_body};
 use crate::app::limits::LIMITS;
 use crate::near::did_you_mean;
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::SentLog;
-use plumbline_engine::intake::tolerant::{OrNull, Read, Scalar, Shape, Text, on_its_line, read_document, why_not_json};
+use plumbline_engine::intake::schema::{NewTurn, StoredLogBody};
+use plumbline_engine::intake::tolerant::{Scalar, Shape, Text, on_its_line, why_not_json};
 use plumbline_engine::tasks::Task;
 use plumbline_engine::tasks::catalogue::Entry;
 use plumbline_engine::voxel::replay::Replay;
@@ -24,12 +24,15 @@ pub enum Format {
     NdJson,
 }
 
-/// Reference to a task in a submission.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// Reference to a task of a suite.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Deserialize, utoipa::ToSchema)]
+#[serde(untagged)]
+#[schema(as = TaskName)]
 pub enum TaskRef {
     /// Identifier of the task.
+    #[schema(example = "walls/5x1x5-raise")]
     Id(String),
-    /// Number of the task in its suite.
+    /// Number of the task in the suite.
     Number(u32),
 }
 
@@ -67,6 +70,44 @@ pub fn near_tasks(entry: &Entry, id: &str) -> String {
     let found = did_you_mean(id, of_family);
     let families: std::collections::BTreeSet<&str> = tasks.iter().map(Task::family).collect();
     if found.is_empty() && !families.contains(family) { did_you_mean(family, families) } else { found }
+}
+
+request_body! {
+    /// An agent's work on one task.
+    #[schema(example = json!({
+        "run": "0198c0de-0000-7000-8000-000000000000", "task": "walls/5x1x5-raise",
+        "turns": [{ "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }] }]
+    }))]
+    pub struct NewSubmissionBody: "an object with \"task\", \"turns\" and, for a board, \"run\"" {
+        /// Run that the submission belongs to. Without a run it is graded all the same, but appears on no board.
+        #[schema(format = Uuid)]
+        run: String = optional(name),
+        /// Suite of the task, if the submission belongs to no run: name, or name@version.
+        #[schema(min_length = 1)]
+        suite: String = optional(name),
+        /// The task: its id, or its number in the suite (the `run_idx` of published records).
+        #[schema(value_type = TaskRef)]
+        task: TaskRef = required(|faults| TaskShape { faults }),
+        /// Turns of the log, as many as the task has. Either `turns` or `log` is required.
+        #[schema(value_type = Option<Vec<NewTurn>>)]
+        turns: SentLog = work(turns),
+        /// The log in the stored form, as `/v1/submissions/{id}/log` returns it.
+        #[schema(value_type = Option<StoredLogBody>)]
+        log: SentLog = work(stored_log),
+    }
+    unknown: |key| match key {
+        "action_code" | "events" | "palette" | "rows" => "unknown field; it belongs in a turn: \"turns\": [{…}]",
+        "answer" => "unknown field; a submission takes turns or log, and only /v1/grade takes answer",
+        _ => "unknown field; a submission has run, suite, task and turns or log",
+    }
+}
+
+impl NewSubmissionBody {
+    /// Returns the submission, unless its task or its log could not be read.
+    fn posted(self, line: Option<u64>) -> Option<PostedSubmission> {
+        let Self { run, suite, task, turns, log } = self;
+        Some(PostedSubmission { line, run, suite, task: task?, sent: turns.or(log)?, replays: Vec::new() })
+    }
 }
 
 /// Submission as posted.
@@ -108,8 +149,8 @@ pub fn read_submissions(text: &[u8], format: Format, faults: &mut Faults) -> Pos
 
 impl Posted {
     fn read(&mut self, text: &[u8], line: Option<u64>, faults: &mut Faults) {
-        match read_document(text, SubmissionShape { faults, line }) {
-            Ok(submission) => self.submissions.extend(submission),
+        match read_body::<NewSubmissionBody>(text, faults) {
+            Ok(body) => self.submissions.extend(body.and_then(|body| body.posted(line))),
             Err(error) => {
                 self.is_malformed = true;
                 faults.add(match line {
@@ -135,67 +176,6 @@ impl Posted {
             }
             self.read(text, Some(line), faults);
         }
-    }
-}
-
-struct SubmissionShape<'f> {
-    faults: &'f mut Faults,
-    line: Option<u64>,
-}
-
-impl<'de> Shape<'de> for SubmissionShape<'_> {
-    type Out = PostedSubmission;
-
-    fn wanted(&self) -> &'static str {
-        "an object with \"task\", \"turns\" and, for a board, \"run\""
-    }
-
-    fn faults(&mut self) -> &mut Faults {
-        self.faults
-    }
-
-    fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<PostedSubmission>, A::Error> {
-        let faults = self.faults;
-        let (mut run, mut suite, mut task, mut log) = (None, None, None, LogMember::default());
-        while let Some(key) = members.next_key::<String>()? {
-            faults.enter_key(&key);
-            match key.as_str() {
-                "run" if run.is_none() => {
-                    run =
-                        members.next_value_seed(Read(OrNull(Text { faults, min_chars: 1, max_chars: 100 })))?.flatten();
-                }
-                "suite" if suite.is_none() => {
-                    suite =
-                        members.next_value_seed(Read(OrNull(Text { faults, min_chars: 1, max_chars: 100 })))?.flatten();
-                }
-                "task" if task.is_none() => task = Some(members.next_value_seed(Read(TaskShape { faults }))?),
-                "turns" | "log" if !log.is_given() => log.read(&key, &mut members, faults)?,
-                "turns" | "log" => log.refuse_second(&mut members, faults)?,
-                "run" | "suite" | "task" => {
-                    faults.add("given twice");
-                    members.next_value::<IgnoredAny>()?;
-                }
-                _ => {
-                    faults.add(match key.as_str() {
-                        "action_code" | "events" | "palette" | "rows" => {
-                            "unknown field; it belongs in a turn: \"turns\": [{…}]"
-                        }
-                        "answer" => "unknown field; a submission takes turns or log, and only /v1/grade takes answer",
-                        _ => "unknown field; a submission has run, suite, task and turns or log",
-                    });
-                    members.next_value::<IgnoredAny>()?;
-                }
-            }
-            faults.leave();
-        }
-        for (key, is_missing) in [("task", task.is_none()), ("turns", !log.is_given())] {
-            if is_missing {
-                faults.add_at(key, "missing");
-            }
-        }
-        let (Some(Some(task)), Some(sent)) = (task, log.sent()) else { return Ok(None) };
-        let (run, suite) = (run.flatten(), suite.flatten());
-        Ok(Some(PostedSubmission { line: self.line, run, suite, task, sent, replays: Vec::new() }))
     }
 }
 

@@ -22,7 +22,7 @@ pub struct QuotaQuery {
     /// Only entries with a smaller identifier, for paging.
     before: Option<i64>,
     /// Maximum number of entries on the page.
-    #[param(minimum = 1, maximum = 1000)]
+    #[param(minimum = 1)]
     limit: Option<u32>,
 }
 

@@ -99,7 +99,7 @@ pub struct NewBoardAction {
     /// `hide` or `restore`.
     action: HideOrRestore,
     /// Reason for the action; it is public.
-    #[schema(min_length = 1, max_length = 500)]
+    #[schema(min_length = 1)]
     reason: String,
 }
 

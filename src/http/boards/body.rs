@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use crate::app::boards::leaderboard::{BoardPage, Row};
+use crate::app::runs::body::RunProvenance;
 use crate::clock::rfc3339;
-use crate::http::runs::body::RunProvenance;
 use plumbline_engine::grading::statistics::interval::Interval;
 use plumbline_engine::grading::statistics::ranks::RankRange;
 use plumbline_engine::grading::summary::{CheckRate, Graded, PerCriterion, ProblemRate};

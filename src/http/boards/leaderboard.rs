@@ -10,9 +10,8 @@ use super::formats::{Format, render};
 use crate::app::boards::leaderboard::{CoverageFilter, Direction, Selection, SortBy, page};
 use crate::app::boards::read;
 use crate::app::error::AppResult;
-use crate::app::runs::provenance::Provenance;
+use crate::app::runs::body::RunProvenance;
 use crate::http::extract::params::Params;
-use crate::http::runs::body::RunProvenance;
 use crate::http::state::AppState;
 
 /// Query of a board: filters, order and page.
@@ -44,7 +43,7 @@ pub struct BoardQuery {
     #[param(format = Uuid)]
     pub after: Option<String>,
     /// Maximum number of rows on the page.
-    #[param(minimum = 1, maximum = 1000)]
+    #[param(minimum = 1)]
     pub limit: Option<u32>,
     /// Format of the page: `json`, `csv` or `ndjson`.
     #[serde(default)]
@@ -55,7 +54,7 @@ pub struct BoardQuery {
 impl From<BoardQuery> for Selection {
     fn from(query: BoardQuery) -> Self {
         let BoardQuery { sort, order, agent, provenance, coverage, as_of, after, limit, format: _ } = query;
-        Self { sort, order, agent, provenance: provenance.map(Provenance::from), coverage, as_of, after, limit }
+        Self { sort, order, agent, provenance, coverage, as_of, after, limit }
     }
 }
 

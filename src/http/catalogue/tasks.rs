@@ -152,7 +152,7 @@ pub struct TaskQuery {
     /// Only tasks with a greater number, for paging.
     after: Option<u32>,
     /// Maximum number of tasks on the page.
-    #[param(minimum = 1, maximum = 1000)]
+    #[param(minimum = 1)]
     limit: Option<u32>,
 }
 

@@ -22,7 +22,6 @@ pub struct NewDraw {
     run: u32,
     /// Random characters chosen by the client. The draw depends on the nonce and on the epoch's key, so neither side
     /// alone can control it.
-    #[schema(min_length = 16, max_length = 128)]
     nonce: String,
 }
 

@@ -25,7 +25,7 @@ use plumbline_engine::hidden::feedback::Tier;
                            "configuration_sha256": "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08" }))]
 pub struct NewEntryBody {
     /// Name of the evaluated agent, as shown on boards.
-    #[schema(min_length = 1, max_length = 100)]
+    #[schema(min_length = 1)]
     agent: String,
     /// SHA-256 of everything that determines the agent: weights, prompts, sampling. Keep the hashed data.
     #[schema(pattern = "^[0-9a-f]{64}$")]
@@ -33,7 +33,7 @@ pub struct NewEntryBody {
     /// `dev` or `official`. The open tier, with full feedback, is the public suite: use `POST /v1/runs`.
     tier: Tier,
     /// Number of runs; each has its own draw.
-    #[schema(minimum = 1, maximum = 16)]
+    #[schema(minimum = 1)]
     runs: u32,
 }
 

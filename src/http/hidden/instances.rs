@@ -9,11 +9,11 @@ use serde_json::Value;
 
 use crate::app::access::Caller;
 use crate::app::error::AppResult;
+use crate::app::hidden::answer::NewAnswerBody;
 use crate::app::hidden::instances::{self, AcceptedAnswer, IssuedInstance, RevealedGrade};
 use crate::clock::rfc3339;
 use crate::http::extract::body::JsonBody;
 use crate::http::state::AppState;
-use crate::http::submissions::schema::{NewTurn, StoredLogBody};
 use plumbline_engine::hidden::evidence::GivenReceipt;
 use plumbline_engine::hidden::receipts::ReceiptFile;
 
@@ -84,23 +84,6 @@ pub async fn get_instance(
     Path(id): Path<String>,
 ) -> AppResult<Json<InstanceBody>> {
     Ok(Json(instances::instance(&state, &caller, &id).await?.into()))
-}
-
-/// The answer to a hidden instance.
-#[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-#[schema(example = json!({ "turns": [{ "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }] }],
-                           "transcript_sha256": "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08" }))]
-#[expect(dead_code, reason = "describes the body that AnswerShape reads")]
-pub struct NewAnswerBody {
-    /// Actions of each turn, in any form that a submission accepts. Either `turns` or `log` is required.
-    #[schema(max_items = 64)]
-    turns: Option<Vec<NewTurn>>,
-    /// The log in its stored form, as `/v1/submissions/{id}/log` returns it.
-    log: Option<StoredLogBody>,
-    /// SHA-256 of the agent's transcript, which must be shown on request.
-    #[schema(pattern = "^[0-9a-fA-F]{64}$")]
-    transcript_sha256: Option<String>,
 }
 
 /// Confirmation of an accepted answer.

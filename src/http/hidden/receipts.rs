@@ -20,7 +20,7 @@ pub struct LogQuery {
     #[param(minimum = 0)]
     after: Option<i64>,
     /// Maximum number of receipts on the page.
-    #[param(minimum = 1, maximum = 1000)]
+    #[param(minimum = 1)]
     limit: Option<u32>,
 }
 

@@ -17,12 +17,12 @@ use serde::Serialize;
 use serde_json::value::RawValue;
 use tokio::sync::mpsc;
 
-use super::single::NewGrade;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
 use crate::app::limits::LIMITS;
 use crate::app::rewards::grade::{Found, Prepared, ReadRequest};
 use crate::app::rewards::grader::{Lane, Until};
+use crate::app::rewards::request::NewGrade;
 use crate::app::rewards::score::GradeBody;
 use crate::app::submissions::posted::Format;
 use crate::http::extract::body::JsonBody;

@@ -11,7 +11,6 @@ use crate::app::runs::changes::{SkipRequest, delete, finish};
 use crate::app::submissions::posted::TaskRef;
 use crate::http::extract::body::{JsonBody, read_json};
 use crate::http::state::AppState;
-use crate::http::submissions::schema::TaskName;
 use crate::store::keys::Scope;
 
 /// Body that finishes a run.
@@ -31,7 +30,7 @@ pub enum SkipBody {
     /// All tasks without a submission.
     All(SkipAll),
     /// The listed tasks.
-    Tasks(Vec<TaskName>),
+    Tasks(Vec<TaskRef>),
 }
 
 /// Name for all tasks without a submission.
@@ -44,13 +43,9 @@ pub enum SkipAll {
 
 impl From<SkipBody> for SkipRequest {
     fn from(skip: SkipBody) -> Self {
-        let task = |name| match name {
-            TaskName::Id(id) => TaskRef::Id(id),
-            TaskName::Number(number) => TaskRef::Number(number),
-        };
         match skip {
             SkipBody::All(SkipAll::Unanswered) => Self::Unanswered,
-            SkipBody::Tasks(names) => Self::Tasks(names.into_iter().map(task).collect()),
+            SkipBody::Tasks(names) => Self::Tasks(names),
         }
     }
 }

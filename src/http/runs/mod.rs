@@ -2,6 +2,5 @@
 
 #![expect(clippy::missing_errors_doc, reason = "each handler lists its errors as responses of the OpenAPI document")]
 
-pub mod body;
 pub mod changes;
 pub mod resource;

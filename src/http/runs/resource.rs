@@ -7,11 +7,11 @@ use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::body::{NewRunBody, NewRunShape, RunProvenance};
 use crate::app::access::Caller;
+use crate::app::body::read_body;
 use crate::app::error::{AppError, AppResult};
-use crate::app::runs::create::{CreatedRun, RunDraft, create};
-use crate::app::runs::provenance::Provenance;
+use crate::app::runs::body::{NewRunBody, RunProvenance};
+use crate::app::runs::create::{CreatedRun, create};
 use crate::app::runs::read::{self, RunFilter, SubmissionsOfRun};
 use crate::app::submissions::posted::Format;
 use crate::clock::rfc3339;
@@ -25,7 +25,7 @@ use crate::store::run_rows::RunRow;
 use crate::store::states::RunState;
 use plumbline_engine::grading::Summary;
 use plumbline_engine::intake::Faults;
-use plumbline_engine::intake::tolerant::{read_document, why_not_json};
+use plumbline_engine::intake::tolerant::why_not_json;
 
 /// A run.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -95,15 +95,6 @@ impl From<RunRow> for RunBody {
     }
 }
 
-impl From<RunProvenance> for Provenance {
-    fn from(provenance: RunProvenance) -> Self {
-        match provenance {
-            RunProvenance::SelfReported => Self::SelfReported,
-            RunProvenance::ReRunByHost => Self::ReRunByHost,
-        }
-    }
-}
-
 /// Creates a run: one attempt of an agent at a suite. It finishes by itself when every task has been graded.
 #[utoipa::path(
     post, path = "/v1/runs", operation_id = "create_run", tag = "runs", summary = "Create a run",
@@ -127,21 +118,15 @@ pub async fn create_run(
     }
     let underway = state.in_flight.begin(&headers, &caller, "create_run", &body.bytes)?;
     let mut faults = Faults::new();
-    let parsed = match read_document(&body.bytes, NewRunShape { faults: &mut faults }) {
+    let parsed = match read_body::<NewRunBody>(&body.bytes, &mut faults) {
         Ok(parsed) => parsed,
         Err(error) => {
             faults.add(why_not_json(&body.bytes, &error));
             return Err(AppError::malformed(faults));
         }
     };
-    let draft = parsed.map(|parsed| RunDraft {
-        agent: parsed.agent,
-        suite: parsed.suite,
-        metadata: parsed.metadata,
-        provenance: parsed.provenance.map_or(Provenance::SelfReported, Provenance::from),
-    });
     let once = underway.as_ref().map(|underway| &underway.once);
-    let CreatedRun { run, is_replayed } = create(&state, &caller, draft, faults, once).await?;
+    let CreatedRun { run, is_replayed } = create(&state, &caller, parsed, faults, once).await?;
     let location = [(header::LOCATION, format!("/v1/runs/{}", run.id))];
     let mut response = (StatusCode::CREATED, location, Json(RunBody::from(run))).into_response();
     if is_replayed {
@@ -188,7 +173,7 @@ pub struct RunsQuery {
     #[param(format = Uuid)]
     after: Option<String>,
     /// Maximum number of runs on a page; 100 by default.
-    #[param(minimum = 1, maximum = 1000)]
+    #[param(minimum = 1)]
     limit: Option<u32>,
 }
 
@@ -237,7 +222,7 @@ pub struct PageQuery {
     /// Only tasks with a greater number, for the next page.
     after: Option<u32>,
     /// Maximum number of submissions on a page; 100 by default.
-    #[param(minimum = 1, maximum = 1000)]
+    #[param(minimum = 1)]
     limit: Option<u32>,
 }
 

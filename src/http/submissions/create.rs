@@ -5,11 +5,11 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 
-use super::schema::{AcceptedAnswer, AcceptedBody, AcceptedList, NewSubmissionBody, Validated, ValidatedList};
+use super::schema::{AcceptedAnswer, AcceptedBody, AcceptedList, Validated, ValidatedList};
 use crate::app::access::Caller;
 use crate::app::error::AppResult;
 use crate::app::submissions::accept::{Acceptance, accept, validate};
-use crate::app::submissions::posted::Format;
+use crate::app::submissions::posted::{Format, NewSubmissionBody};
 use crate::http::extract::body::JsonBody;
 use crate::http::extract::idempotency;
 use crate::http::state::AppState;

@@ -6,13 +6,13 @@ use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
 
-use super::schema::StoredLogBody;
 use crate::app::error::AppResult;
 use crate::app::submissions::read;
 use crate::clock::rfc3339;
 use crate::http::extract::params::Params;
 use crate::http::state::AppState;
 use plumbline_engine::grading::Report;
+use plumbline_engine::intake::schema::StoredLogBody;
 
 /// A report with its provenance.
 #[derive(Debug, Serialize, utoipa::ToSchema)]

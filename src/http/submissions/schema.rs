@@ -1,101 +1,13 @@
-//! Submissions in the API: the bodies of requests and responses.
+//! Submissions in the API: the bodies of responses.
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::actions::turn_replay::TurnReplay;
-use crate::app::replay::EventAction;
 use crate::app::submissions::accept::AcceptedSubmission;
 use crate::clock::rfc3339;
 use crate::store::states::SubmissionState;
 use crate::store::submissions::{NewSubmission, SubmissionRow};
 use plumbline_engine::tasks::catalogue::Entry;
-
-/// An agent's work on one task.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-#[schema(example = json!({
-    "run": "0198c0de-0000-7000-8000-000000000000", "task": "walls/5x1x5-raise",
-    "turns": [{ "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }] }]
-}))]
-#[expect(dead_code, reason = "describes the body that SubmissionShape reads")]
-pub struct NewSubmissionBody {
-    /// Run that the submission belongs to. Without a run it is graded all the same, but appears on no board.
-    #[schema(format = Uuid)]
-    run: Option<String>,
-    /// Suite of the task, if the submission belongs to no run: name, or name@version.
-    #[schema(min_length = 1, max_length = 100)]
-    suite: Option<String>,
-    /// The task: its id, or its number in the suite (the `run_idx` of published records).
-    task: TaskName,
-    /// Turns of the log, as many as the task has. Either `turns` or `log` is required.
-    #[schema(max_items = 64)]
-    turns: Option<Vec<NewTurn>>,
-    /// The log in the stored form, as `/v1/submissions/{id}/log` returns it.
-    log: Option<StoredLogBody>,
-}
-
-/// A log in the stored form.
-#[derive(Debug, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-#[schema(example = json!({ "palette": ["stone"], "turns": [[[0, 0, 0, 0]]] }))]
-pub struct StoredLogBody {
-    /// Names of materials.
-    palette: Vec<String>,
-    /// Rows of each turn: `[x, y, z, i]` places a block of palette entry i, `[x, y, z]` removes one.
-    turns: Vec<Vec<Vec<i32>>>,
-}
-
-/// Reference to a task of a suite.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[serde(untagged)]
-pub enum TaskName {
-    /// Identifier of the task.
-    #[schema(example = "walls/5x1x5-raise")]
-    Id(String),
-    /// Number of the task in the suite.
-    Number(u32),
-}
-
-/// A turn: plain events, a palette and rows, or action code.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-#[expect(dead_code, reason = "describes the body that the log reader reads")]
-pub struct NewTurn {
-    /// Events, in order.
-    #[schema(max_items = 400_000)]
-    events: Option<Vec<NewEvent>>,
-    /// Compact form: names of the materials that `rows` refer to.
-    palette: Option<Vec<String>>,
-    /// Compact form: `[x, y, z, i]` places a block of palette entry i, `[x, y, z]` removes one.
-    #[schema(max_items = 400_000)]
-    rows: Option<Vec<Vec<i32>>>,
-    /// Instead of events: JavaScript as agents of the mindcraft framework write it, bare or in a code fence. The
-    /// service runs it; the blocks that it places and removes are the events.
-    #[schema(max_length = 524_288)]
-    action_code: Option<String>,
-}
-
-/// An event: a block that is placed or removed.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-#[expect(dead_code, reason = "describes the body that the log reader reads")]
-pub struct NewEvent {
-    /// `place` or `remove`.
-    #[schema(value_type = EventAction, example = "place")]
-    action: String,
-    /// Coordinate to the east.
-    #[schema(minimum = -30_000_000, maximum = 30_000_000)]
-    x: i32,
-    /// Coordinate upwards; the ground surface is y <= 0.
-    #[schema(minimum = -2048, maximum = 2047)]
-    y: i32,
-    /// Coordinate to the south.
-    #[schema(minimum = -30_000_000, maximum = 30_000_000)]
-    z: i32,
-    /// Name of the material; required for `place`.
-    #[schema(max_length = 128, example = "stone")]
-    material: Option<String>,
-}
 
 /// A submission.
 #[derive(Debug, Serialize, utoipa::ToSchema)]

@@ -16,10 +16,10 @@ use crate::actions::turn_replay::TurnReplay;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
 use crate::app::rewards::judge::judge;
+use crate::app::rewards::scheme::SchemeBody;
+use crate::app::submissions::posted::TaskRef;
 use crate::http::extract::body::JsonBody;
-use crate::http::rewards::single::SchemeBody;
 use crate::http::state::AppState;
-use crate::http::submissions::schema::TaskName;
 use crate::store::keys::Scope;
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::grading::reward::RewardComponents;
@@ -45,34 +45,41 @@ pub struct VerifyAnswer {
 }
 
 /// A request to verify, with the members that are read.
-#[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
-#[expect(dead_code, reason = "describes what is read piece by piece")]
+// For the contract only: a request has members of its dataset as well, and its response repeats them all, so it stays
+// the object that was sent.
+#[derive(Debug, utoipa::ToSchema)]
 pub struct VerifyRequest {
     /// The task: its id or its number. It may also be under `verifier_metadata`.
-    #[schema(value_type = Option<TaskName>)]
-    task: Option<Value>,
+    pub task: Option<TaskRef>,
     /// Suite of the task.
-    suite: Option<String>,
+    pub suite: Option<String>,
     /// Reward scheme.
-    #[schema(value_type = Option<SchemeBody>)]
-    reward_scheme: Option<Value>,
+    pub reward_scheme: Option<SchemeBody>,
     /// Data that the dataset holds for the verifier.
     #[schema(value_type = Option<Object>)]
-    verifier_metadata: Option<Value>,
+    pub verifier_metadata: Option<Value>,
     /// Request to the model.
     #[schema(value_type = Option<Object>)]
-    responses_create_params: Option<Value>,
+    pub responses_create_params: Option<Value>,
     /// Response of the model: an object of the Responses API.
     #[schema(value_type = Option<Object>)]
-    response: Option<Value>,
+    pub response: Option<Value>,
 }
 
 /// A request that begins or ends a session, with the member that is read.
-#[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
-#[expect(dead_code, reason = "describes what is read piece by piece")]
+#[derive(Debug, utoipa::ToSchema)]
 pub struct SessionRequest {
     /// Identifier of the session, which newer versions of the framework send.
-    resources_session_id: Option<String>,
+    pub resources_session_id: Option<String>,
+}
+
+impl SessionRequest {
+    /// Reads the member from a body, which may be empty. An identifier that is not text counts as absent.
+    fn read(text: &[u8]) -> AppResult<Self> {
+        let request = if text.is_empty() { Map::new() } else { object(text)? };
+        let id = request.get("resources_session_id").and_then(Value::as_str);
+        Ok(Self { resources_session_id: id.map(str::to_owned) })
+    }
 }
 
 /// Response to a request that begins or ends a session.
@@ -110,8 +117,7 @@ pub async fn close_session(caller: Caller, body: JsonBody) -> AppResult<Response
 }
 
 fn session(body: &JsonBody) -> AppResult<Response> {
-    let request = if body.bytes.is_empty() { Map::new() } else { object(&body.bytes)? };
-    let Some(id) = request.get("resources_session_id").and_then(Value::as_str) else {
+    let SessionRequest { resources_session_id: Some(id) } = SessionRequest::read(&body.bytes)? else {
         return Ok(Json(json!({})).into_response());
     };
     // The framework requires a cookie; its value is not used.

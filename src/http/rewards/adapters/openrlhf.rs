@@ -34,14 +34,12 @@ const PROMPT_END_CHARS: usize = 200;
 #[schema(example = json!({ "query": ["Raise a wall.{\"events\": []}"], "prompts": ["Raise a wall."], "labels": ["walls/5x1x5-raise"] }))]
 pub struct RewardQuery {
     /// Prompt and answer of each sample.
-    #[schema(max_items = 10_000)]
     pub query: Vec<String>,
     /// Prompt of each sample, which is removed from the query.
     #[serde(default)]
-    #[schema(max_items = 10_000)]
     pub prompts: Option<Vec<Option<String>>>,
     /// The task of each sample: its id, its number, or JSON with `task`, `suite` and `reward`, as an object or as text.
-    #[schema(max_items = 10_000, value_type = Vec<LabelBody>)]
+    #[schema(value_type = Vec<LabelBody>)]
     pub labels: Vec<Value>,
 }
 

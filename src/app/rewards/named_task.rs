@@ -1,0 +1,174 @@
+//! The task of a request to grade: of a suite, or brought by the request.
+
+use serde::de::MapAccess;
+use serde_json::{Map, Value};
+
+use crate::app::limits::LIMITS;
+use crate::app::submissions::posted::{TaskRef, TaskShape};
+use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::tolerant::{Scalar, Shape};
+use plumbline_engine::tasks::published::read_checks;
+use plumbline_engine::tasks::{Instruction, Task};
+
+/// The task of a request to grade.
+#[derive(Debug, Clone, PartialEq)]
+pub enum NamedTask {
+    /// Task of a suite.
+    Listed(TaskRef),
+    /// Task that the request brings.
+    Inline(Box<Task>),
+}
+
+/// A task, either of a suite or inline.
+#[derive(Debug, utoipa::ToSchema)]
+#[serde(untagged)]
+pub enum GivenTaskBody {
+    /// Identifier of the task.
+    Id(String),
+    /// Number of the task in the suite.
+    Number(u32),
+    /// An inline task.
+    Whole(InlineTask),
+}
+
+/// An inline task, as `GET /v1/tasks/{family}/{instance}` returns it; other members of the task are ignored.
+#[derive(Debug, utoipa::ToSchema)]
+pub struct InlineTask {
+    /// Identifier of the task in the response.
+    pub id: Option<String>,
+    /// Turns of the task.
+    #[schema(min_items = 1)]
+    pub turns: Vec<InlineTurn>,
+}
+
+/// A turn of an inline task.
+#[derive(Debug, utoipa::ToSchema)]
+pub struct InlineTurn {
+    /// Instruction to the agent, for the record.
+    pub prompt: Option<String>,
+    /// Checks of the structure after the turn.
+    pub checks: Vec<InlineCheck>,
+}
+
+/// A check of an inline task.
+#[derive(Debug, utoipa::ToSchema)]
+pub struct InlineCheck {
+    /// Name of the check.
+    #[serde(rename = "fn")]
+    #[schema(example = "shape.has_rooms")]
+    pub name: String,
+    /// Arguments of the check.
+    #[schema(value_type = Option<Object>, example = json!({ "room_cnt": 2 }))]
+    pub args: Option<Map<String, Value>>,
+}
+
+/// Shape of the task of a request to grade.
+#[derive(Debug)]
+pub struct NamedTaskShape<'f> {
+    /// Collector of faults.
+    pub faults: &'f mut Faults,
+}
+
+impl<'de> Shape<'de> for NamedTaskShape<'_> {
+    type Out = NamedTask;
+
+    fn wanted(&self) -> &'static str {
+        "a task: its id, its number, or an object with \"turns\""
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn scalar(self, value: &Scalar<'_>) -> Option<NamedTask> {
+        TaskShape { faults: self.faults }.scalar(value).map(NamedTask::Listed)
+    }
+
+    fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<NamedTask>, A::Error> {
+        let mut object = Map::new();
+        while let Some((key, value)) = members.next_entry::<String, Value>()? {
+            object.insert(key, value);
+        }
+        let before = self.faults.total();
+        let (bytes, most) = (written_bytes(&object), LIMITS.grade_inline_bytes);
+        if bytes > most {
+            self.faults.add(format!("{bytes} bytes as JSON; at most {most} are allowed"));
+            return Ok(None);
+        }
+        let task = inline_task(&object, self.faults);
+        Ok((self.faults.total() == before).then(|| NamedTask::Inline(Box::new(task))))
+    }
+}
+
+/// Returns the size of an object as JSON, in bytes.
+fn written_bytes(object: &Map<String, Value>) -> usize {
+    serde_json::to_vec(object).map_or(usize::MAX, |bytes| bytes.len())
+}
+
+/// Reads a task as `GET /v1/tasks/{id}` shows it: `turns` with `checks`. Other members are ignored, except `id` and
+/// prompts.
+fn inline_task(object: &Map<String, Value>, faults: &mut Faults) -> Task {
+    let id = object.get("id").and_then(Value::as_str).unwrap_or("inline/task");
+    if id.len() > 200 {
+        faults.add_at("id", "longer than 200 bytes");
+    }
+    let mut turns = Vec::new();
+    let before = faults.total();
+    faults.enter_key("turns");
+    match object.get("turns").and_then(Value::as_array) {
+        None => faults.add("expected a list of turns, each with \"checks\""),
+        Some(list) if list.is_empty() || list.len() > LIMITS.turns => {
+            faults.add(format!("{} turns; expected 1 to {}", list.len(), LIMITS.turns));
+        }
+        Some(list) => {
+            for (i, turn) in list.iter().enumerate() {
+                faults.enter_index(i);
+                turns.push(inline_turn(turn, faults));
+                faults.leave();
+            }
+        }
+    }
+    let (checks, most) = (turns.iter().map(|turn| turn.checks.len()).sum::<usize>(), LIMITS.grade_inline_checks_in_all);
+    if checks > most {
+        faults.add(format!("{checks} checks in all; at most {most} are allowed"));
+    }
+    if faults.total() == before && turns.iter().all(|turn| turn.checks.is_empty()) {
+        faults.add("a task needs a check; one without any would be passed by every log");
+    }
+    faults.leave();
+    Task::foreign(id.to_owned(), 0, turns)
+}
+
+/// Returns the length of the longest list in the arguments of checks.
+fn longest_list(value: &Value, depth: usize) -> usize {
+    match value {
+        Value::Array(items) => {
+            let own = if depth > 0 { items.len() } else { 0 };
+            items.iter().map(|item| longest_list(item, depth + 1)).fold(own, usize::max)
+        }
+        Value::Object(members) => members.values().map(|member| longest_list(member, depth + 1)).max().unwrap_or(0),
+        _ => 0,
+    }
+}
+
+fn inline_turn(turn: &Value, faults: &mut Faults) -> Instruction {
+    let prompt = turn.get("prompt").and_then(Value::as_str).unwrap_or_default().to_owned();
+    faults.enter_key("checks");
+    let mut checks = turn.get("checks").cloned().unwrap_or_default();
+    for check in checks.as_array_mut().into_iter().flatten().filter_map(Value::as_object_mut) {
+        // Drop the members that the task's own page adds to a check.
+        check.remove("criterion");
+        check.remove("asks");
+    }
+    let most = LIMITS.grade_inline_list_items;
+    if longest_list(&checks, 0) > most {
+        faults.add(format!("a list of more than {most} names in the arguments of a check"));
+        checks = Value::Array(Vec::new());
+    }
+    let checks = read_checks(&checks, faults);
+    if checks.len() > LIMITS.grade_inline_checks {
+        faults.add(format!("{} checks; at most {} are allowed", checks.len(), LIMITS.grade_inline_checks));
+    }
+    faults.leave();
+    Instruction::new(prompt, checks)
+}
