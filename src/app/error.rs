@@ -6,6 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::near::counted;
 use crate::store::StoreError;
 use plumbline_engine::intake::{Fault, Faults};
 
@@ -134,11 +135,7 @@ impl AppError {
     /// Creates the failure of a body that is valid JSON but has faults.
     #[must_use]
     pub fn faulty(faults: Faults) -> Self {
-        let detail = match faults.total() {
-            1 => "1 fault".to_owned(),
-            total => format!("{total} faults"),
-        };
-        Self::new(Kind::InvalidBody, detail).with_faults(faults)
+        Self::new(Kind::InvalidBody, counted(faults.total(), "fault")).with_faults(faults)
     }
 
     /// Creates the refusal of an NDJSON body where one document is expected.

@@ -10,6 +10,7 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 
 use super::database;
+use crate::near::counted;
 use crate::store::copies::{Contents, copy, inspect};
 use crate::store::secrets::Secrets;
 use crate::store::transfer::export;
@@ -127,7 +128,7 @@ pub fn export_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
     run(export(&args.database, write))??;
     for (file, path, lines) in files {
         file.into_inner().map_err(std::io::IntoInnerError::into_error)?.sync_all()?;
-        println!("{}: {lines} lines", path.display());
+        println!("{}: {}", path.display(), counted(lines, "line"));
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -191,7 +192,8 @@ fn must_exist(file: &Path) -> anyhow::Result<()> {
 
 fn tell(what: &str, file: &Path, contents: Contents) {
     let Contents { runs, submissions, reports } = contents;
-    println!("{what} {}: {runs} runs, {submissions} submissions, {reports} reports", file.display());
+    let told = [(runs, "run"), (submissions, "submission"), (reports, "report")].map(|(n, thing)| counted(n, thing));
+    println!("{what} {}: {}", file.display(), told.join(", "));
 }
 
 fn run<T>(work: impl Future<Output = T>) -> anyhow::Result<T> {

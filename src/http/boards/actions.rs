@@ -12,6 +12,7 @@ use crate::app::error::{AppError, AppResult};
 use crate::clock::{now_ms, rfc3339};
 use crate::http::extract::body::{JsonBody, read_json};
 use crate::http::state::AppState;
+use crate::near::counted;
 use crate::store::boards::{Acted, ActionRow};
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
@@ -200,7 +201,7 @@ pub async fn get_board_feed(
         Entry {
             id: format!("urn:plumbline:run:{}", row.run),
             title: format!("{}: {rate} overall", row.agent),
-            text: format!("A run finished with {} problems solved.", row.summary.problem_level.overall.pass),
+            text: format!("A run finished with {} solved.", counted(row.summary.problem_level.overall.pass, "problem")),
             at_ms: row.finished_at_ms,
             link: format!("/runs/{}", row.run),
         }

@@ -11,6 +11,8 @@ use crate::http::problem::Problem;
 use plumbline_engine::grading::statistics::interval::Interval;
 use plumbline_engine::grading::statistics::ranks::RankRange;
 
+pub use crate::near::counted;
+
 /// Content security policy: pages load only files of this service.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
                       base-uri 'none'; form-action 'self'; frame-ancestors 'none'";

@@ -12,6 +12,7 @@ use crate::checks::Check;
 use crate::intake::Faults;
 use crate::tasks::published::{TaskFileFault, read_check};
 use crate::tasks::{Instruction, Task};
+use crate::text::counted;
 
 /// Parameters of an instance, by name.
 pub type Parameters = Map<String, Value>;
@@ -106,7 +107,11 @@ impl Family {
                 let length = values.get_ref().len();
                 if length != longest || length == 0 {
                     let field = format!("grid.{name}");
-                    found.push(at(values.span(), &field, format!("{length} values, but others have {longest}")));
+                    found.push(at(
+                        values.span(),
+                        &field,
+                        format!("{}, but others have {longest}", counted(length, "value")),
+                    ));
                 }
             }
         }

@@ -19,6 +19,7 @@ use crate::app::rewards::score::GradeBody;
 use crate::http::extract::body::{JsonBody, read_json};
 use crate::http::problem::Problem;
 use crate::http::state::AppState;
+use crate::near::counted;
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
 
@@ -144,13 +145,13 @@ fn read(body: &JsonBody) -> AppResult<RewardQuery> {
     let mut faults = Faults::new();
     let samples = query.query.len();
     if query.labels.len() != samples {
-        faults.add_at("labels", format!("{} labels for {samples} samples", query.labels.len()));
+        faults.add_at("labels", format!("{} for {}", counted(query.labels.len(), "label"), counted(samples, "sample")));
     }
     if let Some(prompts) = &query.prompts
         && !prompts.is_empty()
         && prompts.len() != samples
     {
-        faults.add_at("prompts", format!("{} prompts for {samples} samples", prompts.len()));
+        faults.add_at("prompts", format!("{} for {}", counted(prompts.len(), "prompt"), counted(samples, "sample")));
     }
     if samples > LIMITS.grade_batch_logs {
         faults.add_at("query", format!("{samples} samples; at most {} are allowed", LIMITS.grade_batch_logs));
