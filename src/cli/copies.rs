@@ -10,6 +10,7 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 
 use super::database;
+use crate::app::submissions::decision::lane_of;
 use crate::near::counted;
 use crate::store::copies::{Contents, copy, inspect};
 use crate::store::secrets::Secrets;
@@ -156,7 +157,7 @@ pub fn import_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
                 Err(error) => Err(error),
             }
         };
-        let counts = store.import(lines).await;
+        let counts = store.import(lines, lane_of).await;
         store.close().await;
         for (name, count) in counts? {
             println!("{name}: {count}");
