@@ -70,6 +70,27 @@ pub fn percent(rate: Option<f64>) -> String {
     rate.map_or_else(|| "n/a".to_owned(), |rate| format!("{:.1} %", rate * 100.0))
 }
 
+/// Formats a probability to four digits.
+#[must_use]
+pub fn probability(p: f64) -> String {
+    const LEAST: f64 = 1e-4;
+    if p < LEAST { format!("< {LEAST:.4}") } else { format!("{p:.4}") }
+}
+
+/// Formats a duration with its units, such as `1 day 1 hour`.
+#[must_use]
+pub fn duration(seconds: i64) -> String {
+    let units = [
+        (seconds / 86_400, "day"),
+        (seconds / 3_600 % 24, "hour"),
+        (seconds / 60 % 60, "minute"),
+        (seconds % 60, "second"),
+    ];
+    let told = units.iter().filter(|(count, _)| *count > 0).map(|(count, unit)| counted(*count, unit));
+    let told: Vec<String> = told.collect();
+    if told.is_empty() { counted(0, "second") } else { told.join(" ") }
+}
+
 /// Formats the bounds of an interval as percentages; empty for `None`.
 #[must_use]
 pub fn bounds(interval: Option<Interval>) -> String {
@@ -111,4 +132,15 @@ pub fn bar(rate: Option<f64>, interval: Option<Interval>) -> String {
 #[must_use]
 pub fn json_in_markup(value: &serde_json::Value) -> String {
     value.to_string().replace('<', "\\u003c").replace('>', "\\u003e").replace('&', "\\u0026")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_probabilities_and_long_times_are_told_for_people() {
+        assert_eq!([probability(0.0), probability(0.000_09), probability(0.0312)], ["< 0.0001", "< 0.0001", "0.0312"]);
+        assert_eq!([duration(86_400), duration(90_060), duration(0)], ["1 day", "1 day 1 hour 1 minute", "0 seconds"]);
+    }
 }
