@@ -147,12 +147,7 @@ impl RunningService {
         tokio::spawn(keep_uses(Arc::clone(&app), stop.clone()));
         let parts = HttpParts { app: Arc::clone(&app), metrics, rates };
         let routers = http::routers(parts, admin_listener.is_some());
-        // All clients behind a proxy share its address.
-        let per_address = if config.settings.rates.is_behind_proxy {
-            LIMITS.connections
-        } else {
-            config.settings.rates.connections_per_address
-        };
+        let per_address = config.settings.rates.connections_from_one(LIMITS.connections);
         let serve = http::server::accept::serve(listener, routers.public, connections, per_address, stop.clone());
         let mut serving = vec![tokio::spawn(serve)];
         if let (Some(listener), Some(router)) = (admin_listener, routers.admin) {

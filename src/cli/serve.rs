@@ -48,8 +48,8 @@ pub struct ServeArgs {
     /// cores can answer: lower them if the service is open to strangers.
     #[arg(long, env = "PLUMBLINE_RATE_PER_ADDRESS", default_value_t = LIMITS.requests_per_second_per_address, value_name = "N")]
     rate_per_address: u32,
-    /// Connections allowed at once from one address; more are closed. Lower it if strangers connect without a proxy in
-    /// front.
+    /// Connections allowed at once from one address; more are closed. 0 means no limit. Lower it if strangers connect
+    /// without a proxy in front.
     #[arg(long, env = "PLUMBLINE_CONNECTIONS_PER_ADDRESS", default_value_t = LIMITS.connections_per_address, value_name = "N")]
     connections_per_address: usize,
     /// Take the client address from the last entry of X-Forwarded-For, which the proxy in front writes.
