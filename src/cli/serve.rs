@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::Args;
+use clap::builder::BoolishValueParser;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use tokio::signal::unix::{SignalKind, signal};
 
@@ -53,7 +54,7 @@ pub struct ServeArgs {
     #[arg(long, env = "PLUMBLINE_CONNECTIONS_PER_ADDRESS", default_value_t = LIMITS.connections_per_address, value_name = "N")]
     connections_per_address: usize,
     /// Take the client address from the last entry of X-Forwarded-For, which the proxy in front writes.
-    #[arg(long, env = "PLUMBLINE_BEHIND_PROXY")]
+    #[arg(long, env = "PLUMBLINE_BEHIND_PROXY", value_parser = BoolishValueParser::new())]
     behind_proxy: bool,
     /// Percentage of a suite that a run must answer, or skip on purpose, to be compared on its board; other runs are
     /// listed apart.
@@ -63,11 +64,11 @@ pub struct ServeArgs {
     #[arg(long, env = "PLUMBLINE_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]
     pub log_format: LogFormat,
     /// Allow everyone to write without a key: for a laptop, not for a network.
-    #[arg(long, env = "PLUMBLINE_OPEN")]
+    #[arg(long, env = "PLUMBLINE_OPEN", value_parser = BoolishValueParser::new())]
     open: bool,
     /// Allow everyone to grade within a request, which stores nothing, without a key: for trainers that cannot send a
     /// header. All writing still needs a key.
-    #[arg(long, env = "PLUMBLINE_OPEN_GRADE")]
+    #[arg(long, env = "PLUMBLINE_OPEN_GRADE", value_parser = BoolishValueParser::new())]
     open_grade: bool,
     /// Post runs of three demo agents of different skill through the API, so that the boards have rows.
     #[arg(long)]
