@@ -1,7 +1,7 @@
 //! Composition: assembles store, workers and HTTP into one service, and starts and stops them in order.
 
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -26,6 +26,7 @@ use crate::http::middleware::rates::{RateSettings, Rates};
 use crate::http::{self, HttpParts};
 use crate::store::Store;
 use crate::store::keys::Scope;
+use crate::store::serving::Serving;
 use crate::store::suites::SuiteStored;
 use crate::worker::{WorkerSettings, Workers};
 use plumbline_engine::hidden::receipts::Signer;
@@ -75,7 +76,9 @@ pub struct RunningService {
     app: Arc<App>,
     workers: Workers,
     stop: CancellationToken,
-    serving: Vec<JoinHandle<std::io::Result<()>>>,
+    listeners: Vec<JoinHandle<std::io::Result<()>>>,
+    /// Tells other processes that this one serves the database.
+    _serving: Option<Serving>,
 }
 
 impl RunningService {
@@ -110,7 +113,8 @@ impl RunningService {
             deadline: Duration::from_secs(LIMITS.grading_seconds),
         };
         let signer = store.signer().context("cannot load the key that signs receipts")?;
-        let notices: Vec<String> = receipt_key_notice(&store, &signer).await?.into_iter().collect();
+        let (serving, shared) = serving_notice(&config.database);
+        let notices: Vec<String> = receipt_key_notice(&store, &signer).await?.into_iter().chain(shared).collect();
         for notice in &notices {
             tracing::warn!("{notice}");
         }
@@ -149,15 +153,15 @@ impl RunningService {
         let routers = http::routers(parts, admin_listener.is_some());
         let per_address = config.settings.rates.connections_from_one(LIMITS.connections);
         let serve = http::server::accept::serve(listener, routers.public, connections, per_address, stop.clone());
-        let mut serving = vec![tokio::spawn(serve)];
+        let mut listeners = vec![tokio::spawn(serve)];
         if let (Some(listener), Some(router)) = (admin_listener, routers.admin) {
             let serve =
                 http::server::accept::serve(listener, router, Connections::default(), LIMITS.connections, stop.clone());
-            serving.push(tokio::spawn(serve));
+            listeners.push(tokio::spawn(serve));
         }
         let admin = admin_address.map(|address| address.to_string());
         tracing::info!(%address, admin_address = admin, database = %config.database.display(), workers = config.workers, "listening");
-        Ok(Self { address, admin_address, notices, app, workers, stop, serving })
+        Ok(Self { address, admin_address, notices, app, workers, stop, listeners, _serving: serving })
     }
 
     /// Creates a key for the demo agents that is valid for a day, and revokes their earlier keys.
@@ -178,8 +182,8 @@ impl RunningService {
     /// Stops accepting requests, lets running requests finish, gives unfinished jobs back, and closes the database.
     pub async fn shut_down(self) {
         self.stop.cancel();
-        for serving in self.serving {
-            if let Err(error) = serving.await.map_err(std::io::Error::other).flatten() {
+        for listener in self.listeners {
+            if let Err(error) = listener.await.map_err(std::io::Error::other).flatten() {
                 tracing::error!(%error, "a listener failed");
             }
         }
@@ -192,6 +196,25 @@ impl RunningService {
 async fn listen(option: &str, place: &str) -> anyhow::Result<TcpListener> {
     let bound = TcpListener::bind(place).await;
     bound.with_context(|| format!("cannot listen on {place:?} ({option} is a host and a port, such as 127.0.0.1:7586)"))
+}
+
+/// Notes that this process serves a database; returns a notice for the operator if another process does so too.
+fn serving_notice(database: &Path) -> (Option<Serving>, Option<String>) {
+    match Serving::of(database) {
+        Ok(serving) => {
+            let notice = serving.is_shared.then(|| {
+                format!(
+                    "another process serves {} too; both grade its queue. If that is a mistake, stop one of them",
+                    database.display()
+                )
+            });
+            (Some(serving), notice)
+        }
+        Err(error) => {
+            tracing::warn!(%error, "could not find out whether another process serves the database");
+            (None, None)
+        }
+    }
 }
 
 /// Records a change of the key that signs receipts in their log; returns a notice for the operator if the key changed.

@@ -35,6 +35,7 @@ pub mod run_rows;
 pub mod runs;
 pub mod schema;
 pub mod secrets;
+pub mod serving;
 mod settling;
 pub mod states;
 pub mod submissions;
