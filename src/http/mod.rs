@@ -5,6 +5,7 @@
 pub mod accounts;
 pub mod boards;
 pub mod catalogue;
+mod error_page;
 pub mod extract;
 pub mod hidden;
 pub mod middleware;

@@ -1,21 +1,17 @@
-//! Code that all pages share: responses, error pages and the formatting of numbers.
+//! Code that all pages share: responses and the formatting of numbers.
 
 use std::fmt::Write as _;
 
 use askama::Template;
-use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
 use crate::app::error::AppError;
+use crate::http::error_page::{page_headers, page_of};
 use crate::http::problem::Problem;
 use plumbline_engine::grading::statistics::interval::Interval;
 use plumbline_engine::grading::statistics::ranks::RankRange;
 
 pub use crate::near::counted;
-
-/// Content security policy: pages load only files of this service.
-const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
-                      base-uri 'none'; form-action 'self'; frame-ancestors 'none'";
 
 /// Result of a page handler.
 pub type PageResult = Result<Response, PageError>;
@@ -30,38 +26,16 @@ impl<E: Into<AppError>> From<E> for PageError {
     }
 }
 
-#[derive(Template)]
-#[template(path = "error.html")]
-struct ErrorPage<'a> {
-    status: u16,
-    title: &'a str,
-    detail: &'a str,
-}
-
 impl IntoResponse for PageError {
     fn into_response(self) -> Response {
-        let problem = Problem::from(self.0.clone());
-        let page = ErrorPage { status: problem.status, title: &problem.title, detail: &problem.detail };
-        let status = StatusCode::from_u16(problem.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
-        match page.render() {
-            Ok(text) => (status, with_policy(POLICY), text).into_response(),
-            Err(_) => self.0.into_response(),
-        }
+        page_of(&Problem::from(self.0.clone())).unwrap_or_else(|| self.0.into_response())
     }
-}
-
-fn with_policy(policy: &'static str) -> [(axum::http::HeaderName, HeaderValue); 3] {
-    [
-        (header::CONTENT_TYPE, HeaderValue::from_static("text/html; charset=utf-8")),
-        (header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(policy)),
-        (header::REFERRER_POLICY, HeaderValue::from_static("same-origin")),
-    ]
 }
 
 /// Renders a page as a response.
 pub fn page(template: &impl Template) -> PageResult {
     let text = template.render().map_err(|error| AppError::internal(&error))?;
-    Ok((with_policy(POLICY), text).into_response())
+    Ok((page_headers(), text).into_response())
 }
 
 /// Formats a share as a percentage; `n/a` for `None`.
