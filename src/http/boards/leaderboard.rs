@@ -11,7 +11,7 @@ use super::body::{BoardBody, BoardRow};
 use super::formats::{Format, render};
 use crate::app::boards::{Board, Rows};
 use crate::app::error::{AppError, AppResult};
-use crate::clock::{milliseconds, rfc3339};
+use crate::clock::{DAY_MS, day_ms, milliseconds, rfc3339};
 use crate::http::catalogue::tasks::page_items;
 use crate::http::extract::params::{Params, wrong};
 use crate::http::runs::body::RunProvenance;
@@ -93,8 +93,7 @@ pub struct BoardQuery {
     #[serde(default)]
     #[param(inline)]
     pub coverage: CoverageFilter,
-    /// Time at which to show the board (RFC 3339).
-    #[param(format = DateTime)]
+    /// Time at which to show the board: RFC 3339, or a date, which stands for the end of that day in UTC.
     pub as_of: Option<String>,
     /// Only rows after the row of this run, for paging.
     #[param(format = Uuid)]
@@ -116,8 +115,9 @@ pub fn page(board: &Board, query: &BoardQuery) -> AppResult<BoardBody> {
     let items = page_items(query.limit, 100)?;
     let as_of = match &query.as_of {
         None => None,
-        Some(text) => Some(milliseconds(text).ok_or_else(|| {
-            wrong("as_of", format!("{text:?} is not an RFC 3339 time, such as 2026-11-22T00:00:00Z"))
+        // A date stands for its last moment, so that the board shows everything of that day.
+        Some(text) => Some(milliseconds(text).or_else(|| Some(day_ms(text)? + DAY_MS - 1)).ok_or_else(|| {
+            wrong("as_of", format!("{text:?} is neither an RFC 3339 time, such as 2026-11-22T00:00:00Z, nor a date"))
         })?),
     };
     let then = as_of.map(|at| board.as_of(at));
