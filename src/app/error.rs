@@ -49,6 +49,9 @@ macro_rules! kinds {
         }
 
         impl Kind {
+            /// All kinds but conflicts, which are named where they arise. `docs/errors.md` describes them all.
+            pub const ALL: &[Self] = &[$( Self::$variant, )*];
+
             /// Returns the stable name, as in `urn:plumbline:problem:NAME`.
             #[must_use]
             pub const fn name(self) -> &'static str {

@@ -285,7 +285,8 @@ fn decided(
     if conflicts.is_empty() {
         return Ok(accepted);
     }
-    let kind = if closed { "run-closed" } else { "already-submitted" };
     let detail = conflicts.list().first().map(|fault| fault.detail.clone()).unwrap_or_default();
-    Err(AppError::conflict(kind, detail).with_faults(conflicts))
+    let conflict =
+        if closed { AppError::conflict("run-closed", detail) } else { AppError::conflict("already-submitted", detail) };
+    Err(conflict.with_faults(conflicts))
 }
