@@ -7,6 +7,7 @@ use anyhow::{Context as _, bail};
 use reqwest::{Client, RequestBuilder};
 use serde_json::{Value, json};
 
+use crate::near::counted;
 use plumbline_engine::voxel::BlockLog;
 
 /// Maximum number of submissions in one body.
@@ -139,7 +140,8 @@ impl Service {
                 return Ok(state);
             }
             if state["pending"] == 0 && state["grader_errors"] != 0 {
-                bail!("the service failed to grade {} submissions of run {run}", state["grader_errors"]);
+                let failed = counted(state["grader_errors"].as_u64().unwrap_or_default(), "submission");
+                bail!("the service failed to grade {failed} of run {run}");
             }
             tokio::time::sleep(LOOK).await;
         }

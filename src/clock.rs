@@ -29,8 +29,32 @@ pub fn milliseconds(text: &str) -> Option<i64> {
     text.parse::<Timestamp>().ok().map(Timestamp::as_millisecond)
 }
 
+/// Milliseconds in a day.
+pub const DAY_MS: i64 = 86_400_000;
+
+/// Parses a date, such as `2026-11-21`, into the beginning of that day in UTC, in milliseconds since 1970.
+#[must_use]
+pub fn day_ms(text: &str) -> Option<i64> {
+    // Rejects what the parser of dates also takes, such as a date with a time.
+    const CHARS: usize = "2026-11-21".len();
+    if text.len() == CHARS { milliseconds(&format!("{text}T00:00:00Z")) } else { None }
+}
+
 /// Formats a stored time as RFC 3339 in UTC with milliseconds, such as `2026-11-21T07:00:00.000Z`.
 #[must_use]
 pub fn rfc3339(ms: i64) -> String {
     Timestamp::from_millisecond(ms).map_or_else(|_| ms.to_string(), |time| format!("{time:.3}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_date_is_the_beginning_of_its_day() {
+        assert_eq!(day_ms("1970-01-02"), Some(DAY_MS));
+        for other in ["1970-1-2", "1970-01-32", "1970-01-02T00:00:00Z", "yesterday!", ""] {
+            assert_eq!(day_ms(other), None, "{other}");
+        }
+    }
 }

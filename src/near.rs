@@ -1,5 +1,7 @@
 //! Texts for people: suggestions for misspelt names, and counts with their nouns.
 
+pub use plumbline_engine::text::{agreeing, counted, reworded};
+
 /// Returns at most `most` names that are near to `given`, the nearest first.
 fn near<'n>(given: &str, names: impl IntoIterator<Item = &'n str>, most: usize) -> Vec<&'n str> {
     let given: String = given.to_lowercase().chars().take(100).collect();
@@ -16,12 +18,6 @@ fn near<'n>(given: &str, names: impl IntoIterator<Item = &'n str>, most: usize) 
     found.dedup();
     found.truncate(most);
     found.into_iter().map(|(_, name)| name).collect()
-}
-
-/// Returns a count with its noun: `1 fault`, `2 faults`.
-#[must_use]
-pub fn counted(count: usize, thing: &str) -> String {
-    format!("{count} {thing}{}", if count == 1 { "" } else { "s" })
 }
 
 /// Returns near names as a suggestion to append to a fault, `; did you mean a, b?`, or an empty string.

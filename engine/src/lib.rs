@@ -6,6 +6,8 @@
 //!
 //! Each module imports only the modules above it in this list; `tests/tidy` enforces this.
 
+pub mod text;
+
 pub mod voxel;
 
 pub mod intake;

@@ -2,6 +2,7 @@
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
+use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::rc::Rc;
 
 use rquickjs::context::{EvalOptions, intrinsic};
@@ -10,7 +11,9 @@ use rquickjs::{CaughtError, Context, Ctx, Function, Object, Runtime, Value};
 use rustix::time::{ClockId, clock_gettime};
 
 use super::memory::PeakMemory;
+use super::script::{Script, functions_of, nothing_recorded};
 use super::{ActionLimits, CodeError, Dropped, LimitReached, RecordedEvent, Replayed, integers};
+use plumbline_engine::text::counted;
 use plumbline_engine::voxel::cell;
 
 const PRELUDE: &str = include_str!("prelude.js");
@@ -44,8 +47,8 @@ struct Recorder {
     index: BTreeMap<String, u32>,
     events: Vec<RecordedEvent>,
     dropped: BTreeMap<&'static str, u64>,
-    /// Errors of rejected promises that have no handler so far.
-    unheard: Vec<CodeError>,
+    /// Errors of rejected promises that have no handler so far, each with the identity of its promise.
+    unheard: Vec<(u64, CodeError)>,
     stopped: Option<&'static str>,
 }
 
@@ -101,13 +104,14 @@ fn cpu_ms() -> u64 {
 /// Runs a script to completion: its main function, then promises and timers until none is left.
 pub fn run(code: &str, limits: &ActionLimits, peak: &PeakMemory) -> Replayed {
     let recorder = Rc::new(RefCell::new(Recorder::default()));
-    let error = run_with(code, limits, &recorder);
+    let script = Script::of(code);
+    let error = run_with(&script, limits, &recorder);
     let mut recorder = recorder.take();
     if recorder.ran_out(limits, peak, error.as_ref()) {
         recorder.stopped.get_or_insert("memory");
     }
     let events = recorder.events.len();
-    let detail = |what: String| format!("{what}; {events} events recorded before");
+    let detail = |what: String| format!("{what}; {} recorded before", counted(events, "event"));
     let stopped = recorder.stopped.map(|limit| LimitReached {
         limit: limit.to_owned(),
         detail: detail(match limit {
@@ -119,16 +123,11 @@ pub fn run(code: &str, limits: &ActionLimits, peak: &PeakMemory) -> Replayed {
     let dropped =
         recorder.dropped.into_iter().map(|(reason, count)| Dropped { reason: reason.to_owned(), count }).collect();
     let error_or_unheard = error.is_some() || !recorder.unheard.is_empty();
-    let notes = if events == 0 && !error_or_unheard && stopped.is_none() {
-        vec![nothing_recorded(recorder.has_main, &recorder.functions)]
-    } else {
-        Vec::new()
-    };
-    let mut notes = notes;
-    if recorder.unreadable && code.contains("await") && !code.contains("async") {
-        notes.push("await is only valid in async functions: wrap the code in (async (bot) => { … })".to_owned());
+    let mut notes = if recorder.unreadable { script.hints() } else { Vec::new() };
+    if events == 0 && !error_or_unheard && stopped.is_none() {
+        notes.push(nothing_recorded(recorder.has_main, &recorder.functions));
     }
-    let unheard = (!recorder.unheard.is_empty()).then(|| recorder.unheard.swap_remove(0));
+    let unheard = recorder.unheard.into_iter().next().map(|(_, error)| error);
     Replayed {
         palette: recorder.palette,
         events: recorder.events,
@@ -156,24 +155,11 @@ impl Recorder {
             "thrown: null" => grown >= most / 4,
             _ => false,
         };
-        error.into_iter().chain(&self.unheard).any(is_so) || grown >= most - most / 10
+        error.into_iter().chain(self.unheard.iter().map(|(_, error)| error)).any(is_so) || grown >= most - most / 10
     }
 }
 
-/// Returns the likely reason why a script that ended without an error recorded nothing.
-fn nothing_recorded(has_main: bool, functions: &[String]) -> String {
-    match functions {
-        _ if has_main => "the script ended without placing or removing a block".to_owned(),
-        [] => "the script recorded nothing, and neither its value nor module.exports is a function to call".to_owned(),
-        [first, ..] => format!(
-            "the script defines {} and recorded nothing: it was never called. End the script with \
-             (async (bot) => {{ await {first}(bot); }})",
-            functions.join(", ")
-        ),
-    }
-}
-
-fn run_with(code: &str, limits: &ActionLimits, recorder: &Rc<RefCell<Recorder>>) -> Option<CodeError> {
+fn run_with(script: &Script, limits: &ActionLimits, recorder: &Rc<RefCell<Recorder>>) -> Option<CodeError> {
     let internal = |what: &str| Some(CodeError { message: format!("InternalError: {what}"), line: None, column: None });
     let Ok(runtime) = Runtime::new() else { return internal("no engine") };
     runtime.set_memory_limit(limits.memory_bytes);
@@ -188,19 +174,20 @@ fn run_with(code: &str, limits: &ActionLimits, recorder: &Rc<RefCell<Recorder>>)
         recorder.stopped.is_some()
     })));
     let heard = Rc::clone(recorder);
-    runtime.set_host_promise_rejection_tracker(Some(Box::new(move |_ctx, _promise, reason, is_handled| {
-        let told = told(CaughtError::Value(reason));
+    runtime.set_host_promise_rejection_tracker(Some(Box::new(move |_ctx, promise, reason, is_handled| {
+        let (identity, told) = (identity(&promise), told(CaughtError::Value(reason)));
         if let Ok(mut recorder) = heard.try_borrow_mut() {
-            if is_handled {
-                recorder.unheard.pop();
-            } else {
-                recorder.unheard.push(told);
+            if !is_handled {
+                recorder.unheard.push((identity, told));
+            } else if let Some(at) = recorder.unheard.iter().rposition(|(of, _)| *of == identity) {
+                // A promise that is gone may have had the same identity before, but nothing can handle that one now.
+                recorder.unheard.remove(at);
             }
         }
     })));
     let Ok(context) = Context::custom::<Intrinsics>(&runtime) else { return internal("no context") };
     let is_stopped = || recorder.borrow().stopped.is_some();
-    let fire = context.with(|ctx| match begin(&ctx, code, limits, recorder) {
+    let fire = context.with(|ctx| match begin(&ctx, script, limits, recorder) {
         Ok(fire) => Ok(rquickjs::Persistent::save(&ctx, fire)),
         Err(error) => Err(error),
     });
@@ -230,7 +217,7 @@ fn run_with(code: &str, limits: &ActionLimits, recorder: &Rc<RefCell<Recorder>>)
 /// Function that fires timers; if the script failed at once, the error, with that function if there is one.
 type Begun<'js> = Result<Function<'js>, (Option<rquickjs::Persistent<Function<'static>>>, CodeError)>;
 
-fn begin<'js>(ctx: &Ctx<'js>, code: &str, limits: &ActionLimits, recorder: &Rc<RefCell<Recorder>>) -> Begun<'js> {
+fn begin<'js>(ctx: &Ctx<'js>, script: &Script, limits: &ActionLimits, recorder: &Rc<RefCell<Recorder>>) -> Begun<'js> {
     let fail = |error: rquickjs::Error| (None, told(CaughtError::from_error(ctx, error)));
     let (recording, limits) = (Rc::clone(recorder), *limits);
     let record =
@@ -247,16 +234,14 @@ fn begin<'js>(ctx: &Ctx<'js>, code: &str, limits: &ActionLimits, recorder: &Rc<R
     let given: Object<'js> = prelude.call((record,)).map_err(fail)?;
     let fire: Function<'js> = given.get("fire").map_err(fail)?;
     let run = || -> rquickjs::Result<()> {
-        // As in the published pipeline, `export default` is removed, which leaves a script whose value is a function.
-        // Spaces replace the words, so that column numbers stay correct.
-        let script = code.replacen("export default", &" ".repeat("export default".len()), 1);
         let mut options = EvalOptions::default();
         options.strict = false;
         options.filename = Some(FILE.to_owned());
-        let value: Value<'js> = ctx.eval_with_options(script, options)?;
+        let value: Value<'js> = ctx.eval_with_options(script.text.as_str(), options)?;
         let module: Object<'js> = given.get("module")?;
         let bot: Value<'js> = given.get("bot")?;
-        for candidate in [value, module.get("exports")?] {
+        let exported: Option<Value<'js>> = script.exported.as_ref().map(|name| ctx.globals().get(name)).transpose()?;
+        for candidate in exported.into_iter().chain([value, module.get("exports")?]) {
             // If it returns a promise that is rejected and not handled, that is reported like any other.
             if let Some(main) = candidate.as_function() {
                 recorder.borrow_mut().has_main = true;
@@ -272,7 +257,7 @@ fn begin<'js>(ctx: &Ctx<'js>, code: &str, limits: &ActionLimits, recorder: &Rc<R
             }
         }
         if recorder.borrow().events.is_empty() {
-            let functions = functions_of(ctx, code);
+            let functions = functions_of(ctx, &script.text);
             recorder.borrow_mut().functions = functions;
         }
         Ok(())
@@ -286,32 +271,6 @@ fn begin<'js>(ctx: &Ctx<'js>, code: &str, limits: &ActionLimits, recorder: &Rc<R
             Err((Some(rquickjs::Persistent::save(ctx, fire)), told))
         }
     }
-}
-
-/// Returns the names of the first few functions that the code defines at its top level.
-fn functions_of(ctx: &Ctx<'_>, code: &str) -> Vec<String> {
-    const MOST: usize = 3;
-    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '$';
-    let mut words = code.split(|c| !is_part(c)).filter(|word| !word.is_empty());
-    let mut found: Vec<String> = Vec::new();
-    while let Some(word) = words.next() {
-        if !matches!(word, "function" | "const" | "let" | "var") {
-            continue;
-        }
-        let Some(name) = words.next().filter(|name| !name.starts_with(|c: char| c.is_ascii_digit())) else { continue };
-        // A name that is local to a function is undefined here.
-        let kind = ctx.eval::<String, _>(format!("typeof {name}"));
-        match kind {
-            Ok(kind) if kind == "function" && !found.iter().any(|known| known == name) => found.push(name.to_owned()),
-            Ok(_) => {}
-            // The name is a reserved word; the exception must be cleared from the engine.
-            Err(_) => drop(ctx.catch()),
-        }
-        if found.len() == MOST {
-            break;
-        }
-    }
-    found
 }
 
 /// Reads a coordinate from a number or its text, without calling into the script's own objects.
@@ -345,6 +304,14 @@ fn is_parse_error(error: &CaughtError<'_>) -> bool {
     text("name") == "SyntaxError" && !text("stack").contains('(')
 }
 
+/// Returns a number that tells an object from all others that live at the same time.
+fn identity(object: &Value<'_>) -> u64 {
+    // The hash of an object is that of its address, which is not accessible itself.
+    let mut hasher = DefaultHasher::new();
+    object.hash(&mut hasher);
+    hasher.finish()
+}
+
 /// Converts an error into its message and its location in the code.
 fn told(error: CaughtError<'_>) -> CodeError {
     const MOST: usize = 1_000;
@@ -368,4 +335,61 @@ fn told(error: CaughtError<'_>) -> CodeError {
     let mut numbers = place.split(|c: char| !c.is_ascii_digit()).map(|digits| digits.parse::<u32>().ok());
     let (line, column) = (numbers.next().flatten(), numbers.next().flatten());
     CodeError { message: message.chars().take(MOST).collect(), line, column: column.filter(|_| line.is_some()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::actions::ACTION_LIMITS;
+
+    fn ran(code: &str) -> Replayed {
+        run(code, &ACTION_LIMITS, &PeakMemory::unknown())
+    }
+
+    fn error_of(code: &str) -> Option<String> {
+        ran(code).error.map(|error| error.message)
+    }
+
+    #[test]
+    fn a_rejection_that_is_handled_later_leaves_the_others() {
+        let handled = |which: &str| {
+            format!(
+                "(async () => {{ const a = Promise.reject(new Error('first')), b = Promise.reject(new Error('second'));
+                   await skills.wait(bot, 1); {which}.catch(() => {{}}); }})"
+            )
+        };
+        assert_eq!(error_of(&handled("a")).as_deref(), Some("Error: second"));
+        assert_eq!(error_of(&handled("b")).as_deref(), Some("Error: first"));
+        assert_eq!(error_of(&handled("a.catch(() => {}); b")), None);
+    }
+
+    #[test]
+    fn an_exported_function_is_called_with_a_name_or_without() {
+        let place = "{ skills.placeBlock(bot, 'stone', 1, 0, 0); }";
+        for head in ["function (bot)", "function build(bot)", "async function(bot)", "async (bot) =>", "(bot) =>"] {
+            let done = ran(&format!("export default {head} {place}"));
+            assert_eq!((done.events.len(), done.error), (1, None), "{head}");
+        }
+        let error = ran("export default function (bot) { nothing() }").error.unwrap();
+        assert_eq!((error.line, error.column), (Some(1), Some(33)), "{error:?}");
+        let done = ran("import fs from 'fs'; export default (bot) => {}");
+        assert!(done.unreadable && done.notes.iter().any(|note| note.contains("not as a module")), "{done:?}");
+    }
+
+    #[test]
+    fn deep_recursion_is_an_error_and_no_limit_on_memory() {
+        let too_deep = Some("RangeError: Maximum call stack size exceeded");
+        for code in [
+            "const f = () => f() + 1; f()",
+            "(async (bot) => { const f = async () => { await f(); }; await f(); })",
+            "eval('['.repeat(500000))",
+        ] {
+            let done = ran(code);
+            assert_eq!(
+                (done.error.as_ref().map(|error| error.message.as_str()), done.stopped),
+                (too_deep, None),
+                "{code}"
+            );
+        }
+    }
 }

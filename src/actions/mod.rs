@@ -11,6 +11,7 @@ mod engine;
 mod integers;
 mod memory;
 pub mod pool;
+mod script;
 pub mod turn_replay;
 
 use serde::{Deserialize, Serialize};
@@ -47,6 +48,9 @@ pub const ACTION_LIMITS: ActionLimits = ActionLimits {
     materials: 4_096,
     material_chars: 128,
 };
+
+/// Name of the limit of a script that made its process crash.
+const CRASHED: &str = "process";
 
 /// Result of running a script.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -118,10 +122,19 @@ pub struct CodeError {
 /// Limit that a script reached.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct LimitReached {
-    /// Name of the limit: `time`, `memory` or `events`.
+    /// Name of the limit: `time`, `memory` or `events`; `process` if the script made its process crash.
     #[schema(example = "time")]
     pub limit: String,
     /// Description of the limit that was reached.
     #[schema(example = "more than 2000 ms of processor time; 25 events recorded before")]
     pub detail: String,
+}
+
+impl std::fmt::Display for LimitReached {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.limit.as_str() {
+            CRASHED => write!(f, "stopped: {}", self.detail),
+            limit => write!(f, "stopped at a limit ({limit}): {}", self.detail),
+        }
+    }
 }

@@ -9,7 +9,7 @@ use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::process::{Child, Command};
 
 use super::child::{COMMAND, Job};
-use super::{ActionLimits, LimitReached, Replayed};
+use super::{ActionLimits, CRASHED, LimitReached, Replayed};
 use crate::fair::FairSlots;
 
 /// Processor time for the first attempt at a script, in milliseconds. Most scripts take a few.
@@ -159,6 +159,16 @@ async fn ask(child: &mut Child, code: &str, limits: &ActionLimits) -> anyhow::Re
     Ok(Some(replayed))
 }
 
+/// Signals with which the system ends a process for what it did, by name.
+const CRASHES: [(i32, &str); 6] = [
+    (libc::SIGABRT, "SIGABRT"),
+    (libc::SIGSEGV, "SIGSEGV"),
+    (libc::SIGBUS, "SIGBUS"),
+    (libc::SIGSYS, "SIGSYS"),
+    (libc::SIGILL, "SIGILL"),
+    (libc::SIGFPE, "SIGFPE"),
+];
+
 /// Interprets the end of a child without an answer. The child had confined itself and run a script before, so these
 /// signals are caused by the script; others, and a regular exit, come from outside and are a failure of the service.
 fn how_it_ended(signal: Option<i32>, limits: &ActionLimits) -> anyhow::Result<Replayed> {
@@ -166,11 +176,28 @@ fn how_it_ended(signal: Option<i32>, limits: &ActionLimits) -> anyhow::Result<Re
         stopped: Some(LimitReached { limit: limit.to_owned(), detail }),
         ..Replayed::default()
     };
-    match signal {
-        Some(libc::SIGXCPU) => Ok(stopped("time", format!("more than {} ms of processor time", limits.cpu_ms))),
-        Some(signal @ (libc::SIGABRT | libc::SIGSEGV | libc::SIGBUS | libc::SIGSYS | libc::SIGILL | libc::SIGFPE)) => {
-            Ok(stopped("memory", format!("the script crashed its process (signal {signal})")))
-        }
-        other => anyhow::bail!("a process for action code ended without an answer (signal {other:?})"),
+    if signal == Some(libc::SIGXCPU) {
+        return Ok(stopped("time", format!("more than {} ms of processor time", limits.cpu_ms)));
+    }
+    match CRASHES.iter().find(|(crash, _)| signal == Some(*crash)) {
+        Some((_, name)) => Ok(stopped(
+            CRASHED,
+            format!("the script's process ended ({name}); very deep recursion or very much memory can cause this"),
+        )),
+        None => anyhow::bail!("a process for action code ended without an answer (signal {signal:?})"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::actions::ACTION_LIMITS;
+
+    #[test]
+    fn a_crash_is_not_told_as_a_limit_on_memory() {
+        let told = |signal| how_it_ended(Some(signal), &ACTION_LIMITS).map(|ended| ended.stopped.unwrap().to_string());
+        assert!(told(libc::SIGSEGV).unwrap().starts_with("stopped: the script's process ended (SIGSEGV)"));
+        assert!(told(libc::SIGXCPU).unwrap().starts_with("stopped at a limit (time): more than 2000 ms"));
+        assert!(told(libc::SIGKILL).is_err());
     }
 }

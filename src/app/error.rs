@@ -6,6 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::near::counted;
 use crate::store::StoreError;
 use plumbline_engine::intake::{Fault, Faults};
 
@@ -48,6 +49,9 @@ macro_rules! kinds {
         }
 
         impl Kind {
+            /// All kinds but conflicts, which are named where they arise. `docs/errors.md` describes them all.
+            pub const ALL: &[Self] = &[$( Self::$variant, )*];
+
             /// Returns the stable name, as in `urn:plumbline:problem:NAME`.
             #[must_use]
             pub const fn name(self) -> &'static str {
@@ -134,11 +138,7 @@ impl AppError {
     /// Creates the failure of a body that is valid JSON but has faults.
     #[must_use]
     pub fn faulty(faults: Faults) -> Self {
-        let detail = match faults.total() {
-            1 => "1 fault".to_owned(),
-            total => format!("{total} faults"),
-        };
-        Self::new(Kind::InvalidBody, detail).with_faults(faults)
+        Self::new(Kind::InvalidBody, counted(faults.total(), "fault")).with_faults(faults)
     }
 
     /// Creates the failure of a query string; each fault names its parameter.

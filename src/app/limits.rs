@@ -89,7 +89,7 @@ pub struct Limits {
     /// Connections open at the same time; further ones wait.
     pub connections: usize,
     /// Connections from one address open at the same time, unless `serve` sets another limit; further ones are closed
-    /// at once.
+    /// at once. 0 means no limit.
     pub connections_per_address: usize,
     /// Seconds for which a client may read nothing of its response; then the connection is closed.
     pub write_seconds: u64,

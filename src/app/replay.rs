@@ -57,7 +57,7 @@ fn add_too_long(code: &str, app: &App, faults: &mut Faults) -> bool {
 
 fn add_stopped(replayed: &Replayed, faults: &mut Faults) -> bool {
     if let Some(stopped) = &replayed.stopped {
-        faults.add_at("action_code", format!("stopped at a limit ({}): {}", stopped.limit, stopped.detail));
+        faults.add_at("action_code", stopped.to_string());
     }
     replayed.stopped.is_some()
 }

@@ -10,6 +10,8 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 
 use super::database::DatabaseArgs;
+use crate::app::submissions::decision::lane_of;
+use crate::near::counted;
 use crate::store::secrets::Secrets;
 use crate::store::sqlite::copies::{Contents, copy, inspect};
 use crate::store::transfer::export;
@@ -130,7 +132,7 @@ pub fn export_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
     run(export(&args.database.database, write))??;
     for (file, path, lines) in files {
         file.into_inner().map_err(std::io::IntoInnerError::into_error)?.sync_all()?;
-        println!("{}: {lines} lines", path.display());
+        println!("{}: {}", path.display(), counted(lines, "line"));
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -158,7 +160,7 @@ pub fn import_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
                 Err(error) => Err(error),
             }
         };
-        let counts = store.import(lines).await;
+        let counts = store.import(lines, lane_of).await;
         store.close().await;
         for (name, count) in counts? {
             println!("{name}: {count}");
@@ -194,7 +196,8 @@ fn must_exist(file: &Path) -> anyhow::Result<()> {
 
 fn tell(what: &str, file: &Path, contents: Contents) {
     let Contents { runs, submissions, reports } = contents;
-    println!("{what} {}: {runs} runs, {submissions} submissions, {reports} reports", file.display());
+    let told = [(runs, "run"), (submissions, "submission"), (reports, "report")].map(|(n, thing)| counted(n, thing));
+    println!("{what} {}: {}", file.display(), told.join(", "));
 }
 
 fn run<T>(work: impl Future<Output = T>) -> anyhow::Result<T> {

@@ -4,12 +4,11 @@ use std::process::ExitCode;
 
 use anyhow::bail;
 use clap::{Args, Subcommand, ValueEnum};
-use jiff::Timestamp;
 use rayon::prelude::*;
 
 use super::database::DatabaseArgs;
 use super::progress;
-use crate::clock::{now_ms, rfc3339};
+use crate::clock::{DAY_MS, day_ms, milliseconds, now_ms, rfc3339};
 use crate::store::Store;
 use crate::store::epochs::EpochRules;
 use crate::store::secrets::{EpochSecret, random_key};
@@ -58,12 +57,13 @@ enum DevFeedback {
 struct CreateArgs {
     /// Name of the epoch: lower-case letters, digits and dashes, such as 2026-11.
     name: String,
-    /// Opening time, such as 2026-11-01T00:00:00Z; by default, at once.
-    #[arg(long)]
-    opens: Option<Timestamp>,
-    /// Closing time, such as 2026-12-01T00:00:00Z.
-    #[arg(long)]
-    closes: Timestamp,
+    /// Opening time, such as 2026-11-01T00:00:00Z; a date stands for the beginning of that day in UTC. By default, the
+    /// epoch opens at once.
+    #[arg(long, value_name = "TIME", value_parser = opening_ms)]
+    opens: Option<i64>,
+    /// Closing time, such as 2026-12-01T00:00:00Z; a date stands for the end of that day in UTC.
+    #[arg(long, value_name = "TIME", value_parser = closing_ms)]
+    closes: i64,
     /// Specifications for each instance of a draw, which is the number of runs that can be drawn from the pool.
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1_000))]
     per_instance: u32,
@@ -90,6 +90,18 @@ struct CreateArgs {
     #[arg(long, default_value_t = 2_000)]
     budget_bits: u32,
 }
+
+/// Parses an opening time into milliseconds since 1970.
+fn opening_ms(text: &str) -> Result<i64, &'static str> {
+    milliseconds(text).or_else(|| day_ms(text)).ok_or(NO_TIME)
+}
+
+/// Parses a closing time into milliseconds since 1970.
+fn closing_ms(text: &str) -> Result<i64, &'static str> {
+    milliseconds(text).or_else(|| Some(day_ms(text)? + DAY_MS)).ok_or(NO_TIME)
+}
+
+const NO_TIME: &str = "expected an RFC 3339 time, such as 2026-12-01T00:00:00Z, or a date, such as 2026-12-01";
 
 /// Runs `epochs`.
 ///
@@ -125,11 +137,11 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
     if new.name.is_empty() || new.name.len() > 64 || !new.name.bytes().all(is_slug) {
         bail!("{:?} is not an epoch name: expected 1 to 64 lower-case letters, digits and dashes", new.name);
     }
-    let closes_at_ms = new.closes.as_millisecond();
-    if new.opens.is_some_and(|opens| opens.as_millisecond() < now_ms()) {
+    let closes_at_ms = new.closes;
+    if new.opens.is_some_and(|opens| opens < now_ms()) {
         bail!("--opens: must not be in the past, before anyone has seen the commitment");
     }
-    if closes_at_ms <= new.opens.map_or_else(now_ms, Timestamp::as_millisecond) {
+    if closes_at_ms <= new.opens.unwrap_or_else(now_ms) {
         bail!("--closes: {} is in the past or before the epoch opens", rfc3339(closes_at_ms));
     }
     if store.epoch(&new.name).await?.is_some() {
@@ -146,7 +158,7 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
     let specifications = drawn?.concat();
     // Drawing takes time; the epoch opens once it is done, even if an earlier time was requested.
     let now = now_ms();
-    let opens_at_ms = new.opens.map_or(now, Timestamp::as_millisecond).max(now);
+    let opens_at_ms = new.opens.unwrap_or(now).max(now);
     let hashes: Vec<_> = specifications.iter().map(|own| leaf_hash(&key, own)).collect();
     let rules = Rules {
         instance_seconds: new.instance_seconds,
@@ -203,4 +215,16 @@ async fn list(store: &Store) -> anyhow::Result<()> {
         );
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_date_stands_for_the_whole_day() {
+        assert_eq!((opening_ms("1970-01-02"), closing_ms("1970-01-02")), (Ok(DAY_MS), Ok(2 * DAY_MS)));
+        assert_eq!(closing_ms("1970-01-02T00:00:00Z"), Ok(DAY_MS));
+        assert!(opening_ms("soon").is_err());
+    }
 }

@@ -7,6 +7,7 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::Value;
 
+use crate::near::counted;
 use plumbline_engine::hidden::receipts::{
     LogHead, LogPage, ReceiptFault, ReceiptFile, verify, verify_chain, verify_end, verify_keys,
 };
@@ -125,6 +126,6 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
         }
     }
     let chain = if log.is_empty() { "" } else { ", each log entry linked to the one before" };
-    println!("{} receipts{chain}; {withheld} of them not released yet", all.len());
+    println!("{}{chain}; {withheld} of them not released yet", counted(all.len(), "receipt"));
     Ok(if is_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -14,7 +14,7 @@ use uuid::Uuid;
 use super::database::DatabaseArgs;
 use super::progress::bar;
 use crate::clock::{now_ms, rfc3339};
-use crate::near::counted;
+use crate::near::{agreeing, counted};
 use crate::store::Store;
 use crate::store::boards::BoardCursor;
 use crate::store::regrades::{Difference, ToRegrade};
@@ -219,10 +219,11 @@ async fn apply(store: &Store, id: &str) -> anyhow::Result<()> {
     let entry = catalogue.suite(&regrade.suite_id).context("the suite of the regrade no longer exists")?;
     let left_out = store.left_out(id).await?;
     if regrade.state == "ready" && left_out > 0 {
-        bail!("{left_out} submissions were graded by other checks in the meantime; regrade again before applying");
+        let left_out = agreeing(left_out, "submission was", "submissions were");
+        bail!("{left_out} graded by other checks in the meantime; regrade again before applying");
     }
     match store.apply_regrade(id, &entry.suite.tasks, now_ms()).await? {
-        Some(runs) => println!("applied; {runs} finished runs have new results"),
+        Some(runs) => println!("applied; {} new results", agreeing(runs, "finished run has", "finished runs have")),
         None => bail!("the regrade is {}, not ready", regrade.state),
     }
     Ok(())

@@ -4,6 +4,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::Args;
+use clap::builder::BoolishValueParser;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use tokio::signal::unix::{SignalKind, signal};
 
@@ -58,12 +59,12 @@ pub struct ServeArgs {
     /// cores can answer: lower them if the service is open to strangers.
     #[arg(long, env = "PLUMBLINE_RATE_PER_ADDRESS", default_value_t = LIMITS.requests_per_second_per_address, value_name = "N")]
     rate_per_address: u32,
-    /// Connections allowed at once from one address; more are closed. Lower it if strangers connect without a proxy in
-    /// front.
+    /// Connections allowed at once from one address; more are closed. 0 means no limit. Lower it if strangers connect
+    /// without a proxy in front.
     #[arg(long, env = "PLUMBLINE_CONNECTIONS_PER_ADDRESS", default_value_t = LIMITS.connections_per_address, value_name = "N")]
     connections_per_address: usize,
     /// Take the client address from the last entry of X-Forwarded-For, which the proxy in front writes.
-    #[arg(long, env = "PLUMBLINE_BEHIND_PROXY")]
+    #[arg(long, env = "PLUMBLINE_BEHIND_PROXY", value_parser = BoolishValueParser::new())]
     behind_proxy: bool,
     /// Percentage of a suite that a run must answer, or skip on purpose, to be compared on its board; other runs are
     /// listed apart.
@@ -73,11 +74,11 @@ pub struct ServeArgs {
     #[arg(long, env = "PLUMBLINE_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]
     pub log_format: LogFormat,
     /// Allow everyone to write without a key: for a laptop, not for a network.
-    #[arg(long, env = "PLUMBLINE_OPEN")]
+    #[arg(long, env = "PLUMBLINE_OPEN", value_parser = BoolishValueParser::new())]
     open: bool,
     /// Allow everyone to grade within a request, which stores nothing, without a key: for trainers that cannot send a
     /// header. All writing still needs a key.
-    #[arg(long, env = "PLUMBLINE_OPEN_GRADE")]
+    #[arg(long, env = "PLUMBLINE_OPEN_GRADE", value_parser = BoolishValueParser::new())]
     open_grade: bool,
     /// Post runs of three demo agents of different skill through the API, so that the boards have rows.
     #[arg(long)]

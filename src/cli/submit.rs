@@ -9,6 +9,7 @@ use serde_json::json;
 
 use super::{grade, progress};
 use crate::client::{Answer, Service};
+use crate::near::counted;
 use plumbline_engine::grading::raw_records::RecordedProblem;
 use plumbline_engine::voxel::replay::events_between;
 use plumbline_engine::voxel::{BlockLog, Structure};
@@ -83,7 +84,8 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
         if args.dry_run {
             let run =
                 args.run.as_ref().map_or_else(|| format!("a new run of {:?}", args.agent), |run| format!("run {run}"));
-            println!("would post {} answers to {run} in {}; nothing was posted", answers.len(), args.suite);
+            let answers = counted(answers.len(), "answer");
+            println!("would post {answers} to {run} in {}; nothing was posted", args.suite);
             return Ok(ExitCode::SUCCESS);
         }
         let run = match &args.run {

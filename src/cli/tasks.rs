@@ -12,7 +12,7 @@ use serde_json::Value;
 use super::database::DatabaseArgs;
 use super::validate::{self, ValidateArgs};
 use crate::clock::now_ms;
-use crate::near::{counted, did_you_mean};
+use crate::near::{agreeing, counted, did_you_mean};
 use crate::store::location::Location;
 use crate::store::suites::SuiteStored;
 use plumbline_engine::checks::Criterion;
@@ -165,12 +165,12 @@ fn import(files: &[PathBuf], suite: Option<&str>, database: Option<Location>) ->
         if OWN_SUITES.contains(&suite.name.as_str()) {
             bail!("{:?} is a suite of this program; give yours another name", suite.name);
         }
-        let what = if files.iter().any(|file| file.is_dir()) { suite.id() } else { format!("{} files", files.len()) };
+        let what = if files.iter().any(|file| file.is_dir()) { suite.id() } else { counted(files.len(), "file") };
         println!(
-            "{what}, {} problems, {} check rows over {} entries",
-            suite.tasks.len(),
-            suite.check_count(),
-            suite.instruction_count()
+            "{what}, {}, {} over {}",
+            counted(suite.tasks.len(), "problem"),
+            counted(suite.check_count(), "check row"),
+            agreeing(suite.instruction_count(), "entry", "entries")
         );
         if files.iter().any(|file| file.is_dir()) {
             for note in validate::not_certified(suite) {

@@ -9,6 +9,7 @@ use clap::Args;
 use rayon::prelude::*;
 
 use super::progress;
+use crate::near::{agreeing, counted};
 use plumbline_engine::builders::{build, has_builder};
 use plumbline_engine::elasticity::Control;
 use plumbline_engine::grading::grade_log;
@@ -44,12 +45,12 @@ pub fn run(args: &ValidateArgs) -> anyhow::Result<ExitCode> {
     let elapsed = begin.elapsed();
     for suite in &suites {
         println!(
-            "{}: {} families, {} tasks, {} instructions, {} checks",
+            "{}: {}, {}, {}, {}",
             suite.id(),
-            suite.families().len(),
-            suite.tasks.len(),
-            suite.instruction_count(),
-            suite.check_count()
+            agreeing(suite.families().len(), "family", "families"),
+            counted(suite.tasks.len(), "task"),
+            counted(suite.instruction_count(), "instruction"),
+            counted(suite.check_count(), "check")
         );
     }
     println!("read and expanded in {:.1} ms", elapsed.as_secs_f64() * 1e3);
@@ -62,7 +63,8 @@ pub fn run(args: &ValidateArgs) -> anyhow::Result<ExitCode> {
     }
     let unsolved = unsolved(latest);
     if !unsolved.is_empty() {
-        bail!("{} tasks of {} are not solved by their builder:\n{}", unsolved.len(), latest.id(), unsolved.join("\n"));
+        let tasks = counted(unsolved.len(), "task");
+        bail!("not solved by their builder: {tasks} of {}:\n{}", latest.id(), unsolved.join("\n"));
     }
     let which = if notes.is_empty() { "every task" } else { "every certified task" };
     if notes.len() < latest.families().len() {
@@ -115,7 +117,7 @@ pub fn read_folder(folder: &Path) -> anyhow::Result<SuiteSource> {
 
 fn told(faults: &[TaskFileFault]) -> anyhow::Error {
     let lines: Vec<String> = faults.iter().map(ToString::to_string).collect();
-    anyhow::anyhow!("{}:\n{}", crate::near::counted(lines.len(), "fault"), lines.join("\n"))
+    anyhow::anyhow!("{}:\n{}", counted(lines.len(), "fault"), lines.join("\n"))
 }
 
 /// Returns one line for each task that its builder does not solve, with the reason.

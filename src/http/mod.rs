@@ -6,6 +6,7 @@ pub mod accounts;
 pub mod boards;
 mod bounds;
 pub mod catalogue;
+mod error_page;
 pub mod extract;
 pub mod hidden;
 pub mod middleware;

@@ -28,6 +28,7 @@ use crate::http::{self, HttpParts};
 use crate::store::Store;
 use crate::store::keys::Scope;
 use crate::store::location::Location;
+use crate::store::serving::Serving;
 use crate::store::suites::SuiteStored;
 use crate::worker::{WorkerSettings, Workers};
 use plumbline_engine::tasks::embedded;
@@ -90,7 +91,9 @@ pub struct RunningService {
     store: Store,
     workers: Option<Workers>,
     stop: CancellationToken,
-    serving: Vec<JoinHandle<std::io::Result<()>>>,
+    listeners: Vec<JoinHandle<std::io::Result<()>>>,
+    /// Tells other processes that this one serves the database.
+    _serving: Option<Serving>,
 }
 
 impl RunningService {
@@ -122,6 +125,8 @@ impl RunningService {
         };
         let Signing { signer, public_key, notice } = signing::signing(&store, config.new_receipt_key).await?;
         let mut notices: Vec<String> = notice.into_iter().collect();
+        let (serving, shared) = config.database.file().map_or((None, None), serving_notice);
+        notices.extend(shared);
         notices.extend((config.role == Role::GradeOnly).then(|| GRADE_ONLY.to_owned()));
         for notice in &notices {
             tracing::warn!("{notice}");
@@ -169,22 +174,17 @@ impl RunningService {
         tokio::spawn(background::keep_uses(Arc::clone(&app), stop.clone()));
         let parts = HttpParts { app: Arc::clone(&app), metrics, rates, role: config.role };
         let routers = http::routers(parts, admin_listener.is_some());
-        // All clients behind a proxy share its address.
-        let per_address = if config.settings.rates.is_behind_proxy {
-            LIMITS.connections
-        } else {
-            config.settings.rates.connections_per_address
-        };
+        let per_address = config.settings.rates.connections_from_one(LIMITS.connections);
         let serve = http::server::accept::serve(listener, routers.public, connections, per_address, stop.clone());
-        let mut serving = vec![tokio::spawn(serve)];
+        let mut listeners = vec![tokio::spawn(serve)];
         if let (Some(listener), Some(router)) = (admin_listener, routers.admin) {
             let serve =
                 http::server::accept::serve(listener, router, Connections::default(), LIMITS.connections, stop.clone());
-            serving.push(tokio::spawn(serve));
+            listeners.push(tokio::spawn(serve));
         }
         let admin = admin_address.map(|address| address.to_string());
         tracing::info!(%address, admin_address = admin, database = %config.database, workers = config.workers, "listening");
-        Ok(Self { address, admin_address, notices, app, store, workers, stop, serving })
+        Ok(Self { address, admin_address, notices, app, store, workers, stop, listeners, _serving: serving })
     }
 
     /// Creates a key for the demo agents that is valid for a day, and revokes their earlier keys.
@@ -205,8 +205,8 @@ impl RunningService {
     /// Stops accepting requests, lets running requests finish, gives unfinished jobs back, and closes the database.
     pub async fn shut_down(self) {
         self.stop.cancel();
-        for serving in self.serving {
-            if let Err(error) = serving.await.map_err(std::io::Error::other).flatten() {
+        for listener in self.listeners {
+            if let Err(error) = listener.await.map_err(std::io::Error::other).flatten() {
                 tracing::error!(%error, "a listener failed");
             }
         }
@@ -221,6 +221,25 @@ impl RunningService {
 async fn listen(option: &str, place: &str) -> anyhow::Result<TcpListener> {
     let bound = TcpListener::bind(place).await;
     bound.with_context(|| format!("cannot listen on {place:?} ({option} is a host and a port, such as 127.0.0.1:7586)"))
+}
+
+/// Notes that this process serves a database; returns a notice for the operator if another process does so too.
+fn serving_notice(database: &Path) -> (Option<Serving>, Option<String>) {
+    match Serving::of(database) {
+        Ok(serving) => {
+            let notice = serving.is_shared.then(|| {
+                format!(
+                    "another process serves {} too; both grade its queue. If that is a mistake, stop one of them",
+                    database.display()
+                )
+            });
+            (Some(serving), notice)
+        }
+        Err(error) => {
+            tracing::warn!(%error, "could not find out whether another process serves the database");
+            (None, None)
+        }
+    }
 }
 
 async fn store_suites(store: &Store) -> anyhow::Result<()> {

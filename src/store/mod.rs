@@ -44,6 +44,7 @@ pub mod run_rows;
 pub mod runs;
 pub mod schema;
 pub mod secrets;
+pub mod serving;
 mod settling;
 pub mod sqlite;
 pub mod states;

@@ -14,9 +14,11 @@ use sqlx::AssertSqlSafe;
 use super::db::{Dialect, Row, Tx, query, query_as, query_scalar};
 use super::location::Location;
 use super::locks::Lock;
+use super::queue::{Lane, NewJob, enter};
 use super::transfer_tables::{Form, KINDS, Kind, PUBLIC};
 use super::{Store, StoreError, StoreResult, commit, compress, decompress, postgres, schema, sqlite};
 use plumbline_engine::tasks::{Task, hex};
+use plumbline_engine::voxel::BlockLog;
 
 /// Line of an export: the columns of a row in their order, and for submissions the id of the task.
 struct Line(Vec<(&'static str, Box<RawValue>)>);
@@ -174,8 +176,8 @@ pub enum ImportError {
 
 impl Store {
     /// Imports an export into this database, which must be empty except for suites. Either all of it is imported, or
-    /// nothing. Submissions that were not graded are queued. `lines` returns the lines of a file, or none if the file
-    /// does not exist.
+    /// nothing. Submissions that were not graded are queued, each for its owner and in the lane that `lane_of` decides on.
+    /// `lines` returns the lines of a file, or none if the file does not exist.
     ///
     /// # Errors
     /// Returns an error if the database is not empty, a suite differs or is incomplete, a line cannot be imported, or
@@ -183,6 +185,7 @@ impl Store {
     pub async fn import<I: Iterator<Item = std::io::Result<String>>>(
         &self,
         mut lines: impl FnMut(&'static Kind) -> std::io::Result<Option<I>>,
+        lane_of: fn(&Task, &BlockLog) -> Lane,
     ) -> Result<Vec<(&'static str, usize)>, ImportError> {
         let io = |error: std::io::Error| StoreError::Database(sqlx::Error::Io(error));
         let mut tx = self.begin().await?;
@@ -210,16 +213,7 @@ impl Store {
             counts.push((kind.name, count));
         }
         must_be_whole(&mut tx).await?;
-        let requeue = [
-            "UPDATE submissions SET state = 'queued' WHERE state = 'grading'",
-            "INSERT INTO jobs (submission_id, queued_at_ms) SELECT id, created_at_ms FROM submissions WHERE ended_at_ms IS NULL",
-            // The export contains no answers to hidden instances, so their reservations are dropped.
-            "UPDATE quotas SET reserved =
-                 (SELECT COUNT(*) FROM submissions s WHERE s.owner = quotas.owner AND s.ended_at_ms IS NULL)",
-        ];
-        for statement in requeue {
-            query(statement).execute(&mut tx).await?;
-        }
+        enqueue_unfinished(&mut tx, lane_of).await?;
         if tx.dialect() == Dialect::Postgres {
             // Rows kept their numbers; new ones come after them.
             for table in ["results", "board_actions", "quota_entries"] {
@@ -233,6 +227,37 @@ impl Store {
         self.refresh_catalogue().await?;
         Ok(counts)
     }
+}
+
+/// Queues the imported submissions that have not ended, in the order in which they were accepted.
+async fn enqueue_unfinished(tx: &mut Tx, lane_of: fn(&Task, &BlockLog) -> Lane) -> StoreResult<()> {
+    query("UPDATE submissions SET state = 'queued' WHERE state = 'grading'").execute(&mut *tx).await?;
+    let unfinished: Vec<(String, Option<String>, i64)> = query_as(
+        "SELECT id, owner, created_at_ms FROM submissions WHERE ended_at_ms IS NULL ORDER BY created_at_ms, id",
+    )
+    .fetch_all(&mut *tx)
+    .await?;
+    for (id, owner, created_at_ms) in unfinished {
+        // Reads one log at a time: all of them together might not fit into memory.
+        let (task, log): (String, Vec<u8>) =
+            query_as("SELECT t.body, s.log FROM submissions s JOIN tasks t ON t.hash = s.task_hash WHERE s.id = $1")
+                .bind(&id)
+                .fetch_one(&mut *tx)
+                .await?;
+        let task: Task = serde_json::from_str(&task).map_err(|error| StoreError::corrupt("tasks", error))?;
+        let log = BlockLog::from_canonical_json(&decompress("submissions", &log)?)
+            .map_err(|error| StoreError::corrupt("submissions", error))?;
+        let job = NewJob { submission_id: &id };
+        enter(tx, lane_of(&task, &log), owner.as_deref().unwrap_or_default(), &[job], created_at_ms).await?;
+    }
+    // The export contains no answers to hidden instances, so their reservations are dropped.
+    query(
+        "UPDATE quotas SET reserved =
+             (SELECT COUNT(*) FROM submissions s WHERE s.owner = quotas.owner AND s.ended_at_ms IS NULL)",
+    )
+    .execute(tx)
+    .await?;
+    Ok(())
 }
 
 /// Refuses a task that this program cannot read, or whose hash is not the stated one.
@@ -269,5 +294,76 @@ async fn must_not_differ(tx: &mut Tx, line: &str) -> Result<(), ImportError> {
     match own {
         Some(own) if suite["content_hash"] != own.as_str() => Err(ImportError::OtherSuite(id.to_owned())),
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashMap;
+
+    use super::*;
+    use crate::store::acceptance::Decision;
+    use crate::store::submissions::{NewSubmission, PackedLog};
+    use plumbline_engine::tasks::embedded;
+    use plumbline_engine::voxel::Cell;
+
+    fn by_blocks(_task: &Task, log: &BlockLog) -> Lane {
+        if log.event_count() > 1 { Lane::Long } else { Lane::Quick }
+    }
+
+    #[tokio::test]
+    async fn an_imported_job_has_its_lane_and_its_owner() {
+        let folder = tempfile::tempdir().unwrap();
+        let suite = embedded::lite(&embedded::latest().unwrap(), embedded::LITE_SEED);
+        let given = Store::open(&folder.path().join("given.db").into(), None).await.unwrap();
+        given.put_suite(&suite, 0).await.unwrap();
+        let task = &suite.tasks[0];
+        let submission = |id: &str, owner: Option<&str>, blocks: i32| {
+            let mut log = BlockLog { turns: vec![Vec::new()], ..BlockLog::default() };
+            (0..blocks).for_each(|x| log.add_event(0, Cell::new(x, 0, 0), Some("stone")));
+            let json = log.canonical_json();
+            NewSubmission {
+                id: id.to_owned(),
+                run_id: None,
+                suite_id: suite.id(),
+                task_hash: task.content_hash(),
+                task_number: task.number,
+                log_hash: hex(&Sha256::digest(&json)),
+                log: PackedLog::of(&json).unwrap(),
+                turns: 1,
+                events: log.event_count(),
+                owner: owner.map(str::to_owned),
+                lane: Lane::Long,
+                replays: None,
+            }
+        };
+        let all = [("1", Some("a"), 1), ("2", Some("a"), 1), ("3", Some("b"), 2), ("4", None, 1)];
+        let all = all.map(|(id, owner, blocks)| submission(id, owner, blocks));
+        given
+            .accept(all.into(), None, |all, _| all.iter().map(|_| Decision::Store { supersedes: None }).collect(), 1)
+            .await
+            .unwrap();
+        let mut exported: HashMap<&str, Vec<String>> = HashMap::new();
+        let write = |kind: &'static Kind, line: &str| {
+            exported.entry(kind.name).or_default().push(line.to_owned());
+            Ok(())
+        };
+        export(&folder.path().join("given.db").into(), write).await.unwrap();
+        given.close().await;
+
+        let taken = Store::open(&folder.path().join("taken.db").into(), None).await.unwrap();
+        let lines = |kind: &'static Kind| Ok(exported.remove(kind.name).map(|lines| lines.into_iter().map(Ok)));
+        taken.import(lines, by_blocks).await.unwrap();
+        let mut tx = taken.begin().await.unwrap();
+        let jobs: Vec<(String, String, String, i64)> =
+            query_as("SELECT submission_id, owner, lane, turn FROM jobs ORDER BY submission_id")
+                .fetch_all(&mut tx)
+                .await
+                .unwrap();
+        let wanted = [("1", "a", "quick", 0), ("2", "a", "quick", 1), ("3", "b", "long", 0), ("4", "", "quick", 0)];
+        assert_eq!(
+            jobs,
+            wanted.map(|(id, owner, lane, turn)| (id.to_owned(), owner.to_owned(), lane.to_owned(), turn))
+        );
     }
 }

@@ -123,6 +123,9 @@ async fn what_is_done_to_a_row_is_told_for_ever() {
     let path = format!("/v1/leaderboards/{SUITE}");
     let then = format!("{path}?as_of={between}");
     assert_eq!(names(&service.get(&then).await.json()), ["one"]);
+    // A date stands for its end.
+    let today = format!("{path}?as_of={}", &jiff::Timestamp::now().to_string()[..10]);
+    assert_eq!(names(&service.get(&today).await.json()).len(), 2);
 
     let key = |scopes: &str, name: &str| {
         let arguments = ["keys", "create", "--name", name, "--scopes", scopes];

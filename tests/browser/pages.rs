@@ -36,3 +36,40 @@ async fn the_home_page_shows_the_board_and_the_reference_its_operations() {
     assert!(home.contains("&lt;b onclick=alert(1)&gt;") && !home.contains("<b onclick"), "names are text, not markup");
     assert!(docs.contains("operations-submissions-create_submission"), "the reference shows its operations");
 }
+
+#[tokio::test]
+async fn errors_are_pages_for_browsers_and_problems_for_programs() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &[]);
+    let browser = "text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8";
+    let kind = async |path: &str, accept: &str| {
+        let answer = service.http.get(format!("{}{path}", service.url)).header("accept", accept).send().await.unwrap();
+        let kind = answer.headers()["content-type"].to_str().unwrap().split(';').next().unwrap().to_owned();
+        (answer.status().as_u16(), kind, answer.text().await.unwrap())
+    };
+    for path in ["/nosuch", "/assets/nosuch.css", "/boards/nosuch", "/get_reward"] {
+        let (status, kind, text) = kind(path, browser).await;
+        assert!(status >= 400 && kind == "text/html" && text.contains("<h1>"), "{path}: {status} {kind}");
+    }
+    for (path, accept) in [("/v1/nosuch", browser), ("/nosuch", "*/*"), ("/nosuch", "application/json")] {
+        assert_eq!(kind(path, accept).await.1, "application/problem+json", "{path} {accept}");
+    }
+}
+
+#[tokio::test]
+async fn assets_are_kept_under_their_version_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &[]);
+    let home = service.get("/").await.text;
+    let versioned = home.split("href=\"").find(|rest| rest.starts_with("/assets/style.css?")).unwrap();
+    let versioned = versioned.split('"').next().unwrap();
+    for (path, kept) in [(versioned, true), ("/assets/style.css", false), ("/assets/style.css?0.1.0", false)] {
+        let answer = service.http.get(format!("{}{path}", service.url)).send().await.unwrap();
+        let told = answer.headers()["cache-control"].to_str().unwrap().to_owned();
+        assert_eq!((told.contains("immutable"), told.contains("no-cache")), (kept, !kept), "{path}: {told}");
+        let tag = answer.headers()["etag"].clone();
+        let again =
+            service.http.get(format!("{}{path}", service.url)).header("if-none-match", tag).send().await.unwrap();
+        assert_eq!(again.status().as_u16(), 304, "{path}");
+    }
+}

@@ -157,7 +157,7 @@ async fn a_new_receipt_key_is_told_and_the_log_verifies_under_both() {
     succeeded(&plumbline(&["backup", path("copy.db").to_str().unwrap()], &path("p.db")));
     service.kill();
     let dry = succeeded(&plumbline(&["restore", "--dry-run", path("copy.db").to_str().unwrap()], &path("r.db")));
-    assert!(dry.contains("without keys") && dry.contains("r.db") && dry.contains("1 submissions"), "{dry}");
+    assert!(dry.contains("without keys") && dry.contains("r.db") && dry.contains("1 submission,"), "{dry}");
     assert!(!path("r.db").exists());
     succeeded(&plumbline(&["restore", path("copy.db").to_str().unwrap()], &path("r.db")));
     let restored = Service::start(&path("r.db"), &[]);
@@ -180,6 +180,36 @@ async fn a_new_receipt_key_is_told_and_the_log_verifies_under_both() {
     restored.kill();
     let again = Service::start(&path("r.db"), &[]);
     assert_eq!(again.get("/v1/receipts").await.json()["receipts"].as_array().unwrap().len(), 3);
+}
+
+#[tokio::test]
+async fn a_second_process_on_a_file_is_noticed_while_the_first_lives() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = folder.path().join("p.db");
+    let notice = async |service: &Service| {
+        // The notices come after the address, for which the start waits.
+        tokio::time::sleep(std::time::Duration::from_millis(200)).await;
+        service.said.lock().unwrap().iter().any(|line| line.contains("another process serves"))
+    };
+    let first = Service::start(&database, &[]);
+    let second = Service::start(&database, &[]);
+    assert!(!notice(&first).await && notice(&second).await);
+    second.kill();
+    first.kill();
+    let alone = Service::start(&database, &[]);
+    assert!(!notice(&alone).await, "processes that were killed are no more");
+}
+
+#[test]
+fn switches_in_the_environment_may_be_numbers_and_words() {
+    let start = |value: &str| {
+        // Nobody can listen there, so the program ends once it has read its arguments.
+        Command::new(PROGRAM).args(["serve", "--listen", "nowhere"]).env("PLUMBLINE_OPEN", value).output().unwrap()
+    };
+    for value in ["1", "true", "yes", "0", "false"] {
+        assert!(told(&start(value)).contains("cannot listen"), "{value}: {}", told(&start(value)));
+    }
+    assert!(told(&start("maybe")).contains("--open"), "{}", told(&start("maybe")));
 }
 
 #[test]

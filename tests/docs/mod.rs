@@ -1,9 +1,11 @@
 //! The documents: links resolve, cited sections exist, examples run, and commands are ones that the program has.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use plumbline::app::error::Kind;
+use plumbline::http::problem::status_of;
 use serde_json::Value;
 
 use crate::support::{PROGRAM, Service, repository};
@@ -100,6 +102,41 @@ fn sections_that_code_cites_exist() {
     }
     assert_none(&faults);
     assert!(cited > 40, "only {cited} citations were found");
+}
+
+/// Rows of the tables of a document: the name in code marks, and the second cell.
+fn rows(text: &str) -> BTreeMap<String, String> {
+    let row = |line: &str| {
+        let mut cells = line.strip_prefix("| `")?.split(" | ");
+        Some((cells.next()?.strip_suffix('`')?.to_owned(), cells.next()?.to_owned()))
+    };
+    text.lines().filter_map(row).collect()
+}
+
+#[test]
+fn every_type_of_problem_is_described() {
+    fn add_conflicts(folder: &Path, found: &mut BTreeSet<String>) {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                add_conflicts(&path, found);
+                continue;
+            }
+            let Ok(text) = std::fs::read_to_string(&path) else { continue };
+            let names = text.split("::conflict(").skip(1).map(|rest| {
+                let literal = rest.trim_start().strip_prefix('"').and_then(|rest| rest.split('"').next());
+                literal.unwrap_or_else(|| panic!("{}: a conflict without its name", path.display())).to_owned()
+            });
+            found.extend(names);
+        }
+    }
+    let text = std::fs::read_to_string(repository("docs/errors.md")).unwrap();
+    let (kinds, conflicts) = text.split_once("## Conflicts").unwrap();
+    let stated = Kind::ALL.iter().map(|kind| (kind.name().to_owned(), status_of(*kind).as_u16().to_string()));
+    assert_eq!(rows(kinds), stated.collect());
+    let mut named = BTreeSet::new();
+    add_conflicts(&repository("src"), &mut named);
+    assert_eq!(rows(conflicts).into_keys().collect::<BTreeSet<_>>(), named);
 }
 
 /// Commands in blocks of shell, a line each; continued lines are joined.

@@ -4,6 +4,7 @@ use super::advisory::{Advisory, AdvisoryCode};
 use super::report::TurnReport;
 use crate::checks::Check;
 use crate::tasks::Instruction;
+use crate::text::agreeing;
 use crate::voxel::{Structure, blocks};
 
 /// Pairs of a required word and the word for other blocks whose spelling happens to contain it.
@@ -29,7 +30,8 @@ pub fn advise(structure: &Structure, instruction: &Instruction, report: &TurnRep
     }
     let repeated = structure.len() - structure.distinct_cells();
     if repeated > 0 {
-        add(AdvisoryCode::RepeatedCell, None, format!("{repeated} blocks repeat a cell that is already listed"));
+        let blocks = agreeing(repeated, "block repeats", "blocks repeat");
+        add(AdvisoryCode::RepeatedCell, None, format!("{blocks} a cell that is already listed"));
     }
     let standing = standing_names(structure);
     if standing

@@ -13,7 +13,7 @@ use crate::voxel::{Cell, Structure};
 const LEVELS: [i32; 3] = [-1, 0, 1];
 /// Number of checks above which a task is tried with stone only, at [`LEVELS`] only.
 const MANY_CHECKS: usize = 256;
-/// Greatest number of materials, and of levels, taken from the arguments of a task's checks.
+/// Greatest number of different materials, and of different levels, taken from the arguments of a task's checks.
 const MOST_NAMED: usize = 8;
 
 /// The scores of an empty log on each check of a task, and the most that a single block earns beyond them.
@@ -46,9 +46,7 @@ impl Baseline {
             levels.truncate(LEVELS.len());
         }
         materials.sort_unstable();
-        materials.dedup();
         levels.sort_unstable();
-        levels.dedup();
         let empty = scores(task, &Structure::from_named([]), None, control)?;
         let mut baseline = Self { empty, single: 0.0 };
         // The stress of a single block depends on neither its material nor its level.
@@ -144,17 +142,19 @@ fn scores(
     Ok(turns)
 }
 
-/// Adds the materials and the levels that arguments contain.
+/// Adds the materials and the levels that arguments contain and that are not listed yet.
 fn name_all(args: &Value, materials: &mut Vec<String>, levels: &mut Vec<i32>) {
     match args {
         Value::String(name) if materials.len() <= MOST_NAMED => {
             let example = BlockSet::try_from(name.clone()).map(BlockSet::example);
-            materials.push(example.map_or_else(|_| name.clone(), str::to_owned));
+            let material = example.unwrap_or(name);
+            if !materials.iter().any(|known| known == material) {
+                materials.push(material.to_owned());
+            }
         }
         Value::Number(number) if levels.len() < LEVELS.len() + MOST_NAMED => {
-            levels.extend(
-                number.as_i64().and_then(|level| i32::try_from(level).ok()).filter(|level| level.abs() <= 2_000),
-            );
+            let level = number.as_i64().and_then(|level| i32::try_from(level).ok());
+            levels.extend(level.filter(|level| level.abs() <= 2_000 && !levels.contains(level)));
         }
         Value::Array(items) => items.iter().for_each(|item| name_all(item, materials, levels)),
         Value::Object(members) => members.values().for_each(|member| name_all(member, materials, levels)),
@@ -238,5 +238,20 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_name_that_many_checks_repeat_leaves_room_for_others() {
+        let check = |of: &str, level: i32| {
+            let args = serde_json::json!({ "of": of, "y": level });
+            serde_json::json!({ "fn": "material.is_made_of", "args": args })
+        };
+        let (mut materials, mut levels) = (vec!["stone".to_owned()], LEVELS.to_vec());
+        for _ in 0..=MOST_NAMED {
+            name_all(&check("bricks", 4)["args"], &mut materials, &mut levels);
+        }
+        name_all(&check("glass", 7)["args"], &mut materials, &mut levels);
+        assert_eq!(materials, ["stone", "bricks", "glass"]);
+        assert_eq!(levels, [-1, 0, 1, 4, 7]);
     }
 }

@@ -6,6 +6,7 @@
 
 use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess};
 
+use crate::text::agreeing;
 use crate::voxel::block_log::{BlockLog, Event, Turn};
 use crate::voxel::palette::{MaterialId, Palette};
 use tolerant::{OrNull, Read, Shape, Verbatim};
@@ -232,7 +233,10 @@ fn resolve_rows(reader: &mut Reader<'_>, rows: Vec<Row>, names: &[MaterialId]) -
             Some(Err(i)) => {
                 reader.faults.enter_index(index);
                 reader.faults.enter_index(3);
-                reader.faults.add(format!("{i} is not an index of the palette, which has {} entries", names.len()));
+                reader.faults.add(format!(
+                    "{i} is not an index of the palette, which has {}",
+                    agreeing(names.len(), "entry", "entries")
+                ));
                 reader.faults.leave();
                 reader.faults.leave();
             }
@@ -299,7 +303,7 @@ mod tests {
                 "/1/rows/1: expected 3 or 4 numbers, found 2 values",
                 "/1/rows/2/2: expected an integer, found \"a\"",
                 "/1/extra: unknown field; a turn has events, or palette and rows, or action_code",
-                "/1/rows/0/3: 1 is not an index of the palette, which has 1 entries",
+                "/1/rows/0/3: 1 is not an index of the palette, which has 1 entry",
             ]
         );
     }

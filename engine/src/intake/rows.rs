@@ -6,6 +6,7 @@ use super::Reader;
 use super::events::{MaterialShape, cell_of, coordinate};
 use super::faults::Faults;
 use super::tolerant::{Integer, Read, Shape};
+use crate::text::counted;
 use crate::voxel::cell::Cell;
 use crate::voxel::palette::MaterialId;
 
@@ -110,7 +111,7 @@ impl<'de> Shape<'de> for RowShape<'_> {
             length += 1;
         }
         if !(3..=4).contains(&length) {
-            faults.add(format!("expected 3 or 4 numbers, found {length} values"));
+            faults.add(format!("expected 3 or 4 numbers, found {}", counted(length, "value")));
             return Ok(None);
         }
         let Some(cell) = cell_of(at) else { return Ok(None) };

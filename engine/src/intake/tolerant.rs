@@ -8,6 +8,7 @@ use std::fmt;
 use serde::de::{DeserializeSeed, Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
 
 use super::faults::Faults;
+use crate::text::counted;
 
 /// A JSON value that is neither an object nor an array.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,7 +33,7 @@ impl fmt::Display for Scalar<'_> {
             Self::Integer(i) => write!(f, "{i}"),
             Self::Number(x) => write!(f, "{x}"),
             Self::Text(s) if s.chars().count() > 40 => {
-                write!(f, "a string of {} characters", s.chars().count())
+                write!(f, "a string of {}", counted(s.chars().count(), "character"))
             }
             Self::Text(s) => write!(f, "{s:?}"),
         }

@@ -5,6 +5,7 @@ use serde_json::{Map, Value};
 use super::{Instruction, Task};
 use crate::checks::Check;
 use crate::intake::{Fault, Faults};
+use crate::text::{counted, reworded};
 
 /// Text of a task file.
 #[derive(Debug, Clone, Copy)]
@@ -105,7 +106,7 @@ fn read_item(item: &Value, family: &str, item_number: usize, tasks: &mut Vec<Tas
 fn read_prompts(wording: &Value, turns: usize, faults: &mut Faults) -> Vec<String> {
     let Some(prompts) = array(wording, "a list of prompts, one per turn", faults) else { return Vec::new() };
     if prompts.len() != turns {
-        faults.add(format!("{} prompts for {turns} turns of checks", prompts.len()));
+        faults.add(format!("{} for {} of checks", counted(prompts.len(), "prompt"), counted(turns, "turn")));
     }
     let mut texts = Vec::new();
     for (t, prompt) in prompts.iter().enumerate() {
@@ -159,7 +160,7 @@ pub fn read_check(check: &Value, faults: &mut Faults) -> Option<Check> {
         Err(error) => {
             let path = error.path().to_string();
             let place = if path == "." || path.is_empty() { String::new() } else { format!("{path}: ") };
-            faults.add_at("args", format!("{place}{} ({name})", error.into_inner()));
+            faults.add_at("args", format!("{place}{} ({name})", reworded(&error.into_inner().to_string())));
             None
         }
     }
@@ -213,7 +214,7 @@ mod tests {
         assert!(told[1].contains("/0/checks/0/0/args") && told[1].contains("rooms"), "{told:#?}");
         assert!(told[2].contains("/0/checks/0/1/fn"), "{told:#?}");
         assert!(told[3].contains("/0/checks/0/2/args"), "{told:#?}");
-        assert!(told[4].contains("/0/prompts/1: 2 prompts for 1 turns"), "{told:#?}");
+        assert!(told[4].contains("/0/prompts/1: 2 prompts for 1 turn "), "{told:#?}");
     }
 
     #[test]

@@ -10,7 +10,7 @@ use crate::app::App;
 use crate::app::error::{AppError, AppResult};
 use crate::app::paging::page_items;
 use crate::app::runs::body::RunProvenance;
-use crate::clock::milliseconds;
+use crate::clock::{DAY_MS, day_ms, milliseconds};
 use plumbline_engine::grading::standings::Standing;
 use plumbline_engine::grading::statistics::ranks::RankRange;
 use plumbline_engine::grading::summary::ProblemRate;
@@ -130,8 +130,9 @@ pub fn page(board: &Arc<Board>, wanted: &Selection) -> AppResult<BoardPage> {
     let items = page_items(wanted.limit, 100)?;
     let as_of = match &wanted.as_of {
         None => None,
-        Some(text) => Some(milliseconds(text).ok_or_else(|| {
-            let detail = format!("{text:?} is not an RFC 3339 time, such as 2026-11-22T00:00:00Z");
+        // A date stands for its last moment, so that the board shows everything of that day.
+        Some(text) => Some(milliseconds(text).or_else(|| Some(day_ms(text)? + DAY_MS - 1)).ok_or_else(|| {
+            let detail = format!("{text:?} is neither an RFC 3339 time, such as 2026-11-22T00:00:00Z, nor a date");
             AppError::wrong_parameter("as_of", detail)
         })?),
     };

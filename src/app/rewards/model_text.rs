@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use crate::app::limits::LIMITS;
+use crate::near::counted;
 use plumbline_engine::intake::code::SentLog;
 use plumbline_engine::intake::text::{AnswerKind, FoundAnswer, read_answer};
 
@@ -60,9 +61,9 @@ pub fn log_in_texts(texts: &[String], turns: usize) -> Result<(SentLog, Vec<Foun
     if of_last == turns {
         found.drain(..found.len() - 1);
     } else if of_last != 1 {
-        return Err(format!("the answer has {of_last} turns; the task has {turns}"));
+        return Err(format!("the answer has {}; the task has {turns}", counted(of_last, "turn")));
     } else if found.len() < turns {
-        return Err(format!("the task has {turns} turns; answers found: {}", found.len()));
+        return Err(format!("the task has {}; answers found: {}", counted(turns, "turn"), found.len()));
     } else {
         found.drain(..found.len() - turns);
     }
@@ -70,7 +71,7 @@ pub fn log_in_texts(texts: &[String], turns: usize) -> Result<(SentLog, Vec<Foun
     for (place, answer) in &found {
         let has = answer.sent.log.turns.len();
         if found.len() > 1 && has != 1 {
-            return Err(format!("text {place} has {has} turns; each text answers one"));
+            return Err(format!("text {place} has {}; each text answers one", counted(has, "turn")));
         }
         sent.append(&answer.sent);
     }

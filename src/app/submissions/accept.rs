@@ -7,7 +7,7 @@ use bytes::Bytes;
 use sha2::{Digest as _, Sha256};
 use uuid::Uuid;
 
-use super::decision::{answers, decide_all};
+use super::decision::{answers, decide_all, lane_of};
 use super::posted::{Format, Posted, PostedSubmission, check_against_task, read_submissions};
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
@@ -19,9 +19,7 @@ use crate::store::StoreError;
 use crate::store::acceptance::{Acceptability, Accepted};
 use crate::store::idempotency::IdempotencyKey;
 use crate::store::keys::Scope;
-use crate::store::queue::Lane;
 use crate::store::submissions::{NewSubmission, PackedLog};
-use plumbline_engine::grading::cost::{Cost, cost};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::tasks::catalogue::Entry;
 use plumbline_engine::tasks::embedded::FULL;
@@ -236,7 +234,7 @@ fn prepare(
             turns: log.turns.len(),
             events: log.event_count(),
             owner: owner.map(str::to_owned),
-            lane: if cost(task, log) == Cost::Immediate { Lane::Quick } else { Lane::Long },
+            lane: lane_of(task, log),
             log: PackedLog::of(&json)?,
             replays: (!submission.replays.is_empty())
                 .then(|| serde_json::to_string(&submission.replays).expect("replays are strings and numbers")),
@@ -288,7 +286,8 @@ fn decided(
     if conflicts.is_empty() {
         return Ok(accepted);
     }
-    let kind = if closed { "run-closed" } else { "already-submitted" };
     let detail = conflicts.list().first().map(|fault| fault.detail.clone()).unwrap_or_default();
-    Err(AppError::conflict(kind, detail).with_faults(conflicts))
+    let conflict =
+        if closed { AppError::conflict("run-closed", detail) } else { AppError::conflict("already-submitted", detail) };
+    Err(conflict.with_faults(conflicts))
 }

@@ -1,11 +1,16 @@
-//! The rule that decides whether a submission is stored. It is the same for posting and for validating.
+//! The rules that decide whether a submission is stored, and in which lane it waits. They are the same for posting, for
+//! validating and for importing.
 
 use std::collections::HashMap;
 
 use crate::store::acceptance::{AcceptFacts, Accepted, Decision, EarlierAnswer};
+use crate::store::queue::Lane;
 use crate::store::states::RunState;
 use crate::store::states::SubmissionState;
 use crate::store::submissions::NewSubmission;
+use plumbline_engine::grading::cost::{Cost, cost};
+use plumbline_engine::tasks::Task;
+use plumbline_engine::voxel::BlockLog;
 
 /// Decides on a submission. A run accepts one answer for each task: the same log again counts as the same submission, a
 /// different log is refused, and an answer that ended without a grade may be replaced.
@@ -33,6 +38,12 @@ fn decide(new: &NewSubmission, facts: &AcceptFacts) -> Decision {
         return Decision::Answer(Accepted::QuotaUsedUp);
     }
     Decision::Store { supersedes }
+}
+
+/// Decides in which lane the grading of a log waits.
+#[must_use]
+pub fn lane_of(task: &Task, log: &BlockLog) -> Lane {
+    if cost(task, log) == Cost::Immediate { Lane::Quick } else { Lane::Long }
 }
 
 /// Decides on all submissions of a body as if each were stored before the next.
@@ -73,7 +84,6 @@ pub fn answers(decisions: Vec<Decision>) -> Vec<Accepted> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::queue::Lane;
     use crate::store::submissions::PackedLog;
 
     fn submission(id: &str, task_number: u32, log_hash: &str) -> NewSubmission {

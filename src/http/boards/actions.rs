@@ -15,6 +15,7 @@ use crate::app::error::{AppError, AppResult};
 use crate::clock::rfc3339;
 use crate::http::extract::body::{JsonBody, read_json};
 use crate::http::state::AppState;
+use crate::near::counted;
 use crate::store::boards::ActionRow;
 use crate::store::keys::Scope;
 
@@ -156,7 +157,10 @@ impl From<News> for Entry {
                 Self {
                     id,
                     title: format!("{}: {rate} overall", row.agent),
-                    text: format!("A run finished with {} problems solved.", row.summary.problem_level.overall.pass),
+                    text: format!(
+                        "A run finished with {} solved.",
+                        counted(row.summary.problem_level.overall.pass, "problem")
+                    ),
                     at_ms,
                     link: format!("/runs/{}", row.run),
                 }

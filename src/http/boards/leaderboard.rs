@@ -36,8 +36,7 @@ pub struct BoardQuery {
     #[serde(default)]
     #[param(inline)]
     pub coverage: CoverageFilter,
-    /// Time at which to show the board (RFC 3339).
-    #[param(format = DateTime)]
+    /// Time at which to show the board: RFC 3339, or a date, which stands for the end of that day in UTC.
     pub as_of: Option<String>,
     /// Only rows after the row of this run, for paging.
     #[param(format = Uuid)]

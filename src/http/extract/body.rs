@@ -18,7 +18,7 @@ use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::limits::LIMITS;
 use crate::app::submissions::posted::Format;
 use crate::http::state::AppState;
-use crate::near::did_you_mean;
+use crate::near::{did_you_mean, reworded};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::tolerant::why_not_json;
 
@@ -190,14 +190,8 @@ fn add_fault(error: &DataError, faults: &mut Faults) {
         faults.add(format!("{name:?} is not one of {}{}", known.join(", "), did_you_mean(name, known.iter().copied())));
     } else if told.contains("untagged enum SkipBody") {
         faults.add("expected \"unanswered\", or a list of tasks");
-    } else if let Some((found, wanted)) =
-        told.strip_prefix("invalid type: ").and_then(|rest| rest.split_once(", expected "))
-    {
-        // The value itself is not repeated, because it may be long.
-        let found = found.split(' ').next().unwrap_or(found);
-        faults.add(format!("expected {wanted}, found {found}").replace("a sequence", "a list"));
     } else {
-        faults.add(told.to_owned());
+        faults.add(reworded(told));
     }
     (0..depth).for_each(|_| faults.leave());
 }

@@ -1,7 +1,7 @@
 //! Identifies the caller of a request: the owner of its key, or the address that it comes from.
 //!
-//! Clients that cannot send headers may put a key into the path (`/with-key/KEY/…`). Such a key may only allow grading,
-//! and is never logged.
+//! Clients that cannot send headers may put a key into the path (`/with-key/KEY/…`). Such a key may only allow grading
+//! and reading, and is never logged.
 
 use std::sync::Arc;
 
@@ -77,7 +77,7 @@ pub async fn identify(state: &AppState, request: &mut Request) -> Result<Sender,
                     if is_in_path && key.scopes.iter().any(|scope| !matches!(scope, Scope::Grade | Scope::Read)) =>
                 {
                     let left = state.rates.with_key(&key.owner)?;
-                    let why = "a key in a path may only have the scope grade, because URLs are logged in many places: \
+                    let why = "a key in a path may only have the scopes grade and read, because URLs are logged in many places: \
                                create one with --scopes grade";
                     (Some(Identified::Refused(why)), left)
                 }

@@ -6,7 +6,7 @@ use serde::de::DeserializeOwned;
 
 use crate::app::error::{AppError, AppResult, FaultBody};
 use crate::app::limits::LIMITS;
-use crate::near::did_you_mean;
+use crate::near::{did_you_mean, reworded};
 use plumbline_engine::intake::Faults;
 
 /// Extractor for the parameters of a query string.
@@ -68,7 +68,7 @@ fn fault(name: &str, value: &str, detail: &str) -> FaultBody {
     } else if detail.starts_with("provided string was not") {
         format!("{shown:?} is neither true nor false")
     } else {
-        detail.to_owned()
+        reworded(detail)
     };
     let name: String = name.chars().take(100).collect();
     FaultBody { line: None, pointer: String::new(), parameter: Some(name), detail }

@@ -19,6 +19,7 @@ use tower_http::timeout::TimeoutLayer;
 use super::observe::{Owner, observe};
 use crate::app::error::{AppError, Kind};
 use crate::app::limits::LIMITS;
+use crate::http::error_page;
 use crate::http::extract::caller::{identify, without_key};
 use crate::http::problem::{PROBLEM_JSON, Problem};
 use crate::http::state::AppState;
@@ -49,13 +50,20 @@ fn on_panic(payload: Box<dyn std::any::Any + Send + 'static>) -> Response {
     AppError::internal(&format!("panic: {text}")).into_response()
 }
 
+/// Answers errors in the form that the request asks for: a page for browsers, and otherwise a problem document.
+async fn guard(State(state): State<AppState>, request: Request, next: Next) -> Response {
+    let wants_page = error_page::is_asked_for(&request);
+    let response = checked(&state, request, next).await;
+    if wants_page { error_page::as_page(response).await } else { response }
+}
+
 /// Rejects a request whose sender exceeds the rate limit, and turns errors that libraries return as plain text or
 /// without a body into problem documents.
-async fn guard(State(state): State<AppState>, mut request: Request, next: Next) -> Response {
+async fn checked(state: &AppState, mut request: Request, next: Next) -> Response {
     if let Err(refused) = must_name_host(&request) {
         return refused.into_response();
     }
-    let sender = match identify(&state, &mut request).await {
+    let sender = match identify(state, &mut request).await {
         Ok(sender) => sender,
         Err(refused) => return refused.into_response(),
     };

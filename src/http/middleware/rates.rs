@@ -16,7 +16,7 @@ use crate::app::error::{AppError, Kind};
 /// Length of an IPv6 network prefix in bits; a household or a host usually has all addresses of one network.
 const IPV6_NETWORK_BITS: u32 = 64;
 
-/// Settings of the limits; a rate of 0 means no limit.
+/// Settings of the limits; 0 means no limit.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct RateSettings {
     /// Requests per second for an owner of keys.
@@ -27,6 +27,15 @@ pub struct RateSettings {
     pub connections_per_address: usize,
     /// Whether a proxy in front of the service sets the client's address in `X-Forwarded-For`.
     pub is_behind_proxy: bool,
+}
+
+impl RateSettings {
+    /// Returns how many connections one address may have open, if all of them together may have `all`.
+    #[must_use]
+    pub const fn connections_from_one(&self, all: usize) -> usize {
+        // All clients behind a proxy share its address.
+        if self.is_behind_proxy || self.connections_per_address == 0 { all } else { self.connections_per_address }
+    }
 }
 
 /// Remote address of the connection of a request.
@@ -208,6 +217,14 @@ pub fn network(address: IpAddr) -> IpAddr {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn without_a_limit_one_address_may_have_all_connections() {
+        let limited = |connections_per_address, is_behind_proxy| {
+            RateSettings { connections_per_address, is_behind_proxy, ..RateSettings::default() }.connections_from_one(9)
+        };
+        assert_eq!([limited(3, false), limited(0, false), limited(3, true)], [3, 9, 9]);
+    }
 
     #[test]
     fn forwarded_addresses_may_have_ports() {

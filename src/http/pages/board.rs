@@ -194,14 +194,16 @@ impl<'q> Links<'q> {
 /// Ranks the reported rows among each other and formats them for the page.
 fn reported(rows: &[ReportedRow]) -> Vec<Reported> {
     let solved = |row: &ReportedRow| row.solved.zip(row.of);
-    let known: Vec<(usize, usize)> = rows.iter().filter_map(solved).collect();
-    let p = |one: &(usize, usize), other: &(usize, usize)| fisher(one.0, one.1, other.0, other.1);
-    let pairs = known.iter().enumerate().flat_map(|(i, one)| known[..i].iter().map(move |other| p(one, other)));
+    let known: Vec<(usize, (usize, usize))> =
+        rows.iter().enumerate().filter_map(|(i, row)| Some((i, solved(row)?))).collect();
+    let p = |one: (usize, usize), other: (usize, usize)| fisher(one.0, one.1, other.0, other.1);
+    let pairs = known.iter().enumerate().flat_map(|(i, one)| known[..i].iter().map(move |other| p(one.1, other.1)));
     let level = threshold(pairs.collect());
-    let place = |row: &ReportedRow| {
+    let place = |i: usize, row: &ReportedRow| {
         let Some(own) = solved(row) else { return "n/a".to_owned() };
-        let others = known.iter().filter(|other| **other != own);
-        html::places(Some(range(others.map(|other| (other.0 * own.1 > own.0 * other.1, p(other, &own))), level)))
+        // Another row may have the same counts.
+        let others = known.iter().filter(|(other, _)| *other != i).map(|(_, counts)| *counts);
+        html::places(Some(range(others.map(|other| (other.0 * own.1 > own.0 * other.1, p(other, own))), level)))
     };
     let overall = |row: &ReportedRow| match (solved(row), row.overall) {
         (Some((pass, of)), _) => format!("{:.1} % ({pass} of {of})", pass as f64 / of as f64 * 100.0),
@@ -212,18 +214,18 @@ fn reported(rows: &[ReportedRow]) -> Vec<Reported> {
         Some(spread) => format!("{:.1} ± {spread:.1}", row.means[i]),
         None => format!("{:.1}", row.means[i]),
     };
-    let told = |row: &ReportedRow| Reported {
-        place: place(row),
+    let told = |(i, row): (usize, &ReportedRow)| Reported {
+        place: place(i, row),
         overall: overall(row),
         means: (0..row.means.len()).map(|i| mean(row, i)).collect(),
         row: row.clone(),
     };
-    rows.iter().map(told).collect()
+    rows.iter().enumerate().map(told).collect()
 }
 
 impl ComparePage {
     fn p_value(&self) -> String {
-        format!("{:.4}", self.told.p_value)
+        html::probability(self.told.p_value)
     }
 
     /// Returns each agent with the tasks that it alone solves.
@@ -295,5 +297,20 @@ mod tests {
         for (by, key, _) in COLUMNS {
             assert_eq!(query(&format!("sort={key}")).sort, by);
         }
+    }
+
+    #[test]
+    fn reported_rows_with_the_same_counts_share_their_ranks() {
+        let row = |agent: &str, solved| ReportedRow {
+            agent: agent.to_owned(),
+            solved,
+            of: solved.map(|_| 700),
+            overall: None,
+            means: Vec::new(),
+            spreads: Vec::new(),
+        };
+        let rows = [row("a", Some(300)), row("b", Some(300)), row("c", Some(20)), row("d", None)];
+        let places: Vec<String> = reported(&rows).into_iter().map(|row| row.place).collect();
+        assert_eq!(places, ["1–2", "1–2", "3", "n/a"]);
     }
 }

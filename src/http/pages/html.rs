@@ -1,19 +1,17 @@
-//! Code that all pages share: responses, error pages and the formatting of numbers.
+//! Code that all pages share: responses and the formatting of numbers.
 
 use std::fmt::Write as _;
 
 use askama::Template;
-use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
 use crate::app::error::AppError;
+use crate::http::error_page::{page_headers, page_of};
 use crate::http::problem::Problem;
 use plumbline_engine::grading::statistics::interval::Interval;
 use plumbline_engine::grading::statistics::ranks::RankRange;
 
-/// Content security policy: pages load only files of this service.
-const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
-                      base-uri 'none'; form-action 'self'; frame-ancestors 'none'";
+pub use crate::near::counted;
 
 /// Result of a page handler.
 pub type PageResult = Result<Response, PageError>;
@@ -28,44 +26,43 @@ impl<E: Into<AppError>> From<E> for PageError {
     }
 }
 
-#[derive(Template)]
-#[template(path = "error.html")]
-struct ErrorPage<'a> {
-    status: u16,
-    title: &'a str,
-    detail: &'a str,
-}
-
 impl IntoResponse for PageError {
     fn into_response(self) -> Response {
-        let problem = Problem::from(self.0.clone());
-        let page = ErrorPage { status: problem.status, title: &problem.title, detail: &problem.detail };
-        let status = StatusCode::from_u16(problem.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
-        match page.render() {
-            Ok(text) => (status, with_policy(POLICY), text).into_response(),
-            Err(_) => self.0.into_response(),
-        }
+        page_of(&Problem::from(self.0.clone())).unwrap_or_else(|| self.0.into_response())
     }
-}
-
-fn with_policy(policy: &'static str) -> [(axum::http::HeaderName, HeaderValue); 3] {
-    [
-        (header::CONTENT_TYPE, HeaderValue::from_static("text/html; charset=utf-8")),
-        (header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(policy)),
-        (header::REFERRER_POLICY, HeaderValue::from_static("same-origin")),
-    ]
 }
 
 /// Renders a page as a response.
 pub fn page(template: &impl Template) -> PageResult {
     let text = template.render().map_err(|error| AppError::internal(&error))?;
-    Ok((with_policy(POLICY), text).into_response())
+    Ok((page_headers(), text).into_response())
 }
 
 /// Formats a share as a percentage; `n/a` for `None`.
 #[must_use]
 pub fn percent(rate: Option<f64>) -> String {
     rate.map_or_else(|| "n/a".to_owned(), |rate| format!("{:.1} %", rate * 100.0))
+}
+
+/// Formats a probability to four digits.
+#[must_use]
+pub fn probability(p: f64) -> String {
+    const LEAST: f64 = 1e-4;
+    if p < LEAST { format!("< {LEAST:.4}") } else { format!("{p:.4}") }
+}
+
+/// Formats a duration with its units, such as `1 day 1 hour`.
+#[must_use]
+pub fn duration(seconds: i64) -> String {
+    let units = [
+        (seconds / 86_400, "day"),
+        (seconds / 3_600 % 24, "hour"),
+        (seconds / 60 % 60, "minute"),
+        (seconds % 60, "second"),
+    ];
+    let told = units.iter().filter(|(count, _)| *count > 0).map(|(count, unit)| counted(*count, unit));
+    let told: Vec<String> = told.collect();
+    if told.is_empty() { counted(0, "second") } else { told.join(" ") }
 }
 
 /// Formats the bounds of an interval as percentages; empty for `None`.
@@ -109,4 +106,15 @@ pub fn bar(rate: Option<f64>, interval: Option<Interval>) -> String {
 #[must_use]
 pub fn json_in_markup(value: &serde_json::Value) -> String {
     value.to_string().replace('<', "\\u003c").replace('>', "\\u003e").replace('&', "\\u0026")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_probabilities_and_long_times_are_told_for_people() {
+        assert_eq!([probability(0.0), probability(0.000_09), probability(0.0312)], ["< 0.0001", "< 0.0001", "0.0312"]);
+        assert_eq!([duration(86_400), duration(90_060), duration(0)], ["1 day", "1 day 1 hour 1 minute", "0 seconds"]);
+    }
 }

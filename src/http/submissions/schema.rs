@@ -54,7 +54,7 @@ pub struct SubmissionBody {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0)]
     pub queued_before: Option<i64>,
-    /// Estimated seconds until its grading begins, while it is queued, at the pace of the latest gradings.
+    /// Estimated seconds until it is graded, while it is queued, at the pace of the latest gradings.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0)]
     pub estimated_seconds: Option<f64>,

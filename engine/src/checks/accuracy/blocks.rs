@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::checks::{Finding, Rule, Subject};
+use crate::text::agreeing;
 use crate::voxel::blocks::{BlockSet, GAME_VERSION, is_air, is_known};
 use crate::voxel::{Cell, Structure};
 
@@ -69,7 +70,10 @@ impl Rule for BlocksKnown {
             return Finding::nothing_stands(false, required);
         }
         let unknown = structure.cells_of(|name| !is_known(name) || is_air(name));
-        let summary = format!("{} blocks are air or do not exist in Minecraft {GAME_VERSION}", unknown.len());
+        let summary = format!(
+            "{} not exist in Minecraft {GAME_VERSION}",
+            agreeing(unknown.len(), "block is air or does", "blocks are air or do")
+        );
         Finding::binary(unknown.is_empty(), unknown.len(), required, summary).with_witnesses(unknown, "no such block")
     }
 }

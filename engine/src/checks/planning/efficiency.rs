@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::checks::{Finding, Rule, Subject};
+use crate::text::counted;
 
 /// Ratio of the shortest possible path to the path taken, both in L1 distances between consecutive blocks.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -20,7 +21,7 @@ impl Rule for L1Distance {
         if cells.len() <= 1 || length <= 0 {
             return Finding::graded(1.0, length, required, "there is no path to measure").vacuous_if(true);
         }
-        let summary = format!("path of {length} cells; the shortest possible is {shortest}");
+        let summary = format!("path of {}; the shortest possible is {shortest}", counted(length, "cell"));
         let mut finding = Finding::graded(shortest as f64 / length as f64, length, required, summary);
         for (a, b) in steps() {
             if a.l1_distance(*b) > 1 {

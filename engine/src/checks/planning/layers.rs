@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::checks::{Finding, Rule, Subject};
+use crate::text::counted;
 use crate::voxel::blocks::BlockSet;
 
 /// Check that every layer has enough blocks, and that no block of a later layer precedes the last one of an earlier
@@ -41,7 +42,7 @@ impl Rule for LayersFollow {
                 last = Some(at);
             }
             if count < self.min_blocks as usize {
-                let summary = format!("{count} blocks of {layer}; required at least {}", self.min_blocks);
+                let summary = format!("{} of {layer}; required at least {}", counted(count, "block"), self.min_blocks);
                 return Finding::binary(false, i, required, summary);
             }
             if let (Some(first), Some(end)) = (first, last_end)

@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 
 use crate::checks::{Amount, Finding, Subject};
 use crate::elasticity::{Stopped, fem};
+use crate::text::agreeing;
 
 /// Ratio of the reference to the greatest von Mises stress in equilibrium, at most 1. A structure with unsupported
 /// blocks has no equilibrium and scores 0.
@@ -33,7 +34,10 @@ impl EquilibriumScore {
         let outcome = fem::solve_equilibrium(cells, subject.control)?;
         let unsupported = || outcome.unsupported.iter().map(|&entry| cells[entry as usize]);
         let Some(stress_pa) = outcome.max_von_mises_pa.filter(|_| outcome.unsupported.is_empty()) else {
-            let summary = format!("{} blocks are not supported: there is no equilibrium", outcome.unsupported.len());
+            let summary = format!(
+                "{} not supported: there is no equilibrium",
+                agreeing(outcome.unsupported.len(), "block is", "blocks are")
+            );
             return Ok(
                 Finding::binary(false, Value::Null, required, summary).with_witnesses(unsupported(), "unsupported")
             );

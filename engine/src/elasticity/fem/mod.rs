@@ -3,6 +3,8 @@
 //! It yields a sound value where the published method yields none or an artefact: for parts one block thick, and for
 //! structures that are not at rest after the 0.2 s that the published method simulates.
 
+use crate::text::agreeing;
+
 mod coarse;
 mod conjugate_gradients;
 mod element;
@@ -49,8 +51,8 @@ impl Outcome {
         let mut cautions = Vec::new();
         if !self.unsupported.is_empty() {
             cautions.push(format!(
-                "{} blocks are not connected to the lowest level through faces: fem leaves them out",
-                self.unsupported.len()
+                "{} not connected to the lowest level through faces: fem leaves them out",
+                agreeing(self.unsupported.len(), "block is", "blocks are")
             ));
         }
         if !self.is_solved {

@@ -1,5 +1,6 @@
 //! Outcome of a simulation, and diagnostics of how far to trust it.
 
+use crate::text::agreeing;
 use nalgebra::{Matrix3, Vector3};
 
 /// Result of a simulation.
@@ -47,25 +48,25 @@ impl Diagnostics {
     /// Returns reasons to read the result with care; empty for a sound result.
     #[must_use]
     pub fn cautions(&self) -> Vec<String> {
+        let blocks_are = |blocks: &[u32]| agreeing(blocks.len(), "block is", "blocks are");
         let mut cautions = Vec::new();
         if !self.singular_moment.is_empty() {
             cautions.push(format!(
-                "{} blocks have all neighbours in one plane or line (singular moment matrix): their stress is an \
-                 artefact of the published method",
-                self.singular_moment.len()
+                "{} all neighbours in one plane or line (singular moment matrix): the stress there is an artefact of \
+                 the published method",
+                agreeing(self.singular_moment.len(), "block has", "blocks have")
             ));
         }
         if !self.degenerate.is_empty() {
-            cautions.push(format!("{} blocks are left out because |det F| < 1e-12", self.degenerate.len()));
+            cautions.push(format!("{} left out because |det F| < 1e-12", blocks_are(&self.degenerate)));
         }
         if !self.non_finite.is_empty() {
-            cautions
-                .push(format!("{} blocks are left out because the simulation diverged there", self.non_finite.len()));
+            cautions.push(format!("{} left out because the simulation diverged there", blocks_are(&self.non_finite)));
         }
         if !self.unconnected.is_empty() {
             cautions.push(format!(
-                "{} blocks are not connected to the lowest level: the published method lets them fall",
-                self.unconnected.len()
+                "{} not connected to the lowest level: the published method lets them fall",
+                blocks_are(&self.unconnected)
             ));
         }
         if self.max_displacement_m > WILD_M || self.max_displacement_m.is_nan() {
@@ -75,7 +76,10 @@ impl Diagnostics {
             ));
         }
         if self.repeated_cells > 0 {
-            cautions.push(format!("{} entries share a cell with an earlier entry", self.repeated_cells));
+            cautions.push(format!(
+                "{} a cell with an earlier entry",
+                agreeing(self.repeated_cells, "entry shares", "entries share")
+            ));
         }
         if self.order_sensitive {
             cautions.push(

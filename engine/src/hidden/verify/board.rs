@@ -11,6 +11,7 @@ use crate::hidden::feedback::Tier;
 use crate::hidden::reveal::Reveal;
 use crate::hidden::secret::EpochKey;
 use crate::tasks::hex;
+use crate::text::counted;
 
 /// Computes the rows of a tier from the reveal.
 fn made(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, tier: Tier) -> Vec<Row> {
@@ -68,7 +69,7 @@ pub(super) fn check(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, sh
             continue;
         }
         if rows.len() != made.len() {
-            found.breach(place, format!("has {} rows, but the reveal gives {}", rows.len(), made.len()));
+            found.breach(place, format!("has {}, but the reveal gives {}", counted(rows.len(), "row"), made.len()));
             continue;
         }
         match rows.iter().zip(&made).find(|(shown, made)| shown != made) {

@@ -27,6 +27,7 @@ use crate::checks::CHECKS_VERSION;
 use crate::elasticity::Control;
 use crate::grading::grade_log;
 use crate::tasks::hex;
+use crate::text::counted;
 use crate::voxel::BlockLog;
 
 /// A claim of the reveal that does not hold.
@@ -189,7 +190,8 @@ fn draws(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, found: &mut V
         let place = || format!("instance {}", instance.id);
         let runs = runs_of.get(instance.entry.as_str()).copied().unwrap_or_default();
         if !(1..=runs).contains(&instance.run) {
-            found.breach(place(), format!("belongs to run {}, but its entry registered {runs} run(s)", instance.run));
+            let runs = counted(runs, "run");
+            found.breach(place(), format!("belongs to run {}, but its entry registered {runs}", instance.run));
         }
         let of_run = drawn_for.entry((&instance.entry, instance.run)).or_default();
         if !of_run.insert((&instance.family, instance.index)) {

@@ -9,6 +9,7 @@ use crate::hidden::evidence::{EntryFact, Fact, fact};
 use crate::hidden::feedback::Tier;
 use crate::hidden::receipts::ReceiptFile;
 use crate::hidden::reveal::{Reveal, RevealedEntry, RevealedInstance};
+use crate::text::{agreeing, counted};
 
 /// Compares a reveal with its receipts.
 pub(super) fn check(reveal: &Reveal, commitment: &Commitment, kept: &Kept, found: &mut Verified) {
@@ -124,7 +125,7 @@ fn entries(reveal: &Reveal, commitment: &Commitment, rules: &Rules, stated: &Sta
         if count > most {
             found.breach(
                 format!("owner {owner:?}"),
-                format!("has {count} entries in the {tier} tier; at most {most} are allowed"),
+                format!("has {} in the {tier} tier; at most {most} are allowed", agreeing(count, "entry", "entries")),
             );
         }
     }
@@ -176,7 +177,7 @@ fn draws(reveal: &Reveal, commitment: &Commitment, stated: &Stated<'_>, found: &
     }
     let most = commitment.rules.as_ref().map_or(u32::MAX, |rules| rules.runs_per_owner);
     for (owner, runs) in held.into_iter().filter(|(_, runs)| *runs > most) {
-        found.breach(format!("owner {owner:?}"), format!("drew {runs} runs; at most {most} are allowed"));
+        found.breach(format!("owner {owner:?}"), format!("drew {}; at most {most} are allowed", counted(runs, "run")));
     }
     for (entry, run) in stated.draws.keys().filter(|key| !runs.contains_key(*key)) {
         found.breach(format!("entry {entry}"), format!("run {run} was drawn but is missing from the reveal"));

@@ -12,6 +12,7 @@ use crate::checks::Check;
 use crate::intake::Faults;
 use crate::tasks::published::{TaskFileFault, read_check};
 use crate::tasks::{Instruction, Task};
+use crate::text::counted;
 
 /// Parameters of an instance, by name.
 pub type Parameters = Map<String, Value>;
@@ -106,7 +107,11 @@ impl Family {
                 let length = values.get_ref().len();
                 if length != longest || length == 0 {
                     let field = format!("grid.{name}");
-                    found.push(at(values.span(), &field, format!("{length} values, but others have {longest}")));
+                    found.push(at(
+                        values.span(),
+                        &field,
+                        format!("{}, but others have {longest}", counted(length, "value")),
+                    ));
                 }
             }
         }
@@ -184,7 +189,6 @@ impl<'e> Compiled<'e> {
         }
         add_words(&mut context, &self.words).map_err(one)?;
         let instance = self.instance.render(&context).map_err(one)?;
-        let mut checks_by_turn: Vec<(Vec<Check>, Vec<Check>)> = Vec::new();
         let mut tasks = Vec::new();
         for wording in &self.wordings {
             if let Some(when) = &wording.when
@@ -200,11 +204,9 @@ impl<'e> Compiled<'e> {
             for (i, prompt) in wording.prompts.iter().enumerate() {
                 context.insert("turn".to_owned(), (i + 1).into());
                 context.insert("turns".to_owned(), wording.prompts.len().into());
-                if checks_by_turn.len() <= i {
-                    checks_by_turn.push(self.checks(&context, version)?);
-                }
+                // Checks may use the phrases of the wording and its number of turns.
+                let (checks, informational) = self.checks(&context, version)?;
                 let prompt = prompt.render(&context).map_err(one)?;
-                let (checks, informational) = checks_by_turn[i].clone();
                 turns.push(Instruction { prompt, checks, informational });
             }
             if turns.is_empty() {
@@ -299,5 +301,48 @@ impl<'e> CompiledCheck<'e> {
         let check = read_check(&serde_json::json!({ "fn": self.entry.name.get_ref(), "args": args }), &mut faults);
         let detail = || faults.into_list().into_iter().next().map_or_else(String::new, |fault| fault.detail);
         check.ok_or_else(|| Misfit { place: self.place.clone(), detail: detail() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn checks_may_depend_on_the_wording() {
+        let text = r#"
+            family = "walls"
+            title = "Walls"
+            category = "structural-elements"
+            type = "walls"
+            description = "A wall."
+            instance = "wall"
+            [[wordings]]
+            name = "one"
+            words.material = "stone"
+            prompts = ["Raise it."]
+            [[wordings]]
+            name = "two"
+            words.material = "bricks"
+            prompts = ["Raise it.", "Raise it further."]
+            [[checks]]
+            fn = "material.count_is_within"
+            args.of = "{{ material }}"
+            args.min = 1
+            args.max = 9
+            [[checks]]
+            when = "turn == turns"
+            fn = "material.are_blocks_known"
+        "#;
+        let family = Family::read("walls.toml", text).unwrap();
+        let tasks = family.tasks(&family.items(), 1, &BTreeMap::new()).unwrap();
+        let checks: Vec<Vec<String>> = tasks
+            .iter()
+            .flat_map(|task| &task.turns)
+            .map(|turn| turn.checks.iter().map(|check| serde_json::to_string(check).unwrap()).collect())
+            .collect();
+        assert_eq!(checks.iter().map(Vec::len).collect::<Vec<_>>(), [2, 1, 2], "{checks:?}");
+        let materials = ["stone", "bricks", "bricks"];
+        assert!(checks.iter().zip(materials).all(|(checks, material)| checks[0].contains(material)), "{checks:?}");
     }
 }

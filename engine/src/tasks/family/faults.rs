@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use crate::intake::Fault;
 use crate::tasks::published::TaskFileFault;
+use crate::text::reworded;
 
 /// Returns the line of the byte at offset `at` of `text`, from 1.
 fn line(text: &str, at: usize) -> u64 {
@@ -27,6 +28,6 @@ pub fn of_file(file: &str, detail: impl Into<String>) -> TaskFileFault {
 /// Creates a fault from an error of the TOML parser.
 pub fn of_toml(file: &str, text: &str, error: &toml::de::Error) -> TaskFileFault {
     let line = error.span().map(|span| line(text, span.start));
-    let detail = error.message().replace('\n', " ");
+    let detail = reworded(&error.message().replace('\n', " "));
     TaskFileFault { file: file.to_owned(), fault: Fault { line, pointer: String::new(), detail } }
 }

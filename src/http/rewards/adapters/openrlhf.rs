@@ -19,6 +19,7 @@ use crate::app::rewards::score::GradeBody;
 use crate::http::extract::body::{JsonBody, read_json};
 use crate::http::problem::Problem;
 use crate::http::state::AppState;
+use crate::near::counted;
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
 
@@ -26,7 +27,7 @@ use plumbline_engine::intake::Faults;
 const OPTIONS: [&str; 3] = ["task", "suite", "reward"];
 /// Number of samples of a request that are graded or wait at the same time.
 const AT_ONCE: usize = 8;
-/// Number of characters at the end of a prompt that are searched for in a query that lacks the beginning of the prompt.
+/// Least number of characters of a prompt's end with which a query may begin that lacks the beginning of the prompt.
 const PROMPT_END_CHARS: usize = 200;
 
 /// Request from OpenRLHF.
@@ -142,13 +143,13 @@ fn read(body: &JsonBody) -> AppResult<RewardQuery> {
     let mut faults = Faults::new();
     let samples = query.query.len();
     if query.labels.len() != samples {
-        faults.add_at("labels", format!("{} labels for {samples} samples", query.labels.len()));
+        faults.add_at("labels", format!("{} for {}", counted(query.labels.len(), "label"), counted(samples, "sample")));
     }
     if let Some(prompts) = &query.prompts
         && !prompts.is_empty()
         && prompts.len() != samples
     {
-        faults.add_at("prompts", format!("{} prompts for {samples} samples", prompts.len()));
+        faults.add_at("prompts", format!("{} for {}", counted(prompts.len(), "prompt"), counted(samples, "sample")));
     }
     if samples > LIMITS.grade_batch_logs {
         faults.add_at("query", format!("{samples} samples; at most {} are allowed", LIMITS.grade_batch_logs));
@@ -156,13 +157,52 @@ fn read(body: &JsonBody) -> AppResult<RewardQuery> {
     if faults.is_empty() { Ok(query) } else { Err(AppError::faulty(faults)) }
 }
 
-/// Returns the answer in a query. The trainer may have cut off the beginning of a long prompt, but never its end.
+/// Returns the answer in a query, which begins with the prompt. The trainer may have cut off the beginning of a long
+/// prompt, but never its end. Its tokenizer may have put special tokens before the prompt. A query that begins with
+/// anything else is an answer as a whole, even if it repeats the prompt.
 fn without_prompt<'q>(query: &'q str, prompt: &str) -> &'q str {
-    if let Some(answer) = query.strip_prefix(prompt) {
+    let pairs = [(query, prompt), (without_special_tokens(query), without_special_tokens(prompt))];
+    if let Some(answer) = pairs.iter().find_map(|(query, prompt)| query.strip_prefix(prompt)) {
         return answer;
     }
-    let end = prompt.char_indices().rev().nth(PROMPT_END_CHARS - 1).map_or(0, |(at, _)| at);
-    query.find(&prompt[end..]).map_or(query, |at| &query[at + prompt.len() - end..])
+    let least = prompt.char_indices().rev().nth(PROMPT_END_CHARS - 1).map_or(prompt.len(), |(at, _)| prompt.len() - at);
+    let longest = |(query, prompt)| (query, shared(query, prompt));
+    pairs
+        .into_iter()
+        .map(longest)
+        .find(|(_, length)| *length >= least)
+        .map_or(query, |(query, length)| &query[length..])
+}
+
+/// Removes the special tokens at the beginning of a text, such as `<s>`, and the rest of a character that was cut.
+fn without_special_tokens(mut text: &str) -> &str {
+    const MOST_CHARS: usize = 40;
+    loop {
+        text = text.trim_start_matches(|c: char| c.is_whitespace() || c == char::REPLACEMENT_CHARACTER);
+        let Some((token, rest)) = text.strip_prefix('<').and_then(|text| text.split_once('>')) else { return text };
+        if token.len() > MOST_CHARS || token.contains(char::is_whitespace) {
+            return text;
+        }
+        text = rest;
+    }
+}
+
+/// Returns the length in bytes of the longest beginning of `text` that is an end of `prompt`, in linear time (Knuth,
+/// Morris and Pratt).
+fn shared(text: &str, prompt: &str) -> usize {
+    let text = &text.as_bytes()[..text.len().min(prompt.len())];
+    // For each length, the longest shorter beginning of the text that is also an end of its beginning of that length.
+    let mut shorter = vec![0; text.len() + 1];
+    let grown = |shorter: &[usize], mut length: usize, byte: u8| {
+        while length > 0 && text.get(length) != Some(&byte) {
+            length = shorter[length];
+        }
+        length + usize::from(text.get(length) == Some(&byte))
+    };
+    for end in 1..text.len() {
+        shorter[end + 1] = grown(&shorter, shorter[end], text[end]);
+    }
+    prompt.bytes().fold(0, |length, byte| grown(&shorter, length, byte))
 }
 
 /// Reads a label, which is JSON or the bare name of a task, as the members that name the task.
@@ -245,5 +285,20 @@ mod tests {
         assert_eq!(without_prompt(&format!("{}I go", &prompt[300..]), &prompt), "I go");
         assert_eq!(without_prompt("I go", "something else"), "I go");
         assert_eq!(without_prompt("I go", ""), "I go");
+        assert_eq!(without_prompt(&format!("<pad><pad><|begin_of_text|>{prompt}I go"), &prompt), "I go");
+        assert_eq!(without_prompt(&format!("<s> \u{fffd}{}I go", &prompt[300..]), &prompt), "I go");
+    }
+
+    #[test]
+    fn an_answer_that_repeats_the_prompt_stays_whole() {
+        let prompt = format!("{} Go: ", "lòng ".repeat(100));
+        let quoted = format!("As you said: {prompt}I go");
+        assert_eq!(without_prompt(&quoted, &prompt), quoted);
+        assert_eq!(without_prompt(&format!("{prompt}{quoted}"), &prompt), quoted);
+        assert_eq!(without_prompt("Go on. Build: I go", "Build: "), "Go on. Build: I go");
+        // Too short an end may be the answer's own.
+        assert_eq!(without_prompt(" Go: I go", &prompt), " Go: I go");
+        let dashes = "-".repeat(300);
+        assert_eq!(without_prompt(&format!("{dashes}> I go"), &format!("{}{dashes}", "x".repeat(9))), "> I go");
     }
 }

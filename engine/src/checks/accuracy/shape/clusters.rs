@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::checks::{Amount, Finding, Rule, Subject};
+use crate::text::counted;
 use crate::voxel::Cell;
 use crate::voxel::distance::{closest_pair_between, farthest_pair, root};
 use crate::voxel::planar::{Clusters, PlaneCell, Touch, level};
@@ -74,7 +75,8 @@ impl Rule for ClusterCountAtY {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let (cells, clusters) = clusters_at(subject, self.y, self.use_8_neighbors);
         let holds = clusters.count as f64 == self.expected_count.0;
-        let summary = format!("{} clusters at y={}; required {}", clusters.count, self.y, self.expected_count);
+        let summary =
+            format!("{} at y={}; required {}", counted(clusters.count, "cluster"), self.y, self.expected_count);
         let finding = Finding::binary(holds, clusters.count, json!({ "==": self.expected_count }), summary);
         if holds {
             return finding.vacuous_if(cells.is_empty());
@@ -88,7 +90,7 @@ impl Rule for ClustersAtYHaveMinSpan {
         let required = json!({ ">=": self.min_span });
         let (cells, clusters) = clusters_at(subject, self.y, self.use_8_neighbors);
         let Some(closest) = closest_pair_between(&cells, &clusters.label) else {
-            let summary = format!("{} clusters at y={}: no pair to measure", clusters.count, self.y);
+            let summary = format!("{} at y={}: no pair to measure", counted(clusters.count, "cluster"), self.y);
             return Finding::binary(true, json!(null), required, summary).vacuous_if(true);
         };
         let span = closest.length();
@@ -101,7 +103,7 @@ impl Rule for ClustersAtYHaveMinSpan {
 
 /// Returns the finding for a level that must have exactly one cluster and does not.
 fn not_one_cluster(y: i32, cells: &[PlaneCell], clusters: &Clusters, required: serde_json::Value) -> Finding {
-    let summary = format!("{} clusters at y={y}; exactly one is required", clusters.count);
+    let summary = format!("{} at y={y}; exactly one is required", counted(clusters.count, "cluster"));
     Finding::binary(false, json!(null), required, summary)
         .with_witnesses(raised(clusters.representatives(cells), y), "first cell of a cluster")
 }

@@ -7,6 +7,7 @@ use serde_json::json;
 
 use super::is_door;
 use crate::checks::{Finding, Rule, Subject};
+use crate::text::counted;
 use crate::voxel::CellSet;
 
 /// Check that each door has at least two of its four sides free of blocks other than doors, at its level and one above.
@@ -66,7 +67,7 @@ impl Rule for Adjacent {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let required = json!({ "touching": self.materials });
         let [a, b] = self.materials.as_slice() else {
-            let summary = format!("{} materials given; exactly two are needed", self.materials.len());
+            let summary = format!("{} given; exactly two are needed", counted(self.materials.len(), "material"));
             return Finding::binary(false, json!(null), required, summary);
         };
         if subject.structure.is_empty() {

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::checks::{Finding, Rule, Subject};
+use crate::text::counted;
 use crate::voxel::terrain::{MAX_EXTENT, Terrain};
 
 /// Check that there are enough enclosed regions of air with standing room that doors connect to the outside.
@@ -84,8 +85,12 @@ impl Rule for DoorsLeadThrough {
         let doors = terrain.doors();
         let blocked: Vec<_> = doors.iter().copied().filter(|door| terrain.joins(*door, &spaces).is_none()).collect();
         let holds = blocked.is_empty() && doors.len() >= self.min_doors as usize;
-        let summary =
-            format!("{} of {} doors are blocked; required {} doors", blocked.len(), doors.len(), self.min_doors);
+        let summary = format!(
+            "{} of {} doors are blocked; required {}",
+            blocked.len(),
+            doors.len(),
+            counted(self.min_doors, "door")
+        );
         Finding::binary(holds, json!({ "doors": doors.len(), "blocked": blocked.len() }), required, summary)
             .with_witnesses(blocked, "blocked")
     }

@@ -6,6 +6,7 @@ use serde_json::json;
 use super::is_door;
 use crate::checks::sample::MAX_WITNESSES;
 use crate::checks::{Amount, Finding, Rule, Subject};
+use crate::text::counted;
 use crate::voxel::Cell;
 use crate::voxel::planar::sorted_distinct;
 use crate::voxel::rooms::FloorPlan;
@@ -39,7 +40,7 @@ impl Rule for HasRooms {
         let plan = FloorPlan::of(sorted_distinct(walls.collect()));
         let found = plan.rooms().len();
         let holds = found as f64 >= self.room_cnt.0;
-        let summary = format!("{found} rooms at y={}; required {}", self.y, self.room_cnt);
+        let summary = format!("{} at y={}; required {}", counted(found, "room"), self.y, self.room_cnt);
         let raised = |(x, z): (i32, i32)| Cell::new(x, self.y, z);
         let finding = Finding::binary(holds, found, required, summary)
             .with_witnesses(plan.rooms().iter().map(|room| raised(room.first)), "room");

@@ -1,0 +1,84 @@
+//! Texts for people: counts with their nouns, and errors of serde in plain words.
+
+use std::fmt::Display;
+
+/// Returns a count with its noun: `1 fault`, `2 faults`.
+#[must_use]
+pub fn counted(count: impl Copy + Display, thing: &str) -> String {
+    agreeing(count, thing, &format!("{thing}s"))
+}
+
+/// Returns a count with words that agree with it: `1 block is`, `2 blocks are`.
+#[must_use]
+pub fn agreeing(count: impl Copy + Display, one: &str, many: &str) -> String {
+    let count = count.to_string();
+    let words = if count == "1" { one } else { many };
+    format!("{count} {words}")
+}
+
+/// Rewords an error of serde about a value for readers who know JSON but not Rust. Other errors lose at most their
+/// position in the text, which means nothing for a value that was parsed before.
+#[must_use]
+pub fn reworded(error: &str) -> String {
+    let error = error.split(" at line ").next().unwrap_or(error).trim_end();
+    let mismatch = ["invalid type: ", "invalid value: "].iter().find_map(|prefix| error.strip_prefix(prefix));
+    let Some((found, wanted)) = mismatch.and_then(|rest| rest.rsplit_once(", expected ")) else {
+        return error.to_owned();
+    };
+    // The value itself is not repeated, because it may be long.
+    let found = match found.split(' ').next().unwrap_or(found) {
+        "map" => "object",
+        "sequence" => "list",
+        "floating" => "number",
+        "unit" => "null",
+        "newtype" | "unit variant" | "newtype variant" => "text",
+        other => other,
+    };
+    format!("expected {}, found {found}", plain(wanted))
+}
+
+/// Returns the words of JSON for what serde expects.
+fn plain(wanted: &str) -> String {
+    match wanted {
+        "a map" => "an object".to_owned(),
+        "a sequence" => "a list".to_owned(),
+        "unit" => "null".to_owned(),
+        "u8" | "u16" | "u32" | "u64" | "usize" => "a whole number of at least 0".to_owned(),
+        "i8" | "i16" | "i32" | "i64" | "isize" => "a whole number".to_owned(),
+        "f32" | "f64" => "a number".to_owned(),
+        wanted if wanted.starts_with("struct ") => "an object".to_owned(),
+        wanted if wanted.starts_with("enum ") || wanted.starts_with("variant ") => "one of the known names".to_owned(),
+        wanted => wanted
+            .strip_prefix("an array of length ")
+            .or_else(|| wanted.strip_prefix("a tuple of size "))
+            .map_or_else(|| wanted.replace("a sequence", "a list"), |length| format!("a list of length {length}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde::de::DeserializeOwned;
+
+    use super::*;
+
+    #[test]
+    fn words_agree_with_their_counts() {
+        assert_eq!([counted(0, "turn"), counted(1, "turn"), counted(2_i64, "turn")], ["0 turns", "1 turn", "2 turns"]);
+        assert_eq!(agreeing(1, "block is", "blocks are"), "1 block is");
+    }
+
+    #[test]
+    fn no_word_of_rust_reaches_the_reader() {
+        fn told<T: DeserializeOwned + std::fmt::Debug>(json: &str) -> String {
+            reworded(&serde_json::from_str::<T>(json).unwrap_err().to_string())
+        }
+        assert_eq!(told::<u32>("{}"), "expected a whole number of at least 0, found object");
+        assert_eq!(told::<f64>("[]"), "expected a number, found list");
+        assert_eq!(told::<i32>("1.5"), "expected a whole number, found number");
+        assert_eq!(told::<u8>("-1"), "expected a whole number of at least 0, found integer");
+        assert_eq!(told::<Vec<u8>>("\"a, expected b\""), "expected a list, found string");
+        assert_eq!(told::<String>("null"), "expected a string, found null");
+        assert_eq!(told::<[u8; 2]>("3"), "expected a list of length 2, found integer");
+        assert_eq!(reworded("missing field `a` at line 1 column 2"), "missing field `a`");
+    }
+}
