@@ -91,7 +91,7 @@ fn faults_name_file_line_and_field() {
         ("args.y = \"{{ h }}\"", "args.y = \"{{ h + }}\"", "checks.2.args.y: syntax error"),
         ("args.y = \"{{ h }}\"", "args.hight = 3", "checks.2.fn: unknown field `hight`"),
         ("fn = \"size.is_equal\"", "fn = \"size.is_equel\"", "checks.2.fn: no check is called \"size.is_equel\""),
-        ("t = [1, 2]", "t = [1, 2]\nu = [1]", "grid.u: 1 values, but others have 2"),
+        ("t = [1, 2]", "t = [1, 2]\nu = [1]", "grid.u: 1 value, but others have 2"),
         ("{{ w }} blocks wide", "{{ wide }} blocks wide", "wordings.prompts: undefined value"),
         ("name = \"raise\"", "name = \"Raise it\"", "wordings.name: \"Raise it\" is not a name of lower-case letters"),
         ("name = \"raise\"", "name = \"courses\"", "walls.toml: instance: \"walls/10x1x5-courses\" occurs twice"),
