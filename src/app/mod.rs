@@ -18,6 +18,7 @@ pub mod readiness;
 pub mod replay;
 pub mod rewards;
 pub mod runs;
+pub mod signing;
 pub mod stress;
 pub mod submissions;
 

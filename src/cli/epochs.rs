@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::database::DatabaseArgs;
 use super::progress;
+use crate::app::signing::signing;
 use crate::clock::{DAY_MS, day_ms, milliseconds, now_ms, rfc3339};
 use crate::store::Store;
 use crate::store::epochs::EpochRules;
@@ -167,7 +168,7 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
         runs_per_owner: (new.per_instance * u32::from(new.owner_percent)).div_ceil(100),
         reservation_seconds: new.reservation_seconds,
         budget_bits: new.budget_bits,
-        receipt_key: store.signer()?.public_key(),
+        receipt_key: signing(store, false).await?.public_key,
     };
     let terms = Terms {
         epoch: new.name.clone(),

@@ -61,12 +61,12 @@ pub(super) async fn keep_hidden(store: Store, every: Duration, stop: Cancellatio
     let every_ms = i64::try_from(every.as_millis()).unwrap_or(i64::MAX).max(1);
     let mut published = now_ms() / every_ms;
     // The file grows when a hidden answer is graded, so its size is reported only at these times.
-    let tell_size = || {
-        if let Some(bytes) = store.file_bytes() {
+    let tell_size = || async {
+        if let Ok(bytes) = store.bytes().await {
             metrics::gauge!("plumbline_database_bytes").set(bytes as f64);
         }
     };
-    tell_size();
+    tell_size().await;
     while stop.run_until_cancelled(tokio::time::sleep(LOOK)).await.is_some() {
         match store.lead(HIDDEN, &node, LEASE_MS).await {
             Ok(true) => {}
@@ -86,7 +86,7 @@ pub(super) async fn keep_hidden(store: Store, every: Duration, stop: Cancellatio
         match completion::publish(&store, now_ms()).await {
             Ok(()) => {
                 published = due;
-                tell_size();
+                tell_size().await;
             }
             Err(error) => {
                 tracing::warn!(%error, "could not complete entries and publish receipts of hidden evaluation");

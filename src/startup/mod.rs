@@ -1,7 +1,6 @@
 //! Composition: assembles store, workers and HTTP into one service, and starts and stops them in order.
 
 mod background;
-mod signing;
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -20,6 +19,7 @@ use crate::app::access::{Keys, Openness};
 use crate::app::limits::{LIMITS, Limits};
 use crate::app::load::Connections;
 use crate::app::rewards::grader::Grader;
+use crate::app::signing::{Signing, signing};
 use crate::app::{App, AppParts};
 use crate::clock::now_ms;
 use crate::http::middleware::rates::{RateSettings, Rates};
@@ -32,7 +32,6 @@ use crate::store::serving::Serving;
 use crate::store::suites::SuiteStored;
 use crate::worker::{WorkerSettings, Workers};
 use plumbline_engine::tasks::embedded;
-use signing::Signing;
 
 /// Notice of a node that only grades within requests.
 const GRADE_ONLY: &str = "this node only grades within requests: it has no database, and grading needs no key. Let nobody \
@@ -123,7 +122,7 @@ impl RunningService {
             lease: config.lease,
             deadline: Duration::from_secs(LIMITS.grading_seconds),
         };
-        let Signing { signer, public_key, notice } = signing::signing(&store, config.new_receipt_key).await?;
+        let Signing { signer, public_key, notice } = signing(&store, config.new_receipt_key).await?;
         let mut notices: Vec<String> = notice.into_iter().collect();
         let (serving, shared) = config.database.file().map_or((None, None), serving_notice);
         notices.extend(shared);

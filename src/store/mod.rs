@@ -6,6 +6,7 @@
 
 pub mod acceptance;
 pub mod boards;
+pub mod claims;
 pub mod completion;
 mod crash_points;
 pub mod db;
@@ -59,11 +60,11 @@ use std::sync::{Arc, OnceLock, RwLock};
 
 use tokio::sync::Notify;
 
-use db::{Pool, Tx};
+use claims::Looks;
+use db::{Dialect, Pool, Tx, query_scalar};
 use epochs::SecretsRead;
 pub use error::{StoreError, StoreResult};
 use group_commit::Acceptances;
-use jobs::Looks;
 use location::Location;
 use pace::Pace;
 use plumbline_engine::hidden::receipts::Signer;
@@ -145,10 +146,20 @@ impl Store {
         Ok(store)
     }
 
-    /// Returns the size of the file and its write-ahead log, in bytes; none if the database is on a server.
-    #[must_use]
-    pub fn file_bytes(&self) -> Option<u64> {
-        self.location.file().map(sqlite::file_bytes)
+    /// Returns the size of the database in bytes: of the file and its write-ahead log, or as the server tells it.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails.
+    pub async fn bytes(&self) -> StoreResult<u64> {
+        match self.location.file() {
+            Some(file) => Ok(sqlite::file_bytes(file)),
+            None if self.readers.dialect() == Dialect::Sqlite => Ok(0),
+            None => {
+                let bytes: i64 =
+                    query_scalar("SELECT pg_database_size(current_database())").fetch_one(&self.readers).await?;
+                Ok(u64::try_from(bytes).unwrap_or(0))
+            }
+        }
     }
 
     /// Returns where the database is.

@@ -13,8 +13,9 @@ use tokio_util::task::TaskTracker;
 
 use crate::app::grading::{Cores, Unfinished, execute};
 use crate::clock::now_ms;
+use crate::store::claims::Claimed;
 use crate::store::job_ends::MAX_ATTEMPTS;
-use crate::store::jobs::{Claim, Claimed, HiddenJob};
+use crate::store::jobs::{Claim, HiddenJob};
 use crate::store::queue::Lane;
 use crate::store::reports::{GRADER, PackedReport};
 use crate::store::states::SubmissionState;

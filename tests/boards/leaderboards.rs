@@ -157,10 +157,11 @@ async fn what_is_done_to_a_row_is_told_for_ever() {
         .collect();
     assert_eq!(told, [r#""operator" "restore" "a mistake""#, r#""operator" "hide" "the logs are another's <b>""#]);
     // Not even by hand.
-    let mut connection =
-        sqlx::ConnectOptions::connect(&sqlx::sqlite::SqliteConnectOptions::new().filename(&database)).await.unwrap();
+    let pool = crate::support::database::pool(&database).await;
     for statement in ["DELETE FROM board_actions", "UPDATE board_actions SET reason = ''"] {
-        assert!(sqlx::query(statement).execute(&mut connection).await.unwrap_err().to_string().contains("permanent"));
+        assert!(
+            plumbline::store::db::query(statement).execute(&pool).await.unwrap_err().to_string().contains("permanent")
+        );
     }
 }
 

@@ -4,10 +4,9 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::support::{PROGRAM, Service};
+use plumbline::store::db::{query, query_scalar};
 use reqwest::StatusCode;
 use serde_json::{Value, json};
-use sqlx::ConnectOptions as _;
-use sqlx::sqlite::SqliteConnectOptions;
 
 fn regrade(database: &Path, arguments: &[&str]) -> Result<String, String> {
     let output = Command::new(PROGRAM)
@@ -22,24 +21,21 @@ fn regrade(database: &Path, arguments: &[&str]) -> Result<String, String> {
 
 /// Has a submission's report and its run's result as checks of an earlier version might have made them: not solved.
 async fn age(database: &Path, submission: &str, run: &str) {
-    let mut connection = SqliteConnectOptions::new().filename(database).connect().await.unwrap();
-    let scores: String = sqlx::query_scalar("SELECT scores FROM reports WHERE submission_id = $1")
+    let pool = crate::support::database::pool(database).await;
+    let scores: String = query_scalar("SELECT scores FROM reports WHERE submission_id = $1")
         .bind(submission)
-        .fetch_one(&mut connection)
+        .fetch_one(&pool)
         .await
         .unwrap();
-    let statement = "UPDATE reports SET overall = 0, checks_version = 0, scores = $2 WHERE submission_id = $1";
-    let aged = sqlx::query(statement).bind(submission).bind(scores.replacen("1.0", "0.0", 1));
-    assert_eq!(aged.execute(&mut connection).await.unwrap().rows_affected(), 1);
-    let summary: String = sqlx::query_scalar("SELECT summary FROM results WHERE run_id = $1")
-        .bind(run)
-        .fetch_one(&mut connection)
-        .await
-        .unwrap();
+    let statement = "UPDATE reports SET overall = FALSE, checks_version = 0, scores = $2 WHERE submission_id = $1";
+    let aged = query(statement).bind(submission).bind(scores.replacen("1.0", "0.0", 1));
+    assert_eq!(aged.execute(&pool).await.unwrap(), 1);
+    let summary: String =
+        query_scalar("SELECT summary FROM results WHERE run_id = $1").bind(run).fetch_one(&pool).await.unwrap();
     let mut summary: Value = serde_json::from_str(&summary).unwrap();
     summary["problem_level"]["overall"] = json!({ "pass": 24, "of": 25, "rate": 0.96 });
-    let aged = sqlx::query("UPDATE results SET summary = $2 WHERE run_id = $1").bind(run).bind(summary.to_string());
-    assert_eq!(aged.execute(&mut connection).await.unwrap().rows_affected(), 1);
+    let aged = query("UPDATE results SET summary = $2 WHERE run_id = $1").bind(run).bind(summary.to_string());
+    assert_eq!(aged.execute(&pool).await.unwrap(), 1);
 }
 
 #[tokio::test]
@@ -73,7 +69,7 @@ async fn a_regrade_is_looked_at_and_then_holds_or_is_gone() {
     let told =
         regrade(&database, &["--suite", "mineceraft-lite", "--reason", "doors count", "--actor", "ada"]).unwrap();
     let id = told.lines().find_map(|line| line.strip_prefix("plumbline regrade apply ")).unwrap();
-    assert_eq!(regrade(&database, &["apply", id]).unwrap().trim(), "applied; 1 finished runs have new results");
+    assert_eq!(regrade(&database, &["apply", id]).unwrap().trim(), "applied; 1 finished run has new results");
     tokio::time::sleep(std::time::Duration::from_millis(1_100)).await;
     assert_eq!(overall().await, 1.0, "the service that runs follows");
     let path = format!("/v1/submissions/{submission}/report");

@@ -68,6 +68,10 @@ async fn a_suite_is_imported_served_and_replaced_by_a_new_version() {
 
 #[test]
 fn the_environment_never_makes_a_check_store_something() {
+    if crate::support::database::is_postgres() {
+        // Only a file is copied, locked, filled or taken over from an old release.
+        return;
+    }
     let folder = tempfile::tempdir().unwrap();
     let database = folder.path().join("p.db");
     succeeded(&plumbline(&["migrate", "--create"], &database));

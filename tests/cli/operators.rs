@@ -11,7 +11,7 @@ use serde_json::json;
 /// A database as the migrations up to one make it.
 async fn database_of_schema(file: &Path, last: i64) {
     let folder = tempfile::tempdir().unwrap();
-    for entry in std::fs::read_dir(repository("migrations")).unwrap() {
+    for entry in std::fs::read_dir(repository("migrations/sqlite")).unwrap() {
         let path = entry.unwrap().path();
         let name = path.file_name().unwrap().to_str().unwrap().to_owned();
         if name[..4].parse::<i64>().unwrap() <= last {

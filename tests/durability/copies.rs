@@ -33,6 +33,10 @@ async fn finished_run(service: &Service, agent: &str) -> Value {
 
 #[tokio::test]
 async fn a_backup_of_a_running_service_restores_to_the_same_answers() {
+    if crate::support::database::is_postgres() {
+        // Only a file is copied, locked, filled or taken over from an old release.
+        return;
+    }
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let service = Service::start(&path("p.db"), &[]);
@@ -137,6 +141,10 @@ fn plumbline_key(database: &Path, scopes: &str) -> String {
 
 #[test]
 fn what_is_no_backup_is_refused() {
+    if crate::support::database::is_postgres() {
+        // Only a file is copied, locked, filled or taken over from an old release.
+        return;
+    }
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     std::fs::write(path("text"), "not a database, but long enough to be taken for the header of one".repeat(20))

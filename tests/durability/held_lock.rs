@@ -31,6 +31,10 @@ fn filled(path: &str, ids: &Value) -> String {
 
 #[tokio::test]
 async fn reads_never_wait_for_the_writer() {
+    if crate::support::database::is_postgres() {
+        // Only a file is copied, locked, filled or taken over from an old release.
+        return;
+    }
     let scene = Scene::new(&[]);
     let key = scene.key("lab");
     let entry = scene.register(&key, "dev", 1).await;

@@ -4,9 +4,15 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use super::PROGRAM;
+use super::database::named;
 
 pub fn plumbline(arguments: &[&str], database: &Path) -> Output {
-    Command::new(PROGRAM).args(arguments).args(crate::support::database::named(database)).output().unwrap()
+    let mut database = named(database);
+    if arguments.first() == Some(&"tasks") {
+        // Tasks have no secrets.
+        database.truncate(2);
+    }
+    Command::new(PROGRAM).args(arguments).args(database).output().unwrap()
 }
 
 pub fn told(output: &Output) -> String {

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use plumbline::store::db::query_scalar;
 use plumbline_engine::tasks::Task;
 use reqwest::StatusCode;
 use serde_json::{Value, json};
@@ -163,11 +164,9 @@ pub fn answer_to(instance: &Value, pool: &BTreeMap<Vec<String>, Task>, is_spoile
 
 /// Waits until so many reports are stored, as only the operator can see it.
 pub async fn all_are_graded(scene: &Scene, wanted: i64) {
-    use sqlx::ConnectOptions as _;
-    let options = sqlx::sqlite::SqliteConnectOptions::new().filename(scene.file("p.db")).read_only(true);
-    let mut connection = options.connect().await.unwrap();
+    let pool = super::database::pool(&scene.file("p.db")).await;
     for _ in 0..600 {
-        let found: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM reports").fetch_one(&mut connection).await.unwrap();
+        let found: i64 = query_scalar("SELECT COUNT(*) FROM reports").fetch_one(&pool).await.unwrap();
         if found == wanted {
             return;
         }

@@ -11,7 +11,7 @@ use plumbline_engine::hidden::receipts::Signer;
 
 /// Key that signs receipts.
 #[derive(Debug)]
-pub(super) struct Signing {
+pub struct Signing {
     /// Signs receipts; none on a node that lacks the secrets.
     pub signer: Option<Arc<Signer>>,
     /// Public key that verifies what the service signs.
@@ -20,9 +20,12 @@ pub(super) struct Signing {
     pub notice: Option<String>,
 }
 
-/// Loads the key, or makes it on first use. Nodes of one PostgreSQL database sign with the same key: a node whose
-/// folder holds another does not start, unless `replaces` says that the new key holds from now on.
-pub(super) async fn signing(store: &Store, replaces: bool) -> anyhow::Result<Signing> {
+/// Loads the key, or makes it on first use. Nodes of one PostgreSQL database sign with the same key.
+///
+/// # Errors
+/// Returns an error if the key cannot be loaded, or if the folder holds another key than the nodes sign with, unless
+/// `replaces` says that the new key holds from now on.
+pub async fn signing(store: &Store, replaces: bool) -> anyhow::Result<Signing> {
     if matches!(store.location(), Location::Server(_)) {
         let folder = store.secrets().folder().display().to_string();
         let held = store.agree_on_receipt_key(None, false).await?;
