@@ -3,9 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use anyhow::bail;
 use clap::Args;
 
 use crate::store::location::Location;
+use crate::store::moving::{Moved, move_to};
 use crate::store::secrets::Secrets;
 use crate::store::{Store, StoreError, schema};
 
@@ -61,6 +63,12 @@ pub struct MigrateArgs {
     /// Create the database if it does not exist.
     #[arg(long)]
     create: bool,
+    /// SQLite file whose rows move into the empty PostgreSQL database given by --to. The service must not run.
+    #[arg(long, value_name = "FILE", requires = "to", conflicts_with_all = ["create", "dry_run"])]
+    from: Option<PathBuf>,
+    /// PostgreSQL database that takes the rows of --from.
+    #[arg(long, value_name = "URL", requires = "from")]
+    to: Option<Location>,
 }
 
 /// Brings a database's schema up to date, after making a copy beside it.
@@ -69,6 +77,9 @@ pub struct MigrateArgs {
 /// Returns an error if the database does not exist, was written by a newer program, or cannot be copied or changed.
 pub fn migrate(args: &MigrateArgs) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    if let (Some(from), Some(to)) = (&args.from, &args.to) {
+        return runtime.block_on(move_rows(from, to));
+    }
     runtime.block_on(async {
         let location = &args.database.database;
         args.database.name();
@@ -101,4 +112,16 @@ pub fn migrate(args: &MigrateArgs) -> anyhow::Result<ExitCode> {
         }
         Ok(ExitCode::SUCCESS)
     })
+}
+
+/// Moves the rows of a file to a server, and says what moved and what is left to do.
+async fn move_rows(from: &Path, to: &Location) -> anyhow::Result<ExitCode> {
+    let Some(server) = to.server() else { bail!("--to: expected the URL of a PostgreSQL database, found {to}") };
+    for Moved { table, rows, sha256 } in move_to(from, server).await? {
+        println!("{table}: {rows} rows, the same in both (SHA-256 {sha256})");
+    }
+    let secrets = Location::File(from.to_owned()).default_secrets();
+    println!("done: every row is in {to}, and the receipts are linked without a gap");
+    println!("give all nodes the folder of secrets, {}, with --secrets", secrets.display());
+    Ok(ExitCode::SUCCESS)
 }

@@ -8,6 +8,7 @@ pub mod demo;
 pub mod epochs;
 pub mod grade;
 pub mod keys;
+pub mod process;
 pub mod progress;
 pub mod quota;
 pub mod receipts;
@@ -18,6 +19,7 @@ pub mod submit;
 pub mod tasks;
 pub mod validate;
 pub mod verify_epoch;
+pub mod work;
 
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -39,8 +41,10 @@ pub struct Cli {
 /// Commands of the program.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Run the service: the API, the web pages and the grading workers, on one SQLite file.
+    /// Run the service: the API, the web pages and the grading workers, on a SQLite file or a PostgreSQL database.
     Serve(serve::ServeArgs),
+    /// Grade submissions beside other nodes on the same PostgreSQL database, and serve only probes and metrics.
+    Work(work::WorkArgs),
     /// Post raw records (JSONL) to a service as one run and wait for its summary.
     Submit(submit::SubmitArgs),
     /// Grade raw records (JSONL) and print the summary of the run.
@@ -92,13 +96,17 @@ impl Command {
     /// Returns whether the command goes on after the reader of its output is gone.
     #[must_use]
     pub const fn outlives_its_readers(&self) -> bool {
-        matches!(self, Self::Serve(_) | Self::Submit(_) | Self::Replay(_) | Self::RunActionCode)
+        matches!(self, Self::Serve(_) | Self::Work(_) | Self::Submit(_) | Self::Replay(_) | Self::RunActionCode)
     }
 
     /// Returns whether log lines, and so the final error message, are JSON.
     #[must_use]
     pub fn logs_json(&self) -> bool {
-        matches!(self, Self::Serve(args) if args.log_format == LogFormat::Json)
+        match self {
+            Self::Serve(args) => args.log_format == LogFormat::Json,
+            Self::Work(args) => args.log_format == LogFormat::Json,
+            _ => false,
+        }
     }
 }
 
@@ -113,6 +121,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Tasks(command) => tasks::run(command),
         Command::Build(args) => build::run(&args),
         Command::Serve(args) => serve::run(&args),
+        Command::Work(args) => work::run(&args),
         Command::Submit(args) => submit::run(&args),
         Command::Keys(args) => keys::run(&args),
         Command::Quota(args) => quota::run(&args),

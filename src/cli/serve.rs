@@ -5,17 +5,16 @@ use std::time::Duration;
 
 use clap::Args;
 use clap::builder::BoolishValueParser;
-use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
-use tokio::signal::unix::{SignalKind, signal};
 
 use super::database::DatabaseArgs;
+use super::process::{processors, run_until_stopped};
 use crate::app::access::Openness;
 use crate::app::limits::LIMITS;
 use crate::http::middleware::rates::RateSettings;
 use crate::http::role::Role;
 use crate::startup::{Config, RunningService, ServiceSettings};
 use crate::store::location::Location;
-use crate::telemetry::{self, LogFormat};
+use crate::telemetry::LogFormat;
 
 /// Arguments of `serve`; each but `--demo` can also be set in the environment.
 #[derive(Debug, Args)]
@@ -85,16 +84,6 @@ pub struct ServeArgs {
     demo: bool,
 }
 
-/// Raises the limit on open files to the maximum that the system allows. Each connection is an open file, and the usual
-/// soft limit of 1,024 is lower than the number of connections that the service accepts.
-fn raise_open_files() {
-    let limit = getrlimit(Resource::Nofile);
-    let raised = Rlimit { current: limit.maximum, maximum: limit.maximum };
-    if let Err(error) = setrlimit(Resource::Nofile, raised) {
-        tracing::warn!(%error, "could not raise the limit on open files");
-    }
-}
-
 /// Prints the addresses of the service, its notices, and who needs a key.
 fn greet(args: &ServeArgs, app: &RunningService) {
     eprintln!("plumbline is at http://{}/ (API reference: /docs/); Ctrl-C stops it", app.address);
@@ -122,19 +111,14 @@ fn greet(args: &ServeArgs, app: &RunningService) {
 /// # Errors
 /// Returns an error if the service cannot start.
 pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
-    // Kept to the end: dropping the guard writes the remaining log lines.
-    let _logs = telemetry::init_logs(args.log_format, "info");
-    let metrics = telemetry::init_metrics()?;
-    raise_open_files();
-    let processors = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     let config = Config {
         listen: args.listen.clone(),
         admin_listen: args.admin_listen.clone(),
         role: if args.grade_only { Role::GradeOnly } else { Role::Whole },
         database: if args.grade_only { Location::Memory } else { args.database.database.clone() },
         secrets: args.database.secrets.clone(),
-        workers: args.workers.map_or(processors, usize::from),
-        cores: processors,
+        workers: args.workers.map_or_else(processors, usize::from),
+        cores: processors(),
         new_receipt_key: args.new_receipt_key,
         lease: Duration::from_secs(args.lease_seconds),
         hidden_publish: Duration::from_secs(args.hidden_publish_seconds),
@@ -154,30 +138,15 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
             },
         },
     };
-    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
-    runtime.block_on(async {
-        // From here on, signals are recorded, even while the service starts.
-        let mut interrupt = signal(SignalKind::interrupt())?;
-        let mut terminate = signal(SignalKind::terminate())?;
-        let app = RunningService::start(&config, metrics).await?;
+    run_until_stopped(&config, args.log_format, async |app| {
         // JSON logs carry the same information in their own lines.
         if args.log_format == LogFormat::Text {
-            greet(args, &app);
+            greet(args, app);
         }
-        let mut demo = None;
-        if args.demo {
-            let key = if args.open { None } else { Some(app.demo_key().await?) };
-            demo = Some(tokio::spawn(super::demo::run(format!("http://{}", app.address), key)));
+        if !args.demo {
+            return Ok(None);
         }
-        tokio::select! {
-            _ = interrupt.recv() => {}
-            _ = terminate.recv() => {}
-        }
-        tracing::info!("stopping");
-        if let Some(demo) = demo {
-            demo.abort();
-        }
-        app.shut_down().await;
-        Ok(ExitCode::SUCCESS)
+        let key = if args.open { None } else { Some(app.demo_key().await?) };
+        Ok(Some(tokio::spawn(super::demo::run(format!("http://{}", app.address), key))))
     })
 }

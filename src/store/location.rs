@@ -34,6 +34,15 @@ impl Location {
         }
     }
 
+    /// Returns the server, if the database is on one.
+    #[must_use]
+    pub fn server(&self) -> Option<&Server> {
+        match self {
+            Self::Server(server) => Some(server),
+            Self::Memory | Self::File(_) => None,
+        }
+    }
+
     /// Returns the folder of the secrets if the operator names none.
     #[must_use]
     pub fn default_secrets(&self) -> PathBuf {

@@ -28,6 +28,7 @@ mod leadership;
 pub mod location;
 mod locks;
 mod migrations;
+pub mod moving;
 mod pace;
 mod postgres;
 pub mod queue;

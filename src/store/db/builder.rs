@@ -21,6 +21,12 @@ impl Builder {
         Self { text: text.to_owned(), values: Vec::new() }
     }
 
+    /// Begins a statement whose text was put together from names of the schema.
+    #[must_use]
+    pub(in crate::store) fn new_checked(text: String) -> Self {
+        Self { text, values: Vec::new() }
+    }
+
     /// Appends text.
     pub fn push(&mut self, text: &'static str) -> &mut Self {
         self.text.push_str(text);
