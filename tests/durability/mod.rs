@@ -1,8 +1,10 @@
-//! Crashes, full disks, copies and old files.
+//! Crashes, full disks, copies, old files, and several nodes on one server.
 
 mod copies;
 mod crash;
 mod crash_matrix;
 mod full_disk;
 mod held_lock;
+mod nodes;
+mod postgres;
 mod upgrade;

@@ -55,18 +55,22 @@ const WRONG: [(&str, &str); 10] = [
 
 /// Looks through the books, and that every submission that was acknowledged is in them.
 pub async fn audit(database: &Path, acknowledged: &[String], when: &str) {
-    let pool = pool(database).await;
+    audit_books(&pool(database).await, acknowledged, when).await;
+}
+
+/// The same, through a pool, which is closed afterwards.
+pub async fn audit_books(pool: &Pool, acknowledged: &[String], when: &str) {
     for (what, text) in WRONG {
-        let found: Vec<String> = query_scalar(text).fetch_all(&pool).await.unwrap();
+        let found: Vec<String> = query_scalar(text).fetch_all(pool).await.unwrap();
         assert!(found.is_empty(), "{when}: {what}: {found:?}");
     }
     for id in acknowledged {
         let found: Option<String> =
-            query_scalar("SELECT state FROM submissions WHERE id = $1").bind(id).fetch_optional(&pool).await.unwrap();
+            query_scalar("SELECT state FROM submissions WHERE id = $1").bind(id).fetch_optional(pool).await.unwrap();
         assert!(found.is_some(), "{when}: the acknowledged submission {id} is lost");
     }
     if matches!(pool, Pool::Sqlite(_)) {
-        let whole: String = query_scalar("PRAGMA integrity_check").fetch_one(&pool).await.unwrap();
+        let whole: String = query_scalar("PRAGMA integrity_check").fetch_one(pool).await.unwrap();
         assert_eq!(whole, "ok", "{when}");
     }
     pool.close().await;

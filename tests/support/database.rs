@@ -10,7 +10,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use plumbline::store::db::Pool;
-use plumbline::store::location::Location;
 
 use super::cluster::Cluster;
 
@@ -50,9 +49,4 @@ pub async fn pool(path: &Path) -> Pool {
     }
     let options = sqlx::sqlite::SqliteConnectOptions::new().filename(path);
     Pool::Sqlite(sqlx::SqlitePool::connect_with(options).await.unwrap())
-}
-
-/// Returns the location of a database, for tests that open the store themselves.
-pub fn location(path: &Path) -> Location {
-    if is_postgres() { url(path).parse().unwrap() } else { path.to_owned().into() }
 }

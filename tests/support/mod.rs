@@ -88,13 +88,13 @@ impl Service {
 
     /// The same, by a command that runs the program.
     pub fn start_by(mut command: Command, path: &std::path::Path, arguments: &[&str]) -> Self {
-        let mut process = command
-            .args(["serve", "--listen", "127.0.0.1:0"])
-            .args(database::named(path))
-            .args(arguments)
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        command.arg("serve").args(database::named(path)).args(arguments);
+        Self::launch(command)
+    }
+
+    /// Starts a command that runs the program as a service, on a free port.
+    pub fn launch(mut command: Command) -> Self {
+        let mut process = command.args(["--listen", "127.0.0.1:0"]).stderr(Stdio::piped()).spawn().unwrap();
         let mut lines = BufReader::new(process.stderr.take().unwrap()).lines();
         let said: Arc<Mutex<Vec<String>>> = Arc::default();
         let mut seen = Vec::new();

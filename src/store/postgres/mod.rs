@@ -17,8 +17,8 @@ use super::{StoreError, StoreResult};
 const OLDEST: u32 = 15;
 /// Number of connections of a node.
 const CONNECTIONS: u32 = 12;
-/// Time for which a request waits for a connection.
-const ACQUIRE: Duration = Duration::from_secs(10);
+/// Time for which a request waits for a connection. While the server is away, requests fail after it.
+const ACQUIRE: Duration = Duration::from_secs(5);
 
 /// Session settings: a node that freezes within a transaction must not hold its locks for ever, and a statement that
 /// waits for a lock ends before its request does.
