@@ -23,6 +23,15 @@ pub struct DatabaseArgs {
     pub secrets: Option<PathBuf>,
 }
 
+/// Argument of nodes, beside those of [`DatabaseArgs`].
+#[derive(Debug, Clone, Args)]
+pub struct NoticeArgs {
+    /// Do not listen for notices of other nodes on PostgreSQL, but look for jobs from time to time: for a pooler that
+    /// shares sessions, such as `PgBouncer` in transaction mode.
+    #[arg(long, env = "PLUMBLINE_NO_NOTICES")]
+    pub no_notices: bool,
+}
+
 impl DatabaseArgs {
     /// Opens an existing database and prints its location.
     ///

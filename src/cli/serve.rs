@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::Args;
 use clap::builder::BoolishValueParser;
 
-use super::database::DatabaseArgs;
+use super::database::{DatabaseArgs, NoticeArgs};
 use super::process::{processors, run_until_stopped};
 use crate::app::access::Openness;
 use crate::app::limits::LIMITS;
@@ -28,6 +28,8 @@ pub struct ServeArgs {
     admin_listen: Option<String>,
     #[command(flatten)]
     database: DatabaseArgs,
+    #[command(flatten)]
+    notices: NoticeArgs,
     /// Number of submissions graded at the same time; by default, one per processor. With 0, other nodes grade
     /// (`plumbline work`).
     #[arg(long, env = "PLUMBLINE_WORKERS", value_parser = clap::value_parser!(u16).range(0..=1024))]
@@ -119,6 +121,7 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
         secrets: args.database.secrets.clone(),
         workers: args.workers.map_or_else(processors, usize::from),
         cores: processors(),
+        follows_notices: !args.notices.no_notices,
         new_receipt_key: args.new_receipt_key,
         lease: Duration::from_secs(args.lease_seconds),
         hidden_publish: Duration::from_secs(args.hidden_publish_seconds),

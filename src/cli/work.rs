@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 
-use super::database::DatabaseArgs;
+use super::database::{DatabaseArgs, NoticeArgs};
 use super::process::{processors, run_until_stopped};
 use crate::app::access::Openness;
 use crate::app::limits::LIMITS;
@@ -22,6 +22,8 @@ pub struct WorkArgs {
     listen: String,
     #[command(flatten)]
     database: DatabaseArgs,
+    #[command(flatten)]
+    notices: NoticeArgs,
     /// Number of submissions graded at the same time; by default, one per processor.
     #[arg(long, env = "PLUMBLINE_WORKERS", value_parser = clap::value_parser!(u16).range(1..=1024))]
     workers: Option<u16>,
@@ -49,6 +51,7 @@ pub fn run(args: &WorkArgs) -> anyhow::Result<ExitCode> {
         role: Role::WorkOnly,
         workers: args.workers.map_or_else(processors, usize::from),
         cores: 1,
+        follows_notices: !args.notices.no_notices,
         new_receipt_key: false,
         lease: Duration::from_secs(args.lease_seconds),
         hidden_publish: Duration::from_secs(args.hidden_publish_seconds),

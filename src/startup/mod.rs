@@ -67,6 +67,8 @@ pub struct Config {
     pub workers: usize,
     /// Number of scripts of requests that run at the same time.
     pub cores: usize,
+    /// Whether to listen for notices of other nodes.
+    pub follows_notices: bool,
     /// Whether the receipt key in the folder of secrets replaces the one that the nodes signed with before.
     pub new_receipt_key: bool,
     /// Time after which a job is taken from a worker that no longer renews its lease.
@@ -117,6 +119,9 @@ impl RunningService {
             .await
             .with_context(|| format!("cannot open the database {}", config.database))?;
         store_suites(&store).await?;
+        if config.follows_notices {
+            store.follow_notices();
+        }
         let settings = WorkerSettings {
             workers: config.workers,
             lease: config.lease,

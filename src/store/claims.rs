@@ -43,10 +43,10 @@ impl Store {
                 break;
             }
         }
-        let Some((lane, Taken { id, attempt, turn })) = first else { return Ok(Claimed::Nothing) };
+        let Some((lane, Taken { id, attempt, turn, is_far_behind })) = first else { return Ok(Claimed::Nothing) };
         note_taken(&mut tx, lane, turn).await?;
-        if attempt > 1 {
-            // Whoever died left more than one job.
+        if is_far_behind {
+            // Whoever died, or was slow, left more than one job behind.
             self.looks.again();
         }
         if attempt > MAX_ATTEMPTS {
@@ -61,12 +61,13 @@ impl Store {
                 sqlite: "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $1 + $2, lease_ms = $2
                          WHERE submission_id IN (SELECT submission_id FROM jobs
                                                  WHERE lane = 'quick' AND lease_until_ms <= $1 AND attempt = 0
+                                                   AND ($4 OR TRUE)
                                                  ORDER BY turn, queued_at_ms, submission_id LIMIT $3)
                          RETURNING submission_id, attempt, turn",
                 postgres: "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = now_ms() + $2, lease_ms = $2
                            WHERE submission_id IN (SELECT submission_id FROM jobs
                                                    WHERE lane = 'quick' AND lease_until_ms <= now_ms() AND attempt = 0
-                                                     AND turn >= (SELECT turn FROM lanes WHERE name = 'quick')
+                                                     AND turn >= CASE WHEN $4 THEN 0 ELSE (SELECT turn - 256 FROM lanes WHERE name = 'quick') END
                                                    ORDER BY turn, queued_at_ms, submission_id LIMIT $3
                                                    FOR UPDATE SKIP LOCKED)
                            RETURNING submission_id, attempt, turn",
@@ -74,6 +75,7 @@ impl Store {
             .bind(now_ms)
             .bind(lease_ms)
             .bind(most.saturating_sub(1) as i64)
+            .bind(is_thorough)
             .fetch_all(&mut tx)
             .await?;
             if let Some(turn) = more.iter().map(|(_, _, turn)| *turn).max() {
@@ -161,14 +163,16 @@ struct Taken {
     id: String,
     attempt: i64,
     turn: i64,
+    /// Whether only a thorough look finds such a job.
+    is_far_behind: bool,
 }
 
 /// Takes the first job of a lane that is free, whose lease has expired, or whose lease begins in the future, as after a
 /// clock was set back.
 ///
-/// On PostgreSQL, jobs that another node is taking are passed over. Rounds below the lane's hold only jobs that were
-/// taken before; they are looked through only if `is_thorough` is set, because the index keeps the entries of deleted
-/// jobs for as long as any transaction is open.
+/// On PostgreSQL, jobs that another node is taking are passed over. Rounds far below the lane's hold only jobs that were
+/// taken before, or that were accepted very slowly; they are looked through only if `is_thorough` is set, because the
+/// index keeps the entries of deleted jobs for as long as any transaction is open.
 async fn take_first(
     tx: &mut Tx,
     lane: Lane,
@@ -176,20 +180,20 @@ async fn take_first(
     now_ms: i64,
     is_thorough: bool,
 ) -> StoreResult<Option<Taken>> {
-    let taken: Option<(String, i64, i64)> = query_as(Each {
+    let taken: Option<(String, i64, i64, bool)> = query_as(Each {
         sqlite: "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $1 + $2, lease_ms = $2
                  WHERE submission_id = (SELECT submission_id FROM jobs
                                         WHERE lane = $3 AND (lease_until_ms <= $1 OR lease_until_ms - lease_ms > $1)
                                           AND ($4 OR TRUE)
                                         ORDER BY turn, queued_at_ms, submission_id LIMIT 1)
-                 RETURNING submission_id, attempt, turn",
+                 RETURNING submission_id, attempt, turn, FALSE",
         postgres: "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = now_ms() + $2, lease_ms = $2
                    WHERE submission_id = (SELECT submission_id FROM jobs
                                           WHERE lane = $3 AND (lease_until_ms <= now_ms() OR lease_until_ms - lease_ms > now_ms())
-                                            AND turn >= CASE WHEN $4 THEN 0 ELSE (SELECT turn FROM lanes WHERE name = $3) END
+                                            AND turn >= CASE WHEN $4 THEN 0 ELSE (SELECT turn - 256 FROM lanes WHERE name = $3) END
                                           ORDER BY turn, queued_at_ms, submission_id LIMIT 1
                                           FOR UPDATE SKIP LOCKED)
-                   RETURNING submission_id, attempt, turn",
+                   RETURNING submission_id, attempt, turn, turn < (SELECT turn - 256 FROM lanes WHERE name = $3)",
     })
     .bind(now_ms)
     .bind(lease_ms)
@@ -197,5 +201,5 @@ async fn take_first(
     .bind(is_thorough)
     .fetch_optional(tx)
     .await?;
-    Ok(taken.map(|(id, attempt, turn)| Taken { id, attempt, turn }))
+    Ok(taken.map(|(id, attempt, turn, is_far_behind)| Taken { id, attempt, turn, is_far_behind }))
 }

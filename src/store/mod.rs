@@ -119,21 +119,13 @@ impl Store {
 
     async fn open_as(location: &Location, secrets: Option<PathBuf>, may_change: bool) -> StoreResult<Self> {
         let (writer, readers) = pools(location, may_change).await?;
-        let (queued, ends, boards_changed) = <(Arc<Notify>, Arc<Notify>, Arc<AtomicU64>)>::default();
-        if let Pool::Postgres(pool) = &writer {
-            postgres::notices::follow(
-                pool.clone(),
-                Arc::clone(&queued),
-                Arc::clone(&ends),
-                Arc::clone(&boards_changed),
-            );
-        }
+        let queued = Arc::<Notify>::default();
         let store = Self {
             acceptances: Acceptances::start(writer.clone(), Arc::clone(&queued)),
             writer,
             readers,
-            runs_ended: boards_changed,
-            ends,
+            runs_ended: Arc::default(),
+            ends: Arc::default(),
             queued,
             pace: Arc::default(),
             looks: Arc::default(),
@@ -145,6 +137,14 @@ impl Store {
         };
         store.refresh_catalogue().await?;
         Ok(store)
+    }
+
+    /// Follows the notices of other nodes, which wake this one. Does nothing on SQLite.
+    pub fn follow_notices(&self) {
+        if let Pool::Postgres(pool) = &self.readers {
+            let (queued, ends) = (Arc::clone(&self.queued), Arc::clone(&self.ends));
+            postgres::notices::follow(pool.clone(), queued, ends, Arc::clone(&self.runs_ended));
+        }
     }
 
     /// Returns the size of the database in bytes: of the file and its write-ahead log, or as the server tells it.

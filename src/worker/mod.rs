@@ -39,8 +39,9 @@ pub struct WorkerSettings {
 
 /// Number of quick jobs that a worker takes at once; together they take some tens of milliseconds.
 const QUICK_JOBS: usize = 64;
-/// Interval at which an idle worker looks for expired leases.
-const IDLE_LOOK: Duration = Duration::from_millis(500);
+/// Interval at which an idle worker looks for expired leases, and for jobs of which no notice came; at random up to half
+/// as long again, so that nodes that start together do not look together.
+const IDLE_LOOK: Duration = Duration::from_millis(400);
 /// Pause after a failure of the database.
 const ERROR_PAUSE: Duration = Duration::from_secs(1);
 
@@ -159,7 +160,7 @@ impl Worker {
                 Ok(Claimed::Nothing) => {
                     tokio::select! {
                         () = woken => {}
-                        () = tokio::time::sleep(IDLE_LOOK) => {}
+                        () = tokio::time::sleep(IDLE_LOOK.mul_f64(1.0 + jitter() / 2.0)) => {}
                         () = self.stop.cancelled() => {}
                     }
                 }
@@ -360,6 +361,11 @@ fn sign(job: &Claim, report: &Report, signer: &Signer) -> Signed {
         }),
     };
     signer.sign(&receipt(&graded, report))
+}
+
+/// Returns a number from 0 to 1 that differs between calls and nodes.
+fn jitter() -> f64 {
+    f64::from(uuid::Uuid::new_v4().as_fields().0) / f64::from(u32::MAX)
 }
 
 fn duration_ms(duration: Duration) -> i64 {
