@@ -6,6 +6,8 @@ use std::marker::PhantomData;
 
 use serde::de::{IgnoredAny, MapAccess};
 
+use self::values::Parsed;
+use crate::app::limits::LIMITS;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::tolerant::{OrNull, Read, Shape, Text, read_document};
 
@@ -15,6 +17,15 @@ pub const NAME_CHARS: usize = 100;
 /// Returns the shape of a name.
 pub const fn name(faults: &mut Faults) -> Text<'_> {
     Text { faults, min_chars: 1, max_chars: NAME_CHARS }
+}
+
+/// Returns the shape of the name of an agent.
+pub fn agent_name(faults: &mut Faults) -> Parsed<'_, String> {
+    let parse = |name: &str| match name.trim() {
+        "" => Err("expected a name that does not only consist of spaces".to_owned()),
+        _ => Ok(name.to_owned()),
+    };
+    Parsed { text: Text { faults, min_chars: 1, max_chars: LIMITS.agent_chars }, parse }
 }
 
 /// A body that `request_body!` declares. A member of its struct is `None` if it is absent, null or faulty.

@@ -30,6 +30,13 @@ pub struct FaultBody {
     pub detail: String,
 }
 
+impl FaultBody {
+    /// Creates the fault of a query parameter.
+    pub fn of_parameter(name: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self { line: None, pointer: String::new(), parameter: Some(name.into()), detail: detail.into() }
+    }
+}
+
 impl From<Fault> for FaultBody {
     fn from(fault: Fault) -> Self {
         Self { line: fault.line, pointer: fault.pointer, parameter: None, detail: fault.detail }
@@ -153,8 +160,7 @@ impl AppError {
 
     /// Creates the failure of a query string with one wrong parameter.
     pub fn wrong_parameter(name: &str, detail: impl Into<String>) -> Self {
-        let (parameter, detail) = (Some(name.to_owned()), detail.into());
-        Self::invalid_query(vec![FaultBody { line: None, pointer: String::new(), parameter, detail }])
+        Self::invalid_query(vec![FaultBody::of_parameter(name, detail)])
     }
 
     /// Creates the refusal of an NDJSON body where one document is expected.

@@ -204,13 +204,16 @@ async fn empty_runs_spoil_no_places() {
     let one = crate::support::good_build(&suite.tasks[0], false, Some(&run));
     service.post_json("/v1/submissions", &one).await;
     let finish = format!("/v1/runs/{run}/finish");
-    let answered = json!({ "skip": [suite.tasks[0].id] });
-    assert_eq!(service.post_json(&finish, &answered).await.faults(422), ["null /skip"]);
-    let wrong = json!({ "skip": [suite.tasks[1].number, "walls/nine"] });
-    assert_eq!(service.post_json(&finish, &wrong).await.faults(422), ["null /skip/1"]);
-    assert_eq!(service.post_json(&finish, &json!({ "skip": "all" })).await.status, StatusCode::UNPROCESSABLE_ENTITY);
-    let many = json!({ "skip": vec![1; 1_000] });
-    assert_eq!(service.post_json(&finish, &many).await.faults(422), ["null /skip"]);
+    let answered = json!({ "skip": [suite.tasks[1].id, suite.tasks[0].id, suite.tasks[0].number] });
+    assert_eq!(service.post_json(&finish, &answered).await.faults(422), ["null /skip/1", "null /skip/2"]);
+    let wrong = json!({ "skip": [suite.tasks[1].number, {}, "walls/nine", 1.5], "tasks": [] });
+    let mut faults = service.post_json(&finish, &wrong).await.faults(422);
+    faults.sort();
+    assert_eq!(faults, ["null /skip/1", "null /skip/2", "null /skip/3", "null /tasks"]);
+    assert_eq!(service.post_json(&finish, &json!({ "skip": "all" })).await.faults(422), ["null /skip"]);
+    let mut many = vec![json!(suite.tasks[1].number); 1_000];
+    many[3] = json!("walls/nine");
+    assert_eq!(service.post_json(&finish, &json!({ "skip": many })).await.faults(422), ["null /skip", "null /skip/3"]);
     // Also where the body comes compressed, and so without a length.
     let packed = zstd::encode_all(json!({ "skip": "unanswered" }).to_string().as_bytes(), 3).unwrap();
     let request = service.http.post(format!("{}{finish}", service.url)).header("content-encoding", "zstd");
@@ -272,7 +275,13 @@ async fn runs_are_listed_and_open_ones_deleted() {
         listed("?until=2020-01-01T00:00:00Z").await.is_empty()
             && listed("?since=2020-01-01T00:00:00Z").await.len() == 3
     );
-    service.get("/v1/runs?state=fine&since=once").await.faults(400);
+    let run = service.get(&format!("/v1/runs/{other}")).await.json();
+    let today = &run["created_at"].as_str().unwrap()[..10];
+    assert_eq!(listed(&format!("?since=2020-01-01&until={today}&limit=1")).await, only_other, "a date is a whole day");
+    assert!(listed("?until=2020-01-01").await.is_empty());
+    let wrong = "/v1/runs?state=fine&limit=0&suite=none&after=none&since=once&until=2020-02-30&colour=red";
+    let problem = service.get(wrong).await;
+    assert_eq!(problem.faults(400).len(), 7, "{}", problem.text);
 
     let delete = |run: &str| service.send(service.http.delete(format!("{}/v1/runs/{run}", service.url)));
     assert_eq!(delete(&own[1]).await.status, StatusCode::OK, "the operator's key may");

@@ -27,6 +27,14 @@ async fn a_lab_goes_through_an_epoch_and_checks_what_it_revealed() {
     scene.refused(&lab, &draw, &json!({ "run": 1, "nonce": "another nonce, later" }), "already-drawn").await;
     let fault = scene.post(&lab, &draw, &json!({ "run": 3, "nonce": "a nonce of our own 3" })).await;
     assert_eq!(fault.faults(422), ["null /run"]);
+    let faults = scene.post(&lab, &draw, &json!({ "run": 3, "nonce": "short" })).await.faults(422);
+    assert_eq!(faults, ["null /nonce", "null /run"]);
+    let wrong = json!({ "agent": "", "configuration_sha256": "abc", "tier": "open", "runs": 17 });
+    let refused = scene.post(&lab, "/v1/epochs/autumn/entries", &wrong).await;
+    let mut faults = refused.faults(422);
+    faults.sort();
+    assert_eq!(faults, ["null /agent", "null /configuration_sha256", "null /runs", "null /tier"]);
+    assert!(refused.text.contains("17 is out of range: 1 to 16"), "{}", refused.text);
     let foreign = scene.post(&other, &draw, &json!({ "run": 2, "nonce": "a nonce of another" })).await;
     assert_eq!(foreign.status, StatusCode::FORBIDDEN, "{}", foreign.text);
     let path = format!("/v1/instances/{}", id(&first[0]));

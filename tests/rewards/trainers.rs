@@ -154,7 +154,8 @@ async fn openrlhf_reads_rewards_scores_and_logs() {
     assert_eq!(places, ["/labels/1/task", "/labels/2/rewrd"], "{told}");
     let all_wrong = json!({ "query": ["a", "b"], "labels": ["", "walls/5x1x5-rais"] });
     let refused = service.post_json("/get_reward", &all_wrong).await;
-    assert_eq!(refused.faults(422)[0], "null /labels/0");
+    assert_eq!(refused.faults(422), ["null /labels/0", "null /labels/1/task"]);
+    assert_eq!(refused.json()["detail"], "2 faults");
     // Several endpoints of an older trainer get nothing to do, and must not fail.
     let none = json!({ "query": [], "prompts": [], "labels": [] });
     assert_eq!(service.post_json("/get_reward", &none).await.json()["rewards"], json!([]));

@@ -1,5 +1,6 @@
 //! Draws the instances of an entry's runs.
 
+use super::body::NewDrawBody;
 use super::draw::decide_draw;
 use super::entries::own_entry;
 use super::epochs::{not_open, secret_of, stored_epoch};
@@ -7,36 +8,41 @@ use super::instances::{IssuedInstance, with_prompts};
 use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
-use crate::app::limits::LIMITS;
 use crate::clock::now_ms;
+use crate::near::counted;
 use crate::store::draws::{DrawRefusal, Issued, NewDraw};
 use crate::store::entries::EntryRow;
 use crate::store::epochs::EpochRow;
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
 
-/// Draws the instances of a run, or returns the drawn ones if the nonce is the same.
+/// Draws the instances of a run, or returns the drawn ones if the nonce is the same. The draft is `None` if its body is
+/// no object; `faults` holds the faults of the body so far.
 ///
 /// # Errors
-/// Returns a fault in the nonce or the run, a conflict if the run cannot be drawn, and a refusal if the caller may not
+/// Returns all faults of the body, a conflict if the run cannot be drawn, and a refusal if the caller may not
 /// act on the entry.
 pub async fn draw_run(
     app: &App,
     caller: &Caller,
     entry_id: &str,
-    run: u32,
-    nonce: &str,
+    draft: Option<NewDrawBody>,
+    mut faults: Faults,
 ) -> AppResult<Vec<IssuedInstance>> {
     caller.require(Scope::Submit)?;
     let entry = own_entry(app, caller, entry_id).await?;
-    let (least, most) = (LIMITS.nonce_min_chars, LIMITS.nonce_max_chars);
-    if !(least..=most).contains(&nonce.chars().count()) || nonce.chars().any(char::is_control) {
-        return Err(fault("nonce", format!("expected {least} to {most} characters")));
+    let (given, nonce) = draft.map_or((None, None), |draw| (draw.run, draw.nonce));
+    let run = given.and_then(|run| u32::try_from(run).ok()).filter(|run| (1..=entry.runs).contains(run));
+    if given.is_some() && run.is_none() {
+        faults.add_at("run", no_such_run(&entry));
     }
+    let (Some(run), Some(nonce), true) = (run, nonce, faults.is_empty()) else {
+        return Err(AppError::faulty(faults));
+    };
     let epoch = stored_epoch(app, &entry.epoch_id).await?;
     let now = now_ms();
     let secret = secret_of(app, &epoch, now).await?;
-    let new = NewDraw { entry_id, run, nonce, secret: &secret };
+    let new = NewDraw { entry_id, run, nonce: &nonce, secret: &secret };
     match app.store.issue_instances(&new, decide_draw, now).await? {
         Issued::Instances(rows) => {
             let mut instances = Vec::with_capacity(rows.len());
@@ -52,7 +58,11 @@ pub async fn draw_run(
 /// Creates the failure for a run that cannot be drawn.
 fn refused(refusal: DrawRefusal, entry: &EntryRow, epoch: &EpochRow) -> AppError {
     match refusal {
-        DrawRefusal::NoSuchRun => fault("run", format!("out of range: the entry has {} runs", entry.runs)),
+        DrawRefusal::NoSuchRun => {
+            let mut faults = Faults::new();
+            faults.add_at("run", no_such_run(entry));
+            AppError::faulty(faults)
+        }
         DrawRefusal::OtherNonce => {
             AppError::conflict("already-drawn", "the run has already been drawn, with another nonce")
         }
@@ -75,8 +85,6 @@ fn refused(refusal: DrawRefusal, entry: &EntryRow, epoch: &EpochRow) -> AppError
     }
 }
 
-fn fault(key: &str, detail: String) -> AppError {
-    let mut faults = Faults::new();
-    faults.add_at(key, detail);
-    AppError::faulty(faults)
+fn no_such_run(entry: &EntryRow) -> String {
+    format!("out of range: the entry has {}", counted(entry.runs, "run"))
 }

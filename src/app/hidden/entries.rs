@@ -3,13 +3,13 @@
 use serde_json::Value;
 use uuid::Uuid;
 
+use super::body::NewEntryBody;
 use super::epochs::{not_open, stored_epoch};
 use super::receipts::given;
 use super::registration::decide_registration;
 use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
-use crate::app::limits::LIMITS;
 use crate::app::submissions::accept::key_reused;
 use crate::clock::now_ms;
 use crate::store::entries::EntryRow;
@@ -17,23 +17,9 @@ use crate::store::epochs::EpochRow;
 use crate::store::idempotency::IdempotencyKey;
 use crate::store::keys::Scope;
 use crate::store::registration::{NewEntry, Registered, RegistrationRefusal};
-use plumbline_engine::hidden::canonical::unhex;
 use plumbline_engine::hidden::evidence::GivenReceipt;
 use plumbline_engine::hidden::feedback::{Outcome, Tier, told};
 use plumbline_engine::intake::Faults;
-
-/// Entry as it is posted.
-#[derive(Debug, Clone)]
-pub struct PostedEntry {
-    /// Name of the evaluated agent.
-    pub agent: String,
-    /// SHA-256 of the agent's configuration, in hex.
-    pub configuration_sha256: String,
-    /// Tier of the entry.
-    pub tier: Tier,
-    /// Number of runs.
-    pub runs: u32,
-}
 
 /// An entry as it is now, with as much of its result as the feedback of its tier allows.
 #[derive(Debug)]
@@ -61,7 +47,8 @@ pub struct RegisteredEntry {
     pub is_replayed: bool,
 }
 
-/// Registers an entry before any instance is seen.
+/// Registers an entry before any instance is seen. The draft is `None` if its body is no object; `faults` holds the
+/// faults of the body.
 ///
 /// # Errors
 /// Returns all faults of the entry, a conflict if the rules of the epoch do not allow it, and a refusal if the caller
@@ -70,49 +57,42 @@ pub async fn register_entry(
     app: &App,
     caller: &Caller,
     epoch: &str,
-    posted: &PostedEntry,
+    draft: Option<NewEntryBody>,
+    faults: Faults,
     once: Option<&IdempotencyKey>,
 ) -> AppResult<RegisteredEntry> {
     caller.require(Scope::Submit)?;
     let epoch = stored_epoch(app, epoch).await?;
-    let agent = posted.agent.trim();
-    let faults = faults_of(posted, agent);
-    if !faults.is_empty() {
+    let (
+        Some(NewEntryBody {
+            agent: Some(agent),
+            configuration_sha256: Some(configuration_hash),
+            tier: Some(tier),
+            runs: Some(runs),
+        }),
+        true,
+    ) = (draft, faults.is_empty())
+    else {
         return Err(AppError::faulty(faults));
-    }
+    };
     let id = Uuid::now_v7().to_string();
     let new = NewEntry {
         id: &id,
         epoch_id: epoch.id(),
         owner: caller.owner().unwrap_or_default(),
-        agent,
-        configuration_hash: &posted.configuration_sha256,
-        tier: posted.tier,
-        runs: posted.runs,
+        agent: agent.trim(),
+        configuration_hash: &configuration_hash,
+        tier,
+        runs: u32::try_from(runs).expect("the body's reader bounds the number of runs"),
     };
     let (registered, is_replayed) = match app.store.register_entry(&new, once, decide_registration, now_ms()).await? {
         Registered::New => (id, false),
         Registered::Repeated(before) => (before, true),
         Registered::KeyUsedOtherwise => return Err(key_reused()),
-        Registered::Refused(refusal) => return Err(refused(&refusal, posted.tier, &epoch)),
+        Registered::Refused(refusal) => return Err(refused(&refusal, tier, &epoch)),
     };
     let receipt = given(app.store.receipt_of_entry(&registered).await?.as_deref())?;
     Ok(RegisteredEntry { entry: entry(app, &registered).await?, receipt, is_replayed })
-}
-
-fn faults_of(posted: &PostedEntry, agent: &str) -> Faults {
-    let mut faults = Faults::new();
-    if agent.is_empty() || agent.chars().count() > LIMITS.agent_chars {
-        faults.add_at("agent", format!("expected 1 to {} characters", LIMITS.agent_chars));
-    }
-    let has_upper = posted.configuration_sha256.bytes().any(|byte| byte.is_ascii_uppercase());
-    if has_upper || unhex::<32>(&posted.configuration_sha256).is_none() {
-        faults.add_at("configuration_sha256", "expected 64 lower-case hexadecimal digits");
-    }
-    if posted.runs == 0 || posted.runs > LIMITS.entry_runs {
-        faults.add_at("runs", format!("expected 1 to {}", LIMITS.entry_runs));
-    }
-    faults
 }
 
 /// Creates the conflict for an entry that may not be registered.

@@ -18,6 +18,7 @@ use crate::app::replay::run_code;
 use crate::app::submissions::decision::decide_all;
 use crate::app::submissions::posted::Format;
 use crate::clock::{now_ms, rfc3339};
+use crate::near::{agreeing, counted};
 use crate::store::epochs::HIDDEN_SUITE;
 use crate::store::hidden_answers::{AnswerRefusal, Answered, NewAnswer};
 use crate::store::instances::InstanceRow;
@@ -190,14 +191,17 @@ async fn refused(app: &App, refusal: AnswerRefusal, instance: &InstanceRow) -> A
 fn check_form(log: &BlockLog, task: &Task, faults: &mut Faults) {
     if log.turns.len() != task.turns.len() {
         let (found, wanted) = (log.turns.len(), task.turns.len());
-        faults.add_at("turns", format!("found {found} turns; expected {wanted}, one for each prompt"));
+        faults.add_at("turns", format!("found {}; expected {wanted}, one for each prompt", counted(found, "turn")));
         return;
     }
     let most = LIMITS.blocks_with_stress;
     if log.event_count() > most
         && let Some(blocks) = Replay::new(log).map(|structure| structure.len()).find(|blocks| *blocks > most)
     {
-        faults.add_at("turns", format!("{blocks} blocks stand after a turn; at most {most} are allowed"));
+        faults.add_at(
+            "turns",
+            format!("{} after a turn; at most {most} are allowed", agreeing(blocks, "block stands", "blocks stand")),
+        );
     }
 }
 

@@ -4,6 +4,7 @@ pub mod acceptance;
 pub mod allocation;
 pub mod answer;
 pub mod boards;
+pub mod body;
 pub mod budget;
 pub mod completion;
 pub mod draw;

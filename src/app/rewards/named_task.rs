@@ -5,6 +5,7 @@ use serde_json::{Map, Value};
 
 use crate::app::limits::LIMITS;
 use crate::app::submissions::posted::{TaskRef, TaskShape};
+use crate::near::counted;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::tolerant::{Scalar, Shape};
 use plumbline_engine::tasks::published::read_checks;
@@ -118,7 +119,7 @@ fn inline_task(object: &Map<String, Value>, faults: &mut Faults) -> Task {
     match object.get("turns").and_then(Value::as_array) {
         None => faults.add("expected a list of turns, each with \"checks\""),
         Some(list) if list.is_empty() || list.len() > LIMITS.turns => {
-            faults.add(format!("{} turns; expected 1 to {}", list.len(), LIMITS.turns));
+            faults.add(format!("{}; expected 1 to {}", counted(list.len(), "turn"), LIMITS.turns));
         }
         Some(list) => {
             for (i, turn) in list.iter().enumerate() {
@@ -130,7 +131,7 @@ fn inline_task(object: &Map<String, Value>, faults: &mut Faults) -> Task {
     }
     let (checks, most) = (turns.iter().map(|turn| turn.checks.len()).sum::<usize>(), LIMITS.grade_inline_checks_in_all);
     if checks > most {
-        faults.add(format!("{checks} checks in all; at most {most} are allowed"));
+        faults.add(format!("{} in all; at most {most} are allowed", counted(checks, "check")));
     }
     if faults.total() == before && turns.iter().all(|turn| turn.checks.is_empty()) {
         faults.add("a task needs a check; one without any would be passed by every log");
@@ -167,7 +168,8 @@ fn inline_turn(turn: &Value, faults: &mut Faults) -> Instruction {
     }
     let checks = read_checks(&checks, faults);
     if checks.len() > LIMITS.grade_inline_checks {
-        faults.add(format!("{} checks; at most {} are allowed", checks.len(), LIMITS.grade_inline_checks));
+        let found = counted(checks.len(), "check");
+        faults.add(format!("{found}; at most {} are allowed", LIMITS.grade_inline_checks));
     }
     faults.leave();
     Instruction::new(prompt, checks)

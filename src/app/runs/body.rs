@@ -1,13 +1,15 @@
-//! The body that creates a run.
+//! The bodies that create and finish a run.
 
+use serde::de::SeqAccess;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::app::body::values::{Json, Parsed};
-use crate::app::body::{name, request_body};
+use crate::app::body::{agent_name, name, request_body};
 use crate::app::limits::LIMITS;
+use crate::app::submissions::posted::{TaskRef, TaskShape};
 use plumbline_engine::intake::Faults;
-use plumbline_engine::intake::tolerant::Text;
+use plumbline_engine::intake::tolerant::{Read, Scalar, Shape};
 
 request_body! {
     /// Body that creates a run.
@@ -26,14 +28,6 @@ request_body! {
         provenance: RunProvenance = optional(|faults| Parsed { text: name(faults), parse: RunProvenance::named }),
     }
     unknown: |_| "unknown field; a run has agent, suite, metadata and provenance"
-}
-
-fn agent_name(faults: &mut Faults) -> Parsed<'_, String> {
-    let parse = |name: &str| match name.trim() {
-        "" => Err("expected a name that does not only consist of spaces".to_owned()),
-        _ => Ok(name.to_owned()),
-    };
-    Parsed { text: Text { faults, min_chars: 1, max_chars: LIMITS.agent_chars }, parse }
 }
 
 fn read_metadata(value: &Value, faults: &mut Faults) -> Option<Value> {
@@ -73,5 +67,83 @@ impl RunProvenance {
     fn named(name: &str) -> Result<Self, String> {
         let found = Self::ALL.into_iter().find(|known| known.name() == name);
         found.ok_or_else(|| format!("expected one of {}", Self::ALL.map(Self::name).join(", ")))
+    }
+}
+
+request_body! {
+    /// Body that finishes a run.
+    #[derive(Default)]
+    #[schema(example = json!({ "skip": "unanswered" }))]
+    pub struct FinishBody: "an object with \"skip\"" {
+        /// Tasks that are skipped on purpose. They count as failed, and as covered: a run that covers too little of its
+        /// suite is not compared with others on the board.
+        #[schema(value_type = Option<SkipBody>)]
+        skip: SkipRequest = optional(|faults| SkipShape { faults }),
+    }
+    unknown: |_| "unknown field; the body has only skip"
+}
+
+/// Tasks that a run skips.
+#[derive(Debug, utoipa::ToSchema)]
+#[serde(untagged)]
+pub enum SkipBody {
+    /// All tasks without a submission.
+    All(SkipAll),
+    /// The listed tasks.
+    Tasks(Vec<TaskRef>),
+}
+
+/// Name for all tasks without a submission.
+#[derive(Debug, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SkipAll {
+    /// Tasks without a submission.
+    Unanswered,
+}
+
+/// Tasks that a run skips on purpose.
+#[derive(Debug)]
+pub enum SkipRequest {
+    /// All tasks without a submission.
+    Unanswered,
+    /// The listed tasks; none where an item of the list is faulty.
+    Tasks(Vec<Option<TaskRef>>),
+}
+
+/// Shape of the tasks that a run skips: a word for all that are unanswered, or a list.
+struct SkipShape<'f> {
+    faults: &'f mut Faults,
+}
+
+impl<'de> Shape<'de> for SkipShape<'_> {
+    type Out = SkipRequest;
+
+    fn wanted(&self) -> &'static str {
+        "\"unanswered\", or a list of tasks"
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn scalar(self, value: &Scalar<'_>) -> Option<SkipRequest> {
+        if *value == Scalar::Text("unanswered") {
+            return Some(SkipRequest::Unanswered);
+        }
+        self.faults.add(format!("expected {}, found {value}", self.wanted()));
+        None
+    }
+
+    fn array<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Option<SkipRequest>, A::Error> {
+        let faults = self.faults;
+        let mut tasks = Vec::new();
+        loop {
+            faults.enter_index(tasks.len());
+            let task = elements.next_element_seed(Read(TaskShape { faults }))?;
+            faults.leave();
+            let Some(task) = task else { break };
+            tasks.push(task);
+        }
+        Ok(Some(SkipRequest::Tasks(tasks)))
     }
 }

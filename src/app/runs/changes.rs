@@ -1,46 +1,49 @@
 //! Ending a run: finishing it, with the tasks that it skips, or deleting it while it is open.
 
+use super::body::{FinishBody, SkipRequest};
 use super::read::stored;
 use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
 use crate::app::submissions::posted::TaskRef;
 use crate::clock::now_ms;
+use crate::near::{agreeing, counted};
 use crate::store::keys::Scope;
 use crate::store::run_rows::{RunRow, Skip};
 use crate::store::runs::RunChanged;
 use plumbline_engine::intake::Faults;
+use plumbline_engine::tasks::catalogue::Entry;
 
-/// Tasks that a run skips on purpose.
-#[derive(Debug)]
-pub enum SkipRequest {
-    /// All tasks without a submission.
-    Unanswered,
-    /// The listed tasks.
-    Tasks(Vec<TaskRef>),
-}
-
-/// Finishes a run: accepts no more submissions, and records the tasks that it skips. Returns the run.
+/// Finishes a run: accepts no more submissions, and records the tasks that it skips. Returns the run. The draft is
+/// `None` if its body is no object; `faults` holds the faults of the body so far.
 ///
 /// # Errors
-/// Returns an error if there is no such run, if it belongs to another owner, if it is not open any more, or if tasks
-/// cannot be skipped.
-pub async fn finish(app: &App, caller: &Caller, id: &str, skip: Option<SkipRequest>) -> AppResult<RunRow> {
+/// Returns an error if there is no such run, if it belongs to another owner, if it is not open any more, or all faults
+/// of the body, with the tasks that cannot be skipped.
+pub async fn finish(
+    app: &App,
+    caller: &Caller,
+    id: &str,
+    draft: Option<FinishBody>,
+    mut faults: Faults,
+) -> AppResult<RunRow> {
     let run = own_run(app, caller, id).await?;
-    let skip = match skip {
-        None => None,
-        Some(SkipRequest::Unanswered) => Some(Skip::Unanswered),
-        Some(SkipRequest::Tasks(tasks)) => Some(Skip::Tasks(numbers_of(app, &run, &tasks).await?)),
+    let entry = app.suite(&run.suite_id).await?;
+    let asked = draft.and_then(|body| body.skip);
+    // Number of the task that each item of the list names.
+    let named = match &asked {
+        Some(SkipRequest::Tasks(tasks)) => find_tasks(tasks, &entry, &mut faults),
+        _ => Vec::new(),
     };
+    if !faults.is_empty() {
+        return Err(AppError::faulty(faults));
+    }
+    let skip = asked.map(|asked| match asked {
+        SkipRequest::Unanswered => Skip::Unanswered,
+        SkipRequest::Tasks(_) => Skip::Tasks(sorted(&named)),
+    });
     match app.store.finish_run(id, skip.as_ref(), now_ms()).await? {
-        RunChanged::Answered(numbers) => {
-            let mut faults = Faults::new();
-            let entry = app.suite(&run.suite_id).await?;
-            let ids = numbers.iter().filter_map(|number| Some(entry.task_numbered(*number)?.0.id.as_str()));
-            let ids: Vec<&str> = ids.collect();
-            faults.add_at("skip", format!("already answered, so they cannot be skipped: {}", ids.join(", ")));
-            Err(AppError::faulty(faults))
-        }
+        RunChanged::Answered(answered) => Err(AppError::faulty(faults_of_answered(&named, &answered, &entry))),
         changed => {
             refuse_unless_done(&changed, id)?;
             stored(app, id).await
@@ -67,27 +70,49 @@ async fn own_run(app: &App, caller: &Caller, id: &str) -> AppResult<RunRow> {
     Ok(run)
 }
 
-/// Returns the numbers of the named tasks, sorted and without repetitions.
-async fn numbers_of(app: &App, run: &RunRow, tasks: &[TaskRef]) -> AppResult<Vec<u32>> {
-    let entry = app.suite(&run.suite_id).await?;
-    let mut faults = Faults::new();
+/// Finds the listed tasks, and returns the number of each. Adds a fault for each item that names no task.
+fn find_tasks(tasks: &[Option<TaskRef>], entry: &Entry, faults: &mut Faults) -> Vec<Option<u32>> {
+    let most = entry.suite.tasks.len();
     faults.enter_key("skip");
-    if tasks.len() > entry.suite.tasks.len() {
-        faults.add(format!("{} tasks; {} has {}", tasks.len(), entry.suite.id(), entry.suite.tasks.len()));
-        return Err(AppError::faulty(faults));
+    if tasks.len() > most {
+        faults.add(format!("{}; {} has {most}", counted(tasks.len(), "task"), entry.suite.id()));
     }
-    let mut numbers = Vec::with_capacity(tasks.len());
-    for (i, task) in tasks.iter().enumerate() {
+    let mut numbers = Vec::new();
+    // A body may list millions of tasks. Those far beyond the maximum are not looked up.
+    for (i, task) in tasks.iter().take(2 * most).enumerate() {
         faults.enter_index(i);
-        match task.find_in(&entry) {
-            Ok(number) => numbers.push(number),
-            Err(why) => faults.add(why),
-        }
+        let found = task.as_ref().map(|task| task.find_in(entry));
+        numbers.push(found.and_then(|found| found.map_err(|why| faults.add(why)).ok()));
         faults.leave();
     }
+    faults.leave();
+    numbers
+}
+
+/// Returns the numbers of tasks, sorted and without repetitions.
+fn sorted(named: &[Option<u32>]) -> Vec<u32> {
+    let mut numbers: Vec<u32> = named.iter().flatten().copied().collect();
     numbers.sort_unstable();
     numbers.dedup();
-    if faults.is_empty() { Ok(numbers) } else { Err(AppError::faulty(faults)) }
+    numbers
+}
+
+/// Returns a fault for each item of the list that names an answered task.
+fn faults_of_answered(named: &[Option<u32>], answered: &[u32], entry: &Entry) -> Faults {
+    let mut faults = Faults::new();
+    faults.enter_key("skip");
+    for (i, number) in named.iter().enumerate() {
+        let Some(number) = number.filter(|number| answered.contains(number)) else { continue };
+        let (task, _) = entry.task_numbered(number).expect("the number was taken from this suite");
+        faults.enter_index(i);
+        faults.add(format!("{:?} is already answered, so it cannot be skipped", task.id));
+        faults.leave();
+    }
+    // Without a list, there is no item to point to.
+    if faults.is_empty() {
+        faults.add(format!("{} already answered", agreeing(answered.len(), "task was", "tasks were")));
+    }
+    faults
 }
 
 fn refuse_unless_done(changed: &RunChanged, id: &str) -> AppResult<()> {

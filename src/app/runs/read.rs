@@ -4,13 +4,14 @@ use std::sync::Arc;
 
 use crate::app::App;
 use crate::app::access::Caller;
-use crate::app::error::{AppError, AppResult};
+use crate::app::error::{AppError, AppResult, FaultBody};
 use crate::app::paging::{Page, page_items};
-use crate::clock::milliseconds;
+use crate::clock::{DAY_MS, day_ms, milliseconds};
 use crate::store::run_rows::RunRow;
 use crate::store::runs::RunsWanted;
 use crate::store::states::RunState;
 use crate::store::submissions::SubmissionRow;
+use plumbline_engine::intake::Faults;
 use plumbline_engine::tasks::catalogue::Entry;
 
 /// Filter for listing runs, and the page.
@@ -24,9 +25,9 @@ pub struct RunFilter {
     pub agent: Option<String>,
     /// Whether to list only runs of the caller's owner.
     pub mine: bool,
-    /// Earliest time of creation, inclusive (RFC 3339).
+    /// Earliest time of creation, inclusive (RFC 3339), or a date, which stands for the beginning of that day in UTC.
     pub since: Option<String>,
-    /// Latest time of creation, exclusive (RFC 3339).
+    /// Latest time of creation, exclusive (RFC 3339), or a date, which stands for the end of that day in UTC.
     pub until: Option<String>,
     /// Run before whose creation the page begins.
     pub after: Option<String>,
@@ -51,51 +52,68 @@ pub async fn stored(app: &App, id: &str) -> AppResult<RunRow> {
     app.store.run(id).await?.ok_or_else(|| AppError::not_found(format!("there is no run {id:?}")))
 }
 
-/// Lists runs, latest first. The caller is needed only to list the caller's own runs.
+/// Lists runs, latest first. The caller is needed only to list the caller's own runs. `faults` holds the faults of the
+/// parameters that could not be read.
 ///
 /// # Errors
-/// Returns an error if a parameter is invalid, if the caller's runs are wanted and the caller is unknown, or if the
-/// database fails.
-pub async fn list(app: &App, caller: AppResult<Caller>, filter: RunFilter) -> AppResult<Page<RunRow>> {
-    let items = page_items(filter.limit, 100)?;
-    let owner = if filter.mine {
-        let owner = caller?.owner().map(str::to_owned);
-        let unknown = || AppError::wrong_parameter("mine", "no key was sent, so the owner is unknown");
-        Some(owner.ok_or_else(unknown)?)
-    } else {
-        None
-    };
+/// Returns all faults of the parameters, or an error if the caller's runs are wanted and the caller is unknown, or if
+/// the database fails.
+pub async fn list(
+    app: &App,
+    caller: AppResult<Caller>,
+    filter: RunFilter,
+    mut faults: Vec<FaultBody>,
+) -> AppResult<Page<RunRow>> {
+    let mut owner = None;
+    if filter.mine {
+        owner = caller?.owner().map(str::to_owned);
+        if owner.is_none() {
+            faults.push(FaultBody::of_parameter("mine", "no key was sent, so the owner is unknown"));
+        }
+    }
+    let items = page_items(filter.limit, 100).unwrap_or_else(|error| {
+        faults.extend_from_slice(error.faults());
+        0
+    });
     if let Some(suite) = filter.suite.as_deref()
         && app.find_suite(suite).await?.is_none()
     {
         let detail = format!("there is no suite {suite:?}; /v1/suites lists them");
-        return Err(AppError::wrong_parameter("suite", detail));
+        faults.push(FaultBody::of_parameter("suite", detail));
     }
     if let Some(after) = filter.after.as_deref()
         && app.store.run(after).await?.is_none()
     {
-        return Err(AppError::wrong_parameter("after", format!("there is no run {after:?}")));
+        faults.push(FaultBody::of_parameter("after", format!("there is no run {after:?}")));
+    }
+    let since_ms = filter.since.and_then(|text| time("since", &text, day_ms(&text), &mut faults));
+    // A date includes its whole day.
+    let until_ms =
+        filter.until.and_then(|text| time("until", &text, day_ms(&text).map(|day| day + DAY_MS), &mut faults));
+    if !faults.is_empty() {
+        faults.truncate(Faults::KEPT);
+        return Err(AppError::invalid_query(faults));
     }
     let wanted = RunsWanted {
         state: filter.state,
         suite_id: filter.suite,
         agent: filter.agent,
         owner,
-        since_ms: time("since", filter.since.as_deref())?,
-        until_ms: time("until", filter.until.as_deref())?,
+        since_ms,
+        until_ms,
         after: filter.after,
     };
     Ok(Page::of(app.store.runs(&wanted, items as i64 + 1).await?, items))
 }
 
-fn time(name: &str, text: Option<&str>) -> AppResult<Option<i64>> {
-    let read = |text: &str| {
-        milliseconds(text).ok_or_else(|| {
-            let detail = format!("{text:?} is not a time (RFC 3339, such as 2026-11-22T00:00:00Z)");
-            AppError::wrong_parameter(name, detail)
-        })
-    };
-    text.map(read).transpose()
+/// Reads a time; `of_date` is the time that the text stands for if it is a date. Adds a fault if it is neither.
+fn time(name: &str, text: &str, of_date: Option<i64>, faults: &mut Vec<FaultBody>) -> Option<i64> {
+    let time = milliseconds(text).or(of_date);
+    if time.is_none() {
+        let detail = format!("{text:?} is neither an RFC 3339 time, such as 2026-11-22T00:00:00Z, nor a date");
+        faults.push(FaultBody::of_parameter(name, detail));
+    }
+    time
 }
 
 /// Lists the submissions of a run by task number, from the one after `after`.

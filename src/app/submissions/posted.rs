@@ -4,7 +4,7 @@ use super::log_member::{stored_log, turns};
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::body::{name, read_body, request_body};
 use crate::app::limits::LIMITS;
-use crate::near::did_you_mean;
+use crate::near::{agreeing, counted, did_you_mean};
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::SentLog;
@@ -220,8 +220,8 @@ impl Shape<'_> for TaskShape<'_> {
 pub fn check_against_task(log: &BlockLog, task: &Task, faults: &mut Faults) {
     if log.turns.len() != task.turns.len() {
         let (found, wanted) = (log.turns.len(), task.turns.len());
-        let detail =
-            format!("{found} turns; the task has {wanted} (a turn in which nothing was done is {{\"events\": []}})");
+        let found = counted(found, "turn");
+        let detail = format!("{found}; the task has {wanted} (a turn in which nothing was done is {{\"events\": []}})");
         faults.add_at("turns", detail);
         return;
     }
@@ -232,7 +232,8 @@ pub fn check_against_task(log: &BlockLog, task: &Task, faults: &mut Faults) {
     if placed > most
         && let Some(blocks) = Replay::new(log).map(|structure| structure.len()).find(|blocks| *blocks > most)
     {
+        let stand = agreeing(blocks, "block stands", "blocks stand");
         let kind = if has_stress { " of a task with a stress simulation" } else { "" };
-        faults.add_at("turns", format!("{blocks} blocks stand after a turn{kind}; at most {most} are allowed"));
+        faults.add_at("turns", format!("{stand} after a turn{kind}; at most {most} are allowed"));
     }
 }

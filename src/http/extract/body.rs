@@ -14,6 +14,7 @@ use serde_json::{Map, Value, json};
 use serde_path_to_error::Segment;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
+use crate::app::body::{self, read_body};
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::limits::LIMITS;
 use crate::app::submissions::posted::Format;
@@ -82,6 +83,25 @@ impl OptionalFromRequest<AppState> for JsonBody {
             return Ok(None);
         }
         <Self as FromRequest<AppState>>::from_request(request, state).await.map(Some)
+    }
+}
+
+/// Reads a body that `request_body!` declares, with the faults found so far, to which the use case adds its own. The
+/// draft is `None` if the body is no object.
+///
+/// # Errors
+/// Returns an error if the body is NDJSON (415), in which case `hint` says what to send instead, or is not JSON (400).
+pub fn read_draft<B: body::Body>(body: &JsonBody, hint: &str) -> AppResult<(Option<B>, Faults)> {
+    if body.format == Format::NdJson {
+        return Err(AppError::not_ndjson(hint));
+    }
+    let mut faults = Faults::new();
+    match read_body(&body.bytes, &mut faults) {
+        Ok(draft) => Ok((draft, faults)),
+        Err(error) => {
+            faults.add(why_not_json(&body.bytes, &error));
+            Err(AppError::malformed(faults))
+        }
     }
 }
 
@@ -188,8 +208,6 @@ fn add_fault(error: &DataError, faults: &mut Faults) {
         faults.add_at(name, "missing");
     } else if told.starts_with("unknown variant") {
         faults.add(format!("{name:?} is not one of {}{}", known.join(", "), did_you_mean(name, known.iter().copied())));
-    } else if told.contains("untagged enum SkipBody") {
-        faults.add("expected \"unanswered\", or a list of tasks");
     } else {
         faults.add(reworded(told));
     }

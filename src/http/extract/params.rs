@@ -21,6 +21,34 @@ impl<S: Sync, T: DeserializeOwned> FromRequestParts<S> for Params<T> {
     }
 }
 
+/// Extractor for parameters that are all optional: those that could be read, and the faults of the others, to which the
+/// use case adds its own.
+#[derive(Debug, Clone, Default)]
+pub struct SoundParams<T>(pub T, pub Vec<FaultBody>);
+
+impl<S: Sync, T: DeserializeOwned> FromRequestParts<S> for SoundParams<T> {
+    type Rejection = AppError;
+
+    async fn from_request_parts(parts: &mut Parts, _state: &S) -> AppResult<Self> {
+        read_sound(parts.uri.query().unwrap_or_default())
+    }
+}
+
+/// Reads the parameters of a query string that are sound, and the faults of the others.
+///
+/// # Errors
+/// Returns an error (400) if a parameter is missing or repeated.
+fn read_sound<T: DeserializeOwned>(query: &str) -> AppResult<SoundParams<T>> {
+    if let Ok(value) = serde_urlencoded::from_str(query) {
+        return Ok(SoundParams(value, Vec::new()));
+    }
+    let (faults, sound) = apart::<T>(query);
+    match serde_urlencoded::from_str(&sound) {
+        Ok(value) if !faults.is_empty() => Ok(SoundParams(value, faults)),
+        _ => Err(read::<T>(query).err().unwrap_or_else(|| AppError::invalid_query(faults))),
+    }
+}
+
 /// Reads the parameters of a query string.
 ///
 /// # Errors
@@ -30,23 +58,33 @@ pub fn read<T: DeserializeOwned>(query: &str) -> AppResult<T> {
         Ok(value) => return Ok(value),
         Err(error) => error.to_string(),
     };
-    // Reads each parameter alone to find the invalid ones; missing and repeated parameters show only in the whole
-    // query.
-    let mut faults = Vec::new();
-    for (name, value) in form_urlencoded::parse(query.as_bytes()).take(LIMITS.query_parameters) {
-        let alone = form_urlencoded::Serializer::new(String::new()).append_pair(&name, &value).finish();
-        if let Err(error) = serde_urlencoded::from_str::<T>(&alone) {
-            let detail = error.to_string();
-            if faults.len() < Faults::KEPT && !detail.starts_with("missing field") {
-                faults.push(fault(&name, &value, &detail));
-            }
-        }
-    }
+    let (mut faults, _) = apart::<T>(query);
     if faults.is_empty() {
         let name = whole.split('`').nth(1).unwrap_or_default().to_owned();
         faults.push(fault(&name, "", &whole));
     }
     Err(AppError::invalid_query(faults))
+}
+
+/// Tells the faulty parameters of a query string from the sound ones, and returns the faults of the former and a query
+/// string of the latter. Reads each parameter alone; missing and repeated parameters show only in the whole query.
+fn apart<T: DeserializeOwned>(query: &str) -> (Vec<FaultBody>, String) {
+    let mut faults = Vec::new();
+    let mut sound = form_urlencoded::Serializer::new(String::new());
+    for (name, value) in form_urlencoded::parse(query.as_bytes()).take(LIMITS.query_parameters) {
+        let alone = form_urlencoded::Serializer::new(String::new()).append_pair(&name, &value).finish();
+        match serde_urlencoded::from_str::<T>(&alone).map_err(|error| error.to_string()) {
+            Err(detail) if !detail.starts_with("missing field") => {
+                if faults.len() < Faults::KEPT {
+                    faults.push(fault(&name, &value, &detail));
+                }
+            }
+            _ => {
+                sound.append_pair(&name, &value);
+            }
+        }
+    }
+    (faults, sound.finish())
 }
 
 fn fault(name: &str, value: &str, detail: &str) -> FaultBody {
@@ -71,7 +109,7 @@ fn fault(name: &str, value: &str, detail: &str) -> FaultBody {
         reworded(detail)
     };
     let name: String = name.chars().take(100).collect();
-    FaultBody { line: None, pointer: String::new(), parameter: Some(name), detail }
+    FaultBody::of_parameter(name, detail)
 }
 
 #[cfg(test)]
@@ -116,5 +154,20 @@ mod tests {
         );
         assert_eq!(faults("limit=1"), ["run: missing field `run`"]);
         assert_eq!(faults("run=1&run=2"), ["run: duplicate field `run`"]);
+    }
+
+    #[test]
+    fn sound_parameters_are_read_beside_faulty_ones() {
+        #[derive(Debug, Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct Optional {
+            since: Option<String>,
+            limit: Option<u32>,
+        }
+
+        let SoundParams(Optional { since, limit }, faults) = read_sound("since=once&limit=x&limits=2").unwrap();
+        let named: Vec<_> = faults.iter().filter_map(|fault| fault.parameter.as_deref()).collect();
+        assert_eq!((since.as_deref(), limit, named), (Some("once"), None, vec!["limit", "limits"]));
+        assert!(read_sound::<Optional>("since=once&since=twice").is_err());
     }
 }

@@ -2,28 +2,16 @@
 
 use axum::Json;
 use axum::extract::{Path, State};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::instances::InstanceBody;
 use crate::app::access::Caller;
 use crate::app::error::AppResult;
+use crate::app::hidden::body::NewDrawBody;
 use crate::app::hidden::draws::draw_run;
-use crate::http::extract::body::{JsonBody, read_json};
+use crate::http::extract::body::{JsonBody, read_draft};
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
-
-/// Request to draw the instances of a run.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-#[schema(example = json!({ "run": 1, "nonce": "8c1f0d3e5b7a4f6d9e2c" }))]
-pub struct NewDraw {
-    /// Number of the run within the entry, from 1.
-    #[schema(minimum = 1)]
-    run: u32,
-    /// Random characters chosen by the client. The draw depends on the nonce and on the epoch's key, so neither side
-    /// alone can control it.
-    nonce: String,
-}
 
 /// Instances of a run.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -38,7 +26,7 @@ pub struct InstanceList {
     post, path = "/v1/entries/{id}/instances", operation_id = "create_instances", tag = "hidden evaluation",
     summary = "Draw a run's instances",
     params(("id" = String, Path, description = "The entry's id")),
-    request_body(content = NewDraw, content_type = "application/json"),
+    request_body(content = NewDrawBody, content_type = "application/json"),
     responses(
         (status = 200, description = "The instances, with their prompts but without their checks", body = InstanceList,
          example = json!({ "instances": [{ "id": "5f0c…", "prompts": ["You stand at (0, 0, 0) …"], "expires_at": "2026-11-22T10:00:00.000Z" }] })),
@@ -52,7 +40,7 @@ pub async fn create_instances(
     body: JsonBody,
 ) -> AppResult<Json<InstanceList>> {
     caller.require(Scope::Submit)?;
-    let new: NewDraw = read_json(&body)?;
-    let instances = draw_run(&state, &caller, &id, new.run, &new.nonce).await?;
+    let (draft, faults) = read_draft::<NewDrawBody>(&body, "draw one run per request")?;
+    let instances = draw_run(&state, &caller, &id, draft, faults).await?;
     Ok(Json(InstanceList { instances: instances.into_iter().map(InstanceBody::from).collect() }))
 }

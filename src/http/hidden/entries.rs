@@ -4,38 +4,20 @@ use axum::Json;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use serde_json::Value;
 
 use crate::app::access::Caller;
 use crate::app::error::AppResult;
-use crate::app::hidden::entries::{self, EntryStatus, PostedEntry, RegisteredEntry};
+use crate::app::hidden::body::NewEntryBody;
+use crate::app::hidden::entries::{self, EntryStatus, RegisteredEntry};
 use crate::clock::rfc3339;
-use crate::http::extract::body::{JsonBody, read_json};
+use crate::http::extract::body::{JsonBody, read_draft};
 use crate::http::extract::idempotency;
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use plumbline_engine::hidden::evidence::GivenReceipt;
 use plumbline_engine::hidden::feedback::Tier;
-
-/// Request to register an entry.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-#[schema(example = json!({ "agent": "my-agent 1.2", "tier": "official", "runs": 2,
-                           "configuration_sha256": "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08" }))]
-pub struct NewEntryBody {
-    /// Name of the evaluated agent, as shown on boards.
-    #[schema(min_length = 1)]
-    agent: String,
-    /// SHA-256 of everything that determines the agent: weights, prompts, sampling. Keep the hashed data.
-    #[schema(pattern = "^[0-9a-f]{64}$")]
-    configuration_sha256: String,
-    /// `dev` or `official`. The open tier, with full feedback, is the public suite: use `POST /v1/runs`.
-    tier: Tier,
-    /// Number of runs; each has its own draw.
-    #[schema(minimum = 1)]
-    runs: u32,
-}
 
 /// An entry, with as much of its result as the feedback of its tier allows.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -133,16 +115,10 @@ pub async fn create_entry(
 ) -> AppResult<Response> {
     caller.require(Scope::Submit)?;
     let underway = state.in_flight.begin(&headers, &caller, &format!("create_entry {epoch}"), &body.bytes)?;
-    let new: NewEntryBody = read_json(&body)?;
-    let new = PostedEntry {
-        agent: new.agent,
-        configuration_sha256: new.configuration_sha256,
-        tier: new.tier,
-        runs: new.runs,
-    };
+    let (draft, faults) = read_draft::<NewEntryBody>(&body, "register one entry per request")?;
     let once = underway.as_ref().map(|underway| &underway.once);
     let RegisteredEntry { entry, receipt, is_replayed } =
-        entries::register_entry(&state, &caller, &epoch, &new, once).await?;
+        entries::register_entry(&state, &caller, &epoch, draft, faults, once).await?;
     let body = EntryBody { receipt, ..entry.into() };
     let location = format!("/v1/entries/{}", body.id);
     let mut response = (StatusCode::CREATED, [(header::LOCATION, location)], Json(body)).into_response();

@@ -2,53 +2,16 @@
 
 use axum::Json;
 use axum::extract::{Path, State};
-use serde::Deserialize;
 
 use super::resource::RunBody;
 use crate::app::access::Caller;
 use crate::app::error::AppResult;
-use crate::app::runs::changes::{SkipRequest, delete, finish};
-use crate::app::submissions::posted::TaskRef;
-use crate::http::extract::body::{JsonBody, read_json};
+use crate::app::runs::body::FinishBody;
+use crate::app::runs::changes::{delete, finish};
+use crate::http::extract::body::{JsonBody, read_draft};
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
-
-/// Body that finishes a run.
-#[derive(Debug, Default, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-#[schema(example = json!({ "skip": "unanswered" }))]
-pub struct FinishBody {
-    /// Tasks that are skipped on purpose. They count as failed, and as covered: a run that covers too little of its
-    /// suite is not compared with others on the board.
-    skip: Option<SkipBody>,
-}
-
-/// Tasks that a run skips.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[serde(untagged)]
-pub enum SkipBody {
-    /// All tasks without a submission.
-    All(SkipAll),
-    /// The listed tasks.
-    Tasks(Vec<TaskRef>),
-}
-
-/// Name for all tasks without a submission.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum SkipAll {
-    /// Tasks without a submission.
-    Unanswered,
-}
-
-impl From<SkipBody> for SkipRequest {
-    fn from(skip: SkipBody) -> Self {
-        match skip {
-            SkipBody::All(SkipAll::Unanswered) => Self::Unanswered,
-            SkipBody::Tasks(names) => Self::Tasks(names),
-        }
-    }
-}
+use plumbline_engine::intake::Faults;
 
 /// Declares that no more submissions will come, and which tasks are skipped on purpose. Tasks without a submission
 /// count as failed. The run finishes when all its submissions have been graded. The body is optional.
@@ -70,8 +33,11 @@ pub async fn finish_run(
 ) -> AppResult<Json<RunBody>> {
     // A caller without the scope is refused before the body is read.
     caller.require(Scope::Submit)?;
-    let asked: FinishBody = body.as_ref().map(read_json).transpose()?.unwrap_or_default();
-    Ok(Json(finish(&state, &caller, &id, asked.skip.map(SkipRequest::from)).await?.into()))
+    let (draft, faults) = match &body {
+        Some(body) => read_draft::<FinishBody>(body, "finish one run per request")?,
+        None => (Some(FinishBody::default()), Faults::new()),
+    };
+    Ok(Json(finish(&state, &caller, &id, draft, faults).await?.into()))
 }
 
 /// Deletes a run that is still open. Its pending submissions are cancelled, and only `state=deleted` lists it. Reports

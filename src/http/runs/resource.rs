@@ -8,24 +8,20 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::app::access::Caller;
-use crate::app::body::read_body;
 use crate::app::error::{AppError, AppResult};
 use crate::app::runs::body::{NewRunBody, RunProvenance};
 use crate::app::runs::create::{CreatedRun, create};
 use crate::app::runs::read::{self, RunFilter, SubmissionsOfRun};
-use crate::app::submissions::posted::Format;
 use crate::clock::rfc3339;
-use crate::http::extract::body::JsonBody;
+use crate::http::extract::body::{JsonBody, read_draft};
 use crate::http::extract::idempotency;
-use crate::http::extract::params::Params;
+use crate::http::extract::params::{Params, SoundParams};
 use crate::http::state::AppState;
 use crate::http::submissions::schema::SubmissionBody;
 use crate::store::keys::Scope;
 use crate::store::run_rows::RunRow;
 use crate::store::states::RunState;
 use plumbline_engine::grading::Summary;
-use plumbline_engine::intake::Faults;
-use plumbline_engine::intake::tolerant::why_not_json;
 
 /// A run.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -113,20 +109,10 @@ pub async fn create_run(
     body: JsonBody,
 ) -> AppResult<Response> {
     caller.require(Scope::Submit)?;
-    if body.format == Format::NdJson {
-        return Err(AppError::not_ndjson("create one run per request"));
-    }
     let underway = state.in_flight.begin(&headers, &caller, "create_run", &body.bytes)?;
-    let mut faults = Faults::new();
-    let parsed = match read_body::<NewRunBody>(&body.bytes, &mut faults) {
-        Ok(parsed) => parsed,
-        Err(error) => {
-            faults.add(why_not_json(&body.bytes, &error));
-            return Err(AppError::malformed(faults));
-        }
-    };
+    let (draft, faults) = read_draft::<NewRunBody>(&body, "create one run per request")?;
     let once = underway.as_ref().map(|underway| &underway.once);
-    let CreatedRun { run, is_replayed } = create(&state, &caller, parsed, faults, once).await?;
+    let CreatedRun { run, is_replayed } = create(&state, &caller, draft, faults, once).await?;
     let location = [(header::LOCATION, format!("/v1/runs/{}", run.id))];
     let mut response = (StatusCode::CREATED, location, Json(RunBody::from(run))).into_response();
     if is_replayed {
@@ -206,9 +192,9 @@ pub struct RunPage {
 pub async fn list_runs(
     State(state): State<AppState>,
     caller: Result<Caller, AppError>,
-    Params(query): Params<RunsQuery>,
+    SoundParams(query, faults): SoundParams<RunsQuery>,
 ) -> AppResult<Json<RunPage>> {
-    let page = read::list(&state, caller, query.into()).await?;
+    let page = read::list(&state, caller, query.into(), faults).await?;
     let next_after = page.next(|last| last.id.clone());
     let runs = page.items.into_iter().map(|row| RunBody { summary: None, ..RunBody::from(row) }).collect();
     Ok(Json(RunPage { runs, next_after }))

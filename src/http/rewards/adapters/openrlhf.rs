@@ -12,7 +12,7 @@ use serde_json::{Map, Value};
 
 use super::add_misspelt;
 use crate::app::access::Caller;
-use crate::app::error::{AppError, AppResult, FaultBody};
+use crate::app::error::{AppError, AppResult, FaultBody, Kind};
 use crate::app::limits::LIMITS;
 use crate::app::rewards::judge::judge_in_turn;
 use crate::app::rewards::score::GradeBody;
@@ -239,10 +239,12 @@ fn no_task() -> AppError {
 /// Collects the rewards of all samples.
 ///
 /// # Errors
-/// Returns the first error if no label names a task.
+/// Returns the faults of all labels if none of them names a task.
 fn answer(judged: Vec<Judged>) -> AppResult<Json<Rewards>> {
     let mut rewards = Rewards::default();
-    let is_any_labelled = judged.is_empty() || judged.iter().any(Result::is_ok);
+    if !judged.is_empty() && judged.iter().all(Result::is_err) {
+        return Err(joined(judged.into_iter().filter_map(Result::err).collect()));
+    }
     for (index, one) in judged.into_iter().enumerate() {
         let (reward, overall, mean, is_readable, problem) = match one {
             Ok(graded) => {
@@ -256,7 +258,6 @@ fn answer(judged: Vec<Judged>) -> AppResult<Json<Rewards>> {
                 let problem = why.or(broke).map(|detail| SampleProblem { index, detail, faults: Vec::new() });
                 (graded.reward, f64::from(graded.overall), mean, is_readable, problem)
             }
-            Err(error) if !is_any_labelled => return Err(error),
             Err(error) => {
                 let problem = Problem::from(error);
                 (0.0, 0.0, 0.0, false, Some(SampleProblem { index, detail: problem.detail, faults: problem.faults }))
@@ -272,6 +273,17 @@ fn answer(judged: Vec<Judged>) -> AppResult<Json<Rewards>> {
         rewards.problems.extend(problem);
     }
     Ok(Json(rewards))
+}
+
+/// Joins the errors of labels into one with the faults of all; if none has faults, returns the first.
+fn joined(errors: Vec<AppError>) -> AppError {
+    let mut faults: Vec<FaultBody> = errors.iter().flat_map(AppError::faults).cloned().collect();
+    let detail = counted(faults.len(), "fault");
+    faults.truncate(Faults::KEPT);
+    match errors.into_iter().next() {
+        Some(first) if faults.is_empty() => first,
+        _ => AppError::new(Kind::InvalidBody, detail).with_fault_list(faults),
+    }
 }
 
 #[cfg(test)]
