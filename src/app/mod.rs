@@ -43,7 +43,7 @@ use stress::StressFields;
 #[derive(Debug)]
 pub struct App {
     /// The database, which only use cases read and write.
-    pub(crate) store: Store,
+    pub(in crate::app) store: Store,
     /// Grader of the logs of requests that wait for the result.
     pub grader: Arc<Grader>,
     /// Recently used keys.

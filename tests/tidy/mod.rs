@@ -28,9 +28,6 @@ const IMPURE: [&str; 9] =
 const CONFINED: [(&str, &[&str]); 3] =
     [("sqlx::", &["src/store/"]), ("axum::", &["src/http/"]), ("askama::", &["src/http/"])];
 
-/// Files of the HTTP layer that still read or write the store themselves; all others call use cases.
-const STORE_IN_HTTP: [&str; 2] = ["src/http/hidden/", "src/http/pages/epochs.rs"];
-
 /// A source file by its path in the repository.
 struct Source {
     name: String,
@@ -108,21 +105,6 @@ fn crates_of_one_room_stay_there() {
                 faults.push(format!("{name} names {word}"));
             }
         }
-    }
-    assert_none(&faults);
-}
-
-#[test]
-fn the_http_layer_leaves_the_store_to_use_cases() {
-    let is_exempt = |name: &str| STORE_IN_HTTP.iter().any(|exempt| name.starts_with(exempt));
-    // Longer names, such as `.stored`, are others.
-    let names_store = |line: &str| {
-        line.split(".store").skip(1).any(|rest| !rest.starts_with(|c: char| c.is_alphanumeric() || c == '_'))
-    };
-    let mut faults = Vec::new();
-    for Source { name, text } in read("src/http").into_iter().filter(|source| !is_exempt(&source.name)) {
-        let lines = without_tests(&text).lines().enumerate().filter(|(_, line)| names_store(line));
-        faults.extend(lines.map(|(i, _)| format!("{name}:{} uses the store", i + 1)));
     }
     assert_none(&faults);
 }

@@ -8,7 +8,6 @@ use serde_json::Value;
 
 use crate::app::catalogue::tasks::{self, FoundTask, TaskFilter};
 use crate::app::error::AppResult;
-pub use crate::app::paging::page_items;
 use crate::http::extract::conditional::tagged_json;
 use crate::http::extract::params::Params;
 use crate::http::state::AppState;

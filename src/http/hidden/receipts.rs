@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::app::error::AppResult;
 use crate::app::hidden::receipts::{self, VerifyingKeys};
-use crate::http::catalogue::tasks::page_items;
+use crate::app::paging::page_items;
 use crate::http::extract::params::Params;
 use crate::http::state::AppState;
 use plumbline_engine::hidden::receipts::{LogPage, ReceiptFile};
