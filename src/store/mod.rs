@@ -2,7 +2,7 @@
 //!
 //! Each change of state is one transaction, and is durable before its function returns. On SQLite one connection
 //! writes and a few others read (WAL, synchronous=FULL). On PostgreSQL transactions take locks where they check before
-//! they write; see [`locks`].
+//! they write (`locks.rs`).
 
 pub mod acceptance;
 pub mod boards;
