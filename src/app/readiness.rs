@@ -8,6 +8,7 @@ use crate::app::App;
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::clock::now_ms;
 use crate::store::Store;
+use crate::store::location::Location;
 
 /// How long a result holds; more frequent probes cost nothing.
 const HOLDS_FOR: Duration = Duration::from_secs(1);
@@ -25,6 +26,26 @@ pub struct Readiness(Mutex<Option<(Instant, Result<(), &'static str>)>>);
 pub async fn check(app: &App) -> AppResult<()> {
     let found = app.readiness.look(&app.store).await;
     found.map_err(|detail| AppError::new(Kind::NotReady, detail).retry_after(1))
+}
+
+/// Returns the secrets that the node lacks: all of them, or keys of epochs that are not over.
+///
+/// # Errors
+/// Returns an error if the database or a file cannot be read.
+pub async fn lacking(app: &App) -> AppResult<Vec<String>> {
+    if app.signer.is_none() {
+        return Ok(vec!["secrets".to_owned()]);
+    }
+    let mut lacking = Vec::new();
+    if matches!(app.store.location(), Location::Server(_)) {
+        let now = now_ms();
+        for epoch in app.store.epochs().await?.iter().filter(|epoch| !epoch.is_over(now)) {
+            if !app.store.secrets().has_epoch(epoch.id()) {
+                lacking.push(format!("key of epoch {}", epoch.id()));
+            }
+        }
+    }
+    Ok(lacking)
 }
 
 impl Readiness {

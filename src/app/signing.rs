@@ -30,10 +30,11 @@ pub async fn signing(store: &Store, replaces: bool) -> anyhow::Result<Signing> {
         let folder = store.secrets().folder().display().to_string();
         let held = store.agree_on_receipt_key(None, false).await?;
         if !store.secrets().has_signer()? {
-            if let Some(public_key) = held {
+            if let Some(public_key) = held.filter(|_| !replaces) {
                 let notice = format!(
                     "this node lacks the secrets of the service: it grades no submissions and issues no hidden \
-                     instances. Share the folder of another node, which holds receipts.key, as {folder} (--secrets)"
+                     instances. Share the folder of another node, which holds receipts.key, as {folder} (--secrets). If no \
+                     node has it any more, start one with --new-receipt-key"
                 );
                 return Ok(Signing { signer: None, public_key, notice: Some(notice) });
             }

@@ -129,7 +129,13 @@ pub fn export_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
         *lines += 1;
         writeln!(file, "{line}")
     };
-    run(export(&args.database.database, write))??;
+    if let Err(error) = run(export(&args.database.database, write))? {
+        // Half an export must not look like a whole one.
+        for (_, path, _) in &files {
+            let _ = std::fs::remove_file(path);
+        }
+        return Err(error.into());
+    }
     for (file, path, lines) in files {
         file.into_inner().map_err(std::io::IntoInnerError::into_error)?.sync_all()?;
         println!("{}: {}", path.display(), counted(lines, "line"));

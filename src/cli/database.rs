@@ -15,7 +15,14 @@ use crate::store::{Store, StoreError, schema};
 #[derive(Debug, Clone, Args)]
 pub struct DatabaseArgs {
     /// Database of the service: a file, or the URL of a PostgreSQL database (`postgres://USER@HOST/NAME`).
-    #[arg(long, global = true, env = "PLUMBLINE_DATABASE", value_name = "FILE|URL", default_value = "plumbline.db")]
+    #[arg(
+        long,
+        global = true,
+        env = "PLUMBLINE_DATABASE",
+        hide_env_values = true,
+        value_name = "FILE|URL",
+        default_value = "plumbline.db"
+    )]
     pub database: Location,
     /// Folder of the keys of epochs and receipts; by default FILE.secrets, or plumbline.secrets for PostgreSQL. All
     /// nodes of a service need the same.
@@ -125,12 +132,22 @@ pub fn migrate(args: &MigrateArgs) -> anyhow::Result<ExitCode> {
 
 /// Moves the rows of a file to a server, and says what moved and what is left to do.
 async fn move_rows(from: &Path, to: &Location) -> anyhow::Result<ExitCode> {
+    if from.to_string_lossy().contains("://") {
+        bail!("--from: expected a SQLite file, found a URL; rows move from a file to a server");
+    }
+    if !from.is_file() {
+        bail!("--from: there is no file {}", from.display());
+    }
     let Some(server) = to.server() else { bail!("--to: expected the URL of a PostgreSQL database, found {to}") };
     for Moved { table, rows, sha256 } in move_to(from, server).await? {
         println!("{table}: {rows} rows, the same in both (SHA-256 {sha256})");
     }
     let secrets = Location::File(from.to_owned()).default_secrets();
     println!("done: every row is in {to}, and the receipts are linked without a gap");
-    println!("give all nodes the folder of secrets, {}, with --secrets", secrets.display());
+    if secrets.is_dir() {
+        println!("give all nodes the folder of secrets, {}, with --secrets", secrets.display());
+    } else {
+        println!("give all nodes the folder of secrets of the service with --secrets; it is not {}", secrets.display());
+    }
     Ok(ExitCode::SUCCESS)
 }

@@ -148,6 +148,10 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
     if store.epoch(&new.name).await?.is_some() {
         bail!("the epoch {:?} already exists", new.name);
     }
+    let signing = signing(store, false).await?;
+    if signing.signer.is_none() {
+        bail!("{}", signing.notice.unwrap_or_default());
+    }
     let key = EpochKey::new(random_key()?);
     let generator = Generator::new()?;
     let strata = generator.strata(&key, new.per_instance);
@@ -168,7 +172,7 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
         runs_per_owner: (new.per_instance * u32::from(new.owner_percent)).div_ceil(100),
         reservation_seconds: new.reservation_seconds,
         budget_bits: new.budget_bits,
-        receipt_key: signing(store, false).await?.public_key,
+        receipt_key: signing.public_key,
     };
     let terms = Terms {
         epoch: new.name.clone(),

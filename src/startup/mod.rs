@@ -129,6 +129,9 @@ impl RunningService {
         };
         let Signing { signer, public_key, notice } = signing(&store, config.new_receipt_key).await?;
         let mut notices: Vec<String> = notice.into_iter().collect();
+        if config.role == Role::WorkOnly && signer.is_none() {
+            anyhow::bail!("{}", notices.concat());
+        }
         let (serving, shared) = config.database.file().map_or((None, None), serving_notice);
         notices.extend(shared);
         notices.extend((config.role == Role::GradeOnly).then(|| GRADE_ONLY.to_owned()));

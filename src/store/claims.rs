@@ -44,18 +44,18 @@ impl Store {
             }
         }
         let Some((lane, Taken { id, attempt, turn, is_far_behind })) = first else { return Ok(Claimed::Nothing) };
-        note_taken(&mut tx, lane, turn).await?;
         if is_far_behind {
             // Whoever died, or was slow, left more than one job behind.
             self.looks.again();
         }
         if attempt > MAX_ATTEMPTS {
             // Its run and owner are locked before its job, so it is given up in a transaction of its own.
+            note_taken(&mut tx, lane, turn).await?;
             commit(tx, "claim (no attempts left)").await?;
             self.give_up(&id, attempt, now_ms).await?;
             return Ok(Claimed::GivenUp);
         }
-        let mut taken = vec![(id, attempt)];
+        let (mut taken, mut last_turn) = (vec![(id, attempt)], turn);
         if lane == Lane::Quick && attempt == 1 {
             let more: Vec<(String, i64, i64)> = query_as(Each {
                 sqlite: "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $1 + $2, lease_ms = $2
@@ -78,9 +78,7 @@ impl Store {
             .bind(is_thorough)
             .fetch_all(&mut tx)
             .await?;
-            if let Some(turn) = more.iter().map(|(_, _, turn)| *turn).max() {
-                note_taken(&mut tx, lane, turn).await?;
-            }
+            last_turn = more.iter().map(|(_, _, turn)| *turn).fold(last_turn, i64::max);
             taken.extend(more.into_iter().map(|(id, attempt, _)| (id, attempt)));
         }
         let mut update = Builder::new("UPDATE submissions SET state = 'grading' WHERE id IN ");
@@ -94,6 +92,8 @@ impl Store {
         );
         select.push_list(taken.iter().map(|(id, _)| id.as_str()));
         let rows = select.build().fetch_all(&mut tx).await?;
+        // Last, because the row of a lane is the same for all: who waits with it lets all others wait.
+        note_taken(&mut tx, lane, last_turn).await?;
         commit(tx, "claim").await?;
         let attempts: HashMap<String, i64> = taken.into_iter().collect();
         let mut claims = Vec::with_capacity(rows.len());

@@ -16,6 +16,12 @@ pub enum StoreError {
     /// The database does not exist.
     #[error("there is no database {0}; `plumbline serve` and `plumbline migrate --create` create one")]
     Missing(Location),
+    /// The database on a server has no tables.
+    #[error("the database {0} has no tables yet; `plumbline serve` and `plumbline migrate --create` make them")]
+    Empty(Location),
+    /// The database is not named in a way that can be read. Says nothing of the name: it may hold a password.
+    #[error("--database: {0}")]
+    Unreadable(String),
     /// The database was written by a newer version of the program.
     #[error(
         "the database {database} was written by a newer plumbline (schema {found}, this one knows up to {known}): use \

@@ -1,5 +1,6 @@
 //! Where a database is: a SQLite file, or a PostgreSQL server.
 
+use std::convert::Infallible;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -11,6 +12,8 @@ use sqlx::postgres::PgConnectOptions;
 pub enum Location {
     /// No database: what a node that only grades needs is in memory.
     Memory,
+    /// Text that names no database, with the reason. The text itself may hold a password and is not kept.
+    Unreadable(String),
     /// SQLite file.
     File(PathBuf),
     /// PostgreSQL database.
@@ -30,7 +33,7 @@ impl Location {
     pub fn file(&self) -> Option<&Path> {
         match self {
             Self::File(file) => Some(file),
-            Self::Memory | Self::Server(_) => None,
+            Self::Memory | Self::Unreadable(_) | Self::Server(_) => None,
         }
     }
 
@@ -39,7 +42,7 @@ impl Location {
     pub fn server(&self) -> Option<&Server> {
         match self {
             Self::Server(server) => Some(server),
-            Self::Memory | Self::File(_) => None,
+            Self::Memory | Self::Unreadable(_) | Self::File(_) => None,
         }
     }
 
@@ -52,7 +55,7 @@ impl Location {
                 name.push(".secrets");
                 name.into()
             }
-            Self::Memory | Self::Server(_) => "plumbline.secrets".into(),
+            Self::Memory | Self::Unreadable(_) | Self::Server(_) => "plumbline.secrets".into(),
         }
     }
 }
@@ -64,28 +67,42 @@ impl From<PathBuf> for Location {
 }
 
 impl FromStr for Location {
-    type Err = String;
+    type Err = Infallible;
 
-    fn from_str(text: &str) -> Result<Self, String> {
-        let Some((scheme, rest)) = text.split_once("://") else { return Ok(Self::File(text.into())) };
-        match scheme {
-            "postgres" | "postgresql" => {
-                let options =
-                    PgConnectOptions::from_str(text).map_err(|error| format!("not a PostgreSQL URL: {error}"))?;
-                let shown = match rest.split_once('@') {
-                    Some((who, place)) => format!("{scheme}://{}@{place}", who.split(':').next().unwrap_or_default()),
-                    None => text.to_owned(),
-                };
-                // Parameters may hold a password, too.
-                let shown = shown.split('?').next().unwrap_or_default().to_owned();
-                Ok(Self::Server(Box::new(Server { options, shown })))
-            }
+    /// Reads the name of a database. A name that cannot be read is told when the database is opened, without repeating
+    /// it, because it may hold a password.
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        let unreadable = |why: &str| Ok(Self::Unreadable(why.to_owned()));
+        let Some((scheme, rest)) = text.split_once("://") else {
+            return match text {
+                "" => unreadable("is empty: give the path of a file, or postgres://USER@HOST/NAME"),
+                _ if text.contains("password=") || text.starts_with("postgres:") => {
+                    unreadable("expected the path of a file, or a URL: postgres://USER@HOST/NAME")
+                }
+                _ => Ok(Self::File(text.into())),
+            };
+        };
+        match scheme.to_ascii_lowercase().as_str() {
+            "postgres" | "postgresql" => match PgConnectOptions::from_str(&format!("postgres://{rest}")) {
+                Ok(options) => Ok(Self::Server(Box::new(Server { options, shown: without_password(rest) }))),
+                Err(_) => unreadable(
+                    "not a PostgreSQL URL, postgres://USER:PASSWORD@HOST:PORT/NAME: percent-encode what is special in \
+                     the password (/ is %2F, @ is %40, : is %3A)",
+                ),
+            },
             "sqlite" | "file" => Ok(Self::File(rest.into())),
-            _ => {
-                Err(format!("{scheme}:// is no known database: give the path of a file, or postgres://USER@HOST/NAME"))
-            }
+            _ => unreadable("no known database: give the path of a file, or postgres://USER@HOST/NAME"),
         }
     }
+}
+
+/// Returns the URL of what follows `postgres://`, without its password and its parameters, which may hold one.
+fn without_password(rest: &str) -> String {
+    let (authority, name) = rest.split_once('/').unwrap_or((rest, ""));
+    let (who, place) = authority.rsplit_once('@').unwrap_or(("", authority));
+    let (who, name) = (who.split(':').next().unwrap_or_default(), name.split('?').next().unwrap_or_default());
+    let (place, at) = (place.split('?').next().unwrap_or_default(), if who.is_empty() { "" } else { "@" });
+    format!("postgres://{who}{at}{place}/{name}")
 }
 
 impl fmt::Display for Location {
@@ -96,6 +113,7 @@ impl fmt::Display for Location {
                 whole.as_deref().unwrap_or(file).display().fmt(formatter)
             }
             Self::Memory => formatter.write_str("in memory"),
+            Self::Unreadable(_) => formatter.write_str("(unreadable)"),
             Self::Server(server) => formatter.write_str(&server.shown),
         }
     }
@@ -111,6 +129,13 @@ mod tests {
         assert!(matches!("sqlite://p.db".parse(), Ok(Location::File(file)) if file == Path::new("p.db")));
         let server: Location = "postgres://lab:secret@db.example:5433/grades?sslpassword=hush".parse().unwrap();
         assert_eq!(server.to_string(), "postgres://lab@db.example:5433/grades");
-        assert!("mysql://x".parse::<Location>().unwrap_err().contains("postgres://"));
+        let server: Location = "Postgres://lab:se@cret@db.example/grades".parse().unwrap();
+        assert_eq!(server.to_string(), "postgres://lab@db.example/grades");
+        for text in
+            ["mysql://lab:secret@x/y", "postgres://lab:se/cret@x/y", "host=x password=secret", "postgres:/x", ""]
+        {
+            let Ok(Location::Unreadable(why)) = text.parse() else { panic!("{text}") };
+            assert!(!why.contains("secret") && why.contains("postgres://"), "{text}: {why}");
+        }
     }
 }

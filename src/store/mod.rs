@@ -260,6 +260,7 @@ async fn commit(tx: Tx, what: &'static str) -> StoreResult<()> {
 async fn pools(location: &Location, may_change: bool) -> StoreResult<(Pool, Pool)> {
     match location {
         Location::Memory => sqlite::open_in_memory().await,
+        Location::Unreadable(why) => Err(StoreError::Unreadable(why.clone())),
         Location::File(file) => sqlite::open(file, may_change).await,
         Location::Server(server) => {
             let pool = postgres::open(server, may_change).await?;

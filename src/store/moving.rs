@@ -7,6 +7,7 @@ use sqlx::AssertSqlSafe;
 
 use super::db::{Builder, Row, RowValues, Tx, Value, query, query_as, query_scalar};
 use super::location::{Location, Server};
+use super::serving::Serving;
 use super::{StoreError, StoreResult, postgres, schema, sqlite};
 use plumbline_engine::hidden::canonical::{Hash, unhex};
 use plumbline_engine::hidden::receipts::{FIRST_LINK, link};
@@ -72,6 +73,11 @@ enum Kind {
 /// Returns an error if the file is not up to date, if the database is not empty, or if the copy differs from the file.
 pub async fn move_to(file: &Path, server: &Server) -> StoreResult<Vec<Moved>> {
     let from = Location::File(file.to_owned());
+    if Serving::of(file).is_ok_and(|serving| serving.is_shared) {
+        return Err(StoreError::OnlyFiles(
+            "a service uses the file: stop it first, or what it writes would be missing",
+        ));
+    }
     schema::state(&from).await?.must_be_current(&from)?;
     let source = sqlite::open_reading(file).await?;
     let target = postgres::open(server, true).await?;
@@ -97,6 +103,10 @@ pub async fn move_to(file: &Path, server: &Server) -> StoreResult<Vec<Moved>> {
         moved.push(after);
     }
     must_chain(&mut tx).await?;
+    // Nodes go on with the key that signed last.
+    query("INSERT INTO agreed (name, value) SELECT 'receipt key', public_key FROM receipts ORDER BY seq DESC LIMIT 1")
+        .execute(&mut tx)
+        .await?;
     for table in NUMBERED {
         let next = format!(
             "SELECT setval(pg_get_serial_sequence('{table}', 'id'), COALESCE(MAX(id), 0) + 1, FALSE) FROM {table}"

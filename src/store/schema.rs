@@ -52,13 +52,20 @@ impl SchemaState {
     /// Returns an error if one of these does not hold.
     pub fn must_be_current(&self, database: &Location) -> StoreResult<()> {
         if !self.is_there {
-            return Err(StoreError::Missing(database.clone()));
+            return Err(missing(database));
         }
         self.must_not_be_newer(database)?;
         if self.lacking.is_empty() {
             return Ok(());
         }
         Err(StoreError::Older { database: database.clone(), found: self.found, known: self.known })
+    }
+}
+
+fn missing(database: &Location) -> StoreError {
+    match database {
+        Location::Server(_) => StoreError::Empty(database.clone()),
+        _ => StoreError::Missing(database.clone()),
     }
 }
 
@@ -69,6 +76,7 @@ impl SchemaState {
 pub async fn state(database: &Location) -> StoreResult<SchemaState> {
     match database {
         Location::Memory => Ok(SchemaState::of(&SQLITE, None)),
+        Location::Unreadable(why) => Err(StoreError::Unreadable(why.clone())),
         Location::File(file) => sqlite::schema::state(file).await,
         Location::Server(server) => postgres::schema::state(server).await,
     }
@@ -82,7 +90,7 @@ pub async fn state(database: &Location) -> StoreResult<SchemaState> {
 pub async fn migrate(database: &Location) -> StoreResult<Option<PathBuf>> {
     let before = state(database).await?;
     if !before.is_there {
-        return Err(StoreError::Missing(database.clone()));
+        return Err(missing(database));
     }
     before.must_not_be_newer(database)?;
     if before.lacking.is_empty() {
@@ -90,7 +98,7 @@ pub async fn migrate(database: &Location) -> StoreResult<Option<PathBuf>> {
     }
     let copy = match database {
         Location::File(file) => Some(sqlite::schema::keep_copy(file, before.found).await?),
-        Location::Memory | Location::Server(_) => None,
+        Location::Memory | Location::Unreadable(_) | Location::Server(_) => None,
     };
     Store::migrate_only(database).await?;
     Ok(copy)

@@ -126,6 +126,12 @@ impl Secrets {
         self.put(&format!("epoch-{id}.json"), &content)
     }
 
+    /// Returns whether there is a file with the secret of an epoch.
+    #[must_use]
+    pub fn has_epoch(&self, id: &str) -> bool {
+        self.file(&format!("epoch-{id}.json")).is_file()
+    }
+
     /// Returns the secret of an epoch; none if it is lost, or does not match the commitment.
     ///
     /// # Errors

@@ -67,7 +67,7 @@ impl Kind {
     fn select(&self) -> String {
         let columns: Vec<&str> = self.columns.iter().map(|(column, ..)| *column).collect();
         let task = match self.table {
-            "submissions" => ", (SELECT t.id FROM tasks t WHERE t.hash = task_hash)",
+            "submissions" => ", (SELECT t.id FROM tasks t WHERE t.hash = task_hash) AS named_task",
             _ => "",
         };
         format!("SELECT {}{task} FROM {} {}", columns.join(", "), self.table, self.rest.replace("PUBLIC", PUBLIC))
@@ -131,6 +131,7 @@ pub async fn export(
     schema::state(database).await?.must_be_current(database)?;
     let pool = match database {
         Location::Memory => return Err(StoreError::Missing(Location::Memory)),
+        Location::Unreadable(why) => return Err(StoreError::Unreadable(why.clone())),
         Location::File(file) => sqlite::open_reading(file).await?,
         Location::Server(server) => postgres::open(server, false).await?,
     };

@@ -27,7 +27,7 @@ const CLAIMING: usize = 2;
 async fn main() -> anyhow::Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let (database, jobs) = match arguments.as_slice() {
-        [database, jobs, ..] => (database.parse::<Location>().map_err(anyhow::Error::msg)?, jobs.parse::<usize>()?),
+        [database, jobs, ..] => (database.parse::<Location>()?, jobs.parse::<usize>()?),
         _ => anyhow::bail!("expected a database and a number of jobs"),
     };
     let store = Store::open(&database, None).await?;

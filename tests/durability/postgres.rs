@@ -59,7 +59,8 @@ async fn what_is_wrong_with_a_database_is_told_with_the_remedy() {
 
     let told = refused(&plumbline(&["backup", "copy.db", "--database", &url]));
     assert!(told.contains("pg_dump"), "{told}");
-    assert!(refused(&plumbline(&["keys", "list", "--database", "mysql://x/y"])).contains("postgres://"));
+    let told = refused(&plumbline(&["keys", "list", "--database", "mysql://lab:hush@x/y"]));
+    assert!(told.contains("postgres://") && !told.contains("hush"), "{told}");
 }
 
 #[tokio::test]
@@ -140,6 +141,9 @@ async fn a_file_moves_into_an_empty_database_and_answers_as_before() {
         Service::launch(command)
     };
     let before = serve(&file);
+    let busy = refused(&plumbline(&["migrate", "--from", &file, "--to", &url]));
+    assert!(busy.contains("stop it first"), "{busy}");
+    assert_eq!(before.get("/v1/runs/a%00b").await.faults(400), [""; 0]);
     let run = before.finished_run("moves", 3).await;
     let body = json!({ "task": 1, "turns": [{ "palette": ["stone"], "rows": [[0, 0, 0, 0]] }] });
     let id = before.post_json("/v1/submissions", &body).await.json()["id"].as_str().unwrap().to_owned();
@@ -171,6 +175,15 @@ async fn a_file_moves_into_an_empty_database_and_answers_as_before() {
     let board = after.get("/v1/leaderboards/mineceraft-lite").await.json();
     assert_eq!(board["rows"][0]["run"], next.as_str(), "{board}");
     assert!(after.terminate());
+    // What is exported there comes into a file as it was.
+    let (lines, copy) = (folder.path().join("lines"), folder.path().join("copy.db"));
+    let (lines, copy) = (lines.to_str().unwrap(), copy.to_str().unwrap());
+    succeeded(&plumbline(&["export", lines, "--database", &url]));
+    succeeded(&plumbline(&["migrate", "--create", "--database", copy]));
+    let imported = succeeded(&plumbline(&["import", lines, "--database", copy]));
+    assert!(imported.contains("submissions: 51"), "{imported}");
+    let copied = serve(copy);
+    assert_eq!(copied.get("/v1/leaderboards/mineceraft-lite").await.json()["rows"], board["rows"]);
     let again = refused(&plumbline(&["migrate", "--from", &file, "--to", &url]));
     assert!(again.contains("not empty"), "{again}");
 }

@@ -229,6 +229,13 @@ async fn a_lost_key_closes_the_epoch_and_says_so() {
     let flipped = if &text[at..=at] == "0" { "1" } else { "0" };
     std::fs::write(secrets.join("epoch-autumn.json"), format!("{}{flipped}{}", &text[..at], &text[at + 1..])).unwrap();
     let draw = json!({ "run": 1, "nonce": "a nonce of our own 1" });
+    if crate::support::database::is_postgres() {
+        // Another node may have the key: this one says that it lacks it, and closes nothing.
+        let refused = scene.post(&lab, &format!("/v1/entries/{entry}/instances"), &draw).await;
+        assert_eq!(refused.status, StatusCode::SERVICE_UNAVAILABLE, "{}", refused.text);
+        assert_eq!(scene.service.get("/v1/epochs/autumn").await.json()["state"], "open");
+        return;
+    }
     scene.refused(&lab, &format!("/v1/entries/{entry}/instances"), &draw, "key-lost").await;
     let epoch = scene.service.get("/v1/epochs/autumn").await.json();
     assert_eq!(epoch["state"], "closed");

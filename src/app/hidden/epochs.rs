@@ -6,12 +6,13 @@ use std::sync::Arc;
 use futures_util::stream::{self, BoxStream};
 
 use crate::app::App;
-use crate::app::error::{AppError, AppResult};
+use crate::app::error::{AppError, AppResult, Kind};
 use crate::clock::{now_ms, rfc3339};
 use crate::store::StoreResult;
 use crate::store::entries::EntryRow;
 use crate::store::epochs::EpochRow;
 use crate::store::instances::{EpochCounts, InstanceRow};
+use crate::store::location::Location;
 use crate::store::secrets::EpochSecret;
 use plumbline_engine::hidden::feedback::Outcome;
 use plumbline_engine::hidden::reveal::{Reveal, RevealedEntry, RevealedInstance, revealed};
@@ -86,13 +87,19 @@ pub(super) fn not_open(epoch: &EpochRow) -> AppError {
     AppError::conflict("epoch-not-open", detail)
 }
 
-/// Returns the secret that an epoch draws from. If the secret is lost, closes the epoch with a public reason.
+/// Returns the secret that an epoch draws from. If the secret is lost, closes the epoch with a public reason; of several
+/// nodes, one alone cannot tell that.
 ///
 /// # Errors
 /// Returns a conflict if the secret is lost.
 pub(super) async fn secret_of(app: &App, epoch: &EpochRow, now_ms: i64) -> AppResult<Arc<EpochSecret>> {
     if let Some(secret) = app.store.epoch_secret(epoch).await? {
         return Ok(secret);
+    }
+    // Another node may have the key that this one lacks.
+    if matches!(app.store.location(), Location::Server(_)) {
+        let detail = "this node lacks the key of the epoch; send the request again, to another node";
+        return Err(AppError::new(Kind::NotReady, detail).retry_after(1));
     }
     if epoch.closed.is_none() && app.store.close_epoch(epoch.id(), LOST_KEY, now_ms).await? {
         tracing::error!(epoch = epoch.id(), "the key of an epoch is lost, or not the one committed to: closed");

@@ -60,7 +60,7 @@ async fn guard(State(state): State<AppState>, request: Request, next: Next) -> R
 /// Rejects a request whose sender exceeds the rate limit, and turns errors that libraries return as plain text or
 /// without a body into problem documents.
 async fn checked(state: &AppState, mut request: Request, next: Next) -> Response {
-    if let Err(refused) = must_name_host(&request) {
+    if let Err(refused) = must_name_host(&request).and_then(|()| must_be_text(&request)) {
         return refused.into_response();
     }
     let sender = match identify(state, &mut request).await {
@@ -95,6 +95,15 @@ fn must_name_host(request: &Request) -> Result<(), AppError> {
     }
     let detail = format!("the request has {hosts} Host headers; HTTP/1.1 requires exactly one");
     Err(AppError::new(Kind::BadRequest, detail))
+}
+
+/// Rejects a path or query with a NUL character, which no name contains and which PostgreSQL cannot compare.
+fn must_be_text(request: &Request) -> Result<(), AppError> {
+    let whole = request.uri().path_and_query().map_or("", axum::http::uri::PathAndQuery::as_str);
+    if whole.contains("%00") {
+        return Err(AppError::new(Kind::BadRequest, "the path or the query contains a NUL character (%00)"));
+    }
+    Ok(())
 }
 
 /// Hides the routes that are served on the administration listener only: metrics and board actions.

@@ -5,7 +5,7 @@ use axum::extract::State;
 use serde::Serialize;
 
 use crate::app::error::AppResult;
-use crate::app::readiness::check;
+use crate::app::readiness::{check, lacking};
 use crate::http::state::AppState;
 
 /// Status of the service.
@@ -18,12 +18,12 @@ pub struct Health {
     #[schema(example = "0.1.0")]
     pub version: &'static str,
     /// What the node lacks and others do instead: `secrets`, without which it grades no submissions and issues no hidden
-    /// instances.
-    #[serde(skip_serializing_if = "<[_]>::is_empty")]
-    pub lacks: &'static [&'static str],
+    /// instances, or `key of epoch NAME`, without which it draws none of that epoch.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub lacks: Vec<String>,
 }
 
-const OK: Health = Health { status: "ok", version: env!("CARGO_PKG_VERSION"), lacks: &[] };
+const OK: Health = Health { status: "ok", version: env!("CARGO_PKG_VERSION"), lacks: Vec::new() };
 
 /// Reports that the process is alive.
 #[utoipa::path(
@@ -45,5 +45,5 @@ pub async fn get_health() -> Json<Health> {
 )]
 pub async fn get_readiness(State(state): State<AppState>) -> AppResult<Json<Health>> {
     check(&state).await?;
-    Ok(Json(Health { lacks: if state.signer.is_none() { &["secrets"] } else { &[] }, ..OK }))
+    Ok(Json(Health { lacks: lacking(&state).await?, ..OK }))
 }

@@ -5,8 +5,8 @@ pub(super) mod schema;
 
 use std::time::Duration;
 
-use sqlx::PgPool;
 use sqlx::postgres::{PgConnectOptions, PgPoolOptions};
+use sqlx::{ConnectOptions as _, Connection as _, PgPool};
 
 use super::db::Pool;
 use super::location::{Location, Server};
@@ -23,13 +23,18 @@ const ACQUIRE: Duration = Duration::from_secs(5);
 /// Session settings: a node that freezes within a transaction must not hold its locks for ever, and a statement that
 /// waits for a lock ends before its request does.
 const SETTINGS: [(&str, &str); 3] =
-    [("idle_in_transaction_session_timeout", "15s"), ("lock_timeout", "20s"), ("statement_timeout", "60s")];
+    [("idle_in_transaction_session_timeout", "5s"), ("lock_timeout", "20s"), ("statement_timeout", "60s")];
 
 /// Opens a database and brings its schema up to date if `may_change` is set.
 pub(super) async fn open(server: &Server, may_change: bool) -> StoreResult<Pool> {
     let location = || Location::Server(Box::new(server.clone()));
     let pool = connect(server, CONNECTIONS).await?;
-    let state = schema::state_of(&pool).await?;
+    let state = schema::state_of(&pool).await.map_err(|error| match error {
+        StoreError::Database(error) if code_of(&error).as_deref() == Some("42501") => {
+            StoreError::NoRights { database: location(), detail: error.to_string() }
+        }
+        error => error,
+    })?;
     state.must_not_be_newer(&location())?;
     if may_change && !state.lacking.is_empty() {
         POSTGRES.run(&pool).await.map_err(|error| explain_migration(error, location()))?;
@@ -40,13 +45,17 @@ pub(super) async fn open(server: &Server, may_change: bool) -> StoreResult<Pool>
 /// Connects to a server and checks its version.
 async fn connect(server: &Server, connections: u32) -> StoreResult<PgPool> {
     let options: PgConnectOptions = server.options.clone().application_name("plumbline").options(SETTINGS);
+    let unreachable = |error: sqlx::Error| explain(&error, Location::Server(Box::new(server.clone())));
+    // A pool would try again for seconds, and then not say why it failed.
+    let first = options.connect().await.map_err(unreachable)?;
+    first.close().await.map_err(unreachable)?;
     let pool = PgPoolOptions::new()
         .max_connections(connections)
         .acquire_timeout(ACQUIRE)
         .test_before_acquire(false)
         .connect_with(options)
         .await
-        .map_err(|error| explain(&error, Location::Server(Box::new(server.clone()))))?;
+        .map_err(unreachable)?;
     let found: String = sqlx::query_scalar("SHOW server_version").fetch_one(&pool).await?;
     let major: u32 = found.split(|c: char| !c.is_ascii_digit()).next().and_then(|n| n.parse().ok()).unwrap_or(0);
     if major < OLDEST {
@@ -55,12 +64,14 @@ async fn connect(server: &Server, connections: u32) -> StoreResult<PgPool> {
     Ok(pool)
 }
 
+/// Returns the code of an error of the server.
+fn code_of(error: &sqlx::Error) -> Option<String> {
+    error.as_database_error().and_then(sqlx::error::DatabaseError::code).map(std::borrow::Cow::into_owned)
+}
+
 /// Says what the operator can do about a failed connection.
 fn explain(error: &sqlx::Error, database: Location) -> StoreError {
-    let code = match error {
-        sqlx::Error::Database(error) => error.code().map(std::borrow::Cow::into_owned),
-        _ => None,
-    };
+    let code = code_of(error);
     let remedy = match code.as_deref() {
         Some("3D000") => "create it with `createdb`, or mend the name at the end of the URL",
         Some("28P01" | "28000") => "check the user and the password of the URL, and the server's pg_hba.conf",
