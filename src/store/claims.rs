@@ -170,7 +170,9 @@ struct Taken {
 /// Takes the first job of a lane that is free, whose lease has expired, or whose lease begins in the future, as after a
 /// clock was set back.
 ///
-/// On PostgreSQL, jobs that another node is taking are passed over. Rounds far below the lane's hold only jobs that were
+/// On PostgreSQL, a statement may have begun, by its own time, just before the lease that it looks at, so only a lease that
+/// begins more than a minute later counts as one of a clock that was set back. Jobs that another node is taking are
+/// passed over. Rounds far below the lane's hold only jobs that were
 /// taken before, or that were accepted very slowly; they are looked through only if `is_thorough` is set, because the
 /// index keeps the entries of deleted jobs for as long as any transaction is open.
 async fn take_first(
@@ -189,7 +191,7 @@ async fn take_first(
                  RETURNING submission_id, attempt, turn, FALSE",
         postgres: "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = now_ms() + $2, lease_ms = $2
                    WHERE submission_id = (SELECT submission_id FROM jobs
-                                          WHERE lane = $3 AND (lease_until_ms <= now_ms() OR lease_until_ms - lease_ms > now_ms())
+                                          WHERE lane = $3 AND (lease_until_ms <= now_ms() OR lease_until_ms - lease_ms > now_ms() + 60000)
                                             AND turn >= CASE WHEN $4 THEN 0 ELSE (SELECT turn - 256 FROM lanes WHERE name = $3) END
                                           ORDER BY turn, queued_at_ms, submission_id LIMIT 1
                                           FOR UPDATE SKIP LOCKED)
