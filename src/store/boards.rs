@@ -158,7 +158,7 @@ impl Store {
         }
         let action = if hide { "hide" } else { "restore" };
         enter_action(&mut tx, run_id, action, actor, reason, now_ms).await?;
-        tx.notify(Notice::Ended).await?;
+        tx.notify(Notice::Ended { changes_board: true }).await?;
         commit(tx, "act_on_row").await?;
         self.note_ends(true);
         Ok(Acted::Done)

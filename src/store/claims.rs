@@ -61,7 +61,6 @@ impl Store {
                 sqlite: "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $1 + $2, lease_ms = $2
                          WHERE submission_id IN (SELECT submission_id FROM jobs
                                                  WHERE lane = 'quick' AND lease_until_ms <= $1 AND attempt = 0
-                                                   AND ($4 OR TRUE)
                                                  ORDER BY turn, queued_at_ms, submission_id LIMIT $3)
                          RETURNING submission_id, attempt, turn",
                 postgres: "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = now_ms() + $2, lease_ms = $2
@@ -170,11 +169,11 @@ struct Taken {
 /// Takes the first job of a lane that is free, whose lease has expired, or whose lease begins in the future, as after a
 /// clock was set back.
 ///
-/// On PostgreSQL, a statement may have begun, by its own time, just before the lease that it looks at, so only a lease that
-/// begins more than a minute later counts as one of a clock that was set back. Jobs that another node is taking are
-/// passed over. Rounds far below the lane's hold only jobs that were
-/// taken before, or that were accepted very slowly; they are looked through only if `is_thorough` is set, because the
-/// index keeps the entries of deleted jobs for as long as any transaction is open.
+/// On PostgreSQL, jobs that another node is taking are passed over. A lease that began a moment after this statement is
+/// none of a clock that was set back, so only one that begins more than a minute later counts as such. Rounds far below
+/// the lane's hold only jobs that were taken before, or that were accepted very slowly. They are looked
+/// through only if `is_thorough` is set, because the index keeps the entries of deleted jobs for as long as any
+/// transaction is open.
 async fn take_first(
     tx: &mut Tx,
     lane: Lane,
@@ -186,7 +185,6 @@ async fn take_first(
         sqlite: "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = $1 + $2, lease_ms = $2
                  WHERE submission_id = (SELECT submission_id FROM jobs
                                         WHERE lane = $3 AND (lease_until_ms <= $1 OR lease_until_ms - lease_ms > $1)
-                                          AND ($4 OR TRUE)
                                         ORDER BY turn, queued_at_ms, submission_id LIMIT 1)
                  RETURNING submission_id, attempt, turn, FALSE",
         postgres: "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = now_ms() + $2, lease_ms = $2

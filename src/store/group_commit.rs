@@ -81,6 +81,14 @@ async fn store(writer: &Pool, group: Vec<Acceptance>) -> bool {
             }
             is_queued
         }
+        // Each would wait for the database as long as the group did.
+        Err(error) if error.is_busy() => {
+            tracing::warn!(%error, "the database is busy; {} requests are refused", group.len());
+            for request in group {
+                let _ = request.answer.send(Err(StoreError::Database(sqlx::Error::PoolTimedOut)));
+            }
+            false
+        }
         Err(_) if group.len() > 1 => {
             // One request failed the whole group: store each on its own.
             let mut is_any_queued = false;

@@ -89,7 +89,7 @@ impl Store {
         let why = format!("grading was begun {MAX_ATTEMPTS} times and never ended");
         let end = End { submission_id, run_id: run_id.as_deref(), state: SubmissionState::GraderError };
         let has_ended = end.record(&mut tx, &*self.signer()?, &why, &suite_id, now_ms).await?;
-        tx.notify(Notice::Ended).await?;
+        tx.notify(Notice::Ended { changes_board: has_ended }).await?;
         commit(tx, "claim (given up)").await?;
         self.note_ends(has_ended);
         Ok(())
@@ -104,7 +104,7 @@ impl Store {
         let held = query(Each {
             sqlite: "UPDATE jobs SET lease_until_ms = $3 + $4, lease_ms = $4 WHERE submission_id = $1 AND attempt = $2",
             postgres: "UPDATE jobs SET lease_until_ms = now_ms() + $4, lease_ms = $4
-                           WHERE submission_id = $1 AND attempt = $2",
+                       WHERE submission_id = $1 AND attempt = $2",
         })
         .bind(&claim.submission_id)
         .bind(claim.attempt)
@@ -160,7 +160,7 @@ impl Store {
         let end = End { submission_id, run_id: run_id.as_deref(), state: SubmissionState::Cancelled };
         // The job is gone, so a result that a worker still brings back does not count.
         let has_ended = end.record(&mut tx, &*self.signer()?, "cancelled by its owner", &suite_id, now_ms).await?;
-        tx.notify(Notice::Ended).await?;
+        tx.notify(Notice::Ended { changes_board: has_ended }).await?;
         commit(tx, "cancel").await?;
         self.note_ends(has_ended);
         Ok(true)
@@ -204,8 +204,8 @@ impl Store {
         if attempt_in(&mut tx, &claim.submission_id).await? == Some(claim.attempt) {
             let end = End { submission_id: &claim.submission_id, run_id: claim.run_id.as_deref(), state };
             has_ended = end.record(&mut tx, &*self.signer()?, why, &claim.suite_id, now_ms).await?;
+            tx.notify(Notice::Ended { changes_board: has_ended }).await?;
         }
-        tx.notify(Notice::Ended).await?;
         commit(tx, "fail").await?;
         self.note_ends(has_ended);
         Ok(())

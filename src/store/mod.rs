@@ -62,7 +62,7 @@ use std::sync::{Arc, OnceLock, RwLock};
 use tokio::sync::Notify;
 
 use claims::Looks;
-use db::{Dialect, Pool, Tx, query_scalar};
+use db::{Each, Pool, Tx, query_scalar};
 use epochs::SecretsRead;
 pub use error::{StoreError, StoreResult};
 use group_commit::Acceptances;
@@ -152,15 +152,16 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn bytes(&self) -> StoreResult<u64> {
-        match self.location.file() {
-            Some(file) => Ok(sqlite::file_bytes(file)),
-            None if self.readers.dialect() == Dialect::Sqlite => Ok(0),
-            None => {
-                let bytes: i64 =
-                    query_scalar("SELECT pg_database_size(current_database())").fetch_one(&self.readers).await?;
-                Ok(u64::try_from(bytes).unwrap_or(0))
-            }
+        if let Some(file) = self.location.file() {
+            return Ok(sqlite::file_bytes(file));
         }
+        let bytes: i64 = query_scalar(Each {
+            sqlite: "SELECT page_count * page_size FROM pragma_page_count(), pragma_page_size()",
+            postgres: "SELECT pg_database_size(current_database())",
+        })
+        .fetch_one(&self.readers)
+        .await?;
+        Ok(bytes.unsigned_abs())
     }
 
     /// Returns where the database is.
@@ -169,7 +170,7 @@ impl Store {
         &self.location
     }
 
-    /// Returns the secrets in the files beside the database.
+    /// Returns the folder of the secrets.
     #[must_use]
     pub const fn secrets(&self) -> &Secrets {
         &self.secrets
@@ -203,8 +204,8 @@ impl Store {
         self.writer.begin_writing().await
     }
 
-    /// Returns the number of changes of boards in this process, such as ended runs. While it is unchanged, only other
-    /// processes on the same file may have changed a board.
+    /// Returns the number of changes of boards that this process knows of, such as ended runs: its own, and those that
+    /// other nodes told. While it is unchanged, only processes that tell nothing may have changed a board.
     #[must_use]
     pub fn runs_ended(&self) -> u64 {
         self.runs_ended.load(Ordering::Acquire)

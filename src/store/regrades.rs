@@ -284,7 +284,7 @@ impl Store {
             .execute(&mut tx)
             .await?;
         query("DELETE FROM regraded WHERE regrade_id = $1").bind(id).execute(&mut tx).await?;
-        tx.notify(Notice::Ended).await?;
+        tx.notify(Notice::Ended { changes_board: true }).await?;
         commit(tx, "apply_regrade").await?;
         self.note_ends(true);
         Ok(Some(runs.len()))

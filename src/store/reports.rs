@@ -187,7 +187,7 @@ impl Store {
             count(&mut tx, run_id, -reports, reports, 0).await?;
             has_ended |= end_if_complete(&mut tx, run_id, suite_id, now_ms).await?;
         }
-        tx.notify(Notice::Ended).await?;
+        tx.notify(Notice::Ended { changes_board: has_ended }).await?;
         commit(tx, "record").await?;
         self.note_ends(has_ended);
         Ok(ours.len())

@@ -176,7 +176,7 @@ impl Store {
         }
         let ended = NewEvent { run_id: Some(id), submission_id: None, state: RunState::Deleted.name(), overall: None };
         events::enter(&mut tx, &[ended], now_ms).await?;
-        tx.notify(Notice::Ended).await?;
+        tx.notify(Notice::Ended { changes_board: false }).await?;
         commit(tx, "delete_run").await?;
         self.note_ends(false);
         Ok(RunChanged::Done)
@@ -205,7 +205,9 @@ impl Store {
             .execute(&mut tx)
             .await?;
         let has_ended = found > 0 && end_if_complete(&mut tx, id, &run.suite_id, now_ms).await?;
-        tx.notify(Notice::Ended).await?;
+        if has_ended {
+            tx.notify(Notice::Ended { changes_board: true }).await?;
+        }
         commit(tx, "finish_run").await?;
         self.note_ends(has_ended);
         Ok(RunChanged::Done)

@@ -18,6 +18,8 @@ use crate::store::db::{Tx, query};
 const QUEUED: &str = "plumbline_queued";
 /// Channel of notices about ended submissions and runs, and about changes of boards.
 const ENDED: &str = "plumbline_ended";
+/// Payload of a notice that says that a board changed.
+const BOARD: &str = "board";
 /// Pause before a connection that failed is opened again.
 const PAUSE: Duration = Duration::from_secs(1);
 
@@ -27,7 +29,10 @@ pub(in crate::store) enum Notice {
     /// Jobs were queued.
     Queued,
     /// Submissions or runs ended, or a board changed.
-    Ended,
+    Ended {
+        /// Whether a board changed.
+        changes_board: bool,
+    },
 }
 
 impl Tx {
@@ -36,11 +41,12 @@ impl Tx {
         if matches!(self, Self::Sqlite(_)) {
             return Ok(());
         }
-        let channel = match notice {
-            Notice::Queued => QUEUED,
-            Notice::Ended => ENDED,
+        let (channel, what) = match notice {
+            Notice::Queued => (QUEUED, ""),
+            Notice::Ended { changes_board: false } => (ENDED, ""),
+            Notice::Ended { changes_board: true } => (ENDED, BOARD),
         };
-        query("SELECT pg_notify($1, '')").bind(channel).execute(self).await?;
+        query("SELECT pg_notify($1, $2)").bind(channel).bind(what).execute(self).await?;
         Ok(())
     }
 }
@@ -66,8 +72,10 @@ async fn listen(pool: &PgPool, queued: &Notify, ends: &Notify, boards: &AtomicU6
         // Notices of the time before the connection are lost, so everybody looks once.
         match listener.try_recv().await? {
             Some(notice) if notice.channel() == QUEUED => queued.notify_waiters(),
-            Some(_) => {
-                boards.fetch_add(1, Ordering::AcqRel);
+            Some(notice) => {
+                if notice.payload() == BOARD {
+                    boards.fetch_add(1, Ordering::AcqRel);
+                }
                 ends.notify_waiters();
             }
             None => {
