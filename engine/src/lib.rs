@@ -10,6 +10,8 @@ pub mod text;
 
 pub mod voxel;
 
+pub mod game;
+
 pub mod intake;
 
 pub mod elasticity;

@@ -1,0 +1,15 @@
+//! A small Minecraft world: flat ground, the blocks on it, and the commands that change them, as a vanilla server of
+//! version 1.21.4 carries them out.
+//!
+//! `docs/rules.md#mindcraft` says what is simulated and what is not.
+
+pub mod command;
+pub mod coordinates;
+mod falling;
+mod region;
+pub mod registry;
+mod support;
+pub mod world;
+
+pub use registry::{Block, Look, StateId};
+pub use world::World;
