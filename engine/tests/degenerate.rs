@@ -15,7 +15,11 @@ use rayon::prelude::*;
 
 /// A log of as many turns, each made from the events of a good build's.
 fn remade(good: &BlockLog, remake: impl Fn(&[Event]) -> Turn) -> BlockLog {
-    BlockLog { palette: good.palette.clone(), turns: good.turns.iter().map(|turn| remake(turn)).collect() }
+    BlockLog {
+        palette: good.palette.clone(),
+        turns: good.turns.iter().map(|turn| remake(turn)).collect(),
+        profile: good.profile,
+    }
 }
 
 fn moved(event: &Event, to: impl Fn(Cell) -> Cell) -> Event {

@@ -1,21 +1,24 @@
 //! Action code, which agents write for the mindcraft framework, run against stand-ins that record what it places and
 //! removes (`docs/rules.md#formats`).
 //!
-//! The code is not trusted. Each script runs in its own process (`child`), which the operating system confines
-//! (`confine`) and which is taken from a few ready ones (`pool`). `engine` runs the script there; `prelude.js` holds
-//! the stand-ins.
+//! The code is not trusted. It runs in a process of its own (`child`), which the operating system confines (`confine`)
+//! and which is taken from a few ready ones (`pool`). `sandbox` is the engine there. What code finds and what becomes of
+//! its calls is the matter of a profile: `published` records them as the published pipeline does, `mindcraft` carries
+//! them out in a world.
 
 pub mod child;
 mod confine;
-mod engine;
-mod integers;
+pub mod job;
 mod memory;
+mod mindcraft;
 pub mod pool;
-mod script;
+mod published;
+mod sandbox;
 pub mod turn_replay;
 
 use serde::{Deserialize, Serialize};
 
+pub use plumbline_engine::voxel::Profile;
 use plumbline_engine::voxel::cell;
 
 /// Limits on action code.
@@ -71,9 +74,80 @@ pub struct Replayed {
     pub unreadable: bool,
     /// Limit at which the script was stopped, in which case its events are incomplete.
     pub stopped: Option<LimitReached>,
+    /// Further errors: of other files of the turn, and of promises that nothing handled.
+    #[serde(default)]
+    pub more_errors: Vec<CodeError>,
+    /// Whether the palette names states too, such as `oak_door[half=upper]`.
+    #[serde(default)]
+    pub has_states: bool,
+    /// What the code printed, a line each.
+    #[serde(default)]
+    pub log: Vec<String>,
 }
 
 impl Replayed {
+    /// Returns the block that an event placed, with its state if that is known.
+    #[must_use]
+    pub fn block(&self, event: &RecordedEvent) -> Option<&str> {
+        self.palette.get(event.material? as usize).map(String::as_str)
+    }
+
+    /// Returns the material of the block that an event placed.
+    #[must_use]
+    pub fn material(&self, event: &RecordedEvent) -> Option<&str> {
+        let block = self.block(event)?;
+        Some(if self.has_states { block.split('[').next().unwrap_or(block) } else { block })
+    }
+
+    /// Returns whether the code ended before its end: by an error or at a limit.
+    #[must_use]
+    pub fn ended_early(&self) -> bool {
+        self.error.is_some() || self.stopped.is_some()
+    }
+
+    /// Marks the error as that of a file of the turn.
+    fn of_file(mut self, number: usize) -> Self {
+        for error in self.error.iter_mut().chain(&mut self.more_errors) {
+            error.file = Some(number);
+        }
+        self
+    }
+
+    /// Appends what another file of the same turn did.
+    fn append(&mut self, other: Self) {
+        let Self { palette, events, dropped, error, notes, unreadable, stopped, more_errors, has_states, log } = other;
+        let ids: Vec<u32> = palette.into_iter().map(|name| self.index_of(name)).collect();
+        let renumbered = |event: RecordedEvent| RecordedEvent {
+            material: event.material.and_then(|index| ids.get(index as usize).copied()),
+            ..event
+        };
+        self.events.extend(events.into_iter().map(renumbered));
+        for Dropped { reason, count } in dropped {
+            match self.dropped.iter_mut().find(|known| known.reason == reason) {
+                Some(known) => known.count += count,
+                None => self.dropped.push(Dropped { reason, count }),
+            }
+        }
+        let mut errors = error.into_iter().chain(more_errors);
+        if self.error.is_none() {
+            self.error = errors.next();
+        }
+        self.more_errors.extend(errors);
+        self.notes.extend(notes);
+        self.log.extend(log);
+        self.unreadable &= unreadable;
+        self.has_states |= has_states;
+        self.stopped = self.stopped.take().or(stopped);
+    }
+
+    fn index_of(&mut self, name: String) -> u32 {
+        let at = self.palette.iter().position(|known| *known == name).unwrap_or_else(|| {
+            self.palette.push(name);
+            self.palette.len() - 1
+        });
+        u32::try_from(at).expect("a palette is short")
+    }
+
     /// Returns whether all events are valid: cells within the world, and materials within the palette.
     #[must_use]
     pub fn is_sound(&self) -> bool {
@@ -117,6 +191,13 @@ pub struct CodeError {
     pub line: Option<u32>,
     /// Column in that line, counted from 1.
     pub column: Option<u32>,
+    /// Number of the file among those of its turn, counted from 1; absent if there is only one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<usize>,
+    /// Whether the error was thrown by the code itself, and not by what it called.
+    #[serde(skip)]
+    #[schema(ignore)]
+    pub is_own: bool,
 }
 
 /// Limit that a script reached.
@@ -128,6 +209,18 @@ pub struct LimitReached {
     /// Description of the limit that was reached.
     #[schema(example = "more than 2000 ms of processor time; 25 events recorded before")]
     pub detail: String,
+}
+
+impl LimitReached {
+    /// Describes a limit by its name, with what was recorded before.
+    fn of(limit: &str, limits: &ActionLimits, recorded: &str) -> Self {
+        let detail = match limit {
+            "events" => format!("more than {} events", limits.events),
+            "memory" => format!("more than {} bytes of memory", limits.memory_bytes),
+            _ => format!("more than {} ms of processor time", limits.cpu_ms),
+        };
+        Self { limit: limit.to_owned(), detail: format!("{detail}; {recorded} recorded before") }
+    }
 }
 
 impl std::fmt::Display for LimitReached {

@@ -8,7 +8,8 @@ use std::time::Duration;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::process::{Child, Command};
 
-use super::child::{COMMAND, Job};
+use super::child::COMMAND;
+use super::job::{Answer, Job, Order};
 use super::{ActionLimits, CRASHED, LimitReached, Replayed};
 use crate::fair::FairSlots;
 
@@ -58,29 +59,29 @@ impl Pool {
     ///
     /// # Errors
     /// Returns an error if no process can be started or used, which is a failure of the service.
-    pub async fn run(&self, code: &str, who: &Arc<str>) -> anyhow::Result<Replayed> {
+    pub async fn run(&self, job: &Job, who: &Arc<str>) -> anyhow::Result<Answer> {
         let all = self.inner.limits;
         let first = ActionLimits { cpu_ms: FIRST_MS.min(all.cpu_ms), wall_ms: FIRST_WALL_MS.min(all.wall_ms), ..all };
         let turn = self.inner.first.take(who).await;
-        let done = self.run_within(code, &first).await?;
+        let done = self.run_within(job, &first).await?;
         drop(turn);
         match done {
-            Some(done) if done.stopped.as_ref().is_none_or(|stopped| stopped.limit != "time") => return Ok(done),
+            Some(done) if done.stopped().is_none_or(|stopped| stopped.limit != "time") => return Ok(done),
             _ => {}
         }
         let _turn = self.inner.again.take(who).await;
-        let done = self.run_within(code, &all).await?;
+        let done = self.run_within(job, &all).await?;
         // No script may use that much processor time, so the machine is overloaded.
         done.ok_or_else(|| anyhow::anyhow!("action code did not finish within {} ms", all.wall_ms))
     }
 
     /// Runs a script in a child; returns `None` if its wall-clock time ran out.
-    async fn run_within(&self, code: &str, limits: &ActionLimits) -> anyhow::Result<Option<Replayed>> {
+    async fn run_within(&self, job: &Job, limits: &ActionLimits) -> anyhow::Result<Option<Answer>> {
         let mut child = self.take()?;
         let wall = Duration::from_millis(limits.wall_ms);
         let asked = tokio::time::timeout(wall, async {
-            match ask(&mut child, code, limits).await? {
-                Some(replayed) => Ok(replayed),
+            match ask(&mut child, job, limits).await? {
+                Some(answer) => Ok(answer),
                 None => how_it_ended(child.wait().await?.signal(), limits),
             }
         });
@@ -140,8 +141,8 @@ fn start() -> anyhow::Result<Child> {
 ///
 /// # Errors
 /// Returns an error if the script cannot be sent, or the answer is too long or invalid.
-async fn ask(child: &mut Child, code: &str, limits: &ActionLimits) -> anyhow::Result<Option<Replayed>> {
-    let job = serde_json::to_vec(&Job { code: code.to_owned(), limits: *limits })?;
+async fn ask(child: &mut Child, job: &Job, limits: &ActionLimits) -> anyhow::Result<Option<Answer>> {
+    let job = serde_json::to_vec(&Order { job: job.clone(), limits: *limits })?;
     let (Some(input), Some(output)) = (child.stdin.as_mut(), child.stdout.as_mut()) else {
         anyhow::bail!("a process for action code has no pipes");
     };
@@ -154,9 +155,9 @@ async fn ask(child: &mut Child, code: &str, limits: &ActionLimits) -> anyhow::Re
     if output.read_exact(&mut answer).await.is_err() {
         return Ok(None);
     }
-    let replayed = tokio::task::spawn_blocking(move || serde_json::from_slice::<Replayed>(&answer)).await??;
-    anyhow::ensure!(replayed.is_sound(), "the answer contains invalid events");
-    Ok(Some(replayed))
+    let answer = tokio::task::spawn_blocking(move || serde_json::from_slice::<Answer>(&answer)).await??;
+    anyhow::ensure!(answer.turns.iter().all(Replayed::is_sound), "the answer contains invalid events");
+    Ok(Some(answer))
 }
 
 /// Signals with which the system ends a process for what it did, by name.
@@ -171,10 +172,10 @@ const CRASHES: [(i32, &str); 6] = [
 
 /// Interprets the end of a child without an answer. The child had confined itself and run a script before, so these
 /// signals are caused by the script; others, and a regular exit, come from outside and are a failure of the service.
-fn how_it_ended(signal: Option<i32>, limits: &ActionLimits) -> anyhow::Result<Replayed> {
-    let stopped = |limit: &str, detail: String| Replayed {
-        stopped: Some(LimitReached { limit: limit.to_owned(), detail }),
-        ..Replayed::default()
+fn how_it_ended(signal: Option<i32>, limits: &ActionLimits) -> anyhow::Result<Answer> {
+    let stopped = |limit: &str, detail: String| {
+        let stopped = Some(LimitReached { limit: limit.to_owned(), detail });
+        Answer { turns: vec![Replayed { stopped, ..Replayed::default() }], end: None }
     };
     if signal == Some(libc::SIGXCPU) {
         return Ok(stopped("time", format!("more than {} ms of processor time", limits.cpu_ms)));
@@ -195,7 +196,8 @@ mod tests {
 
     #[test]
     fn a_crash_is_not_told_as_a_limit_on_memory() {
-        let told = |signal| how_it_ended(Some(signal), &ACTION_LIMITS).map(|ended| ended.stopped.unwrap().to_string());
+        let told =
+            |signal| how_it_ended(Some(signal), &ACTION_LIMITS).map(|ended| ended.stopped().unwrap().to_string());
         assert!(told(libc::SIGSEGV).unwrap().starts_with("stopped: the script's process ended (SIGSEGV)"));
         assert!(told(libc::SIGXCPU).unwrap().starts_with("stopped at a limit (time): more than 2000 ms"));
         assert!(told(libc::SIGKILL).is_err());

@@ -9,7 +9,7 @@ use serde::de::{IgnoredAny, MapAccess};
 use self::values::Parsed;
 use crate::app::limits::LIMITS;
 use plumbline_engine::intake::Faults;
-use plumbline_engine::intake::tolerant::{OrNull, Read, Shape, Text, read_document};
+use plumbline_engine::intake::tolerant::{OrNull, ProfileShape, Read, Shape, Text, read_document};
 
 /// Characters in the name of a suite or the id of a run. Names that exist are shorter.
 pub const NAME_CHARS: usize = 100;
@@ -17,6 +17,11 @@ pub const NAME_CHARS: usize = 100;
 /// Returns the shape of a name.
 pub const fn name(faults: &mut Faults) -> Text<'_> {
     Text { faults, min_chars: 1, max_chars: NAME_CHARS }
+}
+
+/// Returns the shape of the name of a profile.
+pub const fn profile(faults: &mut Faults) -> ProfileShape<'_> {
+    ProfileShape { faults }
 }
 
 /// Returns the shape of the name of an agent.

@@ -4,16 +4,17 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use crate::actions::Replayed;
+use crate::actions::job::{Answer, Job, TurnInput};
 use crate::actions::turn_replay::TurnReplay;
+use crate::actions::{Profile, RecordedEvent, Replayed};
 use crate::app::App;
 use crate::app::error::{AppError, AppResult};
 use crate::app::submissions::posted::PostedSubmission;
 use crate::fair::Permit;
 use plumbline_engine::intake::Faults;
-use plumbline_engine::intake::code::{SentLog, without_fences};
+use plumbline_engine::intake::code::SentLog;
 use plumbline_engine::intake::schema::EventAction;
-use plumbline_engine::voxel::{BlockLog, Cell};
+use plumbline_engine::voxel::{BlockLog, Cell, Event};
 
 /// Takes a slot for a request whose action code runs or waits.
 ///
@@ -25,34 +26,47 @@ pub fn place(app: &App, who: &Arc<str>) -> AppResult<Permit> {
         .map_err(|_| AppError::too_many("much action code is waiting to be run; come back in a moment"))
 }
 
-async fn replayed(app: &App, who: &Arc<str>, code: &str) -> AppResult<Replayed> {
-    app.actions.run(code, who).await.map_err(|error| AppError::internal(&error))
+async fn replayed(app: &App, who: &Arc<str>, job: &Job) -> AppResult<Answer> {
+    app.actions.run(job, who).await.map_err(|error| AppError::internal(&error))
 }
 
-/// Runs a script for a request that only replays code.
+/// Replays turns for a request that only replays code.
 ///
 /// # Errors
-/// Returns an error if too much code waits, if the script is too long or reaches a limit, or if it cannot be run.
-pub async fn replay(app: &App, who: &Arc<str>, code: &str) -> AppResult<Replayed> {
+/// Returns an error if too much code waits, if the code is too long or reaches a limit, or if it cannot be run.
+pub async fn replay(app: &App, who: &Arc<str>, job: &Job) -> AppResult<Answer> {
     let mut faults = Faults::new();
-    if add_too_long(code, app, &mut faults) {
+    for (turn, number) in job.turns.iter().zip(0..) {
+        if let TurnInput::Code(files) = turn {
+            if job.turns.len() > 1 {
+                faults.enter_key("turns");
+                faults.enter_index(number);
+            }
+            add_too_long(files, app, &mut faults);
+            if job.turns.len() > 1 {
+                faults.leave();
+                faults.leave();
+            }
+        }
+    }
+    if !faults.is_empty() {
         return Err(AppError::faulty(faults));
     }
     let _permit = place(app, who)?;
-    let done = replayed(app, who, &without_fences(code)).await?;
-    if add_stopped(&done, &mut faults) {
+    let answer = replayed(app, who, job).await?;
+    if let Some(stopped) = answer.stopped() {
+        faults.add_at("action_code", stopped.to_string());
         return Err(AppError::faulty(faults));
     }
-    Ok(done)
+    Ok(answer)
 }
 
-fn add_too_long(code: &str, app: &App, faults: &mut Faults) -> bool {
-    let most = app.limits.action_code_bytes;
-    let is_too_long = code.len() > most;
-    if is_too_long {
-        faults.add_at("action_code", format!("{} bytes; at most {most} are allowed", code.len()));
+fn add_too_long(files: &[String], app: &App, faults: &mut Faults) -> bool {
+    let (bytes, most) = (files.iter().map(String::len).sum::<usize>(), app.limits.action_code_bytes);
+    if bytes > most {
+        faults.add_at("action_code", format!("{bytes} bytes; at most {most} are allowed"));
     }
-    is_too_long
+    bytes > most
 }
 
 fn add_stopped(replayed: &Replayed, faults: &mut Faults) -> bool {
@@ -121,7 +135,7 @@ pub async fn run_code(
     run_sent(app, who, sent, &mut EventBudget::whole(app), faults).await
 }
 
-/// Runs the code of one log, and adds the recorded events to it. Stops at the first fault.
+/// Runs the code of one log under its profile, and adds the recorded events to it. Stops at the first fault.
 ///
 /// # Errors
 /// Returns 500 if code cannot be run.
@@ -132,32 +146,86 @@ pub async fn run_sent(
     budget: &mut EventBudget,
     faults: &mut Faults,
 ) -> AppResult<Vec<TurnReplay>> {
-    let codes = std::mem::take(&mut sent.codes);
+    let mut codes: Vec<(usize, Vec<String>)> =
+        std::mem::take(&mut sent.codes).into_iter().map(|code| (code.turn, code.files)).collect();
     let mut replays = Vec::with_capacity(codes.len());
     faults.enter_key("turns");
     let mut is_too_long = false;
-    for code in &codes {
-        faults.enter_index(code.turn);
-        is_too_long |= add_too_long(&code.code, app, faults);
+    for (turn, files) in &codes {
+        faults.enter_index(*turn);
+        is_too_long |= add_too_long(files, app, faults);
         faults.leave();
     }
-    if !is_too_long {
-        // Run them one after another: the recordings of all of them together might not fit into memory.
-        for code in &codes {
-            let done = replayed(app, who, &code.code).await?;
-            faults.enter_index(code.turn);
-            let is_taken = take_events(app, &mut sent.log, code.turn, &done, budget, faults);
+    if is_too_long {
+        codes.clear();
+    }
+    // Turns that share a world run together. Others run one after another: the recordings of all of them might not fit
+    // into memory.
+    let jobs: Vec<Vec<(usize, Vec<String>)>> = match sent.log.profile {
+        Profile::Published => codes.into_iter().map(|code| vec![code]).collect(),
+        Profile::Mindcraft if codes.is_empty() => Vec::new(),
+        Profile::Mindcraft => vec![codes],
+    };
+    'jobs: for codes in jobs {
+        let (job, turns) = job_of(&sent.log, codes);
+        let answer = replayed(app, who, &job).await?;
+        for (turn, done) in turns.into_iter().zip(answer.turns).filter_map(|(turn, done)| Some((turn?, done))) {
+            faults.enter_index(turn);
+            let is_taken = take_events(app, &mut sent.log, turn, &done, budget, faults);
             faults.leave();
             if !is_taken {
-                break;
+                break 'jobs;
             }
-            let Replayed { events, dropped, error, notes, unreadable, .. } = done;
-            let (turn, events) = (code.turn + 1, events.len());
-            replays.push(TurnReplay { turn, events, dropped, error, notes, unreadable });
+            replays.push(TurnReplay::of(turn + 1, done));
         }
     }
     faults.leave();
     Ok(replays)
+}
+
+/// Makes the job of a log's code. With it come the indices of the turns that hold code; none for a turn of events, which
+/// is only there because later code sees what it built.
+fn job_of(log: &BlockLog, codes: Vec<(usize, Vec<String>)>) -> (Job, Vec<Option<usize>>) {
+    let profile = log.profile;
+    if profile.is_published() {
+        let (turns, inputs) = codes.into_iter().map(|(turn, files)| (Some(turn), TurnInput::Code(files))).unzip();
+        return (Job { profile, start: None, turns: inputs }, turns);
+    }
+    let last = codes.last().map_or(0, |(turn, _)| turn + 1);
+    let mut codes = codes.into_iter().peekable();
+    let mut inputs = Vec::with_capacity(last);
+    let mut turns = Vec::with_capacity(last);
+    for turn in 0..last {
+        if let Some((_, files)) = codes.next_if(|(of, _)| *of == turn) {
+            inputs.push(TurnInput::Code(files));
+            turns.push(Some(turn));
+        } else {
+            inputs.push(TurnInput::Events(events_of(log, turn)));
+            turns.push(None);
+        }
+    }
+    (Job { profile, start: None, turns: inputs }, turns)
+}
+
+/// Makes one job of all turns of a log, with or without code.
+#[must_use]
+pub fn job_of_all(mut sent: SentLog) -> Job {
+    let last = sent.log.turns.len();
+    let mut codes = std::mem::take(&mut sent.codes).into_iter().peekable();
+    let turns = (0..last).map(|turn| match codes.next_if(|code| code.turn == turn) {
+        Some(code) => TurnInput::Code(code.files),
+        None => TurnInput::Events(events_of(&sent.log, turn)),
+    });
+    Job { profile: sent.log.profile, start: None, turns: turns.collect() }
+}
+
+/// Returns the events of a turn as a job holds them.
+fn events_of(log: &BlockLog, turn: usize) -> Vec<([i32; 3], Option<String>)> {
+    let told = log.turns[turn].iter().map(|event| match *event {
+        Event::Place { cell, material } => (cell.into(), Some(log.palette.name(material).to_owned())),
+        Event::Remove { cell } => (cell.into(), None),
+    });
+    told.collect()
 }
 
 /// Adds the events of a script to its turn. Returns false if it reached a limit, which is a fault.
@@ -186,8 +254,7 @@ fn take_events(
     budget.left -= events;
     for event in &done.events {
         let [x, y, z] = event.cell;
-        let material = event.material.and_then(|index| done.palette.get(index as usize));
-        log.add_event(turn, Cell { x, y, z }, material.map(String::as_str));
+        log.add_event(turn, Cell { x, y, z }, done.material(event));
     }
     if log.palette.len() > limits.materials {
         faults.add_at("action_code", format!("more than {} different materials in the log", limits.materials));
@@ -211,14 +278,56 @@ pub struct ReplayedEvent {
     /// Material of the block, if one is placed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub material: Option<String>,
+    /// The block with its state in the game's own notation, if it has one that was named.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(example = "oak_door[half=upper]")]
+    pub block: Option<String>,
 }
 
 /// Returns the events of a script in the form in which they are served.
 pub fn told(done: &Replayed) -> impl Iterator<Item = ReplayedEvent> {
-    done.events.iter().map(|event| {
+    done.events.iter().map(|event: &RecordedEvent| {
         let [x, y, z] = event.cell;
-        let material = event.material.and_then(|index| done.palette.get(index as usize)).cloned();
+        let material = done.material(event).map(str::to_owned);
         let action = if material.is_some() { EventAction::Place } else { EventAction::Remove };
-        ReplayedEvent { action, x, y, z, material }
+        let block = done.block(event).filter(|block| Some(*block) != material.as_deref()).map(str::to_owned);
+        ReplayedEvent { action, x, y, z, material, block }
     })
+}
+
+/// Block that stands after a replay.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct StandingBlock {
+    /// Coordinate to the east.
+    pub x: i32,
+    /// Coordinate upwards.
+    pub y: i32,
+    /// Coordinate to the south.
+    pub z: i32,
+    /// Name of the block, with the state that was named, in the game's own notation.
+    #[schema(example = "oak_door[half=upper]")]
+    pub block: String,
+}
+
+/// Returns the blocks that stand after a replay and were not there before, by y, x and z.
+#[must_use]
+pub fn standing(answer: &Answer) -> Vec<StandingBlock> {
+    if let Some(end) = &answer.end {
+        let block = |([x, y, z], block): ([i32; 3], &str)| StandingBlock { x, y, z, block: block.to_owned() };
+        return end.standing().map(block).collect();
+    }
+    let mut log = BlockLog { turns: vec![Vec::new(); answer.turns.len()], ..BlockLog::default() };
+    for (turn, done) in answer.turns.iter().enumerate() {
+        for event in &done.events {
+            let [x, y, z] = event.cell;
+            log.add_event(turn, Cell { x, y, z }, done.material(event));
+        }
+    }
+    let Some(structure) = plumbline_engine::voxel::replay::Replay::new(&log).last() else { return Vec::new() };
+    let mut blocks: Vec<StandingBlock> = (0..structure.len())
+        .map(|i| (structure.cells()[i], structure.material(i).to_owned()))
+        .map(|(Cell { x, y, z }, block)| StandingBlock { x, y, z, block })
+        .collect();
+    blocks.sort_by_key(|block| (block.y, block.x, block.z));
+    blocks
 }

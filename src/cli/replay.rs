@@ -1,77 +1,165 @@
-//! `plumbline replay`: runs action code and prints its events, one per line.
+//! `plumbline replay`: runs action code and prints what it does, one event or block per line.
 
 use std::io::Write as _;
-use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Context as _;
 use clap::Args;
+use serde::Serialize;
 
+use crate::actions::job::{Answer, Job, TurnInput};
 use crate::actions::pool::Pool;
-use crate::actions::{ACTION_LIMITS, Replayed};
-use crate::app::replay::told;
+use crate::actions::{ACTION_LIMITS, CodeError, Profile, Replayed};
+use crate::app::replay::{standing, told};
 use crate::near::counted;
-use plumbline_engine::intake::code::without_fences;
+
+/// Exit code if code ended before its end.
+const ENDED_EARLY: u8 = 3;
 
 /// Arguments of `replay`.
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
-    /// Files of action code; `-` reads standard input.
-    #[arg(required = true, value_name = "FILE")]
-    files: Vec<PathBuf>,
+    /// Rules of the replay: `published` records placing and breaking as the published pipeline does, each file for
+    /// itself; `mindcraft` lets the code act in a game world that all files share.
+    #[arg(long, value_name = "NAME", value_parser = profile)]
+    profile: Option<Profile>,
+    /// Print the blocks that stand at the end and were not there before, instead of the events.
+    #[arg(long)]
+    structure: bool,
+    /// Files of a turn in their order, each an answer of a model as it came, or code; `-` reads standard input. `--turn`
+    /// between files begins the next turn.
+    #[arg(required = true, value_name = "FILE", allow_hyphen_values = true, num_args = 1..)]
+    files: Vec<String>,
 }
 
-/// Runs the command. Events go to standard output, in the order of the files; dropped calls, notes and errors go to
-/// standard error. The exit code is 1 if a script is stopped at a limit or is not JavaScript.
+fn profile(name: &str) -> Result<Profile, String> {
+    Profile::named(name).ok_or_else(|| format!("there are {}", Profile::ALL.map(Profile::name).join(" and ")))
+}
+
+/// A file of a turn.
+struct File {
+    name: String,
+    text: String,
+}
+
+/// Runs the command. Events or blocks go to standard output; dropped calls, notes and errors go to standard error.
+///
+/// The exit code is 0 if all code ran, 3 if some ended early, and 1 if none of it could be read. Without `--profile` it is
+/// 1 if code was stopped at a limit or is not JavaScript, and 0 otherwise.
 ///
 /// # Errors
-/// Returns an error if a file cannot be read or is too large, or a script cannot be run in a process.
+/// Returns an error if a file cannot be read or is too large, or code cannot be run in a process.
 pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    runtime.block_on(async {
-        let pool = Pool::new(1, ACTION_LIMITS);
-        let who = std::sync::Arc::from("");
-        let mut is_whole = true;
-        for file in &args.files {
-            let name = file.display().to_string();
-            let code =
-                if name == "-" { std::io::read_to_string(std::io::stdin()) } else { std::fs::read_to_string(file) };
-            let code = code.with_context(|| name.clone())?;
-            anyhow::ensure!(
-                code.len() <= ACTION_LIMITS.code_bytes,
-                "{name}: more than {} bytes",
-                ACTION_LIMITS.code_bytes
-            );
-            let replayed = pool.run(&without_fences(&code), &who).await?;
-            is_whole &= replayed.stopped.is_none() && !replayed.unreadable;
-            match print(&name, &replayed) {
-                // The reader has closed the pipe.
-                Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => return Ok(ExitCode::SUCCESS),
-                printed => printed?,
-            }
-        }
-        Ok(if is_whole { ExitCode::SUCCESS } else { ExitCode::FAILURE })
-    })
+    let profile = args.profile.unwrap_or_default();
+    let (turns, is_structure) = turns(args)?;
+    let job = Job {
+        profile,
+        start: None,
+        turns: turns
+            .iter()
+            .map(|files| TurnInput::Code(files.iter().map(|file| file.text.clone()).collect()))
+            .collect(),
+    };
+    let answer = runtime.block_on(async { Pool::new(1, ACTION_LIMITS).run(&job, &std::sync::Arc::from("")).await })?;
+    match print(&answer, is_structure) {
+        // The reader has closed the pipe.
+        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => return Ok(ExitCode::SUCCESS),
+        printed => printed?,
+    }
+    for (files, done) in turns.iter().zip(&answer.turns) {
+        explain(files, done);
+    }
+    Ok(exit_code(args.profile.is_some(), &answer))
 }
 
-fn print(name: &str, replayed: &Replayed) -> std::io::Result<()> {
-    let mut out = std::io::BufWriter::new(std::io::stdout().lock());
-    for event in told(replayed) {
-        writeln!(out, "{}", serde_json::to_string(&event)?)?;
+fn exit_code(is_explicit: bool, answer: &Answer) -> ExitCode {
+    let turns = &answer.turns;
+    if !is_explicit {
+        let is_whole = turns.iter().all(|done| done.stopped.is_none() && !done.unreadable);
+        return if is_whole { ExitCode::SUCCESS } else { ExitCode::FAILURE };
     }
-    out.flush()?;
-    for dropped in &replayed.dropped {
+    if turns.iter().all(|done| done.unreadable) {
+        ExitCode::FAILURE
+    } else if turns.iter().any(Replayed::ended_early) {
+        ExitCode::from(ENDED_EARLY)
+    } else {
+        ExitCode::SUCCESS
+    }
+}
+
+/// Reads the files of each turn, and whether `--structure` stood among them.
+fn turns(args: &ReplayArgs) -> anyhow::Result<(Vec<Vec<File>>, bool)> {
+    let mut turns: Vec<Vec<File>> = vec![Vec::new()];
+    let mut is_structure = args.structure;
+    for name in &args.files {
+        match name.as_str() {
+            "--turn" => turns.push(Vec::new()),
+            "--structure" => is_structure = true,
+            option if option.starts_with("--") => {
+                anyhow::bail!("unexpected argument '{option}'; options stand before the files")
+            }
+            name => turns.last_mut().expect("there is a first turn").push(read(name)?),
+        }
+    }
+    turns.retain(|files| !files.is_empty());
+    anyhow::ensure!(!turns.is_empty(), "no file was given");
+    Ok((turns, is_structure))
+}
+
+fn read(name: &str) -> anyhow::Result<File> {
+    let bytes = if name == "-" {
+        let mut bytes = Vec::new();
+        std::io::Read::read_to_end(&mut std::io::stdin().lock(), &mut bytes).map(|_| bytes)
+    } else {
+        std::fs::read(name)
+    };
+    let bytes = bytes.with_context(|| name.to_owned())?;
+    let most = ACTION_LIMITS.code_bytes;
+    anyhow::ensure!(bytes.len() <= most, "{name}: more than {most} bytes");
+    let text = String::from_utf8(bytes).map_err(|error| anyhow::anyhow!("{name}: not UTF-8: {error}"))?;
+    let text = text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text);
+    Ok(File { name: name.to_owned(), text })
+}
+
+fn print(answer: &Answer, is_structure: bool) -> std::io::Result<()> {
+    let mut out = std::io::BufWriter::new(std::io::stdout().lock());
+    if is_structure {
+        for block in standing(answer) {
+            line(&mut out, &block)?;
+        }
+    } else {
+        for event in answer.turns.iter().flat_map(told) {
+            line(&mut out, &event)?;
+        }
+    }
+    out.flush()
+}
+
+fn line(out: &mut impl std::io::Write, value: &impl Serialize) -> std::io::Result<()> {
+    writeln!(out, "{}", serde_json::to_string(value)?)
+}
+
+/// Tells on standard error what happened to the files of a turn.
+fn explain(files: &[File], done: &Replayed) {
+    let name = files.iter().map(|file| file.name.as_str()).collect::<Vec<_>>().join(", ");
+    for line in &done.log {
+        eprintln!("{name}: printed: {line}");
+    }
+    for dropped in &done.dropped {
         eprintln!("{name}: {} dropped: {}", counted(dropped.count as usize, "call"), dropped.reason);
     }
-    for note in &replayed.notes {
+    for note in &done.notes {
         eprintln!("{name}: {note}");
     }
-    if let Some(error) = &replayed.error {
-        let place = error.line.map(|line| format!(":{line}:{}", error.column.unwrap_or(1))).unwrap_or_default();
-        eprintln!("{name}{place}: {}", error.message);
+    let built = counted(done.events.len(), "event");
+    for CodeError { message, line, column, file, .. } in done.error.iter().chain(&done.more_errors) {
+        let name = file.and_then(|number| files.get(number - 1)).map_or(name.as_str(), |file| file.name.as_str());
+        let line = line.map(|line| format!(" line {line}:")).unwrap_or_default();
+        let column = column.map(|column| format!(" (column {column})")).unwrap_or_default();
+        eprintln!("{name}:{line} {message}{column}; {built} in this turn");
     }
-    if let Some(stopped) = &replayed.stopped {
+    if let Some(stopped) = &done.stopped {
         eprintln!("{name}: stopped: {}", stopped.detail);
     }
-    Ok(())
 }

@@ -1,6 +1,7 @@
 //! Coordinates in commands: absolute (`5`), relative to the body (`~`, `~-1`), and relative to where it looks (`^1`).
 
 use super::command::Refusal;
+use super::support::Side;
 use crate::voxel::cell::{Cell, MAX_HORIZONTAL};
 
 /// Least height of a block.
@@ -22,6 +23,19 @@ pub struct Place {
 impl Default for Place {
     fn default() -> Self {
         Self { position: [0.0; 3], yaw: 0.0, pitch: 0.0 }
+    }
+}
+
+impl Place {
+    /// Returns the horizontal side to which the view is nearest.
+    #[must_use]
+    pub fn facing(&self) -> Side {
+        match ((self.yaw / 90.0 + 0.5).floor() as i64).rem_euclid(4) {
+            0 => Side::South,
+            1 => Side::West,
+            2 => Side::North,
+            _ => Side::East,
+        }
     }
 }
 

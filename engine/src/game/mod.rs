@@ -6,10 +6,13 @@
 pub mod command;
 pub mod coordinates;
 mod falling;
+mod placing;
 mod region;
 pub mod registry;
+mod search;
 mod support;
 pub mod world;
 
 pub use registry::{Block, Look, StateId};
+pub use support::Side;
 pub use world::World;

@@ -42,6 +42,19 @@ impl Side {
         })
     }
 
+    /// Returns the name of the side, such as `north`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::West => "west",
+            Self::East => "east",
+            Self::North => "north",
+            Self::South => "south",
+            Self::Down => "down",
+            Self::Up => "up",
+        }
+    }
+
     /// Returns the opposite side.
     #[must_use]
     pub const fn opposite(self) -> Self {

@@ -21,16 +21,22 @@ pub struct SentLog {
 pub struct TurnCode {
     /// Index of the turn in the log, from 0.
     pub turn: usize,
-    /// Source text of the code.
-    pub code: String,
+    /// Answers or files of code as they were sent, in the order in which they run.
+    pub files: Vec<String>,
 }
 
 impl SentLog {
     /// Creates a log of one turn that consists of code.
     #[must_use]
     pub fn of_code(code: String) -> Self {
+        Self::of_files(vec![code])
+    }
+
+    /// Creates a log of one turn that consists of files of code.
+    #[must_use]
+    pub fn of_files(files: Vec<String>) -> Self {
         let log = BlockLog { turns: vec![Vec::new()], ..BlockLog::default() };
-        Self { log, codes: vec![TurnCode { turn: 0, code }] }
+        Self { log, codes: vec![TurnCode { turn: 0, files }] }
     }
 }
 
@@ -50,7 +56,7 @@ impl SentLog {
                 }
             }
         }
-        let codes = other.codes.iter().map(|code| TurnCode { turn: turns + code.turn, code: code.code.clone() });
+        let codes = other.codes.iter().map(|code| TurnCode { turn: turns + code.turn, files: code.files.clone() });
         self.codes.extend(codes);
     }
 }

@@ -9,7 +9,7 @@ use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess};
 use crate::text::agreeing;
 use crate::voxel::block_log::{BlockLog, Event, Turn};
 use crate::voxel::palette::{MaterialId, Palette};
-use tolerant::{OrNull, Read, Shape, Verbatim};
+use tolerant::{OrNull, Read, Shape, Texts};
 
 /// Reads the value of the member whose key was just read; its faults get the location of that member. If the text is
 /// not JSON, the macro returns early and keeps the current location, so that the caller can report it.
@@ -49,7 +49,7 @@ pub mod tolerant;
 
 pub use faults::{Fault, Faults};
 
-use code::{SentLog, TurnCode, without_fences};
+use code::{SentLog, TurnCode};
 use events::EventsShape;
 use rows::{PaletteShape, Row, RowsShape};
 
@@ -102,9 +102,15 @@ impl<'de> Shape<'de> for Turns<'_> {
             }
         }
         reader.check_totals();
-        Ok(Some(SentLog { log: BlockLog { palette: reader.palette, turns }, codes: reader.codes }))
+        Ok(Some(SentLog {
+            log: BlockLog { palette: reader.palette, turns, ..BlockLog::default() },
+            codes: reader.codes,
+        }))
     }
 }
+
+/// Greatest number of files of action code in a turn.
+pub const MAX_FILES: usize = 64;
 
 /// The state while one log is read.
 struct Reader<'f> {
@@ -173,7 +179,8 @@ impl<'de> Shape<'de> for TurnShape<'_, '_> {
                     rows = member!(members, reader, "rows", RowsShape { reader: &mut *reader });
                 }
                 "action_code" if code.is_none() => {
-                    code = member!(members, reader, "action_code", Verbatim { faults: &mut *reader.faults });
+                    code =
+                        member!(members, reader, "action_code", Texts { faults: &mut *reader.faults, most: MAX_FILES });
                 }
                 known @ ("events" | "palette" | "rows" | "action_code") => {
                     reader.faults.add_at(known, "given twice");
@@ -192,7 +199,7 @@ impl<'de> Shape<'de> for TurnShape<'_, '_> {
                 reader.faults.add("give either events, or palette and rows, or action_code");
                 return Ok(None);
             }
-            reader.codes.extend(code.map(|code| TurnCode { turn, code: without_fences(&code).into_owned() }));
+            reader.codes.extend(code.map(|files| TurnCode { turn, files }));
             return Ok(Some(Turn::new()));
         }
         Ok(match (events, palette, rows) {

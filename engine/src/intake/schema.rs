@@ -2,6 +2,8 @@
 //!
 //! The readers beside this file write events straight into a block log, so no value of these types ever exists.
 
+use crate::voxel::Profile;
+
 /// A turn: plain events, a palette and rows, or action code.
 #[derive(Debug, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -12,9 +14,21 @@ pub struct NewTurn {
     pub palette: Option<Vec<String>>,
     /// Compact form: `[x, y, z, i]` places a block of palette entry i, `[x, y, z]` removes one.
     pub rows: Option<Vec<Vec<i32>>>,
-    /// Instead of events: JavaScript as agents of the mindcraft framework write it, bare or in a code fence. The
-    /// service runs it; the blocks that it places and removes are the events.
-    pub action_code: Option<String>,
+    /// Instead of events: JavaScript as agents of the mindcraft framework write it, bare or in a code fence; a list if
+    /// the turn has several files, which run in order. The service runs it; the blocks that it places and removes are
+    /// the events.
+    pub action_code: Option<ActionCode>,
+}
+
+/// Action code of a turn: one text, or several files.
+#[derive(Debug, utoipa::ToSchema)]
+#[schema(as = ActionCode)]
+#[serde(untagged)]
+pub enum ActionCode {
+    /// The answer or file.
+    One(String),
+    /// Files, in the order in which they run.
+    Several(Vec<String>),
 }
 
 /// An event: a block that is placed or removed.
@@ -54,4 +68,6 @@ pub struct StoredLogBody {
     pub palette: Vec<String>,
     /// Rows of each turn: `[x, y, z, i]` places a block of palette entry i, `[x, y, z]` removes one.
     pub turns: Vec<Vec<Vec<i32>>>,
+    /// Rules under which the events become a build; `published` if absent.
+    pub profile: Option<Profile>,
 }

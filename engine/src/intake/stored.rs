@@ -5,7 +5,7 @@ use serde::de::{IgnoredAny, MapAccess, SeqAccess};
 use super::code::SentLog;
 use super::faults::Faults;
 use super::rows::{PaletteShape, Row, RowsShape};
-use super::tolerant::{Read, Shape};
+use super::tolerant::{ProfileShape, Read, Shape};
 use super::{LogLimits, Reader, resolve_rows};
 use crate::voxel::block_log::{BlockLog, Turn};
 
@@ -31,7 +31,7 @@ impl<'de> Shape<'de> for StoredLog<'_> {
 
     fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<SentLog>, A::Error> {
         let mut reader = Reader::new(self.faults, self.limits);
-        let (mut palette, mut turns) = (None, None);
+        let (mut palette, mut turns, mut profile) = (None, None, None);
         while let Some(key) = members.next_key::<String>()? {
             reader.faults.enter_key(&key);
             match key.as_str() {
@@ -41,12 +41,15 @@ impl<'de> Shape<'de> for StoredLog<'_> {
                 "turns" if turns.is_none() => {
                     turns = Some(members.next_value_seed(Read(TurnsOfRows { reader: &mut reader }))?);
                 }
-                "palette" | "turns" => {
+                "profile" if profile.is_none() => {
+                    profile = Some(members.next_value_seed(Read(ProfileShape { faults: &mut *reader.faults }))?);
+                }
+                "palette" | "turns" | "profile" => {
                     reader.faults.add("given twice");
                     members.next_value::<IgnoredAny>()?;
                 }
                 _ => {
-                    reader.faults.add("unknown field; a stored log has palette and turns");
+                    reader.faults.add("unknown field; a stored log has palette, turns and perhaps profile");
                     members.next_value::<IgnoredAny>()?;
                 }
             }
@@ -67,7 +70,8 @@ impl<'de> Shape<'de> for StoredLog<'_> {
         }
         reader.faults.leave();
         reader.check_totals();
-        Ok(Some(BlockLog { palette: reader.palette, turns: resolved }.into()))
+        let profile = profile.flatten().unwrap_or_default();
+        Ok(Some(BlockLog { palette: reader.palette, turns: resolved, profile }.into()))
     }
 }
 

@@ -9,6 +9,7 @@ use serde::de::{DeserializeSeed, Deserializer, IgnoredAny, MapAccess, SeqAccess,
 
 use super::faults::Faults;
 use crate::text::counted;
+use crate::voxel::Profile;
 
 /// A JSON value that is neither an object nor an array.
 #[derive(Debug, Clone, PartialEq)]
@@ -275,6 +276,84 @@ impl Shape<'_> for Verbatim<'_> {
         }
         self.faults.add(format!("expected a string, found {value}"));
         None
+    }
+}
+
+/// The shape of a text, or of a list of texts.
+#[derive(Debug)]
+pub struct Texts<'f> {
+    /// Collector of the faults.
+    pub faults: &'f mut Faults,
+    /// Greatest number of texts.
+    pub most: usize,
+}
+
+impl<'de> Shape<'de> for Texts<'_> {
+    type Out = Vec<String>;
+
+    fn wanted(&self) -> &'static str {
+        "a string or an array of strings"
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn scalar(self, value: &Scalar<'_>) -> Option<Vec<String>> {
+        if let Scalar::Text(text) = value {
+            return Some(vec![(*text).to_owned()]);
+        }
+        self.faults.add(format!("expected a string or an array of strings, found {value}"));
+        None
+    }
+
+    fn array<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Option<Vec<String>>, A::Error> {
+        let (mut texts, mut is_whole) = (Vec::new(), true);
+        for index in 0.. {
+            self.faults.enter_index(index);
+            let text = elements.next_element_seed(Read(Verbatim { faults: &mut *self.faults }))?;
+            self.faults.leave();
+            let Some(text) = text else { break };
+            if index == self.most {
+                self.faults.add(format!("more than {} texts", self.most));
+            }
+            is_whole &= text.is_some() && index < self.most;
+            texts.extend(text.filter(|_| index < self.most));
+        }
+        if texts.is_empty() && is_whole {
+            self.faults.add("expected at least one text");
+            is_whole = false;
+        }
+        Ok(is_whole.then_some(texts))
+    }
+}
+
+/// The shape of the name of a profile.
+#[derive(Debug)]
+pub struct ProfileShape<'f> {
+    /// Collector of the faults.
+    pub faults: &'f mut Faults,
+}
+
+impl Shape<'_> for ProfileShape<'_> {
+    type Out = Profile;
+
+    fn wanted(&self) -> &'static str {
+        "\"published\" or \"mindcraft\""
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn scalar(self, value: &Scalar<'_>) -> Option<Profile> {
+        let named = if let Scalar::Text(name) = value { Profile::named(name) } else { None };
+        if named.is_none() {
+            self.faults.add(format!(
+                "expected \"published\" or \"mindcraft\", found {value}; /v1/profiles tells what they are"
+            ));
+        }
+        named
     }
 }
 

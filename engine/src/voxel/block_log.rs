@@ -6,6 +6,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::cell::Cell;
 use super::palette::{MaterialId, Palette};
+use super::profile::Profile;
 
 /// One action of an agent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,6 +55,8 @@ pub struct BlockLog {
     pub palette: Palette,
     /// Events of each turn.
     pub turns: Vec<Turn>,
+    /// Rules under which the events become a build.
+    pub profile: Profile,
 }
 
 impl BlockLog {
@@ -103,7 +106,8 @@ impl BlockLog {
             }
         }
         let renumbered: Vec<MaterialId> = self.palette.names().map(|name| used.get(name).unwrap_or(0)).collect();
-        let canonical = Canonical { palette: &used, renumbered: &renumbered, turns: &self.turns };
+        let canonical =
+            Canonical { palette: &used, renumbered: &renumbered, turns: &self.turns, profile: self.profile };
         serde_json::to_vec(&canonical).expect("a log is JSON")
     }
 
@@ -121,7 +125,7 @@ impl BlockLog {
             Some(None) => Err(serde_json::Error::custom("a row refers to a material that is not in the palette")),
         };
         let turns = stored.turns.into_iter().map(|rows| rows.into_iter().map(event).collect());
-        Ok(Self { turns: turns.collect::<Result<_, _>>()?, palette })
+        Ok(Self { turns: turns.collect::<Result<_, _>>()?, palette, profile: stored.profile })
     }
 }
 
@@ -129,6 +133,8 @@ impl BlockLog {
 struct Stored {
     palette: Vec<String>,
     turns: Vec<Vec<StoredRow>>,
+    #[serde(default)]
+    profile: Profile,
 }
 
 /// A stored row: `[x, y, z]` for a removal, `[x, y, z, i]` to place palette entry `i`.
@@ -158,14 +164,18 @@ struct Canonical<'a> {
     palette: &'a Palette,
     renumbered: &'a [MaterialId],
     turns: &'a [Turn],
+    profile: Profile,
 }
 
 impl Serialize for Canonical<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let names: Vec<&str> = self.palette.names().collect();
-        let mut map = serializer.serialize_map(Some(2))?;
+        let mut map = serializer.serialize_map(None)?;
         map.serialize_entry("palette", &names)?;
         map.serialize_entry("turns", &Turns(self))?;
+        if !self.profile.is_published() {
+            map.serialize_entry("profile", &self.profile)?;
+        }
         map.end()
     }
 }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::block_log::{BlockLog, Event, Turn};
 use super::cell::{Cell, CellMap, CellSet};
 use super::palette::{MaterialId, Palette};
+use super::profile::Profile;
 use super::structure::Structure;
 
 /// An iterator over the structures after each turn of a log. It holds one structure at a time.
@@ -12,6 +13,7 @@ use super::structure::Structure;
 pub struct Replay<'a> {
     palette: Arc<Palette>,
     turns: std::slice::Iter<'a, Turn>,
+    profile: Profile,
     standing: Vec<(Cell, MaterialId)>,
 }
 
@@ -19,7 +21,12 @@ impl<'a> Replay<'a> {
     /// Starts a replay before the first turn of `log`.
     #[must_use]
     pub fn new(log: &'a BlockLog) -> Self {
-        Self { palette: Arc::new(log.palette.clone()), turns: log.turns.iter(), standing: Vec::new() }
+        Self {
+            palette: Arc::new(log.palette.clone()),
+            turns: log.turns.iter(),
+            profile: log.profile,
+            standing: Vec::new(),
+        }
     }
 }
 
@@ -28,7 +35,10 @@ impl Iterator for Replay<'_> {
 
     fn next(&mut self) -> Option<Structure> {
         let turn = self.turns.next()?;
-        apply(&mut self.standing, turn);
+        match self.profile {
+            Profile::Published => apply(&mut self.standing, turn),
+            Profile::Mindcraft => apply_in_order(&mut self.standing, turn),
+        }
         Some(Structure::new(Arc::clone(&self.palette), self.standing.iter().copied()))
     }
 }
@@ -63,6 +73,33 @@ fn apply(standing: &mut Vec<(Cell, MaterialId)>, turn: &[Event]) {
     }
     placed.retain(|(cell, _)| position.contains_key(cell));
     standing.append(&mut placed);
+}
+
+/// Applies one turn event by event: a removal also removes what the same turn placed.
+///
+/// As in [`apply`], a placement on a standing cell changes its material and keeps its position in the order, and a new
+/// cell, or one that was removed before, is appended at the end.
+fn apply_in_order(standing: &mut Vec<(Cell, MaterialId)>, turn: &[Event]) {
+    let mut entries: Vec<Option<(Cell, MaterialId)>> = standing.drain(..).map(Some).collect();
+    let mut position: CellMap<usize> =
+        entries.iter().enumerate().filter_map(|(at, entry)| entry.map(|(cell, _)| (cell, at))).collect();
+    for event in turn {
+        match *event {
+            Event::Place { cell, material } => match position.get(&cell) {
+                Some(at) => entries[*at] = Some((cell, material)),
+                None => {
+                    position.insert(cell, entries.len());
+                    entries.push(Some((cell, material)));
+                }
+            },
+            Event::Remove { cell } => {
+                if let Some(at) = position.remove(&cell) {
+                    entries[at] = None;
+                }
+            }
+        }
+    }
+    standing.extend(entries.into_iter().flatten());
 }
 
 /// Computes the events that turn `before` into `after`, including the order of the entries, under the rules of `docs/rules.md#replay`.
@@ -111,6 +148,28 @@ mod tests {
 
     fn named(structure: &Structure) -> Vec<(Cell, String)> {
         (0..structure.len()).map(|i| (structure.cells()[i], structure.material(i).to_owned())).collect()
+    }
+
+    #[test]
+    fn a_removal_in_the_turn_of_its_placement_counts_only_in_order() {
+        let mut log = BlockLog::default();
+        let [a, b] = [Cell::new(0, 0, 0), Cell::new(1, 0, 0)];
+        for step in 0..2 {
+            log.place(a, "stone");
+            log.place(b, "dirt");
+            if step == 0 {
+                log.remove(a);
+            }
+        }
+        let order = |log: &BlockLog| named(&Replay::new(log).last().unwrap());
+        assert_eq!(order(&log), [(a, "stone".to_owned()), (b, "dirt".to_owned())]);
+        log.profile = Profile::Mindcraft;
+        assert_eq!(order(&log), [(b, "dirt".to_owned()), (a, "stone".to_owned())]);
+        assert!(log.canonical_json().ends_with(br#""profile":"mindcraft"}"#));
+        assert_eq!(BlockLog::from_canonical_json(&log.canonical_json()).unwrap().profile, Profile::Mindcraft);
+        log.remove(a);
+        log.remove(b);
+        assert_eq!(order(&log), []);
     }
 
     proptest! {

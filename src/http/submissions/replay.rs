@@ -2,53 +2,82 @@
 
 use axum::Json;
 use axum::extract::State;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
-use crate::actions::{CodeError, Dropped};
+use crate::actions::turn_replay::TurnReplay;
+use crate::actions::{CodeError, Dropped, Profile, Replayed};
 use crate::app::access::Caller;
+use crate::app::body::{profile, request_body};
 use crate::app::error::{AppError, AppResult};
-use crate::app::replay::{ReplayedEvent, replay, told};
-use crate::http::extract::body::{JsonBody, read_json};
+use crate::app::replay::{ReplayedEvent, StandingBlock, job_of_all, replay, standing, told};
+use crate::app::submissions::log_member::turns;
+use crate::http::extract::body::{JsonBody, read_draft};
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
-use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::code::SentLog;
+use plumbline_engine::intake::schema::{ActionCode, NewTurn};
+use plumbline_engine::intake::tolerant::Texts;
+use plumbline_engine::intake::{Faults, MAX_FILES};
 
 /// Approximate size of an event in the response, in bytes, without the material's name.
 const EVENT_BYTES: usize = 60;
 /// Maximum size of a response, in bytes.
 const ANSWER_BYTES: usize = 32 << 20;
 
-/// Action code to run.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-#[schema(example = json!({ "action_code": "(async (bot) => { await skills.placeBlock(bot, 'stone', 0, 0, 0); })" }))]
-pub struct NewReplay {
-    /// JavaScript as agents of the mindcraft framework write it.
-    action_code: String,
+request_body! {
+    /// Action code to run: of one turn as `action_code`, or of several as `turns`.
+    #[schema(example = json!({
+        "profile": "mindcraft", "action_code": "await skills.placeBlock(bot, 'stone', 0, 0, 0);"
+    }))]
+    pub struct NewReplay: "an object with \"action_code\" or \"turns\" and, if wanted, \"profile\"" {
+        /// Rules of the replay; `published` if absent.
+        profile: Profile = optional(profile),
+        /// Answer of a model as it came, or code as agents of the mindcraft framework write it; a list if the turn has
+        /// several files, which run in order.
+        #[schema(value_type = Option<ActionCode>)]
+        action_code: Vec<String> = work(files),
+        /// Turns, as a submission has them.
+        #[schema(value_type = Option<Vec<NewTurn>>)]
+        turns: SentLog = work(turns),
+    }
+    unknown: |_| "unknown field; a replay has profile, and action_code or turns"
+}
+
+fn files(faults: &mut Faults) -> Texts<'_> {
+    Texts { faults, most: MAX_FILES }
 }
 
 /// Result of running action code.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct ReplayBody {
-    /// Blocks that the code placed and removed, in order.
+    /// Rules of the replay.
+    pub profile: Profile,
+    /// Blocks that the code placed and removed, in order, over all turns.
     pub events: Vec<ReplayedEvent>,
-    /// Calls that recorded nothing, by reason.
+    /// Blocks that stand at the end and were not there before, by y, x and z.
+    pub structure: Vec<StandingBlock>,
+    /// Calls of the first turn that recorded nothing, by reason.
     pub dropped: Vec<Dropped>,
-    /// Error that ended the code, or a rejection that nothing handled; events recorded before it count.
+    /// Error that ended the code of the first turn, or a rejection that nothing handled; events recorded before it count.
     pub error: Option<CodeError>,
-    /// Notes for the author although nothing failed, for example that a function was defined but never called.
+    /// Notes for the author of the first turn although nothing failed, for example that a function was defined but never
+    /// called.
     pub notes: Vec<String>,
+    /// The turns that hold code, with everything that is told of them.
+    pub turns: Vec<TurnReplay>,
 }
 
-/// Runs action code against stand-ins and returns the blocks that it places and removes. Nothing is graded or stored. A
-/// script that reaches a limit is refused, and the fault names the limit.
+/// Runs action code and returns the blocks that it places and removes, and those that stand at the end. Nothing is graded
+/// or stored. Code that reaches a limit is refused, and the fault names the limit.
 #[utoipa::path(
     post, path = "/v1/replay", operation_id = "replay_action_code", tag = "submissions", summary = "Run action code",
     request_body(content = NewReplay, content_type = "application/json"),
     responses(
         (status = 200, description = "The recorded events", body = ReplayBody,
-         example = json!({ "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }], "dropped": [],
-                           "error": null, "notes": [] })),
+         example = json!({ "profile": "published",
+                           "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }],
+                           "structure": [{ "x": 0, "y": 0, "z": 0, "block": "stone" }], "dropped": [], "error": null,
+                           "notes": [], "turns": [{ "turn": 1, "events": 1 }] })),
     )
 )]
 pub async fn replay_action_code(
@@ -59,15 +88,30 @@ pub async fn replay_action_code(
     if caller.require(Scope::Grade).is_err() {
         caller.require(Scope::Submit)?;
     }
-    let new: NewReplay = read_json(&body)?;
-    let done = replay(&state, caller.who(), &new.action_code).await?;
+    let (new, mut faults) = read_draft::<NewReplay>(&body, "send one document per request")?;
+    let Some(NewReplay { profile, action_code, turns }) = new.filter(|_| faults.is_empty()) else {
+        return Err(AppError::faulty(faults));
+    };
+    let profile = profile.unwrap_or_default();
+    let mut sent = turns.unwrap_or_else(|| SentLog::of_files(action_code.unwrap_or_default()));
+    sent.log.profile = profile;
+    let answer = replay(&state, caller.who(), &job_of_all(sent)).await?;
+    let structure = standing(&answer);
     // Every event repeats its material's name, so the response may be much larger than the recording.
-    let name = |event: &crate::actions::RecordedEvent| event.material.and_then(|i| done.palette.get(i as usize));
-    let bytes: usize = done.events.iter().map(|event| EVENT_BYTES + name(event).map_or(0, String::len)).sum();
+    let event_bytes = |done: &Replayed| -> usize {
+        done.events.iter().map(|event| EVENT_BYTES + 2 * done.block(event).map_or(0, str::len)).sum()
+    };
+    let bytes = answer.turns.iter().map(event_bytes).sum::<usize>()
+        + structure.iter().map(|block| EVENT_BYTES + block.block.len()).sum::<usize>();
     if bytes > ANSWER_BYTES {
-        let mut faults = Faults::new();
         faults.add_at("action_code", format!("its events take more than {ANSWER_BYTES} bytes in the response"));
         return Err(AppError::faulty(faults));
     }
-    Ok(Json(ReplayBody { events: told(&done).collect(), dropped: done.dropped, error: done.error, notes: done.notes }))
+    let events = answer.turns.iter().flat_map(told).collect();
+    let mut turns: Vec<TurnReplay> =
+        answer.turns.into_iter().zip(1..).map(|(done, turn)| TurnReplay::of(turn, done)).collect();
+    let first = turns.first_mut();
+    let (dropped, error, notes) =
+        first.map(|turn| (turn.dropped.clone(), turn.error.clone(), turn.notes.clone())).unwrap_or_default();
+    Ok(Json(ReplayBody { profile, events, structure, dropped, error, notes, turns }))
 }

@@ -123,7 +123,7 @@ mod tests {
     fn found(text: &str) -> Result<String, String> {
         read_answer(text, LIMITS).map(|found| match found.kind {
             AnswerKind::Log if found.sent.codes.is_empty() => format!("{} events", found.sent.log.event_count()),
-            _ => found.sent.codes.iter().map(|code| code.code.trim()).collect::<Vec<_>>().join(" | "),
+            _ => found.sent.codes.iter().map(|code| code.files[0].trim()).collect::<Vec<_>>().join(" | "),
         })
     }
 
@@ -188,7 +188,7 @@ mod tests {
     #[test]
     fn code_keeps_its_lines() {
         let text = "Sure!\n\n```js\nfirst();\nawait skills.wait(bot, 1);\n```\n";
-        let code = read_answer(text, LIMITS).unwrap().sent.codes.remove(0).code;
+        let code = read_answer(text, LIMITS).unwrap().sent.codes.remove(0).files.remove(0);
         assert_eq!(code.lines().nth(3), Some("first();"));
     }
 

@@ -1,38 +1,26 @@
-//! Runs action code in QuickJS under the limits that the engine can enforce; the operating system enforces the others.
+//! The profile `published`: what a script places and removes is recorded as the published pipeline records it, against
+//! stand-ins that see only air (`docs/rules.md#formats`).
+
+mod integers;
+mod script;
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
-use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::rc::Rc;
 
-use rquickjs::context::{EvalOptions, intrinsic};
+use rquickjs::context::EvalOptions;
 use rquickjs::function::{Func, Opt, This};
-use rquickjs::{CaughtError, Context, Ctx, Function, Object, Runtime, Value};
-use rustix::time::{ClockId, clock_gettime};
+use rquickjs::{CaughtError, Ctx, Function, IntoJs as _, Object, Persistent, Value};
 
 use super::memory::PeakMemory;
-use super::script::{Script, functions_of, nothing_recorded};
-use super::{ActionLimits, CodeError, Dropped, LimitReached, RecordedEvent, Replayed, integers};
+use super::sandbox::{self, FILE, Sandbox, Watch, cpu_ms, is_parse_error, told};
+use super::{ActionLimits, CodeError, Dropped, LimitReached, RecordedEvent, Replayed};
+use plumbline_engine::intake::code::without_fences;
 use plumbline_engine::text::counted;
 use plumbline_engine::voxel::cell;
+use script::{Script, functions_of, nothing_recorded};
 
 const PRELUDE: &str = include_str!("prelude.js");
-/// File name of the code in stack traces.
-const FILE: &str = "action.js";
-/// Stack size of the engine, in bytes.
-const STACK_BYTES: usize = 512 << 10;
-
-type Intrinsics = (
-    intrinsic::Date,
-    intrinsic::Eval,
-    intrinsic::RegExpCompiler,
-    intrinsic::RegExp,
-    intrinsic::Json,
-    intrinsic::Proxy,
-    intrinsic::MapSet,
-    intrinsic::TypedArrays,
-    intrinsic::Promise,
-);
 
 /// Record of a script so far, and why it was stopped.
 #[derive(Default)]
@@ -47,9 +35,8 @@ struct Recorder {
     index: BTreeMap<String, u32>,
     events: Vec<RecordedEvent>,
     dropped: BTreeMap<&'static str, u64>,
-    /// Errors of rejected promises that have no handler so far, each with the identity of its promise.
-    unheard: Vec<(u64, CodeError)>,
-    stopped: Option<&'static str>,
+    /// Whether the script recorded more events than it may.
+    is_full: bool,
 }
 
 impl Recorder {
@@ -88,46 +75,55 @@ impl Recorder {
             },
         };
         if self.events.len() >= limits.events {
-            self.stopped.get_or_insert("events");
+            self.is_full = true;
             return;
         }
         self.events.push(RecordedEvent { cell: [x as i32, y as i32, z as i32], material });
     }
 }
 
-/// Returns the processor time that this process has used, in milliseconds.
-fn cpu_ms() -> u64 {
-    let time = clock_gettime(ClockId::ProcessCPUTime);
-    time.tv_sec as u64 * 1_000 + time.tv_nsec as u64 / 1_000_000
+/// Runs the files of a turn one after another, and records their events in one list.
+pub fn run_all(files: &[String], limits: &ActionLimits, peak: &PeakMemory) -> Replayed {
+    let mut all: Option<Replayed> = None;
+    for (sent, number) in files.iter().zip(1..) {
+        let one = run(&without_fences(sent), limits, peak);
+        let is_stopped = one.stopped.is_some();
+        match &mut all {
+            None if files.len() == 1 => return one,
+            None => all = Some(one.of_file(number)),
+            Some(all) => all.append(one.of_file(number)),
+        }
+        if is_stopped {
+            break;
+        }
+    }
+    all.unwrap_or_default()
 }
 
 /// Runs a script to completion: its main function, then promises and timers until none is left.
 pub fn run(code: &str, limits: &ActionLimits, peak: &PeakMemory) -> Replayed {
     let recorder = Rc::new(RefCell::new(Recorder::default()));
     let script = Script::of(code);
-    let error = run_with(&script, limits, &recorder);
-    let mut recorder = recorder.take();
-    if recorder.ran_out(limits, peak, error.as_ref()) {
-        recorder.stopped.get_or_insert("memory");
+    let sandbox = match Sandbox::new(limits, cpu_ms() + limits.cpu_ms) {
+        Ok(sandbox) => sandbox,
+        Err(error) => return Replayed { error: Some(error), ..Replayed::default() },
+    };
+    let error = run_in(&sandbox, &script, limits, &recorder);
+    let recorder = recorder.take();
+    if sandbox.ran_out(limits, peak, recorder.bytes(), error.as_ref()) {
+        sandbox.watch.borrow_mut().stopped.get_or_insert("memory");
     }
+    let Watch { stopped, unheard } = sandbox.watch.take();
     let events = recorder.events.len();
-    let detail = |what: String| format!("{what}; {} recorded before", counted(events, "event"));
-    let stopped = recorder.stopped.map(|limit| LimitReached {
-        limit: limit.to_owned(),
-        detail: detail(match limit {
-            "events" => format!("more than {} events", limits.events),
-            "memory" => format!("more than {} bytes of memory", limits.memory_bytes),
-            _ => format!("more than {} ms of processor time", limits.cpu_ms),
-        }),
-    });
+    let stopped = stopped.map(|limit| LimitReached::of(limit, limits, &counted(events, "event")));
     let dropped =
         recorder.dropped.into_iter().map(|(reason, count)| Dropped { reason: reason.to_owned(), count }).collect();
-    let error_or_unheard = error.is_some() || !recorder.unheard.is_empty();
+    let error_or_unheard = error.is_some() || !unheard.is_empty();
     let mut notes = if recorder.unreadable { script.hints() } else { Vec::new() };
     if events == 0 && !error_or_unheard && stopped.is_none() {
         notes.push(nothing_recorded(recorder.has_main, &recorder.functions));
     }
-    let unheard = recorder.unheard.into_iter().next().map(|(_, error)| error);
+    let unheard = unheard.into_iter().next().map(|(_, error)| error);
     Replayed {
         palette: recorder.palette,
         events: recorder.events,
@@ -137,89 +133,49 @@ pub fn run(code: &str, limits: &ActionLimits, peak: &PeakMemory) -> Replayed {
         stopped,
         notes,
         unreadable: recorder.unreadable,
+        ..Replayed::default()
     }
 }
 
 impl Recorder {
-    /// Returns whether memory ran out, even if the script caught the error and went on: what it did next depends on how
-    /// much memory there was.
-    fn ran_out(&self, limits: &ActionLimits, peak: &PeakMemory, error: Option<&CodeError>) -> bool {
-        // Events and names are stored outside the engine.
-        let own =
-            self.events.capacity() * size_of::<RecordedEvent>() + self.palette.iter().map(String::len).sum::<usize>();
-        let grown = (peak.grown_by() as usize).saturating_sub(own);
-        let most = limits.memory_bytes;
-        let is_so = |error: &CodeError| match error.message.as_str() {
-            "InternalError: out of memory" => true,
-            // The engine throws null if there is no memory left for the error.
-            "thrown: null" => grown >= most / 4,
-            _ => false,
-        };
-        error.into_iter().chain(self.unheard.iter().map(|(_, error)| error)).any(is_so) || grown >= most - most / 10
+    /// Returns the memory that events and names take, which are stored outside of the engine.
+    fn bytes(&self) -> usize {
+        self.events.capacity() * size_of::<RecordedEvent>() + self.palette.iter().map(String::len).sum::<usize>()
     }
 }
 
-fn run_with(script: &Script, limits: &ActionLimits, recorder: &Rc<RefCell<Recorder>>) -> Option<CodeError> {
-    let internal = |what: &str| Some(CodeError { message: format!("InternalError: {what}"), line: None, column: None });
-    let Ok(runtime) = Runtime::new() else { return internal("no engine") };
-    runtime.set_memory_limit(limits.memory_bytes);
-    runtime.set_max_stack_size(STACK_BYTES);
-    let (watched, end) = (Rc::clone(recorder), cpu_ms() + limits.cpu_ms);
-    // Once stopped, the handler keeps interrupting: an interrupt inside a promise is just another rejection.
-    runtime.set_interrupt_handler(Some(Box::new(move || {
-        let Ok(mut recorder) = watched.try_borrow_mut() else { return false };
-        if recorder.stopped.is_none() && cpu_ms() >= end {
-            recorder.stopped = Some("time");
-        }
-        recorder.stopped.is_some()
-    })));
-    let heard = Rc::clone(recorder);
-    runtime.set_host_promise_rejection_tracker(Some(Box::new(move |_ctx, promise, reason, is_handled| {
-        let (identity, told) = (identity(&promise), told(CaughtError::Value(reason)));
-        if let Ok(mut recorder) = heard.try_borrow_mut() {
-            if !is_handled {
-                recorder.unheard.push((identity, told));
-            } else if let Some(at) = recorder.unheard.iter().rposition(|(of, _)| *of == identity) {
-                // A promise that is gone may have had the same identity before, but nothing can handle that one now.
-                recorder.unheard.remove(at);
-            }
-        }
-    })));
-    let Ok(context) = Context::custom::<Intrinsics>(&runtime) else { return internal("no context") };
-    let is_stopped = || recorder.borrow().stopped.is_some();
-    let fire = context.with(|ctx| match begin(&ctx, script, limits, recorder) {
-        Ok(fire) => Ok(rquickjs::Persistent::save(&ctx, fire)),
+fn run_in(
+    sandbox: &Sandbox,
+    script: &Script,
+    limits: &ActionLimits,
+    recorder: &Rc<RefCell<Recorder>>,
+) -> Option<CodeError> {
+    let begun = sandbox.context.with(|ctx| match begin(&ctx, script, limits, recorder, &sandbox.watch) {
+        Ok(fire) => Ok(Persistent::save(&ctx, fire)),
         Err(error) => Err(error),
     });
-    let (fire, mut error) = match fire {
-        Ok(fire) => (fire, None),
-        Err((fire, error)) => (fire?, Some(error)),
-    };
-    loop {
-        while !is_stopped() && matches!(runtime.execute_pending_job(), Ok(true) | Err(_)) && runtime.is_job_pending() {}
-        if is_stopped() {
-            break;
+    match begun {
+        Ok(fire) => sandbox.drive(&fire),
+        Err((Some(fire), error)) => {
+            sandbox.drive(&fire);
+            Some(error)
         }
-        let fired = context.with(|ctx| {
-            let fire = fire.clone().restore(&ctx).map_err(|e| told(CaughtError::Error(e)))?;
-            fire.call::<_, bool>(()).map_err(|e| told(CaughtError::from_error(&ctx, e)))
-        });
-        match fired {
-            Ok(true) => {}
-            Ok(false) if runtime.is_job_pending() => {}
-            Ok(false) => break,
-            Err(thrown) => error = error.or(Some(thrown)),
-        }
+        Err((None, error)) => Some(error),
     }
-    error
 }
 
 /// Function that fires timers; if the script failed at once, the error, with that function if there is one.
-type Begun<'js> = Result<Function<'js>, (Option<rquickjs::Persistent<Function<'static>>>, CodeError)>;
+type Begun<'js> = Result<Function<'js>, (Option<Persistent<Function<'static>>>, CodeError)>;
 
-fn begin<'js>(ctx: &Ctx<'js>, script: &Script, limits: &ActionLimits, recorder: &Rc<RefCell<Recorder>>) -> Begun<'js> {
+fn begin<'js>(
+    ctx: &Ctx<'js>,
+    script: &Script,
+    limits: &ActionLimits,
+    recorder: &Rc<RefCell<Recorder>>,
+    watch: &Rc<RefCell<Watch>>,
+) -> Begun<'js> {
     let fail = |error: rquickjs::Error| (None, told(CaughtError::from_error(ctx, error)));
-    let (recording, limits) = (Rc::clone(recorder), *limits);
+    let (recording, watch, limits) = (Rc::clone(recorder), Rc::clone(watch), *limits);
     let record =
         Func::from(move |is_placed: bool, name: Value<'_>, x: Opt<Value<'_>>, y: Opt<Value<'_>>, z: Opt<Value<'_>>| {
             let cell = [coordinate(&x), coordinate(&y), coordinate(&z)];
@@ -229,10 +185,14 @@ fn begin<'js>(ctx: &Ctx<'js>, script: &Script, limits: &ActionLimits, recorder: 
                 Some(Some(name)) => recorder.record(&limits, Some(name), cell),
                 Some(None) => recorder.drop_call("the material is not a name"),
             }
+            if recorder.is_full {
+                watch.borrow_mut().stopped.get_or_insert("events");
+            }
         });
     let prelude: Function<'js> = ctx.eval(PRELUDE).map_err(fail)?;
-    let given: Object<'js> = prelude.call((record,)).map_err(fail)?;
-    let fire: Function<'js> = given.get("fire").map_err(fail)?;
+    let clock = sandbox::clock(ctx, Func::from(|_now: f64| {}).into_js(ctx).map_err(fail)?).map_err(fail)?;
+    let fire: Function<'js> = clock.get("fire").map_err(fail)?;
+    let given: Object<'js> = prelude.call((record, clock)).map_err(fail)?;
     let run = || -> rquickjs::Result<()> {
         let mut options = EvalOptions::default();
         options.strict = false;
@@ -268,7 +228,7 @@ fn begin<'js>(ctx: &Ctx<'js>, script: &Script, limits: &ActionLimits, recorder: 
             let caught = CaughtError::from_error(ctx, error);
             recorder.borrow_mut().unreadable = is_parse_error(&caught);
             let told = told(caught);
-            Err((Some(rquickjs::Persistent::save(ctx, fire)), told))
+            Err((Some(Persistent::save(ctx, fire)), told))
         }
     }
 }
@@ -294,47 +254,6 @@ fn material(value: &Value<'_>) -> Option<String> {
         return Some(number.to_string());
     }
     value.as_string()?.to_string().ok()
-}
-
-/// Returns whether an error means that the code is not JavaScript: nothing had been entered yet, not even the script
-/// itself.
-fn is_parse_error(error: &CaughtError<'_>) -> bool {
-    let CaughtError::Exception(exception) = error else { return false };
-    let text = |name: &str| exception.get::<_, String>(name).unwrap_or_default();
-    text("name") == "SyntaxError" && !text("stack").contains('(')
-}
-
-/// Returns a number that tells an object from all others that live at the same time.
-fn identity(object: &Value<'_>) -> u64 {
-    // The hash of an object is that of its address, which is not accessible itself.
-    let mut hasher = DefaultHasher::new();
-    object.hash(&mut hasher);
-    hasher.finish()
-}
-
-/// Converts an error into its message and its location in the code.
-fn told(error: CaughtError<'_>) -> CodeError {
-    const MOST: usize = 1_000;
-    let (message, stack) = match error {
-        CaughtError::Exception(exception) => {
-            let name = exception.get::<_, String>("name").unwrap_or_else(|_| "Error".to_owned());
-            let message = exception.get::<_, String>("message").unwrap_or_default();
-            (format!("{name}: {message}"), exception.get::<_, String>("stack").unwrap_or_default())
-        }
-        CaughtError::Value(value) => match value.as_exception().cloned() {
-            Some(exception) => return told(CaughtError::Exception(exception)),
-            None => match value.as_string().and_then(|text| text.to_string().ok()) {
-                Some(text) => (format!("thrown: {text}"), String::new()),
-                None => (format!("thrown: {}", value.type_name()), String::new()),
-            },
-        },
-        CaughtError::Error(error) => (error.to_string(), String::new()),
-    };
-    // The first location in the code itself: `… (action.js:12:34)`.
-    let place = stack.split(&format!("{FILE}:")).nth(1).unwrap_or_default();
-    let mut numbers = place.split(|c: char| !c.is_ascii_digit()).map(|digits| digits.parse::<u32>().ok());
-    let (line, column) = (numbers.next().flatten(), numbers.next().flatten());
-    CodeError { message: message.chars().take(MOST).collect(), line, column: column.filter(|_| line.is_some()) }
 }
 
 #[cfg(test)]

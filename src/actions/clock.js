@@ -1,23 +1,8 @@
-// Stand-ins for what action code is given (`docs/rules.md#formats`). Called with the recording function.
-(function (record) {
+// Virtual time: timers, the clock, and numbers that are the same in every run. Nothing sleeps. Called with a function that
+// hears of every time at which a timer fires.
+(function (heard) {
   "use strict";
-  // May be called without `new`, as in the game's own library.
-  function Vec3(x, y, z) {
-    if (!new.target) return new Vec3(x, y, z);
-    this.x = x; this.y = y; this.z = z;
-  }
-  const methods = {
-    floored() { return new Vec3(Math.floor(this.x), Math.floor(this.y), Math.floor(this.z)); },
-    floor() { this.x = Math.floor(this.x); this.y = Math.floor(this.y); this.z = Math.floor(this.z); return this; },
-    clone() { return new Vec3(this.x, this.y, this.z); },
-    offset(dx, dy, dz) { return new Vec3(this.x + dx, this.y + dy, this.z + dz); },
-    distanceTo(other) { return Math.hypot(other.x - this.x, other.y - this.y, other.z - this.z); },
-  };
-  for (const [name, value] of Object.entries(methods))
-    Object.defineProperty(Vec3.prototype, name, { value, writable: true, configurable: true });
-  const air = () => ({ name: "air", type: 0 });
-
-  // Timers fire in the order of virtual time, and at equal times in the order in which they were set. Nothing sleeps.
+  // Timers fire in the order of virtual time, and at equal times in the order in which they were set.
   let now = 0, next = 1;
   const timers = [];
   const set = (call, after, every, args) => {
@@ -40,10 +25,12 @@
     }
     const [timer] = timers.splice(first, 1);
     now = Math.max(now, timer.at);
+    heard(now);
     if (timer.every) timers.push({ ...timer, at: now + timer.every });
     timer.call(...timer.args);
     return true;
   };
+  const begin = (at) => { now = at; };
 
   // The same numbers in every run (mulberry32).
   let seed = 0x706c756d;
@@ -71,33 +58,14 @@
   Object.defineProperty(VirtualDate, "name", { value: "Date" });
   globalThis.Date = VirtualDate;
 
-  const position = new Vec3(0, 0, 0);
-  const silent = () => {};
   const given = {
-    Vec3,
-    skills: {
-      placeBlock: async (bot, name, x, y, z) => { record(true, name, x, y, z); },
-      breakBlockAt: async (bot, x, y, z) => { record(false, undefined, x, y, z); },
-      wait: (bot, ms) => new Promise((done) => { set(done, ms, false, []); }),
-    },
-    world: { getPosition: () => position, getBlockAtPosition: air },
-    bot: {
-      entity: { position },
-      interrupt_code: false,
-      registry: { blocks: { 0: { name: "air" } } },
-      blockAt: air,
-      chat: silent,
-    },
-    log: silent,
-    console: { log: silent, info: silent, warn: silent, error: silent, debug: silent },
     setTimeout: (call, after, ...args) => set(call, after, false, args),
     setInterval: (call, after, ...args) => set(call, after, true, args),
     setImmediate: (call, ...args) => set(call, 0, false, args),
     clearTimeout: clear,
     clearInterval: clear,
-    module: { exports: {} },
   };
   for (const [name, value] of Object.entries(given)) globalThis[name] = value;
-  globalThis.exports = given.module.exports;
-  return { fire, bot: given.bot, module: given.module };
+  const wait = (ms) => new Promise((done) => { set(done, ms, false, []); });
+  return { fire, begin, wait };
 });

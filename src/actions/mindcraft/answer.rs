@@ -1,0 +1,93 @@
+//! The raw answer of a language model: which part of it is code, as mindcraft's coder reads it.
+
+use plumbline_engine::intake::text::thinking::without_thoughts;
+
+/// Marks around code.
+const FENCE: &str = "```";
+/// Words after a fence that mindcraft removes, in the order in which it looks for them.
+const LANGUAGES: [&str; 3] = ["Javascript", "javascript", "js"];
+/// Words after a fence that mindcraft leaves in the code, where they are an error.
+const OTHER_LANGUAGES: [&str; 8] = ["JavaScript", "JS", "typescript", "TypeScript", "ts", "jsx", "mjs", "node"];
+
+/// Code in an answer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Reading {
+    /// The code, on the lines that it has in the answer.
+    pub code: String,
+    /// Where the reading is more lenient than mindcraft's.
+    pub notes: Vec<String>,
+}
+
+/// Reads an answer: the code is what stands between the first and the last fence, or the whole text if there is none.
+pub fn read(sent: &str) -> Reading {
+    let mut notes = Vec::new();
+    let (shown, _) = without_thoughts(sent);
+    let (Some(first), Some(last)) = (shown.find(FENCE), shown.rfind(FENCE)) else {
+        return Reading { code: shown, notes };
+    };
+    let begin = first + FENCE.len();
+    let end = if last > first {
+        last
+    } else {
+        let before = &shown[..first];
+        // Only the closing fence is there, because the opening one is in the prompt, or the answer was cut off.
+        if !before.trim().is_empty() && shown[begin..].trim().is_empty() {
+            notes.push("the answer has a closing fence only; what precedes it was taken as the code".to_owned());
+            return Reading { code: before.to_owned(), notes };
+        }
+        notes.push("the answer ends without a closing fence, so it may be incomplete".to_owned());
+        shown.len()
+    };
+    let inside = &shown[begin..end];
+    let code = inside.trim_start();
+    let code = match LANGUAGES.iter().find_map(|word| code.strip_prefix(word)) {
+        Some(rest) => rest,
+        None => match OTHER_LANGUAGES.iter().find_map(|word| Some((word, alone(code, word)?))) {
+            Some((word, rest)) => {
+                notes.push(format!("the word {word} after the fence was left out, which mindcraft does not do"));
+                rest
+            }
+            None => code,
+        },
+    };
+    let lines = shown[..end - code.len()].matches('\n').count();
+    Reading { code: format!("{}{code}", "\n".repeat(lines)), notes }
+}
+
+/// Returns what follows a word that has its line for itself.
+fn alone<'t>(text: &'t str, word: &str) -> Option<&'t str> {
+    text.strip_prefix(word).filter(|rest| rest.trim_start_matches([' ', '\t', '\r']).starts_with('\n'))
+}
+
+/// Rewrites the body of a function as mindcraft's coder does before it runs it. The lines stay.
+pub fn rewritten(code: &str) -> String {
+    code.replace("console.log(", "log(bot,")
+        .replace("log(\"", "log(bot,\"")
+        .replace(";\n", "; if(bot.interrupt_code) {log(bot, \"interrupted\");return;}\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn code_stands_between_the_first_and_the_last_fence() {
+        for (sent, code, notes) in [
+            ("a();", "a();", 0),
+            ("Sure:\n```js\na();\n```\nDone.", "\n\na();\n", 0),
+            ("```javascript\r\na();\r\n```", "\r\na();\r\n", 0),
+            ("```\na();\n```", "\na();\n", 0),
+            ("```js\na();\n```\nand\n```js\nb();\n```", "\na();\n```\nand\n```js\nb();\n", 0),
+            ("```ts\na();\n```", "\na();\n", 1),
+            ("```js\na();", "\na();", 1),
+            ("a();\n```", "a();\n", 1),
+            ("```tsx_thing()\n```", "tsx_thing()\n", 0),
+        ] {
+            let reading = read(sent);
+            assert_eq!((reading.code.as_str(), reading.notes.len()), (code, notes), "{sent:?}");
+        }
+        let thought = read("<think>\n```js\nno();\n```\n</think>\n```js\na();\n```");
+        assert_eq!(thought.code.trim(), "a();");
+        assert_eq!(thought.code.find("a();"), Some(6));
+    }
+}

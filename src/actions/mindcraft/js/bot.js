@@ -1,0 +1,165 @@
+// The bot with the interface of mineflayer 4.29: a body, its inventory, and its view of the world. Called with the host,
+// what takes notes, the vectors, the data of the game and the clock.
+(function (host, note, log, { Vec3, vec3 }, { registry, kind, displayName, mc }, clock) {
+  const position = new Vec3(...host.position());
+  const entity = {
+    position, velocity: new Vec3(0, 0, 0), yaw: 0, pitch: 0, height: 1.62, width: 0.6, onGround: true, id: 1, type: "player",
+    name: "player", username: "builder", metadata: [], effects: {},
+  };
+
+  // What is known of a block state, kept by its number.
+  const states = new Map();
+  const blockLike = {
+    canHarvest() { return true; },
+    digTime() { return 0; },
+    getProperties() { return { ...this._properties }; },
+  };
+  const stateOf = (number) => {
+    let found = states.get(number);
+    if (!found) {
+      const [block, properties] = host.state(number);
+      const { id, name, hardness, diggable, boundingBox, transparent, drops, minStateId } = kind(block);
+      found = Object.assign(Object.create(blockLike), {
+        type: id, name, displayName: displayName(name), stateId: number, metadata: number - minStateId, hardness, diggable,
+        boundingBox, transparent, drops, material: "default", light: 0, skyLight: 15, biome: { id: 0, name: "plains" },
+        _properties: Object.fromEntries(properties.map(([key, value]) =>
+          [key, value === "true" ? true : value === "false" ? false : /^\d+$/.test(value) ? Number(value) : value])),
+        shapes: boundingBox === "block" ? [[0, 0, 0, 1, 1, 1]] : [],
+      });
+      states.set(number, found);
+    }
+    return found;
+  };
+  const made = (number, at) => {
+    const block = Object.create(stateOf(number));
+    block.position = at;
+    return block;
+  };
+  const blockAt = (at) => {
+    const number = at ? host.block(at.x, at.y, at.z) : -1;
+    return number < 0 ? null : made(number, new Vec3(Math.floor(at.x), Math.floor(at.y), Math.floor(at.z)));
+  };
+
+  const moved = () => { const [x, y, z] = host.position(); position.set(x, y, z); };
+  const send = (line) => {
+    if (!line.startsWith("/")) return;
+    host.command(line.slice(1));
+    if (line.startsWith("/t") || line.startsWith("/execute") || line.startsWith("/minecraft:t")) moved();
+  };
+  const chat = (message) => { for (const line of String(message).split("\n")) if (line) send(line); };
+
+  const accepts = (matching) => {
+    if (typeof matching === "function") return matching;
+    const wanted = (Array.isArray(matching) ? matching : [matching]).filter((id) => Number.isInteger(id));
+    return wanted;
+  };
+  const findBlocks = (options) => {
+    const { matching, maxDistance = 16, count = 1, point = position } = options;
+    const from = [Math.floor(point.x), Math.floor(point.y), Math.floor(point.z)];
+    const test = accepts(matching);
+    const vectors = (flat) => {
+      const found = [];
+      for (let i = 0; i < flat.length; i += 3) found.push(new Vec3(flat[i], flat[i + 1], flat[i + 2]));
+      return found;
+    };
+    if (typeof test !== "function") return vectors(host.find(...from, maxDistance, count, test));
+    // A function is asked about every kind of block that is there, and then about each block of the kinds that it took.
+    const kinds = host.kindsAround();
+    const sample = (id) => made(kind(id).defaultState, new Vec3(...from));
+    const taken = kinds.filter((id) => { try { return test(sample(id)); } catch { return true; } });
+    const near = vectors(host.find(...from, maxDistance, Math.max(count, 20_000), taken));
+    const found = [];
+    for (const at of near) {
+      if (found.length >= count) break;
+      if (test(blockAt(at))) found.push(at);
+    }
+    return found;
+  };
+
+  const item = (name, count = 64, slot = 36) =>
+    ({ name, count, slot, type: mc.getItemId(name), displayName: displayName(name), stackSize: 64, metadata: 0, nbt: null });
+  let held = null;
+  let stock = null;
+  // Creative: enough of everything.
+  const items = () => (stock ??= registry.itemsArray.filter(({ name }) => name !== "air").map(({ name }, at) => item(name, 64, 9 + at)));
+  const inventory = {
+    items,
+    get slots() { return items(); },
+    count: () => 64,
+    emptySlotCount: () => 0,
+    findInventoryItem: (what) => items().find(({ name, type }) => name === what || type === what) ?? null,
+  };
+  const hold = async (what) => {
+    const name = typeof what === "string" ? what : typeof what === "number" ? mc.getItemName(what) : what?.name;
+    held = name && mc.getItemId(name) !== null ? item(name) : null;
+  };
+  const look = (at) => {
+    const [dx, dy, dz] = [at.x - position.x, at.y - (position.y + entity.height), at.z - position.z];
+    entity.yaw = Math.atan2(-dx, -dz);
+    entity.pitch = Math.atan2(dy, Math.hypot(dx, dz));
+    host.look(180 - (entity.yaw * 180) / Math.PI, (-entity.pitch * 180) / Math.PI);
+  };
+  const lookAt = async (at) => look(at);
+  const placeBlock = async (reference, face) => {
+    if (!held) throw new Error("must be holding an item to place");
+    if (!reference?.position || !face) throw new TypeError("bot.placeBlock needs a block to place against and a face vector");
+    const { x, y, z } = reference.position;
+    look(new Vec3(x + 0.5 + face.x / 2, y + 0.5 + face.y / 2, z + 0.5 + face.z / 2));
+    const refusal = host.placeByHand(x, y, z, face.x, face.y, face.z, held.name);
+    if (refusal) throw new Error(refusal);
+  };
+  const dig = async (block) => {
+    if (!block?.position) throw new TypeError("bot.dig needs a block");
+    if (block.diggable === false) throw new Error(`${block.name} cannot be dug`);
+    host.dig(block.position.x, block.position.y, block.position.z);
+  };
+  const goThere = async (goal) => {
+    if (goal && [goal.x, goal.y, goal.z].every(Number.isFinite)) { host.moveTo(goal.x + 0.5, goal.y, goal.z + 0.5); moved(); }
+  };
+  const activateItem = async () => {
+    if (held?.name === "water_bucket" || held?.name === "lava_bucket" || held?.name === "bucket") host.pour(held.name);
+  };
+  const nothing = () => {};
+  const done = async () => {};
+  const modes = { isOn: (mode) => mode === "cheat", exists: () => true, setOn: nothing, pause: nothing, unpause: nothing, unPauseAll: nothing };
+  const bot = {
+    entity, inventory, registry, modes, username: "builder", version: "1.21.4", majorVersion: "1.21", output: "", interrupt_code: false,
+    restrict_to_inventory: false, health: 20, food: 20, foodSaturation: 5, oxygenLevel: 20, isSleeping: false, isRaining: false,
+    quickBarSlot: 0, players: { builder: { username: "builder", entity } }, entities: { 1: entity }, player: { username: "builder", entity },
+    game: { gameMode: "creative", dimension: "overworld", difficulty: "peaceful", levelType: "flat", minY: -64, height: 384 },
+    time: { timeOfDay: 1000, day: 0, isDay: true, age: 1000, time: 1000, bigTime: 1000n, moonPhase: 0 },
+    experience: { level: 0, points: 0, progress: 0 }, spawnPoint: new Vec3(0, 0, 0), controlState: {}, physics: { gravity: 0.08 },
+    get heldItem() { return held; },
+    chat, whisper: nothing, blockAt, findBlocks,
+    findBlock: (options) => { const [at] = findBlocks({ ...options, count: 1 }); return at ? blockAt(at) : null; },
+    canSeeBlock: () => true, canDigBlock: () => true, blockAtCursor: () => null, blockInSight: () => null, entityAtCursor: () => null,
+    nearestEntity: () => null, world: {
+      getBlock: blockAt, getBiome: () => 0,
+      getBlockType: (at) => blockAt(at)?.type, getBlockStateId: (at) => blockAt(at)?.stateId,
+    },
+    placeBlock, _placeBlockWithOptions: placeBlock, dig, stopDigging: nothing, digTime: () => 0, lookAt, targetDigBlock: null,
+    look: async (yaw, pitch) => { entity.yaw = yaw; entity.pitch = pitch; host.look(180 - (yaw * 180) / Math.PI, (-pitch * 180) / Math.PI); },
+    equip: hold, unequip: async () => { held = null; }, setQuickBarSlot: nothing, updateHeldItem: nothing,
+    creative: {
+      setInventorySlot: async (slot, what) => { if (what) await hold(what); }, clearInventory: done, clearSlot: done,
+      flyTo: async (to) => { host.moveTo(to.x, to.y, to.z); moved(); }, startFlying: nothing, stopFlying: nothing,
+    },
+    activateBlock: async (block) => { if (block?.position && held?.name.endsWith("_hoe")) host.till(block.position.x, block.position.y, block.position.z); },
+    activateItem, useOn: done, deactivateItem: nothing, activateEntity: done, attack: nothing, swingArm: nothing, consume: done, sleep: done, wake: done,
+    toss: done, tossStack: done, craft: done, recipesFor: () => [], recipesAll: () => [], fish: done, elytraFly: done,
+    setControlState: nothing, getControlState: () => false, clearControlStates: nothing, waitForTicks: (ticks) => clock.wait(ticks * 50),
+    waitForChunksToLoad: done, on: nothing, once: nothing, off: nothing, emit: nothing, removeListener: nothing, removeAllListeners: nothing,
+    addListener: nothing, loadPlugin: nothing, hasPlugin: () => true, quit: nothing, end: nothing, acceptResourcePack: nothing,
+    openContainer: async () => { throw new Error("containers are not simulated"); },
+    openChest: async () => { throw new Error("containers are not simulated"); },
+    pathfinder: {
+      setMovements: nothing, setGoal: goThere, goto: goThere, stop: nothing, isMoving: () => false, isMining: () => false,
+      isBuilding: () => false, getPathTo: () => ({ status: "success", path: [] }), thinkTimeout: 5000, movements: {}, goal: null,
+    },
+    tool: { equipForBlock: done }, pvp: { attack: nothing, stop: nothing }, armorManager: { equipAll: done }, autoEat: { eat: done, options: {} },
+    collectBlock: { collect: async (block) => { for (const one of Array.isArray(block) ? block : [block]) await dig(one); } },
+    moved,
+  };
+  Object.defineProperty(bot, "moved", { enumerable: false });
+  return { bot, hold, vec3 };
+});

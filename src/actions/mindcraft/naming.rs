@@ -1,0 +1,49 @@
+//! Errors that name the function that is meant: the engine only says that something is not a function.
+
+use super::host::Missing;
+use crate::actions::CodeError;
+
+/// Puts the name of what is not a function into an error that lacks it.
+pub fn name(error: &mut CodeError, code: &str, missing: Option<&Missing>) {
+    if error.message != "TypeError: not a function" || !error.is_own {
+        return;
+    }
+    let line = error.line.and_then(|line| code.lines().nth(line as usize - 1)).unwrap_or_default();
+    let is_on_line = |missing: &&Missing| {
+        missing.path.split_once('.').is_some_and(|(_, name)| line.is_empty() || line.contains(name))
+    };
+    error.message = match missing.filter(is_on_line) {
+        Some(Missing { path, suggestion }) => format!("TypeError: {path} is not a function{suggestion}"),
+        None => match called(line).last() {
+            Some(name) => format!("TypeError: {name} is not a function"),
+            None => return,
+        },
+    };
+}
+
+/// Returns what is called on a line, such as `skills.placeBlock`.
+fn called(line: &str) -> impl Iterator<Item = &str> {
+    let is_part = |c: char| c.is_alphanumeric() || matches!(c, '_' | '$' | '.');
+    line.match_indices('(').filter_map(move |(at, _)| {
+        let before = line[..at].trim_end();
+        let begin =
+            before.rfind(|c| !is_part(c)).map_or(0, |at| at + before[at..].chars().next().map_or(1, char::len_utf8));
+        let name = before[begin..].trim_matches('.');
+        let is_word =
+            matches!(name, "" | "if" | "for" | "while" | "switch" | "catch" | "function" | "return" | "await");
+        (!is_word).then_some(name)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_call_of_the_line_is_named() {
+        let names = |line| called(line).collect::<Vec<_>>();
+        assert_eq!(names("  await skills.goTo(bot, 1);"), ["skills.goTo"]);
+        assert_eq!(names("    .zap(3);"), ["zap"]);
+        assert_eq!(names("if (a.b(c(1))) return (2)"), ["a.b", "c"]);
+    }
+}
