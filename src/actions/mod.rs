@@ -8,6 +8,7 @@
 
 pub mod child;
 mod confine;
+pub mod functions;
 pub mod job;
 mod memory;
 mod mindcraft;
@@ -39,6 +40,12 @@ pub struct ActionLimits {
     pub materials: usize,
     /// Maximum length of a material's name, in characters.
     pub material_chars: usize,
+    /// Lines of its log that are kept.
+    pub log_lines: usize,
+    /// Bytes of its log that are kept.
+    pub log_bytes: usize,
+    /// Virtual time that may pass, in milliseconds, under the profile `mindcraft`.
+    pub virtual_ms: u64,
 }
 
 /// Limits in force. Those on events and materials are also the limits of a log.
@@ -50,6 +57,9 @@ pub const ACTION_LIMITS: ActionLimits = ActionLimits {
     memory_bytes: 64 << 20,
     materials: 4_096,
     material_chars: 128,
+    log_lines: 500,
+    log_bytes: 32 << 10,
+    virtual_ms: 86_400_000,
 };
 
 /// Name of the limit of a script that made its process crash.

@@ -5,9 +5,10 @@ use serde::Serialize;
 use crate::actions::ACTION_LIMITS;
 use crate::store::job_ends::MAX_ATTEMPTS;
 use plumbline_engine::checks::evidence::{MAX_CHARS, MAX_ITEMS};
+use plumbline_engine::game::world::BLOCK_LIMIT;
 use plumbline_engine::intake::Faults;
-use plumbline_engine::intake::LogLimits;
 use plumbline_engine::intake::text::WASTE_BYTES;
+use plumbline_engine::intake::{LogLimits, MAX_FILES};
 use plumbline_engine::voxel::cell;
 use plumbline_engine::voxel::terrain::MAX_EXTENT;
 
@@ -121,6 +122,16 @@ pub struct Limits {
     pub grade_cache_bytes: usize,
     /// Bytes in the action code of a turn.
     pub action_code_bytes: usize,
+    /// Files of action code in a turn.
+    pub action_files: usize,
+    /// Lines that the log of a turn's action code keeps.
+    pub action_log_lines: usize,
+    /// Bytes that the log of a turn's action code keeps.
+    pub action_log_bytes: usize,
+    /// Virtual milliseconds that action code may wait for, under the profile `mindcraft`.
+    pub action_virtual_ms: u64,
+    /// Blocks that one `/fill` or `/clone` may change, unless the code sets the game rule.
+    pub action_fill_blocks: usize,
     /// Milliseconds of processor time that action code may take.
     pub action_cpu_ms: u64,
     /// Milliseconds after which the process that runs action code is ended in any case.
@@ -207,6 +218,11 @@ pub const LIMITS: Limits = Limits {
     grade_max_deadline_ms: 50_000,
     grade_cache_bytes: 64 << 20,
     action_code_bytes: ACTION_LIMITS.code_bytes,
+    action_files: MAX_FILES,
+    action_log_lines: ACTION_LIMITS.log_lines,
+    action_log_bytes: ACTION_LIMITS.log_bytes,
+    action_virtual_ms: ACTION_LIMITS.virtual_ms,
+    action_fill_blocks: BLOCK_LIMIT as usize,
     action_cpu_ms: ACTION_LIMITS.cpu_ms,
     action_wall_ms: ACTION_LIMITS.wall_ms,
     action_memory_bytes: ACTION_LIMITS.memory_bytes,

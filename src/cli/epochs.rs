@@ -17,6 +17,7 @@ use plumbline_engine::hidden::commitment::{Commitment, Rules, Terms, leaf_hash};
 use plumbline_engine::hidden::feedback::Feedback;
 use plumbline_engine::hidden::pool::{Generator, PoolError, Specification};
 use plumbline_engine::hidden::secret::EpochKey;
+use plumbline_engine::voxel::Profile;
 
 /// Arguments of `epochs`.
 #[derive(Debug, Args)]
@@ -173,6 +174,7 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
         reservation_seconds: new.reservation_seconds,
         budget_bits: new.budget_bits,
         receipt_key: signing.public_key,
+        profile: Profile::Mindcraft,
     };
     let terms = Terms {
         epoch: new.name.clone(),

@@ -8,6 +8,7 @@ use utoipa::openapi::{Components, RefOr, Schema};
 use crate::app::boards::actions::REASON_CHARS;
 use crate::app::body::NAME_CHARS;
 use crate::app::limits::LIMITS;
+use plumbline_engine::intake::MAX_FILES;
 
 /// A bound on a value.
 #[derive(Debug, Clone, Copy)]
@@ -27,7 +28,7 @@ enum Bound {
 use Bound::{Chars, Max, MaxChars, MaxItems, Range};
 
 /// Bounds of the members of bodies, by schema and member.
-const BOUNDS: [(&str, &str, Bound); 24] = [
+const BOUNDS: [(&str, &str, Bound); 23] = [
     ("InlineTask", "turns", MaxItems(LIMITS.turns)),
     ("InlineTurn", "checks", MaxItems(LIMITS.grade_inline_checks)),
     ("NewAnswerBody", "turns", MaxItems(LIMITS.turns)),
@@ -46,8 +47,6 @@ const BOUNDS: [(&str, &str, Bound); 24] = [
     ("NewRunBody", "suite", MaxChars(NAME_CHARS)),
     ("NewSubmissionBody", "suite", MaxChars(NAME_CHARS)),
     ("NewSubmissionBody", "turns", MaxItems(LIMITS.turns)),
-    // Action code has at least as many bytes as characters.
-    ("NewTurn", "action_code", MaxChars(LIMITS.action_code_bytes)),
     ("NewTurn", "events", MaxItems(LIMITS.events)),
     ("NewTurn", "rows", MaxItems(LIMITS.events)),
     ("RewardQuery", "labels", MaxItems(LIMITS.grade_batch_logs)),
@@ -62,6 +61,14 @@ pub fn set_in_bodies(components: &mut Components) {
             unreachable!("the document has an object {body}");
         };
         set(body.properties.get_mut(member), bound);
+    }
+    let Some(RefOr::T(Schema::OneOf(code))) = components.schemas.get_mut("ActionCode") else {
+        unreachable!("action code is one text or several");
+    };
+    // Action code has at least as many bytes as characters.
+    let bounds = [MaxChars(LIMITS.action_code_bytes), MaxItems(MAX_FILES)];
+    for (form, bound) in code.items.iter_mut().zip(bounds) {
+        set(Some(form), bound);
     }
 }
 

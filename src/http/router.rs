@@ -97,6 +97,7 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(accounts::events::get_events))
         .routes(routes!(accounts::quota::get_quota))
         .routes(routes!(service::limits::get_limits))
+        .routes(routes!(service::profiles::list_profiles))
         .routes(routes!(service::health::get_health))
         .routes(routes!(service::health::get_readiness))
         .routes(routes!(service::documents::get_metrics))

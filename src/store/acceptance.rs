@@ -5,7 +5,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::db::{Builder, Tx};
+use super::db::{Builder, Tx, query};
 use super::idempotency::IdempotencyKey;
 use super::locks::Lock;
 use super::queue::{self, Lane, NewJob};
@@ -14,6 +14,7 @@ use super::run_rows::{count, states_of};
 use super::states::{RunState, SubmissionState};
 use super::submissions::NewSubmission;
 use super::{Store, StoreResult};
+use plumbline_engine::voxel::Profile;
 
 /// Maximum number of rows that one statement inserts.
 const AT_ONCE: usize = 500;
@@ -203,6 +204,11 @@ pub(super) async fn store_all(tx: &mut Tx, all: &[ToStore<'_>], now_ms: i64) -> 
     for (run, (pending, errors)) in runs {
         count(tx, run, pending, 0, errors).await?;
     }
+    let profiles: BTreeSet<(&str, Profile)> =
+        all.iter().filter_map(|one| Some((one.new.run_id.as_deref()?, one.new.profile))).collect();
+    for (run, profile) in profiles {
+        note_profile(tx, run, profile).await?;
+    }
     for part in all.chunks(AT_ONCE) {
         insert(tx, part, now_ms).await?;
     }
@@ -228,10 +234,23 @@ pub(super) async fn store_all(tx: &mut Tx, all: &[ToStore<'_>], now_ms: i64) -> 
     Ok(())
 }
 
+/// Notes the profile of a submission with its run.
+async fn note_profile(tx: &mut Tx, run: &str, profile: Profile) -> StoreResult<()> {
+    query(
+        "UPDATE runs SET profile = CASE WHEN profile IS NULL THEN $2 ELSE 'mixed' END
+         WHERE id = $1 AND (profile IS NULL OR profile NOT IN ($2, 'mixed'))",
+    )
+    .bind(run)
+    .bind(profile)
+    .execute(tx)
+    .await?;
+    Ok(())
+}
+
 async fn insert(tx: &mut Tx, part: &[ToStore<'_>], now_ms: i64) -> StoreResult<()> {
     let mut insert = Builder::new(
         "INSERT INTO submissions (id, run_id, suite_id, task_hash, task_number, log_hash, log, log_bytes, turns, events,
-                                  state, created_at_ms, owner, replays) ",
+                                  state, created_at_ms, owner, replays, profile) ",
     );
     insert.push_values(part, |row, one| {
         let new = one.new;
@@ -248,7 +267,8 @@ async fn insert(tx: &mut Tx, part: &[ToStore<'_>], now_ms: i64) -> StoreResult<(
             .push_bind(SubmissionState::Queued)
             .push_bind(now_ms)
             .push_bind(&new.owner)
-            .push_bind(&new.replays);
+            .push_bind(&new.replays)
+            .push_bind(new.profile);
     });
     insert.build().execute(tx).await?;
     Ok(())

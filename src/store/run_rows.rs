@@ -49,6 +49,8 @@ pub struct RunRow {
     pub provenance: String,
     /// Number of tasks that it skips.
     pub skipped: i64,
+    /// Profile of its submissions: its name, or `mixed`; none before the first.
+    pub profile: Option<String>,
 }
 
 /// Query with the columns of a run, for every query that reads one.
@@ -57,7 +59,7 @@ macro_rules! select_run {
         concat!(
             "SELECT r.id, r.agent, r.suite_id, r.metadata, r.state, r.pending, r.graded, r.grader_errors,
                     s.task_count AS tasks, r.created_at_ms, r.finished_at_ms, r.summary, r.owner, r.provenance,
-                    r.deleted_at_ms, (SELECT COUNT(*) FROM skipped_tasks k WHERE k.run_id = r.id) AS skipped
+                    r.profile, r.deleted_at_ms, (SELECT COUNT(*) FROM skipped_tasks k WHERE k.run_id = r.id) AS skipped
              FROM runs r JOIN suites s ON s.id = r.suite_id ",
             $rest
         )
@@ -86,6 +88,7 @@ pub(super) fn read_run(row: &Row) -> StoreResult<RunRow> {
         owner: row.get("owner")?,
         provenance: row.get("provenance")?,
         skipped: row.get("skipped")?,
+        profile: row.get("profile")?,
     })
 }
 

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use plumbline_engine::voxel::Profile;
+
 /// Lets an enum with `ALL` and `name` stand for the text of its names in queries.
 macro_rules! text_column {
     ($state:ident) => {
@@ -62,6 +64,8 @@ impl SubmissionState {
 }
 
 text_column!(SubmissionState);
+
+text_column!(Profile);
 
 /// State of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]

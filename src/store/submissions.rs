@@ -4,6 +4,7 @@ use super::db::{Row, query, query_as, query_scalar};
 use super::queue::Lane;
 use super::states::SubmissionState;
 use super::{Store, StoreError, StoreResult, compress, decompress};
+use plumbline_engine::voxel::Profile;
 
 /// Log as it is stored: canonical JSON, compressed.
 #[derive(Debug, Clone)]
@@ -60,6 +61,8 @@ pub struct NewSubmission {
     pub lane: Lane,
     /// Results of the action code of its turns, as JSON; none if it had no action code.
     pub replays: Option<String>,
+    /// Rules under which its actions become a build.
+    pub profile: Profile,
 }
 
 /// Row of a submission, without its log.
@@ -99,13 +102,16 @@ pub struct SubmissionRow {
     pub owner: Option<String>,
     /// Results of the action code of its turns, as JSON; none if it had no action code.
     pub replays: Option<String>,
+    /// Rules under which its actions become a build.
+    pub profile: Profile,
 }
 
 macro_rules! select_submission {
     ($rest:literal) => {
         concat!(
             "SELECT s.id, s.run_id, s.suite_id, s.task_hash, s.task_number, s.log_hash, s.log_bytes, s.turns, s.events,
-                    s.state, s.error, s.created_at_ms, s.ended_at_ms, r.overall, r.accuracy, s.owner, s.replays
+                    s.state, s.error, s.created_at_ms, s.ended_at_ms, r.overall, r.accuracy, s.owner, s.replays,
+                    s.profile
              FROM public_submissions s LEFT JOIN latest_reports r ON r.submission_id = s.id ",
             $rest
         )
@@ -131,6 +137,7 @@ fn read_submission(row: &Row) -> StoreResult<SubmissionRow> {
         accuracy: row.get("accuracy")?,
         owner: row.get("owner")?,
         replays: row.get("replays")?,
+        profile: row.get::<Option<Profile>>("profile")?.unwrap_or_default(),
     })
 }
 

@@ -306,7 +306,7 @@ mod tests {
     use crate::store::acceptance::Decision;
     use crate::store::submissions::{NewSubmission, PackedLog};
     use plumbline_engine::tasks::embedded;
-    use plumbline_engine::voxel::Cell;
+    use plumbline_engine::voxel::{Cell, Profile};
 
     fn by_blocks(_task: &Task, log: &BlockLog) -> Lane {
         if log.event_count() > 1 { Lane::Long } else { Lane::Quick }
@@ -336,6 +336,7 @@ mod tests {
                 owner: owner.map(str::to_owned),
                 lane: Lane::Long,
                 replays: None,
+                profile: Profile::Published,
             }
         };
         let all = [("1", Some("a"), 1), ("2", Some("a"), 1), ("3", Some("b"), 2), ("4", None, 1)];

@@ -1,3 +1,4 @@
 //! Action code: scripts that agents wrote, and scripts that mean harm.
 
+mod answers;
 mod scripts;

@@ -200,7 +200,7 @@ async fn scripts_that_record_nothing_are_told_why() {
     let (code, told) = run("function build() {}");
     assert!(code == Some(0) && told.contains("defines build"), "{told}");
     let (code, told) = run("(async (bot) => {\n  for (;; {\n})");
-    assert!(code == Some(1) && told.contains("a.js:3:"), "{told}");
+    assert!(code == Some(1) && told.contains("a.js: line 3: "), "{told}");
 }
 
 /// Code that means harm, by what it tries.

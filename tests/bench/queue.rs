@@ -57,6 +57,7 @@ async fn main() -> anyhow::Result<()> {
         lane: Lane::Quick,
         log: PackedLog::of(&json)?,
         replays: None,
+        profile: plumbline_engine::voxel::Profile::Published,
     });
 
     let begun = Instant::now();

@@ -259,6 +259,9 @@ const HARMLESS: &[&str] = &[
     "xp",
 ];
 
+/// Name of a block, and the names and values of its properties.
+type BlockText<'t> = (&'t str, Vec<(&'t str, &'t str)>);
+
 /// The rest of a command's text, of which words are taken from the left.
 struct Words<'t> {
     rest: Option<&'t str>,
@@ -278,7 +281,7 @@ impl<'t> Words<'t> {
     }
 
     /// Takes the name of a block with its properties, which may contain spaces, and skips its data.
-    fn block_text(&mut self) -> Result<(&'t str, Vec<(&'t str, &'t str)>), Refusal> {
+    fn block_text(&mut self) -> Result<BlockText<'t>, Refusal> {
         let text = self.rest.ok_or_else(|| Refusal::new("incomplete command: a block is missing"))?;
         let end = text.find([' ', '[', '{']).unwrap_or(text.len());
         let (name, mut after) = text.split_at(end);
@@ -360,11 +363,10 @@ fn after_data(text: &str) -> Result<&str, Refusal> {
             (Some(_), _) if is_escaped => is_escaped = false,
             (Some(_), '\\') => is_escaped = true,
             (Some(open), _) if c == open => quote = None,
-            (Some(_), _) => {}
             (None, '"' | '\'') => quote = Some(c),
             (None, '{') => depth += 1,
             (None, '}') => depth -= 1,
-            (None, _) => {}
+            _ => {}
         }
         if depth == 0 {
             return Ok(&text[at + c.len_utf8()..]);

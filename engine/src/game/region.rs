@@ -124,7 +124,7 @@ fn is_full_cube(look: Look) -> bool {
     let block = look.state.block();
     let is_clear =
         ["glass", "_leaves", "ice"].iter().any(|part| block.name.contains(part)) && !block.name.ends_with("_pane");
-    block.is_solid && (!block.is_transparent || is_clear)
+    block.is_solid() && (!block.is_transparent() || is_clear)
 }
 
 #[cfg(test)]

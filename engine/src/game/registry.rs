@@ -33,16 +33,10 @@ pub struct Block {
     pub default: StateId,
     /// Time factor of breaking it; negative if it cannot be broken.
     pub hardness: f64,
-    /// Whether it has a collision box.
-    pub is_solid: bool,
-    /// Whether a player can break it.
-    pub is_diggable: bool,
-    /// Whether light passes through it.
-    pub is_transparent: bool,
-    /// Whether it drops an item when it is broken.
-    pub has_drops: bool,
     /// Its properties, in the game's order: the last one changes fastest.
     pub properties: Vec<Property>,
+    /// Letters of the table for what the block is.
+    flags: &'static str,
 }
 
 /// A block state that does not exist.
@@ -118,11 +112,8 @@ fn read_block(line: &'static str, number: u16, first: u16) -> Option<Block> {
         first,
         default: StateId(first + default),
         hardness: if hardness == "-" { -1.0 } else { hardness.parse().ok()? },
-        is_solid: flags.contains('s'),
-        is_diggable: flags.contains('d'),
-        is_transparent: flags.contains('t'),
-        has_drops: flags.contains('i'),
         properties,
+        flags,
     })
 }
 
@@ -144,6 +135,30 @@ impl Block {
     #[must_use]
     pub fn all() -> &'static [Self] {
         &REGISTRY.blocks
+    }
+
+    /// Returns whether it has a collision box.
+    #[must_use]
+    pub fn is_solid(&self) -> bool {
+        self.flags.contains('s')
+    }
+
+    /// Returns whether a player can break it.
+    #[must_use]
+    pub fn is_diggable(&self) -> bool {
+        self.flags.contains('d')
+    }
+
+    /// Returns whether light passes through it.
+    #[must_use]
+    pub fn is_transparent(&self) -> bool {
+        self.flags.contains('t')
+    }
+
+    /// Returns whether it drops an item when it is broken.
+    #[must_use]
+    pub fn has_drops(&self) -> bool {
+        self.flags.contains('i')
     }
 
     /// Returns the number of states of the block.

@@ -3,7 +3,7 @@
 //!
 //! The server checks this only when a neighbour changes, so what a command places without support stays until then.
 
-use super::registry::StateId;
+use super::registry::{Block, StateId};
 use super::world::World;
 use crate::voxel::cell::Cell;
 
@@ -119,7 +119,7 @@ impl Ground {
         let name = below.block().name;
         match self {
             Self::Anything => !below.is_air(),
-            Self::Firm => below.block().is_solid,
+            Self::Firm => below.block().is_solid(),
             Self::Soil => is_dirt(name) || name == "farmland",
             Self::Farmland => name == "farmland",
             Self::Mycelium => matches!(name, "mycelium" | "podzol") || name.ends_with("_nylium"),
@@ -164,7 +164,7 @@ pub fn turns_into(world: &World, cell: Cell) -> Option<&'static str> {
     match name {
         "farmland" | "dirt_path" => {
             let above = world.state(Side::Up.beside(cell)).block();
-            (above.is_solid && !above.name.ends_with("_fence_gate")).then_some("dirt")
+            (above.is_solid() && !above.name.ends_with("_fence_gate")).then_some("dirt")
         }
         "sugar_cane" => {
             let is_wet =
@@ -172,8 +172,7 @@ pub fn turns_into(world: &World, cell: Cell) -> Option<&'static str> {
             (under != "sugar_cane" && !is_wet).then_some("air")
         }
         "cactus" => {
-            let is_crowded =
-                is_beside(cell, |name| super::registry::Block::named(name).is_some_and(|block| block.is_solid));
+            let is_crowded = is_beside(cell, |name| Block::named(name).is_some_and(Block::is_solid));
             (is_crowded || !(under == "cactus" || is_sand(under))).then_some("air")
         }
         "bamboo" => {
@@ -204,7 +203,7 @@ pub fn breaks_after(world: &World, cell: Cell, changed: Side) -> bool {
 /// Returns whether a block can hold another one: what has a collision box can, but leaves, and what is lower than a block.
 fn holds(state: StateId) -> bool {
     let block = state.block();
-    block.is_solid && !block.name.ends_with("_leaves") && !matches!(block.name, "farmland" | "dirt_path")
+    block.is_solid() && !block.name.ends_with("_leaves") && !matches!(block.name, "farmland" | "dirt_path")
 }
 
 fn is_other_half(state: StateId, other: StateId, property: &str) -> bool {

@@ -12,7 +12,7 @@ use crate::voxel::cell::{Cell, CellMap};
 /// Height of the uppermost layer of natural ground.
 pub const GROUND_Y: i32 = -1;
 /// Number of blocks that `/fill` and `/clone` may change unless a game rule says otherwise.
-const BLOCK_LIMIT: i32 = 32_768;
+pub const BLOCK_LIMIT: i32 = 32_768;
 /// Length of a tick of the game.
 const TICK_MS: u64 = 50;
 /// Greatest number of blocks that `/fill` and `/clone` may visit, whatever the game rule says.

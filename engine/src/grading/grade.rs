@@ -8,7 +8,7 @@ use crate::checks::{CHECKS_VERSION, Check, Criterion, Dimension, Finding, Subjec
 use crate::elasticity::{Control, Stopped};
 use crate::tasks::Task;
 use crate::voxel::replay::Replay;
-use crate::voxel::{BlockLog, Structure};
+use crate::voxel::{BlockLog, Profile, Structure};
 
 /// Grades a log against a task, turn by turn.
 ///
@@ -25,7 +25,8 @@ pub fn grade_log(task: &Task, log: &BlockLog, control: &Control<'_>) -> Result<R
 /// # Errors
 /// Returns an error only if `control` stops a long computation.
 pub fn grade_hashed(task: &Task, hash: &str, log: &BlockLog, control: &Control<'_>) -> Result<Report, Stopped> {
-    grade(task, hash.to_owned(), Replay::new(log), control)
+    let report = grade(task, hash.to_owned(), Replay::new(log), control)?;
+    Ok(Report { profile: log.profile, ..report })
 }
 
 /// Grades structures, one per turn, against a task.
@@ -72,6 +73,7 @@ fn grade(
         number: task.number,
         task_hash,
         checks_version: CHECKS_VERSION,
+        profile: Profile::Published,
         overall: [accuracy, plausible, ordered].into_iter().all(|part| part.unwrap_or(true)),
         accuracy,
         criteria,

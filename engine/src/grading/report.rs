@@ -7,6 +7,7 @@ use super::advisory::Advisory;
 use super::summary::ProblemScores;
 use crate::checks::evidence::value_bytes;
 use crate::checks::{Criterion, Dimension, Finding};
+use crate::voxel::Profile;
 
 /// Result of one check.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -67,6 +68,9 @@ pub struct Report {
     pub task_hash: String,
     /// Version of the checks that scored the submission.
     pub checks_version: u32,
+    /// Rules under which the log became a build; absent for `published`.
+    #[serde(default, skip_serializing_if = "Profile::is_published")]
+    pub profile: Profile,
     /// Whether accuracy, physical plausibility and dependency all pass, as far as they apply (`docs/rules.md#scores`).
     pub overall: bool,
     /// Whether material, shape and size all pass, as far as they apply; null if the task has no such check.

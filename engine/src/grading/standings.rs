@@ -177,6 +177,8 @@ pub struct Finished {
     pub owner: Option<String>,
     /// Origin of its logs, such as `self-reported`.
     pub provenance: String,
+    /// Profile of its submissions: its name, or `mixed`.
+    pub profile: String,
     /// Fingerprint of its logs; `None` if the run finished before fingerprints were stored.
     pub fingerprint: Option<Fingerprint>,
 }
@@ -295,6 +297,7 @@ mod tests {
                 outcomes: Outcomes::of(tasks, &problems, &[]),
                 owner: None,
                 provenance: String::new(),
+                profile: String::new(),
                 fingerprint: None,
             };
             let outcomes = finished.outcomes.clone();

@@ -10,6 +10,7 @@ use super::pool::{Specification, Stratum};
 use super::secret::EpochKey;
 use crate::checks::CHECKS_VERSION;
 use crate::tasks::hex;
+use crate::voxel::Profile;
 
 /// The commitment of an epoch. Hashes are lower-case hexadecimal.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -60,6 +61,9 @@ pub struct Rules {
     /// The Ed25519 public key that verifies receipts, in hex.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub receipt_key: String,
+    /// Profile of answers that name none; absent for `published`, which it was before profiles.
+    #[serde(default, skip_serializing_if = "Profile::is_published")]
+    pub profile: Profile,
 }
 
 /// The choices made when an epoch is created.

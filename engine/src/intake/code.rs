@@ -6,6 +6,7 @@ use super::text::fences::{Fence, fences};
 use super::text::thinking::without_thoughts;
 use crate::voxel::block_log::{BlockLog, Event};
 use crate::voxel::cell::Cell;
+use crate::voxel::profile::Profile;
 
 /// A log as it was sent: the events of each turn, and the code of the turns that are empty until the code has run.
 #[derive(Debug, Clone, Default)]
@@ -41,6 +42,14 @@ impl SentLog {
 }
 
 impl SentLog {
+    /// Sets the rules of the log: those that were asked for, or else, if it has code, those that code has by default.
+    pub fn choose_profile(&mut self, asked: Option<Profile>, of_code: Option<Profile>) {
+        let of_code = of_code.filter(|_| !self.codes.is_empty());
+        if let Some(profile) = asked.or(of_code) {
+            self.log.profile = profile;
+        }
+    }
+
     /// Appends the turns of another log.
     pub fn append(&mut self, other: &Self) {
         let turns = self.log.turns.len();

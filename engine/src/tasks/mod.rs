@@ -13,6 +13,7 @@ use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 
 use crate::checks::{Check, Criterion};
+use crate::voxel::Profile;
 use family::Category;
 
 /// One instruction of a task, with the checks of the structure that stands after it.
@@ -103,6 +104,14 @@ impl Suite {
     #[must_use]
     pub fn id(&self) -> String {
         format!("{}@{}", self.name, self.version)
+    }
+
+    /// Returns the profile of action code that names none: `mindcraft` for the benchmark's suites from version 3 on, whose
+    /// prompts are written for it.
+    #[must_use]
+    pub fn profile(&self) -> Profile {
+        let is_ours = self.name == "mineceraft" || self.name.starts_with("mineceraft-");
+        if is_ours && self.version >= 3 { Profile::Mindcraft } else { Profile::Published }
     }
 
     /// Counts the turns of all tasks, which the paper calls "instruction entries".

@@ -85,13 +85,14 @@ fn apply_in_order(standing: &mut Vec<(Cell, MaterialId)>, turn: &[Event]) {
         entries.iter().enumerate().filter_map(|(at, entry)| entry.map(|(cell, _)| (cell, at))).collect();
     for event in turn {
         match *event {
-            Event::Place { cell, material } => match position.get(&cell) {
-                Some(at) => entries[*at] = Some((cell, material)),
-                None => {
+            Event::Place { cell, material } => {
+                if let Some(at) = position.get(&cell) {
+                    entries[*at] = Some((cell, material));
+                } else {
                     position.insert(cell, entries.len());
                     entries.push(Some((cell, material)));
                 }
-            },
+            }
             Event::Remove { cell } => {
                 if let Some(at) = position.remove(&cell) {
                     entries[at] = None;

@@ -1,26 +1,23 @@
 //! What the profile's JavaScript asks of the world, and what is told of the run.
 
 use std::cell::RefCell;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::rc::Rc;
 
 use rquickjs::function::{Func, Opt};
 use rquickjs::{Array, Ctx, Exception, Object};
 
+use crate::actions::ACTION_LIMITS;
 use crate::actions::sandbox::Watch;
 use crate::near::did_you_mean;
+use plumbline_engine::game::command::{Command, SetMode};
+use plumbline_engine::game::coordinates::{Coordinate, Coordinates};
 use plumbline_engine::game::registry::{Block, StateId, item_number, items};
 use plumbline_engine::game::{Look, Side, World};
 use plumbline_engine::voxel::cell::Cell;
 
 /// Greatest number of different notes, and of reasons of dropped calls, of a turn.
 const MOST_NOTES: usize = 50;
-/// Greatest number of lines in the log of a turn.
-const MOST_LINES: usize = 500;
-/// Greatest size of the log of a turn, in bytes.
-const LOG_BYTES: usize = 32 << 10;
-/// Greatest virtual time of a job, in milliseconds: a day.
-const MOST_MS: u64 = 86_400_000;
 
 /// The world of a job, and what its turns tell.
 #[derive(Debug, Default)]
@@ -33,6 +30,8 @@ pub struct Host {
     pub dropped: BTreeMap<String, u64>,
     /// What the code printed.
     pub log: Vec<String>,
+    /// Blocks that were read before.
+    looks: HashMap<String, Look>,
     log_bytes: usize,
     is_log_cut: bool,
     /// The name that was last asked for in vain, with its object and the names that were meant perhaps.
@@ -72,7 +71,7 @@ impl Host {
 
     fn print(&mut self, line: &str) {
         for line in line.split('\n') {
-            if self.log.len() >= MOST_LINES || self.log_bytes + line.len() > LOG_BYTES {
+            if self.log.len() >= ACTION_LIMITS.log_lines || self.log_bytes + line.len() > ACTION_LIMITS.log_bytes {
                 if !std::mem::replace(&mut self.is_log_cut, true) {
                     self.log.push("… more was printed, which is left out".to_owned());
                 }
@@ -89,6 +88,26 @@ impl Host {
         self.dropped.clear();
         self.log.clear();
         (self.log_bytes, self.is_log_cut) = (0, false);
+    }
+
+    /// Sets a block as `/setblock` does.
+    fn set_block(&mut self, [x, y, z]: [f64; 3], block: &str) {
+        if let Some(odd) = [x, y, z].into_iter().find(|value| !value.is_finite() || value.abs() >= 1e21) {
+            return self.command(&format!("setblock {odd} {odd} {odd} {block}"));
+        }
+        let look = match self.looks.get(block) {
+            Some(look) => *look,
+            None => match Look::read(block) {
+                Ok(look) => *self.looks.entry(block.to_owned()).or_insert(look),
+                Err(error) => return self.drop_call(format!("/setblock was refused: {error}")),
+            },
+        };
+        let axis = |value| Coordinate { value, is_relative: false, is_whole: true };
+        let command = Command::SetBlock { at: Coordinates::World([x, y, z].map(axis)), look, mode: SetMode::Replace };
+        let body = self.world.body;
+        if let Err(refusal) = self.world.carry_out(&command, &body) {
+            self.drop_call(format!("/setblock was refused: {refusal}"));
+        }
     }
 
     /// Carries out a command and counts it if it is refused.
@@ -114,8 +133,11 @@ impl Host {
     /// Returns an error if the job has used up its time.
     pub fn pass_time(&mut self, now_ms: f64) -> Result<(), String> {
         let now = now_ms.max(0.0) as u64;
-        if now > MOST_MS {
-            return Err(format!("more than {} hours of virtual time have passed", MOST_MS / 3_600_000));
+        if now > ACTION_LIMITS.virtual_ms {
+            return Err(format!(
+                "more than {} hours of virtual time have passed",
+                ACTION_LIMITS.virtual_ms / 3_600_000
+            ));
         }
         self.world.pass_time(now);
         Ok(())
@@ -217,10 +239,10 @@ fn block_kind(ctx: Ctx<'_>, number: u16) -> rquickjs::Result<Array<'_>> {
     let list = Array::new(ctx)?;
     list.set(0, block.name)?;
     list.set(1, block.hardness)?;
-    list.set(2, block.is_solid)?;
-    list.set(3, block.is_diggable)?;
-    list.set(4, block.is_transparent)?;
-    list.set(5, block.has_drops)?;
+    list.set(2, block.is_solid())?;
+    list.set(3, block.is_diggable())?;
+    list.set(4, block.is_transparent())?;
+    list.set(5, block.has_drops())?;
     list.set(6, block.first)?;
     list.set(7, last)?;
     list.set(8, block.default.0)?;
@@ -286,6 +308,11 @@ fn look(object: &Object<'_>, shared: &Shared) -> rquickjs::Result<()> {
 
 /// Adds the functions that act on the world or move the body.
 fn act(object: &Object<'_>, shared: &Shared) -> rquickjs::Result<()> {
+    let to = shared.clone();
+    object.set(
+        "setBlock",
+        Func::from(move |x: f64, y: f64, z: f64, block: String| to.with(|host| host.set_block([x, y, z], &block))),
+    )?;
     let to = shared.clone();
     object.set("command", Func::from(move |text: String| to.with(|host| host.command(&text))))?;
     let to = shared.clone();

@@ -334,13 +334,11 @@ fn call_unused<'js>(
     let printed = host.borrow().log.len();
     let value = ctx.eval_with_options::<Value<'js>, _>(code, strict());
     host.borrow_mut().log.truncate(printed);
-    match value {
-        Ok(value) => call.call((value,)),
-        Err(_) => {
-            ctx.catch();
-            Ok(false)
-        }
-    }
+    let Ok(value) = value else {
+        ctx.catch();
+        return Ok(false);
+    };
+    call.call((value,))
 }
 
 #[cfg(test)]

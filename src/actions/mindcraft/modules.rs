@@ -40,7 +40,7 @@ impl Loader for Provided {
             let key = key?;
             let is_name = !key.is_empty() && key.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
             if is_name && key != "default" {
-                source += &format!("export const {key} = it.{key};\n");
+                source.extend(["export const ", &key, " = it.", &key, ";\n"]);
             }
         }
         Module::declare(ctx.clone(), name, source)

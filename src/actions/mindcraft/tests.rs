@@ -111,3 +111,27 @@ fn time_is_virtual_and_ends() {
     assert!(done.error.unwrap().message.contains("virtual time"));
     assert_eq!(done.log, ["true"]);
 }
+
+#[test]
+fn the_documented_functions_are_those_that_code_finds() {
+    use crate::actions::functions::functions_of;
+    let documented = |object: &str| {
+        let names = functions_of(Profile::Mindcraft).iter().filter_map(|function| {
+            let (path, _) = function.call.split_once('(')?;
+            path.strip_prefix(object)?.strip_prefix('.')
+        });
+        let mut names: Vec<&str> = names.collect();
+        names.sort_unstable();
+        names.dedup();
+        names.concat()
+    };
+    let done = ran("for (const of of [skills, world]) log(bot, Object.keys(of).sort().join(''));");
+    assert_eq!(done.log, [documented("skills"), documented("world")]);
+    let found = ran(&format!(
+        "log(bot, [{}].filter((name) => typeof bot[name] !== 'function').join());",
+        ["chat", "placeBlock", "dig", "equip", "lookAt", "blockAt", "findBlock", "findBlocks", "waitForTicks"]
+            .map(|name| format!("'{name}'"))
+            .join(",")
+    ));
+    assert_eq!(found.log, [""]);
+}

@@ -45,6 +45,7 @@ mod tests {
     use crate::store::submissions::{NewSubmission, PackedLog};
     use SubmissionState::{Graded, GraderError, Queued};
     use plumbline_engine::hidden::feedback::Tier;
+    use plumbline_engine::voxel::Profile;
 
     const EXPIRES_AT_MS: i64 = OPENS_AT_MS + 10;
 
@@ -83,6 +84,7 @@ mod tests {
             owner: Some("a".to_owned()),
             lane: Lane::Hidden,
             replays: None,
+            profile: Profile::Published,
         }
     }
 

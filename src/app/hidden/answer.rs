@@ -1,13 +1,14 @@
 //! Parser of answers to hidden instances, which reports all faults at once.
 
 use crate::app::body::values::Parsed;
-use crate::app::body::{read_body, request_body};
+use crate::app::body::{profile, read_body, request_body};
 use crate::app::submissions::log_member::{stored_log, turns};
 use plumbline_engine::hidden::canonical::unhex;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::SentLog;
 use plumbline_engine::intake::schema::{NewTurn, StoredLogBody};
 use plumbline_engine::intake::tolerant::Text;
+use plumbline_engine::voxel::Profile;
 
 request_body! {
     /// The answer to a hidden instance.
@@ -20,11 +21,14 @@ request_body! {
         /// The log in its stored form, as `/v1/submissions/{id}/log` returns it.
         #[schema(value_type = Option<StoredLogBody>)]
         log: SentLog = work(stored_log),
+        /// Rules under which the actions become a build. By default those of the epoch for action code, and `published` for
+        /// plain events.
+        profile: Profile = optional(profile),
         /// SHA-256 of the agent's transcript, which must be shown on request.
         #[schema(pattern = "^[0-9a-fA-F]{64}$")]
         transcript_sha256: String = optional(hash),
     }
-    unknown: |_| "unknown field; an answer has turns or log, and transcript_sha256"
+    unknown: |_| "unknown field; an answer has turns or log, profile and transcript_sha256"
 }
 
 /// An answer as posted.
@@ -32,6 +36,8 @@ request_body! {
 pub struct PostedAnswer {
     /// Log, with action code that is yet to be run.
     pub sent: SentLog,
+    /// Rules that were asked for.
+    pub profile: Option<Profile>,
     /// SHA-256 of the transcript that the entrant promises to show, in hex.
     pub transcript_sha256: Option<String>,
 }
@@ -41,8 +47,8 @@ pub struct PostedAnswer {
 /// # Errors
 /// Returns an error if the text is not JSON.
 pub fn read_answer(text: &[u8], faults: &mut Faults) -> Result<Option<PostedAnswer>, serde_json::Error> {
-    let posted = |NewAnswerBody { turns, log, transcript_sha256 }| {
-        Some(PostedAnswer { sent: turns.or(log)?, transcript_sha256 })
+    let posted = |NewAnswerBody { turns, log, profile, transcript_sha256 }| {
+        Some(PostedAnswer { sent: turns.or(log)?, profile, transcript_sha256 })
     };
     Ok(read_body(text, faults)?.and_then(posted))
 }

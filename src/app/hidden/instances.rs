@@ -114,7 +114,9 @@ pub async fn answer_instance(
     }
     let instance = own_instance(app, caller, id).await?;
     let task = app.store.task(&instance.task_hash).await?;
-    let PostedAnswer { mut sent, transcript_sha256 } = read_posted(body).await?;
+    let PostedAnswer { mut sent, profile, transcript_sha256 } = read_posted(body).await?;
+    let rules = stored_epoch(app, &instance.epoch_id).await?.commitment.rules;
+    sent.choose_profile(profile, rules.map(|rules| rules.profile));
     let mut faults = Faults::new();
     let action_code = run_code(app, caller.who(), &mut sent, &mut faults).await?;
     let told = (!action_code.is_empty())
@@ -226,6 +228,7 @@ fn new_submission(
         lane: Lane::Hidden,
         log: PackedLog::of(&json)?,
         replays,
+        profile: log.profile,
     })
 }
 

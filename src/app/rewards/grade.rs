@@ -118,13 +118,16 @@ impl ReadRequest {
     pub fn find_log(mut self) -> AppResult<Found> {
         let task = self.given.task()?.0;
         let work = std::mem::replace(&mut self.request.work, GivenWork::Answer(Vec::new()));
-        let (sent, answer) = match work {
+        let of_code = self.given.profile();
+        let reads_code = self.request.profile.unwrap_or(of_code);
+        let (mut sent, answer) = match work {
             GivenWork::Log(sent) => (sent, None),
-            GivenWork::Answer(texts) => match log_in_texts(&texts, task.turns.len()) {
+            GivenWork::Answer(texts) => match log_in_texts(&texts, task.turns.len(), reads_code) {
                 Ok((sent, found)) => (sent, Some(AnswerBody { found, why: None })),
                 Err(why) => (nothing(task), Some(AnswerBody { found: Vec::new(), why: Some(why) })),
             },
         };
+        sent.choose_profile(self.request.profile, Some(of_code));
         let Self { request, given, begun } = self;
         Ok(Found { request, given, sent, answer, begun })
     }

@@ -24,7 +24,7 @@ use plumbline_engine::grading::cost::{Cost, cost};
 use plumbline_engine::grading::{Report, grade_hashed};
 use plumbline_engine::tasks::Task;
 use plumbline_engine::tasks::catalogue::Entry;
-use plumbline_engine::voxel::BlockLog;
+use plumbline_engine::voxel::{BlockLog, Profile};
 
 /// Number of connections up to which logs are graded on the threads that serve their requests. With more connections,
 /// logs would wait unseen in the queue of these threads, and other requests behind them.
@@ -63,6 +63,15 @@ impl GivenTask {
     pub fn inline(task: Task) -> Self {
         let hash = task.content_hash();
         Self::Inline(Arc::new((task, hash)))
+    }
+
+    /// Returns the profile of action code that names none.
+    #[must_use]
+    pub fn profile(&self) -> Profile {
+        match self {
+            Self::Inline(_) => Profile::Published,
+            Self::Listed(entry, _) => entry.suite.profile(),
+        }
     }
 
     /// Returns the task and its hash.

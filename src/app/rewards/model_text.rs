@@ -6,6 +6,7 @@ use crate::app::limits::LIMITS;
 use crate::near::counted;
 use plumbline_engine::intake::code::SentLog;
 use plumbline_engine::intake::text::{AnswerKind, FoundAnswer, read_answer};
+use plumbline_engine::voxel::Profile;
 
 /// Answers found in the texts of a model.
 #[derive(Debug, Clone, Default, Serialize, utoipa::ToSchema)]
@@ -48,9 +49,9 @@ pub enum FoundKind {
 ///
 /// # Errors
 /// Returns the reason if there is no such log.
-pub fn log_in_texts(texts: &[String], turns: usize) -> Result<(SentLog, Vec<FoundBody>), String> {
+pub fn log_in_texts(texts: &[String], turns: usize, profile: Profile) -> Result<(SentLog, Vec<FoundBody>), String> {
     let read: Vec<(usize, Result<FoundAnswer, String>)> =
-        (1..).zip(texts).map(|(place, text)| (place, read_answer(text, LIMITS.log()))).collect();
+        (1..).zip(texts).map(|(place, text)| (place, read_as(profile, text))).collect();
     let mut found: Vec<(usize, &FoundAnswer)> =
         read.iter().filter_map(|(place, read)| read.as_ref().ok().map(|found| (*place, found))).collect();
     let Some(&(_, last)) = found.last() else {
@@ -78,6 +79,24 @@ pub fn log_in_texts(texts: &[String], turns: usize) -> Result<(SentLog, Vec<Foun
     Ok((sent, found.into_iter().map(|(place, answer)| FoundBody::of(place, answer)).collect()))
 }
 
+/// Reads a text. Under the profile `mindcraft`, code is found as mindcraft finds it, which is between the first fence and
+/// the last, so the whole text is kept.
+fn read_as(profile: Profile, text: &str) -> Result<FoundAnswer, String> {
+    let read = read_answer(text, LIMITS.log());
+    if profile.is_published() {
+        return read;
+    }
+    let is_code = match &read {
+        Ok(found) => found.kind == AnswerKind::Code,
+        Err(_) => text.contains("```") || text.contains("skills.") || text.contains("bot."),
+    };
+    if !is_code {
+        return read;
+    }
+    let line = text.find("```").map_or(1, |at| 1 + text[..at].matches('\n').count());
+    Ok(FoundAnswer { sent: SentLog::of_code(text.to_owned()), kind: AnswerKind::Code, line, passed_over: 0 })
+}
+
 impl FoundBody {
     fn of(text: usize, answer: &FoundAnswer) -> Self {
         let kind = match answer.kind {
@@ -94,7 +113,7 @@ mod tests {
 
     fn found(texts: &[&str], turns: usize) -> Result<Vec<usize>, String> {
         let texts: Vec<String> = texts.iter().map(|text| (*text).to_owned()).collect();
-        log_in_texts(&texts, turns).map(|(sent, found)| {
+        log_in_texts(&texts, turns, Profile::Published).map(|(sent, found)| {
             assert_eq!(sent.log.turns.len(), turns);
             found.iter().map(|found| found.text).collect()
         })

@@ -8,7 +8,7 @@ use serde_json::Value;
 use super::named_task::{GivenTaskBody, NamedTask, NamedTaskShape};
 use super::scheme::{SchemeBody, read_scheme};
 use crate::app::body::values::Json;
-use crate::app::body::{name, read_body, request_body};
+use crate::app::body::{name, profile, read_body, request_body};
 use crate::app::limits::LIMITS;
 use crate::app::submissions::log_member::{stored_log, turns};
 use plumbline_engine::grading::reward::Scheme;
@@ -16,6 +16,7 @@ use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::SentLog;
 use plumbline_engine::intake::schema::{NewTurn, StoredLogBody};
 use plumbline_engine::intake::tolerant::{Read, Scalar, Shape, Verbatim};
+use plumbline_engine::voxel::Profile;
 
 request_body! {
     /// A log to grade synchronously.
@@ -31,6 +32,9 @@ request_body! {
         /// Suite of the task, if it is given by id or number: name, or name@version.
         #[schema(min_length = 1)]
         suite: String = optional(name),
+        /// Rules under which the actions become a build. By default those of the suite for action code, and `published` for
+        /// plain events.
+        profile: Profile = optional(profile),
         /// Turns of the log, as many as the task has. One of `turns`, `log` and `answer` is required.
         #[schema(value_type = Option<Vec<NewTurn>>)]
         turns: SentLog = work(turns),
@@ -50,7 +54,7 @@ request_body! {
         #[schema(minimum = 1)]
         deadline_ms: u64 = optional(|faults| Json { faults, read: read_deadline }),
     }
-    unknown: |_| "unknown field; a request has task, suite, turns or log or answer, reward, detail and deadline_ms"
+    unknown: |_| "unknown field; a request has task, suite, profile, turns or log or answer, reward, detail and deadline_ms"
 }
 
 /// Amount of detail in the response.
@@ -80,6 +84,8 @@ pub struct GradeRequest {
     pub task: NamedTask,
     /// Name of the suite, for a task of a suite.
     pub suite: Option<String>,
+    /// Rules under which the actions become a build, if they were asked for.
+    pub profile: Option<Profile>,
     /// Work to grade.
     pub work: GivenWork,
     /// Scheme by which the reward is computed.
@@ -105,6 +111,7 @@ pub fn read_request(text: &[u8], faults: &mut Faults) -> Result<Option<GradeRequ
     Ok(Some(GradeRequest {
         task,
         suite: body.suite,
+        profile: body.profile,
         work,
         scheme: body.reward.unwrap_or_default(),
         detail: body.detail.unwrap_or_default(),

@@ -51,6 +51,19 @@ pub enum RunProvenance {
     ReRunByHost,
 }
 
+/// Profile of the submissions of a run, for the contract.
+#[derive(Debug, utoipa::ToSchema)]
+#[schema(as = RunProfile)]
+#[serde(rename_all = "snake_case")]
+pub enum RunProfile {
+    /// All have the profile `published`.
+    Published,
+    /// All have the profile `mindcraft`.
+    Mindcraft,
+    /// Some have another profile than others.
+    Mixed,
+}
+
 impl RunProvenance {
     /// All variants.
     pub const ALL: [Self; 2] = [Self::SelfReported, Self::ReRunByHost];

@@ -114,12 +114,15 @@ async fn check(app: &App, caller: &Caller, body: Bytes, format: Format) -> AppRe
     });
     let (Posted { mut submissions, is_malformed }, mut faults) =
         read.await.map_err(|error| AppError::internal(&error))?;
-    // Do not run the code of a body that already has faults.
-    if faults.is_empty() {
-        run_codes(app, caller.who(), &mut submissions, &mut faults).await?;
-    }
     let lines: Vec<Option<u64>> = submissions.iter().map(|submission| submission.line).collect();
     let found = resolve_all(app, caller, &submissions, &mut faults).await?;
+    // Do not run the code of a body that already has faults.
+    if faults.is_empty() {
+        for (submission, found) in submissions.iter_mut().zip(&found) {
+            submission.choose_profile(found.as_ref().map(|(entry, _)| entry.suite.profile()));
+        }
+        run_codes(app, caller.who(), &mut submissions, &mut faults).await?;
+    }
     let owner = caller.owner().map(str::to_owned);
     let prepare = tokio::task::spawn_blocking(move || {
         let prepared = prepare(submissions, &found, owner.as_deref(), &mut faults);
@@ -238,6 +241,7 @@ fn prepare(
             log: PackedLog::of(&json)?,
             replays: (!submission.replays.is_empty())
                 .then(|| serde_json::to_string(&submission.replays).expect("replays are strings and numbers")),
+            profile: log.profile,
         })
     };
     placed.into_iter().map(pack).collect()

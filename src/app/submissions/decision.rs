@@ -85,6 +85,7 @@ pub fn answers(decisions: Vec<Decision>) -> Vec<Accepted> {
 mod tests {
     use super::*;
     use crate::store::submissions::PackedLog;
+    use plumbline_engine::voxel::Profile;
 
     fn submission(id: &str, task_number: u32, log_hash: &str) -> NewSubmission {
         NewSubmission {
@@ -100,6 +101,7 @@ mod tests {
             owner: Some("owner".to_owned()),
             lane: Lane::Quick,
             replays: None,
+            profile: Profile::Published,
         }
     }
 

@@ -2,7 +2,7 @@
 
 use super::log_member::{stored_log, turns};
 use crate::actions::turn_replay::TurnReplay;
-use crate::app::body::{name, read_body, request_body};
+use crate::app::body::{name, profile, read_body, request_body};
 use crate::app::limits::LIMITS;
 use crate::near::{agreeing, counted, did_you_mean};
 use plumbline_engine::checks::Criterion;
@@ -13,7 +13,7 @@ use plumbline_engine::intake::tolerant::{Scalar, Shape, Text, on_its_line, why_n
 use plumbline_engine::tasks::Task;
 use plumbline_engine::tasks::catalogue::Entry;
 use plumbline_engine::voxel::replay::Replay;
-use plumbline_engine::voxel::{BlockLog, Event};
+use plumbline_engine::voxel::{BlockLog, Event, Profile};
 
 /// Format of a body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -88,6 +88,9 @@ request_body! {
         /// The task: its id, or its number in the suite (the `run_idx` of published records).
         #[schema(value_type = TaskRef)]
         task: TaskRef = required(|faults| TaskShape { faults }),
+        /// Rules under which the actions become a build. By default those of the suite for action code, and `published` for
+        /// plain events.
+        profile: Profile = optional(profile),
         /// Turns of the log, as many as the task has. Either `turns` or `log` is required.
         #[schema(value_type = Option<Vec<NewTurn>>)]
         turns: SentLog = work(turns),
@@ -98,15 +101,15 @@ request_body! {
     unknown: |key| match key {
         "action_code" | "events" | "palette" | "rows" => "unknown field; it belongs in a turn: \"turns\": [{…}]",
         "answer" => "unknown field; a submission takes turns or log, and only /v1/grade takes answer",
-        _ => "unknown field; a submission has run, suite, task and turns or log",
+        _ => "unknown field; a submission has run, suite, task, profile and turns or log",
     }
 }
 
 impl NewSubmissionBody {
     /// Returns the submission, unless its task or its log could not be read.
     fn posted(self, line: Option<u64>) -> Option<PostedSubmission> {
-        let Self { run, suite, task, turns, log } = self;
-        Some(PostedSubmission { line, run, suite, task: task?, sent: turns.or(log)?, replays: Vec::new() })
+        let Self { run, suite, task, profile, turns, log } = self;
+        Some(PostedSubmission { line, run, suite, task: task?, profile, sent: turns.or(log)?, replays: Vec::new() })
     }
 }
 
@@ -121,10 +124,19 @@ pub struct PostedSubmission {
     pub suite: Option<String>,
     /// Reference to the task.
     pub task: TaskRef,
+    /// Rules that were asked for.
+    pub profile: Option<Profile>,
     /// Log, with action code that is yet to be run.
     pub sent: SentLog,
     /// Results of the action code, once it was run.
     pub replays: Vec<TurnReplay>,
+}
+
+impl PostedSubmission {
+    /// Sets the rules of the log: those that were asked for, or else for action code those of the suite.
+    pub fn choose_profile(&mut self, of_suite: Option<Profile>) {
+        self.sent.choose_profile(self.profile, of_suite);
+    }
 }
 
 /// Submissions read from a body.

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::app::boards::leaderboard::{BoardPage, Row};
-use crate::app::runs::body::RunProvenance;
+use crate::app::runs::body::{RunProfile, RunProvenance};
 use crate::clock::rfc3339;
 use plumbline_engine::grading::statistics::interval::Interval;
 use plumbline_engine::grading::statistics::ranks::RankRange;
@@ -45,6 +45,9 @@ pub struct BoardRow {
     /// Origin of the logs.
     #[schema(value_type = RunProvenance, example = "self-reported")]
     pub provenance: String,
+    /// Profile of its submissions: `published`, `mindcraft`, or `mixed`.
+    #[schema(value_type = RunProfile, example = "mindcraft")]
+    pub profile: String,
     /// Finished runs of other owners with near-identical logs: nearly the same blocks in nearly the same order.
     #[schema(value_type = Vec<uuid::Uuid>)]
     pub similar_to: Vec<String>,
@@ -72,6 +75,7 @@ impl From<Row> for BoardRow {
             skipped: standing.skipped(),
             attempts,
             provenance: standing.provenance.clone(),
+            profile: standing.profile.clone(),
             similar_to,
             finished_at: rfc3339(standing.finished_at_ms),
         }

@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
-use crate::app::runs::body::{NewRunBody, RunProvenance};
+use crate::app::runs::body::{NewRunBody, RunProfile, RunProvenance};
 use crate::app::runs::create::{CreatedRun, create};
 use crate::app::runs::read::{self, RunFilter, SubmissionsOfRun};
 use crate::clock::rfc3339;
@@ -67,6 +67,9 @@ pub struct RunBody {
     /// Number of tasks that it skips on purpose; they count as failed.
     #[schema(minimum = 0)]
     pub skipped: i64,
+    /// Profile of its submissions: `published`, `mindcraft`, or `mixed`; null before the first.
+    #[schema(value_type = Option<RunProfile>)]
+    pub profile: Option<String>,
 }
 
 impl From<RunRow> for RunBody {
@@ -87,6 +90,7 @@ impl From<RunRow> for RunBody {
             owner: run.owner,
             provenance: run.provenance,
             skipped: run.skipped,
+            profile: run.profile,
         }
     }
 }

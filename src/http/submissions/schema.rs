@@ -8,6 +8,7 @@ use crate::clock::rfc3339;
 use crate::store::states::SubmissionState;
 use crate::store::submissions::{NewSubmission, SubmissionRow};
 use plumbline_engine::tasks::catalogue::Entry;
+use plumbline_engine::voxel::Profile;
 
 /// A submission.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -58,6 +59,8 @@ pub struct SubmissionBody {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0)]
     pub estimated_seconds: Option<f64>,
+    /// Rules under which its actions became a build.
+    pub profile: Profile,
     /// Results of the action code in its turns, if there was any.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub action_code: Vec<TurnReplay>,
@@ -86,6 +89,7 @@ impl SubmissionBody {
             owner: row.owner,
             queued_before: None,
             estimated_seconds: None,
+            profile: row.profile,
             action_code: row.replays.and_then(|json| serde_json::from_str(&json).ok()).unwrap_or_default(),
         }
     }

@@ -41,18 +41,34 @@
     return block;
   }
 
+  // The blocks that a placement sets, each with its offsets upwards and to the north; null if there is no such block.
+  const plans = new Map();
+  function planOf(name, placeOn) {
+    if (typeof name !== "string" || !mc.getBlockId(name)) return null;
+    const block = withState(name, placeOn);
+    const plan = [[0, 0, block]];
+    if (block.includes("door")) plan.push([1, 0, `${block}[half=upper]`]);
+    if (block.includes("bed")) plan.push([0, 1, `${block}[part=head]`]);
+    return plan;
+  }
+
   async function placeBlock(bot, blockType, x, y, z, placeOn = "bottom", dontCheat = false) {
-    if (blockType !== "air" && !mc.getBlockId(blockType)) {
+    if (!bot?.modes) throw new TypeError("the first argument of skills.placeBlock is not the bot");
+    const key = `${blockType} ${placeOn}`;
+    let plan = plans.get(key);
+    if (plan === undefined) {
+      plan = planOf(blockType, placeOn);
+      plans.set(key, plan);
+    }
+    if (plan === null && blockType !== "air") {
       host.drop(`${typeof blockType === "string" ? `'${blockType.slice(0, 80)}'` : String(blockType).slice(0, 80)} is not the name of a block`);
       log(bot, `${blockType} is not a block.`);
       return false;
     }
     if (blockType === "air") return breakBlockAt(bot, x, y, z);
     if (dontCheat) return placeByHand(bot, blockType, x, y, z, placeOn);
-    const block = withState(blockType, placeOn);
-    command(`setblock ${at(x, y, z)} ${block}`);
-    if (block.includes("door")) command(`setblock ${at(x, y + 1, z)} ${block}[half=upper]`);
-    if (block.includes("bed")) command(`setblock ${at(x, y, z - 1)} ${block}[part=head]`);
+    for (const [up, north, block] of plan)
+      host.setBlock(floor(x), floor(up ? y + up : y), floor(north ? z - north : z), block);
     return true;
   }
 
@@ -231,7 +247,7 @@
   const fruitless = (name) => ({ [name]: async () => false })[name];
   // The first argument of every skill is the bot.
   const guarded = (skills) => Object.fromEntries(Object.entries(skills).map(([name, skill]) => {
-    if (skill === log) return [name, skill];
+    if (skill === log || skill === placeBlock) return [name, skill];
     const given = async (bot, ...rest) => {
       if (!bot?.modes) throw new TypeError(`the first argument of skills.${name} is not the bot`);
       return skill(bot, ...rest);

@@ -1,0 +1,18 @@
+skills.log(bot, "start");
+await skills.wait(bot, 250);
+await skills.stay(bot, 2);
+await skills.attackNearest(bot, "zombie", true);
+await skills.defendSelf(bot, 9);
+await skills.avoidEnemies(bot, 8);
+await skills.goToPlayer(bot, "Steve");
+await skills.goToNearestEntity(bot, "cow");
+await skills.goToBed(bot);
+await skills.viewChest(bot);
+await skills.putInChest(bot, "dirt");
+await skills.takeFromChest(bot, "dirt", 4);
+await skills.clearNearestFurnace(bot);
+await skills.smeltItem(bot, "raw_iron", 2);
+await skills.activateNearestBlock(bot, "lever");
+await skills.craftRecipe(bot, "oak_planks", 4);
+log(bot, world.getNearbyEntities(bot).length + " " + world.getNearbyPlayerNames(bot).join() + world.getNearbyEntityTypes(bot).join());
+bot.chat('/setblock ~ ~ ~9 target');

@@ -1,0 +1,15 @@
+const at = (m, { x, y, z }) => skills.placeBlock(bot, m, x, y, z);
+const v = new Vec3(2, 0, 2);
+v.translate(1, 1, -1);
+await at('stone', v);
+const w = new Vec3(5, 1, 9).subtract(new Vec3(1, 1, 3));
+await at('dirt', w);
+await at('glass', new Vec3(7, 0, 0).unit().scaled(2));
+await skills.placeBlock(bot, 'clay', new Vec3(3, 0, 4).norm(), 0, 1);
+await at('tuff', new Vec3(6, 0, 2).max(new Vec3(1, 0, 9)));
+await at('calcite', new Vec3(5, 4, -2).modulus(new Vec3(4, 4, 4)));
+await skills.placeBlock(bot, 'granite', 0, 0, new Vec3(1, 2, 1).dot(new Vec3(1, 2, 2)));
+const home = new Vec3(0, 0, 0);
+home.update(new Vec3(9, 0, 4));
+home.floor();
+await at('diorite', home);
