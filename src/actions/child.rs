@@ -1,12 +1,14 @@
 //! The process that runs one script: it confines itself, reads the script, runs it, writes the answer, and exits.
 
 use std::io::{Read as _, Write as _};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
 
 use super::confine::confine;
 use super::job::{Answer, Job, Order, TurnInput};
 use super::memory::PeakMemory;
 use super::{ActionLimits, Profile, mindcraft, published};
+use plumbline_engine::intake::code::without_fences;
 
 /// Name of the command that runs as this process.
 pub const COMMAND: &str = "run-action-code";
@@ -34,7 +36,9 @@ pub fn run(limits: &ActionLimits) -> anyhow::Result<ExitCode> {
     let mut job = vec![0; u32::from_le_bytes(length) as usize];
     input.read_exact(&mut job)?;
     let order: Order = serde_json::from_slice(&job)?;
-    let answer = serde_json::to_vec(&replay(&order.job, &order.limits, &peak))?;
+    // What a script makes of the objects that it is given may break an assumption of ours; that is its own doing.
+    let replayed = catch_unwind(AssertUnwindSafe(|| replay(&order.job, &order.limits, &peak)));
+    let answer = serde_json::to_vec(&replayed.unwrap_or_else(|_| Answer::crashed()))?;
     let mut output = std::io::stdout().lock();
     output.write_all(&u32::try_from(answer.len())?.to_le_bytes())?;
     output.write_all(&answer)?;
@@ -47,7 +51,10 @@ fn replay(job: &Job, limits: &ActionLimits, peak: &PeakMemory) -> Answer {
         Profile::Mindcraft => mindcraft::run(job, limits, peak),
         Profile::Published => {
             let files = job.turns.iter().map(|turn| match turn {
-                TurnInput::Code(files) => published::run_all(files, limits, peak),
+                TurnInput::Code(files) => match files.as_slice() {
+                    [file] => published::run(&without_fences(file), limits, peak),
+                    _ => super::Replayed::default(),
+                },
                 TurnInput::Events(_) => super::Replayed::default(),
             });
             Answer { turns: files.collect(), end: None }

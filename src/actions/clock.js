@@ -25,7 +25,11 @@
     }
     const [timer] = timers.splice(first, 1);
     now = Math.max(now, timer.at);
-    heard(now);
+    // Whoever hears of the time may end it.
+    if (heard(now) === false) {
+      timers.length = 0;
+      return false;
+    }
     if (timer.every) timers.push({ ...timer, at: now + timer.every });
     timer.call(...timer.args);
     return true;

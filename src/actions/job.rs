@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{ActionLimits, Profile, Replayed};
+use super::{ActionLimits, CRASHED, LimitReached, Profile, Replayed};
 
 /// Turns to replay.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -53,9 +53,16 @@ pub struct Answer {
 }
 
 impl Answer {
+    /// Answers for code that made its process fail.
+    pub(super) fn crashed() -> Self {
+        let detail = "the code broke the objects that it was given".to_owned();
+        let stopped = Some(LimitReached { limit: CRASHED.to_owned(), detail });
+        Self { turns: vec![Replayed { stopped, ..Replayed::default() }], end: None }
+    }
+
     /// Returns the limit at which the job was stopped.
     #[must_use]
-    pub fn stopped(&self) -> Option<&super::LimitReached> {
+    pub fn stopped(&self) -> Option<&LimitReached> {
         self.turns.iter().find_map(|turn| turn.stopped.as_ref())
     }
 }

@@ -36,6 +36,8 @@ pub struct ActionLimits {
     pub wall_ms: u64,
     /// Memory for its objects, in bytes.
     pub memory_bytes: usize,
+    /// Stack of the engine, in bytes.
+    pub stack_bytes: usize,
     /// Maximum number of distinct materials.
     pub materials: usize,
     /// Maximum length of a material's name, in characters.
@@ -55,6 +57,7 @@ pub const ACTION_LIMITS: ActionLimits = ActionLimits {
     cpu_ms: 2_000,
     wall_ms: 10_000,
     memory_bytes: 64 << 20,
+    stack_bytes: 512 << 10,
     materials: 4_096,
     material_chars: 128,
     log_lines: 500,

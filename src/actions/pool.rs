@@ -9,9 +9,10 @@ use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::process::{Child, Command};
 
 use super::child::COMMAND;
-use super::job::{Answer, Job, Order};
-use super::{ActionLimits, CRASHED, LimitReached, Replayed};
+use super::job::{Answer, Job, Order, TurnInput};
+use super::{ActionLimits, CRASHED, LimitReached, Profile, Replayed};
 use crate::fair::FairSlots;
+use plumbline_engine::text::counted;
 
 /// Processor time for the first attempt at a script, in milliseconds. Most scripts take a few.
 const FIRST_MS: u64 = 250;
@@ -60,6 +61,47 @@ impl Pool {
     /// # Errors
     /// Returns an error if no process can be started or used, which is a failure of the service.
     pub async fn run(&self, job: &Job, who: &Arc<str>) -> anyhow::Result<Answer> {
+        match job.profile {
+            Profile::Mindcraft => self.run_job(job, who).await,
+            Profile::Published => self.run_files(job, who).await,
+        }
+    }
+
+    /// Runs each file of a job on its own, as files without a common world are run, and puts their results together.
+    async fn run_files(&self, job: &Job, who: &Arc<str>) -> anyhow::Result<Answer> {
+        let mut answer = Answer::default();
+        let mut events = 0;
+        for turn in &job.turns {
+            let mut replayed: Option<Replayed> = None;
+            let files = if let TurnInput::Code(files) = turn { files.as_slice() } else { &[] };
+            for (file, number) in files.iter().zip(1..) {
+                let one = self.run_job(&Job::of_code(job.profile, file.clone()), who).await?;
+                let one = one.turns.into_iter().next().unwrap_or_default();
+                let one = if files.len() > 1 { one.of_file(number) } else { one };
+                events += one.events.len();
+                match &mut replayed {
+                    None => replayed = Some(one),
+                    Some(replayed) => replayed.append(one),
+                }
+                if events > self.inner.limits.events {
+                    let limit = LimitReached::of("events", &self.inner.limits, &counted(events, "event"));
+                    replayed.get_or_insert_default().stopped.get_or_insert(limit);
+                }
+                if replayed.as_ref().is_some_and(|replayed| replayed.stopped.is_some()) {
+                    break;
+                }
+            }
+            let replayed = replayed.unwrap_or_default();
+            let is_stopped = replayed.stopped.is_some();
+            answer.turns.push(replayed);
+            if is_stopped {
+                break;
+            }
+        }
+        Ok(answer)
+    }
+
+    async fn run_job(&self, job: &Job, who: &Arc<str>) -> anyhow::Result<Answer> {
         let all = self.inner.limits;
         let first = ActionLimits { cpu_ms: FIRST_MS.min(all.cpu_ms), wall_ms: FIRST_WALL_MS.min(all.wall_ms), ..all };
         let turn = self.inner.first.take(who).await;

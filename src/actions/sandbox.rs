@@ -13,8 +13,8 @@ use super::{ActionLimits, CodeError};
 
 /// File name of code in stack traces.
 pub const FILE: &str = "action.js";
-/// Stack size of the engine, in bytes.
-const STACK_BYTES: usize = 512 << 10;
+/// Greatest number of rejections without a handler that are kept.
+const MOST_UNHEARD: usize = 500;
 /// Greatest length of an error's message, in characters.
 const MESSAGE_CHARS: usize = 1_000;
 
@@ -66,7 +66,7 @@ impl Sandbox {
         let watch = Rc::new(RefCell::new(Watch::default()));
         let runtime = Runtime::new().map_err(|_| internal("no engine"))?;
         runtime.set_memory_limit(limits.memory_bytes);
-        runtime.set_max_stack_size(STACK_BYTES);
+        runtime.set_max_stack_size(limits.stack_bytes);
         let watched = Rc::clone(&watch);
         // Once stopped, the handler keeps interrupting: an interrupt inside a promise is just another rejection.
         runtime.set_interrupt_handler(Some(Box::new(move || {
@@ -81,7 +81,9 @@ impl Sandbox {
             let (identity, told) = (identity(&promise), told(CaughtError::Value(reason)));
             if let Ok(mut watch) = heard.try_borrow_mut() {
                 if !is_handled {
-                    watch.unheard.push((identity, told));
+                    if watch.unheard.len() < MOST_UNHEARD {
+                        watch.unheard.push((identity, told));
+                    }
                 } else if let Some(at) = watch.unheard.iter().rposition(|(of, _)| *of == identity) {
                     // A promise that is gone may have had the same identity before, but nothing can handle that one now.
                     watch.unheard.remove(at);
@@ -198,7 +200,7 @@ pub fn told(error: CaughtError<'_>) -> CodeError {
     // The first location in the code itself: `… (action.js:12:34)`.
     let place = stack.split(&format!("{FILE}:")).nth(1).unwrap_or_default();
     let mut numbers = place.split(|c: char| !c.is_ascii_digit()).map(|digits| digits.parse::<u32>().ok());
-    let (line, column) = (numbers.next().flatten(), numbers.next().flatten());
+    let (line, column) = (numbers.next().flatten().filter(|line| *line > 0), numbers.next().flatten());
     CodeError {
         message: message.chars().take(MESSAGE_CHARS).collect(),
         line,

@@ -117,7 +117,10 @@ fn read(name: &str) -> anyhow::Result<File> {
     let bytes = bytes.with_context(|| name.to_owned())?;
     let most = ACTION_LIMITS.code_bytes;
     anyhow::ensure!(bytes.len() <= most, "{name}: more than {most} bytes");
-    let text = String::from_utf8(bytes).map_err(|error| anyhow::anyhow!("{name}: not UTF-8: {error}"))?;
+    let text = String::from_utf8(bytes).unwrap_or_else(|error| {
+        eprintln!("{name}: not UTF-8 at byte {}; wrong bytes were replaced", error.utf8_error().valid_up_to());
+        String::from_utf8_lossy(error.as_bytes()).into_owned()
+    });
     let text = text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text);
     Ok(File { name: name.to_owned(), text })
 }
@@ -144,22 +147,27 @@ fn line(out: &mut impl std::io::Write, value: &impl Serialize) -> std::io::Resul
 fn explain(files: &[File], done: &Replayed) {
     let name = files.iter().map(|file| file.name.as_str()).collect::<Vec<_>>().join(", ");
     for line in &done.log {
-        eprintln!("{name}: printed: {line}");
+        eprintln!("{name}: printed: {}", escaped(line));
     }
     for dropped in &done.dropped {
-        eprintln!("{name}: {} dropped: {}", counted(dropped.count as usize, "call"), dropped.reason);
+        eprintln!("{name}: {} dropped: {}", counted(dropped.count as usize, "call"), escaped(&dropped.reason));
     }
     for note in &done.notes {
-        eprintln!("{name}: {note}");
+        eprintln!("{name}: {}", escaped(note));
     }
     let built = counted(done.events.len(), "event");
     for CodeError { message, line, column, file, .. } in done.error.iter().chain(&done.more_errors) {
         let name = file.and_then(|number| files.get(number - 1)).map_or(name.as_str(), |file| file.name.as_str());
         let line = line.map(|line| format!(" line {line}:")).unwrap_or_default();
         let column = column.map(|column| format!(" (column {column})")).unwrap_or_default();
-        eprintln!("{name}:{line} {message}{column}; {built} in this turn");
+        eprintln!("{name}:{line} {}{column}; {built} in this turn", escaped(message));
     }
     if let Some(stopped) = &done.stopped {
         eprintln!("{name}: stopped: {}", stopped.detail);
     }
+}
+
+/// Writes control characters as escapes, so that what code says cannot pretend to be a message or control a terminal.
+fn escaped(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { c.escape_default().to_string() } else { c.to_string() }).collect()
 }

@@ -128,3 +128,104 @@ async fn the_service_answers_the_same() {
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
+
+/// Answers that mean harm, or break what they are given.
+const HOSTILE: [&str; 22] = [
+    "````js\nawait skills.placeBlock(bot, 'stone', 0, 0, 0);",
+    "```",
+    "bot.chat('/fill -30000000 -64 -30000000 29999999 319 29999999 stone');",
+    "bot.chat('/gamerule commandModificationBlockLimit 2000000000'); bot.chat('/fill 0 0 0 999 255 999 stone');",
+    "bot.chat('/clone 0 0 0 10 0 0 29999995 0 0');",
+    "bot.chat('/' + 'execute run '.repeat(2000) + 'say hi');",
+    "bot.chat('/setblock 0 0 0 stone' + '['.repeat(100000));",
+    "for (let i = 0; i < 1e6; i++) console.log('x'.repeat(1000));",
+    "for (let i = 0; i < 20000; i++) bot['name' + (i % 7)];",
+    "for (let i = 0; i < 300; i++) bot.chat('/setblock 0 0 0 x' + i);",
+    "bot.chat('/fill 0 0 0 31 31 31 stone'); for (let i = 0; i < 50; i++) world.getNearestBlocks(bot, 'stone', 1e9, 1e9);",
+    "world.getNearestBlocks(bot, 'dirt', 1e9, 1e9); bot.findBlocks({ matching: () => false, maxDistance: 1e9, count: 1e9 });",
+    "Map.prototype.get = () => ({ defaultState: 65535 }); bot.findBlocks({ matching: () => true });",
+    "String.prototype.replace = () => 'y'.repeat(3e6); await skills.placeBlock(bot, 'torch', 0, 0, 0, 'north');",
+    "const e = new TypeError('not a function'); e.stack = 'at f (action.js:0:1)'; throw e;",
+    "log(bot, 'a\\uD800b'); await skills.placeBlock(bot, '\\uD800', 0, 0, 0);",
+    "globalThis['plumbline:find'] = 3; skills.placeBlock = 4; Object.freeze(Array.prototype); Promise = null;",
+    "const o = { valueOf() { bot.chat('/setblock 0 0 0 stone'); return 1; } }; await skills.placeBlock(bot, 'dirt', o, o, o);",
+    "const f = () => f() + 1; try { f(); } catch (e) { log(bot, e.message); }",
+    "for (let i = 0; i < 2000; i++) Promise.reject(new Error('e'.repeat(2000)));",
+    "bot.chat('/fill 0 250 0 31 281 31 sand'); await skills.wait(bot, 200);",
+    "setInterval(() => bot.chat('/setblock 0 0 0 stone'), 1); setTimeout(() => bot.chat('/setblock 1 0 0 stone'), 1e15);",
+];
+
+#[tokio::test]
+async fn answers_that_mean_harm_are_told_what_went_wrong_and_break_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &["--workers", "2"]);
+    for code in HOSTILE {
+        let answer = service.post_json("/v1/replay", &json!({ "profile": "mindcraft", "action_code": code })).await;
+        assert!(matches!(answer.status.as_u16(), 200 | 422), "{code}: {}", answer.text);
+        assert!(answer.text.len() < 16 << 20, "{code}");
+        if answer.status == 200 {
+            let told = answer.json();
+            let turn = &told["turns"][0];
+            assert!(turn["log"].as_array().is_none_or(|log| log.len() <= 501), "{code}");
+            assert!(turn["notes"].as_array().is_none_or(|notes| notes.len() <= 51), "{code}");
+        }
+    }
+    let fine = "await skills.placeBlock(bot, 'stone', 0, 0, 0);";
+    let answer = service.post_json("/v1/replay", &json!({ "profile": "mindcraft", "action_code": fine })).await;
+    assert_eq!(answer.json()["structure"], json!([{ "x": 0, "y": 0, "z": 0, "block": "stone" }]));
+    // The same answer always gives the same events.
+    let random = "for (let i = 0; i < 50; i++) await skills.placeBlock(bot, 'stone', Math.floor(Math.random() * 9), 0, Date.now() % 9);";
+    let once = service.post_json("/v1/replay", &json!({ "profile": "mindcraft", "action_code": random })).await;
+    let again = service.post_json("/v1/replay", &json!({ "profile": "mindcraft", "action_code": random })).await;
+    assert_eq!(once.text, again.text);
+}
+
+#[tokio::test]
+async fn a_submission_keeps_its_profile_and_later_turns_see_earlier_ones() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &["--workers", "2"]);
+    let run = service.post_json("/v1/runs", &json!({ "agent": "a", "suite": "mineceraft" })).await.json();
+    let before = service.get(&format!("/v1/runs/{}", run["id"].as_str().unwrap())).await.json();
+    assert_eq!(before["profile"], Value::Null);
+    let post = async |task: &str, profile: Option<&str>, turns: Value| {
+        let body = json!({ "run": run["id"], "task": task, "profile": profile, "turns": turns });
+        service.post_json("/v1/submissions", &body).await
+    };
+    let code = "await skills.placeBlock(bot, 'stone', 0, 0, 0); await skills.breakBlockAt(bot, 0, 0, 0);";
+    let told = post("walls/5x1x5-raise", Some("mindcraft"), json!([{ "action_code": code }])).await;
+    assert_eq!(told.status, 202, "{}", told.text);
+    let submission = told.json();
+    assert!(
+        submission["action_code"][0]["notes"][0].as_str().unwrap().contains("under published they would stay"),
+        "{submission}"
+    );
+    let path = format!("/v1/submissions/{}", submission["id"].as_str().unwrap());
+    let graded = service.wait_for(&path, |submission| submission["state"] == "graded").await;
+    assert_eq!(graded["profile"], "mindcraft");
+    let report = service.get(&format!("{path}/report")).await.json();
+    assert_eq!((&report["profile"], &report["turns"][0]["blocks"]), (&json!("mindcraft"), &json!(0)), "{report}");
+    let log = service.get(&format!("{path}/log")).await.json();
+    assert_eq!(log["profile"], "mindcraft");
+    // The stored form can be posted again, and the same code under the published profile leaves the block.
+    let graded =
+        service.post_json("/v1/grade", &json!({ "task": "walls/5x1x5-raise", "log": log, "detail": "report" })).await;
+    assert_eq!(graded.json()["report"]["turns"][0]["blocks"], 0, "{}", graded.text);
+    let answer =
+        json!({ "task": "walls/5x1x5-raise", "answer": format!("So:\n```js\n{code}\n```"), "detail": "report" });
+    assert_eq!(service.post_json("/v1/grade", &answer).await.json()["report"]["turns"][0]["blocks"], 1);
+    let mut in_order = answer.clone();
+    in_order["profile"] = json!("mindcraft");
+    assert_eq!(service.post_json("/v1/grade", &in_order).await.json()["report"]["turns"][0]["blocks"], 0);
+    let told = post("walls/5x1x5-raise", Some("minecraft"), json!([{ "events": [] }])).await;
+    assert!(told.faults(422)[0].ends_with("/profile"), "{}", told.text);
+    let turns = json!([{ "action_code": "await skills.placeBlock(bot, 'stone', 0, 0, 0);" },
+                       { "action_code": ["log(bot, bot.blockAt(new Vec3(0, 0, 0)).name);", "await skills.breakBlockAt(bot, 0, 0, 0);"] }]);
+    let two = service.post_json("/v1/replay", &json!({ "profile": "mindcraft", "turns": turns })).await.json();
+    assert_eq!((&two["turns"][1]["log"], &two["structure"]), (&json!(["stone"]), &json!([])), "{two}");
+    // A run with submissions of both profiles says so.
+    post("walls/6x1x5-raise", None, json!([{ "events": [] }])).await;
+    let after = service.get(&format!("/v1/runs/{}", run["id"].as_str().unwrap())).await.json();
+    assert_eq!(after["profile"], "mixed", "{after}");
+    let profiles = service.get("/v1/profiles").await.json();
+    assert_eq!(profiles["profiles"][1]["name"], "mindcraft");
+}

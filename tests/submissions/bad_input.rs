@@ -164,7 +164,7 @@ async fn unknown_places_and_methods_are_problems_too() {
     let mut places = run.faults(422);
     places.sort();
     assert_eq!(places, ["null /action_cod", "null /action_code", "null /extra"]);
-    assert!(run.text.contains("did you mean action_code"), "{}", run.text);
+    assert!(run.text.contains("a replay has profile, and action_code or turns"), "{}", run.text);
     let delete = service.send(service.http.delete(format!("{}/v1/runs", service.url))).await;
     assert!(delete.faults(405).is_empty());
     let allowed = delete.headers["allow"].to_str().unwrap();

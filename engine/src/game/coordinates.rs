@@ -1,7 +1,7 @@
 //! Coordinates in commands: absolute (`5`), relative to the body (`~`, `~-1`), and relative to where it looks (`^1`).
 
-use super::command::Refusal;
-use super::support::Side;
+use super::refusal::Refusal;
+use super::side::Side;
 use crate::voxel::cell::{Cell, MAX_HORIZONTAL};
 
 /// Least height of a block.
@@ -136,11 +136,15 @@ fn from_view(at: &Place, [left, up, forwards]: [f64; 3]) -> [f64; 3] {
         ahead[0] * above[2] - ahead[2] * above[0],
         ahead[1] * above[0] - ahead[0] * above[1],
     ];
-    std::array::from_fn(|axis| at.position[axis] + ahead[axis] * forwards + above[axis] * up + aside[axis] * left)
+    // The server's table of sines has no errors of rounding at right angles.
+    let whole = |value: f64| (value * 1e9).round() / 1e9;
+    std::array::from_fn(|axis| {
+        whole(at.position[axis] + ahead[axis] * forwards + above[axis] * up + aside[axis] * left)
+    })
 }
 
 /// Reads a number of a command: digits with an optional sign and decimal point. Nothing means 0, also between two spaces.
-fn number(text: &str) -> Result<f64, Refusal> {
+pub(super) fn number(text: &str) -> Result<f64, Refusal> {
     if text.is_empty() {
         return Ok(0.0);
     }

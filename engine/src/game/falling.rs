@@ -1,8 +1,9 @@
 //! Blocks that fall, such as sand.
 
 use super::coordinates::MIN_Y;
-use super::registry::Look;
-use super::world::World;
+use super::registry::StateId;
+use super::support::Blocks;
+use super::tags;
 use crate::voxel::cell::Cell;
 
 /// Time between the moment at which a block loses its support and its fall: two ticks of the game.
@@ -25,47 +26,56 @@ pub fn falls(name: &str) -> bool {
 }
 
 /// Returns whether a falling block passes through a block, or takes its place.
-fn is_free(look: Look) -> bool {
-    look.state.is_air()
-        || matches!(
-            look.state.block().name,
-            "water"
-                | "lava"
-                | "fire"
-                | "soul_fire"
-                | "short_grass"
-                | "fern"
-                | "dead_bush"
-                | "tall_grass"
-                | "large_fern"
-                | "vine"
-                | "seagrass"
-                | "tall_seagrass"
-                | "glow_lichen"
-                | "hanging_roots"
-                | "bubble_column"
-                | "structure_void"
-                | "light"
-                | "warped_roots"
-                | "crimson_roots"
-                | "nether_sprouts"
-        )
-        || (look.state.block().name == "snow" && look.state.get("layers") == Some("1"))
+fn is_free(state: StateId) -> bool {
+    let patterns = tags::patterns_of("replaceable").expect("the tag is known");
+    tags::has(patterns, state.block().name) && state.get("layers").is_none_or(|layers| layers == "1")
 }
 
-/// Lets the block in a cell fall to where something holds it, at once: the time of the fall itself is not simulated. It is
-/// lost if it falls out of the world.
-pub fn fall(world: &mut World, cell: Cell) {
-    let look = world.look(cell);
-    if !falls(look.state.block().name) || !is_free(world.look(cell.offset(0, -1, 0))) {
-        return;
+/// What becomes of a block that falls.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fall {
+    /// It comes to rest in a cell.
+    Lands(Cell),
+    /// It falls out of the world, or onto something on which it breaks.
+    Breaks,
+}
+
+/// Returns what becomes of the block in a cell: none if it stays. The time of the fall itself is not simulated.
+pub fn fall(blocks: &impl Blocks, cell: Cell) -> Option<Fall> {
+    let below = |cell: Cell| cell.offset(0, -1, 0);
+    if !falls(blocks.state(cell).block().name) || !is_free(blocks.state(below(cell))) {
+        return None;
     }
-    let mut end = cell.offset(0, -1, 0);
-    while end.y >= MIN_Y && is_free(world.look(end.offset(0, -1, 0))) {
-        end = end.offset(0, -1, 0);
+    let mut end = below(cell);
+    // Once it moves, it passes through everything without a collision box.
+    while end.y >= MIN_Y && !blocks.state(below(end)).block().is_solid() {
+        end = below(end);
     }
-    world.set(cell, Look::AIR);
-    if end.y >= MIN_Y {
-        world.set(end, look);
-    }
+    let has_place = end.y >= MIN_Y && is_free(blocks.state(end)) && !is_low(blocks.state(below(end)));
+    Some(if has_place { Fall::Lands(end) } else { Fall::Breaks })
+}
+
+/// Returns whether a block is lower than its cell, so that what falls onto it ends within the cell and breaks.
+fn is_low(state: StateId) -> bool {
+    let name = state.block().name;
+    let is_low_half = name.ends_with("_slab") && state.get("type") == Some("bottom");
+    is_low_half
+        || name.ends_with("_bed")
+        || name.ends_with("_carpet")
+        || name.ends_with("chest")
+        || matches!(
+            name,
+            "farmland"
+                | "dirt_path"
+                | "soul_sand"
+                | "mud"
+                | "snow"
+                | "cake"
+                | "enchanting_table"
+                | "daylight_detector"
+                | "stonecutter"
+                | "campfire"
+                | "soul_campfire"
+                | "lily_pad"
+        )
 }

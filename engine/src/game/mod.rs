@@ -6,13 +6,21 @@
 pub mod command;
 pub mod coordinates;
 mod falling;
+mod filter;
 mod placing;
+mod reading;
+mod refusal;
 mod region;
 pub mod registry;
 mod search;
+mod server;
+pub mod side;
 mod support;
+mod tags;
+mod words;
 pub mod world;
 
+pub use refusal::Refusal;
 pub use registry::{Block, Look, StateId};
-pub use support::Side;
+pub use side::Side;
 pub use world::World;

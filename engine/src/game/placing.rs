@@ -1,8 +1,10 @@
 //! Placing by hand: what a player's click makes of an item, by the clicked face and the direction of view.
 
 use super::registry::{Block, Look};
-use super::support::Side;
-use super::world::World;
+use super::side::Side;
+use super::support::is_held;
+use super::tags;
+use super::world::{World, is_in_world};
 use crate::voxel::cell::Cell;
 
 /// Blocks whose items have other names.
@@ -35,6 +37,9 @@ impl World {
         }
         let cell = if is_replaceable(self.look(against)) { against } else { face.beside(against) };
         let there = self.look(cell);
+        if !is_in_world(cell) {
+            return Err("no block has been placed: the position is out of this world".to_owned());
+        }
         if !is_replaceable(there) {
             return Err(format!("no block has been placed: the block is still {}", there.state.block().name));
         }
@@ -50,9 +55,18 @@ impl World {
         if second.is_some_and(|(other, _)| !is_replaceable(self.look(other))) {
             return Err(format!("no block has been placed: there is no room for the whole {name}"));
         }
+        if !is_held(self, cell, look.state) {
+            return Err(format!("no block has been placed: {name} has nothing to hold on to there"));
+        }
         self.set(cell, look);
         if let Some((other, look)) = second {
             self.set(other, look);
+        }
+        if cell == against {
+            // A bot looks for the block beside the one that it clicked.
+            return Err(format!(
+                "no block has been placed beside {against:?}: it was replaceable, so {name} took its place"
+            ));
         }
         Ok(())
     }
@@ -126,20 +140,6 @@ fn turned(block: &'static Block, face: Side, looks: Side) -> Look {
     plain.with("facing", looks.opposite().name())
 }
 
-impl Side {
-    /// Returns the side to the right of one who looks to this side.
-    #[must_use]
-    pub const fn clockwise(self) -> Self {
-        match self {
-            Self::North => Self::East,
-            Self::East => Self::South,
-            Self::South => Self::West,
-            Self::West => Self::North,
-            vertical => vertical,
-        }
-    }
-}
-
 /// Returns the block that an item makes on a wall, if that is another one.
 fn on_wall(name: &str) -> Option<&'static Block> {
     let other = match name {
@@ -157,31 +157,8 @@ fn on_wall(name: &str) -> Option<&'static Block> {
 
 /// Returns whether a placed block takes the place of another one.
 fn is_replaceable(look: Look) -> bool {
-    look.state.is_air()
-        || matches!(
-            look.state.block().name,
-            "water"
-                | "lava"
-                | "short_grass"
-                | "tall_grass"
-                | "fern"
-                | "large_fern"
-                | "dead_bush"
-                | "seagrass"
-                | "tall_seagrass"
-                | "fire"
-                | "soul_fire"
-                | "vine"
-                | "glow_lichen"
-                | "crimson_roots"
-                | "warped_roots"
-                | "nether_sprouts"
-                | "hanging_roots"
-                | "light"
-                | "structure_void"
-                | "bubble_column"
-        )
-        || (look.state.block().name == "snow" && look.state.get("layers") == Some("1"))
+    let patterns = tags::patterns_of("replaceable").expect("the tag is known");
+    tags::has(patterns, look.state.block().name) && look.state.get("layers").is_none_or(|layers| layers == "1")
 }
 
 #[cfg(test)]
@@ -190,10 +167,10 @@ mod tests {
 
     fn placed(yaw: f64, against: &str, face: Side, item: &str) -> Vec<String> {
         let mut world = World::default();
-        world.command(&format!("setblock 0 0 0 {against}")).unwrap();
+        world.command(&format!("setblock 0 2 0 {against}")).unwrap();
         world.body.yaw = yaw;
         let before = world.changes().len();
-        world.place_by_hand(Cell::new(0, 0, 0), face, item).unwrap();
+        world.place_by_hand(Cell::new(0, 2, 0), face, item).unwrap();
         world.changes()[before..].iter().map(|change| change.look.unwrap().to_string()).collect()
     }
 

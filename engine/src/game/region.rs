@@ -1,7 +1,7 @@
 //! `/fill` and `/clone`: commands on boxes of blocks.
 
-use super::command::{CloneFilter, CloneMode, FillMode, Refusal};
-use super::coordinates::{MAX_Y, MIN_Y};
+use super::command::{CloneFilter, CloneMode, FillMode};
+use super::refusal::Refusal;
 use super::registry::Look;
 use super::world::World;
 use crate::voxel::cell::Cell;
@@ -112,9 +112,7 @@ pub fn clone(
     let count = originals.len();
     for (cell, look) in full.into_iter().chain(others) {
         let target = cell.offset(to.x - from.min.x, to.y - from.min.y, to.z - from.min.z);
-        if (MIN_Y..=MAX_Y).contains(&target.y) {
-            world.set(target, look);
-        }
+        world.set(target, look);
     }
     if count == 0 { Err(Refusal::new("no blocks were cloned")) } else { Ok(count) }
 }

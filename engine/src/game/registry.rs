@@ -217,6 +217,12 @@ impl Block {
 }
 
 impl StateId {
+    /// Returns the state of a number, if the game has one.
+    #[must_use]
+    pub fn numbered(number: u16) -> Option<Self> {
+        (usize::from(number) < REGISTRY.block_of.len()).then_some(Self(number))
+    }
+
     /// Returns the block of the state.
     #[must_use]
     pub fn block(self) -> &'static Block {

@@ -4,82 +4,13 @@
 //! The server checks this only when a neighbour changes, so what a command places without support stays until then.
 
 use super::registry::{Block, StateId};
-use super::world::World;
+use super::side::Side;
 use crate::voxel::cell::Cell;
 
-/// A side of a block.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Side {
-    /// Towards less x.
-    West,
-    /// Towards greater x.
-    East,
-    /// Towards less z.
-    North,
-    /// Towards greater z.
-    South,
-    /// Below.
-    Down,
-    /// Above.
-    Up,
-}
-
-impl Side {
-    /// The sides in the order in which the server updates neighbours.
-    pub const IN_ORDER_OF_UPDATES: [Self; 6] = [Self::West, Self::East, Self::North, Self::South, Self::Down, Self::Up];
-
-    /// Returns the side of a name, such as `north`.
-    #[must_use]
-    pub fn named(name: &str) -> Option<Self> {
-        Some(match name {
-            "west" => Self::West,
-            "east" => Self::East,
-            "north" => Self::North,
-            "south" => Self::South,
-            "down" => Self::Down,
-            "up" => Self::Up,
-            _ => return None,
-        })
-    }
-
-    /// Returns the name of the side, such as `north`.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::West => "west",
-            Self::East => "east",
-            Self::North => "north",
-            Self::South => "south",
-            Self::Down => "down",
-            Self::Up => "up",
-        }
-    }
-
-    /// Returns the opposite side.
-    #[must_use]
-    pub const fn opposite(self) -> Self {
-        match self {
-            Self::West => Self::East,
-            Self::East => Self::West,
-            Self::North => Self::South,
-            Self::South => Self::North,
-            Self::Down => Self::Up,
-            Self::Up => Self::Down,
-        }
-    }
-
-    /// Returns the cell on this side of another.
-    #[must_use]
-    pub const fn beside(self, cell: Cell) -> Cell {
-        match self {
-            Self::West => cell.offset(-1, 0, 0),
-            Self::East => cell.offset(1, 0, 0),
-            Self::North => cell.offset(0, 0, -1),
-            Self::South => cell.offset(0, 0, 1),
-            Self::Down => cell.offset(0, -1, 0),
-            Self::Up => cell.offset(0, 1, 0),
-        }
-    }
+/// Blocks that can be looked at.
+pub trait Blocks {
+    /// Returns the state of a cell.
+    fn state(&self, cell: Cell) -> StateId;
 }
 
 /// What a block needs beside it, and when the server looks.
@@ -152,7 +83,7 @@ fn is_sand(name: &str) -> bool {
 }
 
 /// Returns what the block in a cell turns into a tick after it or a neighbour changed; none if it stays.
-pub fn turns_into(world: &World, cell: Cell) -> Option<&'static str> {
+pub fn turns_into(world: &impl Blocks, cell: Cell) -> Option<&'static str> {
     let name = world.state(cell).block().name;
     let below = Side::Down.beside(cell);
     let under = world.state(below).block().name;
@@ -185,8 +116,17 @@ pub fn turns_into(world: &World, cell: Cell) -> Option<&'static str> {
     }
 }
 
+/// Returns whether what a block needs beside it is there; the other half of a block does not count.
+pub fn is_held(world: &impl Blocks, cell: Cell, state: StateId) -> bool {
+    needs(state).into_iter().flatten().all(|need| match need {
+        Need::Half(..) => true,
+        Need::Hold(side) => holds(world.state(side.beside(cell))),
+        Need::Ground(ground) => ground.bears(world.state(Side::Down.beside(cell))),
+    })
+}
+
 /// Returns whether the block in a cell breaks after its neighbour on a side changed.
-pub fn breaks_after(world: &World, cell: Cell, changed: Side) -> bool {
+pub fn breaks_after(world: &impl Blocks, cell: Cell, changed: Side) -> bool {
     let state = world.state(cell);
     if state.is_air() {
         return false;

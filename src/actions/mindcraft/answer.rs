@@ -25,8 +25,9 @@ pub fn read(sent: &str) -> Reading {
     let (Some(first), Some(last)) = (shown.find(FENCE), shown.rfind(FENCE)) else {
         return Reading { code: shown, notes };
     };
-    let begin = first + FENCE.len();
-    let end = if last > first {
+    // A fence may have more than three marks.
+    let begin = first + shown[first..].bytes().take_while(|byte| *byte == b'`').count();
+    let end = if last >= begin {
         last
     } else {
         let before = &shown[..first];
@@ -38,17 +39,13 @@ pub fn read(sent: &str) -> Reading {
         notes.push("the answer ends without a closing fence, so it may be incomplete".to_owned());
         shown.len()
     };
-    let inside = &shown[begin..end];
-    let code = inside.trim_start();
-    let code = match LANGUAGES.iter().find_map(|word| code.strip_prefix(word)) {
-        Some(rest) => rest,
-        None => match OTHER_LANGUAGES.iter().find_map(|word| Some((word, alone(code, word)?))) {
-            Some((word, rest)) => {
-                notes.push(format!("the word {word} after the fence was left out, which mindcraft does not do"));
-                rest
-            }
-            None => code,
-        },
+    let end = end - shown[begin..end].bytes().rev().take_while(|byte| *byte == b'`').count();
+    let code = shown[begin..end].trim_start();
+    let code = if let Some((word, rest)) = OTHER_LANGUAGES.iter().find_map(|word| Some((word, alone(code, word)?))) {
+        notes.push(format!("the word {word} after the fence was left out, which mindcraft does not do"));
+        rest
+    } else {
+        LANGUAGES.iter().find_map(|word| code.strip_prefix(word)).unwrap_or(code)
     };
     let lines = shown[..end - code.len()].matches('\n').count();
     Reading { code: format!("{}{code}", "\n".repeat(lines)), notes }
@@ -82,6 +79,10 @@ mod tests {
             ("```js\na();", "\na();", 1),
             ("a();\n```", "a();\n", 1),
             ("```tsx_thing()\n```", "tsx_thing()\n", 0),
+            ("````js\na();\n````", "\na();\n", 0),
+            ("````js\na();", "\na();", 1),
+            ("```jsx\na();\n```", "\na();\n", 1),
+            ("```", "", 1),
         ] {
             let reading = read(sent);
             assert_eq!((reading.code.as_str(), reading.notes.len()), (code, notes), "{sent:?}");

@@ -1,10 +1,11 @@
 //! The profile `mindcraft`: code acts in a world as a bot of the mindcraft framework does with cheats on
 //! (`docs/rules.md#mindcraft`).
 //!
-//! `answer` finds the code in an answer, `js` holds what the code is given, `host` is the world behind it, `naming` makes
+//! `answer` finds the code in an answer, `js` holds what the code is given, `host` is the world behind it, which it reaches through `bindings`; `naming` makes
 //! errors name the function that is meant.
 
 mod answer;
+mod bindings;
 mod host;
 mod modules;
 mod naming;
@@ -18,10 +19,10 @@ use rquickjs::{CatchResultExt as _, CaughtError, Ctx, Function, Module, Object, 
 
 use super::job::{Answer, Job, TurnInput, WorldState};
 use super::memory::PeakMemory;
-use super::sandbox::{self, FILE, Sandbox, Watch, cpu_ms, is_parse_error, told};
+use super::sandbox::{self, FILE, Sandbox, Watch, cpu_ms, told};
 use super::{ActionLimits, CodeError, Dropped, LimitReached, RecordedEvent, Replayed};
 use answer::Reading;
-use host::Host;
+use host::{Host, Told};
 use plumbline_engine::game::coordinates::Place;
 use plumbline_engine::game::world::Change;
 use plumbline_engine::game::{Look, World};
@@ -30,6 +31,9 @@ use plumbline_engine::voxel::cell::Cell;
 
 /// Greatest number of errors that a turn tells.
 const MOST_ERRORS: usize = 20;
+
+/// Stack of the engine, in bytes: models write recursive functions.
+const STACK_BYTES: usize = 4 << 20;
 
 /// The JavaScript of the profile, by the name under which `main.js` finds it.
 const PARTS: [(&str, &str); 5] = [
@@ -42,12 +46,12 @@ const PARTS: [(&str, &str); 5] = [
 
 /// Replays the turns of a job in one world.
 pub fn run(job: &Job, limits: &ActionLimits, peak: &PeakMemory) -> Answer {
+    let limits = &ActionLimits { stack_bytes: STACK_BYTES, ..*limits };
     let end_cpu_ms = cpu_ms() + limits.cpu_ms;
     let host = Rc::new(RefCell::new(Host::of(world_of(job.start.as_ref(), limits))));
     let mut turns = Vec::with_capacity(job.turns.len());
     let mut seen = 0;
     for turn in &job.turns {
-        host.borrow_mut().begin_turn();
         let mut replayed = match turn {
             TurnInput::Events(events) => {
                 apply(&mut host.borrow_mut().world, events);
@@ -60,9 +64,9 @@ pub fn run(job: &Job, limits: &ActionLimits, peak: &PeakMemory) -> Answer {
             record(&host.world.changes()[seen..], &mut replayed);
         }
         seen = host.world.changes().len();
-        replayed.notes.append(&mut host.notes);
-        replayed.log.append(&mut host.log);
-        let dropped = std::mem::take(&mut host.dropped);
+        let Told { notes, dropped, log, .. } = std::mem::take(&mut host.told);
+        replayed.notes.extend(notes);
+        replayed.log.extend(log);
         replayed.dropped = dropped.into_iter().map(|(reason, count)| Dropped { reason, count }).collect();
         let is_stopped = replayed.stopped.is_some();
         turns.push(replayed);
@@ -99,12 +103,13 @@ fn state_of(world: &World) -> WorldState {
     WorldState { palette: names.palette, blocks, position, view: [yaw, pitch], now_ms: world.now_ms() }
 }
 
-/// Applies the events of a turn without code. Blocks that the game does not have are left out.
+/// Applies the events of a turn without code, which hold all that followed from them. Blocks that the game does not have
+/// are left out.
 fn apply(world: &mut World, events: &[([i32; 3], Option<String>)]) {
     for ([x, y, z], name) in events {
         let look = name.as_deref().map_or(Ok(Look::AIR), Look::read);
         if let Ok(look) = look {
-            world.set(Cell::new(*x, *y, *z), look);
+            world.restore(Cell::new(*x, *y, *z), look);
         }
     }
 }
@@ -152,10 +157,11 @@ fn run_files(
         let before = host.borrow().world.changes().len();
         let ended = run_file(sent, host, limits, end_cpu_ms, peak);
         host.borrow_mut().world.settle();
+        let is_full = host.borrow().world.is_full();
         replayed.unreadable &= ended.unreadable;
         let file = (files.len() > 1).then_some(number);
         errors.extend(ended.errors.into_iter().map(|error| CodeError { file, ..error }));
-        if let Some(limit) = ended.stopped {
+        if let Some(limit) = ended.stopped.or(is_full.then_some("events")) {
             let built = host.borrow().world.changes().len() - before;
             replayed.stopped = Some(LimitReached::of(limit, limits, &counted(built, "event")));
             break;
@@ -178,8 +184,10 @@ struct Ended {
 
 fn run_file(sent: &str, host: &Rc<RefCell<Host>>, limits: &ActionLimits, end_cpu_ms: u64, peak: &PeakMemory) -> Ended {
     let Reading { code, notes } = answer::read(sent);
+    // The engine takes no text with a null character.
+    let code = code.replace('\0', "\u{fffd}");
     for note in notes {
-        host.borrow_mut().note(note);
+        host.borrow_mut().note(&note);
     }
     let sandbox = match Sandbox::new(limits, end_cpu_ms) {
         Ok(sandbox) => sandbox,
@@ -187,7 +195,7 @@ fn run_file(sent: &str, host: &Rc<RefCell<Host>>, limits: &ActionLimits, end_cpu
     };
     sandbox.runtime().set_loader(modules::Names, modules::Provided);
     let changes = host.borrow().world.changes().len();
-    host.borrow_mut().is_done = false;
+    host.borrow_mut().done_at_ms = None;
     host.borrow_mut().missing = None;
     let mut ended = Ended::default();
     let begun = sandbox.context.with(|ctx| {
@@ -203,8 +211,10 @@ fn run_file(sent: &str, host: &Rc<RefCell<Host>>, limits: &ActionLimits, end_cpu
     match started {
         Ok(()) => ended.errors.extend(sandbox.drive(&fire)),
         Err(error) => {
-            ended.unreadable = true;
-            ended.errors.push(error);
+            ended.unreadable = !sandbox.is_stopped();
+            let has_code = ["```", "skills.", "bot.", "=>", "function", ";"].iter().any(|word| sent.contains(word));
+            let message = if has_code { error.message } else { "there is no code in the answer".to_owned() };
+            ended.errors.push(CodeError { message, ..error });
         }
     }
     let is_idle = || host.borrow().world.changes().len() == changes && sandbox.watch.borrow().unheard.is_empty();
@@ -214,13 +224,14 @@ fn run_file(sent: &str, host: &Rc<RefCell<Host>>, limits: &ActionLimits, end_cpu
             call_unused(&ctx, &given, &code, host)
         });
         if matches!(is_called, Ok(true)) {
+            host.borrow_mut().done_at_ms = None;
             ended.errors.extend(sandbox.drive(&fire));
         }
         if is_idle() && !sandbox.is_stopped() {
-            host.borrow_mut().note("the code ended without placing or removing a block".to_owned());
+            host.borrow_mut().note("the code ended without placing or removing a block");
         }
     }
-    let own = host.borrow().world.changes().len() * 40;
+    let own = host.borrow().world.bytes();
     if sandbox.ran_out(limits, peak, own, ended.errors.first()) {
         sandbox.watch.borrow_mut().stopped.get_or_insert("memory");
     }
@@ -229,7 +240,7 @@ fn run_file(sent: &str, host: &Rc<RefCell<Host>>, limits: &ActionLimits, end_cpu
     ended.errors.extend(unheard.into_iter().map(|(_, error)| error));
     if stopped.is_some() {
         ended.errors.clear();
-    } else if ended.errors.is_empty() && !host.borrow().is_done {
+    } else if ended.errors.is_empty() && host.borrow().done_at_ms.is_none() {
         let message = "the code waits for something that never happens, so what follows was not run".to_owned();
         ended.errors.push(CodeError { message, line: None, column: None, file: None, is_own: false });
     }
@@ -243,7 +254,7 @@ fn run_file(sent: &str, host: &Rc<RefCell<Host>>, limits: &ActionLimits, end_cpu
 
 /// Makes what the code is given, and sets its global names.
 fn given<'js>(ctx: &Ctx<'js>, host: &Rc<RefCell<Host>>, watch: &Rc<RefCell<Watch>>) -> rquickjs::Result<Object<'js>> {
-    let object = host::object(ctx, host, watch)?;
+    let object = bindings::object(ctx, host, watch)?;
     let heard: Value<'js> = object.get("passTime")?;
     let clock = sandbox::clock(ctx, heard)?;
     let begin: Function<'js> = clock.get("begin")?;
@@ -275,44 +286,54 @@ fn strict() -> EvalOptions {
 /// Returns why it cannot be read in any form, in which case none of it was run.
 fn start<'js>(ctx: &Ctx<'js>, given: &Object<'js>, code: &str, host: &Rc<RefCell<Host>>) -> Result<(), CodeError> {
     let failed = |error: rquickjs::Error| told(CaughtError::from_error(ctx, error));
-    // Defining a function runs nothing, so the only errors are those of reading.
+    // Defining a function runs nothing but what code does to break out of it, which is the code's own business.
     let defined = |text: String| ctx.eval_with_options::<Function<'js>, _>(text, strict()).catch(ctx);
     let run: Function<'js> = given.get("run").map_err(failed)?;
-    let expression = code.trim_end().trim_end_matches(';').trim_end();
-    if let Ok(make) = defined(format!("(async function () {{ return ({expression}\n) }})")) {
-        return run.call::<_, ()>((make, true)).map_err(failed);
+    let rewritten = answer::rewritten(code);
+    for code in [rewritten.as_str(), code] {
+        let expression = code.trim_end().trim_end_matches(';').trim_end();
+        if let Ok(make) = defined(format!("(async function () {{ return ({expression}\n) }})")) {
+            return run.call::<_, ()>((make, true, code.contains("Code finished."))).map_err(failed);
+        }
     }
     let body = |code: &str| format!("(async (bot) => {{{code}\n}})");
-    let refused = match defined(body(&answer::rewritten(code))) {
-        Ok(make) => return run.call::<_, ()>((make, false)).map_err(failed),
+    let refused = match defined(body(&rewritten)) {
+        Ok(make) => return run.call::<_, ()>((make, false, false)).map_err(failed),
         Err(error) => error,
     };
     if let Ok(make) = defined(body(code)) {
         let note =
             "mindcraft would have failed on this code: it adds a check after each line that ends with a semicolon";
-        host.borrow_mut().note(note.to_owned());
-        return run.call::<_, ()>((make, false)).map_err(failed);
+        host.borrow_mut().note(note);
+        return run.call::<_, ()>((make, false, false)).map_err(failed);
     }
     match Module::declare(ctx.clone(), FILE, code).catch(ctx) {
         Ok(module) => {
             let evaluated = module.eval().catch(ctx);
             let (module, promise) = evaluated.map_err(told)?;
-            host.borrow_mut().note("the code was run as a module, which mindcraft refuses".to_owned());
+            host.borrow_mut().note("the code was run as a module, which mindcraft refuses");
             let exports = module.namespace().map_err(failed)?;
             let run_module: Function<'js> = given.get("runModule").map_err(failed)?;
             run_module.call::<_, ()>((promise, exports)).map_err(failed)
         }
-        // Of two readings that fail, the one for which the code was written tells more.
-        Err(error) if has_module_words(code) && is_parse_error(&error) => Err(told(error)),
-        Err(_) => Err(told(refused)),
+        Err(error) => {
+            let of_module = told(error);
+            // A module has no wrapper, so its errors are in the right place, but it does not allow `return`.
+            let is_about_return = of_module.message.contains("return");
+            Err(at_the_end(if is_about_return { told(refused) } else { of_module }, code))
+        }
     }
 }
 
-fn has_module_words(code: &str) -> bool {
-    code.lines().any(|line| {
-        let line = line.trim_start();
-        line.starts_with("import ") || line.starts_with("export ") || line.starts_with("import{")
-    })
+/// Moves an error behind the last line of the code to that line: something is left open there.
+fn at_the_end(error: CodeError, code: &str) -> CodeError {
+    let lines = code.trim_end().lines().count();
+    let is_behind = error.line.is_some_and(|line| line as usize > lines);
+    if code.trim().is_empty() || !is_behind {
+        return error;
+    }
+    let message = "SyntaxError: the code ends before everything that it opens is closed".to_owned();
+    CodeError { message, line: u32::try_from(lines).ok(), ..error }
 }
 
 /// Calls what the code only defined: what it exports, or the function that is its last value. Returns whether there was
@@ -331,9 +352,10 @@ fn call_unused<'js>(
     if !code.contains("=>") && !code.contains("function") {
         return Ok(false);
     }
-    let printed = host.borrow().log.len();
+    // The code runs again, only for its last value, so nothing that it tells counts.
+    let told = host.borrow().told.clone();
     let value = ctx.eval_with_options::<Value<'js>, _>(code, strict());
-    host.borrow_mut().log.truncate(printed);
+    host.borrow_mut().told = told;
     let Ok(value) = value else {
         ctx.catch();
         return Ok(false);

@@ -8,15 +8,16 @@ pub fn name(error: &mut CodeError, code: &str, missing: Option<&Missing>) {
     if error.message != "TypeError: not a function" || !error.is_own {
         return;
     }
-    let line = error.line.and_then(|line| code.lines().nth(line as usize - 1)).unwrap_or_default();
+    let line = error.line.and_then(|line| code.lines().nth((line as usize).checked_sub(1)?)).unwrap_or_default();
     let is_on_line = |missing: &&Missing| {
         missing.path.split_once('.').is_some_and(|(_, name)| line.is_empty() || line.contains(name))
     };
     error.message = match missing.filter(is_on_line) {
         Some(Missing { path, suggestion }) => format!("TypeError: {path} is not a function{suggestion}"),
-        None => match called(line).last() {
-            Some(name) => format!("TypeError: {name} is not a function"),
-            None => return,
+        // Of several calls on a line, nobody knows which one failed.
+        None => match called(line).collect::<Vec<_>>().as_slice() {
+            [name] => format!("TypeError: {name} is not a function"),
+            _ => return,
         },
     };
 }
@@ -40,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_last_call_of_the_line_is_named() {
+    fn the_calls_of_a_line_are_named() {
         let names = |line| called(line).collect::<Vec<_>>();
         assert_eq!(names("  await skills.goTo(bot, 1);"), ["skills.goTo"]);
         assert_eq!(names("    .zap(3);"), ["zap"]);

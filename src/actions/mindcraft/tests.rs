@@ -1,3 +1,5 @@
+//! The profile `mindcraft` in this process: forms of code, skills, time, and what is told.
+
 use super::*;
 use crate::actions::{ACTION_LIMITS, Profile};
 
@@ -107,9 +109,12 @@ fn files_of_a_turn_share_the_world_also_after_an_error() {
 
 #[test]
 fn time_is_virtual_and_ends() {
-    let done = ran("setInterval(() => {}, 1000); await skills.wait(bot, 5000); log(bot, Date.now() >= 5000);");
-    assert!(done.error.unwrap().message.contains("virtual time"));
-    assert_eq!(done.log, ["true"]);
+    let done = ran("await skills.wait(bot, 5000); log(bot, Date.now() >= 5000); setInterval(() => {}, 1000);");
+    assert_eq!((done.error, done.log), (None, vec!["true".to_owned()]));
+    assert!(done.notes.iter().any(|note| note.contains("were stopped")), "{:?}", done.notes);
+    let done = ran("skills.placeBlock(bot, 'stone', 0, 0, 0); while (true) await skills.wait(bot, 3600000);");
+    assert!(done.error.clone().unwrap().message.contains("virtual time"), "{done:?}");
+    assert_eq!(events(&done), ["stone@0,0,0"]);
 }
 
 #[test]

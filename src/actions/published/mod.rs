@@ -10,12 +10,11 @@ use std::rc::Rc;
 
 use rquickjs::context::EvalOptions;
 use rquickjs::function::{Func, Opt, This};
-use rquickjs::{CaughtError, Ctx, Function, IntoJs as _, Object, Persistent, Value};
+use rquickjs::{CaughtError, Ctx, Function, Object, Persistent, Value};
 
 use super::memory::PeakMemory;
 use super::sandbox::{self, FILE, Sandbox, Watch, cpu_ms, is_parse_error, told};
 use super::{ActionLimits, CodeError, Dropped, LimitReached, RecordedEvent, Replayed};
-use plumbline_engine::intake::code::without_fences;
 use plumbline_engine::text::counted;
 use plumbline_engine::voxel::cell;
 use script::{Script, functions_of, nothing_recorded};
@@ -80,24 +79,6 @@ impl Recorder {
         }
         self.events.push(RecordedEvent { cell: [x as i32, y as i32, z as i32], material });
     }
-}
-
-/// Runs the files of a turn one after another, and records their events in one list.
-pub fn run_all(files: &[String], limits: &ActionLimits, peak: &PeakMemory) -> Replayed {
-    let mut all: Option<Replayed> = None;
-    for (sent, number) in files.iter().zip(1..) {
-        let one = run(&without_fences(sent), limits, peak);
-        let is_stopped = one.stopped.is_some();
-        match &mut all {
-            None if files.len() == 1 => return one,
-            None => all = Some(one.of_file(number)),
-            Some(all) => all.append(one.of_file(number)),
-        }
-        if is_stopped {
-            break;
-        }
-    }
-    all.unwrap_or_default()
 }
 
 /// Runs a script to completion: its main function, then promises and timers until none is left.
@@ -190,7 +171,7 @@ fn begin<'js>(
             }
         });
     let prelude: Function<'js> = ctx.eval(PRELUDE).map_err(fail)?;
-    let clock = sandbox::clock(ctx, Func::from(|_now: f64| {}).into_js(ctx).map_err(fail)?).map_err(fail)?;
+    let clock = sandbox::clock(ctx, ctx.eval("() => {}").map_err(fail)?).map_err(fail)?;
     let fire: Function<'js> = clock.get("fire").map_err(fail)?;
     let given: Object<'js> = prelude.call((record, clock)).map_err(fail)?;
     let run = || -> rquickjs::Result<()> {

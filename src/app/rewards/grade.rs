@@ -5,7 +5,8 @@ use std::time::{Duration, Instant};
 
 use sha2::{Digest as _, Sha256};
 
-use super::grader::{Deadline, GivenTask, Graded, Until};
+use super::given_task::GivenTask;
+use super::grader::{Deadline, Graded, Until};
 use super::model_text::{AnswerBody, log_in_texts};
 use super::named_task::NamedTask;
 use super::request::{Detail, GivenWork, GradeRequest, read_request};

@@ -13,6 +13,7 @@ use quick_cache::sync::Cache;
 use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 
+use super::given_task::GivenTask;
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::grading::{Cores, Unfinished, execute};
 use crate::app::limits::LIMITS;
@@ -23,8 +24,7 @@ use plumbline_engine::grading::baseline::Baseline;
 use plumbline_engine::grading::cost::{Cost, cost};
 use plumbline_engine::grading::{Report, grade_hashed};
 use plumbline_engine::tasks::Task;
-use plumbline_engine::tasks::catalogue::Entry;
-use plumbline_engine::voxel::{BlockLog, Profile};
+use plumbline_engine::voxel::BlockLog;
 
 /// Number of connections up to which logs are graded on the threads that serve their requests. With more connections,
 /// logs would wait unseen in the queue of these threads, and other requests behind them.
@@ -45,46 +45,6 @@ struct ByMemory;
 impl Weighter<Key, Arc<Report>> for ByMemory {
     fn weight(&self, key: &Key, report: &Arc<Report>) -> u64 {
         (report.memory_bytes() + key.0.len() + key.1.len()) as u64
-    }
-}
-
-/// Task to grade against, with its hash.
-#[derive(Debug, Clone)]
-pub enum GivenTask {
-    /// Task of a suite, by its number.
-    Listed(Arc<Entry>, u32),
-    /// Task that the request brings.
-    Inline(Arc<(Task, String)>),
-}
-
-impl GivenTask {
-    /// Creates a task that the request brings.
-    #[must_use]
-    pub fn inline(task: Task) -> Self {
-        let hash = task.content_hash();
-        Self::Inline(Arc::new((task, hash)))
-    }
-
-    /// Returns the profile of action code that names none.
-    #[must_use]
-    pub fn profile(&self) -> Profile {
-        match self {
-            Self::Inline(_) => Profile::Published,
-            Self::Listed(entry, _) => entry.suite.profile(),
-        }
-    }
-
-    /// Returns the task and its hash.
-    ///
-    /// # Errors
-    /// Returns 500 if the suite has no task of this number; the number was looked up before.
-    pub fn task(&self) -> AppResult<(&Task, &str)> {
-        match self {
-            Self::Inline(task) => Ok((&task.0, &task.1)),
-            Self::Listed(entry, number) => entry
-                .task_numbered(*number)
-                .ok_or_else(|| AppError::internal(&format!("{} has no task {number}", entry.suite.id()))),
-        }
     }
 }
 

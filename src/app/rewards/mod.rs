@@ -1,5 +1,6 @@
 //! Rewards: turns a request into a log, grades the log, and turns the report into a reward.
 
+pub mod given_task;
 pub mod grade;
 pub mod grader;
 pub mod judge;

@@ -56,11 +56,11 @@ pub struct ReplayBody {
     pub events: Vec<ReplayedEvent>,
     /// Blocks that stand at the end and were not there before, by y, x and z.
     pub structure: Vec<StandingBlock>,
-    /// Calls of the first turn that recorded nothing, by reason.
+    /// Calls of the first turn with code that recorded nothing, by reason.
     pub dropped: Vec<Dropped>,
-    /// Error that ended the code of the first turn, or a rejection that nothing handled; events recorded before it count.
+    /// Error that ended the first code, or a rejection that nothing handled; events recorded before it count.
     pub error: Option<CodeError>,
-    /// Notes for the author of the first turn although nothing failed, for example that a function was defined but never
+    /// Notes for the author of the first code although nothing failed, for example that a function was defined but never
     /// called.
     pub notes: Vec<String>,
     /// The turns that hold code, with everything that is told of them.
@@ -95,6 +95,7 @@ pub async fn replay_action_code(
     let profile = profile.unwrap_or_default();
     let mut sent = turns.unwrap_or_else(|| SentLog::of_files(action_code.unwrap_or_default()));
     sent.log.profile = profile;
+    let with_code: Vec<usize> = sent.codes.iter().map(|code| code.turn + 1).collect();
     let answer = replay(&state, caller.who(), &job_of_all(sent)).await?;
     let structure = standing(&answer);
     // Every event repeats its material's name, so the response may be much larger than the recording.
@@ -110,6 +111,7 @@ pub async fn replay_action_code(
     let events = answer.turns.iter().flat_map(told).collect();
     let mut turns: Vec<TurnReplay> =
         answer.turns.into_iter().zip(1..).map(|(done, turn)| TurnReplay::of(turn, done)).collect();
+    turns.retain(|turn| with_code.contains(&turn.turn));
     let first = turns.first_mut();
     let (dropped, error, notes) =
         first.map(|turn| (turn.dropped.clone(), turn.error.clone(), turn.notes.clone())).unwrap_or_default();

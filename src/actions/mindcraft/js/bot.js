@@ -6,6 +6,9 @@
     position, velocity: new Vec3(0, 0, 0), yaw: 0, pitch: 0, height: 1.62, width: 0.6, onGround: true, id: 1, type: "player",
     name: "player", username: "builder", metadata: [], effects: {},
   };
+  // Angles here are in radians, and 0 is north; those of the game are in degrees, and 0 is south.
+  const seen = () => { const [yaw, pitch] = host.view(); entity.yaw = ((180 - yaw) * Math.PI) / 180; entity.pitch = (-pitch * Math.PI) / 180; };
+  seen();
 
   // What is known of a block state, kept by its number.
   const states = new Map();
@@ -36,42 +39,53 @@
     return block;
   };
   const blockAt = (at) => {
-    const number = at ? host.block(at.x, at.y, at.z) : -1;
+    const number = at ? host.block(Number(at.x), Number(at.y), Number(at.z)) : -1;
     return number < 0 ? null : made(number, new Vec3(Math.floor(at.x), Math.floor(at.y), Math.floor(at.z)));
   };
 
-  const moved = () => { const [x, y, z] = host.position(); position.set(x, y, z); };
+  const moved = () => { const [x, y, z] = host.position(); position.set(x, y, z); seen(); };
   const send = (line) => {
     if (!line.startsWith("/")) return;
     host.command(line.slice(1));
     if (line.startsWith("/t") || line.startsWith("/execute") || line.startsWith("/minecraft:t")) moved();
   };
-  const chat = (message) => { for (const line of String(message).split("\n")) if (line) send(line); };
-
-  const accepts = (matching) => {
-    if (typeof matching === "function") return matching;
-    const wanted = (Array.isArray(matching) ? matching : [matching]).filter((id) => Number.isInteger(id));
-    return wanted;
+  const chat = (message) => {
+    if (typeof message !== "string" && typeof message !== "number") throw new TypeError("bot.chat takes a text");
+    const lines = String(message).split("\n").filter((line) => line);
+    if (lines.length > 1) note("bot.chat got several lines, for which a server ends the connection; each was sent on its own");
+    for (const line of lines) send(line);
   };
+
   const findBlocks = (options) => {
-    const { matching, maxDistance = 16, count = 1, point = position } = options;
-    const from = [Math.floor(point.x), Math.floor(point.y), Math.floor(point.z)];
-    const test = accepts(matching);
-    const vectors = (flat) => {
+    const { matching, useExtraInfo } = options;
+    const point = options.point || position;
+    const [maxDistance, count] = [Number(options.maxDistance) || 16, Number(options.count) || 1];
+    const from = [Number(point.x), Number(point.y), Number(point.z)];
+    const find = (most, kinds) => {
+      const flat = host.find(...from, maxDistance, most, kinds);
       const found = [];
       for (let i = 0; i < flat.length; i += 3) found.push(new Vec3(flat[i], flat[i + 1], flat[i + 2]));
       return found;
     };
-    if (typeof test !== "function") return vectors(host.find(...from, maxDistance, count, test));
-    // A function is asked about every kind of block that is there, and then about each block of the kinds that it took.
-    const kinds = host.kindsAround();
-    const sample = (id) => made(kind(id).defaultState, new Vec3(...from));
-    const taken = kinds.filter((id) => { try { return test(sample(id)); } catch { return true; } });
-    const near = vectors(host.find(...from, maxDistance, Math.max(count, 20_000), taken));
+    if (typeof matching !== "function" && typeof useExtraInfo !== "function") {
+      const ids = (Array.isArray(matching) ? matching : [matching]).filter((id) => Number.isInteger(id) && id >= 0);
+      return find(count, ids);
+    }
+    const ids = typeof matching === "function" ? null : Array.isArray(matching) ? matching : [matching];
+    const accepts = (block) => (ids ? ids.includes(block.type) : matching(block)) && (typeof useExtraInfo !== "function" || useExtraInfo(block));
+    // A function is asked about every state that is there. What it says of a block without a place does not count if it
+    // asked for the place; then it is asked about each block of that state.
+    const mayAccept = (state) => {
+      const block = made(state, null);
+      let isAsked = false;
+      Object.defineProperty(block, "position", { get() { isAsked = true; return new Vec3(...from); } });
+      try { return accepts(block) || isAsked; } catch { return true; }
+    };
+    const kinds = [...new Set(host.statesAround().filter(mayAccept).map((state) => stateOf(state).type))];
     const found = [];
-    for (const at of near) {
+    for (const at of find(100_000, kinds)) {
       if (found.length >= count) break;
-      if (test(blockAt(at))) found.push(at);
+      if (accepts(blockAt(at))) found.push(at);
     }
     return found;
   };
@@ -117,9 +131,16 @@
     if (goal && [goal.x, goal.y, goal.z].every(Number.isFinite)) { host.moveTo(goal.x + 0.5, goal.y, goal.z + 0.5); moved(); }
   };
   const activateItem = async () => {
-    if (held?.name === "water_bucket" || held?.name === "lava_bucket" || held?.name === "bucket") host.pour(held.name);
+    note(`bot.activateItem with ${held?.name ?? "nothing"} is not simulated`);
   };
   const nothing = () => {};
+  // Events that a real bot has all the time happen once, a tick later; others never do.
+  const ticking = ["physicsTick", "physicTick", "move", "time", "health", "spawn", "chunkColumnLoad"];
+  const once = (event, call) => {
+    if (ticking.includes(event)) clock.wait(50).then(() => call());
+    else note(`bot.once("${String(event)}") never happens here`);
+  };
+  const on = (event) => note(`bot.on("${String(event)}") never happens here`);
   const done = async () => {};
   const modes = { isOn: (mode) => mode === "cheat", exists: () => true, setOn: nothing, pause: nothing, unpause: nothing, unPauseAll: nothing };
   const bot = {
@@ -147,9 +168,9 @@
     activateBlock: async (block) => { if (block?.position && held?.name.endsWith("_hoe")) host.till(block.position.x, block.position.y, block.position.z); },
     activateItem, useOn: done, deactivateItem: nothing, activateEntity: done, attack: nothing, swingArm: nothing, consume: done, sleep: done, wake: done,
     toss: done, tossStack: done, craft: done, recipesFor: () => [], recipesAll: () => [], fish: done, elytraFly: done,
-    setControlState: nothing, getControlState: () => false, clearControlStates: nothing, waitForTicks: (ticks) => clock.wait(ticks * 50),
-    waitForChunksToLoad: done, on: nothing, once: nothing, off: nothing, emit: nothing, removeListener: nothing, removeAllListeners: nothing,
-    addListener: nothing, loadPlugin: nothing, hasPlugin: () => true, quit: nothing, end: nothing, acceptResourcePack: nothing,
+    setControlState: () => note("the body does not walk by bot.setControlState"), getControlState: () => false, clearControlStates: nothing, waitForTicks: (ticks) => clock.wait(ticks * 50),
+    waitForChunksToLoad: done, on, addListener: on, once, off: nothing, emit: nothing, removeListener: nothing, removeAllListeners: nothing,
+    loadPlugin: nothing, hasPlugin: () => true, quit: nothing, end: nothing, acceptResourcePack: nothing,
     openContainer: async () => { throw new Error("containers are not simulated"); },
     openChest: async () => { throw new Error("containers are not simulated"); },
     pathfinder: {

@@ -1,5 +1,12 @@
 // Puts the profile together: the global names that code finds. Called with the host and the parts.
 (function (host, clock, parts) {
+  // Texts that go to the host must be well-formed.
+  const wellFormed = String.prototype.toWellFormed;
+  const clean = (value) => (typeof value === "string" ? wellFormed.call(value) : value);
+  for (const name of ["note", "drop", "log", "missing", "command", "setBlock", "blockNumber", "itemNumber", "placeByHand", "pour"]) {
+    const call = host[name];
+    host[name] = (...args) => call(...args.map(clean));
+  }
   const note = (text) => host.note(text);
   const shown = (value) => {
     if (typeof value === "string") return value;
@@ -21,10 +28,13 @@
   const skills = parts.skills(host, log, bot, hold, world, data.mc, { Vec3, vec3 }, clock);
 
   // Names that do not exist are told, whatever the code does then.
+  const told = new Set();
   const watched = (name, of) => new Proxy(of, {
     get(target, key) {
       if (key in target || typeof key === "symbol" || key === "then" || key === "toJSON" || key === "default") return target[key];
-      host.missing(name, key, Object.keys(target).join());
+      const path = `${name}.${key}`;
+      host.missing(name, key, told.has(path) ? "" : Object.keys(target).join());
+      told.add(path);
       return undefined;
     },
   });
@@ -48,7 +58,11 @@
     if (!Object.hasOwn(modules, short)) throw new Error(`cannot find module '${name}': there are ${Object.keys(modules).join(", ")}`);
     return modules[short];
   };
-  given.require = find;
+  given.require = (name) => { note("require does not exist in mindcraft"); return find(name); };
+  for (const name of ["setTimeout", "setInterval", "setImmediate"]) {
+    const timer = globalThis[name];
+    globalThis[name] = (...args) => { note(`${name} does not exist in mindcraft; here it waits virtual time`); return timer(...args); };
+  }
   for (const [name, value] of Object.entries(given)) globalThis[name] = value;
   globalThis.exports = given.module.exports;
 
@@ -58,10 +72,13 @@
     return [value.default, value.main].find((one) => typeof one === "function") ?? null;
   };
   // Rejections that nobody handles are told by the engine.
-  const run = async (make, isExpression) => {
+  const run = async (make, isExpression, isWrapped) => {
     const value = await make(given.bot);
     const main = isExpression ? mainOf(value) : null;
-    if (main) await main.call(value, given.bot);
+    if (main) {
+      if (!isWrapped) note("the code is a function, which mindcraft would not call; it was called");
+      await main.call(value, given.bot);
+    }
     host.done();
   };
   const runModule = async (evaluated, exported) => {
@@ -74,7 +91,7 @@
     const main = mainOf(value);
     if (!main) return false;
     note("the code only defines a function, which mindcraft would not call; it was called");
-    (async () => { await main.call(value, given.bot); })();
+    (async () => { await main.call(value, given.bot); host.done(); })();
     return true;
   };
   return { bot: given.bot, module: given.module, find, run, runModule, callUnused };

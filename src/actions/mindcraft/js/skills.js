@@ -54,8 +54,9 @@
 
   async function placeBlock(bot, blockType, x, y, z, placeOn = "bottom", dontCheat = false) {
     if (!bot?.modes) throw new TypeError("the first argument of skills.placeBlock is not the bot");
-    const key = `${blockType} ${placeOn}`;
-    let plan = plans.get(key);
+    const isCached = typeof blockType === "string" && typeof placeOn === "string";
+    const key = isCached ? `${blockType}\n${placeOn}` : null;
+    let plan = isCached ? plans.get(key) : planOf(blockType, placeOn);
     if (plan === undefined) {
       plan = planOf(blockType, placeOn);
       plans.set(key, plan);
