@@ -210,8 +210,7 @@ async fn a_submission_keeps_its_profile_and_later_turns_see_earlier_ones() {
     let graded =
         service.post_json("/v1/grade", &json!({ "task": "walls/5x1x5-raise", "log": log, "detail": "report" })).await;
     assert_eq!(graded.json()["report"]["turns"][0]["blocks"], 0, "{}", graded.text);
-    let answer =
-        json!({ "task": "walls/5x1x5-raise", "answer": format!("So:\n```js\n{code}\n```"), "detail": "report" });
+    let answer = json!({ "task": "walls/5x1x5-raise", "answer": format!("So:\n```js\n(async (bot) => {{ {code} }})\n```"), "detail": "report" });
     assert_eq!(service.post_json("/v1/grade", &answer).await.json()["report"]["turns"][0]["blocks"], 1);
     let mut in_order = answer.clone();
     in_order["profile"] = json!("mindcraft");
@@ -223,7 +222,8 @@ async fn a_submission_keeps_its_profile_and_later_turns_see_earlier_ones() {
     let two = service.post_json("/v1/replay", &json!({ "profile": "mindcraft", "turns": turns })).await.json();
     assert_eq!((&two["turns"][1]["log"], &two["structure"]), (&json!(["stone"]), &json!([])), "{two}");
     // A run with submissions of both profiles says so.
-    post("walls/6x1x5-raise", None, json!([{ "events": [] }])).await;
+    let plain = post("walls/5x1x5-courses", None, json!([{ "events": [] }])).await;
+    assert_eq!(plain.status, 202, "{}", plain.text);
     let after = service.get(&format!("/v1/runs/{}", run["id"].as_str().unwrap())).await.json();
     assert_eq!(after["profile"], "mixed", "{after}");
     let profiles = service.get("/v1/profiles").await.json();

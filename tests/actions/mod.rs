@@ -1,4 +1,5 @@
 //! Action code: scripts that agents wrote, and scripts that mean harm.
 
 mod answers;
+mod others;
 mod scripts;

@@ -61,7 +61,15 @@ impl ProfileBody {
 /// Returns the profiles with the functions that action code finds under each.
 #[utoipa::path(
     get, path = "/v1/profiles", operation_id = "list_profiles", tag = "service", summary = "List profiles",
-    responses((status = 200, description = "The profiles", body = ProfileList))
+    responses(
+        (status = 200, description = "The profiles", body = ProfileList,
+         example = json!({ "profiles": [{
+             "name": "mindcraft", "about": "Code acts as a bot of the mindcraft framework does.",
+             "default_for": "action code for suites from mineceraft@3 on", "game_version": "1.21.4",
+             "code": "the answer of a model as it came",
+             "functions": [{ "call": "skills.breakBlockAt(bot, x, y, z)", "effect": "acts" }],
+         }] })),
+    )
 )]
 pub async fn list_profiles() -> Json<ProfileList> {
     Json(ProfileList { profiles: Profile::ALL.into_iter().map(ProfileBody::of).collect() })

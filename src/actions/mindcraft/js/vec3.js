@@ -74,10 +74,10 @@
       return new Vec3(
         this.y * other.z - this.z * other.y, this.z * other.x - this.x * other.z, this.x * other.y - this.y * other.x);
     },
-    unit() { return copy(this).normalize(); },
+    unit() { const norm = this.norm(); return norm === 0 ? copy(this) : this.scaled(1 / norm); },
     normalize() {
       const norm = this.norm();
-      return norm === 0 ? this : each(this, (a) => a * (1 / norm));
+      return norm === 0 ? this : each(this, (a) => a / norm);
     },
     xyDistanceTo(other) { return length(other.x - this.x, other.y - this.y); },
     xzDistanceTo(other) { return length(other.x - this.x, other.z - this.z); },
