@@ -11,6 +11,8 @@ use sha2::{Digest as _, Sha256};
 
 use super::html::{self, PageResult, json_in_markup};
 use super::{assets, colours, isometric};
+use crate::actions::CodeError;
+use crate::actions::turn_replay::TurnReplay;
 use crate::app::error::AppError;
 use crate::app::runs::read::answer;
 use crate::app::submissions::read::{details, log, stored};
@@ -50,6 +52,7 @@ pub struct Shown {
     task: String,
     agent: Option<String>,
     report: Option<ReportRow>,
+    replays: Vec<TurnReplay>,
     created: String,
     graded: String,
     view: View,
@@ -64,6 +67,16 @@ impl Shown {
     fn checks(turn: &TurnReport) -> Vec<(bool, &CheckReport)> {
         let shown = turn.informational.iter().map(|check| (false, check));
         turn.checks.iter().map(|check| (true, check)).chain(shown).collect()
+    }
+
+    /// Returns the errors of a turn's code, each with its place.
+    fn errors(replay: &TurnReplay) -> Vec<String> {
+        let told = |error: &CodeError| {
+            let file = error.file.map(|file| format!("file {file}, ")).unwrap_or_default();
+            let line = error.line.map(|line| format!("line {line}: ")).unwrap_or_default();
+            format!("{file}{line}{}", error.message)
+        };
+        replay.error.iter().chain(&replay.more_errors).map(told).collect()
     }
 
     fn graded_report(&self) -> Option<&Report> {
@@ -145,6 +158,7 @@ async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Re
         created: rfc3339(details.row.created_at_ms),
         graded: details.report.as_ref().map(|report| rfc3339(report.graded_at_ms)).unwrap_or_default(),
         report: details.report,
+        replays: details.row.replays.as_deref().and_then(|json| serde_json::from_str(json).ok()).unwrap_or_default(),
         row: details.row,
     })
 }
