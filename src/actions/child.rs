@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use super::confine::confine;
 use super::job::{Answer, Job, Order, TurnInput};
 use super::memory::PeakMemory;
+use super::mindcraft::Prepared;
 use super::{ActionLimits, Profile, mindcraft, published};
 use plumbline_engine::intake::code::without_fences;
 
@@ -21,10 +22,8 @@ pub const COMMAND: &str = "run-action-code";
 pub fn run(limits: &ActionLimits) -> anyhow::Result<ExitCode> {
     // Runs a script before confinement: libraries set themselves up at first use, with system calls that are then
     // forbidden.
-    for profile in Profile::ALL {
-        let job = Job::of_code(profile, "skills.wait(bot, 1); new Date(0).getHours()".to_owned());
-        replay(&job, limits, &PeakMemory::unknown());
-    }
+    published::run("skills.wait(bot, 1); new Date(0).getHours()", limits, &PeakMemory::unknown());
+    let prepared = Prepared::new(limits).map_err(|error| anyhow::anyhow!(error.message))?;
     let peak = PeakMemory::of_this_process();
     confine(limits)?;
     let mut length = [0; 4];
@@ -37,7 +36,7 @@ pub fn run(limits: &ActionLimits) -> anyhow::Result<ExitCode> {
     input.read_exact(&mut job)?;
     let order: Order = serde_json::from_slice(&job)?;
     // What a script makes of the objects that it is given may break an assumption of ours; that is its own doing.
-    let replayed = catch_unwind(AssertUnwindSafe(|| replay(&order.job, &order.limits, &peak)));
+    let replayed = catch_unwind(AssertUnwindSafe(|| replay(&order.job, &order.limits, &peak, prepared)));
     let answer = serde_json::to_vec(&replayed.unwrap_or_else(|_| Answer::crashed()))?;
     let mut output = std::io::stdout().lock();
     output.write_all(&u32::try_from(answer.len())?.to_le_bytes())?;
@@ -46,9 +45,9 @@ pub fn run(limits: &ActionLimits) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn replay(job: &Job, limits: &ActionLimits, peak: &PeakMemory) -> Answer {
+fn replay(job: &Job, limits: &ActionLimits, peak: &PeakMemory, prepared: Prepared) -> Answer {
     match job.profile {
-        Profile::Mindcraft => mindcraft::run(job, limits, peak),
+        Profile::Mindcraft => mindcraft::run(job, limits, peak, prepared),
         Profile::Published => {
             let files = job.turns.iter().map(|turn| match turn {
                 TurnInput::Code(files) => match files.as_slice() {

@@ -33,6 +33,8 @@ type Intrinsics = (
 /// What happens while a script runs.
 #[derive(Debug, Default)]
 pub struct Watch {
+    /// Processor time of this process at which the script is stopped, in milliseconds; none as long as no script runs.
+    pub end_cpu_ms: Option<u64>,
     /// Limit at which the script was stopped.
     pub stopped: Option<&'static str>,
     /// Errors of rejected promises that have no handler so far, each with the identity of its promise.
@@ -58,11 +60,11 @@ pub fn cpu_ms() -> u64 {
 }
 
 impl Sandbox {
-    /// Creates an engine that stops scripts once the process has used `end_cpu_ms` of processor time.
+    /// Creates an engine that stops a script once the process has used the processor time that its watch names.
     ///
     /// # Errors
     /// Returns an error if the engine cannot be created.
-    pub fn new(limits: &ActionLimits, end_cpu_ms: u64) -> Result<Self, CodeError> {
+    pub fn new(limits: &ActionLimits) -> Result<Self, CodeError> {
         let watch = Rc::new(RefCell::new(Watch::default()));
         let runtime = Runtime::new().map_err(|_| internal("no engine"))?;
         runtime.set_memory_limit(limits.memory_bytes);
@@ -71,7 +73,7 @@ impl Sandbox {
         // Once stopped, the handler keeps interrupting: an interrupt inside a promise is just another rejection.
         runtime.set_interrupt_handler(Some(Box::new(move || {
             let Ok(mut watch) = watched.try_borrow_mut() else { return false };
-            if watch.stopped.is_none() && cpu_ms() >= end_cpu_ms {
+            if watch.stopped.is_none() && watch.end_cpu_ms.is_some_and(|end| cpu_ms() >= end) {
                 watch.stopped = Some("time");
             }
             watch.stopped.is_some()

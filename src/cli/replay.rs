@@ -10,7 +10,7 @@ use serde::Serialize;
 use crate::actions::job::{Answer, Job, TurnInput};
 use crate::actions::pool::Pool;
 use crate::actions::{ACTION_LIMITS, CodeError, Profile, Replayed};
-use crate::app::replay::{standing, told};
+use crate::app::replay::{ReplayedEvent, standing, told};
 use crate::near::counted;
 
 /// Exit code if code ended before its end.
@@ -132,8 +132,9 @@ fn print(answer: &Answer, is_structure: bool) -> std::io::Result<()> {
             line(&mut out, &block)?;
         }
     } else {
+        // States belong to what stands, so a line has the same members under each profile.
         for event in answer.turns.iter().flat_map(told) {
-            line(&mut out, &event)?;
+            line(&mut out, &ReplayedEvent { block: None, ..event })?;
         }
     }
     out.flush()

@@ -57,11 +57,6 @@ pub struct Missing {
 }
 
 impl Host {
-    /// Creates a host of a world.
-    pub fn of(world: World) -> Self {
-        Self { world, ..Self::default() }
-    }
-
     /// Adds a note unless it is there already.
     pub fn note(&mut self, text: &str) {
         let text = shortened(text);

@@ -19,7 +19,7 @@ use rquickjs::{CatchResultExt as _, CaughtError, Ctx, Function, Module, Object, 
 
 use super::job::{Answer, Job, TurnInput, WorldState};
 use super::memory::PeakMemory;
-use super::sandbox::{self, FILE, Sandbox, Watch, cpu_ms, told};
+use super::sandbox::{self, FILE, Fire, Sandbox, Watch, cpu_ms, told};
 use super::{ActionLimits, CodeError, Dropped, LimitReached, RecordedEvent, Replayed};
 use answer::Reading;
 use host::{Host, Told};
@@ -44,11 +44,43 @@ const PARTS: [(&str, &str); 5] = [
     ("world", include_str!("js/world.js")),
 ];
 
-/// Replays the turns of a job in one world.
-pub fn run(job: &Job, limits: &ActionLimits, peak: &PeakMemory) -> Answer {
-    let limits = &ActionLimits { stack_bytes: STACK_BYTES, ..*limits };
+/// An engine with everything that code is given, made before the code is there.
+pub struct Prepared {
+    // What belongs to the engine is dropped before it.
+    given: Persistent<Object<'static>>,
+    fire: Fire,
+    host: Rc<RefCell<Host>>,
+    sandbox: Sandbox,
+}
+
+impl Prepared {
+    /// Makes an engine for a first file.
+    ///
+    /// # Errors
+    /// Returns an error if the engine cannot be made.
+    pub fn new(limits: &ActionLimits) -> Result<Self, CodeError> {
+        Self::with(Rc::new(RefCell::new(Host::default())), limits)
+    }
+
+    fn with(host: Rc<RefCell<Host>>, limits: &ActionLimits) -> Result<Self, CodeError> {
+        let sandbox = Sandbox::new(&ActionLimits { stack_bytes: STACK_BYTES, ..*limits })?;
+        sandbox.runtime().set_loader(modules::Names, modules::Provided);
+        let (given, fire) = sandbox.context.with(|ctx| {
+            let failed = |error| told(CaughtError::from_error(&ctx, error));
+            let given = given(&ctx, &host, &sandbox.watch).map_err(failed)?;
+            let fire: Function<'_> = given.get("fire").map_err(failed)?;
+            Ok::<_, CodeError>((Persistent::save(&ctx, given), Persistent::save(&ctx, fire)))
+        })?;
+        Ok(Self { given, fire, host, sandbox })
+    }
+}
+
+/// Replays the turns of a job in one world. `first` is the engine of the first file.
+pub fn run(job: &Job, limits: &ActionLimits, peak: &PeakMemory, first: Prepared) -> Answer {
     let end_cpu_ms = cpu_ms() + limits.cpu_ms;
-    let host = Rc::new(RefCell::new(Host::of(world_of(job.start.as_ref(), limits))));
+    let host = Rc::clone(&first.host);
+    let mut first = Some(first);
+    host.borrow_mut().world = world_of(job.start.as_ref(), limits);
     let mut turns = Vec::with_capacity(job.turns.len());
     let mut seen = 0;
     for turn in &job.turns {
@@ -57,7 +89,7 @@ pub fn run(job: &Job, limits: &ActionLimits, peak: &PeakMemory) -> Answer {
                 apply(&mut host.borrow_mut().world, events);
                 Replayed::default()
             }
-            TurnInput::Code(files) => run_files(files, &host, limits, end_cpu_ms, peak),
+            TurnInput::Code(files) => run_files(files, &host, limits, end_cpu_ms, peak, &mut first),
         };
         let mut host = host.borrow_mut();
         if matches!(turn, TurnInput::Code(_)) {
@@ -150,12 +182,16 @@ fn run_files(
     limits: &ActionLimits,
     end_cpu_ms: u64,
     peak: &PeakMemory,
+    first: &mut Option<Prepared>,
 ) -> Replayed {
     let mut replayed = Replayed { unreadable: true, ..Replayed::default() };
     let mut errors: Vec<CodeError> = Vec::new();
     for (sent, number) in files.iter().zip(1..) {
         let before = host.borrow().world.changes().len();
-        let ended = run_file(sent, host, limits, end_cpu_ms, peak);
+        let ended = match first.take().map_or_else(|| Prepared::with(Rc::clone(host), limits), Ok) {
+            Ok(prepared) => run_file(sent, prepared, limits, end_cpu_ms, peak),
+            Err(error) => Ended { errors: vec![error], ..Ended::default() },
+        };
         host.borrow_mut().world.settle();
         let is_full = host.borrow().world.is_full();
         replayed.unreadable &= ended.unreadable;
@@ -182,32 +218,27 @@ struct Ended {
     unreadable: bool,
 }
 
-fn run_file(sent: &str, host: &Rc<RefCell<Host>>, limits: &ActionLimits, end_cpu_ms: u64, peak: &PeakMemory) -> Ended {
+fn run_file(sent: &str, prepared: Prepared, limits: &ActionLimits, end_cpu_ms: u64, peak: &PeakMemory) -> Ended {
+    let Prepared { given, fire, host, sandbox } = prepared;
     let Reading { code, notes } = answer::read(sent);
     // The engine takes no text with a null character.
     let code = code.replace('\0', "\u{fffd}");
     for note in notes {
         host.borrow_mut().note(&note);
     }
-    let sandbox = match Sandbox::new(limits, end_cpu_ms) {
-        Ok(sandbox) => sandbox,
-        Err(error) => return Ended { errors: vec![error], ..Ended::default() },
-    };
-    sandbox.runtime().set_loader(modules::Names, modules::Provided);
     let changes = host.borrow().world.changes().len();
     host.borrow_mut().done_at_ms = None;
     host.borrow_mut().missing = None;
     let mut ended = Ended::default();
-    let begun = sandbox.context.with(|ctx| {
-        let given = given(&ctx, host, &sandbox.watch).map_err(|error| told(CaughtError::from_error(&ctx, error)))?;
-        let fire: Function<'_> = given.get("fire").map_err(|error| told(CaughtError::from_error(&ctx, error)))?;
-        let started = start(&ctx, &given, &code, host);
-        Ok((Persistent::save(&ctx, fire), Persistent::save(&ctx, given), started))
+    sandbox.watch.borrow_mut().end_cpu_ms = Some(end_cpu_ms);
+    let started = sandbox.context.with(|ctx| {
+        let failed = |error| told(CaughtError::from_error(&ctx, error));
+        let given = given.clone().restore(&ctx).map_err(failed)?;
+        let begin: Function<'_> = given.get("begin").map_err(failed)?;
+        let now_ms = host.borrow().world.now_ms() as f64;
+        begin.call::<_, ()>((now_ms,)).map_err(failed)?;
+        start(&ctx, &given, &code, &host)
     });
-    let (fire, given, started) = match begun {
-        Ok(begun) => begun,
-        Err(error) => return Ended { errors: vec![error], ..ended },
-    };
     match started {
         Ok(()) => ended.errors.extend(sandbox.drive(&fire)),
         Err(error) => {
@@ -221,7 +252,7 @@ fn run_file(sent: &str, host: &Rc<RefCell<Host>>, limits: &ActionLimits, end_cpu
     if !ended.unreadable && ended.errors.is_empty() && is_idle() && !sandbox.is_stopped() {
         let is_called = sandbox.context.with(|ctx| {
             let given = given.restore(&ctx)?;
-            call_unused(&ctx, &given, &code, host)
+            call_unused(&ctx, &given, &code, &host)
         });
         if matches!(is_called, Ok(true)) {
             host.borrow_mut().done_at_ms = None;
@@ -235,7 +266,7 @@ fn run_file(sent: &str, host: &Rc<RefCell<Host>>, limits: &ActionLimits, end_cpu
     if sandbox.ran_out(limits, peak, own, ended.errors.first()) {
         sandbox.watch.borrow_mut().stopped.get_or_insert("memory");
     }
-    let Watch { stopped, unheard } = sandbox.watch.take();
+    let Watch { stopped, unheard, .. } = sandbox.watch.take();
     ended.stopped = stopped;
     ended.errors.extend(unheard.into_iter().map(|(_, error)| error));
     if stopped.is_some() {
@@ -257,8 +288,6 @@ fn given<'js>(ctx: &Ctx<'js>, host: &Rc<RefCell<Host>>, watch: &Rc<RefCell<Watch
     let object = bindings::object(ctx, host, watch)?;
     let heard: Value<'js> = object.get("passTime")?;
     let clock = sandbox::clock(ctx, heard)?;
-    let begin: Function<'js> = clock.get("begin")?;
-    begin.call::<_, ()>((host.borrow().world.now_ms() as f64,))?;
     let parts = Object::new(ctx.clone())?;
     for (name, source) in PARTS {
         parts.set(name, ctx.eval::<Value<'js>, _>(source)?)?;

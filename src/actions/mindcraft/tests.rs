@@ -3,9 +3,13 @@
 use super::*;
 use crate::actions::{ACTION_LIMITS, Profile};
 
+fn replay(job: &Job) -> Answer {
+    run(job, &ACTION_LIMITS, &PeakMemory::unknown(), Prepared::new(&ACTION_LIMITS).unwrap())
+}
+
 fn ran(code: &str) -> Replayed {
     let job = Job::of_code(Profile::Mindcraft, code.to_owned());
-    run(&job, &ACTION_LIMITS, &PeakMemory::unknown()).turns.remove(0)
+    replay(&job).turns.remove(0)
 }
 
 fn events(replayed: &Replayed) -> Vec<String> {
@@ -99,7 +103,7 @@ fn files_of_a_turn_share_the_world_also_after_an_error() {
             TurnInput::Code(vec!["skills.stay(bot, -1)".to_owned()]),
         ],
     };
-    let answer = run(&job, &ACTION_LIMITS, &PeakMemory::unknown());
+    let answer = replay(&job);
     assert_eq!(events(&answer.turns[0]), ["sand@0,2,0", "-@0,2,0", "sand@0,0,0", "-@0,0,0"]);
     let error = answer.turns[0].error.as_ref().unwrap();
     assert_eq!((error.file, error.line), (Some(1), Some(1)));

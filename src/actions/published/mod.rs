@@ -85,16 +85,17 @@ impl Recorder {
 pub fn run(code: &str, limits: &ActionLimits, peak: &PeakMemory) -> Replayed {
     let recorder = Rc::new(RefCell::new(Recorder::default()));
     let script = Script::of(code);
-    let sandbox = match Sandbox::new(limits, cpu_ms() + limits.cpu_ms) {
+    let sandbox = match Sandbox::new(limits) {
         Ok(sandbox) => sandbox,
         Err(error) => return Replayed { error: Some(error), ..Replayed::default() },
     };
+    sandbox.watch.borrow_mut().end_cpu_ms = Some(cpu_ms() + limits.cpu_ms);
     let error = run_in(&sandbox, &script, limits, &recorder);
     let recorder = recorder.take();
     if sandbox.ran_out(limits, peak, recorder.bytes(), error.as_ref()) {
         sandbox.watch.borrow_mut().stopped.get_or_insert("memory");
     }
-    let Watch { stopped, unheard } = sandbox.watch.take();
+    let Watch { stopped, unheard, .. } = sandbox.watch.take();
     let events = recorder.events.len();
     let stopped = stopped.map(|limit| LimitReached::of(limit, limits, &counted(events, "event")));
     let dropped =

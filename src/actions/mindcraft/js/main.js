@@ -94,5 +94,7 @@
     (async () => { await main.call(value, given.bot); host.done(); })();
     return true;
   };
-  return { bot: given.bot, module: given.module, find, run, runModule, callUnused };
+  // Begins a file: the time and the body are where the last one left them.
+  const begin = (now) => { clock.begin(now); bot.moved(); };
+  return { bot: given.bot, module: given.module, find, begin, run, runModule, callUnused };
 });
