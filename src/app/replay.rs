@@ -11,11 +11,10 @@ use crate::app::App;
 use crate::app::error::{AppError, AppResult};
 use crate::app::submissions::posted::PostedSubmission;
 use crate::fair::Permit;
-use crate::near::agreeing;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::SentLog;
 use plumbline_engine::intake::schema::EventAction;
-use plumbline_engine::voxel::{BlockLog, Cell, CellSet, Event};
+use plumbline_engine::voxel::{BlockLog, Cell, Event};
 
 /// Takes a slot for a request whose action code runs or waits.
 ///
@@ -177,36 +176,11 @@ pub async fn run_sent(
             if !is_taken {
                 break 'jobs;
             }
-            let mut told = TurnReplay::of(turn + 1, done);
-            told.notes.extend(difference(&sent.log, turn));
-            replays.push(told);
+            replays.push(TurnReplay::of(turn + 1, done));
         }
     }
     faults.leave();
     Ok(replays)
-}
-
-/// Tells when the two profiles make different builds of a turn: only one of them lets a removal reach what the same turn
-/// placed.
-fn difference(log: &BlockLog, turn: usize) -> Option<String> {
-    let mut placed = CellSet::default();
-    let mut removed = 0_usize;
-    for event in &log.turns[turn] {
-        match *event {
-            Event::Place { cell, .. } => drop(placed.insert(cell)),
-            Event::Remove { cell } => removed += usize::from(placed.remove(&cell)),
-        }
-    }
-    let effect = match log.profile {
-        Profile::Published => "they stay under the profile published; under mindcraft they would be gone",
-        Profile::Mindcraft => "they are gone under the profile mindcraft; under published they would stay",
-    };
-    (removed > 0).then(|| {
-        format!(
-            "{} removed in the turn in which they were placed: {effect}",
-            agreeing(removed, "block was", "blocks were")
-        )
-    })
 }
 
 /// Makes the job of a log's code. With it come the indices of the turns that hold code; none for a turn of events, which

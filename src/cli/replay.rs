@@ -13,6 +13,13 @@ use crate::actions::{ACTION_LIMITS, CodeError, Profile, Replayed};
 use crate::app::replay::{ReplayedEvent, standing, told};
 use crate::near::counted;
 
+/// Writes a line to standard error; it does not matter whether anybody reads it.
+macro_rules! say {
+    ($($told:tt)*) => {
+        drop(writeln!(std::io::stderr(), $($told)*))
+    };
+}
+
 /// Exit code if code ended before its end.
 const ENDED_EARLY: u8 = 3;
 
@@ -27,7 +34,7 @@ pub struct ReplayArgs {
     #[arg(long)]
     structure: bool,
     /// Files of a turn in their order, each an answer of a model as it came, or code; `-` reads standard input. `--turn`
-    /// between files begins the next turn.
+    /// between files begins the next turn. Without `--profile` each file is run on its own.
     #[arg(required = true, value_name = "FILE", allow_hyphen_values = true, num_args = 1..)]
     files: Vec<String>,
 }
@@ -97,10 +104,14 @@ fn turns(args: &ReplayArgs) -> anyhow::Result<(Vec<Vec<File>>, bool)> {
             "--turn" => turns.push(Vec::new()),
             "--structure" => is_structure = true,
             option if option.starts_with("--") => {
-                anyhow::bail!("unexpected argument '{option}'; options stand before the files")
+                anyhow::bail!("unexpected argument '{option}'; among the files there may be --turn and --structure")
             }
             name => turns.last_mut().expect("there is a first turn").push(read(name)?),
         }
+    }
+    if args.profile.is_none() {
+        // Without a profile each file is on its own.
+        turns = turns.into_iter().flatten().map(|file| vec![file]).collect();
     }
     turns.retain(|files| !files.is_empty());
     anyhow::ensure!(!turns.is_empty(), "no file was given");
@@ -118,7 +129,7 @@ fn read(name: &str) -> anyhow::Result<File> {
     let most = ACTION_LIMITS.code_bytes;
     anyhow::ensure!(bytes.len() <= most, "{name}: more than {most} bytes");
     let text = String::from_utf8(bytes).unwrap_or_else(|error| {
-        eprintln!("{name}: not UTF-8 at byte {}; wrong bytes were replaced", error.utf8_error().valid_up_to());
+        say!("{name}: not UTF-8 at byte {}; wrong bytes were replaced", error.utf8_error().valid_up_to());
         String::from_utf8_lossy(error.as_bytes()).into_owned()
     });
     let text = text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text);
@@ -148,23 +159,23 @@ fn line(out: &mut impl std::io::Write, value: &impl Serialize) -> std::io::Resul
 fn explain(files: &[File], done: &Replayed) {
     let name = files.iter().map(|file| file.name.as_str()).collect::<Vec<_>>().join(", ");
     for line in &done.log {
-        eprintln!("{name}: printed: {}", escaped(line));
+        say!("{name}: printed: {}", escaped(line));
     }
     for dropped in &done.dropped {
-        eprintln!("{name}: {} dropped: {}", counted(dropped.count as usize, "call"), escaped(&dropped.reason));
+        say!("{name}: {} dropped: {}", counted(dropped.count as usize, "call"), escaped(&dropped.reason));
     }
     for note in &done.notes {
-        eprintln!("{name}: {}", escaped(note));
+        say!("{name}: {}", escaped(note));
     }
     let built = counted(done.events.len(), "event");
     for CodeError { message, line, column, file, .. } in done.error.iter().chain(&done.more_errors) {
         let name = file.and_then(|number| files.get(number - 1)).map_or(name.as_str(), |file| file.name.as_str());
         let line = line.map(|line| format!(" line {line}:")).unwrap_or_default();
         let column = column.map(|column| format!(" (column {column})")).unwrap_or_default();
-        eprintln!("{name}:{line} {}{column}; {built} in this turn", escaped(message));
+        say!("{name}:{line} {}{column}; {built} in this turn", escaped(message));
     }
     if let Some(stopped) = &done.stopped {
-        eprintln!("{name}: stopped: {}", stopped.detail);
+        say!("{name}: stopped: {}", stopped.detail);
     }
 }
 

@@ -5,7 +5,7 @@ use serde::de::{IgnoredAny, MapAccess, SeqAccess};
 use super::code::SentLog;
 use super::faults::Faults;
 use super::rows::{PaletteShape, Row, RowsShape};
-use super::tolerant::{ProfileShape, Read, Shape};
+use super::tolerant::{OrNull, ProfileShape, Read, Shape};
 use super::{LogLimits, Reader, resolve_rows};
 use crate::voxel::block_log::{BlockLog, Turn};
 
@@ -42,7 +42,8 @@ impl<'de> Shape<'de> for StoredLog<'_> {
                     turns = Some(members.next_value_seed(Read(TurnsOfRows { reader: &mut reader }))?);
                 }
                 "profile" if profile.is_none() => {
-                    profile = Some(members.next_value_seed(Read(ProfileShape { faults: &mut *reader.faults }))?);
+                    let shape = OrNull(ProfileShape { faults: &mut *reader.faults });
+                    profile = Some(members.next_value_seed(Read(shape))?);
                 }
                 "palette" | "turns" | "profile" => {
                     reader.faults.add("given twice");
@@ -70,7 +71,7 @@ impl<'de> Shape<'de> for StoredLog<'_> {
         }
         reader.faults.leave();
         reader.check_totals();
-        let profile = profile.flatten().unwrap_or_default();
+        let profile = profile.flatten().flatten().flatten().unwrap_or_default();
         Ok(Some(BlockLog { palette: reader.palette, turns: resolved, profile }.into()))
     }
 }

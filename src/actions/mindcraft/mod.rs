@@ -26,8 +26,8 @@ use host::{Host, Told};
 use plumbline_engine::game::coordinates::Place;
 use plumbline_engine::game::world::Change;
 use plumbline_engine::game::{Look, World};
-use plumbline_engine::text::counted;
-use plumbline_engine::voxel::cell::Cell;
+use plumbline_engine::text::{agreeing, counted};
+use plumbline_engine::voxel::cell::{Cell, CellSet};
 
 /// Greatest number of errors that a turn tells.
 const MOST_ERRORS: usize = 20;
@@ -172,6 +172,25 @@ fn record(changes: &[Change], replayed: &mut Replayed) {
     replayed.events = changes.iter().map(event).collect();
     replayed.palette = names.palette;
     replayed.has_states = true;
+    replayed.notes.extend(difference(changes));
+}
+
+/// Tells when the two profiles make different builds of a turn: only under this one a removal reaches what the same turn
+/// placed.
+fn difference(changes: &[Change]) -> Option<String> {
+    let mut placed = CellSet::default();
+    let mut removed = 0_usize;
+    for change in changes {
+        if change.look.is_some() {
+            placed.insert(change.cell);
+        } else {
+            removed += usize::from(placed.remove(&change.cell));
+        }
+    }
+    let removed = (removed > 0).then(|| agreeing(removed, "block was", "blocks were"))?;
+    Some(format!(
+        "{removed} removed in the turn in which they were placed: gone under mindcraft, under published they would stay"
+    ))
 }
 
 /// Runs the files of a turn one after another, each in an engine of its own and all in one world. An error ends its file
@@ -219,7 +238,10 @@ struct Ended {
 }
 
 fn run_file(sent: &str, prepared: Prepared, limits: &ActionLimits, end_cpu_ms: u64, peak: &PeakMemory) -> Ended {
-    let Prepared { given, fire, host, sandbox } = prepared;
+    // What belongs to the engine is dropped before it, in the reverse order of these lines.
+    let sandbox = prepared.sandbox;
+    let (host, fire) = (prepared.host, prepared.fire);
+    let given = prepared.given;
     let Reading { code, notes } = answer::read(sent);
     // The engine takes no text with a null character.
     let code = code.replace('\0', "\u{fffd}");
@@ -243,7 +265,8 @@ fn run_file(sent: &str, prepared: Prepared, limits: &ActionLimits, end_cpu_ms: u
         Ok(()) => ended.errors.extend(sandbox.drive(&fire)),
         Err(error) => {
             ended.unreadable = !sandbox.is_stopped();
-            let has_code = ["```", "skills.", "bot.", "=>", "function", ";"].iter().any(|word| sent.contains(word));
+            let has_code =
+                ["```", "skills.", "bot.", "=>", "function", ";", "("].iter().any(|word| sent.contains(word));
             let message = if has_code { error.message } else { "there is no code in the answer".to_owned() };
             ended.errors.push(CodeError { message, ..error });
         }

@@ -5,6 +5,7 @@ use serde::Serialize;
 use crate::app::limits::LIMITS;
 use crate::near::counted;
 use plumbline_engine::intake::code::SentLog;
+use plumbline_engine::intake::text::thinking::without_thoughts;
 use plumbline_engine::intake::text::{AnswerKind, FoundAnswer, read_answer};
 use plumbline_engine::voxel::Profile;
 
@@ -86,9 +87,12 @@ fn read_as(profile: Profile, text: &str) -> Result<FoundAnswer, String> {
     if profile.is_published() {
         return read;
     }
-    let is_code = match &read {
-        Ok(found) => found.kind == AnswerKind::Code,
-        Err(_) => text.contains("```") || text.contains("skills.") || text.contains("bot."),
+    let is_code = if let Ok(found) = &read {
+        found.kind == AnswerKind::Code
+    } else {
+        // What a model only thought is no answer.
+        let (shown, ends_in_thought) = without_thoughts(text);
+        !ends_in_thought && ["skills.", "bot.", "world."].iter().any(|name| shown.contains(name))
     };
     if !is_code {
         return read;

@@ -47,6 +47,7 @@ struct Line<'a> {
     skipped: usize,
     attempts: usize,
     provenance: &'a str,
+    profile: &'a str,
     similar_to: String,
     finished_at: &'a str,
 }
@@ -76,6 +77,7 @@ impl<'a> From<&'a BoardRow> for Line<'a> {
             skipped: row.skipped,
             attempts: row.attempts,
             provenance: &row.provenance,
+            profile: &row.profile,
             similar_to: row.similar_to.join(" "),
             finished_at: &row.finished_at,
         }

@@ -25,9 +25,10 @@ use plumbline_engine::checks::Criterion;
 use plumbline_engine::grading::reward::RewardComponents;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::tolerant::why_not_json;
+use plumbline_engine::voxel::Profile;
 
-/// Members that name the task and its reward scheme.
-const OPTIONS: [&str; 3] = ["task", "suite", "reward_scheme"];
+/// Members that name the task, its reward scheme and the profile.
+const OPTIONS: [&str; 4] = ["task", "suite", "reward_scheme", "profile"];
 /// Members of a response that the framework reads, next to the members of the request.
 #[derive(Debug, serde::Serialize, utoipa::ToSchema)]
 pub struct VerifyAnswer {
@@ -53,6 +54,8 @@ pub struct VerifyRequest {
     pub task: Option<TaskRef>,
     /// Suite of the task.
     pub suite: Option<String>,
+    /// Rules under which the answer becomes a build. They may also be under `verifier_metadata`.
+    pub profile: Option<Profile>,
     /// Reward scheme.
     pub reward_scheme: Option<SchemeBody>,
     /// Data that the dataset holds for the verifier.
@@ -232,7 +235,9 @@ fn naming(request: &Map<String, Value>) -> AppResult<Map<String, Value>> {
         return Err(AppError::faulty(faults));
     }
     let task = find("task").or_else(|| part("task_id").and_then(|id| id.get("task_id")).cloned());
-    let naming = [("task", task), ("suite", find("suite")), ("reward", find("reward_scheme"))];
+    // A dataset may have a member of this name for something else, which is no text.
+    let profile = find("profile").filter(Value::is_string);
+    let naming = [("task", task), ("suite", find("suite")), ("reward", find("reward_scheme")), ("profile", profile)];
     Ok(naming.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect())
 }
 

@@ -24,7 +24,7 @@ use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
 
 /// Members of a label that are read.
-const OPTIONS: [&str; 3] = ["task", "suite", "reward"];
+const OPTIONS: [&str; 4] = ["task", "suite", "reward", "profile"];
 /// Number of samples of a request that are graded or wait at the same time.
 const AT_ONCE: usize = 8;
 /// Least number of characters of a prompt's end with which a query may begin that lacks the beginning of the prompt.
@@ -39,7 +39,7 @@ pub struct RewardQuery {
     /// Prompt of each sample, which is removed from the query.
     #[serde(default)]
     pub prompts: Option<Vec<Option<String>>>,
-    /// The task of each sample: its id, its number, or JSON with `task`, `suite` and `reward`, as an object or as text.
+    /// The task of each sample: its id, its number, or JSON with `task`, `suite`, `reward` and `profile`, as an object or as text.
     #[schema(value_type = Vec<LabelBody>)]
     pub labels: Vec<Value>,
 }
@@ -52,7 +52,7 @@ pub enum LabelBody {
     Text(String),
     /// Number of the task.
     Number(u32),
-    /// Task, suite and reward, as `/v1/grade` accepts them.
+    /// Task, suite, reward and profile, as `/v1/grade` accepts them.
     #[schema(value_type = Object)]
     Whole(Map<String, Value>),
 }
@@ -232,7 +232,7 @@ fn naming(label: &Value) -> AppResult<Map<String, Value>> {
 /// Creates the error (422) for an empty label, which trainers send if their label column is not configured.
 fn no_task() -> AppError {
     let mut faults = Faults::new();
-    faults.add("empty: a label names a task by its id, by its number, or as JSON with task, suite and reward");
+    faults.add("empty: a label names a task by its id, by its number, or as JSON with task, suite, reward and profile");
     AppError::faulty(faults)
 }
 
