@@ -9,25 +9,22 @@ mod bindings;
 mod host;
 mod modules;
 mod naming;
+mod recording;
 
 use std::cell::RefCell;
-use std::collections::BTreeMap;
 use std::rc::Rc;
 
 use rquickjs::context::EvalOptions;
 use rquickjs::{CatchResultExt as _, CaughtError, Ctx, Function, Module, Object, Persistent, Value};
 
-use super::job::{Answer, Job, TurnInput, WorldState};
+use super::job::{Answer, Job, TurnInput};
 use super::memory::PeakMemory;
 use super::sandbox::{self, FILE, Fire, Sandbox, Watch, cpu_ms, told};
-use super::{ActionLimits, CodeError, Dropped, LimitReached, RecordedEvent, Replayed};
+use super::{ActionLimits, CodeError, Dropped, LimitReached, Replayed};
 use answer::Reading;
 use host::{Host, Told};
-use plumbline_engine::game::coordinates::Place;
-use plumbline_engine::game::world::Change;
-use plumbline_engine::game::{Look, World};
-use plumbline_engine::text::{agreeing, counted};
-use plumbline_engine::voxel::cell::{Cell, CellSet};
+use plumbline_engine::text::counted;
+use recording::{apply, record, state_of, world_of};
 
 /// Greatest number of errors that a turn tells.
 const MOST_ERRORS: usize = 20;
@@ -108,89 +105,6 @@ pub fn run(job: &Job, limits: &ActionLimits, peak: &PeakMemory, first: Prepared)
     }
     let end = state_of(&host.borrow().world);
     Answer { turns, end: Some(end) }
-}
-
-/// Builds the world before the first turn.
-fn world_of(start: Option<&WorldState>, limits: &ActionLimits) -> World {
-    let mut world = World::with_limit(limits.events);
-    let Some(start) = start else { return world };
-    let looks: Vec<Option<Look>> = start.palette.iter().map(|text| Look::read(text).ok()).collect();
-    for ([x, y, z], index) in &start.blocks {
-        if let Some(look) = looks.get(*index as usize).copied().flatten() {
-            world.restore(Cell::new(*x, *y, *z), look);
-        }
-    }
-    let [yaw, pitch] = start.view;
-    world.body = Place { position: start.position, yaw, pitch };
-    world.start_at(start.now_ms);
-    world
-}
-
-fn state_of(world: &World) -> WorldState {
-    let mut built: Vec<(Cell, Look)> = world.built().collect();
-    built.sort_unstable_by_key(|(cell, _)| (cell.y, cell.x, cell.z));
-    let mut names = Names::default();
-    let blocks = built.into_iter().map(|(Cell { x, y, z }, look)| ([x, y, z], names.index(look))).collect();
-    let Place { position, yaw, pitch } = world.body;
-    WorldState { palette: names.palette, blocks, position, view: [yaw, pitch], now_ms: world.now_ms() }
-}
-
-/// Applies the events of a turn without code, which hold all that followed from them. Blocks that the game does not have
-/// are left out.
-fn apply(world: &mut World, events: &[([i32; 3], Option<String>)]) {
-    for ([x, y, z], name) in events {
-        let look = name.as_deref().map_or(Ok(Look::AIR), Look::read);
-        if let Ok(look) = look {
-            world.restore(Cell::new(*x, *y, *z), look);
-        }
-    }
-}
-
-/// A palette of blocks with their states.
-#[derive(Default)]
-struct Names {
-    palette: Vec<String>,
-    index: BTreeMap<(u16, u16), u32>,
-}
-
-impl Names {
-    fn index(&mut self, look: Look) -> u32 {
-        *self.index.entry((look.state.0, look.named)).or_insert_with(|| {
-            self.palette.push(look.to_string());
-            u32::try_from(self.palette.len() - 1).expect("fewer looks than the game has states")
-        })
-    }
-}
-
-/// Adds changes of the world to a turn as events.
-fn record(changes: &[Change], replayed: &mut Replayed) {
-    let mut names = Names::default();
-    let event = |change: &Change| {
-        let Cell { x, y, z } = change.cell;
-        RecordedEvent { cell: [x, y, z], material: change.look.map(|look| names.index(look)) }
-    };
-    replayed.events = changes.iter().map(event).collect();
-    replayed.palette = names.palette;
-    replayed.has_states = true;
-    replayed.notes.extend(difference(changes));
-}
-
-/// Tells when the two profiles make different builds of a turn: only under this one a removal reaches what the same turn
-/// placed.
-fn difference(changes: &[Change]) -> Option<String> {
-    let mut placed = CellSet::default();
-    let mut removed = 0_usize;
-    for change in changes {
-        if change.look.is_some() {
-            placed.insert(change.cell);
-        } else {
-            removed += usize::from(placed.remove(&change.cell));
-        }
-    }
-    let removed = (removed > 0).then(|| agreeing(removed, "block was", "blocks were"))?;
-    Some(format!(
-        "{removed} removed in the turn in which they were placed: gone under mindcraft, under published they would stay"
-    ))
 }
 
 /// Runs the files of a turn one after another, each in an engine of its own and all in one world. An error ends its file

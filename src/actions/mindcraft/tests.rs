@@ -1,6 +1,7 @@
 //! The profile `mindcraft` in this process: forms of code, skills, time, and what is told.
 
 use super::*;
+use crate::actions::RecordedEvent;
 use crate::actions::{ACTION_LIMITS, Profile};
 
 fn replay(job: &Job) -> Answer {
