@@ -47,7 +47,7 @@ async fn a_backup_of_a_running_service_restores_to_the_same_answers() {
         let (copy, database) = (path("copy.db"), path("p.db"));
         tokio::task::spawn_blocking(move || succeeded(&plumbline("backup", &copy, &database))).await.unwrap()
     });
-    assert!(told.contains("runs, ") && told.contains("copy.db: "), "{told}");
+    assert!(told.contains(" submissions, ") && told.contains("copy.db: "), "{told}");
     let submissions = service.get(&format!("/v1/runs/{id}/submissions?limit=1000")).await.json();
     let first = submissions["submissions"][0]["id"].as_str().unwrap().to_owned();
     let report = service.get(&format!("/v1/submissions/{first}/report")).await.text;
