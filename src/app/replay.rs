@@ -169,6 +169,7 @@ pub async fn run_sent(
     'jobs: for codes in jobs {
         let (job, turns) = job_of(&sent.log, codes);
         let answer = replayed(app, who, &job).await?;
+        let stopped = answer.stopped().map(ToString::to_string);
         for (turn, done) in turns.into_iter().zip(answer.turns).filter_map(|(turn, done)| Some((turn?, done))) {
             faults.enter_index(turn);
             let is_taken = take_events(app, &mut sent.log, turn, &done, budget, faults);
@@ -177,6 +178,11 @@ pub async fn run_sent(
                 break 'jobs;
             }
             replays.push(TurnReplay::of(turn + 1, done));
+        }
+        // A process that ended without an answer does not tell in which turn.
+        if let Some(stopped) = stopped {
+            faults.add(stopped);
+            break;
         }
     }
     faults.leave();

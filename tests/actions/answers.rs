@@ -170,6 +170,12 @@ async fn answers_that_mean_harm_are_told_what_went_wrong_and_break_nothing() {
             assert!(turn["notes"].as_array().is_none_or(|notes| notes.len() <= 51), "{code}");
         }
     }
+    // Such a call ends only when the system stops the process, which then tells nothing of turns.
+    let endless = "const a = []; a.length = 4294967295; a.join();";
+    let turns = json!([{ "events": [] }, { "action_code": endless }]);
+    let grade = json!({ "task": "walls/5x1x5-raise", "profile": "mindcraft", "turns": turns });
+    let faults = service.post_json("/v1/grade", &grade).await.json()["faults"].clone();
+    assert!(faults[0]["detail"].as_str().unwrap().starts_with("stopped at a limit (time)"), "{faults}");
     let fine = "await skills.placeBlock(bot, 'stone', 0, 0, 0);";
     let answer = service.post_json("/v1/replay", &json!({ "profile": "mindcraft", "action_code": fine })).await;
     assert_eq!(answer.json()["structure"], json!([{ "x": 0, "y": 0, "z": 0, "block": "stone" }]));

@@ -1,8 +1,9 @@
 //! The profile `mindcraft`: code acts in a world as a bot of the mindcraft framework does with cheats on
 //! (`docs/rules.md#mindcraft`).
 //!
-//! `answer` finds the code in an answer, `js` holds what the code is given, `host` is the world behind it, which it reaches through `bindings`; `naming` makes
-//! errors name the function that is meant.
+//! `answer` finds the code in an answer, `js` holds what the code is given, `host` is the world behind it, which it
+//! reaches through `bindings`. `recording` turns changes of the world into events, and `naming` makes errors name the
+//! function that is meant.
 
 mod answer;
 mod bindings;

@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use serde::de::SeqAccess;
 use serde_json::Value;
 
 use super::named_task::{GivenTaskBody, NamedTask, NamedTaskShape};
@@ -15,7 +14,7 @@ use plumbline_engine::grading::reward::Scheme;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::SentLog;
 use plumbline_engine::intake::schema::{NewTurn, StoredLogBody};
-use plumbline_engine::intake::tolerant::{Read, Scalar, Shape, Verbatim};
+use plumbline_engine::intake::tolerant::Texts;
 use plumbline_engine::voxel::Profile;
 
 request_body! {
@@ -44,7 +43,7 @@ request_body! {
         /// Text or list of texts from a language model. The last complete answer outside thinking tags counts: a log as
         /// JSON, or action code, in a code fence or bare. If there are several texts, each answers a turn.
         #[schema(value_type = Option<AnswerTextsBody>)]
-        answer: Vec<String> = work(|faults| AnswerTexts { faults }),
+        answer: Vec<String> = work(|faults| Texts { faults, most: usize::MAX }),
         /// Reward scheme; `strict` by default.
         #[schema(value_type = Option<SchemeBody>)]
         reward: Scheme = optional(|faults| Json { faults, read: read_scheme }),
@@ -127,43 +126,6 @@ pub enum AnswerTextsBody {
     One(String),
     /// Several texts, in order.
     Several(Vec<String>),
-}
-
-/// Shape of the texts of a model: one string, or a list of strings.
-struct AnswerTexts<'f> {
-    faults: &'f mut Faults,
-}
-
-impl<'de> Shape<'de> for AnswerTexts<'_> {
-    type Out = Vec<String>;
-
-    fn wanted(&self) -> &'static str {
-        "what the model wrote: a string, or a list of strings"
-    }
-
-    fn faults(&mut self) -> &mut Faults {
-        self.faults
-    }
-
-    fn scalar(self, value: &Scalar<'_>) -> Option<Vec<String>> {
-        Verbatim { faults: self.faults }.scalar(value).map(|text| vec![text])
-    }
-
-    fn array<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Option<Vec<String>>, A::Error> {
-        let faults = self.faults;
-        let mut texts = Vec::new();
-        loop {
-            faults.enter_index(texts.len());
-            let text = elements.next_element_seed(Read(Verbatim { faults }))?;
-            faults.leave();
-            let Some(text) = text else { break };
-            texts.push(text.unwrap_or_default());
-        }
-        if texts.is_empty() {
-            faults.add("expected at least one string");
-        }
-        Ok(Some(texts))
-    }
 }
 
 fn read_detail(value: &Value, faults: &mut Faults) -> Option<Detail> {
