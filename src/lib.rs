@@ -8,6 +8,7 @@ pub mod cli;
 pub mod client;
 pub mod clock;
 pub mod fair;
+pub mod formats;
 pub mod http;
 pub mod near;
 pub mod startup;

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use crate::actions::ACTION_LIMITS;
+use crate::formats::{MAX_BYTES, MAX_CELLS, MAX_VALUES};
 use crate::store::job_ends::MAX_ATTEMPTS;
 use plumbline_engine::checks::evidence::{MAX_CHARS, MAX_ITEMS};
 use plumbline_engine::game::world::BLOCK_LIMIT;
@@ -132,6 +133,14 @@ pub struct Limits {
     pub action_virtual_ms: u64,
     /// Blocks that one `/fill` or `/clone` may change, unless the code sets the game rule.
     pub action_fill_blocks: usize,
+    /// Bytes of a structure file after decompression.
+    pub structure_bytes: u64,
+    /// Cells in the box of a structure file of a format that lists every cell.
+    pub structure_cells: u64,
+    /// Values in a structure file, each a number, text, list or compound.
+    pub structure_values: usize,
+    /// Structure files unpacked or packed at the same time; further ones wait.
+    pub structures_at_once: usize,
     /// Milliseconds of processor time that action code may take.
     pub action_cpu_ms: u64,
     /// Milliseconds after which the process that runs action code is ended in any case.
@@ -223,6 +232,10 @@ pub const LIMITS: Limits = Limits {
     action_log_bytes: ACTION_LIMITS.log_bytes,
     action_virtual_ms: ACTION_LIMITS.virtual_ms,
     action_fill_blocks: BLOCK_LIMIT as usize,
+    structure_bytes: MAX_BYTES,
+    structure_cells: MAX_CELLS,
+    structure_values: MAX_VALUES,
+    structures_at_once: 2,
     action_cpu_ms: ACTION_LIMITS.cpu_ms,
     action_wall_ms: ACTION_LIMITS.wall_ms,
     action_memory_bytes: ACTION_LIMITS.memory_bytes,

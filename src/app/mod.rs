@@ -20,6 +20,7 @@ pub mod rewards;
 pub mod runs;
 pub mod signing;
 pub mod stress;
+pub mod structure_files;
 pub mod submissions;
 
 use std::sync::Arc;
@@ -27,7 +28,7 @@ use std::sync::Arc;
 use tokio_util::sync::CancellationToken;
 
 use crate::actions::pool::Pool;
-use crate::fair::PermitPool;
+use crate::fair::{FairSlots, PermitPool};
 use crate::store::{Store, StoreResult};
 use access::Keys;
 use boards::cache::Boards;
@@ -60,6 +61,8 @@ pub struct App {
     pub limits: Limits,
     /// Runs action code.
     pub actions: Pool,
+    /// Slots for structure files that are unpacked.
+    pub file_slots: Arc<FairSlots>,
     /// Slots for requests whose action code runs or waits.
     pub action_requests: Arc<PermitPool>,
     /// Signs receipts; none on a node that lacks the secrets.
@@ -110,6 +113,7 @@ impl App {
             stress: StressFields::new()?,
             limits,
             actions,
+            file_slots: FairSlots::new(limits.structures_at_once, 1),
             action_requests: PermitPool::new(limits.action_requests, limits.action_requests_per_sender),
             signer,
             receipt_key,

@@ -9,6 +9,7 @@ use crate::actions::turn_replay::TurnReplay;
 use crate::actions::{Profile, RecordedEvent, Replayed};
 use crate::app::App;
 use crate::app::error::{AppError, AppResult};
+use crate::app::structure_files::open_files;
 use crate::app::submissions::posted::PostedSubmission;
 use crate::fair::Permit;
 use plumbline_engine::intake::Faults;
@@ -90,8 +91,8 @@ impl EventBudget {
     }
 }
 
-/// Runs the action code of submissions, and adds the recorded events to their logs. Code that reaches a limit is a
-/// fault.
+/// Reads the structure files of submissions and runs their action code, and adds the events to their logs. A file that
+/// cannot be read, and code that reaches a limit, is a fault.
 ///
 /// # Errors
 /// Returns 429 if too much code waits, and 500 if code cannot be run.
@@ -101,7 +102,13 @@ pub async fn run_codes(
     posted: &mut [PostedSubmission],
     faults: &mut Faults,
 ) -> AppResult<()> {
-    if posted.iter().all(|submission| submission.sent.codes.is_empty()) {
+    for submission in posted.iter_mut() {
+        if let Some(line) = submission.line {
+            faults.enter_line(line);
+        }
+        open_files(app, who, &mut submission.sent, faults).await?;
+    }
+    if !faults.is_empty() || posted.iter().all(|submission| submission.sent.codes.is_empty()) {
         return Ok(());
     }
     let _permit = place(app, who)?;

@@ -35,7 +35,7 @@ pub struct ServeArgs {
     #[arg(long, env = "PLUMBLINE_WORKERS", value_parser = clap::value_parser!(u16).range(0..=1024))]
     workers: Option<u16>,
     /// Only grade within requests, without a database, also if one is named: for trainers behind a load balancer. Serves /v1/grade,
-    /// /v1/grade:batch, /v1/replay, the trainers' routes and the catalogue, and asks for no key.
+    /// /v1/grade:structure, /v1/grade:batch, /v1/replay, the trainers' routes and the catalogue, and asks for no key.
     #[arg(long, env = "PLUMBLINE_GRADE_ONLY", conflicts_with = "demo")]
     grade_only: bool,
     /// Sign receipts with the key in the folder of secrets although the nodes of this PostgreSQL database signed with

@@ -21,8 +21,9 @@ pub enum Role {
 const EVERYWHERE: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
 
 /// Routes of a node that only grades: a path, or all paths under it.
-const GRADING: [&str; 16] = [
+const GRADING: [&str; 17] = [
     "/v1/grade",
+    "/v1/grade:structure",
     "/v1/grade:batch",
     "/v1/tasks",
     "/v1/suites",

@@ -58,8 +58,10 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(submissions::state::cancel_submission))
         .routes(routes!(submissions::reports::get_report))
         .routes(routes!(submissions::reports::get_log))
+        .routes(routes!(submissions::structure::get_structure))
         .routes(routes!(submissions::stress::get_stress))
         .routes(routes!(rewards::single::grade))
+        .routes(routes!(rewards::structure::grade_structure))
         .routes(routes!(rewards::batch::grade_batch))
         .routes(routes!(rewards::adapters::nemo_gym::seed_session))
         .routes(routes!(rewards::adapters::nemo_gym::verify))
@@ -119,6 +121,7 @@ pub fn trainers_elsewhere() -> Router<AppState> {
     let all = gym()
         .route("/get_reward", post(rewards::adapters::openrlhf::get_reward))
         .route("/v1/grade", post(rewards::single::grade))
+        .route("/v1/grade:structure", post(rewards::structure::grade_structure))
         .route("/v1/grade:batch", post(rewards::batch::grade_batch));
     Router::new().nest("/ng-rollout/{rollout}", gym()).nest("/with-key/{key}", all)
 }

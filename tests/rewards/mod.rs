@@ -1,4 +1,5 @@
 //! Rewards within the request, and the trainers that ask for them.
 
 mod grade;
+mod structures;
 mod trainers;

@@ -17,10 +17,11 @@ const ENGINE: [&str; 10] =
 /// Rooms of the service, and the rooms that each may import besides itself and the engine.
 const SERVICE: &[(&str, &[&str])] = &[
     ("actions", &["fair", "near"]),
+    ("formats", &[]),
     ("store", &["clock"]),
-    ("app", &["actions", "clock", "fair", "near", "store", "threads"]),
+    ("app", &["actions", "clock", "fair", "formats", "near", "store", "threads"]),
     ("worker", &["app", "clock", "store", "threads"]),
-    ("http", &["actions", "app", "clock", "fair", "near", "store"]),
+    ("http", &["actions", "app", "clock", "fair", "formats", "near", "store"]),
 ];
 /// Words that would show that the engine knows the world.
 const IMPURE: [&str; 9] =

@@ -1,4 +1,4 @@
-//! Turns that hold action code instead of events. This module reads the code; running it into events happens elsewhere.
+//! Turns that hold action code or a structure file instead of events. Making events of them happens elsewhere.
 
 use std::borrow::Cow;
 
@@ -15,6 +15,19 @@ pub struct SentLog {
     pub log: BlockLog,
     /// Code of the turns that have code, in turn order.
     pub codes: Vec<TurnCode>,
+    /// Structure files of the turns that are empty until the files are read, in turn order.
+    pub files: Vec<TurnFile>,
+}
+
+/// A turn as a structure file: what stands after the turn.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TurnFile {
+    /// Index of the turn in the log, from 0.
+    pub turn: usize,
+    /// The file, in base64.
+    pub base64: String,
+    /// Where the least corner of the file's box goes; by default where a paste at (0, 0, 0) puts it.
+    pub corner: Option<[i32; 3]>,
 }
 
 /// The action code of a turn.
@@ -37,7 +50,7 @@ impl SentLog {
     #[must_use]
     pub fn of_files(files: Vec<String>) -> Self {
         let log = BlockLog { turns: vec![Vec::new()], ..BlockLog::default() };
-        Self { log, codes: vec![TurnCode { turn: 0, files }] }
+        Self { log, codes: vec![TurnCode { turn: 0, files }], files: Vec::new() }
     }
 }
 
@@ -67,12 +80,14 @@ impl SentLog {
         }
         let codes = other.codes.iter().map(|code| TurnCode { turn: turns + code.turn, files: code.files.clone() });
         self.codes.extend(codes);
+        let files = other.files.iter().cloned().map(|file| TurnFile { turn: turns + file.turn, ..file });
+        self.files.extend(files);
     }
 }
 
 impl From<BlockLog> for SentLog {
     fn from(log: BlockLog) -> Self {
-        Self { log, codes: Vec::new() }
+        Self { log, codes: Vec::new(), files: Vec::new() }
     }
 }
 

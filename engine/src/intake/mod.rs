@@ -9,7 +9,7 @@ use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess};
 use crate::text::agreeing;
 use crate::voxel::block_log::{BlockLog, Event, Turn};
 use crate::voxel::palette::{MaterialId, Palette};
-use tolerant::{OrNull, Read, Shape, Texts};
+use tolerant::{OrNull, Read, Shape, Texts, Verbatim};
 
 /// Reads the value of the member whose key was just read; its faults get the location of that member. If the text is
 /// not JSON, the macro returns early and keeps the current location, so that the caller can report it.
@@ -41,6 +41,7 @@ macro_rules! array_of {
 pub mod code;
 mod events;
 pub mod faults;
+mod file;
 mod rows;
 pub mod schema;
 pub mod stored;
@@ -49,8 +50,9 @@ pub mod tolerant;
 
 pub use faults::{Fault, Faults};
 
-use code::{SentLog, TurnCode};
+use code::{SentLog, TurnCode, TurnFile};
 use events::EventsShape;
+use file::CornerShape;
 use rows::{PaletteShape, Row, RowsShape};
 
 /// Limits on the size of a log. Served at `/v1/limits`.
@@ -105,6 +107,7 @@ impl<'de> Shape<'de> for Turns<'_> {
         Ok(Some(SentLog {
             log: BlockLog { palette: reader.palette, turns, ..BlockLog::default() },
             codes: reader.codes,
+            files: reader.files,
         }))
     }
 }
@@ -117,13 +120,14 @@ struct Reader<'f> {
     faults: &'f mut Faults,
     limits: LogLimits,
     codes: Vec<TurnCode>,
+    files: Vec<TurnFile>,
     palette: Palette,
     events: usize,
 }
 
 impl<'f> Reader<'f> {
     fn new(faults: &'f mut Faults, limits: LogLimits) -> Self {
-        Self { faults, limits, codes: Vec::new(), palette: Palette::new(), events: 0 }
+        Self { faults, limits, codes: Vec::new(), files: Vec::new(), palette: Palette::new(), events: 0 }
     }
 
     /// Counts an event. Returns false if the event exceeds the limit and need not be kept.
@@ -148,6 +152,9 @@ impl<'f> Reader<'f> {
     }
 }
 
+const UNKNOWN: &str = "unknown field; a turn has events, or palette and rows, or action_code, or structure";
+const ONE_OF: &str = "give either events, or palette and rows, or action_code, or structure";
+
 struct TurnShape<'r, 'f> {
     reader: &'r mut Reader<'f>,
     turn: usize,
@@ -157,7 +164,7 @@ impl<'de> Shape<'de> for TurnShape<'_, '_> {
     type Out = Turn;
 
     fn wanted(&self) -> &'static str {
-        "a turn: an object with \"events\", with \"palette\" and \"rows\", or with \"action_code\""
+        "a turn: an object with \"events\", with \"palette\" and \"rows\", with \"action_code\", or with \"structure\""
     }
 
     fn faults(&mut self) -> &mut Faults {
@@ -167,6 +174,7 @@ impl<'de> Shape<'de> for TurnShape<'_, '_> {
     fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<Turn>, A::Error> {
         let (reader, turn) = (self.reader, self.turn);
         let (mut events, mut palette, mut rows, mut code) = (None, None, None, None);
+        let (mut structure, mut corner) = (None, None);
         while let Some(key) = members.next_key::<String>()? {
             match key.as_str() {
                 "events" if events.is_none() => {
@@ -182,21 +190,39 @@ impl<'de> Shape<'de> for TurnShape<'_, '_> {
                     code =
                         member!(members, reader, "action_code", Texts { faults: &mut *reader.faults, most: MAX_FILES });
                 }
-                known @ ("events" | "palette" | "rows" | "action_code") => {
+                "structure" if structure.is_none() => {
+                    structure = member!(members, reader, "structure", Verbatim { faults: &mut *reader.faults });
+                }
+                "corner" if corner.is_none() => {
+                    corner = member!(members, reader, "corner", CornerShape { faults: &mut *reader.faults });
+                }
+                known @ ("events" | "palette" | "rows" | "action_code" | "structure" | "corner") => {
                     reader.faults.add_at(known, "given twice");
                     members.next_value::<IgnoredAny>()?;
                 }
                 unknown => {
-                    reader
-                        .faults
-                        .add_at(unknown, "unknown field; a turn has events, or palette and rows, or action_code");
+                    reader.faults.add_at(unknown, UNKNOWN);
                     members.next_value::<IgnoredAny>()?;
                 }
             }
         }
+        let has_events = events.is_some() || palette.is_some() || rows.is_some();
+        if let Some(structure) = structure {
+            if has_events || code.is_some() {
+                reader.faults.add(ONE_OF);
+                return Ok(None);
+            }
+            let corner = corner.flatten();
+            reader.files.extend(structure.map(|base64| TurnFile { turn, base64, corner }));
+            return Ok(Some(Turn::new()));
+        }
+        if corner.is_some() {
+            reader.faults.add_at("corner", "only a structure has a corner");
+            return Ok(None);
+        }
         if let Some(code) = code {
-            if events.is_some() || palette.is_some() || rows.is_some() {
-                reader.faults.add("give either events, or palette and rows, or action_code");
+            if has_events {
+                reader.faults.add(ONE_OF);
                 return Ok(None);
             }
             reader.codes.extend(code.map(|files| TurnCode { turn, files }));
@@ -260,7 +286,10 @@ pub fn read_turns(text: &[u8], limits: LogLimits, faults: &mut Faults) -> Result
     let mut deserializer = serde_json::Deserializer::from_slice(text);
     let sent = Read(Turns { faults, limits }).deserialize(&mut deserializer)?;
     deserializer.end()?;
-    let Some(SentLog { log, codes }) = sent else { return Ok(None) };
+    let Some(SentLog { log, codes, files }) = sent else { return Ok(None) };
+    if !files.is_empty() {
+        faults.add("structure files are not supported here");
+    }
     if !codes.is_empty() {
         faults.add("action code is not supported here");
     }
@@ -309,7 +338,7 @@ mod tests {
                 "/0/events/1: expected an event: an object with \"action\", \"x\", \"y\", \"z\" and, to place a block, \"material\", found 3",
                 "/1/rows/1: expected 3 or 4 numbers, found 2 values",
                 "/1/rows/2/2: expected an integer, found \"a\"",
-                "/1/extra: unknown field; a turn has events, or palette and rows, or action_code",
+                "/1/extra: unknown field; a turn has events, or palette and rows, or action_code, or structure",
                 "/1/rows/0/3: 1 is not an index of the palette, which has 1 entry",
             ]
         );

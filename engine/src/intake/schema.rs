@@ -4,7 +4,7 @@
 
 use crate::voxel::Profile;
 
-/// A turn: plain events, a palette and rows, or action code.
+/// A turn: plain events, a palette and rows, action code, or a structure file.
 #[derive(Debug, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NewTurn {
@@ -18,6 +18,13 @@ pub struct NewTurn {
     /// the turn has several files, which run in order. The service runs it; the blocks that it places and removes are
     /// the events.
     pub action_code: Option<ActionCode>,
+    /// Instead of events: a structure file in base64 (`.nbt`, `.schem` or `.litematic`), which holds all that stands
+    /// after the turn. The order of its blocks is unknown.
+    #[schema(content_encoding = "base64")]
+    pub structure: Option<String>,
+    /// Where the least corner of the structure's box goes: `[x, y, z]`. By default where a paste at (0, 0, 0) puts it.
+    #[schema(min_items = 3, max_items = 3)]
+    pub corner: Option<Vec<i32>>,
 }
 
 /// Action code of a turn: one text, or several files.

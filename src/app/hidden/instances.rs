@@ -118,6 +118,14 @@ pub async fn answer_instance(
     let rules = stored_epoch(app, &instance.epoch_id).await?.commitment.rules;
     sent.choose_profile(profile, rules.map(|rules| rules.profile));
     let mut faults = Faults::new();
+    if !sent.files.is_empty() {
+        // Whether the task checks the order is not told before the epoch ends.
+        faults.add_at(
+            "turns",
+            "answers to hidden instances take no structure files, which do not tell the order of blocks",
+        );
+        return Err(AppError::faulty(faults));
+    }
     let action_code = run_code(app, caller.who(), &mut sent, &mut faults).await?;
     let told = (!action_code.is_empty())
         .then(|| serde_json::to_string(&action_code).expect("replays are strings and numbers"));

@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
+use super::score::UnmeasuredCheck;
 use crate::app::error::{AppError, AppResult};
+use plumbline_engine::checks::Dimension;
 use plumbline_engine::tasks::Task;
 use plumbline_engine::tasks::catalogue::Entry;
 use plumbline_engine::voxel::Profile;
@@ -31,6 +33,30 @@ impl GivenTask {
             Self::Inline(_) => Profile::Published,
             Self::Listed(entry, _) => entry.suite.profile(),
         }
+    }
+
+    /// Returns the task without the checks of the order of blocks, and the checks left out.
+    ///
+    /// # Errors
+    /// Returns 500 if the suite has no task of this number; the number was looked up before.
+    pub fn without_order(&self) -> AppResult<(Self, Vec<UnmeasuredCheck>)> {
+        let mut task = self.task()?.0.clone();
+        let mut left_out = Vec::new();
+        for (turn, number) in task.turns.iter_mut().zip(1..) {
+            turn.checks.retain(|check| {
+                let is_measured = check.criterion().dimension() != Dimension::Planning;
+                if !is_measured {
+                    left_out.push(UnmeasuredCheck {
+                        turn: number,
+                        name: check.name().to_owned(),
+                        criterion: check.criterion(),
+                        why: "a structure file does not tell in which order its blocks were placed",
+                    });
+                }
+                is_measured
+            });
+        }
+        if left_out.is_empty() { Ok((self.clone(), left_out)) } else { Ok((Self::inline(task), left_out)) }
     }
 
     /// Returns the task and its hash.

@@ -15,7 +15,8 @@ use crate::app::App;
 use crate::app::error::{AppError, AppResult};
 use crate::app::limits::LIMITS;
 use crate::app::replay::{EventBudget, place, run_sent};
-use crate::app::rewards::score::{CheckScore, GradeBody, Timings};
+use crate::app::rewards::score::{CheckScore, GradeBody, Timings, UnmeasuredCheck};
+use crate::app::structure_files::{ORDER_IS_CHECKED, open_files};
 use crate::app::submissions::posted::check_against_task;
 use plumbline_engine::checks::{CHECKS_VERSION, Dimension};
 use plumbline_engine::grading::cost::{Cost, cost};
@@ -43,6 +44,7 @@ pub struct Found {
     given: GivenTask,
     sent: SentLog,
     answer: Option<AnswerBody>,
+    not_measured: Vec<UnmeasuredCheck>,
     begun: Instant,
 }
 
@@ -55,6 +57,7 @@ pub struct Prepared {
     log_hash: String,
     replays: Vec<TurnReplay>,
     answer: Option<AnswerBody>,
+    not_measured: Vec<UnmeasuredCheck>,
     begun: Instant,
     read_us: u64,
 }
@@ -130,7 +133,7 @@ impl ReadRequest {
         };
         sent.choose_profile(self.request.profile, Some(of_code));
         let Self { request, given, begun } = self;
-        Ok(Found { request, given, sent, answer, begun })
+        Ok(Found { request, given, sent, answer, not_measured: Vec::new(), begun })
     }
 }
 
@@ -143,19 +146,30 @@ async fn aside<T: Send + 'static>(work: impl FnOnce() -> AppResult<T> + Send + '
 }
 
 impl Found {
-    /// Returns whether it has action code to run.
+    /// Returns whether its log is not complete yet: it has action code to run, or structure files to read.
     #[must_use]
-    pub fn has_code(&self) -> bool {
+    pub fn is_incomplete(&self) -> bool {
+        self.has_code() || !self.sent.files.is_empty()
+    }
+
+    fn has_code(&self) -> bool {
         !self.sent.codes.is_empty()
     }
 
-    /// Runs action code, for which the caller holds a slot, and checks the log against its task.
+    /// Reads structure files, runs action code, for which the caller holds a slot, and checks the log against its task.
     ///
     /// # Errors
     /// Returns the same errors as [`ReadRequest::prepare_in_turn`].
     pub async fn prepare(mut self, app: &App, who: &Arc<str>) -> AppResult<Prepared> {
         let (mut faults, mut replays) = (Faults::new(), Vec::new());
-        if self.has_code() {
+        if !self.sent.files.is_empty() {
+            (self.given, self.not_measured) = self.given.without_order()?;
+            if self.given.task()?.0.checks().next().is_none() {
+                faults.add_at("turns", ORDER_IS_CHECKED);
+            }
+            open_files(app, who, &mut self.sent, &mut faults).await?;
+        }
+        if self.has_code() && faults.is_empty() {
             replays = run_sent(app, who, &mut self.sent, &mut EventBudget::whole(app), &mut faults).await?;
         }
         if self.sent.log.event_count() <= INSTANT_EVENTS {
@@ -169,7 +183,7 @@ impl Found {
     /// # Errors
     /// Returns 422 if it does not fit.
     pub fn finish(self, replays: Vec<TurnReplay>, mut faults: Faults) -> AppResult<Prepared> {
-        let Self { request, given, mut sent, mut answer, begun } = self;
+        let Self { request, given, mut sent, mut answer, not_measured, begun } = self;
         let task = given.task()?.0;
         check_against_task(&sent.log, task, &mut faults);
         // Code that is not JavaScript counts as no answer if nothing else was built.
@@ -184,7 +198,8 @@ impl Found {
             sent = nothing(task);
         }
         let log_hash = hash(&sent.log);
-        Ok(Prepared { request, given, log: sent.log, log_hash, replays, answer, begun, read_us: micros(begun) })
+        let (log, read_us) = (sent.log, micros(begun));
+        Ok(Prepared { request, given, log, log_hash, replays, answer, not_measured, begun, read_us })
     }
 }
 
@@ -292,6 +307,7 @@ impl Prepared {
             components: RewardComponents::none_of(&criteria),
             criteria: Vec::new(),
             checks: Vec::new(),
+            not_measured: self.not_measured,
             report: None,
             action_code: self.replays,
             answer: self.answer,
@@ -335,6 +351,7 @@ impl Prepared {
                     score: check.finding.score,
                 })
                 .collect(),
+            not_measured: self.not_measured,
             report: (self.request.detail == Detail::Report).then(|| Arc::clone(&report)),
             action_code: self.replays,
             answer: self.answer,

@@ -26,6 +26,21 @@ pub struct CheckScore {
     pub score: f64,
 }
 
+/// Check that cannot be measured from what was sent.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+pub struct UnmeasuredCheck {
+    /// Number of the turn, from 1.
+    pub turn: u32,
+    /// Name of the check.
+    #[serde(rename = "fn")]
+    pub name: String,
+    /// Criterion that the check counts for.
+    pub criterion: Criterion,
+    /// Why it cannot be measured.
+    #[schema(value_type = String)]
+    pub why: &'static str,
+}
+
 /// Time taken, in microseconds. Everything else in a response depends only on the log, the task and the checks.
 #[derive(Debug, Clone, Copy, Serialize, utoipa::ToSchema)]
 pub struct Timings {
@@ -64,6 +79,9 @@ pub struct GradeBody {
     pub criteria: Vec<CriterionReport>,
     /// Score of each check.
     pub checks: Vec<CheckScore>,
+    /// Checks left out because they cannot be measured; the task's hash is that of the task without them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub not_measured: Vec<UnmeasuredCheck>,
     /// The whole report, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Report>)]

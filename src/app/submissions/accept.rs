@@ -14,6 +14,7 @@ use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::replay::run_codes;
+use crate::app::structure_files::{ORDER_IS_CHECKED, checks_order};
 use crate::clock::now_ms;
 use crate::store::StoreError;
 use crate::store::acceptance::{Acceptability, Accepted};
@@ -120,7 +121,16 @@ async fn check(app: &App, caller: &Caller, body: Bytes, format: Format) -> AppRe
     if faults.is_empty() {
         for (submission, found) in submissions.iter_mut().zip(&found) {
             submission.choose_profile(found.as_ref().map(|(entry, _)| entry.suite.profile()));
+            let task = found.as_ref().and_then(|(entry, number)| entry.task_numbered(*number));
+            if !submission.sent.files.is_empty() && task.is_some_and(|(task, _)| checks_order(task)) {
+                if let Some(line) = submission.line {
+                    faults.enter_line(line);
+                }
+                faults.add_at("turns", ORDER_IS_CHECKED);
+            }
         }
+    }
+    if faults.is_empty() {
         run_codes(app, caller.who(), &mut submissions, &mut faults).await?;
     }
     let owner = caller.owner().map(str::to_owned);

@@ -4,13 +4,16 @@ use std::sync::Arc;
 
 use crate::app::App;
 use crate::app::error::{AppError, AppResult};
+use crate::app::structure_files::written;
 use crate::clock::now_ms;
+use crate::formats::FileFormat;
 use crate::store::reports::ReportRow;
 use crate::store::states::SubmissionState;
 use crate::store::submissions::SubmissionRow;
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::tasks::Task;
 use plumbline_engine::tasks::catalogue::Entry;
+use plumbline_engine::voxel::BlockLog;
 
 /// Number of submissions ahead of another up to which they are counted.
 const MAX_COUNTED: i64 = 10_000;
@@ -126,6 +129,28 @@ pub async fn details(app: &App, row: SubmissionRow) -> AppResult<SubmissionDetai
 /// Returns an error if there is no such submission, or if the database fails.
 pub async fn log(app: &App, id: &str) -> AppResult<Vec<u8>> {
     app.store.log_json(id).await?.ok_or_else(|| missing(id))
+}
+
+/// Returns what stands after a turn of a submission, by default the last, as a structure file, and the position of its
+/// least corner.
+///
+/// # Errors
+/// Returns 404 if there is no such submission or turn, 409 if the format cannot hold the build, or an error if the
+/// database fails.
+pub async fn structure_file(
+    app: &App,
+    who: &Arc<str>,
+    id: &str,
+    turn: Option<usize>,
+    format: FileFormat,
+) -> AppResult<([i32; 3], Vec<u8>)> {
+    let log = log(app, id).await?;
+    let _slot = app.file_slots.take(who).await;
+    let writing = tokio::task::spawn_blocking(move || {
+        let log = BlockLog::from_canonical_json(&log).map_err(|error| AppError::internal(&error))?;
+        written(&log, turn, format)
+    });
+    writing.await.map_err(|error| AppError::internal(&error))?
 }
 
 /// Counts the submissions that have not ended.

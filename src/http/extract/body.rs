@@ -49,6 +49,34 @@ impl FromRequest<AppState> for JsonBody {
     type Rejection = AppError;
 
     async fn from_request(request: Request, state: &AppState) -> AppResult<Self> {
+        let format = format(request.headers());
+        let RawBody { bytes, share } = RawBody::read(request, state, format.as_ref().err().cloned()).await?;
+        // Some editors write a byte order mark at the beginning of a file, which JSON does not allow.
+        let bytes = if bytes.starts_with(BYTE_ORDER_MARK) { bytes.slice(BYTE_ORDER_MARK.len()..) } else { bytes };
+        Ok(Self { bytes, format: format?, share })
+    }
+}
+
+/// A complete request body of any type, with its share of the memory budget.
+#[derive(Debug)]
+pub struct RawBody {
+    /// Bytes of the body, decompressed.
+    pub bytes: Bytes,
+    /// Share of the budget; to be held while the bytes, or data parsed from them, are in memory.
+    pub share: Option<OwnedSemaphorePermit>,
+}
+
+impl FromRequest<AppState> for RawBody {
+    type Rejection = AppError;
+
+    async fn from_request(request: Request, state: &AppState) -> AppResult<Self> {
+        Self::read(request, state, None).await
+    }
+}
+
+impl RawBody {
+    /// Reads the body, unless it is refused because of its headers.
+    async fn read(request: Request, state: &AppState, refusal: Option<AppError>) -> AppResult<Self> {
         let (parts, body) = request.into_parts();
         // A client that sent `Expect: 100-continue` is not sending the body yet.
         let is_sending = !parts.headers.contains_key(header::EXPECT);
@@ -58,18 +86,15 @@ impl FromRequest<AppState> for JsonBody {
             }
             Err(error)
         };
-        let format = match format(&parts.headers) {
-            Ok(format) => format,
-            Err(error) => return refuse(body, error),
-        };
+        if let Some(error) = refusal {
+            return refuse(body, error);
+        }
         // A compressed body no longer has a Content-Length here.
         if content_length(&parts.headers).is_some_and(|length| length > LIMITS.body_bytes) {
             return refuse(body, too_large());
         }
         let (bytes, share) = read(body, &state.bodies).await?;
-        // Some editors write a byte order mark at the beginning of a file, which JSON does not allow.
-        let bytes = if bytes.starts_with(BYTE_ORDER_MARK) { bytes.slice(BYTE_ORDER_MARK.len()..) } else { bytes };
-        Ok(Self { bytes, format, share })
+        Ok(Self { bytes, share })
     }
 }
 

@@ -211,7 +211,7 @@ impl Batch {
     /// Grades an item, or returns the remaining work.
     fn grade_now(&self, index: usize, until: &Until) -> AppResult<Result<GradeBody, Rest>> {
         let found = ReadRequest::read(&self.bytes[self.items[index].clone()], &self.catalogue)?.find_log()?;
-        if found.has_code() {
+        if found.is_incomplete() {
             return Ok(Err(Rest::Prepare(found)));
         }
         let prepared = found.finish(Vec::new(), Faults::new())?;

@@ -5,3 +5,4 @@
 pub mod adapters;
 pub mod batch;
 pub mod single;
+pub mod structure;

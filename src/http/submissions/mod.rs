@@ -8,3 +8,4 @@ pub mod reports;
 pub mod schema;
 pub mod state;
 pub mod stress;
+pub mod structure;

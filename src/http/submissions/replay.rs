@@ -10,6 +10,7 @@ use crate::app::access::Caller;
 use crate::app::body::{profile, request_body};
 use crate::app::error::{AppError, AppResult};
 use crate::app::replay::{ReplayedEvent, StandingBlock, job_of_all, replay, standing, told};
+use crate::app::structure_files::open_files;
 use crate::app::submissions::log_member::turns;
 use crate::http::extract::body::{JsonBody, read_draft};
 use crate::http::state::AppState;
@@ -95,6 +96,10 @@ pub async fn replay_action_code(
     let profile = profile.unwrap_or_default();
     let mut sent = turns.unwrap_or_else(|| SentLog::of_files(action_code.unwrap_or_default()));
     sent.log.profile = profile;
+    open_files(&state, caller.who(), &mut sent, &mut faults).await?;
+    if !faults.is_empty() {
+        return Err(AppError::faulty(faults));
+    }
     let with_code: Vec<usize> = sent.codes.iter().map(|code| code.turn + 1).collect();
     let answer = replay(&state, caller.who(), &job_of_all(sent)).await?;
     let structure = standing(&answer);

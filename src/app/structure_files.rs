@@ -1,0 +1,183 @@
+//! Structure files: as turns of a log, and as what stands after a turn of a stored log.
+//!
+//! A file tells what stands, not in which order it was built, so checks of planning cannot be measured from files.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+
+use crate::app::App;
+use crate::app::error::{AppError, AppResult};
+use crate::app::limits::LIMITS;
+use crate::formats::{self, Build, FileFormat};
+use crate::near::counted;
+use plumbline_engine::checks::Dimension;
+use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::code::{SentLog, TurnFile};
+use plumbline_engine::tasks::Task;
+use plumbline_engine::voxel::replay::{Replay, events_between};
+use plumbline_engine::voxel::{BlockLog, Cell, Structure, cell};
+
+/// Told where a file cannot be accepted because its task checks the order of blocks.
+pub const ORDER_IS_CHECKED: &str = "a structure file does not tell in which order its blocks were placed, and the task \
+                                    checks the order; send events, palette and rows, or action_code";
+
+/// Reads the structure files of a log, and adds the events that lead from turn to turn. Faults name the turn.
+///
+/// # Errors
+/// Returns 500 if the work cannot be run.
+pub async fn open_files(app: &App, who: &Arc<str>, sent: &mut SentLog, faults: &mut Faults) -> AppResult<()> {
+    if sent.files.is_empty() {
+        return Ok(());
+    }
+    let _slot = app.file_slots.take(who).await;
+    let files = std::mem::take(&mut sent.files);
+    let first_code = sent.codes.first().map(|code| code.turn);
+    let mut log = std::mem::take(&mut sent.log);
+    let opened = tokio::task::spawn_blocking(move || {
+        let mut found = Vec::new();
+        for file in files {
+            let turn = file.turn;
+            let opened = if first_code.is_some_and(|code| code < turn) {
+                Err(Fault::of(
+                    "a turn of action code precedes this file; send what each turn left as a file, or none".to_owned(),
+                ))
+            } else {
+                open_file(&mut log, &file)
+            };
+            if let Err(fault) = opened {
+                found.push((turn, fault));
+                break;
+            }
+        }
+        (log, found)
+    });
+    let (log, found) = opened.await.map_err(|error| AppError::internal(&error))?;
+    sent.log = log;
+    for (turn, fault) in found {
+        faults.enter_key("turns");
+        faults.enter_index(turn);
+        faults.add_at(fault.member, fault.detail);
+        faults.leave();
+        faults.leave();
+    }
+    Ok(())
+}
+
+/// What is wrong with a member of a turn.
+struct Fault {
+    member: &'static str,
+    detail: String,
+}
+
+impl Fault {
+    fn of(detail: String) -> Self {
+        Self { member: "structure", detail }
+    }
+}
+
+/// Adds the events by which what stood before a file's turn becomes what the file holds.
+fn open_file(log: &mut BlockLog, file: &TurnFile) -> Result<(), Fault> {
+    let before = match file.turn {
+        0 => None,
+        turn => {
+            let earlier = BlockLog { turns: log.turns[..turn].to_vec(), ..log.clone() };
+            Replay::new(&earlier).last()
+        }
+    };
+    let before = before.unwrap_or_else(|| Structure::from_named([]));
+    let after = structure_of(&file.base64, file.corner)?;
+    let palette = &mut log.palette;
+    let events = events_between(&before, &after, |name| palette.intern(name));
+    log.turns[file.turn] = events;
+    if log.event_count() > LIMITS.events {
+        return Err(Fault::of(format!("more than {} events in the log", LIMITS.events)));
+    }
+    if log.palette.len() > LIMITS.materials {
+        return Err(Fault::of(format!("more than {} different materials in the log", LIMITS.materials)));
+    }
+    Ok(())
+}
+
+/// Reads a file in base64 as a structure of materials, which have no states.
+fn structure_of(base64: &str, corner: Option<[i32; 3]>) -> Result<Structure, Fault> {
+    // Tools wrap base64 at 76 characters.
+    let packed: String = base64.split_ascii_whitespace().collect();
+    let bytes = STANDARD.decode(packed).map_err(|error| Fault::of(format!("not base64: {error}")))?;
+    let (_, build) = formats::read(&bytes, LIMITS.blocks).map_err(|error| Fault::of(error.to_string()))?;
+    let shift = match corner {
+        None => [0i64; 3],
+        Some(corner) => std::array::from_fn(|axis| i64::from(corner[axis]) - i64::from(build.corner[axis])),
+    };
+    let materials: Vec<&str> = build.palette.iter().map(|block| block.split('[').next().unwrap_or_default()).collect();
+    if let Some(long) = materials.iter().find(|name| name.len() > LIMITS.material_chars) {
+        let most = LIMITS.material_chars;
+        return Err(Fault::of(format!("a name of {} characters; at most {most} are allowed", long.len())));
+    }
+    let mut entries = Vec::with_capacity(build.blocks.len());
+    for (at, material) in &build.blocks {
+        let moved: [i64; 3] = std::array::from_fn(|axis| i64::from(at[axis]) + shift[axis]);
+        let cell = cell_within(moved).ok_or_else(|| {
+            let [x, y, z] = moved;
+            let (side, low, high) = (cell::MAX_HORIZONTAL, cell::MIN_Y, cell::MAX_Y);
+            Fault {
+                member: if corner.is_some() { "corner" } else { "structure" },
+                detail: format!(
+                    "a block at ({x}, {y}, {z}); x and z are -{side} to {side}, and y is {low} to {high}; \"corner\" moves the build"
+                ),
+            }
+        })?;
+        entries.push((cell, materials[*material as usize]));
+    }
+    Ok(Structure::from_named(entries))
+}
+
+fn cell_within([x, y, z]: [i64; 3]) -> Option<Cell> {
+    let side = i64::from(-cell::MAX_HORIZONTAL)..=i64::from(cell::MAX_HORIZONTAL);
+    let height = i64::from(cell::MIN_Y)..=i64::from(cell::MAX_Y);
+    let is_within = side.contains(&x) && side.contains(&z) && height.contains(&y);
+    is_within.then(|| Cell::new(x as i32, y as i32, z as i32))
+}
+
+/// Returns whether a task checks the order in which blocks are placed.
+#[must_use]
+pub fn checks_order(task: &Task) -> bool {
+    task.checks().any(|check| check.criterion().dimension() == Dimension::Planning)
+}
+
+/// Returns what stands after a turn of a stored log as a structure file, and the position of its least corner.
+///
+/// # Errors
+/// Returns 404 if the log has no such turn, and 409 if the format cannot hold the build.
+pub fn written(log: &BlockLog, turn: Option<usize>, format: FileFormat) -> AppResult<([i32; 3], Vec<u8>)> {
+    let turns = log.turns.len();
+    let turn = turn.unwrap_or(turns);
+    let structure = turn
+        .checked_sub(1)
+        .and_then(|index| Replay::new(log).nth(index))
+        .ok_or_else(|| AppError::not_found(format!("the log has no turn {turn}; it has {}", counted(turns, "turn"))))?;
+    let build = build_of(&structure);
+    let file = formats::write(format, &build);
+    let file = file.map_err(|error| AppError::conflict("structure-too-wide", error.to_string()))?;
+    Ok((build.corner, file))
+}
+
+/// Returns the blocks of a structure. A door on a door is its upper half: logs name materials, not halves.
+fn build_of(structure: &Structure) -> Build {
+    let material = |i: usize| structure.material(i).strip_prefix("minecraft:").unwrap_or(structure.material(i));
+    let doors: HashMap<Cell, &str> = (0..structure.len())
+        .map(|i| (structure.cells()[i], material(i)))
+        .filter(|(_, name)| name.ends_with("_door"))
+        .collect();
+    let is_upper = |cell: Cell, name: &str| {
+        let is_door = |y: &i32| doors.get(&Cell { y: *y, ..cell }) == Some(&name);
+        (cell::MIN_Y..cell.y).rev().take_while(is_door).count() % 2 == 1
+    };
+    let blocks = (0..structure.len()).map(|i| (structure.cells()[i], material(i)));
+    Build::of(blocks.filter(|(_, name)| !matches!(*name, "air" | "cave_air" | "void_air")).map(|(cell, name)| {
+        let state = if name.ends_with("_door") && is_upper(cell, name) { "[half=upper]" } else { "" };
+        (cell.into(), format!("{name}{state}"))
+    }))
+}

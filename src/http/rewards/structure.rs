@@ -1,0 +1,91 @@
+//! Synchronous grading of a structure file.
+
+use axum::Json;
+use axum::extract::State;
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use crate::app::access::Caller;
+use crate::app::error::{AppError, AppResult};
+use crate::app::rewards::grade::ReadRequest;
+use crate::app::rewards::score::GradeBody;
+use crate::http::extract::body::RawBody;
+use crate::http::extract::params::Params;
+use crate::http::state::AppState;
+use crate::http::submissions::structure::StructureFile;
+use crate::store::keys::Scope;
+
+/// Query parameters of a structure file to grade.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct StructureGradeQuery {
+    /// Identifier of the task, which must have one turn.
+    #[param(example = "walls/5x1x5-raise")]
+    task: String,
+    /// Suite of the task: name, or name@version.
+    suite: Option<String>,
+    /// Where the least corner of the file's box goes: `x,y,z`. By default where a paste at (0, 0, 0) puts it.
+    #[param(example = "0,0,0")]
+    corner: Option<String>,
+    /// Reward scheme: `strict`, `shaped` or `mean`; `strict` by default.
+    reward: Option<String>,
+    /// Level of detail of the response: `scores` or `report`; `scores` by default.
+    detail: Option<String>,
+}
+
+impl StructureGradeQuery {
+    /// Returns the request that grades a file as `/v1/grade` takes it.
+    fn request(&self, file: &[u8]) -> AppResult<Value> {
+        let mut turn = json!({ "structure": STANDARD.encode(file) });
+        if let Some(corner) = &self.corner {
+            let parts: Result<Vec<i32>, _> = corner.split(',').map(|part| part.trim().parse()).collect();
+            let parts = parts.ok().filter(|parts| parts.len() == 3);
+            let parts = parts.ok_or_else(|| {
+                AppError::wrong_parameter("corner", "expected three integers with commas, such as 0,0,0")
+            })?;
+            turn["corner"] = json!(parts);
+        }
+        let mut request = json!({ "task": self.task, "turns": [turn] });
+        for (member, value) in [("suite", &self.suite), ("reward", &self.reward), ("detail", &self.detail)] {
+            if let Some(value) = value {
+                request[member] = json!(value);
+            }
+        }
+        Ok(request)
+    }
+}
+
+/// Grades a structure file (`.nbt`, `.schem` or `.litematic`), whose bytes are the body, for a task of one turn. For
+/// tasks of several turns, send a file for each turn to `/v1/grade`. A file does not tell in which order its blocks were
+/// placed, so checks of planning are left out, and `not_measured` lists them.
+#[utoipa::path(
+    post, path = "/v1/grade:structure", operation_id = "grade_structure", tag = "rewards",
+    summary = "Grade a structure file",
+    params(StructureGradeQuery),
+    request_body(content = StructureFile, content_type = "application/octet-stream"),
+    responses(
+        (status = 200, description = "Scores and reward", body = GradeBody,
+         example = json!({ "task": "walls/5x1x5-raise", "reward": 1.0, "scheme": "strict", "overall": true, "accuracy": true,
+                           "criteria": [], "checks": [], "timings": { "read_us": 20, "grade_us": 30 } })),
+        (status = 504, description = "The deadline passed"),
+    )
+)]
+pub async fn grade_structure(
+    State(state): State<AppState>,
+    caller: Caller,
+    Params(query): Params<StructureGradeQuery>,
+    body: RawBody,
+) -> AppResult<Json<GradeBody>> {
+    caller.require(Scope::Grade)?;
+    let who = caller.who();
+    let _permit = state.grader.admit(who).map_err(AppError::without_reward)?;
+    let request = query.request(&body.bytes)?;
+    let catalogue = state.catalogue();
+    let reading = tokio::task::spawn_blocking(move || ReadRequest::read(request.to_string().as_bytes(), &catalogue));
+    let request = reading.await.map_err(|error| AppError::internal(&error))??;
+    let prepared = request.prepare(&state, who).await.map_err(AppError::without_reward_where_ours)?;
+    Ok(Json(prepared.grade(&state, who).await?.0))
+}
