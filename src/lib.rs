@@ -11,6 +11,7 @@ pub mod fair;
 pub mod formats;
 pub mod http;
 pub mod near;
+pub mod pictures;
 pub mod startup;
 pub mod store;
 pub mod telemetry;

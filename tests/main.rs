@@ -12,6 +12,7 @@ mod cli;
 mod conformance;
 mod docs;
 mod durability;
+mod episodes;
 mod hidden;
 mod load;
 mod rewards;

@@ -99,6 +99,17 @@ pub struct Replayed {
 }
 
 impl Replayed {
+    /// Creates the recording of events that were given: cells with the name of the block, or none if it was removed.
+    #[must_use]
+    pub fn of_events(events: Vec<([i32; 3], Option<String>)>) -> Self {
+        let mut recorded = Self::default();
+        for (cell, name) in events {
+            let material = name.map(|name| recorded.index_of(name));
+            recorded.events.push(RecordedEvent { cell, material });
+        }
+        recorded
+    }
+
     /// Returns the block that an event placed, with its state if that is known.
     #[must_use]
     pub fn block(&self, event: &RecordedEvent) -> Option<&str> {

@@ -133,6 +133,20 @@ pub struct Limits {
     pub action_virtual_ms: u64,
     /// Blocks that one `/fill` or `/clone` may change, unless the code sets the game rule.
     pub action_fill_blocks: usize,
+    /// Episodes that one owner has open at the same time.
+    pub episodes_per_owner: i64,
+    /// Seconds after which an episode takes no more steps.
+    pub episode_seconds: i64,
+    /// Steps of an episode.
+    pub episode_steps: i64,
+    /// Bytes that the state of an episode takes as JSON.
+    pub episode_bytes: usize,
+    /// Events that the answer to a step lists.
+    pub episode_events: usize,
+    /// Cells of a box of an episode's world that is shown.
+    pub episode_view_cells: u64,
+    /// Pixels of the longer side of a picture.
+    pub picture_pixels: u32,
     /// Bytes of a structure file after decompression.
     pub structure_bytes: u64,
     /// Cells in the box of a structure file of a format that lists every cell.
@@ -232,6 +246,13 @@ pub const LIMITS: Limits = Limits {
     action_log_bytes: ACTION_LIMITS.log_bytes,
     action_virtual_ms: ACTION_LIMITS.virtual_ms,
     action_fill_blocks: BLOCK_LIMIT as usize,
+    episodes_per_owner: 1_000,
+    episode_seconds: 24 * 60 * 60,
+    episode_steps: 1_000,
+    episode_bytes: 16 << 20,
+    episode_events: 2_000,
+    episode_view_cells: 32_768,
+    picture_pixels: 768,
     structure_bytes: MAX_BYTES,
     structure_cells: MAX_CELLS,
     structure_values: MAX_VALUES,

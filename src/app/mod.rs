@@ -8,6 +8,7 @@ pub mod accounts;
 pub mod boards;
 pub mod body;
 pub mod catalogue;
+pub mod episodes;
 pub mod error;
 pub mod grading;
 pub mod hidden;

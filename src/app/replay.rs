@@ -242,7 +242,7 @@ fn events_of(log: &BlockLog, turn: usize) -> Vec<([i32; 3], Option<String>)> {
 }
 
 /// Adds the events of a script to its turn. Returns false if it reached a limit, which is a fault.
-fn take_events(
+pub(in crate::app) fn take_events(
     app: &App,
     log: &mut BlockLog,
     turn: usize,

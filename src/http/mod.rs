@@ -6,6 +6,7 @@ pub mod accounts;
 pub mod boards;
 mod bounds;
 pub mod catalogue;
+pub mod episodes;
 mod error_page;
 pub mod extract;
 pub mod hidden;

@@ -15,7 +15,7 @@ use utoipa_swagger_ui::{Config, SwaggerUi};
 use super::extract::caller::PROBES;
 use super::problem::{PROBLEM_JSON, Problem};
 use super::state::AppState;
-use super::{accounts, boards, bounds, catalogue, hidden, rewards, runs, service, submissions};
+use super::{accounts, boards, bounds, catalogue, episodes, hidden, rewards, runs, service, submissions};
 
 /// Metadata of the OpenAPI document: title, license, servers and tags.
 #[derive(OpenApi)]
@@ -32,6 +32,7 @@ use super::{accounts, boards, bounds, catalogue, hidden, rewards, runs, service,
     tags(
         (name = "runs", description = "One agent's attempt at a suite."),
         (name = "submissions", description = "An agent's work on one task, and its report."),
+        (name = "episodes", description = "An attempt at a task, turn by turn, in a world that the service keeps."),
         (name = "rewards", description = "Synchronous grading for trainers. Nothing is stored."),
         (name = "tasks", description = "Suites and their tasks."),
         (name = "leaderboards", description = "Comparison of finished runs."),
@@ -60,6 +61,13 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(submissions::reports::get_log))
         .routes(routes!(submissions::structure::get_structure))
         .routes(routes!(submissions::stress::get_stress))
+        .routes(routes!(episodes::resource::open_episode))
+        .routes(routes!(episodes::resource::get_episode))
+        .routes(routes!(episodes::steps::step_episode))
+        .routes(routes!(episodes::steps::next_turn))
+        .routes(routes!(episodes::views::view_episode))
+        .routes(routes!(episodes::views::picture_episode))
+        .routes(routes!(episodes::resource::submit_episode))
         .routes(routes!(rewards::single::grade))
         .routes(routes!(rewards::structure::grade_structure))
         .routes(routes!(rewards::batch::grade_batch))

@@ -16,7 +16,7 @@ use crate::store::Store;
 const HIDDEN: &str = "hidden evaluation";
 
 /// Runs upkeep every few seconds: forgets idle clients in the rate limits, folds samples of histograms together, which
-/// would pile up if nobody reads the metrics, loads suites that another process has added, and forgets old requests.
+/// would pile up if nobody reads the metrics, loads suites that another process has added, and forgets old requests and episodes.
 pub(super) async fn keep_up(
     metrics: PrometheusHandle,
     app: Arc<App>,
@@ -33,6 +33,9 @@ pub(super) async fn keep_up(
         }
         if let Err(error) = store.forget_old_requests(now_ms()).await {
             tracing::warn!(%error, "could not delete old idempotency keys");
+        }
+        if let Err(error) = store.forget_old_episodes(now_ms()).await {
+            tracing::warn!(%error, "could not delete old episodes");
         }
     }
 }

@@ -12,6 +12,7 @@ mod crash_points;
 pub mod db;
 pub mod draws;
 pub mod entries;
+pub mod episodes;
 pub mod epochs;
 mod error;
 pub mod events;

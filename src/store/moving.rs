@@ -13,7 +13,7 @@ use plumbline_engine::hidden::canonical::{Hash, unhex};
 use plumbline_engine::hidden::receipts::{FIRST_LINK, link};
 
 /// Table to move: its name, and the columns that order its rows. Each table comes after those that it refers to.
-const TABLES: [(&str, &str); 22] = [
+const TABLES: [(&str, &str); 23] = [
     ("suites", "id"),
     ("tasks", "hash"),
     ("suite_tasks", "suite_id, number"),
@@ -23,6 +23,7 @@ const TABLES: [(&str, &str); 22] = [
     ("epochs", "id"),
     ("entries", "id"),
     ("instances", "id"),
+    ("episodes", "id"),
     ("submissions", "id"),
     ("jobs", "submission_id"),
     ("lanes", "name"),

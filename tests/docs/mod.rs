@@ -205,6 +205,12 @@ async fn examples_run_as_they_stand() {
     assert!(board.contains("\"overall\":true") && board.contains("my-agent 1"), "{board}");
     let rewards = succeeded(against("rewards.sh"));
     assert_eq!(rewards.matches("\"overall\":true").count(), 3, "{rewards}");
+    let picture = folder.path().join("picture.png");
+    let mut stepwise = against("episode.sh");
+    stepwise.env("PICTURE", &picture);
+    let episode = succeeded(stepwise);
+    assert!(episode.contains("\"blocks\":5") && episode.contains("\"submission\":"), "{episode}");
+    assert!(std::fs::read(picture).unwrap().starts_with(b"\x89PNG"));
     let mut operate = example("operate.sh");
     operate.current_dir(folder.path()).env("PLUMBLINE_PROGRAM", PROGRAM);
     let said = succeeded(operate);

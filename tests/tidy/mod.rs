@@ -18,10 +18,11 @@ const ENGINE: [&str; 10] =
 const SERVICE: &[(&str, &[&str])] = &[
     ("actions", &["fair", "near"]),
     ("formats", &[]),
+    ("pictures", &[]),
     ("store", &["clock"]),
-    ("app", &["actions", "clock", "fair", "formats", "near", "store", "threads"]),
+    ("app", &["actions", "clock", "fair", "formats", "near", "pictures", "store", "threads"]),
     ("worker", &["app", "clock", "store", "threads"]),
-    ("http", &["actions", "app", "clock", "fair", "formats", "near", "store"]),
+    ("http", &["actions", "app", "clock", "fair", "formats", "near", "pictures", "store"]),
 ];
 /// Words that would show that the engine knows the world.
 const IMPURE: [&str; 9] =

@@ -52,8 +52,9 @@ impl Blocks for World {
     }
 }
 
-/// Returns what nature put into a cell.
-fn natural(cell: Cell) -> Look {
+/// Returns what nature put into a cell: grass, dirt below it, and air above.
+#[must_use]
+pub fn natural(cell: Cell) -> Look {
     static GROUND: std::sync::LazyLock<[Look; 2]> = std::sync::LazyLock::new(|| {
         ["grass_block", "dirt"].map(|name| Look::of(Block::named(name).expect("the game has the block")))
     });

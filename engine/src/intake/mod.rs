@@ -112,6 +112,35 @@ impl<'de> Shape<'de> for Turns<'_> {
     }
 }
 
+/// The shape of the events of one turn.
+#[derive(Debug)]
+pub struct TurnEvents<'f> {
+    /// Collector of the faults.
+    pub faults: &'f mut Faults,
+    /// Limits on the log.
+    pub limits: LogLimits,
+}
+
+impl<'de> Shape<'de> for TurnEvents<'_> {
+    type Out = BlockLog;
+
+    fn wanted(&self) -> &'static str {
+        "an array of events"
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn array<A: SeqAccess<'de>>(self, elements: A) -> Result<Option<BlockLog>, A::Error> {
+        let mut reader = Reader::new(self.faults, self.limits);
+        let turn = EventsShape { reader: &mut reader }.array(elements)?;
+        reader.check_totals();
+        let palette = reader.palette;
+        Ok(turn.map(|turn| BlockLog { palette, turns: vec![turn], ..BlockLog::default() }))
+    }
+}
+
 /// Greatest number of files of action code in a turn.
 pub const MAX_FILES: usize = 64;
 

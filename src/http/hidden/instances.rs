@@ -105,6 +105,15 @@ pub struct AnswerTaken {
     pub action_code: Vec<crate::actions::turn_replay::TurnReplay>,
 }
 
+impl AnswerTaken {
+    /// Tells the answer to an instance.
+    #[must_use]
+    pub fn of(instance: String, answer: AcceptedAnswer) -> Self {
+        let AcceptedAnswer { log_sha256, is_repeated, receipt, action_code } = answer;
+        Self { instance, log_sha256, repeated: is_repeated, receipt, action_code }
+    }
+}
+
 /// Answers an instance with one log. Format errors are reported in full and cost nothing. Once a log is accepted, a
 /// different log is rejected.
 #[utoipa::path(
@@ -125,10 +134,8 @@ pub async fn answer_instance(
     body: JsonBody,
 ) -> AppResult<Response> {
     let JsonBody { bytes, format, share: _share } = body;
-    let AcceptedAnswer { log_sha256, is_repeated, receipt, action_code } =
-        instances::answer_instance(&state, &caller, &id, bytes, format).await?;
-    let taken = AnswerTaken { instance: id, log_sha256, repeated: is_repeated, receipt, action_code };
-    Ok((StatusCode::ACCEPTED, Json(taken)).into_response())
+    let answer = instances::answer_instance(&state, &caller, &id, bytes, format).await?;
+    Ok((StatusCode::ACCEPTED, Json(AnswerTaken::of(id, answer))).into_response())
 }
 
 /// Checks the transcript that was promised with an answer, while the epoch is open. The service compares its SHA-256

@@ -3,10 +3,8 @@
 
 pub mod assets;
 mod board;
-mod colours;
 mod epochs;
 mod html;
-mod isometric;
 mod run;
 mod submission;
 mod task;

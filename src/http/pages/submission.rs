@@ -9,8 +9,8 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
+use super::assets;
 use super::html::{self, PageResult, json_in_markup};
-use super::{assets, colours, isometric};
 use crate::actions::CodeError;
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::error::AppError;
@@ -22,13 +22,14 @@ use crate::http::extract::caller::Reader;
 use crate::http::extract::params;
 use crate::http::state::AppState;
 use crate::http::submissions::stress::{StressFormat, write};
+use crate::pictures::{colours, isometric};
 use crate::store::reports::ReportRow;
 use crate::store::submissions::SubmissionRow;
 use plumbline_engine::elasticity::field::Method;
 use plumbline_engine::grading::Report;
 use plumbline_engine::grading::report::{CheckReport, TurnReport};
-use plumbline_engine::voxel::BlockLog;
 use plumbline_engine::voxel::replay::Replay;
+use plumbline_engine::voxel::{BlockLog, Structure};
 
 /// A 3D view of a build.
 pub struct View {
@@ -209,7 +210,7 @@ pub async fn beside(State(state): State<AppState>, RawQuery(raw): RawQuery) -> P
 pub async fn picture(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
     let json = log(&state, &id).await?;
     let drawn = tokio::task::spawn_blocking(move || {
-        BlockLog::from_canonical_json(&json).map(|log| Replay::new(&log).last().map(|end| isometric::svg(&end)))
+        BlockLog::from_canonical_json(&json).map(|log| Replay::new(&log).last().map(|end| picture_of(&end)))
     });
     let drawn = drawn.await.map_err(|error| AppError::internal(&error))?;
     let svg = drawn.map_err(|error| AppError::internal(&error))?.unwrap_or_default();
@@ -224,6 +225,13 @@ pub fn image(svg: String) -> Response {
         (header::CACHE_CONTROL, HeaderValue::from_static("public, max-age=3600")),
     ];
     (headers, svg).into_response()
+}
+
+/// Draws a structure without its ground.
+#[must_use]
+pub fn picture_of(structure: &Structure) -> String {
+    let blocks = (0..structure.len()).map(|i| (structure.cells()[i].into(), structure.material(i))).collect();
+    isometric::svg(&isometric::Scene { blocks, corner: isometric::Corner::default(), has_ground: false })
 }
 
 /// Serves a submission's evidence as a download: one self-contained file.

@@ -8,8 +8,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::html::{self, PageResult, json_in_markup};
-use super::isometric;
-use super::submission::{View, colours_of, image};
+use super::submission::{View, colours_of, image, picture_of};
 use crate::app::boards::tasks::{ResultsOnTask, SolvedTasks, TaskResult, results_on, search};
 use crate::app::catalogue::tasks::example;
 use crate::app::error::AppError;
@@ -127,5 +126,5 @@ pub async fn task(State(state): State<AppState>, Path((suite, number)): Path<(St
 /// Returns a 404 error if the suite or the task does not exist, or no builder can build it.
 pub async fn picture(State(state): State<AppState>, Path((suite, number)): Path<(String, u32)>) -> PageResult {
     let log = example(&state, &suite, number).await?;
-    Ok(image(Replay::new(&log).last().map(|end| isometric::svg(&end)).unwrap_or_default()))
+    Ok(image(Replay::new(&log).last().map(|end| picture_of(&end)).unwrap_or_default()))
 }

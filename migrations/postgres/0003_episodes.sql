@@ -1,0 +1,20 @@
+-- Attempts at a task, or at a hidden instance, whose code acts step by step in a world that the service keeps. A row is
+-- written with each step, before the step is answered.
+CREATE TABLE episodes (
+    id              TEXT   COLLATE "C" NOT NULL PRIMARY KEY,
+    owner           TEXT   COLLATE "C",                    -- null: opened without a key
+    suite_id        TEXT   COLLATE "C",                    -- of a task of a suite
+    task_number     BIGINT,
+    run_id          TEXT   COLLATE "C",
+    instance_id     TEXT   COLLATE "C" REFERENCES instances (id), -- of a hidden instance
+    created_at_ms   BIGINT NOT NULL,
+    expires_at_ms   BIGINT NOT NULL,
+    step            BIGINT NOT NULL,                       -- number of the last step, from 1; 0 before the first
+    state           BYTEA  NOT NULL,                       -- turn, log, world and last answer as JSON, packed with zstd
+    submitted_at_ms BIGINT,
+    submission_id   TEXT   COLLATE "C",                    -- null for a hidden instance
+    CHECK ((suite_id IS NULL) = (task_number IS NULL)),
+    CHECK ((suite_id IS NULL) <> (instance_id IS NULL))
+);
+CREATE INDEX episodes_by_owner ON episodes (owner, expires_at_ms) WHERE submitted_at_ms IS NULL;
+CREATE INDEX episodes_by_age ON episodes (expires_at_ms);

@@ -1,0 +1,88 @@
+//! Opening an episode.
+
+use uuid::Uuid;
+
+use super::body::NewEpisode;
+use super::state::{Episode, Stored};
+use crate::app::App;
+use crate::app::access::Caller;
+use crate::app::error::{AppError, AppResult};
+use crate::app::hidden::instances::instance;
+use crate::app::limits::LIMITS;
+use crate::clock::now_ms;
+use crate::store::episodes::{Attempt, EpisodeRow};
+use crate::store::keys::Scope;
+use plumbline_engine::intake::Faults;
+use plumbline_engine::tasks::embedded::FULL;
+
+/// Opens an episode, which is durable when this returns.
+///
+/// # Errors
+/// Returns all faults of the body, 409 if the instance was answered or has expired, and 429 if the owner has too many
+/// open episodes.
+pub async fn open(app: &App, caller: &Caller, draft: Option<NewEpisode>, mut faults: Faults) -> AppResult<Episode> {
+    caller.require(Scope::Submit)?;
+    let Some(new) = draft.filter(|_| faults.is_empty()) else { return Err(AppError::faulty(faults)) };
+    let now = now_ms();
+    let mut expires_at_ms = now + LIMITS.episode_seconds * 1_000;
+    let attempt = match new.instance {
+        Some(id) => {
+            if new.suite.is_some() || new.run.is_some() {
+                faults.add("an instance belongs to its entry; leave suite and run out");
+                return Err(AppError::faulty(faults));
+            }
+            let row = instance(app, caller, &id).await?.row;
+            if row.submission_id.is_some() {
+                return Err(AppError::conflict("already-answered", "the instance has its answer"));
+            }
+            expires_at_ms = expires_at_ms.min(row.expires_at_ms);
+            if expires_at_ms <= now {
+                return Err(AppError::conflict("expired", "the instance can no longer be answered"));
+            }
+            Attempt::Instance(id)
+        }
+        None => task_attempt(app, caller, new, &mut faults).await?.ok_or_else(|| AppError::faulty(faults))?,
+    };
+    let row = EpisodeRow {
+        id: Uuid::now_v7().to_string(),
+        owner: caller.owner().map(str::to_owned),
+        attempt,
+        created_at_ms: now,
+        expires_at_ms,
+        step: 0,
+        state: Stored::first().json(),
+        submitted_at_ms: None,
+        submission_id: None,
+    };
+    let most = LIMITS.episodes_per_owner;
+    if !app.store.open_episode(&row, most).await? {
+        let detail = format!("{most} episodes are open; submit some, or wait until they expire");
+        return Err(AppError::too_many(&detail));
+    }
+    Episode::of_caller(app, caller, &row.id).await
+}
+
+/// Finds the task of a new episode. Returns `None` if there are faults.
+async fn task_attempt(app: &App, caller: &Caller, new: NewEpisode, faults: &mut Faults) -> AppResult<Option<Attempt>> {
+    let Some(task) = new.task else { return Ok(None) };
+    let suite = match &new.run {
+        None => new.suite.unwrap_or_else(|| FULL.to_owned()),
+        Some(run) => {
+            if new.suite.is_some() {
+                faults.add_at("suite", "a submission to a run takes the run's suite; leave it out");
+            }
+            let Some(row) = app.store.run(run).await? else {
+                faults.add_at("run", format!("there is no run {run:?}"));
+                return Ok(None);
+            };
+            caller.require_own(row.owner.as_deref(), "run")?;
+            row.suite_id
+        }
+    };
+    let Some(entry) = app.find_suite(&suite).await? else {
+        faults.add_at("suite", format!("there is no suite {suite:?}; /v1/suites lists them"));
+        return Ok(None);
+    };
+    let number = task.number_in(&entry, faults).filter(|_| faults.is_empty());
+    Ok(number.map(|number| Attempt::Task { suite_id: entry.suite.id(), number, run_id: new.run }))
+}

@@ -1,0 +1,5 @@
+//! Pictures of builds.
+
+pub mod colours;
+pub mod isometric;
+pub mod raster;

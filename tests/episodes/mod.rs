@@ -1,0 +1,216 @@
+//! Episodes over HTTP: an attempt at a task, turn by turn, in a world that the service keeps.
+
+use std::path::Path;
+
+use crate::support::epoch::{Scene, id};
+use crate::support::{Answer, Service};
+use plumbline_engine::tasks::{Task, embedded};
+use reqwest::StatusCode;
+use serde_json::{Value, json};
+
+fn start(folder: &Path) -> Service {
+    Service::start(&folder.join("p.db"), &["--workers", "2"])
+}
+
+/// Opens an episode and returns its path.
+async fn open(service: &Service, body: &Value) -> String {
+    let opened = service.post_json("/v1/episodes", body).await;
+    assert_eq!(opened.status, StatusCode::CREATED, "{}", opened.text);
+    opened.headers["location"].to_str().unwrap().to_owned()
+}
+
+async fn step(service: &Service, episode: &str, body: &Value) -> Answer {
+    service.post_json(&format!("{episode}/steps"), body).await
+}
+
+fn task_of_turns(turns: usize) -> Task {
+    let suite = embedded::latest().unwrap();
+    suite.tasks.iter().find(|task| task.turns.len() == turns).unwrap().clone()
+}
+
+/// An answer as a model writes it: prose around a fence, many lines, tabs, another script.
+const FIRST: &str = "Ich baue zuerst den Boden.\n\n```javascript\n// 床\nfor (let x = 0; x < 3; x++) {\n\t\
+                     await skills.placeBlock(bot, 'stone', x, 0, 0);\n}\nlog(bot, `fertig: ${3}`);\n```\nDanach die Tür.";
+const SECOND: &str = "await skills.placeBlock(bot, 'oak_door', 0, 1, 0);\n\
+                      await skills.breakBlockAt(bot, 2, 0, 0);\nskills.fly(bot);";
+
+#[tokio::test]
+async fn an_episode_is_graded_as_the_same_code_posted_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path());
+    let task = task_of_turns(2);
+    let run = service.begin_run("stepper", "mineceraft").await;
+    let episode = open(&service, &json!({ "task": task.id, "run": run })).await;
+    let first = service.get(&episode).await.json();
+    assert_eq!((&first["turn"], &first["turns"], &first["state"]), (&json!(1), &json!(2), &json!("open")));
+    assert_eq!((&first["prompt"], &first["task"]), (&json!(task.turns[0].prompt), &json!(task.id)));
+    assert!(first["world"]["ground"].as_str().unwrap().contains("y = -1"), "{first}");
+    let before = service.http.get(format!("{}{episode}/picture", service.url)).send().await.unwrap();
+    assert_eq!(before.headers()["content-type"], "image/png");
+    let before = before.bytes().await.unwrap();
+
+    let view = json!({ "from": [0, -1, 0], "to": [2, 2, 0] });
+    let done = step(&service, &episode, &json!({ "step": 1, "action_code": FIRST, "view": view })).await.json();
+    assert_eq!(done["events"].as_array().unwrap().len(), 3, "{done}");
+    assert_eq!((&done["blocks"], &done["code"]["log"]), (&json!(3), &json!(["fertig: 3"])));
+    assert_eq!(done["view"]["palette"], json!(["grass_block", "stone"]), "{done}");
+    assert_eq!(done["view"]["rows"].as_array().unwrap().len(), 6);
+    // An error of the code is no error of the request, and what was built before it stands.
+    let done = step(&service, &episode, &json!({ "step": 2, "action_code": SECOND })).await.json();
+    assert!(done["code"]["error"]["message"].as_str().unwrap().contains("skills.fly"), "{done}");
+    assert_eq!(done["blocks"], 4);
+    let seen = service.get(&format!("{episode}/view?from=0,2,0&to=0,1,0")).await.json();
+    assert_eq!(seen["palette"], json!(["oak_door", "oak_door[half=upper]"]), "{seen}");
+    let after = service.http.get(format!("{}{episode}/picture?from=north-west", service.url)).send().await.unwrap();
+    let after = after.bytes().await.unwrap();
+    assert!(after.starts_with(b"\x89PNG\r\n") && after != before);
+
+    let next = service.post_json(&format!("{episode}/next-turn"), &json!({ "step": 3 })).await.json();
+    assert_eq!((&next["turn"], &next["prompt"], &next["blocks"]), (&json!(2), &json!(task.turns[1].prompt), &json!(4)));
+    let events = json!([{ "action": "remove", "x": 0, "y": 0, "z": 0 },
+                        { "action": "place", "x": 7, "y": 0, "z": 0, "material": "stone" }]);
+    let done = step(&service, &episode, &json!({ "events": events })).await.json();
+    assert_eq!((&done["step"], &done["turn"], &done["code"]), (&json!(4), &json!(2), &Value::Null), "{done}");
+    // Code sees what the events did.
+    let code = "log(bot, world.getBlockAtPosition(bot, 7, 0, 0).name, world.getBlockAtPosition(bot, 0, 0, 0).name);";
+    let done = step(&service, &episode, &json!({ "action_code": code })).await.json();
+    assert_eq!(done["code"]["log"], json!(["stone air"]), "{done}");
+
+    let submitted = service.post_json(&format!("{episode}/submit"), &json!({})).await;
+    assert_eq!(submitted.status, StatusCode::ACCEPTED, "{}", submitted.text);
+    let path = format!("/v1/submissions/{}", submitted.json()["submission"].as_str().unwrap());
+    let graded = service.wait_for(&path, |submission| submission["state"] == "graded").await;
+    assert_eq!((&graded["profile"], &graded["run"]), (&json!("mindcraft"), &json!(run)));
+    let turns = json!([{ "action_code": [FIRST, SECOND] }, { "events": events }]);
+    let at_once = json!({ "task": task.id, "profile": "mindcraft", "turns": turns });
+    let at_once = service.post_json("/v1/grade", &at_once).await.json();
+    assert_eq!(graded["log_hash"], at_once["log_hash"]);
+    // It is over, and submitting again gives the same submission.
+    let again = service.post_json(&format!("{episode}/submit"), &json!({})).await;
+    assert_eq!(again.json(), submitted.json());
+    assert_eq!(service.get(&episode).await.json()["state"], "submitted");
+    let late = step(&service, &episode, &json!({ "action_code": "1" })).await;
+    assert!(late.text.contains("episode-over"), "{}", late.text);
+}
+
+#[tokio::test]
+async fn a_repeated_step_is_made_once_and_a_faulty_one_changes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path());
+    let episode = open(&service, &json!({ "task": task_of_turns(1).id })).await;
+    let place = |x: i32| format!("await skills.placeBlock(bot, 'stone', {x}, 0, 0);");
+    let first = json!({ "step": 1, "action_code": place(0) });
+    let made = step(&service, &episode, &first).await;
+    assert_eq!(step(&service, &episode, &first).await.text, made.text);
+    let other = step(&service, &episode, &json!({ "step": 1, "action_code": place(1) })).await;
+    assert_eq!(other.status, StatusCode::CONFLICT, "{}", other.text);
+    assert!(other.text.contains("the next step of this episode is 2"), "{}", other.text);
+    // Of two at the same time one is made.
+    let both = (json!({ "step": 2, "action_code": place(2) }), json!({ "step": 2, "action_code": place(3) }));
+    let both = tokio::join!(step(&service, &episode, &both.0), step(&service, &episode, &both.1));
+    let mut statuses = [both.0.status.as_u16(), both.1.status.as_u16()];
+    statuses.sort_unstable();
+    assert_eq!(statuses, [200, 409]);
+    assert_eq!(service.get(&episode).await.json()["blocks"], 2);
+
+    for (body, reason) in [
+        (json!({}), "missing"),
+        (json!({ "action_code": "1", "events": [] }), "events"),
+        (json!({ "action_code": null }), "missing"),
+        (json!({ "action_code": "while (true) {}" }), "stopped at a limit (time)"),
+        (json!({ "events": [{ "action": "place", "x": 0, "y": 1e9, "z": 0, "material": "stone" }] }), "out of range"),
+        (json!({ "events": [], "step": 0 }), "out of range"),
+        (json!({ "events": [], "view": { "from": [0, 0, 0], "to": [99, 99, 99] } }), "more than 32768 cells"),
+        (json!({ "events": [], "view": { "from": [0, 0], "to": [1, 1, 1] } }), "expected {\\\"from\\\""),
+        (json!({ "code": "1" }), "unknown field"),
+    ] {
+        let refused = step(&service, &episode, &body).await;
+        assert_eq!(refused.status, StatusCode::UNPROCESSABLE_ENTITY, "{}", refused.text);
+        assert!(refused.text.contains(reason), "{reason}: {}", refused.text);
+    }
+    assert_eq!(service.get(&episode).await.json()["step"], 2);
+    for (path, status, reason) in [
+        ("/view?from=0,0,0&to=1,1", 400, "three integers"),
+        ("/view?from=0,0,0", 400, "missing"),
+        ("/picture?from=above", 400, "south-east"),
+    ] {
+        let answer = service.get(&format!("{episode}{path}")).await;
+        assert_eq!(answer.status, status, "{}", answer.text);
+        assert!(answer.text.contains(reason), "{}", answer.text);
+    }
+    let last = service.post_json(&format!("{episode}/next-turn"), &json!({})).await;
+    assert!(last.text.contains("last-turn"), "{}", last.text);
+    for (body, reason) in [
+        (json!({ "task": "walls/none" }), "has no task"),
+        (json!({ "task": "walls/5x1x5-raise", "suite": "none" }), "there is no suite"),
+        (json!({ "task": "walls/5x1x5-raise", "run": "none" }), "there is no run"),
+        (json!({ "suite": "mineceraft" }), "missing"),
+    ] {
+        let refused = service.post_json("/v1/episodes", &body).await;
+        assert_eq!(refused.status, StatusCode::UNPROCESSABLE_ENTITY, "{}", refused.text);
+        assert!(refused.text.contains(reason), "{}", refused.text);
+    }
+    assert_eq!(service.get("/v1/episodes/none").await.status, StatusCode::NOT_FOUND);
+}
+
+#[tokio::test]
+async fn an_episode_survives_a_kill_between_any_two_requests() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path());
+    let episode = open(&service, &json!({ "task": task_of_turns(1).id })).await;
+    service.kill();
+    let service = start(folder.path());
+    let code = "await skills.goToPosition(bot, 4, 0, 4); await skills.placeBlock(bot, 'stone', 0, 0, 0);";
+    let made = step(&service, &episode, &json!({ "step": 1, "action_code": code })).await;
+    service.kill();
+    let service = start(folder.path());
+    assert_eq!(step(&service, &episode, &json!({ "step": 1, "action_code": code })).await.text, made.text);
+    let again = service.get(&episode).await.json();
+    assert_eq!(
+        (&again["step"], &again["blocks"], &again["position"]),
+        (&json!(1), &json!(1), &made.json()["position"])
+    );
+    let submitted = service.post_json(&format!("{episode}/submit"), &json!({})).await.json();
+    service.kill();
+    let service = start(folder.path());
+    assert_eq!(service.post_json(&format!("{episode}/submit"), &json!({})).await.json(), submitted);
+}
+
+#[tokio::test]
+async fn a_hidden_instance_is_attempted_under_the_rules_of_disclosure() {
+    let scene = Scene::new(&[]);
+    let (lab, other) = (scene.key("lab"), scene.key("other"));
+    let entry = scene.register(&lab, "official", 1).await;
+    let drawn = scene.draw(&lab, &entry, 1).await;
+    let body = json!({ "instance": id(&drawn[0]) });
+    let stranger = scene.post(&other, "/v1/episodes", &body).await;
+    assert_eq!(stranger.status, StatusCode::FORBIDDEN, "{}", stranger.text);
+    let opened = scene.made(&lab, "/v1/episodes", &body).await;
+    assert_eq!(
+        (&opened["prompt"], &opened["task"], &opened["suite"]),
+        (&drawn[0]["prompts"][0], &Value::Null, &Value::Null)
+    );
+    let path = format!("/v1/episodes/{}", id(&opened));
+    let code = json!({ "action_code": "await skills.placeBlock(bot, 'stone', 0, 0, 0);" });
+    let refused = scene.post(&other, &format!("{path}/steps"), &code).await;
+    assert_eq!(refused.status, StatusCode::FORBIDDEN, "{}", refused.text);
+    assert_eq!(scene.service.get(&path).await.status, StatusCode::UNAUTHORIZED);
+    let done = scene.made(&lab, &format!("{path}/steps"), &code).await;
+    assert_eq!(done["blocks"], 1);
+    let told = scene.made(&lab, &format!("{path}/submit"), &json!({})).await;
+    assert_eq!((&told["submission"], &told["answer"]["instance"]), (&Value::Null, &drawn[0]["id"]), "{told}");
+    assert!(told["answer"]["receipt"].is_object(), "{told}");
+    let again = scene.made(&lab, &format!("{path}/submit"), &json!({})).await;
+    assert_eq!(
+        (&again["answer"]["log_sha256"], &again["answer"]["repeated"]),
+        (&told["answer"]["log_sha256"], &json!(true))
+    );
+    for secret in ["family", "checks", "score", "criteria", "walls"] {
+        assert!(![&opened, &done, &told].iter().any(|answer| answer.to_string().contains(secret)), "{secret}");
+    }
+    scene.refused(&lab, "/v1/episodes", &body, "already-answered").await;
+    // A structure file would tell by its refusal whether the order is checked.
+    let file = json!({ "turns": [{ "structure": "" }] });
+    let refused = scene.post(&lab, &format!("/v1/instances/{}/answer", id(&drawn[1])), &file).await;
+    assert!(refused.text.contains("take no structure files"), "{}", refused.text);
+}
