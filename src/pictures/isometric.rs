@@ -5,16 +5,18 @@ use std::fmt::Write as _;
 
 use serde::{Deserialize, Serialize};
 
-use super::colours;
+use super::colours::{self, Box3, Colour, Look, WHOLE};
 
 /// Greatest number of blocks drawn: a picture of more blocks is a large file and shows less.
 const MOST: usize = 30_000;
-/// Half the width of a block, in SVG units.
-const HALF_WIDTH: i32 = 10;
-/// Vertical offset of one step on the ground, a quarter of a block's width, in SVG units.
-const QUARTER: i32 = 5;
-/// Height of a block, in SVG units.
-const HEIGHT: i32 = 12;
+/// Sixteenths of a block on an axis: boxes inside of blocks are given in them.
+const PARTS: i64 = 16;
+/// Half the width of a sixteenth of a block, in SVG units.
+const HALF_WIDTH: i64 = 10;
+/// Vertical offset of a sixteenth on the ground, a quarter of its width, in SVG units.
+const QUARTER: i64 = 5;
+/// Height of a sixteenth, in SVG units.
+const HEIGHT: i64 = 12;
 /// Cells of ground around a build.
 const MARGIN: i32 = 2;
 /// Height of the uppermost layer of ground.
@@ -22,7 +24,7 @@ const GROUND_Y: i32 = -1;
 /// Longest side of a build that is drawn with its ground, in cells.
 const GROUND_SPAN: u32 = 128;
 /// Colours of the ground: fields of two greens make distances countable.
-const GROUND: [[u8; 3]; 2] = [[122, 168, 92], [114, 158, 86]];
+const GROUND: [Colour; 2] = [[122, 168, 92], [114, 158, 86]];
 
 /// Corner from which a build is seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
@@ -49,6 +51,20 @@ impl Corner {
             Self::NorthEast => [-z, y, x],
         }
     }
+
+    /// Turns the boxes of a look likewise.
+    fn turned_look(self, look: Look) -> Look {
+        let turned = |[x, y, z, dx, dy, dz]: Box3| match self {
+            Self::SouthEast => [x, y, z, dx, dy, dz],
+            Self::SouthWest => [z, y, 16 - dx, dz, dy, 16 - x],
+            Self::NorthWest => [16 - dx, y, 16 - dz, 16 - x, dy, 16 - z],
+            Self::NorthEast => [16 - dz, y, x, 16 - z, dy, dx],
+        };
+        let mut boxes: Vec<Box3> = look.boxes.into_iter().map(turned).collect();
+        // Farthest first, as cells are.
+        boxes.sort_by_key(|[x, y, z, ..]| (u16::from(*x) + u16::from(*y) + u16::from(*z), *y));
+        Look { boxes, ..look }
+    }
 }
 
 /// What to draw.
@@ -65,15 +81,16 @@ pub struct Scene<'a> {
 /// A cell to draw.
 struct Cube {
     at: [i32; 3],
-    colour: [u8; 3],
+    look: Look,
 }
 
 impl Scene<'_> {
     /// Returns the cells to draw, from the farthest to the nearest, so that nearer ones cover those behind them.
     fn cubes(&self) -> Vec<Cube> {
         let drawn = self.blocks.iter().take(MOST);
-        let mut cubes: Vec<Cube> =
-            drawn.map(|(at, name)| Cube { at: self.corner.turned(*at), colour: colours::of(name) }).collect();
+        let mut cubes: Vec<Cube> = drawn
+            .map(|(at, name)| Cube { at: self.corner.turned(*at), look: self.corner.turned_look(colours::look(name)) })
+            .collect();
         if self.has_ground {
             let ground = ground_around(&cubes);
             cubes.extend(ground);
@@ -96,7 +113,8 @@ fn ground_around(cubes: &[Cube]) -> Vec<Cube> {
     }
     let columns = (west - MARGIN..=east + MARGIN).flat_map(|x| (north - MARGIN..=south + MARGIN).map(move |z| (x, z)));
     let free = columns.map(|(x, z)| [x, GROUND_Y, z]).filter(|at| !filled.contains(at));
-    free.map(|at| Cube { at, colour: GROUND[(at[0] + at[2]).rem_euclid(2) as usize] }).collect()
+    let grass = |at: [i32; 3]| GROUND[(at[0] + at[2]).rem_euclid(2) as usize];
+    free.map(|at| Cube { at, look: Look { top: grass(at), side: grass(at), boxes: Vec::new() } }).collect()
 }
 
 /// Draws a build.
@@ -104,42 +122,72 @@ fn ground_around(cubes: &[Cube]) -> Vec<Cube> {
 pub fn svg(scene: &Scene<'_>) -> String {
     let all = scene.blocks.len();
     let cubes = scene.cubes();
-    let cells: HashSet<[i32; 3]> = cubes.iter().map(|cube| cube.at).collect();
-    let point = |x: i32, y: i32, z: i32| ((x - z) * HALF_WIDTH, (x + z) * QUARTER - y * HEIGHT);
-    let (mut low, mut high) = ((i32::MAX, i32::MAX), (i32::MIN, i32::MIN));
-    let mut faces = String::new();
-    for Cube { at: [x, y, z], colour } in &cubes {
-        let (x, y, z) = (*x, *y, *z);
-        let is_free = |dx: i32, dy: i32, dz: i32| !cells.contains(&[x + dx, y + dy, z + dz]);
-        let sides = [
-            (is_free(0, 1, 0), 100, [(0, 1, 0), (1, 1, 0), (1, 1, 1), (0, 1, 1)]),
-            (is_free(0, 0, 1), 80, [(0, 1, 1), (1, 1, 1), (1, 0, 1), (0, 0, 1)]),
-            (is_free(1, 0, 0), 64, [(1, 1, 0), (1, 1, 1), (1, 0, 1), (1, 0, 0)]),
-        ];
-        for (_, light, corners) in sides.into_iter().filter(|(is_free, ..)| *is_free) {
-            let [r, g, b] = colour.map(|part| u32::from(part) * light / 100);
-            let _ = write!(faces, "<path fill=\"#{r:02x}{g:02x}{b:02x}\" d=\"M");
-            for (dx, dy, dz) in corners {
-                let (px, py) = point(x + dx, y + dy, z + dz);
-                low = (low.0.min(px), low.1.min(py));
-                high = (high.0.max(px), high.1.max(py));
-                let _ = write!(faces, "{px} {py} ");
-            }
-            faces.push_str("z\"/>");
+    // Only whole blocks hide what is behind them.
+    let whole = cubes.iter().filter(|cube| cube.look.boxes.is_empty());
+    let whole: HashSet<[i32; 3]> = whole.map(|cube| cube.at).collect();
+    let mut drawing = Drawing::default();
+    for Cube { at: [x, y, z], look } in &cubes {
+        let is_free = |dx: i32, dy: i32, dz: i32| !whole.contains(&[x + dx, y + dy, z + dz]);
+        let shown = [is_free(0, 1, 0), is_free(0, 0, 1), is_free(1, 0, 0)];
+        let boxes = if look.boxes.is_empty() { &[WHOLE][..] } else { &look.boxes };
+        for part in boxes {
+            drawing.add([*x, *y, *z], *part, look, shown);
         }
     }
+    let Drawing { mut faces, mut low, mut high } = drawing;
     if cubes.is_empty() {
-        (low, high) = ((0, 0), (80, 60));
-        faces.push_str("<text x=\"40\" y=\"34\" text-anchor=\"middle\" font-size=\"9\" fill=\"#888\">no blocks</text>");
+        (low, high) = ((0, 0), (1280, 960));
+        faces.push_str(
+            "<text x=\"640\" y=\"544\" text-anchor=\"middle\" font-size=\"144\" fill=\"#888\">no blocks</text>",
+        );
     }
     let (width, height) = (high.0 - low.0, high.1 - low.1);
     let note = if all > MOST { format!("<title>the first {MOST} of {all} blocks</title>") } else { String::new() };
     format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"{} {} {} {}\" stroke=\"#0003\" stroke-width=\".6\" \
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"{} {} {} {}\" stroke=\"#0003\" stroke-width=\"10\" \
          stroke-linejoin=\"round\">{note}{faces}</svg>",
-        low.0 - 4,
-        low.1 - 4,
-        width + 8,
-        height + 8
+        low.0 - 64,
+        low.1 - 64,
+        width + 128,
+        height + 128
     )
+}
+
+/// Faces drawn so far, and the corners of what they cover.
+struct Drawing {
+    faces: String,
+    low: (i64, i64),
+    high: (i64, i64),
+}
+
+impl Default for Drawing {
+    fn default() -> Self {
+        Self { faces: String::new(), low: (i64::MAX, i64::MAX), high: (i64::MIN, i64::MIN) }
+    }
+}
+
+impl Drawing {
+    /// Draws a box in a cell: its top, and the sides towards the south and the east. `shown` says for each whether it can
+    /// be seen where it is at the side of the cell.
+    fn add(&mut self, at: [i32; 3], [x, y, z, dx, dy, dz]: Box3, look: &Look, shown: [bool; 3]) {
+        let is_shown = [shown[0] || dy < 16, shown[1] || dz < 16, shown[2] || dx < 16];
+        let sides = [
+            (look.top, 100, [(x, dy, z), (dx, dy, z), (dx, dy, dz), (x, dy, dz)]),
+            (look.side, 80, [(x, dy, dz), (dx, dy, dz), (dx, y, dz), (x, y, dz)]),
+            (look.side, 64, [(dx, dy, z), (dx, dy, dz), (dx, y, dz), (dx, y, z)]),
+        ];
+        let cell = at.map(|part| i64::from(part) * PARTS);
+        for ((colour, light, corners), _) in sides.into_iter().zip(is_shown).filter(|(_, is_shown)| *is_shown) {
+            let [r, g, b] = colour.map(|part| u32::from(part) * light / 100);
+            let _ = write!(self.faces, "<path fill=\"#{r:02x}{g:02x}{b:02x}\" d=\"M");
+            for (x, y, z) in corners {
+                let [x, y, z] = [cell[0] + i64::from(x), cell[1] + i64::from(y), cell[2] + i64::from(z)];
+                let (px, py) = ((x - z) * HALF_WIDTH, (x + z) * QUARTER - y * HEIGHT);
+                self.low = (self.low.0.min(px), self.low.1.min(py));
+                self.high = (self.high.0.max(px), self.high.1.max(py));
+                let _ = write!(self.faces, "{px} {py} ");
+            }
+            self.faces.push_str("z\"/>");
+        }
+    }
 }

@@ -53,7 +53,7 @@ mod tests {
 
     #[test]
     fn nearer_blocks_cover_farther_ones() {
-        let [gold, obsidian] = ["gold_block", "obsidian"].map(colours::of);
+        let [gold, obsidian] = ["gold_block", "obsidian"].map(|name| colours::look(name).side);
         let wall = |x: i32, name| (0..3).flat_map(move |y| (0..3).map(move |z| ([x, y, z], name)));
         let both: Vec<_> = wall(0, "gold_block").chain(wall(1, "obsidian")).collect();
         // From the south-east the wall at x = 1 is in front, from the north-west the one at x = 0.
