@@ -11,6 +11,7 @@ pub mod catalogue;
 pub mod episodes;
 pub mod error;
 pub mod grading;
+pub mod guide;
 pub mod hidden;
 pub mod limits;
 pub mod load;

@@ -21,13 +21,15 @@ pub enum Role {
 const EVERYWHERE: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
 
 /// Routes of a node that only grades: a path, or all paths under it.
-const GRADING: [&str; 17] = [
+const GRADING: [&str; 19] = [
     "/v1/grade",
     "/v1/grade:structure",
     "/v1/grade:batch",
     "/v1/tasks",
     "/v1/suites",
     "/v1/limits",
+    "/v1/profiles",
+    "/v1/agent-guide",
     "/v1/replay",
     "/seed_session",
     "/verify",

@@ -108,6 +108,7 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(accounts::quota::get_quota))
         .routes(routes!(service::limits::get_limits))
         .routes(routes!(service::profiles::list_profiles))
+        .routes(routes!(service::agent_guide::get_agent_guide))
         .routes(routes!(service::health::get_health))
         .routes(routes!(service::health::get_readiness))
         .routes(routes!(service::documents::get_metrics))

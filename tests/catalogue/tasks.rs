@@ -101,3 +101,41 @@ async fn a_true_arch_passes_beside_the_published_rule() {
     }
     assert_eq!(overall, [json!(true), json!(false)]);
 }
+
+#[tokio::test]
+async fn an_agent_gets_instructions_and_a_guide_whose_example_works() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &[]);
+    let shown = service.get("/v1/tasks/walls/5x2x7-courses?for=agent").await;
+    for told in ["checks", "parameters", "criteria", "informational"] {
+        assert!(!shown.text.contains(&format!("\"{told}\"")), "{told}: {}", shown.text);
+    }
+    let whole = service.get("/v1/tasks/walls/5x2x7-courses").await;
+    assert_eq!(shown.json()["turns"][0]["prompt"], whole.json()["turns"][0]["prompt"]);
+    assert_ne!(shown.headers["etag"], whole.headers["etag"]);
+    assert_eq!(service.get("/v1/tasks/walls/5x2x7-courses?for=me").await.status, StatusCode::BAD_REQUEST);
+    let page = service.get("/v1/tasks?family=revisions&limit=1").await.json();
+    assert_eq!(
+        page["tasks"][0]["prompts"].as_array().unwrap().len() as u64,
+        page["tasks"][0]["turns"].as_u64().unwrap()
+    );
+
+    for (profile, events) in [("published", 15), ("mindcraft", 20)] {
+        let guide = service.get(&format!("/v1/agent-guide?profile={profile}")).await.json();
+        let text = service.get(&format!("/v1/agent-guide?profile={profile}&format=markdown")).await;
+        assert_eq!(
+            (text.kind.as_str(), guide["text"].as_str().unwrap()),
+            ("text/markdown; charset=utf-8", &*text.text)
+        );
+        let replay = json!({ "profile": profile, "action_code": guide["example"] });
+        let replayed = service.post_json("/v1/replay", &replay).await.json();
+        assert_eq!((&replayed["error"], &replayed["notes"]), (&Value::Null, &json!([])), "{replayed}");
+        assert_eq!(replayed["events"].as_array().unwrap().len(), events, "{replayed}");
+        // A model that answers with the whole guide has answered with its example.
+        let answer =
+            json!({ "task": "walls/5x1x5-raise", "profile": profile, "answer": guide["text"], "detail": "report" });
+        let graded = service.post_json("/v1/grade", &answer).await.json();
+        assert_eq!(graded["report"]["turns"][0]["blocks"], events, "{graded}");
+    }
+    assert_eq!(service.get("/v1/agent-guide?profile=none").await.status, StatusCode::BAD_REQUEST);
+}

@@ -41,6 +41,8 @@ pub struct TaskSummary {
     pub criteria: Vec<Criterion>,
     /// Instruction of the first turn.
     pub prompt: String,
+    /// Instructions of all turns.
+    pub prompts: Vec<String>,
 }
 
 /// A page of tasks.
@@ -87,8 +89,9 @@ impl CheckBody {
 pub struct TurnBody {
     /// Instruction of the turn.
     pub prompt: String,
-    /// Checks that count towards the verdict.
-    pub checks: Vec<CheckBody>,
+    /// Checks that count towards the verdict; absent for an agent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub checks: Option<Vec<CheckBody>>,
     /// Checks whose results are shown but do not count.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub informational: Vec<CheckBody>,
@@ -113,17 +116,19 @@ pub struct TaskBody {
     #[serde(rename = "type", skip_serializing_if = "Option::is_none")]
     #[schema(example = "walls")]
     pub kind: Option<String>,
-    /// Parameters from which the family generates this task.
-    #[schema(value_type = Object, example = json!({ "w": 5, "t": 1, "h": 5 }))]
-    pub parameters: Value,
+    /// Parameters from which the family generates this task; absent for an agent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Object>, example = json!({ "w": 5, "t": 1, "h": 5 }))]
+    pub parameters: Option<Value>,
     /// `name@version` of the suite.
     #[schema(example = "mineceraft@2")]
     pub suite: String,
     /// SHA-256 of the task's content, in hex.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub hash: String,
-    /// Criteria that apply to the task.
-    pub criteria: Vec<Criterion>,
+    /// Criteria that apply to the task; absent for an agent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub criteria: Option<Vec<Criterion>>,
     /// Turns, in order.
     pub turns: Vec<TurnBody>,
 }
@@ -155,11 +160,23 @@ pub struct TaskQuery {
     limit: Option<u32>,
 }
 
+/// Who a task is shown to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Audience {
+    /// An agent that is to solve it: instructions, and nothing that tells the checks.
+    Agent,
+}
+
 /// Query of a task.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct SuiteQuery {
+    /// `agent` leaves out what tells the checks: the checks, the criteria and the parameters.
+    #[serde(rename = "for")]
+    #[param(inline)]
+    audience: Option<Audience>,
     /// Suite, as `name` or `name@version`.
     #[param(example = "mineceraft")]
     suite: Option<String>,
@@ -203,6 +220,7 @@ fn summary(task: &Task) -> TaskSummary {
         turns: task.turns.len(),
         criteria: task.criteria(),
         prompt: task.turns.first().map(|turn| turn.prompt.clone()).unwrap_or_default(),
+        prompts: task.turns.iter().map(|turn| turn.prompt.clone()).collect(),
     }
 }
 
@@ -227,7 +245,22 @@ pub async fn get_task(
     Params(query): Params<SuiteQuery>,
 ) -> AppResult<Response> {
     let found = tasks::with_id(&state, query.suite.as_deref(), &format!("{family}/{instance}")).await?;
-    tagged_json(&headers, &body(&found))
+    let mut task = body(&found);
+    if query.audience == Some(Audience::Agent) {
+        task.hide_checks();
+    }
+    tagged_json(&headers, &task)
+}
+
+impl TaskBody {
+    /// Leaves out what tells the checks.
+    fn hide_checks(&mut self) {
+        (self.parameters, self.criteria) = (None, None);
+        for turn in &mut self.turns {
+            turn.checks = None;
+            turn.informational.clear();
+        }
+    }
 }
 
 fn body(found: &FoundTask) -> TaskBody {
@@ -238,16 +271,16 @@ fn body(found: &FoundTask) -> TaskBody {
         family: task.family().to_owned(),
         category: task.category,
         kind: task.kind.clone(),
-        parameters: Value::Object(task.parameters.clone()),
+        parameters: Some(Value::Object(task.parameters.clone())),
         suite: found.entry.suite.id(),
         hash: found.hash().to_owned(),
-        criteria: task.criteria(),
+        criteria: Some(task.criteria()),
         turns: task
             .turns
             .iter()
             .map(|turn| TurnBody {
                 prompt: turn.prompt.clone(),
-                checks: turn.checks.iter().map(CheckBody::of).collect(),
+                checks: Some(turn.checks.iter().map(CheckBody::of).collect()),
                 informational: turn.informational.iter().map(CheckBody::of).collect(),
             })
             .collect(),
