@@ -98,6 +98,11 @@ pub struct Replayed {
     pub log: Vec<String>,
 }
 
+/// Returns a note with the number of the file of the turn that it is about.
+fn in_file(number: usize, note: &str) -> String {
+    format!("file {number}: {note}")
+}
+
 impl Replayed {
     /// Creates the recording of events that were given: cells with the name of the block, or none if it was removed.
     #[must_use]
@@ -133,6 +138,9 @@ impl Replayed {
     fn of_file(mut self, number: usize) -> Self {
         for error in self.error.iter_mut().chain(&mut self.more_errors) {
             error.file = Some(number);
+        }
+        for note in &mut self.notes {
+            *note = in_file(number, note);
         }
         self
     }

@@ -18,6 +18,7 @@ use std::rc::Rc;
 use rquickjs::context::EvalOptions;
 use rquickjs::{CatchResultExt as _, CaughtError, Ctx, Function, Module, Object, Persistent, Value};
 
+use super::in_file;
 use super::job::{Answer, Job, TurnInput};
 use super::memory::PeakMemory;
 use super::sandbox::{self, FILE, Fire, Sandbox, Watch, cpu_ms, told};
@@ -122,6 +123,7 @@ fn run_files(
     let mut errors: Vec<CodeError> = Vec::new();
     for (sent, number) in files.iter().zip(1..) {
         let before = host.borrow().world.changes().len();
+        let notes_before = host.borrow().told.notes.len();
         let ended = match first.take().map_or_else(|| Prepared::with(Rc::clone(host), limits), Ok) {
             Ok(prepared) => run_file(sent, prepared, limits, end_cpu_ms, peak),
             Err(error) => Ended { errors: vec![error], ..Ended::default() },
@@ -130,6 +132,11 @@ fn run_files(
         let is_full = host.borrow().world.is_full();
         replayed.unreadable &= ended.unreadable;
         let file = (files.len() > 1).then_some(number);
+        if file.is_some() {
+            for note in host.borrow_mut().told.notes.iter_mut().skip(notes_before) {
+                *note = in_file(number, note);
+            }
+        }
         errors.extend(ended.errors.into_iter().map(|error| CodeError { file, ..error }));
         if let Some(limit) = ended.stopped.or(is_full.then_some("events")) {
             let built = host.borrow().world.changes().len() - before;

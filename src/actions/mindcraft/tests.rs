@@ -113,6 +113,16 @@ fn files_of_a_turn_share_the_world_also_after_an_error() {
 }
 
 #[test]
+fn notes_say_which_file_they_are_about() {
+    let files = ["1;".to_owned(), "2;".to_owned()];
+    let turns = vec![TurnInput::Code(files.to_vec()), TurnInput::Code(files[..1].to_vec())];
+    let answer = replay(&Job { profile: Profile::Mindcraft, start: None, turns });
+    let idle = "the code ended without placing or removing a block";
+    assert_eq!(answer.turns[0].notes, [format!("file 1: {idle}"), format!("file 2: {idle}")]);
+    assert_eq!(answer.turns[1].notes, [idle]);
+}
+
+#[test]
 fn time_is_virtual_and_ends() {
     let done = ran("await skills.wait(bot, 5000); log(bot, Date.now() >= 5000); setInterval(() => {}, 1000);");
     assert_eq!((done.error, done.log), (None, vec!["true".to_owned()]));
