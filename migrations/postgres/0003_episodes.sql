@@ -11,6 +11,7 @@ CREATE TABLE episodes (
     expires_at_ms   BIGINT NOT NULL,
     step            BIGINT NOT NULL,                       -- number of the last step, from 1; 0 before the first
     state           BYTEA  NOT NULL,                       -- turn, log, world and last answer as JSON, packed with zstd
+    submitting_at_ms BIGINT,                             -- no more steps: what is built is being submitted
     submitted_at_ms BIGINT,
     submission_id   TEXT   COLLATE "C",                    -- null for a hidden instance
     CHECK ((suite_id IS NULL) = (task_number IS NULL)),

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{ActionLimits, CRASHED, LimitReached, Profile, Replayed};
+use plumbline_engine::voxel::cell;
 
 /// Turns to replay.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -80,9 +81,30 @@ pub struct WorldState {
     pub view: [f64; 2],
     /// Virtual time in milliseconds.
     pub now_ms: u64,
+    /// For each entry of the palette the number of its state, and which of its properties were named.
+    pub looks: Vec<(u16, u16)>,
+    /// Number of blocks that `/fill` and `/clone` may change, if a game rule set it.
+    pub block_limit: Option<i32>,
 }
 
 impl WorldState {
+    /// Returns whether it can be a world: cells within it, blocks of the palette, and finite numbers.
+    #[must_use]
+    pub fn is_sound(&self) -> bool {
+        let side = -cell::MAX_HORIZONTAL..=cell::MAX_HORIZONTAL;
+        let is_within =
+            |[x, y, z]: [i32; 3]| side.contains(&x) && side.contains(&z) && (cell::MIN_Y..=cell::MAX_Y).contains(&y);
+        self.looks.len() == self.palette.len()
+            && self.blocks.iter().all(|(at, index)| is_within(*at) && (*index as usize) < self.palette.len())
+            && self.position.iter().chain(&self.view).all(|number| number.is_finite())
+    }
+
+    /// Returns the cells of the ground that were dug out.
+    pub fn dug(&self) -> impl Iterator<Item = [i32; 3]> {
+        let is_air = |index: u32| self.palette[index as usize] == "air";
+        self.blocks.iter().filter(move |(_, index)| is_air(*index)).map(|(cell, _)| *cell)
+    }
+
     /// Returns the blocks that stand, by y, x and z. Cells whose ground was removed are left out.
     pub fn standing(&self) -> impl Iterator<Item = ([i32; 3], &str)> {
         let named = self.blocks.iter().map(|(cell, index)| (*cell, self.palette[*index as usize].as_str()));

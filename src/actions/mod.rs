@@ -20,7 +20,7 @@ pub mod turn_replay;
 use serde::{Deserialize, Serialize};
 
 pub use plumbline_engine::voxel::Profile;
-use plumbline_engine::voxel::cell;
+use plumbline_engine::voxel::{BlockLog, Event, cell};
 
 /// Limits on action code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -104,15 +104,18 @@ fn in_file(number: usize, note: &str) -> String {
 }
 
 impl Replayed {
-    /// Creates the recording of events that were given: cells with the name of the block, or none if it was removed.
+    /// Creates the recording of the events of a log.
     #[must_use]
-    pub fn of_events(events: Vec<([i32; 3], Option<String>)>) -> Self {
-        let mut recorded = Self::default();
-        for (cell, name) in events {
-            let material = name.map(|name| recorded.index_of(name));
-            recorded.events.push(RecordedEvent { cell, material });
+    pub fn of_log(log: &BlockLog) -> Self {
+        let recorded = |event: &Event| match *event {
+            Event::Place { cell, material } => RecordedEvent { cell: cell.into(), material: Some(material) },
+            Event::Remove { cell } => RecordedEvent { cell: cell.into(), material: None },
+        };
+        Self {
+            palette: log.palette.names().map(str::to_owned).collect(),
+            events: log.turns.iter().flatten().map(recorded).collect(),
+            ..Self::default()
         }
-        recorded
     }
 
     /// Returns the block that an event placed, with its state if that is known.

@@ -9,7 +9,7 @@ use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::process::{Child, Command};
 
 use super::child::COMMAND;
-use super::job::{Answer, Job, Order, TurnInput};
+use super::job::{Answer, Job, Order, TurnInput, WorldState};
 use super::{ActionLimits, CRASHED, LimitReached, Profile, Replayed};
 use crate::fair::FairSlots;
 use plumbline_engine::text::counted;
@@ -198,7 +198,8 @@ async fn ask(child: &mut Child, job: &Job, limits: &ActionLimits) -> anyhow::Res
         return Ok(None);
     }
     let answer = tokio::task::spawn_blocking(move || serde_json::from_slice::<Answer>(&answer)).await??;
-    anyhow::ensure!(answer.turns.iter().all(Replayed::is_sound), "the answer contains invalid events");
+    let is_sound = answer.turns.iter().all(Replayed::is_sound) && answer.end.as_ref().is_none_or(WorldState::is_sound);
+    anyhow::ensure!(is_sound, "the answer contains invalid events or an invalid world");
     Ok(Some(answer))
 }
 

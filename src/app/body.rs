@@ -160,7 +160,7 @@ impl<'de, A: MapAccess<'de>> Members<'_, A> {
             // A null counts as absent.
             Presence::Work if self.has_work => {
                 if self.object.next_value::<Option<IgnoredAny>>()?.is_some() {
-                    self.faults.add("given twice: expected exactly one of turns, log and (to grade it) answer");
+                    self.faults.add("given twice, or beside another member that takes its place; give one of them");
                 }
             }
             Presence::Work => {
@@ -284,7 +284,7 @@ mod tests {
                 "/x: unknown field; it belongs in a turn",
                 "/y: unknown field",
                 "/turns: expected 1 to 100 characters, found 0",
-                "/log: given twice: expected exactly one of turns, log and (to grade it) answer",
+                "/log: given twice, or beside another member that takes its place; give one of them",
             ]
         );
         assert_eq!(faults_of("{}"), ["/id: missing", "/turns: missing"]);

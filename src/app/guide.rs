@@ -16,6 +16,8 @@ pub struct Guide {
     pub answer: &'static [&'static str],
     /// Functions that do something or tell something.
     functions: &'static [KnownFunction],
+    /// Whether commands of the game do something.
+    has_commands: bool,
     /// An answer as it should be.
     pub example: &'static str,
 }
@@ -42,6 +44,7 @@ const PUBLISHED: Guide = Guide {
         "No other names than those below exist. An unknown function ends the code; what was built before it counts.",
     ],
     functions: functions_of(Profile::Published),
+    has_commands: false,
     example: "(async (bot) => {\n  for (let x = 0; x < 5; x++) {\n    for (let y = 0; y < 3; y++) {\n      \
               await skills.placeBlock(bot, 'stone_bricks', x, y, 2);\n    }\n  }\n})",
 };
@@ -65,6 +68,7 @@ const MINDCRAFT: Guide = Guide {
         "An unknown function ends the code; what was built before it counts.",
     ],
     functions: functions_of(Profile::Mindcraft),
+    has_commands: true,
     example: "for (let x = 0; x < 5; x++) {\n  for (let y = 0; y < 3; y++) {\n    \
               await skills.placeBlock(bot, 'stone_bricks', x, y, 2);\n  }\n}\nbot.chat('/fill 0 3 2 4 3 2 oak_slab');",
 };
@@ -87,15 +91,21 @@ impl Guide {
 
     /// Returns the limits on an answer, a sentence each.
     #[must_use]
-    pub fn limits() -> [String; 3] {
-        [
+    pub fn limits(&self) -> Vec<String> {
+        let mut limits = vec![
             format!(
                 "Code has at most {} bytes a turn, and {} ms of processor time.",
                 LIMITS.action_code_bytes, LIMITS.action_cpu_ms
             ),
-            format!("A build has at most {} events, and {} blocks stand at any time.", LIMITS.events, LIMITS.blocks),
-            format!("One /fill or /clone changes at most {} blocks.", LIMITS.action_fill_blocks),
-        ]
+            format!(
+                "A build has at most {} events, and {} blocks stand at any time.",
+                LIMITS.events, LIMITS.blocks_with_stress
+            ),
+        ];
+        if self.has_commands {
+            limits.push(format!("One /fill or /clone changes at most {} blocks.", LIMITS.action_fill_blocks));
+        }
+        limits
     }
 
     /// Returns the guide as Markdown.
@@ -105,7 +115,7 @@ impl Guide {
             "You are a construction engineer in Minecraft {GAME_VERSION}. You get one instruction a turn, and you build \
              what it asks for by writing code.\n"
         );
-        let limits = Self::limits();
+        let limits = self.limits();
         let limits: Vec<&str> = limits.iter().map(String::as_str).collect();
         for (title, lines) in [("The world", self.world), ("Your answer", self.answer), ("Limits", &limits)] {
             let _ = write!(text, "\n## {title}\n\n");

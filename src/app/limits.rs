@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::actions::ACTION_LIMITS;
-use crate::formats::{MAX_BYTES, MAX_CELLS, MAX_VALUES};
+use crate::formats::{MAX_BYTES, MAX_CELLS, MAX_DEPTH, MAX_TEXTS, MAX_VALUES};
 use crate::store::job_ends::MAX_ATTEMPTS;
 use plumbline_engine::checks::evidence::{MAX_CHARS, MAX_ITEMS};
 use plumbline_engine::game::world::BLOCK_LIMIT;
@@ -145,6 +145,8 @@ pub struct Limits {
     pub episode_events: usize,
     /// Cells of a box of an episode's world that is shown.
     pub episode_view_cells: u64,
+    /// Blocks that a picture shows; of a larger build the first ones.
+    pub picture_blocks: usize,
     /// Pixels of the longer side of a picture.
     pub picture_pixels: u32,
     /// Bytes of a structure file after decompression.
@@ -153,7 +155,13 @@ pub struct Limits {
     pub structure_cells: u64,
     /// Values in a structure file, each a number, text, list or compound.
     pub structure_values: usize,
-    /// Structure files unpacked or packed at the same time; further ones wait.
+    /// Structure files in a body, over all its turns and lines.
+    pub structures_in_body: usize,
+    /// Levels of nested lists and compounds in a structure file.
+    pub structure_depth: usize,
+    /// Texts in a structure file, such as names and properties of its palette, and members of a compound.
+    pub structure_texts: usize,
+    /// Structure files and pictures made or read at the same time; further ones wait.
     pub structures_at_once: usize,
     /// Milliseconds of processor time that action code may take.
     pub action_cpu_ms: u64,
@@ -252,10 +260,14 @@ pub const LIMITS: Limits = Limits {
     episode_bytes: 16 << 20,
     episode_events: 2_000,
     episode_view_cells: 32_768,
+    picture_blocks: 10_000,
     picture_pixels: 768,
     structure_bytes: MAX_BYTES,
     structure_cells: MAX_CELLS,
     structure_values: MAX_VALUES,
+    structures_in_body: 64,
+    structure_depth: MAX_DEPTH,
+    structure_texts: MAX_TEXTS,
     structures_at_once: 2,
     action_cpu_ms: ACTION_LIMITS.cpu_ms,
     action_wall_ms: ACTION_LIMITS.wall_ms,

@@ -10,6 +10,7 @@ pub mod body;
 pub mod catalogue;
 pub mod episodes;
 pub mod error;
+pub mod event_budget;
 pub mod grading;
 pub mod guide;
 pub mod hidden;

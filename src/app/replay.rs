@@ -9,6 +9,8 @@ use crate::actions::turn_replay::TurnReplay;
 use crate::actions::{Profile, RecordedEvent, Replayed};
 use crate::app::App;
 use crate::app::error::{AppError, AppResult};
+use crate::app::event_budget::EventBudget;
+use crate::app::limits::Limits;
 use crate::app::structure_files::open_files;
 use crate::app::submissions::posted::PostedSubmission;
 use crate::fair::Permit;
@@ -77,20 +79,6 @@ fn add_stopped(replayed: &Replayed, faults: &mut Faults) -> bool {
     replayed.stopped.is_some()
 }
 
-/// Number of events that the code of one body may still record.
-#[derive(Debug)]
-pub struct EventBudget {
-    left: usize,
-}
-
-impl EventBudget {
-    /// Creates the full budget.
-    #[must_use]
-    pub fn whole(app: &App) -> Self {
-        Self { left: app.limits.action_body_events }
-    }
-}
-
 /// Reads the structure files of submissions and runs their action code, and adds the events to their logs. A file that
 /// cannot be read, and code that reaches a limit, is a fault.
 ///
@@ -102,17 +90,20 @@ pub async fn run_codes(
     posted: &mut [PostedSubmission],
     faults: &mut Faults,
 ) -> AppResult<()> {
+    let mut budget = EventBudget::whole(&app.limits);
     for submission in posted.iter_mut() {
         if let Some(line) = submission.line {
             faults.enter_line(line);
         }
-        open_files(app, who, &mut submission.sent, faults).await?;
+        open_files(app, who, &mut submission.sent, &mut budget, faults).await?;
+        if !faults.is_empty() {
+            break;
+        }
     }
     if !faults.is_empty() || posted.iter().all(|submission| submission.sent.codes.is_empty()) {
         return Ok(());
     }
     let _permit = place(app, who)?;
-    let mut budget = EventBudget::whole(app);
     for submission in posted {
         if let Some(line) = submission.line {
             faults.enter_line(line);
@@ -139,7 +130,7 @@ pub async fn run_code(
         return Ok(Vec::new());
     }
     let _permit = place(app, who)?;
-    run_sent(app, who, sent, &mut EventBudget::whole(app), faults).await
+    run_sent(app, who, sent, &mut EventBudget::whole(&app.limits), faults).await
 }
 
 /// Runs the code of one log under its profile, and adds the recorded events to it. Stops at the first fault.
@@ -179,7 +170,7 @@ pub async fn run_sent(
         let stopped = answer.stopped().map(ToString::to_string);
         for (turn, done) in turns.into_iter().zip(answer.turns).filter_map(|(turn, done)| Some((turn?, done))) {
             faults.enter_index(turn);
-            let is_taken = take_events(app, &mut sent.log, turn, &done, budget, faults);
+            let is_taken = take_events(&app.limits, &mut sent.log, ("action_code", turn), &done, budget, faults);
             faults.leave();
             if !is_taken {
                 break 'jobs;
@@ -241,11 +232,11 @@ fn events_of(log: &BlockLog, turn: usize) -> Vec<([i32; 3], Option<String>)> {
     told.collect()
 }
 
-/// Adds the events of a script to its turn. Returns false if it reached a limit, which is a fault.
+/// Adds events to their turn. Returns false if a limit was reached, which is a fault of the member that they came from.
 pub(in crate::app) fn take_events(
-    app: &App,
+    limits: &Limits,
     log: &mut BlockLog,
-    turn: usize,
+    (member, turn): (&'static str, usize),
     done: &Replayed,
     budget: &mut EventBudget,
     faults: &mut Faults,
@@ -253,24 +244,23 @@ pub(in crate::app) fn take_events(
     if add_stopped(done, faults) {
         return false;
     }
-    let (events, limits) = (done.events.len(), &app.limits);
+    let events = done.events.len();
     if log.event_count() + events > limits.events {
-        faults.add_at("action_code", format!("more than {} events in the log", limits.events));
+        faults.add_at(member, format!("more than {} events in the log", limits.events));
         return false;
     }
-    if events > budget.left {
+    if !budget.take_events(events) {
         let most = limits.action_body_events;
         let detail = format!("the code of this body recorded more than {most} events; send it in parts");
-        faults.add_at("action_code", detail);
+        faults.add_at(member, detail);
         return false;
     }
-    budget.left -= events;
     for event in &done.events {
         let [x, y, z] = event.cell;
         log.add_event(turn, Cell { x, y, z }, done.material(event));
     }
     if log.palette.len() > limits.materials {
-        faults.add_at("action_code", format!("more than {} different materials in the log", limits.materials));
+        faults.add_at(member, format!("more than {} different materials in the log", limits.materials));
         return false;
     }
     true

@@ -2,7 +2,6 @@
 //!
 //! A file tells what stands, not in which order it was built, so checks of planning cannot be measured from files.
 
-use std::collections::HashMap;
 use std::sync::Arc;
 
 use base64::Engine as _;
@@ -10,6 +9,7 @@ use base64::engine::general_purpose::STANDARD;
 
 use crate::app::App;
 use crate::app::error::{AppError, AppResult};
+use crate::app::event_budget::EventBudget;
 use crate::app::limits::LIMITS;
 use crate::formats::{self, Build, FileFormat};
 use crate::near::counted;
@@ -17,6 +17,7 @@ use plumbline_engine::checks::Dimension;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::{SentLog, TurnFile};
 use plumbline_engine::tasks::Task;
+use plumbline_engine::voxel::cell::CellSet;
 use plumbline_engine::voxel::replay::{Replay, events_between};
 use plumbline_engine::voxel::{BlockLog, Cell, Structure, cell};
 
@@ -28,40 +29,62 @@ pub const ORDER_IS_CHECKED: &str = "a structure file does not tell in which orde
 ///
 /// # Errors
 /// Returns 500 if the work cannot be run.
-pub async fn open_files(app: &App, who: &Arc<str>, sent: &mut SentLog, faults: &mut Faults) -> AppResult<()> {
-    if sent.files.is_empty() {
-        return Ok(());
-    }
-    let _slot = app.file_slots.take(who).await;
+pub async fn open_files(
+    app: &App,
+    who: &Arc<str>,
+    sent: &mut SentLog,
+    budget: &mut EventBudget,
+    faults: &mut Faults,
+) -> AppResult<()> {
     let files = std::mem::take(&mut sent.files);
     let first_code = sent.codes.first().map(|code| code.turn);
-    let mut log = std::mem::take(&mut sent.log);
-    let opened = tokio::task::spawn_blocking(move || {
-        let mut found = Vec::new();
-        for file in files {
-            let turn = file.turn;
-            let opened = if first_code.is_some_and(|code| code < turn) {
-                Err(Fault::of(
-                    "a turn of action code precedes this file; send what each turn left as a file, or none".to_owned(),
-                ))
-            } else {
-                open_file(&mut log, &file)
+    // What stands after the file of the turn before.
+    let mut standing: Option<(usize, Structure)> = None;
+    for file in files {
+        let turn = file.turn;
+        let opened = if first_code.is_some_and(|code| code < turn) {
+            let detail = "a turn of action code precedes this file; send what each turn left as a file, or none";
+            Err(Fault::of(detail.to_owned()))
+        } else if !budget.take_file() {
+            Err(Fault::of(format!(
+                "more than {} structure files in the body; send it in parts",
+                LIMITS.structures_in_body
+            )))
+        } else {
+            let slot = app.file_slots.take(who).await;
+            let log = std::mem::take(&mut sent.log);
+            let before = standing.take().filter(|(of, _)| of + 1 == turn).map(|(_, structure)| structure);
+            let (log, opened) = tokio::task::spawn_blocking(move || {
+                // Held until the work ends, also if the sender no longer waits.
+                let _slot = slot;
+                let mut log = log;
+                let opened = open_file(&mut log, &file, before);
+                (log, opened)
+            })
+            .await
+            .map_err(|error| AppError::internal(&error))?;
+            sent.log = log;
+            opened
+        };
+        let opened = opened.and_then(|structure| {
+            let events = sent.log.turns[turn].len();
+            let is_within = budget.take_events(events);
+            let detail = || {
+                format!("the files of this body hold more than {} events; send it in parts", LIMITS.action_body_events)
             };
-            if let Err(fault) = opened {
-                found.push((turn, fault));
+            if is_within { Ok(structure) } else { Err(Fault::of(detail())) }
+        });
+        match opened {
+            Ok(structure) => standing = Some((turn, structure)),
+            Err(fault) => {
+                faults.enter_key("turns");
+                faults.enter_index(turn);
+                faults.add_at(fault.member, fault.detail);
+                faults.leave();
+                faults.leave();
                 break;
             }
         }
-        (log, found)
-    });
-    let (log, found) = opened.await.map_err(|error| AppError::internal(&error))?;
-    sent.log = log;
-    for (turn, fault) in found {
-        faults.enter_key("turns");
-        faults.enter_index(turn);
-        faults.add_at(fault.member, fault.detail);
-        faults.leave();
-        faults.leave();
     }
     Ok(())
 }
@@ -78,17 +101,11 @@ impl Fault {
     }
 }
 
-/// Adds the events by which what stood before a file's turn becomes what the file holds.
-fn open_file(log: &mut BlockLog, file: &TurnFile) -> Result<(), Fault> {
-    let before = match file.turn {
-        0 => None,
-        turn => {
-            let earlier = BlockLog { turns: log.turns[..turn].to_vec(), ..log.clone() };
-            Replay::new(&earlier).last()
-        }
-    };
-    let before = before.unwrap_or_else(|| Structure::from_named([]));
+/// Adds the events by which what stood before a file's turn becomes what the file holds, and returns the latter.
+fn open_file(log: &mut BlockLog, file: &TurnFile, before: Option<Structure>) -> Result<Structure, Fault> {
     let after = structure_of(&file.base64, file.corner)?;
+    let stood = || file.turn.checked_sub(1).and_then(|last| Replay::new(log).nth(last));
+    let before = before.or_else(stood).unwrap_or_else(|| Structure::from_named([]));
     let palette = &mut log.palette;
     let events = events_between(&before, &after, |name| palette.intern(name));
     log.turns[file.turn] = events;
@@ -98,7 +115,7 @@ fn open_file(log: &mut BlockLog, file: &TurnFile) -> Result<(), Fault> {
     if log.palette.len() > LIMITS.materials {
         return Err(Fault::of(format!("more than {} different materials in the log", LIMITS.materials)));
     }
-    Ok(())
+    Ok(after)
 }
 
 /// Reads a file in base64 as a structure of materials, which have no states.
@@ -167,17 +184,23 @@ pub fn written(log: &BlockLog, turn: Option<usize>, format: FileFormat) -> AppRe
 /// Returns the blocks of a structure. A door on a door is its upper half: logs name materials, not halves.
 fn build_of(structure: &Structure) -> Build {
     let material = |i: usize| structure.material(i).strip_prefix("minecraft:").unwrap_or(structure.material(i));
-    let doors: HashMap<Cell, &str> = (0..structure.len())
+    let mut doors: Vec<(Cell, &str)> = (0..structure.len())
         .map(|i| (structure.cells()[i], material(i)))
         .filter(|(_, name)| name.ends_with("_door"))
         .collect();
-    let is_upper = |cell: Cell, name: &str| {
-        let is_door = |y: &i32| doors.get(&Cell { y: *y, ..cell }) == Some(&name);
-        (cell::MIN_Y..cell.y).rev().take_while(is_door).count() % 2 == 1
-    };
+    // Column by column, from below: of equal doors on one another every other one is an upper half.
+    doors.sort_unstable_by_key(|(cell, _)| (cell.x, cell.z, cell.y));
+    let mut upper = CellSet::default();
+    for pair in doors.windows(2) {
+        let [(below, name), (cell, same)] = pair else { continue };
+        let is_on = (below.x, below.y + 1, below.z) == (cell.x, cell.y, cell.z);
+        if is_on && name == same && !upper.contains(below) {
+            upper.insert(*cell);
+        }
+    }
     let blocks = (0..structure.len()).map(|i| (structure.cells()[i], material(i)));
     Build::of(blocks.filter(|(_, name)| !matches!(*name, "air" | "cave_air" | "void_air")).map(|(cell, name)| {
-        let state = if name.ends_with("_door") && is_upper(cell, name) { "[half=upper]" } else { "" };
+        let state = if upper.contains(&cell) { "[half=upper]" } else { "" };
         (cell.into(), format!("{name}{state}"))
     }))
 }

@@ -58,7 +58,7 @@ pub fn read(unpacked: &[u8], mut builder: Builder) -> FileResult<Build> {
     let mut corner: Option<[i32; 3]> = None;
     let mut left = MAX_CELLS;
     for (name, region) in &file.regions {
-        let fault = |what: &str| FileError::new(format!("region {:?}: {what}", super::nbt::short_text(name)));
+        let fault = |what: &str| FileError::new(format!("region {:?}: {what}", super::states::shown(name)));
         let least = region.read(&mut builder, &mut left, &fault)?;
         corner = Some(corner.map_or(least, |corner| std::array::from_fn(|axis| corner[axis].min(least[axis]))));
     }

@@ -22,6 +22,10 @@ pub const MAX_CELLS: u64 = 1 << 23;
 pub const MAX_BYTES: u64 = 32 << 20;
 /// Greatest number of values in a file. A block of a `.nbt` takes six.
 pub const MAX_VALUES: usize = 6_000_000;
+/// Greatest depth of nested lists and compounds. Files of builds need about ten.
+pub const MAX_DEPTH: usize = 64;
+/// Greatest number of texts in a file, and of members in a compound: each takes much more memory once it is read.
+pub const MAX_TEXTS: usize = 1 << 18;
 
 /// Format of a structure file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
@@ -202,7 +206,8 @@ pub fn read(bytes: &[u8], most_blocks: usize) -> FileResult<(FileFormat, Build)>
             "a schematic of MCEdit, which numbers blocks as the game did before 1.13; load it in WorldEdit and save it as .schem",
         ))
     } else {
-        let found = members.iter().take(8).map(|member| format!("{member:?}")).collect::<Vec<_>>().join(", ");
+        let found =
+            members.iter().take(8).map(|member| format!("{:?}", states::shown(member))).collect::<Vec<_>>().join(", ");
         Err(FileError::new(format!(
             "neither a structure (.nbt), nor a Sponge schematic (.schem), nor a Litematica schematic (.litematic); it has the members {found}"
         )))

@@ -7,14 +7,12 @@ use flate2::{Compression, GzBuilder};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::{FileError, FileResult, MAX_BYTES, MAX_VALUES};
+use super::{FileError, FileResult, MAX_BYTES, MAX_DEPTH, MAX_TEXTS, MAX_VALUES};
 
 /// First bytes of data packed with gzip.
 const GZIP: [u8; 2] = [0x1f, 0x8b];
-/// Greatest depth of nested lists and compounds. Files of builds need about ten.
-const MAX_DEPTH: usize = 64;
-/// Longest text that NBT can hold, in bytes.
-const MAX_TEXT: usize = u16::MAX as usize;
+/// Members of the root whose names are kept: files of builds have about ten.
+const MAX_MEMBERS: usize = 64;
 
 /// Tag of a compound.
 const COMPOUND: u8 = 10;
@@ -44,7 +42,7 @@ pub fn unpack(bytes: &[u8]) -> FileResult<Unpacked> {
     if unpacked.len() as u64 > MAX_BYTES {
         return Err(FileError::new(format!("more than {MAX_BYTES} bytes unpacked")));
     }
-    let members = Scan { bytes: &unpacked, at: 0, left: MAX_VALUES }.check()?;
+    let members = Scan { bytes: &unpacked, at: 0, left: MAX_VALUES, texts: MAX_TEXTS }.check()?;
     Ok(Unpacked { bytes: unpacked, members })
 }
 
@@ -60,21 +58,19 @@ pub fn pack(value: &impl Serialize) -> FileResult<Vec<u8>> {
     packed.write_all(&unpacked).and_then(|()| packed.finish()).map_err(|error| FileError::new(error.to_string()))
 }
 
-/// Returns a text that NBT can hold: shortened if need be.
-pub fn short_text(text: &str) -> &str {
-    &text[..text.floor_char_boundary(MAX_TEXT / 2)]
-}
-
 /// Pass over raw NBT that neither recurses nor allocates by numbers in the data. The reader of NBT does both.
 struct Scan<'a> {
     bytes: &'a [u8],
     at: usize,
     left: usize,
+    /// Texts that are left.
+    texts: usize,
 }
 
 /// A compound or list that is not finished.
 enum Open {
-    Compound,
+    /// How many members it may still have.
+    Compound(usize),
     /// Tag of the elements, and how many are left.
     List(u8, usize),
 }
@@ -87,7 +83,7 @@ impl Scan<'_> {
         }
         self.text()?;
         let mut members = Vec::new();
-        let mut open = vec![Open::Compound];
+        let mut open = vec![Open::Compound(MAX_TEXTS)];
         while let depth = open.len()
             && let Some(innermost) = open.last_mut()
         {
@@ -100,14 +96,15 @@ impl Scan<'_> {
                     *left -= 1;
                     *tag
                 }
-                Open::Compound => match self.byte()? {
+                Open::Compound(members_left) => match self.byte()? {
                     0 => {
                         open.pop();
                         continue;
                     }
                     tag => {
+                        *members_left = members_left.checked_sub(1).ok_or_else(too_many_texts)?;
                         let name = self.text()?;
-                        if depth == 1 {
+                        if depth == 1 && members.len() < MAX_MEMBERS {
                             members.push(String::from_utf8_lossy(name).into_owned());
                         }
                         tag
@@ -135,6 +132,7 @@ impl Scan<'_> {
             4 | 6 => 8,
             7 => self.length()?,
             8 => {
+                self.texts = self.texts.checked_sub(1).ok_or_else(too_many_texts)?;
                 self.text()?;
                 0
             }
@@ -148,7 +146,7 @@ impl Scan<'_> {
                 }
                 return Ok(Some(Open::List(tag, length)));
             }
-            COMPOUND => return Ok(Some(Open::Compound)),
+            COMPOUND => return Ok(Some(Open::Compound(MAX_TEXTS))),
             11 => self.length()?.saturating_mul(4),
             12 => self.length()?.saturating_mul(8),
             tag => return Err(self.fault(&format!("there is no tag {tag}"))),
@@ -184,6 +182,10 @@ impl Scan<'_> {
     fn fault(&self, what: &str) -> FileError {
         FileError::new(format!("not NBT: {what}, at byte {}", self.at))
     }
+}
+
+fn too_many_texts() -> FileError {
+    FileError::new(format!("more than {MAX_TEXTS} texts, or members of one compound"))
 }
 
 fn too_many() -> FileError {

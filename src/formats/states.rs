@@ -89,6 +89,6 @@ impl State {
 }
 
 /// Returns the beginning of a text, for messages.
-fn shown(text: &str) -> &str {
+pub fn shown(text: &str) -> &str {
     &text[..text.floor_char_boundary(80)]
 }

@@ -1,14 +1,14 @@
 //! Builds seen from above and from a corner, without perspective, as SVG.
 
-use std::collections::HashSet;
+use std::collections::{BTreeSet, HashSet};
 use std::fmt::Write as _;
 
 use serde::{Deserialize, Serialize};
 
 use super::colours::{self, Box3, Colour, Look, WHOLE};
 
-/// Greatest number of blocks drawn: a picture of more blocks is a large file and shows less.
-const MOST: usize = 30_000;
+/// Blocks that a picture on a page shows: one of more blocks is a large file and shows less.
+pub const MOST: usize = 30_000;
 /// Sixteenths of a block on an axis: boxes inside of blocks are given in them.
 const PARTS: i64 = 16;
 /// Half the width of a sixteenth of a block, in SVG units.
@@ -21,8 +21,12 @@ const HEIGHT: i64 = 12;
 const MARGIN: i32 = 2;
 /// Height of the uppermost layer of ground.
 const GROUND_Y: i32 = -1;
+/// Height of the lowest layer of ground.
+const LOWEST_Y: i32 = -64;
 /// Longest side of a build that is drawn with its ground, in cells.
 const GROUND_SPAN: u32 = 128;
+/// Colour of the ground below its uppermost layer.
+const DIRT: Colour = [134, 96, 67];
 /// Colours of the ground: fields of two greens make distances countable.
 const GROUND: [Colour; 2] = [[122, 168, 92], [114, 158, 86]];
 
@@ -70,8 +74,12 @@ impl Corner {
 /// What to draw.
 #[derive(Debug, Clone)]
 pub struct Scene<'a> {
-    /// Blocks, by their names without states; beyond `MOST`, only the first ones are drawn.
+    /// Blocks, by their names without states.
     pub blocks: Vec<([i32; 3], &'a str)>,
+    /// Cells of the ground that were dug out.
+    pub dug: Vec<[i32; 3]>,
+    /// Greatest number of blocks that are drawn; those that whole blocks hide do not count.
+    pub most: usize,
     /// Corner from which they are seen.
     pub corner: Corner,
     /// Whether the ground around the build is drawn.
@@ -85,26 +93,50 @@ struct Cube {
 }
 
 impl Scene<'_> {
-    /// Returns the cells to draw, from the farthest to the nearest, so that nearer ones cover those behind them.
-    fn cubes(&self) -> Vec<Cube> {
-        let drawn = self.blocks.iter().take(MOST);
-        let mut cubes: Vec<Cube> = drawn
-            .map(|(at, name)| Cube { at: self.corner.turned(*at), look: self.corner.turned_look(colours::look(name)) })
+    /// Returns the cells to draw, from the farthest to the nearest, so that nearer ones cover those behind them, and the
+    /// number of blocks that could be seen but are left out.
+    fn cubes(&self) -> (Vec<Cube>, usize) {
+        // Near the origin all numbers are exact, also in programs that read the picture.
+        let [west, _, north] = self.least();
+        let moved = |[x, y, z]: [i32; 3]| self.corner.turned([x - west, y, z - north]);
+        let all: Vec<Cube> = self
+            .blocks
+            .iter()
+            .map(|(at, name)| Cube { at: moved(*at), look: self.corner.turned_look(colours::look(name)) })
             .collect();
-        if self.has_ground {
-            let ground = ground_around(&cubes);
-            cubes.extend(ground);
-        }
+        let whole: HashSet<[i32; 3]> =
+            all.iter().filter(|cube| cube.look.boxes.is_empty()).map(|cube| cube.at).collect();
+        let is_seen = |cube: &Cube| {
+            let [x, y, z] = cube.at;
+            ![[x, y + 1, z], [x, y, z + 1], [x + 1, y, z]].iter().all(|near| whole.contains(near))
+        };
+        let ground = if self.has_ground {
+            ground_around(&all, &self.dug.iter().map(|at| moved(*at)).collect())
+        } else {
+            Vec::new()
+        };
+        let mut cubes: Vec<Cube> = all.into_iter().filter(is_seen).collect();
+        let left_out = cubes.len().saturating_sub(self.most);
+        cubes.truncate(self.most);
+        cubes.extend(ground);
         cubes.sort_by_key(|Cube { at: [x, y, z], .. }| (x + y + z, *y, *x));
-        cubes
+        (cubes, left_out)
+    }
+
+    /// Returns the least coordinate on each axis.
+    fn least(&self) -> [i32; 3] {
+        let mut cells = self.blocks.iter().map(|(at, _)| *at).chain(self.dug.iter().copied());
+        let first = cells.next().unwrap_or_default();
+        cells.fold(first, |least, at| std::array::from_fn(|axis| least[axis].min(at[axis])))
     }
 }
 
-/// Returns the cells of natural ground below and around some cells.
-fn ground_around(cubes: &[Cube]) -> Vec<Cube> {
+/// Returns the cells of natural ground below and around some cells, without those that were dug out. Where the uppermost
+/// layer was dug out, the one below shows.
+fn ground_around(cubes: &[Cube], dug: &HashSet<[i32; 3]>) -> Vec<Cube> {
     let filled: HashSet<[i32; 3]> = cubes.iter().map(|cube| cube.at).collect();
     let range = |axis: usize| {
-        let all = cubes.iter().map(move |cube| cube.at[axis]);
+        let all = cubes.iter().map(move |cube| cube.at[axis]).chain(dug.iter().map(move |at| at[axis]));
         (all.clone().min().unwrap_or(0), all.max().unwrap_or(0))
     };
     let ((west, east), (north, south)) = (range(0), range(2));
@@ -112,16 +144,27 @@ fn ground_around(cubes: &[Cube]) -> Vec<Cube> {
         return Vec::new();
     }
     let columns = (west - MARGIN..=east + MARGIN).flat_map(|x| (north - MARGIN..=south + MARGIN).map(move |z| (x, z)));
-    let free = columns.map(|(x, z)| [x, GROUND_Y, z]).filter(|at| !filled.contains(at));
-    let grass = |at: [i32; 3]| GROUND[(at[0] + at[2]).rem_euclid(2) as usize];
-    free.map(|at| Cube { at, look: Look { top: grass(at), side: grass(at), boxes: Vec::new() } }).collect()
+    let mut ground = Vec::new();
+    for (x, z) in columns {
+        // A pit shows its floor: the first natural cell below what was dug out.
+        let floor = (LOWEST_Y..=GROUND_Y).rev().map(|y| [x, y, z]).find(|at| !dug.contains(at));
+        let Some(at) = floor.filter(|at| !filled.contains(at)) else { continue };
+        let colour = if at[1] == GROUND_Y { GROUND[(x + z).rem_euclid(2) as usize] } else { DIRT };
+        ground.push(Cube { at, look: Look { top: colour, side: colour, boxes: Vec::new() } });
+    }
+    // The walls of pits that the viewer looks at.
+    let walls: BTreeSet<[i32; 3]> = dug.iter().flat_map(|[x, y, z]| [[x - 1, *y, *z], [*x, *y, z - 1]]).collect();
+    let is_wall = |at: &[i32; 3]| at[1] < GROUND_Y && !dug.contains(at) && !filled.contains(at);
+    let drawn: HashSet<[i32; 3]> = ground.iter().map(|cube| cube.at).collect();
+    let wall = |at| Cube { at, look: Look { top: DIRT, side: DIRT, boxes: Vec::new() } };
+    ground.extend(walls.into_iter().filter(|at| is_wall(at) && !drawn.contains(at)).map(wall));
+    ground
 }
 
 /// Draws a build.
 #[must_use]
 pub fn svg(scene: &Scene<'_>) -> String {
-    let all = scene.blocks.len();
-    let cubes = scene.cubes();
+    let (cubes, left_out) = scene.cubes();
     // Only whole blocks hide what is behind them.
     let whole = cubes.iter().filter(|cube| cube.look.boxes.is_empty());
     let whole: HashSet<[i32; 3]> = whole.map(|cube| cube.at).collect();
@@ -142,7 +185,7 @@ pub fn svg(scene: &Scene<'_>) -> String {
         );
     }
     let (width, height) = (high.0 - low.0, high.1 - low.1);
-    let note = if all > MOST { format!("<title>the first {MOST} of {all} blocks</title>") } else { String::new() };
+    let note = if left_out > 0 { format!("<title>without {left_out} more blocks</title>") } else { String::new() };
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"{} {} {} {}\" stroke=\"#0003\" stroke-width=\"10\" \
          stroke-linejoin=\"round\">{note}{faces}</svg>",

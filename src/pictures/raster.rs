@@ -43,7 +43,7 @@ mod tests {
     use crate::pictures::isometric::{Corner, Scene, svg};
 
     fn image(blocks: &[([i32; 3], &str)], corner: Corner, has_ground: bool) -> Pixmap {
-        let drawn = svg(&Scene { blocks: blocks.to_vec(), corner, has_ground });
+        let drawn = svg(&Scene { blocks: blocks.to_vec(), dug: Vec::new(), most: 10_000, corner, has_ground });
         Pixmap::decode_png(&png(&drawn, 640).unwrap()).unwrap()
     }
 
@@ -64,6 +64,23 @@ mod tests {
         let back = image(&both, Corner::NorthWest, true);
         assert_eq!(count(&back, side(obsidian)), 0);
         assert!(count(&back, side(gold)) > 500);
+    }
+
+    #[test]
+    fn dug_ground_is_seen_and_far_builds_look_like_near_ones() {
+        let ring = |x: i32| -> Vec<([i32; 3], &str)> {
+            (0..5)
+                .flat_map(|i| [[x + i, -1, 0], [x + i, -1, 4], [x, -1, i], [x + 4, -1, i]])
+                .map(|at| (at, "stone"))
+                .collect()
+        };
+        let drawn = |x: i32, dug: Vec<[i32; 3]>| {
+            png(&svg(&Scene { blocks: ring(x), dug, most: 100, corner: Corner::SouthEast, has_ground: true }), 640)
+                .unwrap()
+        };
+        let pit: Vec<[i32; 3]> = (1..4).flat_map(|x| (1..4).flat_map(move |z| [[x, -1, z], [x, -2, z]])).collect();
+        assert_ne!(drawn(0, Vec::new()), drawn(0, pit));
+        assert_eq!(drawn(0, Vec::new()), drawn(29_000_000, Vec::new()));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Episodes: attempts whose world the service keeps from step to step.
 
 use super::db::{Row, query, query_scalar};
+use super::locks::Lock;
 use super::{Store, StoreError, StoreResult, commit, compress, decompress};
 
 /// Time for which an episode is kept after it expired, in milliseconds.
@@ -37,12 +38,30 @@ pub struct EpisodeRow {
     pub expires_at_ms: i64,
     /// Number of its last step, from 1; 0 before the first.
     pub step: i64,
-    /// State as JSON.
+    /// State, packed by [`pack`].
     pub state: Vec<u8>,
+    /// Time from which it takes no more steps because it is being submitted.
+    pub submitting_at_ms: Option<i64>,
     /// Time at which it was submitted.
     pub submitted_at_ms: Option<i64>,
     /// Submission that it became; none for a hidden instance.
     pub submission_id: Option<String>,
+}
+
+/// Packs the state of an episode for storage.
+///
+/// # Errors
+/// Returns an error if it cannot be packed.
+pub fn pack(state: &[u8]) -> StoreResult<Vec<u8>> {
+    compress(state)
+}
+
+/// Unpacks the state of an episode.
+///
+/// # Errors
+/// Returns an error if the stored bytes are damaged.
+pub fn unpack(state: &[u8]) -> StoreResult<Vec<u8>> {
+    decompress("episodes", state)
 }
 
 impl EpisodeRow {
@@ -58,7 +77,6 @@ impl EpisodeRow {
             (None, None, Some(instance)) => Attempt::Instance(instance),
             _ => return Err(corrupt("neither a task nor an instance")),
         };
-        let state: Vec<u8> = row.get("state")?;
         Ok(Self {
             id: row.get("id")?,
             owner: row.get("owner")?,
@@ -66,7 +84,8 @@ impl EpisodeRow {
             created_at_ms: row.get("created_at_ms")?,
             expires_at_ms: row.get("expires_at_ms")?,
             step: row.get("step")?,
-            state: decompress("episodes", &state)?,
+            state: row.get("state")?,
+            submitting_at_ms: row.get("submitting_at_ms")?,
             submitted_at_ms: row.get("submitted_at_ms")?,
             submission_id: row.get("submission_id")?,
         })
@@ -74,16 +93,15 @@ impl EpisodeRow {
 }
 
 impl Store {
-    /// Stores a new episode, unless its owner has `most` open ones; returns whether it was stored. Two requests at the
-    /// same time may exceed the number by one.
+    /// Stores a new episode, unless its owner has `most` open ones; returns whether it was stored.
     ///
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn open_episode(&self, new: &EpisodeRow, most: i64) -> StoreResult<bool> {
         const OPEN: &str = "SELECT COUNT(*) FROM episodes
              WHERE (owner = $1 OR (owner IS NULL AND $1 IS NULL)) AND submitted_at_ms IS NULL AND expires_at_ms > $2";
-        let state = compress(&new.state)?;
         let mut tx = self.begin().await?;
+        tx.lock([Lock::Owner(new.owner.as_deref().unwrap_or_default())]).await?;
         let open: i64 = query_scalar(OPEN).bind(&new.owner).bind(new.created_at_ms).fetch_one(&mut tx).await?;
         if open >= most {
             return Ok(false);
@@ -106,7 +124,7 @@ impl Store {
         .bind(instance_id)
         .bind(new.created_at_ms)
         .bind(new.expires_at_ms)
-        .bind(state)
+        .bind(&new.state[..])
         .execute(&mut tx)
         .await?;
         commit(tx, "open_episode").await?;
@@ -120,7 +138,7 @@ impl Store {
     pub async fn episode(&self, id: &str) -> StoreResult<Option<EpisodeRow>> {
         let row = query(
             "SELECT id, owner, suite_id, task_number, run_id, instance_id, created_at_ms, expires_at_ms, step, state,
-                    submitted_at_ms, submission_id
+                    submitting_at_ms, submitted_at_ms, submission_id
              FROM episodes WHERE id = $1",
         )
         .bind(id)
@@ -129,24 +147,56 @@ impl Store {
         row.as_ref().map(EpisodeRow::read).transpose()
     }
 
-    /// Stores the next step of an episode; returns false if another request made this step, or submitted the episode,
-    /// in the meantime.
+    /// Stores the next step of an episode, with its packed state; returns false if another request made this step, or
+    /// began to submit the episode, in the meantime.
     ///
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn advance_episode(&self, id: &str, step: i64, state: &[u8]) -> StoreResult<bool> {
-        let state = compress(state)?;
         let mut tx = self.begin().await?;
-        let changed =
-            query("UPDATE episodes SET step = $1, state = $2 WHERE id = $3 AND step = $4 AND submitted_at_ms IS NULL")
-                .bind(step)
-                .bind(state)
-                .bind(id)
-                .bind(step - 1)
-                .execute(&mut tx)
-                .await?;
+        let changed = query(
+            "UPDATE episodes SET step = $1, state = $2
+             WHERE id = $3 AND step = $4 AND submitting_at_ms IS NULL AND submitted_at_ms IS NULL",
+        )
+        .bind(step)
+        .bind(state)
+        .bind(id)
+        .bind(step - 1)
+        .execute(&mut tx)
+        .await?;
         commit(tx, "advance_episode").await?;
         Ok(changed == 1)
+    }
+
+    /// Closes an episode for further steps because it is about to be submitted as it stands after a step; returns false
+    /// if another request made a step in the meantime.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails.
+    pub async fn close_episode(&self, id: &str, step: i64, now_ms: i64) -> StoreResult<bool> {
+        let mut tx = self.begin().await?;
+        let changed =
+            query("UPDATE episodes SET submitting_at_ms = COALESCE(submitting_at_ms, $1) WHERE id = $2 AND step = $3")
+                .bind(now_ms)
+                .bind(id)
+                .bind(step)
+                .execute(&mut tx)
+                .await?;
+        commit(tx, "close_episode").await?;
+        Ok(changed == 1)
+    }
+
+    /// Opens an episode again whose submission was refused.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails.
+    pub async fn reopen_episode(&self, id: &str) -> StoreResult<()> {
+        let mut tx = self.begin().await?;
+        query("UPDATE episodes SET submitting_at_ms = NULL WHERE id = $1 AND submitted_at_ms IS NULL")
+            .bind(id)
+            .execute(&mut tx)
+            .await?;
+        commit(tx, "reopen_episode").await
     }
 
     /// Notes that an episode was submitted, and as which submission. Only the first note counts.

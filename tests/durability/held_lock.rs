@@ -19,6 +19,7 @@ fn filled(path: &str, ids: &Value) -> String {
     let path = match path.split('/').nth(2).unwrap_or_default() {
         "entries" => with_id("entry"),
         "instances" => with_id("instance"),
+        "episodes" => with_id("episode"),
         "runs" => with_id("run"),
         "submissions" => with_id("submission"),
         _ => path.to_owned(),
@@ -26,6 +27,9 @@ fn filled(path: &str, ids: &Value) -> String {
     let path = path.replace("{epoch}", "autumn").replace("{suite}", "mineceraft");
     let path = path.replace("{family}/{instance}", "walls/5x1x5-raise");
     assert!(!path.contains('{'), "{path}: give its parameters values");
+    if path.ends_with("/view") {
+        return format!("{path}?from=0,0,0&to=1,1,1");
+    }
     if path.ends_with("/compare") { format!("{path}?a={0}&b={0}", ids["run"].as_str().unwrap()) } else { path }
 }
 
@@ -43,8 +47,9 @@ async fn reads_never_wait_for_the_writer() {
     let turns = json!([{ "palette": ["stone"], "rows": [[0, 0, 0, 0]] }]);
     let body = json!({ "run": run["id"], "task": 113, "turns": turns });
     let submission = scene.made(&key, "/v1/submissions", &body).await;
+    let episode = scene.made(&key, "/v1/episodes", &json!({ "task": 113 })).await;
     let ids = json!({
-        "entry": entry, "instance": id(&instances[0]), "run": run["id"], "submission": submission["id"],
+        "episode": episode["id"], "entry": entry, "instance": id(&instances[0]), "run": run["id"], "submission": submission["id"],
     });
     let waiting = format!("/v1/submissions/{}", id(&submission));
     scene.service.wait_for(&waiting, |submission| submission["state"] == "graded").await;

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use crate::support::epoch::{Scene, id};
-use crate::support::{Answer, Service};
+use crate::support::{Answer, PROGRAM, Service};
+use plumbline::store::db::query_scalar;
 use plumbline_engine::tasks::{Task, embedded};
 use reqwest::StatusCode;
 use serde_json::{Value, json};
@@ -105,13 +106,16 @@ async fn a_repeated_step_is_made_once_and_a_faulty_one_changes_nothing() {
     let other = step(&service, &episode, &json!({ "step": 1, "action_code": place(1) })).await;
     assert_eq!(other.status, StatusCode::CONFLICT, "{}", other.text);
     assert!(other.text.contains("the next step of this episode is 2"), "{}", other.text);
-    // Of two at the same time one is made.
-    let both = (json!({ "step": 2, "action_code": place(2) }), json!({ "step": 2, "action_code": place(3) }));
+    // The same request twice at the same time is one step; of two different ones, one is made.
+    let same = json!({ "step": 2, "action_code": place(2) });
+    let (one, two) = tokio::join!(step(&service, &episode, &same), step(&service, &episode, &same));
+    assert_eq!((one.status, &one.text), (StatusCode::OK, &two.text));
+    let both = (json!({ "step": 3, "action_code": place(3) }), json!({ "step": 3, "action_code": place(4) }));
     let both = tokio::join!(step(&service, &episode, &both.0), step(&service, &episode, &both.1));
     let mut statuses = [both.0.status.as_u16(), both.1.status.as_u16()];
     statuses.sort_unstable();
     assert_eq!(statuses, [200, 409]);
-    assert_eq!(service.get(&episode).await.json()["blocks"], 2);
+    assert_eq!(service.get(&episode).await.json()["blocks"], 3);
 
     for (body, reason) in [
         (json!({}), "missing"),
@@ -128,7 +132,7 @@ async fn a_repeated_step_is_made_once_and_a_faulty_one_changes_nothing() {
         assert_eq!(refused.status, StatusCode::UNPROCESSABLE_ENTITY, "{}", refused.text);
         assert!(refused.text.contains(reason), "{reason}: {}", refused.text);
     }
-    assert_eq!(service.get(&episode).await.json()["step"], 2);
+    assert_eq!(service.get(&episode).await.json()["step"], 3);
     for (path, status, reason) in [
         ("/view?from=0,0,0&to=1,1", 400, "three integers"),
         ("/view?from=0,0,0", 400, "missing"),
@@ -177,6 +181,107 @@ async fn an_episode_survives_a_kill_between_any_two_requests() {
 }
 
 #[tokio::test]
+async fn killed_around_each_commit_an_episode_becomes_one_submission_with_every_step() {
+    let commits = ["open_episode", "advance_episode", "close_episode", "accept", "end_episode"];
+    for moment in commits.into_iter().flat_map(|commit| [format!("before {commit}"), format!("after {commit}")]) {
+        let folder = tempfile::tempdir().unwrap();
+        let database = folder.path().join("p.db");
+        start(folder.path()).kill();
+        let mut command = std::process::Command::new(PROGRAM);
+        command.env("PLUMBLINE_TEST_KILL", &moment);
+        let mut service = Service::start_by(command, &database, &["--workers", "2", "--open"]);
+        // A client that repeats what was not answered, with the number of the step.
+        let mut is_dead = false;
+        let mut answers = Vec::new();
+        let step = json!({ "step": 1, "action_code": "await skills.placeBlock(bot, 'stone', 0, 0, 0);" });
+        for (path, body) in [("", json!({ "task": "walls/5x1x5-raise" })), ("/steps", step), ("/submit", json!({}))] {
+            let episode = answers.first().map(|opened: &Value| format!("/{}", id(opened))).unwrap_or_default();
+            let url = format!("/v1/episodes{episode}{path}");
+            loop {
+                match service.http.post(format!("{}{url}", service.url)).json(&body).send().await {
+                    Ok(answer) if answer.status().is_success() => {
+                        answers.push(answer.json().await.unwrap());
+                        break;
+                    }
+                    Ok(answer) => panic!("{moment}: {path}: {}", answer.text().await.unwrap()),
+                    Err(_) => {
+                        assert!(!is_dead, "{moment}: died twice");
+                        is_dead = true;
+                        service.wait_for_end(&moment).await;
+                        service = start(folder.path());
+                    }
+                }
+            }
+        }
+        assert!(is_dead, "{moment}: never reached");
+        assert_eq!((&answers[1]["blocks"], &answers[1]["step"]), (&json!(1), &json!(1)), "{moment}");
+        let path = format!("/v1/submissions/{}", answers[2]["submission"].as_str().unwrap());
+        service.wait_for(&path, |submission| submission["state"] == "graded").await;
+        let report = service.get(&format!("{path}/report")).await.json();
+        assert_eq!(report["turns"][0]["blocks"], 1, "{moment}");
+        let counted = service.get("/metrics").await.text;
+        assert!(counted.contains("plumbline_submissions_not_ended 0"), "{moment}");
+        let pool = crate::support::database::pool(&database).await;
+        let stored: i64 = query_scalar("SELECT COUNT(*) FROM submissions").fetch_one(&pool).await.unwrap();
+        assert_eq!(stored, 1, "{moment}");
+        pool.close().await;
+    }
+}
+
+#[tokio::test]
+async fn events_are_what_the_world_can_hold() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path());
+    let episode = open(&service, &json!({ "task": "walls/5x1x5-raise" })).await;
+    let place =
+        |x: i32, y: i32, material: &str| json!({ "action": "place", "x": x, "y": y, "z": 0, "material": material });
+    let wrong = json!([place(0, 0, "stone"), place(1, 0, "mod:thing"), place(2, 0, "木头"), place(3, 400, "stone")]);
+    let faults = step(&service, &episode, &json!({ "events": wrong })).await.faults(422);
+    assert_eq!(faults, ["null /events/1/material", "null /events/2/material", "null /events/3/y"]);
+    let fine = json!([
+        place(0, 0, "minecraft:stone"),
+        place(1, 0, "oak_stairs[half=top]"),
+        place(2, 0, "dirt"),
+        place(2, 0, "air")
+    ]);
+    let done = step(&service, &episode, &json!({ "events": fine })).await.json();
+    assert_eq!(done["blocks"], 2, "{done}");
+    let named: Vec<&str> =
+        done["events"].as_array().unwrap().iter().filter_map(|event| event["material"].as_str()).collect();
+    assert_eq!(named, ["stone", "oak_stairs", "dirt"]);
+    let submitted = service.post_json(&format!("{episode}/submit"), &json!({})).await.json();
+    let path = format!("/v1/submissions/{}", submitted["submission"].as_str().unwrap());
+    let log = service.get(&format!("{path}/log")).await.json();
+    assert_eq!(log["palette"], json!(["stone", "oak_stairs", "dirt"]), "{log}");
+    let promised =
+        service.post_json(&format!("{episode}/submit"), &json!({ "transcript_sha256": "a".repeat(64) })).await;
+    assert!(promised.text.contains("hidden instance"), "{}", promised.text);
+    let garbage = service.post(&format!("{episode}/submit"), "application/json", "garbage{").await;
+    assert_eq!(garbage.status, StatusCode::BAD_REQUEST, "{}", garbage.text);
+}
+
+#[tokio::test]
+async fn the_world_is_the_same_after_a_step() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path());
+    let task = "walls/5x1x5-raise";
+    let parts = [
+        "bot.chat('/gamerule commandModificationBlockLimit 100000'); bot.chat('/setblock 0 0 -9 oak_door[facing=east,half=lower]');",
+        "bot.chat('/fill 0 0 0 39 29 29 stone'); bot.chat('/setblock 0 0 -9 oak_door[facing=east,half=lower]');",
+    ];
+    let episode = open(&service, &json!({ "task": task })).await;
+    let mut events = 0;
+    for part in parts {
+        let done = step(&service, &episode, &json!({ "action_code": part })).await.json();
+        events += done["events"].as_array().unwrap().len() as u64 + done["events_left_out"].as_u64().unwrap();
+    }
+    let replay = json!({ "profile": "mindcraft", "action_code": parts });
+    let at_once = service.post_json("/v1/replay", &replay).await.json();
+    assert_eq!(events, at_once["events"].as_array().unwrap().len() as u64);
+    assert!(events > 36_000);
+}
+
+#[tokio::test]
 async fn a_hidden_instance_is_attempted_under_the_rules_of_disclosure() {
     let scene = Scene::new(&[]);
     let (lab, other) = (scene.key("lab"), scene.key("other"));
@@ -197,9 +302,10 @@ async fn a_hidden_instance_is_attempted_under_the_rules_of_disclosure() {
     assert_eq!(scene.service.get(&path).await.status, StatusCode::UNAUTHORIZED);
     let done = scene.made(&lab, &format!("{path}/steps"), &code).await;
     assert_eq!(done["blocks"], 1);
-    let told = scene.made(&lab, &format!("{path}/submit"), &json!({})).await;
+    let hash = "a".repeat(64);
+    let told = scene.made(&lab, &format!("{path}/submit"), &json!({ "transcript_sha256": hash })).await;
     assert_eq!((&told["submission"], &told["answer"]["instance"]), (&Value::Null, &drawn[0]["id"]), "{told}");
-    assert!(told["answer"]["receipt"].is_object(), "{told}");
+    assert!(told["answer"]["receipt"].to_string().contains(&hash), "{told}");
     let again = scene.made(&lab, &format!("{path}/submit"), &json!({})).await;
     assert_eq!(
         (&again["answer"]["log_sha256"], &again["answer"]["repeated"]),

@@ -178,7 +178,7 @@ async fn observe(solves: bool) -> Observed {
     let database = crate::support::database::pool(&scene.file("p.db")).await;
     let ids: Vec<String> = query_scalar("SELECT id FROM submissions ORDER BY id").fetch_all(&database).await.unwrap();
     assert_eq!(ids.len(), 52);
-    for part in ["", "/report", "/log", "/stress", "/receipt", "/cancel"] {
+    for part in ["", "/report", "/log", "/structure", "/stress", "/receipt", "/cancel"] {
         let path = format!("/v1/submissions/{}{part}", ids[0]);
         let answer =
             if part == "/cancel" { scene.post(&lab, &path, &json!({})).await } else { service.get(&path).await };

@@ -92,6 +92,12 @@ async fn a_file_is_accepted_where_order_does_not_count_and_a_faulty_one_is_told(
     assert_eq!(answer.status, 200, "{}", answer.text);
     assert_eq!(answer.json()["overall"], true, "{}", answer.text);
 
+    // A model that could send a file would choose that its order is not checked.
+    let text = json!({ "turns": [turn] }).to_string();
+    let of_model = service.post_json("/v1/grade", &json!({ "task": task.id, "answer": text })).await.json();
+    assert_eq!(of_model["reward"], 0.0, "{of_model}");
+    assert!(of_model["answer"]["why"].as_str().unwrap().contains("no structure files"), "{of_model}");
+
     // As a submission, where the order does not count.
     let body = |task: &Task, turn: &Value| json!({ "task": task.id, "turns": [turn] });
     let accepted = service.post_json("/v1/submissions", &body(task, &turn)).await;
@@ -127,7 +133,8 @@ async fn a_file_is_accepted_where_order_does_not_count_and_a_faulty_one_is_told(
     }
     for (query, status, reason) in [
         (format!("task={}&corner=1,2", task.id), 400, "three integers"),
-        ("task=walls/none".to_owned(), 422, "has no task"),
+        ("task=walls/none".to_owned(), 422, "\"parameter\":\"task\""),
+        (format!("task={}", suite.tasks.iter().find(|task| task.turns.len() > 1).unwrap().id), 422, "several turns"),
         (format!("task={}&reward=best", task.id), 422, "expected"),
         (format!("task={}&colour=red", task.id), 400, "colour"),
     ] {
@@ -135,7 +142,11 @@ async fn a_file_is_accepted_where_order_does_not_count_and_a_faulty_one_is_told(
         assert_eq!(answer.status, status, "{}", answer.text);
         assert!(answer.text.contains(reason), "{}", answer.text);
     }
-    assert_eq!(grade(&format!("task={}", task.id), b"").await.status, 422);
+    assert_eq!(grade(&format!("task={}", task.number), &file).await.json()["task"], task.id);
+    assert_eq!(grade(&format!("task={}", task.id), b"").await.faults(422), ["null "]);
+    let line = body(task, &turn).to_string();
+    let many = service.post("/v1/submissions", "application/x-ndjson", [line.as_str()].repeat(65).join("\n")).await;
+    assert_eq!(many.faults(422), ["65 /turns/0/structure"]);
     for (query, status) in [("turn=2", 404), ("turn=0", 404), ("format=obj", 400), ("turn=x", 400)] {
         assert_eq!(service.get(&format!("{path}/structure?{query}")).await.status, status, "{query}");
     }

@@ -37,7 +37,7 @@ pub struct World {
     max_changes: Option<usize>,
     is_full: bool,
     /// Number of blocks that `/fill` and `/clone` may change, if a game rule set it.
-    pub(super) block_limit: Option<i32>,
+    pub block_limit: Option<i32>,
     /// Virtual time in milliseconds.
     now_ms: u64,
     /// Cells of blocks that may fall or turn into others, by the time at which they do.
@@ -66,7 +66,8 @@ pub fn natural(cell: Cell) -> Look {
 }
 
 /// Returns whether blocks can stand in a cell.
-pub(super) fn is_in_world(cell: Cell) -> bool {
+#[must_use]
+pub fn is_in_world(cell: Cell) -> bool {
     let is_near = |value: i32| (-MAX_HORIZONTAL..MAX_HORIZONTAL).contains(&value);
     is_near(cell.x) && is_near(cell.z) && (MIN_Y..=MAX_Y).contains(&cell.y)
 }
@@ -111,6 +112,11 @@ impl World {
     /// Returns the cells that differ from the natural world, with what stands there.
     pub fn built(&self) -> impl Iterator<Item = (Cell, Look)> {
         self.cells.iter().filter(|(cell, look)| **look != natural(**cell)).map(|(cell, look)| (*cell, *look))
+    }
+
+    /// Puts a block where it stood, as it stood. This is no change and updates nothing.
+    pub fn put(&mut self, cell: Cell, look: Look) {
+        self.cells.insert(cell, look);
     }
 
     /// Puts a block where an earlier turn left it. This is no change and updates nothing. A door upon the lower half of an

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use crate::actions::job::WorldState;
 use crate::actions::{ActionLimits, RecordedEvent, Replayed};
 use plumbline_engine::game::coordinates::Place;
+use plumbline_engine::game::registry::StateId;
 use plumbline_engine::game::world::Change;
 use plumbline_engine::game::{Look, World};
 use plumbline_engine::text::agreeing;
@@ -14,12 +15,13 @@ use plumbline_engine::voxel::cell::{Cell, CellSet};
 pub fn world_of(start: Option<&WorldState>, limits: &ActionLimits) -> World {
     let mut world = World::with_limit(limits.events);
     let Some(start) = start else { return world };
-    let looks: Vec<Option<Look>> = start.palette.iter().map(|text| Look::read(text).ok()).collect();
+    let look = |(state, named): (u16, u16)| StateId::numbered(state).map(|state| Look { state, named });
     for ([x, y, z], index) in &start.blocks {
-        if let Some(look) = looks.get(*index as usize).copied().flatten() {
-            world.restore(Cell::new(*x, *y, *z), look);
+        if let Some(look) = start.looks.get(*index as usize).copied().and_then(look) {
+            world.put(Cell::new(*x, *y, *z), look);
         }
     }
+    world.block_limit = start.block_limit;
     let [yaw, pitch] = start.view;
     world.body = Place { position: start.position, yaw, pitch };
     world.start_at(start.now_ms);
@@ -33,7 +35,19 @@ pub fn state_of(world: &World) -> WorldState {
     let mut names = Names::default();
     let blocks = built.into_iter().map(|(Cell { x, y, z }, look)| ([x, y, z], names.index(look))).collect();
     let Place { position, yaw, pitch } = world.body;
-    WorldState { palette: names.palette, blocks, position, view: [yaw, pitch], now_ms: world.now_ms() }
+    let mut looks = vec![(0, 0); names.palette.len()];
+    for (look, index) in &names.index {
+        looks[*index as usize] = *look;
+    }
+    WorldState {
+        palette: names.palette,
+        blocks,
+        position,
+        view: [yaw, pitch],
+        now_ms: world.now_ms(),
+        looks,
+        block_limit: world.block_limit,
+    }
 }
 
 /// Applies the events of a turn without code, which hold all that followed from them. Blocks that the game does not have

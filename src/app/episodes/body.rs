@@ -4,6 +4,7 @@ use serde_json::Value;
 
 use crate::app::body::values::Json;
 use crate::app::body::{name, request_body};
+use crate::app::hidden::answer::hash;
 use crate::app::limits::LIMITS;
 use crate::app::submissions::posted::{TaskRef, TaskShape};
 use plumbline_engine::intake::schema::{ActionCode, NewEvent};
@@ -61,6 +62,18 @@ request_body! {
         step: i64 = optional(step_number),
     }
     unknown: |_| "unknown field; only step is known"
+}
+
+request_body! {
+    /// Body that submits an episode.
+    #[derive(Default)]
+    #[schema(example = json!({ "transcript_sha256": "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08" }))]
+    pub struct SubmitEpisode: "an object with \"transcript_sha256\"" {
+        /// SHA-256 of the agent's transcript, which must be shown on request; only for a hidden instance.
+        #[schema(pattern = "^[0-9a-fA-F]{64}$")]
+        transcript_sha256: String = optional(hash),
+    }
+    unknown: |_| "unknown field; only transcript_sha256 is known"
 }
 
 fn step_number(faults: &mut Faults) -> Integer<'_> {

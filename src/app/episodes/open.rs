@@ -50,7 +50,8 @@ pub async fn open(app: &App, caller: &Caller, draft: Option<NewEpisode>, mut fau
         created_at_ms: now,
         expires_at_ms,
         step: 0,
-        state: Stored::first().json(),
+        state: Stored::first().packed()?,
+        submitting_at_ms: None,
         submitted_at_ms: None,
         submission_id: None,
     };

@@ -8,9 +8,12 @@ use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
 use crate::app::hidden::instances::instance;
+use crate::app::limits::LIMITS;
+use crate::app::submissions::posted::most_blocks;
 use crate::clock::now_ms;
-use crate::store::episodes::{Attempt, EpisodeRow};
+use crate::store::episodes::{Attempt, EpisodeRow, pack, unpack};
 use crate::store::keys::Scope;
+use plumbline_engine::intake::Faults;
 use plumbline_engine::voxel::{BlockLog, Profile};
 
 /// What is stored of an episode beside its row.
@@ -26,7 +29,7 @@ pub struct Stored {
     pub last: Option<LastStep>,
 }
 
-/// The last step, so that a repeated request gets the same answer.
+/// The last step, so that its request may be repeated and gets the same answer.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct LastStep {
     /// SHA-256 of operation and body, in hex.
@@ -57,10 +60,23 @@ impl Stored {
         self.log = String::from_utf8(log.canonical_json()).expect("JSON is UTF-8");
     }
 
-    /// Returns it as JSON.
-    #[must_use]
-    pub fn json(&self) -> Vec<u8> {
-        serde_json::to_vec(self).expect("a state is strings and numbers")
+    /// Packs it for storage. It may take a while.
+    ///
+    /// # Errors
+    /// Returns 422 if it takes more than an episode may, and 500 if it cannot be packed.
+    pub fn packed(&self) -> AppResult<Vec<u8>> {
+        let json = serde_json::to_vec(self).expect("a state is strings and numbers");
+        if json.len() > LIMITS.episode_bytes {
+            let mut faults = Faults::new();
+            faults.add(format!("the episode would take more than {} bytes; submit it", LIMITS.episode_bytes));
+            return Err(AppError::faulty(faults));
+        }
+        Ok(pack(&json)?)
+    }
+
+    /// Reads what was packed. It may take a while.
+    fn unpacked(packed: &[u8]) -> AppResult<Self> {
+        serde_json::from_slice(&unpack(packed)?).map_err(|error| AppError::internal(&error))
     }
 }
 
@@ -87,6 +103,8 @@ pub struct Episode {
     pub task: Option<String>,
     /// Instruction of each turn.
     pub prompts: Vec<String>,
+    /// Greatest number of blocks that may stand.
+    pub most_blocks: usize,
 }
 
 impl Episode {
@@ -97,11 +115,13 @@ impl Episode {
     pub async fn of_caller(app: &App, caller: &Caller, id: &str) -> AppResult<Self> {
         caller.require(Scope::Submit)?;
         let row = app.store.episode(id).await?;
-        let row = row.ok_or_else(|| AppError::not_found(format!("there is no episode {id:?}")))?;
+        let mut row = row.ok_or_else(|| AppError::not_found(format!("there is no episode {id:?}")))?;
         caller.require_own(row.owner.as_deref(), "episode")?;
-        let stored = serde_json::from_slice(&row.state).map_err(|error| AppError::internal(&error))?;
-        let (task, prompts) = task_of(app, caller, &row.attempt).await?;
-        Ok(Self { row, stored, task, prompts })
+        let Attempted { task, prompts, most_blocks } = attempted(app, caller, &row.attempt).await?;
+        let state = std::mem::take(&mut row.state);
+        let reading = tokio::task::spawn_blocking(move || Stored::unpacked(&state));
+        let stored = reading.await.map_err(|error| AppError::internal(&error))??;
+        Ok(Self { row, stored, task, prompts, most_blocks })
     }
 
     /// Returns its state.
@@ -119,30 +139,26 @@ impl Episode {
     /// Checks that it takes another step of this number.
     ///
     /// # Errors
-    /// Returns 409 if it has ended, or if its next step has another number.
+    /// Returns 409 if it has ended or made all its steps, if it is being submitted, or if its next step has another
+    /// number.
     pub fn must_take(&self, step: Option<i64>) -> AppResult<()> {
-        self.must_be_open()?;
+        let over = |why: &str| Err(AppError::conflict("episode-over", why));
+        match self.state() {
+            EpisodeState::Submitted => return over("the episode was submitted; open another one"),
+            EpisodeState::Expired => return over("the episode has expired; open another one"),
+            EpisodeState::Open if self.row.submitting_at_ms.is_some() => {
+                return over("the episode is being submitted; if that was interrupted, submit it again");
+            }
+            EpisodeState::Open if self.row.step >= LIMITS.episode_steps => {
+                return over(&format!("the episode has made {} steps; submit it", LIMITS.episode_steps));
+            }
+            EpisodeState::Open => {}
+        }
         let next = self.row.step + 1;
         if step.is_some_and(|step| step != next) {
             return Err(AppError::conflict("other-step", format!("the next step of this episode is {next}")));
         }
         Ok(())
-    }
-
-    /// Checks that it has not ended.
-    ///
-    /// # Errors
-    /// Returns 409 if it was submitted, or expired.
-    pub fn must_be_open(&self) -> AppResult<()> {
-        match self.state() {
-            EpisodeState::Open => Ok(()),
-            EpisodeState::Submitted => {
-                Err(AppError::conflict("episode-over", "the episode was submitted; open another one"))
-            }
-            EpisodeState::Expired => {
-                Err(AppError::conflict("episode-over", "the episode has expired; open another one"))
-            }
-        }
     }
 
     /// Returns the answer to the last step if this request repeats it.
@@ -153,16 +169,27 @@ impl Episode {
     }
 }
 
-/// Returns the identifier of a task that is no secret, and the prompts.
-async fn task_of(app: &App, caller: &Caller, attempt: &Attempt) -> AppResult<(Option<String>, Vec<String>)> {
+/// What an episode is an attempt at, as far as its owner may know.
+struct Attempted {
+    task: Option<String>,
+    prompts: Vec<String>,
+    most_blocks: usize,
+}
+
+async fn attempted(app: &App, caller: &Caller, attempt: &Attempt) -> AppResult<Attempted> {
     match attempt {
-        Attempt::Instance(id) => Ok((None, instance(app, caller, id).await?.prompts)),
+        // The limit is the lower one for every instance, so that it tells nothing of the checks.
+        Attempt::Instance(id) => {
+            let prompts = instance(app, caller, id).await?.prompts;
+            Ok(Attempted { task: None, prompts, most_blocks: LIMITS.blocks_with_stress })
+        }
         Attempt::Task { suite_id, number, .. } => {
             let entry = app.find_suite(suite_id).await?;
             let task = entry.as_ref().and_then(|entry| entry.task_numbered(*number));
             let missing = || AppError::internal(&format!("{suite_id} has no task {number}"));
             let (task, _) = task.ok_or_else(missing)?;
-            Ok((Some(task.id.clone()), task.turns.iter().map(|turn| turn.prompt.clone()).collect()))
+            let prompts = task.turns.iter().map(|turn| turn.prompt.clone()).collect();
+            Ok(Attempted { task: Some(task.id.clone()), prompts, most_blocks: most_blocks(task) })
         }
     }
 }

@@ -13,10 +13,15 @@ use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
+use crate::app::event_budget::EventBudget;
 use crate::app::limits::LIMITS;
-use crate::app::replay::{EventBudget, ReplayedEvent, replay, take_events, told};
+use crate::app::replay::{ReplayedEvent, replay, take_events, told};
+use plumbline_engine::game::Look;
+use plumbline_engine::game::coordinates::{MAX_Y, MIN_Y};
+use plumbline_engine::game::world::is_in_world;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::tasks::hex;
+use plumbline_engine::voxel::blocks::GAME_VERSION;
 use plumbline_engine::voxel::{BlockLog, Event, Profile};
 
 /// Result of a step.
@@ -61,73 +66,112 @@ pub async fn make_step(
         return Ok(answer.clone());
     }
     episode.must_take(new.step)?;
-    if episode.row.step >= LIMITS.episode_steps {
-        let detail = format!("the episode has made {} steps; submit it", LIMITS.episode_steps);
-        return Err(AppError::conflict("episode-over", detail));
-    }
-    let mut log = episode.stored.log()?;
-    let turn = log.turns.len() - 1;
-    let code = new.action_code.is_some();
-    let input = match (new.action_code, &new.events) {
-        (Some(files), _) => TurnInput::Code(files),
-        (None, Some(events)) => TurnInput::Events(as_input(events)),
+    let (input, given) = match (new.action_code, new.events) {
+        (Some(files), _) => (TurnInput::Code(files), None),
+        (None, Some(events)) => {
+            let events = in_world(&events)?;
+            (TurnInput::Events(as_input(&events)), Some(Replayed::of_log(&events)))
+        }
         (None, None) => return Err(AppError::faulty(faults)),
     };
     let world = std::mem::take(&mut episode.stored.world);
     let job = Job { profile: Profile::Mindcraft, start: Some(world), turns: vec![input] };
     let answer = replay(app, caller.who(), &job).await?;
-    let (Some(mut done), Some(end)) = (answer.turns.into_iter().next(), answer.end) else {
+    let (Some(done), Some(end)) = (answer.turns.into_iter().next(), answer.end) else {
         return Err(AppError::internal(&"a job of one turn ended without its world"));
     };
-    if let Some(events) = &new.events {
-        done = as_recorded(events);
-    }
-    let mut faults = Faults::new();
-    take_events(app, &mut log, turn, &done, &mut EventBudget::whole(app), &mut faults);
-    let blocks = end.standing().count();
-    if blocks > LIMITS.blocks {
-        faults.add(format!("{blocks} blocks would stand; at most {} are allowed", LIMITS.blocks));
-    }
-    if !faults.is_empty() {
-        return Err(AppError::faulty(faults));
-    }
-    let all = done.events.len();
-    let done = StepDone {
-        step: episode.row.step + 1,
-        turn: episode.stored.turn,
-        events: told(&done).take(LIMITS.episode_events).collect(),
-        events_left_out: all.saturating_sub(LIMITS.episode_events),
-        code: code.then(|| TurnReplay::of(episode.stored.turn, done)),
-        position: end.position,
-        blocks,
-        view: new.view.map(|region| seen(&end, region)),
-    };
-    episode.stored.set_log(&log);
-    episode.stored.world = end;
-    keep_step(app, &mut episode, hash, &done).await
+    let (view, limits) = (new.view, app.limits);
+    let stepped = aside(move || {
+        let (member, done) = given.map_or(("action_code", done), |given| ("events", given));
+        let mut log = episode.stored.log()?;
+        let mut faults = Faults::new();
+        let turn = log.turns.len() - 1;
+        take_events(&limits, &mut log, (member, turn), &done, &mut EventBudget::whole(&limits), &mut faults);
+        let blocks = end.standing().count();
+        if blocks > episode.most_blocks {
+            let most = episode.most_blocks;
+            faults.add_at(member, format!("{blocks} blocks would stand; at most {most} are allowed"));
+        }
+        if !faults.is_empty() {
+            return Err(AppError::faulty(faults));
+        }
+        let all = done.events.len();
+        let stepped = StepDone {
+            step: episode.row.step + 1,
+            turn: episode.stored.turn,
+            events: told(&done).take(LIMITS.episode_events).collect(),
+            events_left_out: all.saturating_sub(LIMITS.episode_events),
+            code: (member == "action_code").then(|| TurnReplay::of(episode.stored.turn, done)),
+            position: end.position,
+            blocks,
+            view: view.map(|region| seen(&end, region)),
+        };
+        episode.stored.set_log(&log);
+        episode.stored.world = end;
+        let answer = serde_json::to_value(stepped).map_err(|error| AppError::internal(&error))?;
+        Ok((episode, answer))
+    });
+    let (episode, answer) = stepped.await?;
+    keep_step(app, caller, episode, new.step, LastStep { hash, answer }).await
 }
 
-/// Stores the next step of an episode with its answer, and returns the answer.
+/// Does slow work on a blocking thread.
+pub(super) async fn aside<T: Send + 'static>(work: impl FnOnce() -> AppResult<T> + Send + 'static) -> AppResult<T> {
+    tokio::task::spawn_blocking(work).await.map_err(|error| AppError::internal(&error))?
+}
+
+/// Stores the next step of an episode, and returns its answer. `sent` is the number of the step in the request.
 pub(super) async fn keep_step(
     app: &App,
-    episode: &mut Episode,
-    hash: String,
-    answer: &impl Serialize,
+    caller: &Caller,
+    mut episode: Episode,
+    sent: Option<i64>,
+    last: LastStep,
 ) -> AppResult<Value> {
-    let answer = serde_json::to_value(answer).map_err(|error| AppError::internal(&error))?;
-    episode.stored.last = Some(LastStep { hash, answer: answer.clone() });
-    let state = episode.stored.json();
-    if state.len() > LIMITS.episode_bytes {
-        let mut faults = Faults::new();
-        faults.add(format!("the episode would take more than {} bytes; submit it", LIMITS.episode_bytes));
-        return Err(AppError::faulty(faults));
+    let (id, step) = (episode.row.id.clone(), episode.row.step + 1);
+    let (hash, answer) = (last.hash.clone(), last.answer.clone());
+    episode.stored.last = Some(last);
+    let state = aside(move || episode.stored.packed()).await?;
+    if app.store.advance_episode(&id, step, &state).await? {
+        return Ok(answer);
     }
-    let step = episode.row.step + 1;
-    if !app.store.advance_episode(&episode.row.id, step, &state).await? {
-        return Err(AppError::conflict("other-step", "another request made this step; read the episode"));
+    // The same request may have been sent twice at the same time.
+    let now = Episode::of_caller(app, caller, &id).await?;
+    match now.repeated(sent, &hash) {
+        Some(answer) => Ok(answer.clone()),
+        None => Err(AppError::conflict("other-step", "another request made this step or submits the episode; read it")),
     }
-    episode.row.step = step;
-    Ok(answer)
+}
+
+/// Returns events as the world takes them: blocks by their ids alone, and air as a removal.
+///
+/// # Errors
+/// Returns a fault for each block that the game does not have, and each cell that is outside of its world.
+fn in_world(log: &BlockLog) -> AppResult<BlockLog> {
+    let blocks: Vec<Option<Look>> = log.palette.names().map(|name| Look::read(name).ok()).collect();
+    let mut faults = Faults::new();
+    faults.enter_key("events");
+    let mut taken = BlockLog { turns: vec![Vec::new()], ..BlockLog::default() };
+    for (at, event) in log.turns.iter().flatten().enumerate() {
+        faults.enter_index(at);
+        let cell = event.cell();
+        if !is_in_world(cell) {
+            faults.add_at("y", format!("{}; the world reaches from {MIN_Y} to {MAX_Y}", cell.y));
+        }
+        match *event {
+            Event::Remove { cell } => taken.remove(cell),
+            Event::Place { cell, material } => match blocks[material as usize] {
+                Some(look) if look.state.is_air() => taken.remove(cell),
+                Some(look) => taken.place(cell, look.state.block().name),
+                None => {
+                    let name = log.palette.name(material);
+                    faults.add_at("material", format!("{name:?} is no block of Minecraft {GAME_VERSION}"));
+                }
+            },
+        }
+        faults.leave();
+    }
+    if faults.is_empty() { Ok(taken) } else { Err(AppError::faulty(faults)) }
 }
 
 /// Returns the SHA-256 of an operation and a body, in hex.
@@ -142,9 +186,4 @@ fn as_input(log: &BlockLog) -> Vec<([i32; 3], Option<String>)> {
         Event::Remove { cell } => (cell.into(), None),
     });
     input.collect()
-}
-
-/// Returns the events of a log of one turn as code records them.
-fn as_recorded(log: &BlockLog) -> Replayed {
-    Replayed::of_events(as_input(log))
 }

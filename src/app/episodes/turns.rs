@@ -4,9 +4,9 @@ use bytes::Bytes;
 use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
-use super::body::NextTurn;
-use super::state::{Episode, EpisodeState};
-use super::step::{hash_of, keep_step};
+use super::body::{NextTurn, SubmitEpisode};
+use super::state::{Episode, EpisodeState, LastStep};
+use super::step::{aside, hash_of, keep_step};
 use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
@@ -46,8 +46,8 @@ pub async fn next_turn(
     log.turns.push(Vec::new());
     episode.stored.turn += 1;
     episode.stored.set_log(&log);
-    keep_step(app, &mut episode, hash, &Value::Null).await?;
-    Ok(episode)
+    keep_step(app, caller, episode, new.step, LastStep { hash, answer: Value::Null }).await?;
+    Episode::of_caller(app, caller, id).await
 }
 
 /// What became of an episode.
@@ -62,23 +62,47 @@ pub enum Submitted {
 /// Submits what was built: as a submission, or as the answer to the hidden instance. Turns that were not begun are
 /// empty. Submitting again has no effect, and gives the same result.
 ///
+/// The episode is closed for steps first, so that what is submitted is what the last step left. One whose submission
+/// was interrupted can be submitted again, also after it has expired.
+///
 /// # Errors
-/// Returns the errors of submitting the same log, and 409 if the episode expired before.
-pub async fn submit(app: &App, caller: &Caller, id: &str) -> AppResult<Submitted> {
+/// Returns the errors of submitting the same log, and 409 if the episode expired before, or if a step is being made.
+pub async fn submit(
+    app: &App,
+    caller: &Caller,
+    id: &str,
+    (draft, mut faults): (Option<SubmitEpisode>, Faults),
+) -> AppResult<Submitted> {
     let episode = Episode::of_caller(app, caller, id).await?;
-    if episode.state() == EpisodeState::Expired {
-        episode.must_be_open()?;
+    let Some(new) = draft.filter(|_| faults.is_empty()) else { return Err(AppError::faulty(faults)) };
+    if new.transcript_sha256.is_some() && episode.task.is_some() {
+        faults.add_at("transcript_sha256", "only the answer to a hidden instance promises a transcript");
+        return Err(AppError::faulty(faults));
     }
     if let Some(submission) = episode.row.submission_id {
         return Ok(Submitted::Submission(submission));
     }
-    let mut log = episode.stored.log()?;
-    log.turns.resize(episode.prompts.len(), Vec::new());
-    let mut body = json!({ "turns": log.compact_turns(), "profile": Profile::Mindcraft });
+    if episode.state() == EpisodeState::Expired && episode.row.submitting_at_ms.is_none() {
+        return Err(AppError::conflict("episode-over", "the episode has expired; open another one"));
+    }
+    if !app.store.close_episode(id, episode.row.step, now_ms()).await? {
+        return Err(AppError::conflict(
+            "other-step",
+            "another request made a step; read the episode, and submit it again",
+        ));
+    }
+    let (stored, turns) = (episode.stored, episode.prompts.len());
+    let mut body = aside(move || {
+        let mut log = stored.log()?;
+        log.turns.resize(turns, Vec::new());
+        Ok(json!({ "turns": log.compact_turns(), "profile": Profile::Mindcraft }))
+    })
+    .await?;
     let submitted = match &episode.row.attempt {
         Attempt::Instance(instance) => {
-            let answer = answer_instance(app, caller, instance, text(&body), Format::Json).await?;
-            Submitted::Answer(instance.clone(), Box::new(answer))
+            body["transcript_sha256"] = json!(new.transcript_sha256);
+            let answer = answer_instance(app, caller, instance, text(body).await?, Format::Json).await;
+            answer.map(|answer| Submitted::Answer(instance.clone(), Box::new(answer)))
         }
         Attempt::Task { suite_id, number, run_id } => {
             body["task"] = json!(number);
@@ -86,28 +110,36 @@ pub async fn submit(app: &App, caller: &Caller, id: &str) -> AppResult<Submitted
                 Some(run) => body["run"] = json!(run),
                 None => body["suite"] = json!(suite_id),
             }
-            let body = text(&body);
-            // A request that is repeated after a crash finds the submission that the first one made.
+            let body = text(body).await?;
+            // A request that is repeated after a crash finds the submission that the first one made. No header can hold
+            // this key.
             let once = IdempotencyKey {
-                owner: caller.owner().unwrap_or_default().to_owned(),
-                key: format!("episode {id}"),
+                owner: episode.row.owner.unwrap_or_default(),
+                key: format!("episode\n{id}"),
                 body_hash: hex(&Sha256::digest(&body)),
             };
-            let accepted = accept(app, caller, body, Format::Json, Some(once)).await?.submissions;
-            let one = accepted.into_iter().next();
-            Submitted::Submission(
-                one.ok_or_else(|| AppError::internal(&"one submission was posted, and none accepted"))?.id,
-            )
+            accept(app, caller, body, Format::Json, Some(once)).await.and_then(|accepted| {
+                let one = accepted.submissions.into_iter().next();
+                let none = || AppError::internal(&"one submission was posted, and none accepted");
+                Ok(Submitted::Submission(one.ok_or_else(none)?.id))
+            })
         }
     };
     let submission = match &submitted {
-        Submitted::Submission(id) => Some(id.as_str()),
-        Submitted::Answer(..) => None,
+        Ok(Submitted::Submission(id)) => Some(id.as_str()),
+        Ok(Submitted::Answer(..)) => None,
+        Err(refused) => {
+            // After a failure of ours it is not known what was stored, so nothing may be added to it.
+            if !refused.is_retryable() {
+                app.store.reopen_episode(id).await?;
+            }
+            return submitted;
+        }
     };
     app.store.end_episode(id, submission, now_ms()).await?;
-    Ok(submitted)
+    submitted
 }
 
-fn text(body: &Value) -> Bytes {
-    body.to_string().into()
+async fn text(body: Value) -> AppResult<Bytes> {
+    aside(move || Ok(Bytes::from(body.to_string()))).await
 }

@@ -67,7 +67,8 @@ pub fn seen(world: &WorldState, Region { from, to }: Region) -> View {
 /// # Errors
 /// Returns 500 if the picture cannot be written.
 pub fn picture(episode: &Episode, corner: Corner) -> AppResult<Vec<u8>> {
-    let standing = episode.stored.world.standing().map(|(at, block)| (at, block.split('[').next().unwrap_or(block)));
-    let scene = Scene { blocks: standing.collect(), corner, has_ground: true };
+    let world = &episode.stored.world;
+    let blocks = world.standing().collect();
+    let scene = Scene { blocks, dug: world.dug().collect(), most: LIMITS.picture_blocks, corner, has_ground: true };
     png(&svg(&scene), LIMITS.picture_pixels).map_err(|error| AppError::internal(&error))
 }

@@ -53,7 +53,8 @@ pub fn read_answer(text: &[u8], faults: &mut Faults) -> Result<Option<PostedAnsw
     Ok(read_body(text, faults)?.and_then(posted))
 }
 
-fn hash(faults: &mut Faults) -> Parsed<'_, String> {
+/// The shape of a SHA-256 in hex.
+pub fn hash(faults: &mut Faults) -> Parsed<'_, String> {
     let parse = |hash: &str| match unhex::<32>(hash) {
         Some(_) => Ok(hash.to_lowercase()),
         None => Err("expected 64 hexadecimal digits".to_owned()),

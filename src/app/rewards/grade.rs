@@ -13,8 +13,9 @@ use super::request::{Detail, GivenWork, GradeRequest, read_request};
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::error::{AppError, AppResult};
+use crate::app::event_budget::EventBudget;
 use crate::app::limits::LIMITS;
-use crate::app::replay::{EventBudget, place, run_sent};
+use crate::app::replay::{place, run_sent};
 use crate::app::rewards::score::{CheckScore, GradeBody, Timings, UnmeasuredCheck};
 use crate::app::structure_files::{ORDER_IS_CHECKED, open_files};
 use crate::app::submissions::posted::check_against_task;
@@ -167,10 +168,10 @@ impl Found {
             if self.given.task()?.0.checks().next().is_none() {
                 faults.add_at("turns", ORDER_IS_CHECKED);
             }
-            open_files(app, who, &mut self.sent, &mut faults).await?;
+            open_files(app, who, &mut self.sent, &mut EventBudget::whole(&app.limits), &mut faults).await?;
         }
         if self.has_code() && faults.is_empty() {
-            replays = run_sent(app, who, &mut self.sent, &mut EventBudget::whole(app), &mut faults).await?;
+            replays = run_sent(app, who, &mut self.sent, &mut EventBudget::whole(&app.limits), &mut faults).await?;
         }
         if self.sent.log.event_count() <= INSTANT_EVENTS {
             return self.finish(replays, faults);

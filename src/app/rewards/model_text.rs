@@ -69,6 +69,10 @@ pub fn log_in_texts(texts: &[String], turns: usize, profile: Profile) -> Result<
     } else {
         found.drain(..found.len() - turns);
     }
+    // Files would let the model choose that its order is not checked.
+    if found.iter().any(|(_, answer)| !answer.sent.files.is_empty()) {
+        return Err("a model's answer takes no structure files; expected events, rows or action code".to_owned());
+    }
     let mut sent = SentLog::default();
     for (place, answer) in &found {
         let has = answer.sent.log.turns.len();

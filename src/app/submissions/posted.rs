@@ -228,6 +228,13 @@ impl Shape<'_> for TaskShape<'_> {
     }
 }
 
+/// Returns the greatest number of blocks that may stand after a turn of a task.
+#[must_use]
+pub fn most_blocks(task: &Task) -> usize {
+    let has_stress = task.criteria().contains(&Criterion::StructuralStability);
+    if has_stress { LIMITS.blocks_with_stress } else { LIMITS.blocks }
+}
+
 /// Adds the faults of a log that depend on its task: the number of turns, and the number of blocks.
 pub fn check_against_task(log: &BlockLog, task: &Task, faults: &mut Faults) {
     if log.turns.len() != task.turns.len() {
@@ -237,15 +244,14 @@ pub fn check_against_task(log: &BlockLog, task: &Task, faults: &mut Faults) {
         faults.add_at("turns", detail);
         return;
     }
-    let has_stress = task.criteria().contains(&Criterion::StructuralStability);
-    let most = if has_stress { LIMITS.blocks_with_stress } else { LIMITS.blocks };
+    let most = most_blocks(task);
     let placed = log.turns.iter().flatten().filter(|event| matches!(event, Event::Place { .. })).count();
     // Replaying is expensive; a log with few placements cannot exceed the limit.
     if placed > most
         && let Some(blocks) = Replay::new(log).map(|structure| structure.len()).find(|blocks| *blocks > most)
     {
         let stand = agreeing(blocks, "block stands", "blocks stand");
-        let kind = if has_stress { " of a task with a stress simulation" } else { "" };
+        let kind = if most < LIMITS.blocks { " of a task with a stress simulation" } else { "" };
         faults.add_at("turns", format!("{stand} after a turn{kind}; at most {most} are allowed"));
     }
 }

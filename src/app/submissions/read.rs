@@ -144,9 +144,11 @@ pub async fn structure_file(
     turn: Option<usize>,
     format: FileFormat,
 ) -> AppResult<([i32; 3], Vec<u8>)> {
+    let slot = app.file_slots.take(who).await;
     let log = log(app, id).await?;
-    let _slot = app.file_slots.take(who).await;
     let writing = tokio::task::spawn_blocking(move || {
+        // Held until the work ends, also if the sender no longer waits.
+        let _slot = slot;
         let log = BlockLog::from_canonical_json(&log).map_err(|error| AppError::internal(&error))?;
         written(&log, turn, format)
     });

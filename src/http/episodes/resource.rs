@@ -7,7 +7,7 @@ use axum::response::{IntoResponse as _, Response};
 use serde::Serialize;
 
 use crate::app::access::Caller;
-use crate::app::episodes::body::NewEpisode;
+use crate::app::episodes::body::{NewEpisode, SubmitEpisode};
 use crate::app::episodes::open::open;
 use crate::app::episodes::state::{Episode, EpisodeState};
 use crate::app::episodes::turns::{Submitted, submit};
@@ -18,6 +18,8 @@ use crate::http::extract::body::{JsonBody, read_draft};
 use crate::http::hidden::instances::AnswerTaken;
 use crate::http::state::AppState;
 use crate::store::episodes::Attempt;
+use crate::store::keys::Scope;
+use plumbline_engine::intake::Faults;
 
 /// An episode.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -93,7 +95,7 @@ const WORLD: WorldGuide = WorldGuide {
     axes: "x grows to the east, y upwards, z to the south; coordinates are integers",
     ground: "flat: grass_block at y = -1, dirt below it, air from y = 0 on",
     start: "you stand at (0, 0, 0) in creative mode, with enough of every block",
-    blocks: "the blocks of Minecraft Java Edition 1.21.4 by their ids, such as oak_planks, with or without minecraft:",
+    blocks: "the blocks of Minecraft Java Edition 1.21.4 by their ids, such as oak_planks",
     profile: "mindcraft",
     functions: "/v1/profiles",
     limits: "/v1/limits",
@@ -102,7 +104,7 @@ const WORLD: WorldGuide = WorldGuide {
 impl From<Episode> for EpisodeBody {
     fn from(episode: Episode) -> Self {
         let state = episode.state();
-        let Episode { row, stored, task, mut prompts } = episode;
+        let Episode { row, stored, task, mut prompts, .. } = episode;
         let turns = prompts.len();
         let (suite, run, instance) = match row.attempt {
             Attempt::Task { suite_id, run_id, .. } => (Some(suite_id), run_id, None),
@@ -183,9 +185,11 @@ pub struct EpisodeSubmitted {
 }
 
 /// Submits what was built, to be graded. Turns that were not begun are empty. Submitting again gives the same response.
+/// The body is optional.
 #[utoipa::path(
     post, path = "/v1/episodes/{id}/submit", operation_id = "submit_episode", tag = "episodes", summary = "Submit an episode",
     params(("id" = String, Path, description = "The episode's id")),
+    request_body(content = Option<SubmitEpisode>, content_type = "application/json"),
     responses(
         (status = 202, description = "Stored durably; grading follows", body = EpisodeSubmitted,
          example = json!({ "submission": "0198c0de-0000-7000-8000-000000000001", "answer": null })),
@@ -196,8 +200,14 @@ pub async fn submit_episode(
     State(state): State<AppState>,
     caller: Caller,
     Path(id): Path<String>,
+    body: Option<JsonBody>,
 ) -> AppResult<Response> {
-    let submitted = match submit(&state, &caller, &id).await? {
+    caller.require(Scope::Submit)?;
+    let draft = match &body {
+        Some(body) => read_draft::<SubmitEpisode>(body, "submit one episode per request")?,
+        None => (Some(SubmitEpisode::default()), Faults::new()),
+    };
+    let submitted = match submit(&state, &caller, &id, draft).await? {
         Submitted::Submission(submission) => EpisodeSubmitted { submission: Some(submission), answer: None },
         Submitted::Answer(instance, answer) => {
             EpisodeSubmitted { submission: None, answer: Some(AnswerTaken::of(instance, *answer)) }

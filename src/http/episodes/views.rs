@@ -99,9 +99,13 @@ pub async fn picture_episode(
     Params(query): Params<PictureQuery>,
     headers: HeaderMap,
 ) -> AppResult<Response> {
+    let slot = state.file_slots.take(caller.who()).await;
     let episode = Episode::of_caller(&state, &caller, &id).await?;
-    let _slot = state.file_slots.take(caller.who()).await;
-    let drawing = tokio::task::spawn_blocking(move || picture(&episode, query.from));
+    let drawing = tokio::task::spawn_blocking(move || {
+        // Held until the work ends, also if the sender no longer waits.
+        let _slot = slot;
+        picture(&episode, query.from)
+    });
     let file = drawing.await.map_err(|error| AppError::internal(&error))??;
     // Generated clients know bytes by this name.
     let is_plain = headers.get(header::ACCEPT).is_some_and(|accepted| accepted == BYTES);

@@ -231,7 +231,8 @@ pub fn image(svg: String) -> Response {
 #[must_use]
 pub fn picture_of(structure: &Structure) -> String {
     let blocks = (0..structure.len()).map(|i| (structure.cells()[i].into(), structure.material(i))).collect();
-    isometric::svg(&isometric::Scene { blocks, corner: isometric::Corner::default(), has_ground: false })
+    let corner = isometric::Corner::default();
+    isometric::svg(&isometric::Scene { blocks, dug: Vec::new(), most: isometric::MOST, corner, has_ground: false })
 }
 
 /// Serves a submission's evidence as a download: one self-contained file.

@@ -8,7 +8,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 
 use crate::app::access::Caller;
-use crate::app::error::{AppError, AppResult};
+use crate::app::error::{AppError, AppResult, FaultBody};
 use crate::app::rewards::grade::ReadRequest;
 use crate::app::rewards::score::GradeBody;
 use crate::http::extract::body::RawBody;
@@ -48,7 +48,8 @@ impl StructureGradeQuery {
             })?;
             turn["corner"] = json!(parts);
         }
-        let mut request = json!({ "task": self.task, "turns": [turn] });
+        let number = self.task.parse::<u32>().map(|number| json!(number));
+        let mut request = json!({ "task": number.unwrap_or_else(|_| json!(self.task)), "turns": [turn] });
         for (member, value) in [("suite", &self.suite), ("reward", &self.reward), ("detail", &self.detail)] {
             if let Some(value) = value {
                 request[member] = json!(value);
@@ -56,6 +57,23 @@ impl StructureGradeQuery {
         }
         Ok(request)
     }
+}
+
+/// Names the places of faults as the sender knows them: parameters, and the file.
+fn placed(error: AppError) -> AppError {
+    let told = error.faults().iter().cloned().map(|fault| match fault.pointer.as_str() {
+        "/turns/0/corner" => FaultBody::of_parameter("corner", fault.detail),
+        "/turns" if fault.detail.contains("the task has") => {
+            FaultBody::of_parameter("task", "it has several turns; send a structure for each of them to /v1/grade")
+        }
+        "/turns" | "/turns/0/structure" => FaultBody { pointer: String::new(), ..fault },
+        pointer => match pointer.strip_prefix('/') {
+            Some(name @ ("task" | "suite" | "reward" | "detail")) => FaultBody::of_parameter(name, fault.detail),
+            _ => fault,
+        },
+    });
+    let told: Vec<FaultBody> = told.collect();
+    if told.is_empty() { error } else { error.with_fault_list(told) }
 }
 
 /// Grades a structure file (`.nbt`, `.schem` or `.litematic`), whose bytes are the body, for a task of one turn. For
@@ -85,7 +103,7 @@ pub async fn grade_structure(
     let request = query.request(&body.bytes)?;
     let catalogue = state.catalogue();
     let reading = tokio::task::spawn_blocking(move || ReadRequest::read(request.to_string().as_bytes(), &catalogue));
-    let request = reading.await.map_err(|error| AppError::internal(&error))??;
-    let prepared = request.prepare(&state, who).await.map_err(AppError::without_reward_where_ours)?;
+    let request = reading.await.map_err(|error| AppError::internal(&error))?.map_err(placed)?;
+    let prepared = request.prepare(&state, who).await.map_err(|error| placed(error.without_reward_where_ours()))?;
     Ok(Json(prepared.grade(&state, who).await?.0))
 }

@@ -79,7 +79,7 @@ pub async fn get_agent_guide(headers: HeaderMap, Params(query): Params<GuideQuer
         text: guide.markdown(),
         world: guide.world.to_vec(),
         answer: guide.answer.to_vec(),
-        limits: Guide::limits().to_vec(),
+        limits: guide.limits(),
         functions: guide.functions().collect(),
         example: guide.example,
     })

@@ -9,6 +9,7 @@ use crate::actions::{CodeError, Dropped, Profile, Replayed};
 use crate::app::access::Caller;
 use crate::app::body::{profile, request_body};
 use crate::app::error::{AppError, AppResult};
+use crate::app::event_budget::EventBudget;
 use crate::app::replay::{ReplayedEvent, StandingBlock, job_of_all, replay, standing, told};
 use crate::app::structure_files::open_files;
 use crate::app::submissions::log_member::turns;
@@ -96,7 +97,7 @@ pub async fn replay_action_code(
     let profile = profile.unwrap_or_default();
     let mut sent = turns.unwrap_or_else(|| SentLog::of_files(action_code.unwrap_or_default()));
     sent.log.profile = profile;
-    open_files(&state, caller.who(), &mut sent, &mut faults).await?;
+    open_files(&state, caller.who(), &mut sent, &mut EventBudget::whole(&state.limits), &mut faults).await?;
     if !faults.is_empty() {
         return Err(AppError::faulty(faults));
     }
