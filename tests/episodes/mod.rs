@@ -86,6 +86,9 @@ async fn an_episode_is_graded_as_the_same_code_posted_at_once() {
     let at_once = json!({ "task": task.id, "profile": "mindcraft", "turns": turns });
     let at_once = service.post_json("/v1/grade", &at_once).await.json();
     assert_eq!(graded["log_hash"], at_once["log_hash"]);
+    service.post_json(&format!("/v1/runs/{run}/finish"), &json!({ "skip": "unanswered" })).await;
+    let late = service.post_json("/v1/episodes", &json!({ "task": task.id, "run": run })).await;
+    assert!(late.status == StatusCode::CONFLICT && late.text.contains("run-closed"), "{}", late.text);
     // It is over, and submitting again gives the same submission.
     let again = service.post_json(&format!("{episode}/submit"), &json!({})).await;
     assert_eq!(again.json(), submitted.json());

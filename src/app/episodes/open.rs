@@ -12,13 +12,14 @@ use crate::app::limits::LIMITS;
 use crate::clock::now_ms;
 use crate::store::episodes::{Attempt, EpisodeRow};
 use crate::store::keys::Scope;
+use crate::store::states::RunState;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::tasks::embedded::FULL;
 
 /// Opens an episode, which is durable when this returns.
 ///
 /// # Errors
-/// Returns all faults of the body, 409 if the instance was answered or has expired, and 429 if the owner has too many
+/// Returns all faults of the body, 409 if the run is closed, or the instance was answered or has expired, and 429 if the owner has too many
 /// open episodes.
 pub async fn open(app: &App, caller: &Caller, draft: Option<NewEpisode>, mut faults: Faults) -> AppResult<Episode> {
     caller.require(Scope::Submit)?;
@@ -77,6 +78,9 @@ async fn task_attempt(app: &App, caller: &Caller, new: NewEpisode, faults: &mut 
                 return Ok(None);
             };
             caller.require_own(row.owner.as_deref(), "run")?;
+            if row.state != RunState::Open {
+                return Err(AppError::conflict("run-closed", "the run accepts no more submissions; open another one"));
+            }
             row.suite_id
         }
     };

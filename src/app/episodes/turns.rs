@@ -42,10 +42,14 @@ pub async fn next_turn(
     if episode.stored.turn >= turns {
         return Err(AppError::conflict("last-turn", format!("turn {turns} is the last; submit the episode")));
     }
-    let mut log = episode.stored.log()?;
-    log.turns.push(Vec::new());
-    episode.stored.turn += 1;
-    episode.stored.set_log(&log);
+    let episode = aside(move || {
+        let mut log = episode.stored.log()?;
+        log.turns.push(Vec::new());
+        episode.stored.turn += 1;
+        episode.stored.set_log(&log);
+        Ok(episode)
+    })
+    .await?;
     keep_step(app, caller, episode, new.step, LastStep { hash, answer: Value::Null }).await?;
     Episode::of_caller(app, caller, id).await
 }
