@@ -86,7 +86,8 @@ async fn an_episode_is_graded_as_the_same_code_posted_at_once() {
     let at_once = json!({ "task": task.id, "profile": "mindcraft", "turns": turns });
     let at_once = service.post_json("/v1/grade", &at_once).await.json();
     assert_eq!(graded["log_hash"], at_once["log_hash"]);
-    service.post_json(&format!("/v1/runs/{run}/finish"), &json!({ "skip": "unanswered" })).await;
+    let finished = service.post_json(&format!("/v1/runs/{run}/finish"), &json!({ "skip": "unanswered" })).await;
+    assert!(finished.status.is_success(), "{}", finished.text);
     let late = service.post_json("/v1/episodes", &json!({ "task": task.id, "run": run })).await;
     assert!(late.status == StatusCode::CONFLICT && late.text.contains("run-closed"), "{}", late.text);
     // It is over, and submitting again gives the same submission.
