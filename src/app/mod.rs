@@ -5,6 +5,7 @@
 
 pub mod access;
 pub mod accounts;
+mod aside;
 pub mod boards;
 pub mod body;
 pub mod catalogue;

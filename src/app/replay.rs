@@ -224,7 +224,7 @@ pub fn job_of_all(mut sent: SentLog) -> Job {
 }
 
 /// Returns the events of a turn as a job holds them.
-fn events_of(log: &BlockLog, turn: usize) -> Vec<([i32; 3], Option<String>)> {
+pub(in crate::app) fn events_of(log: &BlockLog, turn: usize) -> Vec<([i32; 3], Option<String>)> {
     let told = log.turns[turn].iter().map(|event| match *event {
         Event::Place { cell, material } => (cell.into(), Some(log.palette.name(material).to_owned())),
         Event::Remove { cell } => (cell.into(), None),

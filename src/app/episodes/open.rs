@@ -19,8 +19,8 @@ use plumbline_engine::tasks::embedded::FULL;
 /// Opens an episode, which is durable when this returns.
 ///
 /// # Errors
-/// Returns all faults of the body, 409 if the run is closed, or the instance was answered or has expired, and 429 if the owner has too many
-/// open episodes.
+/// Returns all faults of the body, 409 if the run is closed, or the instance was answered or has expired, and 429 if
+/// the owner has too many open episodes.
 pub async fn open(app: &App, caller: &Caller, draft: Option<NewEpisode>, mut faults: Faults) -> AppResult<Episode> {
     caller.require(Scope::Submit)?;
     let Some(new) = draft.filter(|_| faults.is_empty()) else { return Err(AppError::faulty(faults)) };

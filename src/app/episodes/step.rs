@@ -12,10 +12,11 @@ use crate::actions::job::{Job, TurnInput};
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::access::Caller;
+use crate::app::aside::aside;
 use crate::app::error::{AppError, AppResult};
 use crate::app::event_budget::EventBudget;
 use crate::app::limits::LIMITS;
-use crate::app::replay::{ReplayedEvent, replay, take_events, told};
+use crate::app::replay::{ReplayedEvent, events_of, replay, take_events, told};
 use plumbline_engine::game::Look;
 use plumbline_engine::game::coordinates::{MAX_Y, MIN_Y};
 use plumbline_engine::game::world::is_in_world;
@@ -70,7 +71,7 @@ pub async fn make_step(
         (Some(files), _) => (TurnInput::Code(files), None),
         (None, Some(events)) => {
             let events = in_world(&events)?;
-            (TurnInput::Events(as_input(&events)), Some(Replayed::of_log(&events)))
+            (TurnInput::Events(events_of(&events, 0)), Some(Replayed::of_log(&events)))
         }
         (None, None) => return Err(AppError::faulty(faults)),
     };
@@ -113,11 +114,6 @@ pub async fn make_step(
     });
     let (episode, answer) = stepped.await?;
     keep_step(app, caller, episode, new.step, LastStep { hash, answer }).await
-}
-
-/// Does slow work on a blocking thread.
-pub(super) async fn aside<T: Send + 'static>(work: impl FnOnce() -> AppResult<T> + Send + 'static) -> AppResult<T> {
-    tokio::task::spawn_blocking(work).await.map_err(|error| AppError::internal(&error))?
 }
 
 /// Stores the next step of an episode, and returns its answer. `sent` is the number of the step in the request.
@@ -177,13 +173,4 @@ fn in_world(log: &BlockLog) -> AppResult<BlockLog> {
 /// Returns the SHA-256 of an operation and a body, in hex.
 pub(super) fn hash_of(operation: &str, body: &[u8]) -> String {
     hex(&Sha256::new().chain_update(operation).chain_update([0]).chain_update(body).finalize())
-}
-
-/// Returns the events of a log of one turn as a job takes them.
-fn as_input(log: &BlockLog) -> Vec<([i32; 3], Option<String>)> {
-    let input = log.turns.iter().flatten().map(|event| match *event {
-        Event::Place { cell, material } => (cell.into(), Some(log.palette.name(material).to_owned())),
-        Event::Remove { cell } => (cell.into(), None),
-    });
-    input.collect()
 }

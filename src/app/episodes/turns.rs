@@ -6,9 +6,10 @@ use sha2::{Digest as _, Sha256};
 
 use super::body::{NextTurn, SubmitEpisode};
 use super::state::{Episode, EpisodeState, LastStep};
-use super::step::{aside, hash_of, keep_step};
+use super::step::{hash_of, keep_step};
 use crate::app::App;
 use crate::app::access::Caller;
+use crate::app::aside::aside;
 use crate::app::error::{AppError, AppResult};
 use crate::app::hidden::instances::{AcceptedAnswer, answer_instance};
 use crate::app::submissions::accept::accept;

@@ -12,6 +12,7 @@ use super::named_task::NamedTask;
 use super::request::{Detail, GivenWork, GradeRequest, read_request};
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
+use crate::app::aside::aside;
 use crate::app::error::{AppError, AppResult};
 use crate::app::event_budget::EventBudget;
 use crate::app::limits::LIMITS;
@@ -140,11 +141,6 @@ impl ReadRequest {
 
 /// Maximum number of events of a log that is processed on the thread that serves its request.
 const INSTANT_EVENTS: usize = 2_000;
-
-/// Runs slow work on a blocking thread.
-async fn aside<T: Send + 'static>(work: impl FnOnce() -> AppResult<T> + Send + 'static) -> AppResult<T> {
-    tokio::task::spawn_blocking(work).await.map_err(|error| AppError::internal(&error))?
-}
 
 impl Found {
     /// Returns whether its log is not complete yet: it has action code to run, or structure files to read.

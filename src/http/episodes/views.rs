@@ -11,7 +11,7 @@ use crate::app::episodes::body::Region;
 use crate::app::episodes::state::Episode;
 use crate::app::episodes::view::{View, picture, seen};
 use crate::app::error::{AppError, AppResult};
-use crate::http::extract::params::Params;
+use crate::http::extract::params::{Params, position};
 use crate::http::state::AppState;
 use crate::pictures::isometric::Corner;
 
@@ -50,16 +50,10 @@ pub async fn view_episode(
     Path(id): Path<String>,
     Params(query): Params<ViewQuery>,
 ) -> AppResult<Json<View>> {
-    let (from, to) = (corner("from", &query.from)?, corner("to", &query.to)?);
+    let (from, to) = (position("from", &query.from)?, position("to", &query.to)?);
     let region = Region::between(from, to).map_err(|why| AppError::wrong_parameter("to", why))?;
     let episode = Episode::of_caller(&state, &caller, &id).await?;
     Ok(Json(seen(&episode.stored.world, region)))
-}
-
-fn corner(name: &str, text: &str) -> AppResult<[i32; 3]> {
-    let parts: Result<Vec<i32>, _> = text.split(',').map(|part| part.trim().parse()).collect();
-    let corner = parts.ok().and_then(|parts| <[i32; 3]>::try_from(parts).ok());
-    corner.ok_or_else(|| AppError::wrong_parameter(name, "expected three integers with commas, such as 0,0,0"))
 }
 
 /// Bytes of a picture.

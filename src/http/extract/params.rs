@@ -34,6 +34,16 @@ impl<S: Sync, T: DeserializeOwned> FromRequestParts<S> for SoundParams<T> {
     }
 }
 
+/// Reads a position `x,y,z`, the value of a parameter.
+///
+/// # Errors
+/// Returns an error (400) if it is none.
+pub fn position(name: &str, text: &str) -> AppResult<[i32; 3]> {
+    let parts: Result<Vec<i32>, _> = text.split(',').map(|part| part.trim().parse()).collect();
+    let position = parts.ok().and_then(|parts| <[i32; 3]>::try_from(parts).ok());
+    position.ok_or_else(|| AppError::wrong_parameter(name, "expected three integers with commas, such as 0,0,0"))
+}
+
 /// Reads the parameters of a query string that are sound, and the faults of the others.
 ///
 /// # Errors

@@ -12,7 +12,7 @@ use crate::app::error::{AppError, AppResult, FaultBody};
 use crate::app::rewards::grade::ReadRequest;
 use crate::app::rewards::score::GradeBody;
 use crate::http::extract::body::RawBody;
-use crate::http::extract::params::Params;
+use crate::http::extract::params::{Params, position};
 use crate::http::state::AppState;
 use crate::http::submissions::structure::StructureFile;
 use crate::store::keys::Scope;
@@ -41,12 +41,7 @@ impl StructureGradeQuery {
     fn request(&self, file: &[u8]) -> AppResult<Value> {
         let mut turn = json!({ "structure": STANDARD.encode(file) });
         if let Some(corner) = &self.corner {
-            let parts: Result<Vec<i32>, _> = corner.split(',').map(|part| part.trim().parse()).collect();
-            let parts = parts.ok().filter(|parts| parts.len() == 3);
-            let parts = parts.ok_or_else(|| {
-                AppError::wrong_parameter("corner", "expected three integers with commas, such as 0,0,0")
-            })?;
-            turn["corner"] = json!(parts);
+            turn["corner"] = json!(position("corner", corner)?);
         }
         let number = self.task.parse::<u32>().map(|number| json!(number));
         let mut request = json!({ "task": number.unwrap_or_else(|_| json!(self.task)), "turns": [turn] });
