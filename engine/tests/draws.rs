@@ -3,9 +3,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use plumbline_engine::builders::build;
-use plumbline_engine::hidden::pool::{Generator, certify, volume};
+use plumbline_engine::hidden::commitment::leaf_hash;
+use plumbline_engine::hidden::merkle;
+use plumbline_engine::hidden::pool::{Generator, Stratum, certify, volume};
 use plumbline_engine::hidden::secret::EpochKey;
-use plumbline_engine::tasks::{Task, embedded};
+use plumbline_engine::tasks::{Task, embedded, hex};
 
 /// What is compared of a family and of the public families that it stands for.
 #[derive(Debug, Default, Clone)]
@@ -114,4 +116,66 @@ fn ten_thousand_draws_are_certified_new_and_as_hard_as_the_public_suite() {
     let total: usize = drawn.values().map(|own| own.tasks).sum();
     assert!(total >= wanted() as usize, "{total}");
     println!("{total} draws");
+}
+
+/// Epochs of the first version are verified by drawing their specifications again.
+#[test]
+fn the_first_version_draws_what_it_drew() {
+    let generator = Generator::of(1).unwrap();
+    let key = EpochKey::new([3; 32]);
+    let mut leaves = Vec::new();
+    for stratum in generator.strata(&key, 4) {
+        let specifications = generator.specifications(&key, &stratum, &|| ()).unwrap();
+        leaves.extend(specifications.iter().map(|own| leaf_hash(&key, own)));
+    }
+    assert_eq!(hex(&merkle::root(&leaves)), "c9e9a7ae9225123f986f70ab3e59c3124403786fbef5fa76761e49500cc61d1e");
+}
+
+/// Every value that a family's rules allow is drawn at least half as often as the rules alone would draw it: what else rejects
+/// a draw, such as its size beside the public builds, makes no value rare.
+#[test]
+fn no_value_that_a_family_allows_is_rare() {
+    const WANTED: u32 = 240;
+    let generator = Generator::new().unwrap();
+    let key = EpochKey::new([4; 32]);
+    let mut rare = Vec::new();
+    for family in generator.families() {
+        let rules = family.content.draw.as_ref().unwrap();
+        let open: Vec<&str> =
+            rules.parameters.iter().filter(|own| own.is.is_none()).map(|own| own.name.as_str()).collect();
+        let mut random = rand_mt::Mt64::new(7);
+        let mut by_rules: BTreeMap<(String, String), f64> = BTreeMap::new();
+        let mut raw = 0.0;
+        while raw < 20_000.0 {
+            if let Some(drawn) = family.draw(&mut |n| random.next_u64() % n).unwrap() {
+                raw += 1.0;
+                for name in &open {
+                    *by_rules.entry(((*name).to_owned(), drawn[*name].to_string())).or_default() += 1.0;
+                }
+            }
+        }
+        let stratum = Stratum { family: family.name().to_owned(), instances: 1, first: 0, size: WANTED };
+        let mut drawn: BTreeMap<(String, String), f64> = BTreeMap::new();
+        for specification in generator.specifications(&key, &stratum, &|| ()).unwrap() {
+            for name in &open {
+                let value = specification.task.parameters[*name].to_string();
+                *drawn.entry(((*name).to_owned(), value)).or_default() += 1.0;
+            }
+        }
+        for ((name, value), times) in by_rules {
+            let (share, wanted) =
+                (drawn.get(&(name.clone(), value.clone())).unwrap_or(&0.0) / f64::from(WANTED), times / raw);
+            // Three standard deviations below half of the wanted share are chance.
+            let chance = 3.0 * (wanted / 2.0 * (1.0 - wanted / 2.0) / f64::from(WANTED)).sqrt();
+            if share < wanted / 2.0 - chance {
+                rare.push(format!(
+                    "{}: {name} = {value} in {:.1} %, by the rules {:.1} %",
+                    family.name(),
+                    100.0 * share,
+                    100.0 * wanted
+                ));
+            }
+        }
+    }
+    assert!(rare.is_empty(), "{rare:#?}");
 }

@@ -118,13 +118,11 @@ fn saboteurs_fail_and_every_check_is_failed_by_one() {
         println!("| {} | {} of {families} | {public_caught} of {} |", saboteur.name, caught.len(), public.len());
         let (hidden_share, public_share) =
             (caught.len() as f64 / families as f64, public_caught as f64 / public.len() as f64);
-        if hidden_share < public_share {
+        if hidden_share < public_share - 0.1 {
             milder.push(saboteur.name);
         }
     }
-    // Level ground is a floor where one is left out; and fewer than in the public suite are those of its families whose blocks
-    // have an order.
-    assert!(milder.iter().all(|name| ["drop-bottom", "reverse"].contains(name)), "{milder:?}");
+    assert!(milder.is_empty(), "{milder:?}");
     let never: Vec<_> = unfailed.difference(&failed).collect();
     assert!(never.is_empty(), "no saboteur fails {never:#?}");
     let idle: Vec<&str> = SABOTEURS.iter().zip(is_idle).filter(|(_, idle)| *idle).map(|(s, _)| s.name).collect();

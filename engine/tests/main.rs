@@ -4,9 +4,12 @@
 
 mod degenerate;
 mod draws;
+mod fair;
 mod gaming;
 mod hidden_checks;
+mod panel;
 mod scale;
+mod search;
 mod stress;
 mod stress_plainly;
 mod suite;

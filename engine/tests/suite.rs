@@ -4,9 +4,10 @@ use std::path::Path;
 
 use crate::repository;
 use plumbline_engine::grading::saboteur_table;
-use plumbline_engine::tasks::embedded;
-use plumbline_engine::tasks::family::{SuiteSource, json_schema};
+use plumbline_engine::hidden::GENERATOR_VERSION;
+use plumbline_engine::tasks::family::{SuiteSource, entailment_table, json_schema};
 use plumbline_engine::tasks::published::{TaskFile, read_task_files};
+use plumbline_engine::tasks::{embedded, hidden};
 use serde_json::Value;
 
 fn texts(folder: &Path) -> Vec<(String, String)> {
@@ -59,6 +60,44 @@ fn the_schema_in_the_repository_is_the_one_that_the_code_makes() {
     let kept: Value =
         serde_json::from_str(&std::fs::read_to_string(repository("tasks/family.schema.json")).unwrap()).unwrap();
     assert!(kept == json_schema(), "write it again: cargo run -- tasks schema > tasks/family.schema.json");
+}
+
+#[test]
+fn the_tables_of_what_asks_for_checks_are_those_that_the_code_makes() {
+    let kept = std::fs::read_to_string(repository("tasks/entailment.md")).unwrap();
+    for source in [&embedded::sources().unwrap()[1], &hidden::source(GENERATOR_VERSION).unwrap()] {
+        let made = entailment_table(source);
+        assert!(kept.contains(&made), "write it again: cargo run -- tasks entailment > tasks/entailment.md");
+        assert!(made.lines().count() > 100, "{made}");
+    }
+}
+
+/// A suite of walls whose checks must be asked for, with one passage of its file replaced.
+fn faults_of_asking(passage: &str, instead: &str) -> Vec<String> {
+    let walls = std::fs::read_to_string(repository("tasks/mineceraft-3/walls.toml")).unwrap();
+    assert!(walls.contains(passage), "{passage}");
+    let walls = walls.replacen(passage, instead, 1);
+    let suite = "name = 'x'\nfamilies = ['walls']\nversions = [{ number = 3, description = '' }]\n\
+                 every_check_is_asked_for = true\npreamble = '{{ site }} {{ joined }} {{ path_rule }}'\n\
+                 words = { site = 'Here.', joined = 'All hangs together.', path_rule = 'Work steadily.' }\nlite = { seed = 1, tasks = [] }";
+    let files = [TaskFile { name: "walls.toml", text: &walls }, TaskFile { name: "suite.toml", text: suite }];
+    let found = SuiteSource::read(&files).and_then(|source| source.suite(3));
+    found.err().unwrap_or_default().iter().map(ToString::to_string).collect()
+}
+
+#[test]
+fn a_check_that_nothing_asks_for_is_a_fault() {
+    assert!(faults_of_asking("family", "family").is_empty());
+    for (passage, instead, expected) in [
+        ("asked_by = [\"site\"]\n", "", "checks.0.fn: asked_by: missing"),
+        ("asked_by = [\"site\"]", "asked_by = [\"sight\"]", "checks.0.fn: asked_by: there is no phrase \"sight\""),
+        ("{{ joined }}", "", "checks.1.fn: asked_by: no prompt of the track specified has the phrase joined"),
+        ("brief = [", "unmeasured = ['the weather']\nbrief = [", "unmeasured: no prompt contains {{ unmeasured }}"),
+        ("brief = [", "brief = ['', ", "the wording \"raise\" has 2 brief prompts, and needs 1 brief prompt"),
+    ] {
+        let found = faults_of_asking(passage, instead);
+        assert!(found.iter().any(|fault| fault.contains(expected)), "{instead}: {found:#?}");
+    }
 }
 
 #[test]

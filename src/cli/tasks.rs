@@ -17,9 +17,10 @@ use crate::store::location::Location;
 use crate::store::suites::SuiteStored;
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::grading::saboteur_table;
-use plumbline_engine::tasks::family::json_schema;
+use plumbline_engine::hidden::GENERATOR_VERSION;
+use plumbline_engine::tasks::family::{entailment_table, json_schema};
 use plumbline_engine::tasks::published::{TaskFile, read_task_files};
-use plumbline_engine::tasks::{Suite, Task, embedded};
+use plumbline_engine::tasks::{Suite, Task, embedded, hidden};
 
 /// Suite names that are reserved for this program.
 const OWN_SUITES: [&str; 3] = [embedded::FULL, "mineceraft-lite", "hidden"];
@@ -48,6 +49,8 @@ pub enum TasksCommand {
     Validate(ValidateArgs),
     /// Print the JSON Schema of family files.
     Schema,
+    /// Print a table of the phrases that ask for each check, for the public and the hidden suite.
+    Entailment,
     /// Print a table of the criteria that each saboteur makes fail, by family.
     Saboteurs,
     /// Check task files in the published format (JSON) or a folder of family files (TOML), and add them to a database
@@ -77,6 +80,7 @@ pub fn run(command: TasksCommand) -> anyhow::Result<ExitCode> {
         TasksCommand::Show { task, json } => show(&task, json),
         TasksCommand::Validate(args) => validate::run(&args),
         TasksCommand::Schema => print(&format!("{}\n", serde_json::to_string_pretty(&json_schema())?)),
+        TasksCommand::Entailment => print(&entailment()?),
         TasksCommand::Saboteurs => print(&saboteur_table::markdown(&suite()?)),
         TasksCommand::Import { files, suite, database } => import(&files, suite.as_deref(), database),
     }
@@ -107,6 +111,19 @@ pub fn suite() -> anyhow::Result<Suite> {
 fn print(text: &str) -> anyhow::Result<ExitCode> {
     std::io::stdout().lock().write_all(text.as_bytes())?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// Returns the tables of the latest public and hidden families, with headings.
+fn entailment() -> anyhow::Result<String> {
+    let faulty = |faults| anyhow::anyhow!("the suite of this program is faulty: {faults:?}");
+    let [_, public] = embedded::sources().map_err(faulty)?;
+    let secret = hidden::source(GENERATOR_VERSION).map_err(faulty)?;
+    Ok(format!(
+        "# What asks for each check\n\nWritten by `plumbline tasks entailment`. Phrases are templates, as in the family files.\n\n\
+         ## Public families\n\n{}\n## Hidden families\n\n{}",
+        entailment_table(&public),
+        entailment_table(&secret)
+    ))
 }
 
 fn list(family: Option<&str>, criterion: Option<&str>) -> anyhow::Result<ExitCode> {
@@ -157,7 +174,7 @@ fn import(files: &[PathBuf], suite: Option<&str>, database: Option<Location>) ->
         }
         files => {
             let (name, version) = parse_suite_id(suite.unwrap_or("imported@1"))?;
-            vec![Suite { name, version, tasks: read_files(files)? }]
+            vec![Suite { name, version, preamble: None, tasks: read_files(files)? }]
         }
     };
     for suite in &suites {

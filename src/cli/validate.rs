@@ -37,11 +37,12 @@ pub struct ValidateArgs {
 /// solve.
 pub fn run(args: &ValidateArgs) -> anyhow::Result<ExitCode> {
     let begin = Instant::now();
-    let source = match &args.folder {
-        Some(folder) => read_folder(folder)?,
-        None => embedded::source().map_err(|faults| told(&faults))?,
+    let sources = match &args.folder {
+        Some(folder) => vec![read_folder(folder)?],
+        None => embedded::sources().map_err(|faults| told(&faults))?.into(),
     };
-    let suites = suites_of(&source)?;
+    let suites: Vec<Vec<Suite>> = sources.iter().map(suites_of).collect::<Result<_, _>>()?;
+    let suites = suites.concat();
     let elapsed = begin.elapsed();
     for suite in &suites {
         println!(

@@ -9,7 +9,7 @@ use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::grading::fingerprints::Fingerprint;
 use plumbline_engine::grading::outcomes::Outcomes;
 use plumbline_engine::grading::standings::Finished;
-use plumbline_engine::tasks::Task;
+use plumbline_engine::tasks::{Task, Track};
 use plumbline_engine::voxel::Profile;
 
 /// Position up to which a reader has read.
@@ -77,11 +77,11 @@ impl Store {
         // suite_id.
         let rows: Vec<Row> = query(Each {
             sqlite: "SELECT s.id, s.run_id, r.agent, r.finished_at_ms, s.since_ms, s.summary, s.outcomes, r.owner,
-                            r.provenance, r.profile, s.fingerprint
+                            r.provenance, r.profile, r.track, s.fingerprint
                      FROM results s CROSS JOIN runs r ON r.id = s.run_id
                      WHERE s.id > $1 AND +r.suite_id = $2 ORDER BY s.id",
             postgres: "SELECT s.id, s.run_id, r.agent, r.finished_at_ms, s.since_ms, s.summary, s.outcomes, r.owner,
-                              r.provenance, r.profile, s.fingerprint
+                              r.provenance, r.profile, r.track, s.fingerprint
                        FROM results s JOIN runs r ON r.id = s.run_id WHERE s.id > $1 AND r.suite_id = $2 ORDER BY s.id",
         })
         .bind(read.result)
@@ -202,6 +202,7 @@ async fn read_result(connection: &mut Tx, row: &Row, tasks: &[Task]) -> StoreRes
         owner: row.get("owner")?,
         provenance: row.get("provenance")?,
         profile: row.get::<Option<String>>("profile")?.unwrap_or_else(|| Profile::Published.name().to_owned()),
+        track: row.get::<Option<Track>>("track")?.unwrap_or_default(),
         fingerprint: sketch.and_then(Fingerprint::from_bytes),
         agent: row.get("agent")?,
         finished_at_ms: row.get("finished_at_ms")?,

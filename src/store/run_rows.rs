@@ -6,6 +6,7 @@ use super::db::{Builder, Row, Tx, query};
 use super::states::RunState;
 use super::{StoreError, StoreResult};
 use plumbline_engine::grading::Summary;
+use plumbline_engine::tasks::Track;
 
 /// Tasks that a run leaves out on purpose.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -51,6 +52,8 @@ pub struct RunRow {
     pub skipped: i64,
     /// Profile of its submissions: its name, or `mixed`; none before the first.
     pub profile: Option<String>,
+    /// Track of its prompts.
+    pub track: Track,
 }
 
 /// Query with the columns of a run, for every query that reads one.
@@ -59,7 +62,7 @@ macro_rules! select_run {
         concat!(
             "SELECT r.id, r.agent, r.suite_id, r.metadata, r.state, r.pending, r.graded, r.grader_errors,
                     s.task_count AS tasks, r.created_at_ms, r.finished_at_ms, r.summary, r.owner, r.provenance,
-                    r.profile, r.deleted_at_ms, (SELECT COUNT(*) FROM skipped_tasks k WHERE k.run_id = r.id) AS skipped
+                    r.profile, r.track, r.deleted_at_ms, (SELECT COUNT(*) FROM skipped_tasks k WHERE k.run_id = r.id) AS skipped
              FROM runs r JOIN suites s ON s.id = r.suite_id ",
             $rest
         )
@@ -89,6 +92,7 @@ pub(super) fn read_run(row: &Row) -> StoreResult<RunRow> {
         provenance: row.get("provenance")?,
         skipped: row.get("skipped")?,
         profile: row.get("profile")?,
+        track: row.get::<Option<Track>>("track")?.unwrap_or_default(),
     })
 }
 

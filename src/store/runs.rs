@@ -14,6 +14,7 @@ use super::run_rows::{RunRow, Skip, read_run, run_in, select_run};
 use super::states::RunState;
 use super::states::SubmissionState;
 use super::{Store, StoreResult, commit};
+use plumbline_engine::tasks::Track;
 
 /// Filter for listing runs.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -62,6 +63,8 @@ pub struct NewRun<'a> {
     pub owner: Option<&'a str>,
     /// Provenance of its logs.
     pub provenance: &'a str,
+    /// Track of its prompts.
+    pub track: Track,
 }
 
 impl Store {
@@ -86,8 +89,8 @@ impl Store {
         }
         tx.lock([Lock::Order]).await?;
         query(
-            "INSERT INTO runs (id, agent, suite_id, metadata, state, created_at_ms, owner, provenance)
-             VALUES ($1, $2, $3, $4, 'open', $5, $6, $7)",
+            "INSERT INTO runs (id, agent, suite_id, metadata, state, created_at_ms, owner, provenance, track)
+             VALUES ($1, $2, $3, $4, 'open', $5, $6, $7, $8)",
         )
         .bind(run.id)
         .bind(run.agent)
@@ -96,6 +99,7 @@ impl Store {
         .bind(now_ms)
         .bind(run.owner)
         .bind(run.provenance)
+        .bind(run.track)
         .execute(&mut tx)
         .await?;
         commit(tx, "create_run").await?;

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use plumbline_engine::tasks::Track;
 use plumbline_engine::voxel::Profile;
 
 /// Lets an enum with `ALL` and `name` stand for the text of its names in queries.
@@ -66,6 +67,8 @@ impl SubmissionState {
 text_column!(SubmissionState);
 
 text_column!(Profile);
+
+text_column!(Track);
 
 /// State of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]

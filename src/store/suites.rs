@@ -29,7 +29,8 @@ impl Store {
     pub async fn put_suite(&self, suite: &Suite, now_ms: i64) -> StoreResult<SuiteStored> {
         const STORED: &str = "SELECT content_hash FROM suites WHERE id = $1";
         let hashes: Vec<String> = suite.tasks.iter().map(Task::content_hash).collect();
-        let content_hash = hex(&Sha256::digest(hashes.concat()));
+        let preamble = suite.preamble.as_deref().unwrap_or_default();
+        let content_hash = hex(&Sha256::digest(format!("{}{preamble}", hashes.concat())));
         let outcome = |stored: String| {
             if stored == content_hash { SuiteStored::Unchanged } else { SuiteStored::Conflict }
         };
@@ -45,8 +46,8 @@ impl Store {
             return Ok(outcome(stored));
         }
         query(
-            "INSERT INTO suites (id, name, version, task_count, content_hash, created_at_ms)
-             VALUES ($1, $2, $3, $4, $5, $6)",
+            "INSERT INTO suites (id, name, version, task_count, content_hash, created_at_ms, preamble)
+             VALUES ($1, $2, $3, $4, $5, $6, $7)",
         )
         .bind(suite.id())
         .bind(&suite.name)
@@ -54,6 +55,7 @@ impl Store {
         .bind(suite.tasks.len() as i64)
         .bind(&content_hash)
         .bind(now_ms)
+        .bind(suite.preamble.as_deref())
         .execute(&mut tx)
         .await?;
         for (task, hash) in suite.tasks.iter().zip(&hashes) {
@@ -112,7 +114,7 @@ impl Store {
     /// Returns an error if the database fails or a task cannot be read.
     pub async fn suites(&self) -> StoreResult<Vec<Suite>> {
         let rows = query(
-            "SELECT s.name, s.version, t.body
+            "SELECT s.name, s.version, s.preamble, t.body
              FROM suites s JOIN suite_tasks st ON st.suite_id = s.id JOIN tasks t ON t.hash = st.task_hash
              ORDER BY s.name, s.version, st.number",
         )
@@ -126,7 +128,7 @@ impl Store {
             let task: Task = serde_json::from_str(body).map_err(|error| StoreError::corrupt("tasks", error))?;
             match suites.last_mut() {
                 Some(suite) if suite.name == name && suite.version == version => suite.tasks.push(task),
-                _ => suites.push(Suite { name, version, tasks: vec![task] }),
+                _ => suites.push(Suite { name, version, preamble: row.get("preamble")?, tasks: vec![task] }),
             }
         }
         Ok(suites)

@@ -19,6 +19,14 @@ pub struct River {
     material: String,
 }
 
+impl River {
+    /// Returns the river with as many free cells between its supports as it is wide.
+    #[must_use]
+    pub fn with_free_cells(&self) -> Self {
+        Self { w: self.w + 1, ..self.clone() }
+    }
+}
+
 const fn three() -> i32 {
     3
 }

@@ -54,7 +54,7 @@ const fn five() -> i32 {
 }
 
 impl DrawnHouse {
-    fn raise(&self, site: &mut Site, rooms: i32) {
+    fn raise(&self, site: &mut Site, rooms: i32, has_full_walls: bool) {
         let measures = Measures { pitch: self.pitch, back: self.depth, height: self.height };
         let wants = Wants {
             rooms,
@@ -63,6 +63,7 @@ impl DrawnHouse {
             has_upper_story: self.stories == 2,
             chimney_to_y: (self.chimney > 0).then_some(self.height + self.chimney),
             roof_steps: self.steps,
+            has_full_walls,
             ..Wants::default()
         };
         let fabric = Fabric {
@@ -80,7 +81,12 @@ impl DrawnHouse {
 
 /// Builds a house in one turn.
 pub fn house(site: &mut Site, house: &DrawnHouse) {
-    house.raise(site, house.rooms);
+    house.raise(site, house.rooms, false);
+}
+
+/// Builds a house in one turn, with walls between its rooms that reach up to its roof.
+pub fn later_house(site: &mut Site, house: &DrawnHouse) {
+    house.raise(site, house.rooms, true);
 }
 
 /// Parameters of a house that changes from turn to turn: its number of rooms in each turn, and the rest of it.
@@ -95,7 +101,7 @@ pub struct Phases {
 pub fn phased(site: &mut Site, phases: &Phases, turn: usize) {
     let rooms = phases.phases.get(turn - 1).copied().unwrap_or(1);
     site.remove(|cell| cell.x > rooms * phases.house.pitch);
-    phases.house.raise(site, rooms);
+    phases.house.raise(site, rooms, false);
 }
 
 /// Parameters of a cabin built from stock: its size along each axis, in blocks, its material and its door.
@@ -104,6 +110,12 @@ pub struct StockCabin {
     size: i32,
     material: String,
     door: String,
+}
+
+impl StockCabin {
+    pub(super) fn new(size: i32, material: &str, door: &str) -> Self {
+        Self { size, material: material.to_owned(), door: door.to_owned() }
+    }
 }
 
 /// Builds a hollow cube with a door, its floor flush with the ground: the largest cabin for the stock.

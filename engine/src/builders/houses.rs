@@ -58,6 +58,8 @@ pub(super) struct Wants {
     pub(super) chimney_to_y: Option<i32>,
     /// Number of steps by which the roof rises, two blocks apart.
     pub(super) roof_steps: i32,
+    /// Whether walls between rooms reach up to a roof that rises.
+    pub(super) has_full_walls: bool,
 }
 
 /// Parameters of a house: its number of rooms.
@@ -111,10 +113,10 @@ pub fn basic(site: &mut Site, basic: &Basic) {
 /// Parameters of a house: its numbers of rooms, beds and stories.
 #[derive(Debug, Clone, Copy, Deserialize)]
 pub struct House {
-    rooms: i32,
-    beds: i32,
+    pub(super) rooms: i32,
+    pub(super) beds: i32,
     #[serde(default)]
-    stories: i32,
+    pub(super) stories: i32,
 }
 
 impl House {
@@ -191,9 +193,9 @@ pub(super) fn raise(site: &mut Site, wants: Wants, fabric: &Fabric<'_>) {
     }
     if wants.has_upper_story {
         upper_story(site, right, wants.measures, fabric);
-        site.fill(&(0..=right), &(2 * height + 1..=2 * height + 1), &(0..=back), fabric.roof);
+        lay_roof(site, right, 2 * height + 1, wants, fabric);
     } else {
-        lay_roof(site, right, wants, fabric);
+        lay_roof(site, right, height, wants, fabric);
     }
     for room in 0..rooms {
         site.place(Cell::new(room * pitch + 3, height - 1, 2), "lantern");
@@ -203,9 +205,9 @@ pub(super) fn raise(site: &mut Site, wants: Wants, fabric: &Fabric<'_>) {
     }
 }
 
-/// Lays a roof over all rooms. Where it steps up, walls close the steps.
-fn lay_roof(site: &mut Site, right: i32, wants: Wants, fabric: &Fabric<'_>) {
-    let (steps, Measures { back, height, .. }) = (wants.roof_steps, wants.measures);
+/// Lays a roof over all rooms, the lowest part at `height`. Where it steps up, walls close the steps.
+fn lay_roof(site: &mut Site, right: i32, height: i32, wants: Wants, fabric: &Fabric<'_>) {
+    let (steps, Measures { back, pitch, .. }) = (wants.roof_steps, wants.measures);
     site.fill(&(0..=right), &(height..=height), &(0..=if steps == 0 { back } else { 1 }), fabric.roof);
     for step in 1..=steps {
         let (front, level) = (2 * step, height + step);
@@ -216,6 +218,11 @@ fn lay_roof(site: &mut Site, right: i32, wants: Wants, fabric: &Fabric<'_>) {
         }
         if last == back {
             site.fill(&(0..=right), &(height..=level - 1), &(back..=back), fabric.walls);
+        }
+        if wants.has_full_walls {
+            for x in (1..wants.rooms).map(|wall| wall * pitch) {
+                site.fill(&(x..=x), &(height..=level - 1), &(front..=last), fabric.walls);
+            }
         }
         site.fill(&(0..=right), &(level..=level), &(front..=last), fabric.roof);
     }

@@ -296,6 +296,12 @@ catalogue! {
             "A path in steps of one block climbs from the ground around the build to the given level (strict)",
         "shape.has_clear_span" => ClearSpan(shape::spans::HasClearSpan):
             "At least the given number of free cells lie between two supports, and a deck crosses them (strict)",
+        "shape.has_upper_floor" => UpperFloor(shape::ways::HasUpperFloor):
+            "From outside one can walk and climb to enough enclosed cells of floor at or above the given level (strict)",
+        "shape.has_ceilings" => Ceilings(shape::ceilings::HasCeilings):
+            "The ceilings of the rooms lie at enough different levels (strict)",
+        "shape.level_has" => LevelHas(shape::level::LevelHas):
+            "The blocks of one level have the given number, number of parts and extent (strict)",
         "shape.is_vault" => Vault(shape::vaults::IsVault):
             "A cover closes the hollow below it, and rises from all sides to its middle (strict)",
     }

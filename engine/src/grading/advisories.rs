@@ -5,7 +5,8 @@ use super::report::TurnReport;
 use crate::checks::Check;
 use crate::tasks::Instruction;
 use crate::text::agreeing;
-use crate::voxel::{Structure, blocks};
+use crate::voxel::replay::Replay;
+use crate::voxel::{BlockLog, CellSet, Event, Structure, blocks};
 
 /// Pairs of a required word and the word for other blocks whose spelling happens to contain it.
 const LOOKALIKES: [(&str, &str); 6] = [
@@ -74,6 +75,29 @@ pub fn advise(structure: &Structure, instruction: &Instruction, report: &TurnRep
                 add(AdvisoryCode::LookalikeMaterial, Some(i), detail);
             }
         }
+    }
+}
+
+/// Adds an advisory for each turn whose removals did nothing because the same turn placed the blocks.
+pub fn advise_on_removals(log: &BlockLog, advisories: &mut Vec<Advisory>) {
+    if !log.profile.is_published() {
+        return;
+    }
+    let mut before: Option<Structure> = None;
+    for ((turn, events), after) in (1..).zip(&log.turns).zip(Replay::new(log)) {
+        let is_place = |event: &&Event| matches!(event, Event::Place { .. });
+        let placed: CellSet = events.iter().filter(is_place).map(Event::cell).collect();
+        let stood = |cell| before.as_ref().is_some_and(|before| before.contains(cell));
+        let removed = events.iter().filter(|event| !is_place(event)).map(Event::cell);
+        let without: CellSet = removed.filter(|cell| placed.contains(cell) && !stood(*cell)).collect();
+        if !without.is_empty() {
+            let removals = agreeing(without.len(), "removal has", "removals have");
+            let detail = format!(
+                "{removals} no effect: the same turn placed the block, and a removal reaches only blocks of earlier turns"
+            );
+            advisories.push(Advisory { code: AdvisoryCode::RemovalWithoutEffect, turn, check: None, detail });
+        }
+        before = Some(after);
     }
 }
 

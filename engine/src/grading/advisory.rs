@@ -48,4 +48,6 @@ pub enum AdvisoryCode {
     LookalikeMaterial,
     /// A name is not that of a block of the game.
     UnknownBlock,
+    /// A removal in the turn that placed the block does nothing under the profile `published`.
+    RemovalWithoutEffect,
 }

@@ -7,7 +7,7 @@ use crate::checks::{Check, Criterion, Subject};
 use crate::elasticity::{Control, Stopped};
 use crate::tasks::Task;
 use crate::voxel::blocks::BlockSet;
-use crate::voxel::{Cell, Structure};
+use crate::voxel::{Cell, Profile, Structure};
 
 /// Levels at which a single block is tried, in addition to those that checks name.
 const LEVELS: [i32; 3] = [-1, 0, 1];
@@ -55,6 +55,7 @@ impl Baseline {
             materials.iter().flat_map(|material| levels.iter().map(move |level| (material, *level)))
         {
             let one = Structure::from_named([(Cell::new(0, level, 0), material.as_str())]);
+            let one = task.reading.read(one, Profile::Published);
             let single = scores(task, &one, known.as_ref(), control)?;
             let criteria = task.turns.iter().map(|turn| turn.checks.iter().map(Check::criterion));
             let scored = criteria.zip(&single).zip(&baseline.empty).flat_map(|((criteria, single), empty)| {

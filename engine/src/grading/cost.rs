@@ -26,6 +26,8 @@ const IMMEDIATE_NS: u64 = 1_000_000;
 const SHORT_NS: u64 = 500_000_000;
 /// Replaying an event and adding it to the structure of a turn.
 const REPLAY_NS: u64 = 200;
+/// Reading an entry as the game does, which finds the halves of doors and beds.
+const READ_NS: u64 = 300;
 /// Fixed cost of a check, for writing its finding.
 const FINDING_NS: u64 = 2_000;
 /// One byte of a name, in checks that compare names.
@@ -55,7 +57,7 @@ fn nanoseconds(task: &Task, log: &BlockLog) -> u64 {
     for (turn, instruction) in task.turns.iter().enumerate() {
         // No more blocks can stand than were placed.
         blocks += log.turns.get(turn).map_or(0, |events| events.len() as u64);
-        sum += blocks * REPLAY_NS;
+        sum += blocks * if task.reading.is_as_listed() { REPLAY_NS } else { REPLAY_NS + READ_NS };
         for check in instruction.checks.iter().chain(&instruction.informational) {
             let own = match per_block_ns(check) {
                 PerBlock::Flat(ns) => (blocks * ns + names * NAME_NS) * asked_names(check),
@@ -99,9 +101,13 @@ enum PerBlock {
 
 const fn per_block_ns(check: &Check) -> PerBlock {
     PerBlock::Flat(match check {
-        Check::EnclosedRooms(_) | Check::DoorsLeadThrough(_) | Check::WalksOut(_) | Check::ClimbsTo(_) => {
-            return PerBlock::Space;
-        }
+        Check::EnclosedRooms(_)
+        | Check::DoorsLeadThrough(_)
+        | Check::WalksOut(_)
+        | Check::ClimbsTo(_)
+        | Check::UpperFloor(_)
+        | Check::Ceilings(_) => return PerBlock::Space,
+        Check::MadeOf(rule) if rule.is_of_rooms() => return PerBlock::Space,
         Check::StressScore(_) => 400_000,
         Check::EquilibriumScore(_) => 50_000,
         Check::HasExit(rule) => 500 + 10 * rule.volume(),

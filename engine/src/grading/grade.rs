@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use super::advisories::advise;
+use super::advisories::{advise, advise_on_removals};
 use super::report::{CheckReport, CriterionReport, Report, TurnReport};
 use crate::checks::{CHECKS_VERSION, Check, Criterion, Dimension, Finding, Subject};
 use crate::elasticity::{Control, Stopped};
@@ -17,7 +17,8 @@ use crate::voxel::{BlockLog, Profile, Structure};
 /// # Errors
 /// Returns an error only if `control` stops a long computation.
 pub fn grade_log(task: &Task, log: &BlockLog, control: &Control<'_>) -> Result<Report, Stopped> {
-    grade_structures(task, Replay::new(log), control)
+    grade_hashed(task, &task.content_hash(), log, control)
+        .map(|report| Report { profile: Profile::Published, ..report })
 }
 
 /// Grades a log as [`grade_log`] does, given the task's hash, which takes as long to compute as grading a small log.
@@ -25,11 +26,13 @@ pub fn grade_log(task: &Task, log: &BlockLog, control: &Control<'_>) -> Result<R
 /// # Errors
 /// Returns an error only if `control` stops a long computation.
 pub fn grade_hashed(task: &Task, hash: &str, log: &BlockLog, control: &Control<'_>) -> Result<Report, Stopped> {
-    let report = grade(task, hash.to_owned(), Replay::new(log), control)?;
+    let structures = Replay::new(log).map(|structure| task.reading.read(structure, log.profile));
+    let mut report = grade(task, hash.to_owned(), structures, control)?;
+    advise_on_removals(log, &mut report.advisories);
     Ok(Report { profile: log.profile, ..report })
 }
 
-/// Grades structures, one per turn, against a task.
+/// Grades structures, one per turn, against a task. They are read as those of a log of the profile `published`.
 ///
 /// # Errors
 /// Returns an error only if `control` stops a long computation.
@@ -38,6 +41,7 @@ pub fn grade_structures(
     structures: impl IntoIterator<Item = Structure>,
     control: &Control<'_>,
 ) -> Result<Report, Stopped> {
+    let structures = structures.into_iter().map(|structure| task.reading.read(structure, Profile::Published));
     grade(task, task.content_hash(), structures, control)
 }
 
@@ -56,7 +60,9 @@ fn grade(
         let subject = Subject { structure: &standing, control };
         let checks = check_reports(&instruction.checks, &subject)?;
         let informational = check_reports(&instruction.informational, &subject)?;
-        let report = TurnReport { turn, blocks: standing.len() as u64, checks, informational };
+        // An object in two cells, such as a door, counts once.
+        let blocks = standing.cells().iter().filter(|cell| standing.other_half(**cell).is_none()).count() as u64;
+        let report = TurnReport { turn, blocks, checks, informational };
         advise(&standing, instruction, &report, &mut advisories);
         turns.push(report);
     }

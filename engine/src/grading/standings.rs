@@ -9,7 +9,7 @@ use super::statistics::comparison::McNemar;
 use super::statistics::interval::{Interval, clustered};
 use super::statistics::ranks::{Comparisons, RankRange, range};
 use super::summary::Summary;
-use crate::tasks::Task;
+use crate::tasks::{Task, Track};
 
 /// Facts about a suite's tasks that standings need.
 #[derive(Debug)]
@@ -179,6 +179,8 @@ pub struct Finished {
     pub provenance: String,
     /// Profile of its submissions: its name, or `mixed`.
     pub profile: String,
+    /// Track of its prompts.
+    pub track: Track,
     /// Fingerprint of its logs; `None` if the run finished before fingerprints were stored.
     pub fingerprint: Option<Fingerprint>,
 }
@@ -216,8 +218,12 @@ impl Standing {
         }
     }
 
-    /// Returns whether both runs answered or skipped some task. Without one, nothing is known about which is better.
+    /// Returns whether both runs were prompted alike, and answered or skipped some task in common. Otherwise nothing is known
+    /// about which is better.
     fn can_be_compared(&self, other: &Self) -> bool {
+        if self.track != other.track {
+            return false;
+        }
         (self.is_whole && other.is_whole && !self.outcomes.is_empty()) || self.answered.common(&other.answered) > 0
     }
 
@@ -298,6 +304,7 @@ mod tests {
                 owner: None,
                 provenance: String::new(),
                 profile: String::new(),
+                track: Track::Specified,
                 fingerprint: None,
             };
             let outcomes = finished.outcomes.clone();

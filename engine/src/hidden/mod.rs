@@ -24,6 +24,6 @@ pub mod reveal;
 pub mod secret;
 pub mod verify;
 
-/// Version of the generator: its families, ranges, strata and draw procedure. Raise it with any change that makes the
-/// same key draw different specifications.
-pub const GENERATOR_VERSION: u32 = 1;
+/// Latest version of the generator: its families, ranges, strata and draw procedure. Add a version with any change that makes
+/// the same key draw different specifications; earlier versions stay, because their epochs are verified with them.
+pub const GENERATOR_VERSION: u32 = 2;

@@ -10,6 +10,7 @@ use std::collections::{BTreeMap, HashSet};
 
 use serde::{Deserialize, Serialize};
 
+use super::GENERATOR_VERSION;
 use super::canonical::{Hash, hash_of};
 use super::secret::{Choices, EpochKey, first_number};
 use crate::builders::{build, build_instance, equilibrium_stress_pa};
@@ -74,6 +75,8 @@ pub struct Volume {
 /// Generates the specifications of a pool.
 #[derive(Debug)]
 pub struct Generator {
+    /// Version of the generator, which is that of the hidden suite.
+    version: u32,
     source: SuiteSource,
     volumes: BTreeMap<String, Volume>,
     public_builds: HashSet<Hash, foldhash::fast::RandomState>,
@@ -90,13 +93,24 @@ fn faulty(faults: &impl std::fmt::Debug) -> PoolError {
 }
 
 impl Generator {
-    /// Creates a generator from the hidden families and the public suite embedded in this program.
+    /// Creates the latest generator from the hidden families and the public suite embedded in this program.
     ///
     /// # Errors
     /// Returns an error if the embedded files are faulty; a test shows that they are not.
     pub fn new() -> Result<Self, PoolError> {
-        let source = hidden::source().map_err(|faults| faulty(&faults))?;
-        let public = embedded::latest().map_err(|faults| faulty(&faults))?;
+        Self::of(GENERATOR_VERSION)
+    }
+
+    /// Creates a version of the generator. Version 1 stands beside version 2 of the public suite, version 2 beside version 3.
+    ///
+    /// # Errors
+    /// Returns an error if there is no such version, or the embedded files are faulty; a test shows that they are not.
+    pub fn of(version: u32) -> Result<Self, PoolError> {
+        if !(1..=GENERATOR_VERSION).contains(&version) {
+            return Err(PoolError::Files(format!("there is no version {version} of the generator")));
+        }
+        let source = hidden::source(version).map_err(|faults| faulty(&faults))?;
+        let public = embedded::suite(version + 1).map_err(|faults| faulty(&faults))?;
         let mut volumes: BTreeMap<String, Volume> = BTreeMap::new();
         let mut public_builds = HashSet::default();
         for task in &public.tasks {
@@ -106,7 +120,7 @@ impl Generator {
             *own = Volume { least: own.least.min(blocks), greatest: own.greatest.max(blocks) };
             public_builds.insert(hash_of_build(&log));
         }
-        Ok(Self { source, volumes, public_builds })
+        Ok(Self { version, source, volumes, public_builds })
     }
 
     /// Returns the hidden families, in order.
@@ -212,7 +226,8 @@ impl Generator {
             // Rounded to a hundredth of a pascal, so that the value prints the same everywhere.
             parameters.insert("reference_pa".to_owned(), ((stress * 100.0).round() / 100.0).into());
         }
-        let mut worded = family.tasks(&[parameters], 1, &self.source.words).map_err(broken)?;
+        let edition = self.source.edition(self.version).map_err(broken)?;
+        let mut worded = family.tasks(&[parameters], &edition).map_err(broken)?;
         if worded.is_empty() {
             return Err(again("no wording fits"));
         }

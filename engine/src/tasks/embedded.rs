@@ -1,4 +1,4 @@
-//! The public suites, embedded in the binary from `tasks/mineceraft/` at build time.
+//! The public suites, embedded in the binary from `tasks/mineceraft/` and `tasks/mineceraft-3/` at build time.
 
 use std::borrow::Cow;
 
@@ -18,16 +18,32 @@ pub const LITE_SEED: u64 = 42;
 /// Version of the full suite that has the published rules only.
 pub const PUBLISHED_VERSION: u32 = 1;
 
+/// Versions 1 and 2.
 #[derive(RustEmbed)]
 #[folder = "../tasks/mineceraft/"]
-struct Files;
+struct FirstFiles;
 
-/// Reads the embedded files of the full suite.
+/// Version 3 and later ones.
+#[derive(RustEmbed)]
+#[folder = "../tasks/mineceraft-3/"]
+struct LaterFiles;
+
+/// Reads the embedded files of all versions of the full suite, the oldest first.
 ///
 /// # Errors
 /// Returns the faults of the files; a test shows that there are none.
-pub fn source() -> Result<SuiteSource, Vec<TaskFileFault>> {
-    read_source::<Files>()
+pub fn sources() -> Result<[SuiteSource; 2], Vec<TaskFileFault>> {
+    Ok([read_source::<FirstFiles>()?, read_source::<LaterFiles>()?])
+}
+
+/// Reads the embedded files that have this version of the full suite.
+///
+/// # Errors
+/// Returns the faults of the files; a test shows that there are none.
+pub fn source_of(version: u32) -> Result<SuiteSource, Vec<TaskFileFault>> {
+    let [first, later] = sources()?;
+    let is_first = first.versions.iter().any(|known| known.number == version);
+    Ok(if is_first { first } else { later })
 }
 
 /// Reads the embedded TOML files of a folder of families.
@@ -48,7 +64,7 @@ pub(super) fn read_source<F: RustEmbed>() -> Result<SuiteSource, Vec<TaskFileFau
 /// # Errors
 /// Returns the faults of the files; a test shows that there are none.
 pub fn suite(version: u32) -> Result<Suite, Vec<TaskFileFault>> {
-    source()?.suite(version)
+    source_of(version)?.suite(version)
 }
 
 /// Returns every version of the full suite, each preceded by its Lite draw with [`LITE_SEED`].
@@ -56,12 +72,13 @@ pub fn suite(version: u32) -> Result<Suite, Vec<TaskFileFault>> {
 /// # Errors
 /// Returns the faults of the files; a test shows that there are none.
 pub fn suites() -> Result<Vec<Suite>, Vec<TaskFileFault>> {
-    let source = source()?;
     let mut suites = Vec::new();
-    for version in &source.versions {
-        let full = source.suite(version.number)?;
-        suites.push(lite(&full, LITE_SEED));
-        suites.push(full);
+    for source in sources()? {
+        for version in &source.versions {
+            let full = source.suite(version.number)?;
+            suites.push(lite(&full, LITE_SEED));
+            suites.push(full);
+        }
     }
     Ok(suites)
 }
@@ -71,23 +88,27 @@ pub fn suites() -> Result<Vec<Suite>, Vec<TaskFileFault>> {
 /// # Errors
 /// Returns the faults of the files; a test shows that there are none.
 pub fn latest() -> Result<Suite, Vec<TaskFileFault>> {
-    let source = source()?;
-    source.suite(source.versions.iter().map(|version| version.number).max().unwrap_or(PUBLISHED_VERSION))
+    let [_, later] = sources()?;
+    later.suite(later.versions.iter().map(|version| version.number).max().unwrap_or(PUBLISHED_VERSION))
 }
 
 /// Draws the Lite subset of a suite, one task per family, with a seed. Tasks keep their ids and numbers.
 #[must_use]
 pub fn lite(full: &Suite, seed: u64) -> Suite {
     let tasks: Vec<Task> = draw(full, seed).into_iter().cloned().collect();
-    Suite { name: format!("{}{LITE_SUFFIX}", full.name), version: full.version, tasks }
+    Suite { name: format!("{}{LITE_SUFFIX}", full.name), tasks, ..full.clone_without_tasks() }
 }
 
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeMap;
 
+    use sha2::{Digest as _, Sha256};
+
     use super::*;
     use crate::checks::{Criterion, Dimension};
+    use crate::tasks::hex;
+    use crate::voxel::Reading;
 
     fn tasks_by_criterion(suite: &Suite) -> ([usize; 7], usize) {
         let having = |wanted: &dyn Fn(Criterion) -> bool| {
@@ -114,6 +135,37 @@ mod tests {
             assert_eq!((&a.id, a.number, &a.parameters), (&b.id, b.number, &b.parameters));
         }
     }
+
+    /// Version 3 has the same tasks, each in two wordings, and other checks.
+    #[test]
+    fn the_third_version_asks_anew_for_the_same_tasks() {
+        let (second, third) = (suite(2).unwrap(), suite(3).unwrap());
+        assert_eq!((third.tasks.len(), third.instruction_count(), third.check_count()), (723, 747, THIRD_CHECKS));
+        let preamble = third.preamble.as_ref().unwrap();
+        assert!(preamble.contains("A door is one object") && preamble.len() > 500, "{preamble}");
+        for (a, b) in second.tasks.iter().zip(&third.tasks) {
+            assert_eq!((&a.id, a.number, a.turns.len()), (&b.id, b.number, b.turns.len()));
+            assert!(b.turns.iter().all(|turn| turn.brief.is_some()), "{}", b.id);
+            assert!(b.reading == Reading::Game && a.reading == Reading::AsListed);
+        }
+    }
+
+    const THIRD_CHECKS: usize = 6_016;
+
+    /// Stored suites never change: these are the hashes of all tasks of the first two versions.
+    #[test]
+    fn the_first_two_versions_are_as_they_were() {
+        let hash = |version| {
+            let hashes: Vec<String> = suite(version).unwrap().tasks.iter().map(Task::content_hash).collect();
+            hex(&Sha256::digest(hashes.concat()))
+        };
+        assert_eq!([hash(1), hash(2)], FIRST_HASHES);
+    }
+
+    const FIRST_HASHES: [&str; 2] = [
+        "0dc81177a2b3abfffd5eb47bc0bf6c006d85b46c0ae6fac7269bc758ba3c0bec",
+        "873fbb8077100ae321692062167893ab3dd386c23322a65e2d05b1a10ff34019",
+    ];
 
     /// 64 foundations, 48 walls, 9 theatres, 6 creative buildings and 48 plans have one more check each. For 45
     /// arches two published checks become informational, and one of our own replaces them.
@@ -153,7 +205,8 @@ mod tests {
 
     #[test]
     fn the_lite_draw_is_the_published_one_and_the_one_that_is_kept() {
-        let source = source().unwrap();
+        let [source, later] = sources().unwrap();
+        assert_eq!(source.lite.tasks, later.lite.tasks);
         let lite = lite(&suite(1).unwrap(), LITE_SEED);
         let numbers: Vec<u32> = lite.tasks.iter().map(|task| task.number).collect();
         let published = [

@@ -7,20 +7,25 @@ pub mod hidden;
 pub mod lite;
 pub mod published;
 pub mod reported;
+pub mod track;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 
 use crate::checks::{Check, Criterion};
-use crate::voxel::Profile;
+use crate::voxel::{Profile, Reading};
 use family::Category;
+pub use track::Track;
 
 /// One instruction of a task, with the checks of the structure that stands after it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Instruction {
     /// Text given to the agent.
     pub prompt: String,
+    /// Text given to the agent on the track `brief`; absent if the suite has no such track.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub brief: Option<String>,
     /// Checks that count, in order.
     pub checks: Vec<Check>,
     /// Checks whose results are reported but do not count.
@@ -44,6 +49,12 @@ pub struct Task {
     /// Parameters of this instance of its family, by name.
     #[serde(default, skip_serializing_if = "Map::is_empty")]
     pub parameters: Map<String, Value>,
+    /// How the blocks of a log are read before they are checked.
+    #[serde(default, skip_serializing_if = "Reading::is_as_listed")]
+    pub reading: Reading,
+    /// What the prompts mention and no check measures.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub unmeasured: Vec<String>,
     /// Instructions, one per turn.
     pub turns: Vec<Instruction>,
 }
@@ -52,7 +63,18 @@ impl Instruction {
     /// Creates an instruction whose checks all count.
     #[must_use]
     pub const fn new(prompt: String, checks: Vec<Check>) -> Self {
-        Self { prompt, checks, informational: Vec::new() }
+        Self { prompt, brief: None, checks, informational: Vec::new() }
+    }
+}
+
+impl Instruction {
+    /// Returns the prompt of a track, or `None` if the suite has no such track.
+    #[must_use]
+    pub fn prompt_on(&self, track: Track) -> Option<&str> {
+        match track {
+            Track::Specified => Some(&self.prompt),
+            Track::Brief => self.brief.as_deref(),
+        }
     }
 }
 
@@ -60,7 +82,16 @@ impl Task {
     /// Creates a task that comes from no family file, so that it has neither category nor type nor parameters.
     #[must_use]
     pub fn foreign(id: String, number: u32, turns: Vec<Instruction>) -> Self {
-        Self { id, number, category: None, kind: None, parameters: Map::new(), turns }
+        Self {
+            id,
+            number,
+            category: None,
+            kind: None,
+            parameters: Map::new(),
+            reading: Reading::AsListed,
+            unmeasured: Vec::new(),
+            turns,
+        }
     }
 
     /// Returns the name of the task's family, which is the part of its id before the slash.
@@ -95,11 +126,19 @@ pub struct Suite {
     pub name: String,
     /// Version number, from 1.
     pub version: u32,
+    /// Conventions that the prompts of the track `brief` take for granted; none if the suite has no such track.
+    pub preamble: Option<String>,
     /// Tasks in the order of their numbers.
     pub tasks: Vec<Task>,
 }
 
 impl Suite {
+    /// Returns the suite with everything but its tasks.
+    #[must_use]
+    pub fn clone_without_tasks(&self) -> Self {
+        Self { name: self.name.clone(), version: self.version, preamble: self.preamble.clone(), tasks: Vec::new() }
+    }
+
     /// Returns the suite's identifier, `name@version`.
     #[must_use]
     pub fn id(&self) -> String {
@@ -112,6 +151,12 @@ impl Suite {
     pub fn profile(&self) -> Profile {
         let is_ours = self.name == "mineceraft" || self.name.starts_with("mineceraft-");
         if is_ours && self.version >= 3 { Profile::Mindcraft } else { Profile::Published }
+    }
+
+    /// Returns the tracks of prompts that the suite has.
+    #[must_use]
+    pub fn tracks(&self) -> &'static [Track] {
+        if self.preamble.is_some() { &Track::ALL } else { &[Track::Specified] }
     }
 
     /// Counts the turns of all tasks, which the paper calls "instruction entries".

@@ -54,6 +54,27 @@ pub fn is_door(name: &str) -> bool {
     is_known(name) && canonical(name).ends_with("_door")
 }
 
+/// Returns whether the block is a bed.
+#[must_use]
+pub fn is_bed(name: &str) -> bool {
+    is_known(name) && canonical(name).ends_with("_bed")
+}
+
+/// Returns whether the block is so thin that a player walks over it as over the floor below it, such as a carpet.
+#[must_use]
+pub fn is_thin(name: &str) -> bool {
+    let name = canonical(name);
+    name.ends_with("_carpet") || matches!(name, "lily_pad" | "repeater" | "comparator")
+}
+
+/// Returns whether a player can climb in the block, such as a ladder.
+#[must_use]
+pub fn is_climbable(name: &str) -> bool {
+    let climbable = ["ladder", "vine", "scaffolding", "twisting_vines", "weeping_vines", "cave_vines"];
+    let name = canonical(name);
+    climbable.contains(&name.strip_suffix("_plant").unwrap_or(name))
+}
+
 /// The naming rule that defines the members of a block family.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Spelling {

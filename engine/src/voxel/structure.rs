@@ -4,6 +4,7 @@ use std::sync::{Arc, OnceLock};
 
 use super::cell::{Bounds, Cell, CellMap};
 use super::palette::{MaterialId, Palette};
+use super::reading::Reading;
 
 /// The blocks that stand after a turn, in building order.
 ///
@@ -15,6 +16,8 @@ pub struct Structure {
     cells: Vec<Cell>,
     materials: Vec<MaterialId>,
     first_entry: OnceLock<CellMap<u32>>,
+    /// For each second half of an object in two cells, the cell of the first; empty unless read as the game reads it.
+    first_halves: Option<CellMap<Cell>>,
 }
 
 impl Structure {
@@ -22,7 +25,25 @@ impl Structure {
     #[must_use]
     pub fn new(palette: Arc<Palette>, entries: impl IntoIterator<Item = (Cell, MaterialId)>) -> Self {
         let (cells, materials) = entries.into_iter().unzip();
-        Self { palette, cells, materials, first_entry: OnceLock::new() }
+        Self { palette, cells, materials, first_entry: OnceLock::new(), first_halves: None }
+    }
+
+    /// Marks the structure as read like the game reads it, with the first half of each object's second half.
+    #[must_use]
+    pub(super) fn with_second_halves(self, first_halves: CellMap<Cell>) -> Self {
+        Self { first_halves: Some(first_halves), ..self }
+    }
+
+    /// Returns how the structure was read.
+    #[must_use]
+    pub fn reading(&self) -> Reading {
+        if self.first_halves.is_some() { Reading::Game } else { Reading::AsListed }
+    }
+
+    /// Returns the first half of the object of which `cell` is the second half, such as the lower half of a door.
+    #[must_use]
+    pub fn other_half(&self, cell: Cell) -> Option<Cell> {
+        self.first_halves.as_ref()?.get(&cell).copied()
     }
 
     /// Creates a structure from cells and material names in building order.

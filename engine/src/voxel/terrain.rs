@@ -4,8 +4,9 @@
 //! Natural ground fills all cells below y = 0. A terrain is a dense grid, so the extent of a build is limited to
 //! [`MAX_EXTENT`].
 
-use super::blocks::{is_door, is_passable};
+use super::blocks::{is_climbable, is_door, is_passable, is_thin};
 use super::cell::{Bounds, Cell};
+use super::reading::Reading;
 use super::structure::Structure;
 
 /// Greatest extent of a build along an axis, and greatest height, in blocks, for which a terrain can be created.
@@ -13,6 +14,7 @@ pub const MAX_EXTENT: i64 = 128;
 
 const SOLID: u8 = 1;
 const DOOR: u8 = 2;
+const LADDER: u8 = 4;
 /// Number of free cells around the build, so that a player can walk around it.
 const MARGIN: i32 = 2;
 /// Number of free cells above the build, so that a player can stand on it.
@@ -61,10 +63,19 @@ impl Terrain {
         let mut terrain =
             Self { bounds, min, size, cells: vec![0; (size[0] * size[1] * size[2]) as usize], doors: Vec::new() };
         let doors = structure.palette().mask(is_door);
-        let open = structure.palette().mask(is_passable);
+        // As listed, a carpet is a full block and a ladder no way up.
+        let is_game = structure.reading() == Reading::Game;
+        let climbable = structure.palette().mask(|name| is_game && is_climbable(name));
+        let open =
+            structure.palette().mask(|name| is_passable(name) || is_game && (is_thin(name) || is_climbable(name)));
         for (cell, id) in structure.entries().filter(|(cell, _)| cell.y >= 0) {
+            if climbable[id as usize] {
+                terrain.mark(cell, LADDER);
+            }
             if doors[id as usize] {
-                terrain.doors.push(cell);
+                if structure.other_half(cell).is_none() {
+                    terrain.doors.push(cell);
+                }
             } else if !open[id as usize] {
                 terrain.mark(cell, SOLID);
             }
@@ -106,6 +117,10 @@ impl Terrain {
         self.index(cell).is_some_and(|index| self.cells[index] & what != 0)
     }
 
+    fn is_air(&self, index: usize) -> bool {
+        self.cells[index] & (SOLID | DOOR) == 0
+    }
+
     /// Returns whether a block or natural ground fills the cell.
     #[must_use]
     pub fn is_solid(&self, cell: Cell) -> bool {
@@ -115,8 +130,9 @@ impl Terrain {
     /// Returns whether a player can stand in the cell. Doors do not block the way.
     #[must_use]
     pub fn can_stand(&self, feet: Cell) -> bool {
+        let below = feet.offset(0, -1, 0);
         self.index(feet).is_some()
-            && self.is_solid(feet.offset(0, -1, 0))
+            && (self.is_solid(below) || self.has(feet, LADDER) || self.has(below, LADDER))
             && !self.is_solid(feet)
             && !self.is_solid(feet.offset(0, 1, 0))
     }
@@ -153,6 +169,18 @@ impl Terrain {
         let mut next = 0;
         while let Some(&from) = reached.get(next) {
             next += 1;
+            for up in [1, -1].map(|dy| from.offset(0, dy, 0)) {
+                let rungs = if up.y > from.y { from } else { up };
+                if step > 0
+                    && self.has(rungs, LADDER)
+                    && let Some(index) = self.index(up)
+                    && !seen[index]
+                    && self.can_stand_square(up, width)
+                {
+                    seen[index] = true;
+                    reached.push(up);
+                }
+            }
             for side in from.side_neighbours() {
                 for dy in -step..=step {
                     let to = side.offset(0, dy, 0);
@@ -184,7 +212,7 @@ impl Terrain {
         let mut spaces = Spaces { label: vec![0; self.cells.len()], pieces: Vec::new() };
         // The first cell of the grid lies in the margin, so its region is the outside, which includes the whole margin.
         for index in 0..self.cells.len() {
-            if self.cells[index] == 0 && spaces.label[index] == 0 {
+            if self.is_air(index) && spaces.label[index] == 0 {
                 let piece = self.fill(index, spaces.pieces.len() as u32 + 1, &mut spaces.label);
                 spaces.pieces.push(piece);
             }
@@ -203,7 +231,7 @@ impl Terrain {
             let past_edges = [(1, 1), (1, -1), (-1, 1), (-1, -1)].map(|(dx, dz)| cell.offset(dx, 0, dz));
             for next in cell.face_neighbours().into_iter().chain(past_edges) {
                 if let Some(next) = self.index(next)
-                    && self.cells[next] == 0
+                    && self.is_air(next)
                     && label[next] == 0
                 {
                     label[next] = number;
@@ -212,6 +240,17 @@ impl Terrain {
             }
         }
         Space { first: self.cell(start), floor_cells }
+    }
+
+    /// Returns every cell of air with the index of its region, by height, then x, then z.
+    pub(super) fn labelled<'a>(&'a self, spaces: &'a Spaces) -> impl Iterator<Item = (Cell, usize)> + 'a {
+        let own = spaces.label.iter().enumerate();
+        own.filter_map(|(index, label)| Some((self.cell(index), label.checked_sub(1)? as usize)))
+    }
+
+    /// Returns the greatest y of the grid.
+    pub(super) fn top(&self) -> i32 {
+        self.min.y + self.size[1] - 1
     }
 
     /// Returns whether the cell is air that is separated from the outside.

@@ -14,6 +14,7 @@ use crate::clock::{DAY_MS, day_ms, milliseconds};
 use plumbline_engine::grading::standings::Standing;
 use plumbline_engine::grading::statistics::ranks::RankRange;
 use plumbline_engine::grading::summary::ProblemRate;
+use plumbline_engine::tasks::Track;
 use plumbline_engine::tasks::reported::{self, ReportedRow};
 
 /// Value by which a board is sorted.
@@ -78,6 +79,8 @@ pub struct Selection {
     pub agent: Option<String>,
     /// Origin of the logs.
     pub provenance: Option<RunProvenance>,
+    /// Track of the prompts.
+    pub track: Option<Track>,
     /// Runs to list, by their coverage.
     pub coverage: CoverageFilter,
     /// Time at which to show the board (RFC 3339).
@@ -128,6 +131,11 @@ pub struct BoardPage {
 /// Returns an error (400) if a parameter is invalid.
 pub fn page(board: &Arc<Board>, wanted: &Selection) -> AppResult<BoardPage> {
     let items = page_items(wanted.limit, 100)?;
+    let tracks = board.entry.suite.tracks();
+    if let Some(track) = wanted.track.filter(|track| !tracks.contains(track)) {
+        let detail = format!("{} has no track {}", board.entry.suite.id(), track.name());
+        return Err(AppError::wrong_parameter("track", detail));
+    }
     let as_of = match &wanted.as_of {
         None => None,
         // A date stands for its last moment, so that the board shows everything of that day.
@@ -146,6 +154,7 @@ pub fn page(board: &Arc<Board>, wanted: &Selection) -> AppResult<BoardPage> {
     let lets_through = |row: &&Arc<Standing>| {
         agent.as_ref().is_none_or(|text| row.agent.to_lowercase().contains(text))
             && wanted.provenance.is_none_or(|wanted| wanted.name() == row.provenance)
+            && wanted.track.is_none_or(|wanted| wanted == row.track)
     };
     let mut rows: Vec<&Arc<Standing>> = all.iter().filter(lets_through).collect();
     if (wanted.sort, wanted.order) != (SortBy::Overall, Direction::Desc) {
@@ -165,7 +174,12 @@ pub fn page(board: &Arc<Board>, wanted: &Selection) -> AppResult<BoardPage> {
         incomplete: compared.incomplete.len(),
         rows: rows[begin..end].iter().map(|row| row_of(board, row, compared)).collect(),
         next_after: (end < total).then(|| rows[end - 1].run.clone()),
-        reported: reported::on(&board.entry.suite.name).map_err(|error| AppError::internal(&error))?,
+        // The paper's prompts are short, so its results stand beside runs with short prompts alone.
+        reported: match wanted.track {
+            Some(Track::Specified) => Vec::new(),
+            _ if !tracks.contains(&Track::Brief) => Vec::new(),
+            _ => reported::on(&board.entry.suite.name).map_err(|error| AppError::internal(&error))?,
+        },
         board: Arc::clone(board),
     })
 }
@@ -192,8 +206,11 @@ pub fn row_of(board: &Board, standing: &Arc<Standing>, rows: &Rows) -> Row {
     let (pass, of) = (standing.answered() as u64, standing.outcomes.len() as u64);
     let is_compared = standing.covers(board.least_coverage);
     Row {
-        // The rows are sorted by rate, greatest first.
-        rank: is_compared.then(|| 1 + rows.all.partition_point(|row| rate(row) > rate(standing))),
+        // The rows are sorted by rate, greatest first; only those with prompts of the same track are compared.
+        rank: is_compared.then(|| {
+            let better = rows.all.partition_point(|row| rate(row) > rate(standing));
+            1 + rows.all[..better].iter().filter(|row| row.track == standing.track).count()
+        }),
         places: is_compared.then(|| rows.places(standing, &board.field)),
         coverage: ProblemRate { pass, of, rate: (of > 0).then(|| pass as f64 / of as f64) },
         attempts: board.attempts(&standing.agent),

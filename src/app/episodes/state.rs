@@ -14,6 +14,7 @@ use crate::clock::now_ms;
 use crate::store::episodes::{Attempt, EpisodeRow, pack, unpack};
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
+use plumbline_engine::tasks::Track;
 use plumbline_engine::voxel::{BlockLog, Profile};
 
 /// What is stored of an episode beside its row.
@@ -183,12 +184,19 @@ async fn attempted(app: &App, caller: &Caller, attempt: &Attempt) -> AppResult<A
             let prompts = instance(app, caller, id).await?.prompts;
             Ok(Attempted { task: None, prompts, most_blocks: LIMITS.blocks_with_stress })
         }
-        Attempt::Task { suite_id, number, .. } => {
+        Attempt::Task { suite_id, number, run_id } => {
             let entry = app.find_suite(suite_id).await?;
             let task = entry.as_ref().and_then(|entry| entry.task_numbered(*number));
             let missing = || AppError::internal(&format!("{suite_id} has no task {number}"));
             let (task, _) = task.ok_or_else(missing)?;
-            let prompts = task.turns.iter().map(|turn| turn.prompt.clone()).collect();
+            // An episode of a run has the prompts of the run's track.
+            let run = match run_id {
+                Some(id) => app.store.run(id).await?,
+                None => None,
+            };
+            let track = run.map_or(Track::Specified, |run| run.track);
+            let prompts =
+                task.turns.iter().map(|turn| turn.prompt_on(track).unwrap_or(&turn.prompt).to_owned()).collect();
             Ok(Attempted { task: Some(task.id.clone()), prompts, most_blocks: most_blocks(task) })
         }
     }

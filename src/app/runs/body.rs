@@ -10,6 +10,7 @@ use crate::app::limits::LIMITS;
 use crate::app::submissions::posted::{TaskRef, TaskShape};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::tolerant::{Read, Scalar, Shape};
+use plumbline_engine::tasks::Track;
 
 request_body! {
     /// Body that creates a run.
@@ -26,8 +27,16 @@ request_body! {
         metadata: Value = optional(|faults| Json { faults, read: read_metadata }),
         /// Origin of its logs; `self-reported` by default. `re-run-by-host` needs the scope `admin`.
         provenance: RunProvenance = optional(|faults| Parsed { text: name(faults), parse: RunProvenance::named }),
+        /// Track of its prompts, `specified` by default; only runs of one track are compared.
+        #[schema(value_type = Option<Track>)]
+        track: Track = optional(|faults| Parsed { text: name(faults), parse: track_named }),
     }
-    unknown: |_| "unknown field; a run has agent, suite, metadata and provenance"
+    unknown: |_| "unknown field; a run has agent, suite, metadata, provenance and track"
+}
+
+/// Finds the track with this name.
+fn track_named(name: &str) -> Result<Track, String> {
+    Track::named(name).ok_or_else(|| format!("expected one of {}", Track::ALL.map(Track::name).join(", ")))
 }
 
 fn read_metadata(value: &Value, faults: &mut Faults) -> Option<Value> {

@@ -42,11 +42,18 @@ pub async fn create(
     let mut suite_id = None;
     if let Some(name) = draft.as_ref().and_then(|run| run.suite.as_deref()) {
         match app.find_suite(name).await? {
-            Some(entry) => suite_id = Some(entry.suite.id()),
+            Some(entry) => {
+                let track = draft.as_ref().and_then(|run| run.track).unwrap_or_default();
+                if !entry.suite.tracks().contains(&track) {
+                    faults
+                        .add_at("track", format!("{} has no prompts of the track {}", entry.suite.id(), track.name()));
+                }
+                suite_id = Some(entry.suite.id());
+            }
             None => faults.add_at("suite", format!("there is no suite {name:?}; /v1/suites lists them")),
         }
     }
-    let (Some(NewRunBody { agent: Some(agent), metadata, provenance, .. }), Some(suite_id), true) =
+    let (Some(NewRunBody { agent: Some(agent), metadata, provenance, track, .. }), Some(suite_id), true) =
         (draft, suite_id, faults.is_empty())
     else {
         return Err(AppError::faulty(faults));
@@ -58,7 +65,8 @@ pub async fn create(
     }
     let id = Uuid::now_v7().to_string();
     let (metadata, owner, provenance) = (&metadata, caller.owner(), provenance.name());
-    let new = NewRun { id: &id, agent: &agent, suite_id: &suite_id, metadata, owner, provenance };
+    let track = track.unwrap_or_default();
+    let new = NewRun { id: &id, agent: &agent, suite_id: &suite_id, metadata, owner, provenance, track };
     let (id, is_replayed) = match app.store.create_run(&new, once, now_ms()).await? {
         PriorRequest::Never => (id, false),
         PriorRequest::Done(id) => (id, true),

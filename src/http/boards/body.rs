@@ -8,6 +8,7 @@ use crate::clock::rfc3339;
 use plumbline_engine::grading::statistics::interval::Interval;
 use plumbline_engine::grading::statistics::ranks::RankRange;
 use plumbline_engine::grading::summary::{CheckRate, Graded, PerCriterion, ProblemRate};
+use plumbline_engine::tasks::Track;
 use plumbline_engine::tasks::reported::ReportedRow;
 
 /// A row of a leaderboard: a finished run.
@@ -48,6 +49,8 @@ pub struct BoardRow {
     /// Profile of its submissions: `published`, `mindcraft`, or `mixed`.
     #[schema(value_type = RunProfile, example = "mindcraft")]
     pub profile: String,
+    /// Track of its prompts. Ranks compare runs of one track.
+    pub track: Track,
     /// Finished runs of other owners with near-identical logs: nearly the same blocks in nearly the same order.
     #[schema(value_type = Vec<uuid::Uuid>)]
     pub similar_to: Vec<String>,
@@ -76,6 +79,7 @@ impl From<Row> for BoardRow {
             attempts,
             provenance: standing.provenance.clone(),
             profile: standing.profile.clone(),
+            track: standing.track,
             similar_to,
             finished_at: rfc3339(standing.finished_at_ms),
         }
@@ -86,7 +90,7 @@ impl From<Row> for BoardRow {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct BoardBody {
     /// `name@version` of the suite.
-    #[schema(example = "mineceraft@2")]
+    #[schema(example = "mineceraft@3")]
     pub suite: String,
     /// Number of problems in the suite.
     #[schema(example = 723)]
@@ -105,7 +109,8 @@ pub struct BoardBody {
     /// Value of `after` for the next page; null on the last page.
     #[schema(format = Uuid)]
     pub next_after: Option<String>,
-    /// Results on this suite that others report; they were not graded by this service.
+    /// Results on this suite that others report; they were not graded by this service. Listed only beside the track `brief`,
+    /// whose prompts are as short as theirs.
     pub reported: Vec<ReportedRow>,
 }
 

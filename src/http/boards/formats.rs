@@ -48,6 +48,7 @@ struct Line<'a> {
     attempts: usize,
     provenance: &'a str,
     profile: &'a str,
+    track: &'static str,
     similar_to: String,
     finished_at: &'a str,
 }
@@ -78,6 +79,7 @@ impl<'a> From<&'a BoardRow> for Line<'a> {
             attempts: row.attempts,
             provenance: &row.provenance,
             profile: &row.profile,
+            track: row.track.name(),
             similar_to: row.similar_to.join(" "),
             finished_at: &row.finished_at,
         }

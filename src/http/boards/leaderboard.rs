@@ -13,6 +13,7 @@ use crate::app::error::AppResult;
 use crate::app::runs::body::RunProvenance;
 use crate::http::extract::params::Params;
 use crate::http::state::AppState;
+use plumbline_engine::tasks::Track;
 
 /// Query of a board: filters, order and page.
 #[derive(Debug, Clone, Default, Deserialize, utoipa::IntoParams)]
@@ -32,6 +33,9 @@ pub struct BoardQuery {
     /// Only rows with this provenance.
     #[param(inline)]
     pub provenance: Option<RunProvenance>,
+    /// Only runs with prompts of this track.
+    #[param(inline)]
+    pub track: Option<Track>,
     /// Whether to list the runs that cover enough of the suite to be compared, or the other runs.
     #[serde(default)]
     #[param(inline)]
@@ -52,8 +56,8 @@ pub struct BoardQuery {
 
 impl From<BoardQuery> for Selection {
     fn from(query: BoardQuery) -> Self {
-        let BoardQuery { sort, order, agent, provenance, coverage, as_of, after, limit, format: _ } = query;
-        Self { sort, order, agent, provenance, coverage, as_of, after, limit }
+        let BoardQuery { sort, order, agent, provenance, track, coverage, as_of, after, limit, format: _ } = query;
+        Self { sort, order, agent, provenance, track, coverage, as_of, after, limit }
     }
 }
 
@@ -65,7 +69,7 @@ impl From<BoardQuery> for Selection {
     params(("suite" = String, Path, description = "Name, or name@version", example = "mineceraft"), BoardQuery),
     responses(
         (status = 200, description = "A page of the board, in the requested format", content((BoardBody = "application/json",
-         example = json!({ "suite": "mineceraft@2", "tasks": 723, "total": 0, "minimum_coverage": 1.0, "incomplete": 0, "rows": [], "next_after": null, "reported": [] })),
+         example = json!({ "suite": "mineceraft@3", "tasks": 723, "total": 0, "minimum_coverage": 1.0, "incomplete": 0, "rows": [], "next_after": null, "reported": [] })),
          (String = "text/csv", example = "rank,first_place,last_place,run,agent\n"), (String = "application/x-ndjson", example = "{\"rank\":1}\n")),
          headers(("ETag" = String, description = "Strong entity tag"))),
         (status = 304, description = "Not modified: If-None-Match names the current entity tag"),

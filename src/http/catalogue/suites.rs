@@ -9,13 +9,13 @@ use crate::app::error::AppResult;
 use crate::http::extract::params::Params;
 use crate::http::state::AppState;
 use plumbline_engine::checks::Criterion;
-use plumbline_engine::tasks::Suite;
+use plumbline_engine::tasks::{Suite, Track};
 
 /// Summary of a suite.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct SuiteBody {
     /// Identifier of the suite: `name@version`.
-    #[schema(example = "mineceraft@2")]
+    #[schema(example = "mineceraft@3")]
     pub id: String,
     /// Name of the suite. A name without a version stands for the latest version.
     #[schema(example = "mineceraft")]
@@ -30,12 +30,18 @@ pub struct SuiteBody {
     #[schema(example = 747)]
     pub instructions: usize,
     /// Number of checks in all turns.
-    #[schema(example = 3660)]
+    #[schema(example = 6016)]
     pub checks: usize,
     /// Families, in order, each with its number of tasks.
     pub families: Vec<FamilyBody>,
     /// Criteria, each with the number of tasks to which it applies.
     pub criteria: Vec<CriterionCount>,
+    /// Tracks of prompts that the suite has.
+    pub tracks: &'static [Track],
+    /// Conventions that the prompts of the track `brief` take for granted: give them to the agent once. Absent if the suite has
+    /// no such track.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub preamble: Option<String>,
     /// Seed of the Lite draw, if the query gave one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
@@ -111,6 +117,8 @@ impl SuiteBody {
                 })
                 .collect(),
             criteria: Criterion::ALL.map(|c| CriterionCount { criterion: c, tasks: applies(c) }).into(),
+            tracks: suite.tracks(),
+            preamble: suite.preamble.clone(),
             seed: None,
             drawn: None,
         }
@@ -122,7 +130,7 @@ impl SuiteBody {
     get, path = "/v1/suites", operation_id = "list_suites", tag = "tasks", summary = "List suites",
     responses(
         (status = 200, description = "The suites", body = SuiteList,
-         example = json!({ "suites": [{ "id": "mineceraft@2", "name": "mineceraft", "version": 2, "tasks": 723 }] })),
+         example = json!({ "suites": [{ "id": "mineceraft@3", "name": "mineceraft", "version": 3, "tasks": 723 }] })),
     )
 )]
 pub async fn list_suites(State(state): State<AppState>) -> AppResult<Json<SuiteList>> {
@@ -136,7 +144,7 @@ pub async fn list_suites(State(state): State<AppState>) -> AppResult<Json<SuiteL
     params(("suite" = String, Path, description = "Name, or name@version", example = "mineceraft"), DrawQuery),
     responses(
         (status = 200, description = "The suite", body = SuiteBody,
-         example = json!({ "id": "mineceraft@2", "name": "mineceraft", "version": 2, "tasks": 723 })),
+         example = json!({ "id": "mineceraft@3", "name": "mineceraft", "version": 3, "tasks": 723 })),
     )
 )]
 pub async fn get_suite(

@@ -7,13 +7,13 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::app::catalogue::tasks::{self, FoundTask, TaskFilter};
-use crate::app::error::AppResult;
+use crate::app::error::{AppError, AppResult};
 use crate::http::extract::conditional::tagged_json;
 use crate::http::extract::params::Params;
 use crate::http::state::AppState;
 use plumbline_engine::checks::{Check, Criterion};
-use plumbline_engine::tasks::Task;
 use plumbline_engine::tasks::family::Category;
+use plumbline_engine::tasks::{Suite, Task, Track};
 
 /// Summary of a task in a list.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -49,7 +49,7 @@ pub struct TaskSummary {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct TaskPage {
     /// `name@version` of the suite.
-    #[schema(example = "mineceraft@2")]
+    #[schema(example = "mineceraft@3")]
     pub suite: String,
     /// Number of tasks that match the filters, on all pages.
     pub total: usize,
@@ -87,8 +87,11 @@ impl CheckBody {
 /// One turn of a task.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct TurnBody {
-    /// Instruction of the turn.
+    /// Instruction of the turn, on the requested track.
     pub prompt: String,
+    /// Instruction of the turn on the track `brief`; absent if the suite has no such track, and for an agent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub brief: Option<String>,
     /// Checks that count towards the verdict; absent for an agent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub checks: Option<Vec<CheckBody>>,
@@ -121,7 +124,7 @@ pub struct TaskBody {
     #[schema(value_type = Option<Object>, example = json!({ "w": 5, "t": 1, "h": 5 }))]
     pub parameters: Option<Value>,
     /// `name@version` of the suite.
-    #[schema(example = "mineceraft@2")]
+    #[schema(example = "mineceraft@3")]
     pub suite: String,
     /// SHA-256 of the task's content, in hex.
     #[schema(pattern = "^[0-9a-f]{64}$")]
@@ -129,6 +132,9 @@ pub struct TaskBody {
     /// Criteria that apply to the task; absent for an agent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub criteria: Option<Vec<Criterion>>,
+    /// What the prompts mention and no check measures.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub unmeasured: Vec<String>,
     /// Turns, in order.
     pub turns: Vec<TurnBody>,
 }
@@ -151,6 +157,9 @@ pub struct TaskQuery {
     kind: Option<String>,
     /// Only tasks to which this criterion applies.
     criterion: Option<Criterion>,
+    /// Track of the instructions in the answer; `specified` by default.
+    #[param(inline)]
+    track: Option<Track>,
     /// Only tasks whose identifier or instructions contain this text; case is ignored.
     text: Option<String>,
     /// Only tasks with a greater number, for paging.
@@ -177,6 +186,9 @@ pub struct SuiteQuery {
     #[serde(rename = "for")]
     #[param(inline)]
     audience: Option<Audience>,
+    /// Track of the instructions in the answer; `specified` by default.
+    #[param(inline)]
+    track: Option<Track>,
     /// Suite, as `name` or `name@version`.
     #[param(example = "mineceraft")]
     suite: Option<String>,
@@ -184,7 +196,7 @@ pub struct SuiteQuery {
 
 impl From<TaskQuery> for TaskFilter {
     fn from(query: TaskQuery) -> Self {
-        let TaskQuery { suite, family, category, kind, criterion, text, after, limit } = query;
+        let TaskQuery { suite, family, category, kind, criterion, track: _, text, after, limit } = query;
         Self { suite, family, category, kind, criterion, text, after, limit }
     }
 }
@@ -195,7 +207,7 @@ impl From<TaskQuery> for TaskFilter {
     params(TaskQuery),
     responses(
         (status = 200, description = "A page of tasks", headers(("ETag" = String, description = "Strong entity tag")), body = TaskPage,
-         example = json!({ "suite": "mineceraft@2", "total": 723, "tasks": [], "next_after": 100 })),
+         example = json!({ "suite": "mineceraft@3", "total": 723, "tasks": [], "next_after": 100 })),
         (status = 304, description = "Not modified: If-None-Match names the current entity tag"),
         (status = 404, description = "There is no such suite"),
     )
@@ -205,12 +217,27 @@ pub async fn list_tasks(
     headers: HeaderMap,
     Params(query): Params<TaskQuery>,
 ) -> AppResult<Response> {
+    let track = query.track.unwrap_or_default();
     let page = tasks::list(&state, &query.into()).await?;
+    must_have(&page.entry.suite, track)?;
     let (suite, total, next_after) = (page.entry.suite.id(), page.total, page.next_after);
-    tagged_json(&headers, &TaskPage { suite, total, tasks: page.tasks().map(summary).collect(), next_after })
+    tagged_json(
+        &headers,
+        &TaskPage { suite, total, tasks: page.tasks().map(|task| summary(task, track)).collect(), next_after },
+    )
 }
 
-fn summary(task: &Task) -> TaskSummary {
+/// Refuses a track that the suite does not have.
+fn must_have(suite: &Suite, track: Track) -> AppResult<()> {
+    if suite.tracks().contains(&track) {
+        return Ok(());
+    }
+    Err(AppError::wrong_parameter("track", format!("{} has no prompts of the track {}", suite.id(), track.name())))
+}
+
+fn summary(task: &Task, track: Track) -> TaskSummary {
+    let prompts: Vec<String> =
+        task.turns.iter().filter_map(|turn| turn.prompt_on(track)).map(ToOwned::to_owned).collect();
     TaskSummary {
         id: task.id.clone(),
         number: task.number,
@@ -219,8 +246,8 @@ fn summary(task: &Task) -> TaskSummary {
         kind: task.kind.clone(),
         turns: task.turns.len(),
         criteria: task.criteria(),
-        prompt: task.turns.first().map(|turn| turn.prompt.clone()).unwrap_or_default(),
-        prompts: task.turns.iter().map(|turn| turn.prompt.clone()).collect(),
+        prompt: prompts.first().cloned().unwrap_or_default(),
+        prompts,
     }
 }
 
@@ -234,7 +261,7 @@ fn summary(task: &Task) -> TaskSummary {
     ),
     responses(
         (status = 200, description = "The task", headers(("ETag" = String, description = "Strong entity tag")), body = TaskBody,
-         example = json!({ "id": "walls/5x1x5-raise", "number": 113, "suite": "mineceraft@2", "turns": [] })),
+         example = json!({ "id": "walls/5x1x5-raise", "number": 113, "suite": "mineceraft@3", "turns": [] })),
         (status = 304, description = "Not modified: If-None-Match names the current entity tag"),
     )
 )]
@@ -245,7 +272,9 @@ pub async fn get_task(
     Params(query): Params<SuiteQuery>,
 ) -> AppResult<Response> {
     let found = tasks::with_id(&state, query.suite.as_deref(), &format!("{family}/{instance}")).await?;
-    let mut task = body(&found);
+    let track = query.track.unwrap_or_default();
+    must_have(&found.entry.suite, track)?;
+    let mut task = body(&found, track);
     if query.audience == Some(Audience::Agent) {
         task.hide_checks();
     }
@@ -258,12 +287,13 @@ impl TaskBody {
         (self.parameters, self.criteria) = (None, None);
         for turn in &mut self.turns {
             turn.checks = None;
+            turn.brief = None;
             turn.informational.clear();
         }
     }
 }
 
-fn body(found: &FoundTask) -> TaskBody {
+fn body(found: &FoundTask, track: Track) -> TaskBody {
     let task = found.task();
     TaskBody {
         id: task.id.clone(),
@@ -275,11 +305,13 @@ fn body(found: &FoundTask) -> TaskBody {
         suite: found.entry.suite.id(),
         hash: found.hash().to_owned(),
         criteria: Some(task.criteria()),
+        unmeasured: task.unmeasured.clone(),
         turns: task
             .turns
             .iter()
             .map(|turn| TurnBody {
-                prompt: turn.prompt.clone(),
+                prompt: turn.prompt_on(track).unwrap_or_default().to_owned(),
+                brief: turn.brief.clone(),
                 checks: Some(turn.checks.iter().map(CheckBody::of).collect()),
                 informational: turn.informational.iter().map(CheckBody::of).collect(),
             })

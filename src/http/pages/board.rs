@@ -17,6 +17,7 @@ use crate::http::extract::params;
 use crate::http::state::AppState;
 use plumbline_engine::grading::statistics::comparison::fisher;
 use plumbline_engine::grading::statistics::ranks::{range, threshold};
+use plumbline_engine::tasks::Track;
 use plumbline_engine::tasks::reported::ReportedRow;
 
 /// Columns that a board can be sorted by: value, its name in queries, and displayed name.
@@ -67,6 +68,8 @@ struct BoardPage {
     direction: &'static str,
     agent: String,
     provenance: &'static str,
+    track: &'static str,
+    tracks: &'static [Track],
     lists_incomplete: bool,
     as_of: String,
     is_filtered: bool,
@@ -98,6 +101,7 @@ pub async fn board(State(state): State<AppState>, Path(suite): Path<String>, Raw
     let query: BoardQuery = params::read(&filled)?;
     let links = Links::of(&suite, &query);
     let (is_ascending, provenance) = (query.order == Direction::Asc, query.provenance.map_or("", RunProvenance::name));
+    let track = query.track.map_or("", Track::name);
     let wanted = Selection { limit: query.limit.or(Some(ROWS)), ..query.into() };
     let board = read::board(&state, &suite).await?;
     let page = rows_of(&board, &wanted)?;
@@ -124,6 +128,8 @@ pub async fn board(State(state): State<AppState>, Path(suite): Path<String>, Raw
         direction: if is_ascending { "ascending" } else { "descending" },
         is_filtered: links.is_filtered(),
         provenance,
+        track,
+        tracks: board.entry.suite.tracks(),
         lists_incomplete: wanted.coverage == CoverageFilter::Incomplete,
         agent: wanted.agent.unwrap_or_default(),
         as_of: wanted.as_of.unwrap_or_default(),
@@ -147,6 +153,7 @@ impl<'q> Links<'q> {
         let filters = [
             ("agent", query.agent.clone()),
             ("provenance", query.provenance.map(|provenance| provenance.name().to_owned())),
+            ("track", query.track.map(|track| track.name().to_owned())),
             ("coverage", (query.coverage == CoverageFilter::Incomplete).then(|| "incomplete".to_owned())),
             ("as_of", query.as_of.clone()),
         ];

@@ -22,6 +22,7 @@ use crate::store::keys::Scope;
 use crate::store::run_rows::RunRow;
 use crate::store::states::RunState;
 use plumbline_engine::grading::Summary;
+use plumbline_engine::tasks::Track;
 
 /// A run.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -70,6 +71,8 @@ pub struct RunBody {
     /// Profile of its submissions: `published`, `mindcraft`, or `mixed`; null before the first.
     #[schema(value_type = Option<RunProfile>)]
     pub profile: Option<String>,
+    /// Track of its prompts.
+    pub track: Track,
 }
 
 impl From<RunRow> for RunBody {
@@ -91,6 +94,7 @@ impl From<RunRow> for RunBody {
             provenance: run.provenance,
             skipped: run.skipped,
             profile: run.profile,
+            track: run.track,
         }
     }
 }

@@ -135,7 +135,7 @@ pub enum AcceptedAnswer {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct Validated {
     /// `name@version` of the task's suite.
-    #[schema(example = "mineceraft@2")]
+    #[schema(example = "mineceraft@3")]
     pub suite: String,
     /// Number of the task in the suite.
     #[schema(example = 113)]

@@ -1,12 +1,16 @@
 //! Strict rules for materials: block names must exist in the game, and families replace substrings (`docs/rules.md#strict-rules`).
 
+use std::collections::{BTreeMap, HashSet};
+
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::checks::{Finding, Rule, Subject};
 use crate::text::agreeing;
-use crate::voxel::blocks::{BlockSet, GAME_VERSION, is_air, is_known};
-use crate::voxel::{Cell, Structure};
+use crate::voxel::blocks::{BlockSet, GAME_VERSION, is_air, is_door, is_known};
+use crate::voxel::inside::LEAST_FLOOR;
+use crate::voxel::terrain::Terrain;
+use crate::voxel::{Cell, CellSet, Structure};
 
 /// Check that every block is a block of the game, and that none is air.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -40,6 +44,12 @@ pub enum Part {
     Sides,
     /// The blocks with none above them, from half the greatest y upwards.
     Roof,
+    /// The blocks of a level beside the air of a room; doors are left out.
+    RoomWalls,
+    /// The blocks of a level that touch the air of a room at an edge and nowhere else.
+    RoomCorners,
+    /// The highest block of each column over a room.
+    RoomRoof,
 }
 
 /// Check that a share of one part of the build is of a kind or a family; of the sides, each one must have that share.
@@ -56,6 +66,9 @@ pub struct MadeOf {
     /// Least share of the part's blocks, from 0 to 1.
     #[serde(default = "whole")]
     pub min_share: f64,
+    /// Blocks that are left out; null leaves out none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub except: Option<BlockSet>,
 }
 
 const fn whole() -> f64 {
@@ -82,11 +95,21 @@ impl Rule for CountWithin {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let structure = subject.structure;
         let found = structure.palette().mask(|name| self.of.is_none_or(|of| of.has(name)));
-        let count = structure.material_ids().iter().filter(|id| found[**id as usize]).count();
+        // An object in two cells is counted once.
+        let is_counted = |(cell, id): &(Cell, u32)| found[*id as usize] && structure.other_half(*cell).is_none();
+        let count = structure.entries().filter(is_counted).count();
         let holds = count >= self.min as usize && self.max.is_none_or(|max| count <= max as usize);
         let what = self.of.map_or_else(|| "blocks".to_owned(), |of| format!("blocks of {of}"));
         let required = json!({ ">=": self.min, "<=": self.max });
         Finding::binary(holds, count, required, format!("{count} {what}")).vacuous_if(holds && structure.is_empty())
+    }
+}
+
+impl MadeOf {
+    /// Returns whether the part is that of a room, to find which takes a walk through the space around the build.
+    #[must_use]
+    pub const fn is_of_rooms(&self) -> bool {
+        matches!(self.part, Part::RoomWalls | Part::RoomCorners | Part::RoomRoof)
     }
 }
 
@@ -104,6 +127,7 @@ fn entries_of(part: Part, y: i32, structure: &Structure) -> Vec<Vec<usize>> {
                 // Only blocks in the upper half count as the roof, which excludes ledges and doors.
                 vec![(0..cells.len()).filter(|&i| is_roof(cells[i]) && 2 * cells[i].y >= top).collect()]
             }
+            Part::RoomWalls | Part::RoomCorners | Part::RoomRoof => vec![of_rooms(part, y, structure)],
             Part::Corners | Part::Sides => vec![Vec::new()],
         };
     };
@@ -121,6 +145,38 @@ fn entries_of(part: Part, y: i32, structure: &Structure) -> Vec<Vec<usize>> {
     ]
 }
 
+/// Returns the entries of a part that rooms define.
+fn of_rooms(part: Part, y: i32, structure: &Structure) -> Vec<usize> {
+    let Some(terrain) = Terrain::of(structure) else { return Vec::new() };
+    let spaces = terrain.spaces();
+    let rooms = terrain.rooms(&spaces, LEAST_FLOOR);
+    let air: CellSet = terrain.cells_of(&spaces, &rooms).collect();
+    let cells = structure.cells();
+    if part == Part::RoomRoof {
+        let columns: HashSet<(i32, i32)> = air.iter().map(|cell| (cell.x, cell.z)).collect();
+        let mut highest: BTreeMap<(i32, i32), usize> = BTreeMap::new();
+        for (i, cell) in cells.iter().enumerate().filter(|(_, cell)| columns.contains(&(cell.x, cell.z))) {
+            let top = highest.entry((cell.x, cell.z)).or_insert(i);
+            if cells[*top].y < cell.y {
+                *top = i;
+            }
+        }
+        return highest.into_values().collect();
+    }
+    let doors = structure.palette().mask(is_door);
+    let is_beside = |cell: Cell| cell.side_neighbours().iter().any(|side| air.contains(side));
+    let is_at_edge = |cell: Cell| {
+        let edges = [(1, 1), (1, -1), (-1, 1), (-1, -1)].map(|(dx, dz)| cell.offset(dx, 0, dz));
+        edges.iter().any(|edge| air.contains(edge))
+    };
+    let level = (0..cells.len()).filter(|&i| cells[i].y == y && !air.contains(&cells[i]));
+    let level = level.filter(|&i| !doors[structure.material_ids()[i] as usize]);
+    match part {
+        Part::RoomWalls => level.filter(|&i| is_beside(cells[i])).collect(),
+        _ => level.filter(|&i| !is_beside(cells[i]) && is_at_edge(cells[i])).collect(),
+    }
+}
+
 impl Rule for MadeOf {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let structure = subject.structure;
@@ -130,9 +186,14 @@ impl Rule for MadeOf {
         }
         let own = structure.palette().mask(|name| self.of.has(name));
         let is_own = |&i: &usize| own[structure.material_ids()[i] as usize];
-        let parts = entries_of(self.part, self.y, structure);
+        let mut parts = entries_of(self.part, self.y, structure);
+        if let Some(except) = self.except {
+            let left_out = structure.palette().mask(|name| except.has(name));
+            parts.iter_mut().for_each(|part| part.retain(|&i| !left_out[structure.material_ids()[i] as usize]));
+        }
         // A level needs at least four corner blocks to have corners; an empty part fails.
-        let is_whole = |part: &[usize]| if self.part == Part::Corners { part.len() >= 4 } else { !part.is_empty() };
+        let has_corners = matches!(self.part, Part::Corners | Part::RoomCorners);
+        let is_whole = |part: &[usize]| if has_corners { part.len() >= 4 } else { !part.is_empty() };
         let share = |part: &Vec<usize>| {
             let own = part.iter().filter(|i| is_own(i)).count();
             if is_whole(part) { own as f64 / part.len() as f64 } else { 0.0 }

@@ -102,13 +102,14 @@ pub fn verify(reveal: &Reveal, kept: &Kept) -> Result<Verified, PoolError> {
         found.breach("commitment", "the revealed one is not the one that was published before the epoch opened");
     }
     let versions = [
-        ("generator", commitment.generator_version, GENERATOR_VERSION),
-        ("checks", commitment.checks_version, CHECKS_VERSION),
+        ("generator", commitment.generator_version, 1..=GENERATOR_VERSION),
+        ("checks", commitment.checks_version, CHECKS_VERSION..=CHECKS_VERSION),
     ];
     for (what, theirs, ours) in versions {
-        if theirs != ours {
+        if !ours.contains(&theirs) {
             let detail = format!(
-                "the epoch used version {theirs} of the {what}, this program has {ours}: verify with version {theirs}"
+                "the epoch used version {theirs} of the {what}, this program has up to {}: verify with version {theirs}",
+                ours.end()
             );
             found.breach(what, detail);
             return Ok(found);
@@ -140,7 +141,7 @@ fn specifications(
     key: &EpochKey,
     found: &mut Verified,
 ) -> Result<(), PoolError> {
-    let generator = Generator::new()?;
+    let generator = Generator::of(commitment.generator_version)?;
     let mut leaves: Vec<Hash> = Vec::new();
     let by_leaf: BTreeMap<u32, &RevealedSpecification> =
         reveal.specifications.iter().map(|revealed| (revealed.specification.leaf, revealed)).collect();
@@ -180,7 +181,7 @@ fn specifications(
 
 /// Checks that every instance is the one that key, entry and nonce draw, and that none was issued twice.
 fn draws(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, found: &mut Verified) -> Result<(), PoolError> {
-    let strata = Generator::new()?.strata(key, commitment.per_instance);
+    let strata = Generator::of(commitment.generator_version)?.strata(key, commitment.per_instance);
     let mut issued: BTreeSet<u32> = BTreeSet::new();
     let runs_of: BTreeMap<&str, u32> = reveal.entries.iter().map(|entry| (entry.id.as_str(), entry.runs)).collect();
     let mut drawn_for: BTreeMap<(&str, u32), BTreeSet<(&str, u32)>> = BTreeMap::new();

@@ -6,6 +6,8 @@ use minijinja::Environment;
 use serde_json::{Map, Value};
 use toml::Spanned;
 
+use super::entailment::{Told, not_measured};
+use super::manifest::Edition;
 use super::template::{self, Context, Datum, Misfit, Place, Text};
 use super::{CheckEntry, Family, Wording, faults};
 use crate::checks::Check;
@@ -38,6 +40,7 @@ struct Compiled<'e> {
     family: &'e Family,
     instance: Text<'e>,
     words: Vec<(&'e str, Text<'e>)>,
+    unmeasured: Vec<Text<'e>>,
     wordings: Vec<CompiledWording<'e>>,
     checks: Vec<CompiledCheck<'e>>,
 }
@@ -47,6 +50,7 @@ struct CompiledWording<'e> {
     when: Option<Datum<'e>>,
     words: Vec<(&'e str, Text<'e>)>,
     prompts: Vec<Text<'e>>,
+    brief: Vec<Text<'e>>,
 }
 
 struct CompiledCheck<'e> {
@@ -62,18 +66,13 @@ impl Family {
     ///
     /// # Errors
     /// Returns all faults found, each with its line and field.
-    pub fn tasks(
-        &self,
-        items: &[Parameters],
-        version: u32,
-        suite_words: &BTreeMap<String, String>,
-    ) -> Result<Vec<Task>, Vec<TaskFileFault>> {
+    pub fn tasks(&self, items: &[Parameters], edition: &Edition<'_>) -> Result<Vec<Task>, Vec<TaskFileFault>> {
         let environment = template::environment();
         let mut found = self.faults_of_form();
         let compiled = Compiled::of(self, &environment).map_err(|misfit| vec![self.fault(&misfit)])?;
         let mut tasks = Vec::new();
         for item in items {
-            match compiled.tasks_of(item, version, suite_words) {
+            match compiled.tasks_of(item, edition) {
                 Ok(more) => tasks.extend(more),
                 Err(misfits) => found.extend(misfits.iter().map(|misfit| self.fault(misfit))),
             }
@@ -154,17 +153,26 @@ impl<'e> Compiled<'e> {
             let own = !wording.prompts.is_empty();
             let prompts = if own { &wording.prompts } else { &content.prompts };
             let field = if own { "wordings.prompts" } else { "prompts" };
+            let own_brief = !wording.brief.is_empty();
+            let brief = if own_brief { &wording.brief } else { &content.brief };
+            let brief_field = if own_brief { "wordings.brief" } else { "brief" };
             Ok(CompiledWording {
                 name: wording.name.get_ref(),
                 when: when.transpose()?,
                 words: texts(environment, &wording.words, "wordings.words")?,
                 prompts: prompts.iter().map(|p| Text::compile(environment, p, field)).collect::<Result<_, _>>()?,
+                brief: brief.iter().map(|p| Text::compile(environment, p, brief_field)).collect::<Result<_, _>>()?,
             })
         };
         Ok(Self {
             family,
             instance: Text::compile(environment, &content.instance, "instance")?,
             words: texts(environment, &content.words, "words")?,
+            unmeasured: content
+                .unmeasured
+                .iter()
+                .map(|text| Text::compile(environment, text, "unmeasured"))
+                .collect::<Result<_, _>>()?,
             wordings: content.wordings.iter().map(wording).collect::<Result<_, _>>()?,
             checks: content
                 .checks
@@ -175,19 +183,17 @@ impl<'e> Compiled<'e> {
         })
     }
 
-    fn tasks_of(
-        &self,
-        item: &Parameters,
-        version: u32,
-        suite_words: &BTreeMap<String, String>,
-    ) -> Result<Vec<Task>, Vec<Misfit>> {
+    fn tasks_of(&self, item: &Parameters, edition: &Edition<'_>) -> Result<Vec<Task>, Vec<Misfit>> {
         let one = |misfit| vec![misfit];
         let mut context: Context = item.iter().map(|(name, value)| (name.clone(), template::value(value))).collect();
-        context.insert("version".to_owned(), version.into());
-        for (name, text) in suite_words {
+        context.insert("version".to_owned(), edition.version.into());
+        for (name, text) in edition.words {
             context.insert(name.clone(), text.as_str().into());
         }
         add_words(&mut context, &self.words).map_err(one)?;
+        let unmeasured: Vec<String> =
+            self.unmeasured.iter().map(|text| text.render(&context)).collect::<Result<_, _>>().map_err(one)?;
+        context.insert("unmeasured".to_owned(), not_measured(&unmeasured).into());
         let instance = self.instance.render(&context).map_err(one)?;
         let mut tasks = Vec::new();
         for wording in &self.wordings {
@@ -201,13 +207,20 @@ impl<'e> Compiled<'e> {
             let parts = [instance.as_str(), wording.name];
             let name = parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("-");
             let mut turns = Vec::with_capacity(wording.prompts.len());
+            wording.must_fit(edition).map_err(|detail| vec![Misfit { place: self.instance.place.clone(), detail }])?;
+            let mut told = Told::new(edition);
             for (i, prompt) in wording.prompts.iter().enumerate() {
                 context.insert("turn".to_owned(), (i + 1).into());
                 context.insert("turns".to_owned(), wording.prompts.len().into());
                 // Checks may use the phrases of the wording and its number of turns.
-                let (checks, informational) = self.checks(&context, version)?;
+                let (checks, informational) = self.checks(&context, edition.version)?;
                 let prompt = prompt.render(&context).map_err(one)?;
-                turns.push(Instruction { prompt, checks, informational });
+                let brief = wording.brief.get(i).map(|text| text.render(&context)).transpose().map_err(one)?;
+                told.turn(&prompt, brief.as_deref());
+                if edition.every_check_is_asked_for {
+                    self.must_be_asked(&context, edition.version, &told)?;
+                }
+                turns.push(Instruction { prompt, brief, checks, informational });
             }
             if turns.is_empty() {
                 let detail = "neither the wording nor the family has prompts".to_owned();
@@ -219,10 +232,29 @@ impl<'e> Compiled<'e> {
                 category: Some(self.family.content.category),
                 kind: Some(self.family.content.kind.clone()),
                 parameters: item.clone(),
+                reading: edition.reading,
+                unmeasured: unmeasured.clone(),
                 turns,
             });
         }
         Ok(tasks)
+    }
+
+    /// Finds the checks of a turn that no phrase asks for, and a list of what is not measured that no prompt tells.
+    fn must_be_asked(&self, context: &Context, version: u32, told: &Told) -> Result<(), Vec<Misfit>> {
+        let mut misfits = Vec::new();
+        for check in self.checks.iter().filter(|check| check.entry.counts_in(version)) {
+            if !check.instances(context).map_err(|misfit| vec![misfit])?.is_empty() {
+                misfits.extend(told.lacks(check.entry, &check.place, context));
+            }
+        }
+        let unmeasured = context.get("unmeasured").and_then(|text| text.as_str()).unwrap_or_default();
+        if !told.admits(unmeasured) {
+            let place = self.unmeasured.first().map_or(&self.instance.place, |text| &text.place);
+            let detail = "no prompt contains {{ unmeasured }}".to_owned();
+            misfits.push(Misfit { place: place.clone(), detail });
+        }
+        if misfits.is_empty() { Ok(()) } else { Err(misfits) }
     }
 
     /// Returns the checks of a turn: those that count, and those that are informational.
@@ -237,6 +269,21 @@ impl<'e> Compiled<'e> {
             }
         }
         if misfits.is_empty() { Ok((counting, shown)) } else { Err(misfits) }
+    }
+}
+
+impl CompiledWording<'_> {
+    /// Tells what is wrong if the wording lacks prompts of the track `brief` that the suite has.
+    fn must_fit(&self, edition: &Edition<'_>) -> Result<(), String> {
+        let wanted = if edition.preamble.is_some() { self.prompts.len() } else { 0 };
+        if self.brief.len() == wanted {
+            return Ok(());
+        }
+        let [has, wants] = [self.brief.len(), wanted].map(|number| counted(number, "brief prompt"));
+        Err(format!(
+            "the wording {:?} has {has}, and needs {wants}: one per turn if the suite has a preamble",
+            self.name
+        ))
     }
 }
 
@@ -305,44 +352,5 @@ impl<'e> CompiledCheck<'e> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn checks_may_depend_on_the_wording() {
-        let text = r#"
-            family = "walls"
-            title = "Walls"
-            category = "structural-elements"
-            type = "walls"
-            description = "A wall."
-            instance = "wall"
-            [[wordings]]
-            name = "one"
-            words.material = "stone"
-            prompts = ["Raise it."]
-            [[wordings]]
-            name = "two"
-            words.material = "bricks"
-            prompts = ["Raise it.", "Raise it further."]
-            [[checks]]
-            fn = "material.count_is_within"
-            args.of = "{{ material }}"
-            args.min = 1
-            args.max = 9
-            [[checks]]
-            when = "turn == turns"
-            fn = "material.are_blocks_known"
-        "#;
-        let family = Family::read("walls.toml", text).unwrap();
-        let tasks = family.tasks(&family.items(), 1, &BTreeMap::new()).unwrap();
-        let checks: Vec<Vec<String>> = tasks
-            .iter()
-            .flat_map(|task| &task.turns)
-            .map(|turn| turn.checks.iter().map(|check| serde_json::to_string(check).unwrap()).collect())
-            .collect();
-        assert_eq!(checks.iter().map(Vec::len).collect::<Vec<_>>(), [2, 1, 2], "{checks:?}");
-        let materials = ["stone", "bricks", "bricks"];
-        assert!(checks.iter().zip(materials).all(|(checks, material)| checks[0].contains(material)), "{checks:?}");
-    }
-}
+#[path = "expand_tests.rs"]
+mod tests;

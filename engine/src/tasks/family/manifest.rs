@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use super::{Family, faults};
+use super::{Family, faults, template};
 use crate::tasks::published::{TaskFile, TaskFileFault};
 use crate::tasks::{Suite, Task};
+use crate::voxel::Reading;
 
 /// Name of the suite file in the folder of a suite.
 pub const MANIFEST: &str = "suite.toml";
@@ -19,6 +20,9 @@ pub struct Version {
     pub number: u32,
     /// Description of the version.
     pub description: String,
+    /// How the blocks of a log are read before they are checked.
+    #[serde(default)]
+    pub reading: Reading,
 }
 
 /// The Lite draw that the suite file lists.
@@ -41,6 +45,10 @@ struct Manifest {
     words: BTreeMap<String, String>,
     #[serde(default)]
     lite: Lite,
+    #[serde(default)]
+    preamble: Option<String>,
+    #[serde(default)]
+    every_check_is_asked_for: bool,
 }
 
 /// A suite as read from its files.
@@ -56,6 +64,25 @@ pub struct SuiteSource {
     pub words: BTreeMap<String, String>,
     /// Lite draw that the suite file lists.
     pub lite: Lite,
+    /// Template of the conventions that prompts of the track `brief` take for granted.
+    pub preamble: Option<String>,
+    /// Whether a check that no phrase of the prompts asks for is a fault.
+    pub every_check_is_asked_for: bool,
+}
+
+/// What a version of a suite gives to all its families.
+#[derive(Debug, Clone)]
+pub struct Edition<'a> {
+    /// Number of the version.
+    pub version: u32,
+    /// How the blocks of a log are read before they are checked.
+    pub reading: Reading,
+    /// Phrases that all prompts can use as variables.
+    pub words: &'a BTreeMap<String, String>,
+    /// Conventions that prompts of the track `brief` take for granted.
+    pub preamble: Option<String>,
+    /// Whether a check that no phrase of the prompts asks for is a fault.
+    pub every_check_is_asked_for: bool,
 }
 
 impl SuiteSource {
@@ -98,8 +125,27 @@ impl SuiteSource {
         if !found.is_empty() {
             return Err(found);
         }
-        let Manifest { name, versions, words, lite, .. } = manifest;
-        Ok(Self { name, versions, families, words, lite })
+        let Manifest { name, versions, words, lite, preamble, every_check_is_asked_for, .. } = manifest;
+        Ok(Self { name, versions, families, words, lite, preamble, every_check_is_asked_for })
+    }
+
+    /// Returns what a version gives to all families.
+    ///
+    /// # Errors
+    /// Returns a fault if there is no such version, or the preamble cannot be rendered.
+    pub fn edition(&self, version: u32) -> Result<Edition<'_>, Vec<TaskFileFault>> {
+        let of_manifest = |detail: String| vec![faults::of_file(MANIFEST, detail)];
+        let found = self.versions.iter().find(|known| known.number == version);
+        let found = found.ok_or_else(|| of_manifest(format!("versions: there is no version {version}")))?;
+        let preamble = self.preamble.as_ref().map(|text| template::rendered(text, &self.words));
+        let preamble = preamble.transpose().map_err(|why| of_manifest(format!("preamble: {why}")))?;
+        Ok(Edition {
+            version,
+            reading: found.reading,
+            words: &self.words,
+            preamble,
+            every_check_is_asked_for: self.every_check_is_asked_for,
+        })
     }
 
     /// Expands all tasks of a version, numbered from 1 in the order of families, items and wordings.
@@ -107,10 +153,11 @@ impl SuiteSource {
     /// # Errors
     /// Returns all faults of all families, and ids that occur twice.
     pub fn suite(&self, version: u32) -> Result<Suite, Vec<TaskFileFault>> {
+        let edition = self.edition(version)?;
         let mut tasks: Vec<Task> = Vec::new();
         let mut found = Vec::new();
         for family in &self.families {
-            match family.tasks(&family.items(), version, &self.words) {
+            match family.tasks(&family.items(), &edition) {
                 Ok(more) => tasks.extend(more),
                 Err(faults) => found.extend(faults),
             }
@@ -124,7 +171,11 @@ impl SuiteSource {
             let family = twice[0].split('/').next().unwrap_or_default();
             found.push(faults::of_file(&format!("{family}.toml"), format!("instance: {:?} occurs twice", twice[0])));
         }
-        if found.is_empty() { Ok(Suite { name: self.name.clone(), version, tasks }) } else { Err(found) }
+        if found.is_empty() {
+            Ok(Suite { name: self.name.clone(), version, preamble: edition.preamble, tasks })
+        } else {
+            Err(found)
+        }
     }
 
     /// Finds a family by its name.

@@ -4,6 +4,7 @@
 //! of the grid is an item, and each wording of an item is a task. `tasks/README.md` documents the format for authors.
 
 mod draw;
+mod entailment;
 mod expand;
 mod faults;
 mod manifest;
@@ -17,8 +18,9 @@ use serde::Deserialize;
 use serde_json::{Map, Value};
 use toml::Spanned;
 
+pub use entailment::table as entailment_table;
 pub use expand::Parameters;
-pub use manifest::{Lite, SuiteSource, Version};
+pub use manifest::{Edition, Lite, SuiteSource, Version};
 pub use schema::json_schema;
 
 use super::published::TaskFileFault;
@@ -98,6 +100,14 @@ pub struct FamilyFile {
     #[serde(default)]
     #[schemars(with = "Vec<String>")]
     pub prompts: Vec<Spanned<String>>,
+    /// Prompts of the track `brief`, one per turn, for wordings that have none of their own.
+    #[serde(default)]
+    #[schemars(with = "Vec<String>")]
+    pub brief: Vec<Spanned<String>>,
+    /// What the prompts mention and no check measures. Prompts tell it with `{{ unmeasured }}`.
+    #[serde(default)]
+    #[schemars(with = "Vec<String>")]
+    pub unmeasured: Vec<Spanned<String>>,
     /// Wordings; each makes a task of each item.
     pub wordings: Vec<Wording>,
     /// Checks of every turn.
@@ -164,6 +174,10 @@ pub struct Wording {
     #[serde(default)]
     #[schemars(with = "Vec<String>")]
     pub prompts: Vec<Spanned<String>>,
+    /// Prompts of the track `brief` in place of the family's, one per turn.
+    #[serde(default)]
+    #[schemars(with = "Vec<String>")]
+    pub brief: Vec<Spanned<String>>,
 }
 
 /// A check whose arguments may be expressions.
@@ -186,6 +200,11 @@ pub struct CheckEntry {
     #[serde(default)]
     #[schemars(with = "BTreeMap<String, String>")]
     pub each: BTreeMap<String, Spanned<String>>,
+    /// Names of the phrases that ask for this check. On each track, one of them must occur in the prompt of the turn, of a
+    /// turn before it, or in the preamble.
+    #[serde(default)]
+    #[schemars(with = "Vec<String>")]
+    pub asked_by: Vec<Spanned<String>>,
     /// First version of the suite that has this check.
     #[serde(default = "first")]
     pub since: u32,
@@ -196,6 +215,13 @@ pub struct CheckEntry {
 
 const fn first() -> u32 {
     1
+}
+
+impl CheckEntry {
+    /// Returns whether a version of the suite has this check and counts it.
+    fn counts_in(&self, version: u32) -> bool {
+        self.since <= version && self.informational_since.is_none_or(|since| since > version)
+    }
 }
 
 /// A family file with its text, in which faults are located.

@@ -33,6 +33,15 @@ fn count(number: i64, noun: &str) -> String {
     format!("{} {noun}{}", spelled(number), if number == 1 { "" } else { "s" })
 }
 
+/// Renders a text in which the variables are these words.
+///
+/// # Errors
+/// Returns the reason if the text has a syntax error or uses another variable.
+pub fn rendered(text: &str, words: &BTreeMap<String, String>) -> Result<String, String> {
+    let rendered = environment().render_str(text, words).map_err(|error| error.to_string())?;
+    Ok(rendered.split_whitespace().collect::<Vec<_>>().join(" "))
+}
+
 /// Location in a family file, for faults.
 #[derive(Debug, Clone)]
 pub struct Place {

@@ -22,6 +22,9 @@ pub struct TrueArch {
     /// Level of the supports. Blocks at or below it between them are not part of the arch.
     #[serde(default)]
     pub support_y: i32,
+    /// Whether the upper surface may also be judged over the supports and the span together.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub with_supports: bool,
 }
 
 /// Horizontal axis.
@@ -67,6 +70,8 @@ pub(super) struct ClearSpan {
     pub(super) axis: Axis,
     pub(super) first: i32,
     pub(super) last: i32,
+    /// Least and greatest position of the supports along the axis.
+    pub(super) ends: (i32, i32),
 }
 
 impl ClearSpan {
@@ -81,7 +86,7 @@ impl ClearSpan {
         let gap = |axis: Axis| {
             let (a, b) = (extent(axis, 0), extent(axis, 1));
             let (near, far) = if a.0 <= b.0 { (a, b) } else { (b, a) };
-            (near.1 + 1 < far.0).then_some(Self { axis, first: near.1 + 1, last: far.0 - 1 })
+            (near.1 + 1 < far.0).then_some(Self { axis, first: near.1 + 1, last: far.0 - 1, ends: (near.0, far.1) })
         };
         [gap(Axis::X), gap(Axis::Z)].into_iter().flatten().max_by_key(|span| span.last - span.first)
     }
@@ -119,6 +124,24 @@ pub(super) fn cuts(structure: &Structure, span: ClearSpan, support_y: i32) -> Ve
             upper: cut.iter().map(|(_, (_, high))| *high).collect(),
         })
         .collect()
+}
+
+/// Returns the heights of the upper surface of a cut over the span and, as far as they adjoin it, over the supports.
+fn upper_with_supports(structure: &Structure, span: ClearSpan, support_y: i32, cut: &Cut) -> Vec<i32> {
+    let mut highest: BTreeMap<i32, i32> = BTreeMap::new();
+    for cell in structure.cells().iter().filter(|cell| cell.y >= support_y) {
+        let at = (cell.x, cell.z);
+        if span.axis.across(at) == cut.across {
+            let high = highest.entry(span.axis.along(at)).or_insert(cell.y);
+            *high = (*high).max(cell.y);
+        }
+    }
+    let before = (span.ends.0..span.first).rev().map_while(|along| highest.get(&along).copied());
+    let mut heights: Vec<i32> = before.collect();
+    heights.reverse();
+    heights.extend(&cut.upper);
+    heights.extend((span.last + 1..=span.ends.1).map_while(|along| highest.get(&along).copied()));
+    heights
 }
 
 /// Returns the index where a surface fails to bulge up, or `None` if it bulges. It fails at an end that is as high as
@@ -174,7 +197,11 @@ impl Rule for TrueArch {
             json!({ "supports": 2, "clear_span": span.length(), "axis": axis,
                     "underside": surfaces.map(|cut| &cut.underside), "upper_surface": surfaces.map(|cut| &cut.upper) })
         };
-        let holds = |cut: &&Cut| break_of(&cut.underside).is_none() && break_of(&cut.upper).is_none();
+        let rises = |cut: &Cut| {
+            break_of(&cut.upper).is_none()
+                || self.with_supports && break_of(&upper_with_supports(structure, span, self.support_y, cut)).is_none()
+        };
+        let holds = |cut: &&Cut| break_of(&cut.underside).is_none() && rises(cut);
         if let Some(cut) = cuts.iter().find(holds) {
             let summary = format!("an arch over {} clear blocks along {axis}", span.length());
             return Finding::binary(true, measured(Some(cut)), required, summary);
@@ -219,7 +246,7 @@ mod tests {
     }
 
     fn finding(structure: &Structure) -> Finding {
-        TrueArch { support_y: 0 }.evaluate(&Subject::unhurried(structure))
+        TrueArch { support_y: 0, with_supports: false }.evaluate(&Subject::unhurried(structure))
     }
 
     #[test]
@@ -237,6 +264,19 @@ mod tests {
             finding(&stone(piers().chain(deck([3, 4, 5, 4, 3])).chain(river))).holds(),
             "a river bed is no underside"
         );
+    }
+
+    /// The extrados 1, 2, 3, 4, 4, 4, 4, 4, 3, 2, 1 is level over the clear span alone.
+    #[test]
+    fn the_upper_surface_may_rise_over_the_supports() {
+        let heights = [1, 2, 3, 4, 4, 4, 4, 4, 3, 2, 1];
+        let supports = (0..11).zip(heights).filter(|(x, _)| !(3..8).contains(x));
+        let stands = supports.flat_map(|(x, top)| (0..=top).map(move |y| [x, y, 0]));
+        let over = (3..8).zip([2, 3, 4, 3, 2]).flat_map(|(x, low)| (low..=4).map(move |y| [x, y, 0]));
+        let arch = stone(stands.chain(over));
+        assert!(!finding(&arch).holds(), "judged over the span alone");
+        let judged = TrueArch { support_y: 0, with_supports: true };
+        assert!(judged.evaluate(&Subject::unhurried(&arch)).holds());
     }
 
     #[test]

@@ -13,6 +13,9 @@ use crate::voxel::terrain::{MAX_EXTENT, Terrain};
 pub struct EnclosedRooms {
     /// Least number of rooms.
     pub min_rooms: u32,
+    /// Greatest number of rooms; null sets no limit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_rooms: Option<u32>,
     /// Least number of cells with standing room in a room.
     #[serde(default = "four")]
     pub min_floor_cells: u32,
@@ -46,27 +49,16 @@ pub(super) fn without_terrain(subject: &Subject<'_>, required: Value) -> Finding
 
 impl Rule for EnclosedRooms {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = json!({ ">=": self.min_rooms });
+        let required = match self.max_rooms {
+            None => json!({ ">=": self.min_rooms }),
+            Some(most) => json!({ ">=": self.min_rooms, "<=": most }),
+        };
         let Some(terrain) = Terrain::of(subject.structure) else { return without_terrain(subject, required) };
         let spaces = terrain.spaces();
-        let mut beyond: Vec<Vec<usize>> = vec![Vec::new(); spaces.pieces.len()];
-        for [one, other] in terrain.doors().iter().filter_map(|door| terrain.joins(*door, &spaces)) {
-            beyond[one].push(other);
-            beyond[other].push(one);
-        }
-        // Search from outside through one door after another.
-        let mut is_entered = vec![false; spaces.pieces.len()];
-        let mut open = vec![0];
-        while let Some(piece) = open.pop() {
-            if !std::mem::replace(&mut is_entered[piece], true) {
-                open.extend(&beyond[piece]);
-            }
-        }
-        let rooms: Vec<usize> = (1..spaces.pieces.len())
-            .filter(|&piece| is_entered[piece] && spaces.pieces[piece].floor_cells >= self.min_floor_cells)
-            .collect();
+        let rooms = terrain.rooms(&spaces, self.min_floor_cells);
         let closed = spaces.pieces.len() - 1 - rooms.len();
-        let holds = rooms.len() >= self.min_rooms as usize;
+        let is_not_too_many = self.max_rooms.is_none_or(|most| rooms.len() <= most as usize);
+        let holds = rooms.len() >= self.min_rooms as usize && is_not_too_many;
         let summary = format!(
             "{} rooms with a roof, a door and head room; {closed} other enclosed spaces; required {}",
             rooms.len(),

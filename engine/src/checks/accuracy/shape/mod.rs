@@ -2,10 +2,12 @@
 //! our own strict rules for hidden suites (`docs/rules.md#strict-rules`).
 
 pub mod arch;
+pub mod ceilings;
 pub mod clusters;
 pub mod doors;
 pub mod enclosed;
 pub mod exits;
+pub mod level;
 pub mod rooms;
 pub mod single_level;
 pub mod spans;

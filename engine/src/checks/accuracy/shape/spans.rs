@@ -16,6 +16,18 @@ pub struct HasClearSpan {
     pub height: u32,
     /// Least number of free cells between the supports, in a straight line.
     pub min_free: u32,
+    /// Least width of the deck: the number of neighbouring rows that cross.
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub min_width: u32,
+}
+
+const fn one() -> u32 {
+    1
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+const fn is_one(n: &u32) -> bool {
+    *n == 1
 }
 
 impl Rule for HasClearSpan {
@@ -47,9 +59,15 @@ impl Rule for HasClearSpan {
         }
         let Some(span) = span else { return fails(json!(null), "no clear span".to_owned()) };
         let is_deck = |heights: &[i32]| heights.windows(2).all(|pair| pair[0].abs_diff(pair[1]) <= 1);
-        let crossing = cuts(structure, span, self.height as i32 - 1).into_iter().find(|cut| is_deck(&cut.upper));
+        let mut decks = cuts(structure, span, self.height as i32 - 1);
+        decks.retain(|cut| is_deck(&cut.upper));
+        let rows = decks.chunk_by(|a, b| a.across + 1 == b.across).find(|rows| rows.len() >= self.min_width as usize);
+        let crossing = rows.and_then(<[_]>::first);
         let measured = json!({ "free": span.length(), "deck": crossing.is_some() });
-        let summary = match &crossing {
+        let summary = match crossing {
+            None if !decks.is_empty() => {
+                format!("no deck {} wide crosses the {} free cells", self.min_width, span.length())
+            }
             Some(_) => format!("a deck crosses the {} free cells along {}", span.length(), span.axis.name()),
             None => format!("no deck crosses the {} free cells along {}", span.length(), span.axis.name()),
         };

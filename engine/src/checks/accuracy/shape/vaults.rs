@@ -6,15 +6,45 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::checks::{Finding, Rule, Subject};
-use crate::voxel::Cell;
+use crate::voxel::{Cell, Structure};
 
 /// Check that every row of the plan is covered, that there is head room below the cover in the middle, and that along
 /// both axes through the middle the upper surface falls to either side by at least two blocks without rising again.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct IsVault {
     /// Least number of free cells between the ground and the cover, in the middle.
     pub min_clear: u32,
+    /// Least share of the square around the plan that the plan covers, from 0 to 1.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub min_cover: f64,
+    /// Whether of two neighbouring columns the higher one must reach down to just above the lower one.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub no_gaps: bool,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_zero(share: &f64) -> bool {
+    *share == 0.0
+}
+
+/// Returns whether the cover lets air pass between two neighbouring columns of different heights.
+fn has_gaps(structure: &Structure, tops: &BTreeMap<(i32, i32), i32>) -> bool {
+    tops.iter().any(|((x, z), top)| {
+        let sides = [(x - 1, *z), (x + 1, *z), (*x, z - 1), (*x, z + 1)];
+        let lower = sides.iter().filter_map(|side| tops.get(side)).min();
+        lower.is_some_and(|lower| (lower + 1..=*top).any(|y| !structure.contains(Cell::new(*x, y, *z))))
+    })
+}
+
+/// Returns the share of the rectangle around a plan that the plan covers.
+fn covered_share(tops: &BTreeMap<(i32, i32), i32>) -> f64 {
+    let span = |along: fn(&(i32, i32)) -> i32| {
+        let all = || tops.keys().map(along);
+        all().max().zip(all().min()).map_or(0, |(most, least)| most.abs_diff(least) + 1)
+    };
+    let area = f64::from(span(|at| at.0)) * f64::from(span(|at| at.1));
+    if area > 0.0 { tops.len() as f64 / area } else { 0.0 }
 }
 
 impl Rule for IsVault {
@@ -45,7 +75,12 @@ impl Rule for IsVault {
             (*low, *high, *count) = ((*low).min(*x), (*high).max(*x), *count + 1);
         }
         let is_closed = rows.values().all(|(low, high, count)| high - low + 1 == *count);
-        let holds = is_closed && clear >= self.min_clear as i32 && lines.iter().all(|line| falls_to_both_ends(line));
+        let plan_share = covered_share(&tops);
+        let holds = is_closed
+            && plan_share >= self.min_cover
+            && !(self.no_gaps && has_gaps(structure, &tops))
+            && clear >= self.min_clear as i32
+            && lines.iter().all(|line| falls_to_both_ends(line));
         let measured = json!({ "clear": clear, "closed": is_closed, "along_x": lines[0], "along_z": lines[1] });
         let summary = if holds {
             format!("{clear} free cells under the cover")

@@ -7,7 +7,7 @@ use super::enclosed::without_terrain;
 use crate::checks::{Finding, Rule, Subject};
 use crate::voxel::blocks::BlockSet;
 use crate::voxel::terrain::Terrain;
-use crate::voxel::{Cell, CellSet};
+use crate::voxel::{Cell, CellMap, CellSet};
 
 /// Check that from an inside cell beside each block of a kind, a path with a floor at every step leads outside.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -24,6 +24,21 @@ pub struct WalksOut {
     /// Width of the path, in cells: 1 or 2.
     #[serde(default = "one")]
     pub width: u32,
+}
+
+/// Check that one can walk and climb from the ground around the build to enough enclosed cells of floor at a level.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HasUpperFloor {
+    /// Least y of the floor's blocks.
+    pub min_y: i32,
+    /// Least number of enclosed cells in which one can stand on it.
+    #[serde(default = "four")]
+    pub min_cells: u32,
+}
+
+const fn four() -> u32 {
+    4
 }
 
 /// Check that a path in steps of one block climbs from the ground around the build to a block at a level.
@@ -45,7 +60,13 @@ impl Rule for WalksOut {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let required = json!({ "starts": { ">=": self.min_starts }, "stuck": 0 });
         let Some(terrain) = Terrain::of(subject.structure) else { return without_terrain(subject, required) };
-        let starts = subject.structure.cells_of(|name| self.from.has(name));
+        let blocks = subject.structure.cells_of(|name| self.from.has(name));
+        let first = |cell: &Cell| subject.structure.other_half(*cell).unwrap_or(*cell);
+        let mut halves: CellMap<Vec<Cell>> = CellMap::default();
+        for block in &blocks {
+            halves.entry(first(block)).or_default().push(*block);
+        }
+        let starts: Vec<Cell> = blocks.iter().copied().filter(|cell| first(cell) == *cell).collect();
         let (step, width) = (self.max_step.min(1) as i32, self.width.clamp(1, MAX_WIDTH) as i32);
         // Steps work in both directions, so a path in from the outside is also a path out.
         let ways_out: CellSet = terrain.reached(terrain.around(width), step, width).into_iter().collect();
@@ -53,8 +74,9 @@ impl Rule for WalksOut {
         let spaces = terrain.spaces();
         // Squares that contain an enclosed cell beside the block.
         let gets_out = |start: &Cell| {
-            let sides = start.side_neighbours().into_iter().filter(|side| terrain.is_enclosed(*side, &spaces));
-            sides
+            let own = halves.get(start).into_iter().flatten();
+            own.flat_map(|half| half.side_neighbours())
+                .filter(|side| terrain.is_enclosed(*side, &spaces))
                 .flat_map(|side| square().map(move |(dx, dz)| side.offset(-dx, 0, -dz)))
                 .any(|at| ways_out.contains(&at))
         };
@@ -69,6 +91,24 @@ impl Rule for WalksOut {
         );
         Finding::binary(holds, json!({ "starts": starts.len(), "stuck": stuck.len() }), required, summary)
             .with_witnesses(stuck, "no path outside")
+    }
+}
+
+impl Rule for HasUpperFloor {
+    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
+        let required = json!({ "cells": { ">=": self.min_cells }, "y": { ">=": self.min_y } });
+        let Some(terrain) = Terrain::of(subject.structure) else { return without_terrain(subject, required) };
+        let spaces = terrain.spaces();
+        let mut reached = terrain.reached(terrain.around(1), 1, 1);
+        reached.retain(|feet| feet.y > self.min_y && terrain.is_enclosed(*feet, &spaces));
+        let summary = format!(
+            "{} enclosed cells of floor at y = {} or higher can be reached from outside; required {}",
+            reached.len(),
+            self.min_y,
+            self.min_cells
+        );
+        Finding::binary(reached.len() >= self.min_cells as usize, reached.len(), required, summary)
+            .with_witnesses(reached.first().map(|feet| feet.offset(0, -1, 0)), "upper floor")
     }
 }
 

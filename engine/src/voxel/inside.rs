@@ -1,0 +1,41 @@
+//! Rooms in a terrain: enclosed air that one can enter through doors, its floor and its ceiling.
+
+use super::cell::Cell;
+use super::terrain::{Spaces, Terrain};
+
+/// Least number of cells with standing room that make enclosed air a room, unless a check wants more.
+pub const LEAST_FLOOR: u32 = 4;
+
+impl Terrain {
+    /// Returns the indices of the enclosed regions with at least `min_floor_cells` cells to stand in that doors connect to
+    /// the outside, directly or through other regions.
+    #[must_use]
+    pub fn rooms(&self, spaces: &Spaces, min_floor_cells: u32) -> Vec<usize> {
+        let mut beyond: Vec<Vec<usize>> = vec![Vec::new(); spaces.pieces.len()];
+        for [one, other] in self.doors().iter().filter_map(|door| self.joins(*door, spaces)) {
+            beyond[one].push(other);
+            beyond[other].push(one);
+        }
+        // Search from outside through one door after another.
+        let mut is_entered = vec![false; spaces.pieces.len()];
+        let mut open = vec![0];
+        while let Some(piece) = open.pop() {
+            if !std::mem::replace(&mut is_entered[piece], true) {
+                open.extend(&beyond[piece]);
+            }
+        }
+        let is_room = |piece: &usize| is_entered[*piece] && spaces.pieces[*piece].floor_cells >= min_floor_cells;
+        (1..spaces.pieces.len()).filter(is_room).collect()
+    }
+
+    /// Returns the cells of these regions, by height, then x, then z.
+    pub fn cells_of<'a>(&'a self, spaces: &'a Spaces, pieces: &'a [usize]) -> impl Iterator<Item = Cell> + 'a {
+        self.labelled(spaces).filter(|(_, piece)| pieces.contains(piece)).map(|(cell, _)| cell)
+    }
+
+    /// Returns the level of the first block above a cell, or `None` if there is none.
+    #[must_use]
+    pub fn ceiling_above(&self, cell: Cell) -> Option<i32> {
+        (cell.y + 1..=self.top()).find(|y| self.is_solid(Cell::new(cell.x, *y, cell.z)))
+    }
+}
