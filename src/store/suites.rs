@@ -29,8 +29,7 @@ impl Store {
     pub async fn put_suite(&self, suite: &Suite, now_ms: i64) -> StoreResult<SuiteStored> {
         const STORED: &str = "SELECT content_hash FROM suites WHERE id = $1";
         let hashes: Vec<String> = suite.tasks.iter().map(Task::content_hash).collect();
-        let preamble = suite.preamble.as_deref().unwrap_or_default();
-        let content_hash = hex(&Sha256::digest(format!("{}{preamble}", hashes.concat())));
+        let content_hash = content_hash(&hashes, suite.preamble.as_deref());
         let outcome = |stored: String| {
             if stored == content_hash { SuiteStored::Unchanged } else { SuiteStored::Conflict }
         };
@@ -113,10 +112,12 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails or a task cannot be read.
     pub async fn suites(&self) -> StoreResult<Vec<Suite>> {
+        // In the order of the index: sorting would write the bodies of all tasks to a temporary file.
         let rows = query(
             "SELECT s.name, s.version, s.preamble, t.body
-             FROM suites s JOIN suite_tasks st ON st.suite_id = s.id JOIN tasks t ON t.hash = st.task_hash
-             ORDER BY s.name, s.version, st.number",
+             FROM suite_tasks st CROSS JOIN suites s CROSS JOIN tasks t
+             WHERE s.id = st.suite_id AND t.hash = st.task_hash
+             ORDER BY st.suite_id, st.number",
         )
         .fetch_all(&self.readers)
         .await?;
@@ -131,8 +132,14 @@ impl Store {
                 _ => suites.push(Suite { name, version, preamble: row.get("preamble")?, tasks: vec![task] }),
             }
         }
+        suites.sort_by(|a, b| (&a.name, a.version).cmp(&(&b.name, b.version)));
         Ok(suites)
     }
+}
+
+/// Computes the hash of a suite's content, from those of its tasks and from its preamble, if it has one.
+pub(super) fn content_hash(tasks: &[String], preamble: Option<&str>) -> String {
+    hex(&Sha256::digest(tasks.concat() + preamble.unwrap_or_default()))
 }
 
 /// Reads the tasks of a suite within the transaction.

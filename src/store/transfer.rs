@@ -15,6 +15,7 @@ use super::db::{Dialect, Row, Tx, query, query_as, query_scalar};
 use super::location::Location;
 use super::locks::Lock;
 use super::queue::{Lane, NewJob, enter};
+use super::suites::content_hash;
 use super::transfer_tables::{Form, KINDS, Kind, PUBLIC};
 use super::{Store, StoreError, StoreResult, commit, compress, decompress, postgres, schema, sqlite};
 use plumbline_engine::tasks::{Task, hex};
@@ -273,14 +274,14 @@ fn must_be_task(members: &std::collections::HashMap<String, Box<RawValue>>) -> R
 
 /// Refuses suites of which tasks are missing.
 async fn must_be_whole(tx: &mut Tx) -> Result<(), ImportError> {
-    let suites: Vec<(String, String)> =
-        query_as("SELECT id, content_hash FROM suites WHERE task_count > 0").fetch_all(&mut *tx).await?;
-    for (id, content_hash) in suites {
+    let suites: Vec<(String, String, Option<String>)> =
+        query_as("SELECT id, content_hash, preamble FROM suites WHERE task_count > 0").fetch_all(&mut *tx).await?;
+    for (id, stored, preamble) in suites {
         let hashes: Vec<String> = query_scalar("SELECT task_hash FROM suite_tasks WHERE suite_id = $1 ORDER BY number")
             .bind(&id)
             .fetch_all(&mut *tx)
             .await?;
-        if hex(&Sha256::digest(hashes.concat())) != content_hash {
+        if content_hash(&hashes, preamble.as_deref()) != stored {
             return Err(ImportError::Cut(id));
         }
     }

@@ -216,7 +216,7 @@ async fn a_submission_keeps_its_profile_and_later_turns_see_earlier_ones() {
     let graded =
         service.post_json("/v1/grade", &json!({ "task": "walls/5x1x5-raise", "log": log, "detail": "report" })).await;
     assert_eq!(graded.json()["report"]["turns"][0]["blocks"], 0, "{}", graded.text);
-    let answer = json!({ "task": "walls/5x1x5-raise", "answer": format!("So:\n```js\n(async (bot) => {{ {code} }})\n```"), "detail": "report" });
+    let answer = json!({ "task": "walls/5x1x5-raise", "suite": "mineceraft@2", "answer": format!("So:\n```js\n(async (bot) => {{ {code} }})\n```"), "detail": "report" });
     assert_eq!(service.post_json("/v1/grade", &answer).await.json()["report"]["turns"][0]["blocks"], 1);
     let mut in_order = answer.clone();
     in_order["profile"] = json!("mindcraft");

@@ -78,7 +78,7 @@ async fn a_submission_may_bring_code() {
     let (_folder, service) = service();
     let wall = "(async (bot) => { for (let y = 0; y < 5; y++) for (let i = 0; i < 5; i++) \
                 await skills.placeBlock(bot, 'stone', y % 2 ? 4 - i : i, y, 0); oops(); })";
-    let body = json!({ "task": "walls/5x1x5-raise", "turns": [{ "action_code": wall }] });
+    let body = json!({ "task": "walls/5x1x5-raise", "suite": "mineceraft@2", "turns": [{ "action_code": wall }] });
     let accepted = service.post_json("/v1/submissions", &body).await;
     assert_eq!(accepted.status, StatusCode::ACCEPTED, "{}", accepted.text);
     let told = accepted.json();
@@ -90,18 +90,21 @@ async fn a_submission_may_bring_code() {
     // The same as events is the same log.
     let events = replay(&service, wall).await.json()["events"].clone();
     let validated = service
-        .post_json("/v1/validate", &json!({ "task": "walls/5x1x5-raise", "turns": [{ "events": events }] }))
+        .post_json(
+            "/v1/validate",
+            &json!({ "task": "walls/5x1x5-raise", "suite": "mineceraft@2", "turns": [{ "events": events }] }),
+        )
         .await;
     assert_eq!(validated.json()["submissions"][0]["log_hash"], graded["log_hash"]);
     // What reaches a limit is refused, with its place; both kinds in one turn too; grading at once says the same.
-    let endless = json!({ "task": 113, "turns": [{ "action_code": "while (true) {}" }] });
+    let endless = json!({ "task": 113, "suite": "mineceraft@2", "turns": [{ "action_code": "while (true) {}" }] });
     let refused = service.post_json("/v1/submissions", &endless).await;
     assert_eq!(refused.faults(422), ["null /turns/0/action_code"]);
     assert!(refused.text.contains("stopped at a limit (time)"), "{}", refused.text);
     let nulls = json!({ "task": 113, "run": null, "suite": null, "log": null,
                         "turns": [{ "action_code": null, "palette": null, "rows": null, "events": [] }] });
     assert_eq!(service.post_json("/v1/validate", &nulls).await.status, StatusCode::OK);
-    let both = json!({ "task": 113, "turns": [{ "action_code": "", "events": [] }] });
+    let both = json!({ "task": 113, "suite": "mineceraft@2", "turns": [{ "action_code": "", "events": [] }] });
     assert_eq!(service.post_json("/v1/submissions", &both).await.faults(422), ["null /turns/0"]);
     assert_eq!(service.post_json("/v1/grade", &endless).await.faults(422), ["null /turns/0/action_code"]);
 }
@@ -129,15 +132,15 @@ async fn every_published_script_goes_through_every_door() {
                 assert!(answer.status.is_success(), "{name}: {}", answer.text);
                 answer.json().pointer(pointer).and_then(Value::as_str).unwrap_or_else(|| panic!("{name}: {}", answer.text)).to_owned()
             };
-            let plain = json!({ "task": 113, "turns": [{ "action_code": code }] });
+            let plain = json!({ "task": 113, "suite": "mineceraft@2", "turns": [{ "action_code": code }] });
             let validated = service.post_json("/v1/validate", &plain).await;
             let hash = hash_of(&validated, "/submissions/0/log_hash");
             assert_eq!(validated.json()["submissions"][0]["events"], events, "{name}");
             for body in [
                 plain.clone(),
-                json!({ "task": 113, "turns": [{ "action_code": fenced(&code) }] }),
-                json!({ "task": 113, "answer": fenced(&code) }),
-                json!({ "task": 113, "answer": json!({ "turns": [{ "action_code": code }] }).to_string() }),
+                json!({ "task": 113, "suite": "mineceraft@2", "turns": [{ "action_code": fenced(&code) }] }),
+                json!({ "task": 113, "suite": "mineceraft@2", "answer": fenced(&code) }),
+                json!({ "task": 113, "suite": "mineceraft@2", "answer": json!({ "turns": [{ "action_code": code }] }).to_string() }),
             ] {
                 let graded = service.post_json("/v1/grade", &body).await;
                 assert_eq!(hash_of(&graded, "/log_hash"), hash, "{name}: {body}");
@@ -152,14 +155,14 @@ async fn every_published_script_goes_through_every_door() {
                 assert_eq!(hash_of(&stored, "/log_hash"), hash, "{name}");
             }
             let error = |answer: &Value| answer["action_code"][0]["error"].is_null();
-            let reward = service.post_json("/v1/grade", &json!({ "task": 113, "answer": fenced(&code), "reward": "shaped" })).await.json();
-            let said = json!({ "task": "walls/5x1x5-raise", "reward_scheme": "shaped", "response": { "output": [
+            let reward = service.post_json("/v1/grade", &json!({ "task": 113, "suite": "mineceraft@2", "answer": fenced(&code), "reward": "shaped" })).await.json();
+            let said = json!({ "task": "walls/5x1x5-raise", "suite": "mineceraft@2", "reward_scheme": "shaped", "response": { "output": [
                 { "type": "message", "role": "assistant", "content": [{ "type": "output_text", "text": fenced(&code) }] }] } });
             let verified = service.post_json("/verify", &said).await.json();
             let is_readable = name != "18_syntax_error.js";
             assert_eq!(verified["reward"], reward["reward"], "{name}: {verified}");
             assert_eq!(verified.get("failure_reason").is_none(), is_readable, "{name}: {verified}");
-            let label = json!({ "task": 113, "reward": "shaped" });
+            let label = json!({ "task": 113, "suite": "mineceraft@2", "reward": "shaped" });
             let asked = json!({ "query": [format!("Build! {}", fenced(&code))], "prompts": ["Build! "], "labels": [label] });
             let rewarded = service.post_json("/get_reward", &asked).await.json();
             assert_eq!((&rewarded["rewards"][0], &rewarded["extra_logs"]["readable"][0]), (&reward["reward"], &json!(f64::from(is_readable))), "{name}");

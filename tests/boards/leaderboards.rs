@@ -35,7 +35,7 @@ async fn rows_are_ordered_compared_and_told_in_every_form() {
     assert_eq!([&row(1)["attempts"], &row(2)["attempts"]], [&json!(2), &json!(1)]);
     let interval = &row(0)["interval"];
     assert!(interval["low"].as_f64().unwrap() < 0.9 && interval["high"] == json!(1.0), "{interval}");
-    assert_eq!(board["reported"].as_array().unwrap().len(), 16);
+    assert_eq!(board["reported"], json!([]), "the paper's prompts are those of another track");
 
     // The same again is 304; another order is another document.
     let tag = answer.headers["etag"].to_str().unwrap().to_owned();
@@ -268,7 +268,7 @@ async fn runs_are_listed_and_open_ones_deleted() {
     let only_other = vec![other.clone()];
     assert_eq!(listed("?mine=true").await, only_other);
     assert_eq!(listed("?state=open&agent=ALPHA").await, [own[0].clone()]);
-    assert_eq!(listed("?state=finished&suite=mineceraft-lite@2").await, only_other);
+    assert_eq!(listed("?state=finished&suite=mineceraft-lite@3").await, only_other);
     assert_eq!(listed("?limit=1").await, only_other);
     assert_eq!(listed(&format!("?after={other}&limit=1")).await, [own[1].clone()]);
     assert!(
@@ -347,4 +347,63 @@ async fn near_identical_runs_of_two_owners_are_flagged_and_the_host_may_run_agai
     let rows = |filter: &str| format!("/v1/leaderboards/mineceraft-lite?provenance={filter}");
     assert_eq!(service.get(&rows("self-reported")).await.json()["total"], 4);
     assert_eq!(service.get(&rows("re-run-by-host")).await.json()["total"], 0);
+}
+
+/// Runs with short prompts are ranked among themselves, and the paper's rows stand beside them alone.
+#[tokio::test]
+async fn runs_of_one_track_are_compared_with_each_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &[]);
+    let mut runs = Vec::new();
+    for (agent, track, unsolved) in [("long", None, 0), ("short", Some("brief"), 20), ("shorter", Some("brief"), 24)] {
+        let body = json!({ "agent": agent, "suite": SUITE, "track": track });
+        let run = service.post_json("/v1/runs", &body).await;
+        assert_eq!(run.status, StatusCode::CREATED, "{}", run.text);
+        assert_eq!(run.json()["track"], track.unwrap_or("specified"));
+        let id = run.json()["id"].as_str().unwrap().to_owned();
+        service.answer_run(&id, unsolved).await;
+        runs.push(id);
+    }
+    let path = format!("/v1/leaderboards/{SUITE}");
+    let rows = |board: &Value| -> Vec<(String, u64, String)> {
+        let row = |row: &Value| {
+            let text = |name: &str| row[name].as_str().unwrap().to_owned();
+            (text("agent"), row["rank"].as_u64().unwrap(), text("track"))
+        };
+        board["rows"].as_array().unwrap().iter().map(row).collect()
+    };
+    let all = service.get(&path).await.json();
+    let [long, short, shorter] = [("long", 1, "specified"), ("short", 1, "brief"), ("shorter", 2, "brief")]
+        .map(|(agent, rank, track)| (agent.to_owned(), rank, track.to_owned()));
+    assert_eq!(rows(&all), [long.clone(), short.clone(), shorter.clone()]);
+    assert_eq!(all["rows"][0]["places"], json!({ "first": 1, "last": 1 }), "the only one of its track");
+    let brief = service.get(&format!("{path}?track=brief")).await.json();
+    assert_eq!((rows(&brief), brief["reported"].as_array().unwrap().len()), (vec![short, shorter], 16));
+    let specified = service.get(&format!("{path}?track=specified")).await.json();
+    assert_eq!((rows(&specified), &specified["reported"]), (vec![long], &json!([])));
+    assert_eq!(service.get(&format!("/v1/leaderboards/{SUITE}@2")).await.json()["reported"], json!([]));
+    assert!(service.get(&format!("{path}?format=csv")).await.text.contains(",brief,"));
+    let page = service.get(&format!("/boards/{SUITE}?track=brief")).await.text;
+    assert!(
+        page.contains("Reported elsewhere") && page.contains(">shorter</a>") && !page.contains(">long</a>"),
+        "{page}"
+    );
+
+    let compared = service.get(&format!("{path}/compare?a={}&b={}", runs[0], runs[1])).await;
+    assert_eq!(compared.status, StatusCode::BAD_REQUEST, "{}", compared.text);
+    assert_eq!(service.get(&format!("{path}/compare?a={}&b={}", runs[1], runs[2])).await.status, StatusCode::OK);
+
+    for (suite, track) in [("mineceraft@2", "brief"), (SUITE, "short"), (SUITE, "")] {
+        let refused = service.post_json("/v1/runs", &json!({ "agent": "a", "suite": suite, "track": track })).await;
+        assert_eq!(refused.faults(422), ["null /track"], "{suite} {track}: {}", refused.text);
+    }
+    assert_eq!(service.get("/v1/leaderboards/mineceraft@2?track=brief").await.status, StatusCode::BAD_REQUEST);
+
+    // An episode of the run has the prompts of its track.
+    let open = service.post_json("/v1/runs", &json!({ "agent": "b", "suite": SUITE, "track": "brief" })).await.json();
+    let task = "bedrooms/r5-guesthouse";
+    let episode = service.post_json("/v1/episodes", &json!({ "run": open["id"], "task": task })).await;
+    let prompt = "Put up a guesthouse with five bedrooms. It holds exactly five beds.";
+    let preamble = service.get("/v1/suites/mineceraft").await.json()["preamble"].clone();
+    assert_eq!([&episode.json()["prompt"], &episode.json()["preamble"]], [&json!(prompt), &preamble]);
 }

@@ -22,7 +22,7 @@ async fn tasks_are_found_by_category_type_criterion_and_text() {
         ("suite=mineceraft-lite&category=structural-elements", 7),
     ] {
         let page = service.get(&format!("/v1/tasks?limit=1&{query}")).await.json();
-        assert_eq!((&page["total"], page["suite"].as_str().unwrap().ends_with("@2")), (&json!(total), true), "{query}");
+        assert_eq!((&page["total"], page["suite"].as_str().unwrap().ends_with("@3")), (&json!(total), true), "{query}");
     }
     // The search on the page ignores case too.
     let page = service.get("/suites/mineceraft/tasks?text=SEA_Lantern").await.text;
@@ -42,16 +42,13 @@ async fn a_task_tells_its_parameters_and_what_is_measured_and_is_not_sent_twice(
     let task = answer.json();
     assert_eq!(task["parameters"], json!({ "w": 5, "t": 2, "h": 7 }));
     assert_eq!((&task["category"], &task["type"]), (&json!("structural-elements"), &json!("walls")));
-    let first = &task["turns"][0]["checks"][0];
-    assert_eq!(
-        (&first["fn"], &first["args"]["expected_count"]),
-        (&json!("material.is_block_cnt_equal_to"), &json!(70))
-    );
-    assert_eq!(first["asks"], "Exactly the expected number of blocks stand, counting one material if one is given");
+    let count = &task["turns"][0]["checks"][2];
+    assert_eq!((&count["fn"], &count["args"]["min"]), (&json!("material.count_is_within"), &json!(70)));
+    assert!(count["asks"].as_str().unwrap().starts_with("The number of blocks"), "{count}");
     let known = service.http.get(format!("{}/v1/tasks/walls/5x2x7-courses", service.url));
     let known = service.send(known.header("if-none-match", &answer.headers["etag"])).await;
     assert_eq!((known.status, known.text.as_str()), (StatusCode::NOT_MODIFIED, ""));
-    // The published version has one check less, so another entity.
+    // The published version has other checks, so it is another entity.
     let published = service.get("/v1/tasks/walls/5x2x7-courses?suite=mineceraft@1").await;
     assert_ne!(published.headers["etag"], answer.headers["etag"]);
     assert_eq!(published.json()["turns"][0]["checks"].as_array().unwrap().len(), 5);
@@ -80,11 +77,11 @@ async fn lite_suites_are_drawn_with_any_seed() {
 async fn a_true_arch_passes_beside_the_published_rule() {
     let folder = tempfile::tempdir().unwrap();
     let service = Service::start(&folder.path().join("p.db"), &[]);
-    let suite = embedded::latest().unwrap();
+    let suite = embedded::suite(2).unwrap();
     let task = suite.tasks.iter().find(|task| task.id == "arch-bridges/w10-b3-build").unwrap();
     let turns = build(task).unwrap().compact_turns();
     let mut overall = Vec::new();
-    for version in ["mineceraft", "mineceraft@1"] {
+    for version in ["mineceraft@2", "mineceraft@1"] {
         let body = json!({ "suite": version, "task": task.id, "turns": turns });
         let posted = service.post_json("/v1/submissions", &body).await.json();
         let path = format!("/v1/submissions/{}", posted["id"].as_str().unwrap());
@@ -96,7 +93,7 @@ async fn a_true_arch_passes_beside_the_published_rule() {
             shown.as_array().into_iter().flatten().map(|check| (&check["fn"], &check["score"])).collect();
         let (top, bottom) = (json!("shape.is_top_surface_concave"), json!("shape.is_bottom_surface_concave"));
         let (holds, fails) = (json!(1.0), json!(0.0));
-        let expected = if version == "mineceraft" { vec![(&top, &holds), (&bottom, &fails)] } else { Vec::new() };
+        let expected = if version == "mineceraft@2" { vec![(&top, &holds), (&bottom, &fails)] } else { Vec::new() };
         assert_eq!(shown, expected);
     }
     assert_eq!(overall, [json!(true), json!(false)]);
@@ -138,4 +135,33 @@ async fn an_agent_gets_instructions_and_a_guide_whose_example_works() {
         assert_eq!(graded["report"]["turns"][0]["blocks"], events, "{graded}");
     }
     assert_eq!(service.get("/v1/agent-guide?profile=none").await.status, StatusCode::BAD_REQUEST);
+}
+
+/// Prompts of both tracks, the preamble of the short one, and what no check measures.
+#[tokio::test]
+async fn a_suite_has_two_tracks_of_prompts() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &[]);
+    let suite = service.get("/v1/suites/mineceraft").await.json();
+    assert_eq!((&suite["id"], &suite["tracks"]), (&json!("mineceraft@3"), &json!(["specified", "brief"])));
+    assert!(suite["preamble"].as_str().unwrap().contains("A door is one object"), "{suite}");
+    let before = service.get("/v1/suites/mineceraft@2").await.json();
+    assert_eq!((&before["tracks"], before.get("preamble")), (&json!(["specified"]), None));
+
+    let path = "/v1/tasks/bedrooms/r3-hostel";
+    let whole = service.get(path).await.json();
+    assert_eq!(whole["unmeasured"], json!(["in which room a bed stands"]));
+    let turn = &whole["turns"][0];
+    assert_eq!(turn["brief"], "Create a hostel that offers three bedrooms. It holds exactly three beds.");
+    let prompt = turn["prompt"].as_str().unwrap();
+    assert!(prompt.contains("exactly three beds") && prompt.contains("Not measured: in which room"), "{prompt}");
+    let brief = service.get(&format!("{path}?track=brief&for=agent")).await;
+    assert_eq!(brief.json()["turns"], json!([{ "prompt": turn["brief"] }]));
+    assert!(!brief.text.contains("nine cells"), "{}", brief.text);
+    let listed = service.get("/v1/tasks?track=brief&family=revisions&limit=1").await.json();
+    assert_eq!(listed["tasks"][0]["prompts"].as_array().unwrap().len(), 2);
+    assert_eq!(listed["tasks"][0]["prompt"], "A client orders a house with exactly one room. Build it.");
+    for wrong in ["?track=brief&suite=mineceraft@2", "?track=short", "?track="] {
+        assert_eq!(service.get(&format!("{path}{wrong}")).await.status, StatusCode::BAD_REQUEST, "{wrong}");
+    }
 }

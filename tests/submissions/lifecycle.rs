@@ -176,11 +176,13 @@ async fn documents_of_the_service_are_there() {
     assert!(docs.text.contains("swagger-ui"));
     let suites = service.get("/v1/suites").await.json();
     let ids: Vec<&Value> = suites["suites"].as_array().unwrap().iter().map(|suite| &suite["id"]).collect();
-    assert_eq!(ids, ["mineceraft@1", "mineceraft@2", "mineceraft-lite@1", "mineceraft-lite@2"]);
+    let known =
+        ["mineceraft@1", "mineceraft@2", "mineceraft@3", "mineceraft-lite@1", "mineceraft-lite@2", "mineceraft-lite@3"];
+    assert_eq!(ids, known);
     let walls = service.get("/v1/tasks?family=walls&limit=5").await.json();
     assert_eq!((&walls["total"], &walls["next_after"]), (&json!(48), &json!(117)));
     let task = service.get("/v1/tasks/walls/5x1x5-raise").await.json();
-    assert_eq!(task["turns"][0]["checks"][0]["fn"], "material.is_block_cnt_equal_to");
+    assert_eq!(task["turns"][0]["checks"][0]["fn"], "material.are_blocks_known");
     let board = service.get("/v1/leaderboards/mineceraft-lite").await;
     let known = service.http.get(format!("{}/v1/leaderboards/mineceraft-lite", service.url));
     let known = known.header("if-none-match", &board.headers["etag"]);

@@ -35,6 +35,7 @@ pub const SABOTEURS: &[Saboteur] = &[
     saboteur("drop-half", "stops halfway in each turn", drop_half),
     saboteur("breach-wall", "leaves out the whole side at the least x", breach_wall),
     saboteur("drop-fittings", "leaves out all but the most common material, such as doors and beds", drop_fittings),
+    saboteur("add-fitting", "adds one block of the least common material, such as a door, on top", add_fitting),
     saboteur("drop-common", "leaves out the most common material", drop_common),
     saboteur("wrong-material", "uses sponge for everything", wrong_material),
     saboteur("misname", "uses names that contain the right ones but are not blocks of the game", misname),
@@ -152,6 +153,21 @@ fn breach_wall(log: &mut BlockLog) {
 fn drop_fittings(log: &mut BlockLog) {
     let common = common_material(log);
     keep(log, |_, material| Some(material) == common);
+}
+
+fn add_fitting(log: &mut BlockLog) {
+    let mut counts = vec![0_u32; log.palette.len()];
+    for event in log.turns.iter().flatten() {
+        if let Event::Place { material, .. } = *event {
+            counts[material as usize] += 1;
+        }
+    }
+    let rarest = (0..).zip(counts).filter(|(_, count)| *count > 0).min_by_key(|(_, count)| *count);
+    let Some((material, _)) = rarest else { return };
+    let Some(top) = placed(log).into_iter().max_by_key(|cell| cell.y) else { return };
+    for turn in &mut log.turns {
+        turn.push(Event::Place { cell: top.offset(0, 1, 0), material });
+    }
 }
 
 fn drop_common(log: &mut BlockLog) {
@@ -316,31 +332,36 @@ mod tests {
         let failed = |name: &str| -> Vec<String> {
             let report = grade_log(task, &find(name).unwrap().spoil(good.clone()), &Control::unhurried()).unwrap();
             let checks = report.turns.into_iter().flat_map(|turn| turn.checks);
-            checks.filter(|check| check.finding.score < 1.0).map(|check| check.name).collect()
+            let mut failed: Vec<String> =
+                checks.filter(|check| check.finding.score < 1.0).map(|check| check.name).collect();
+            // The courses are checked one by one.
+            failed.dedup();
+            failed
         };
-        let [known, ground, count, stone, size, bottom, movement] = [
+        let [known, ground, count, stone, size, bottom, course, movement] = [
             "material.are_blocks_known",
             "physical_plausibility.is_ground_connected",
             "material.count_is_within",
             "material.is_made_of",
             "size.is_equal",
             "size.min_y_is_equal",
+            "shape.level_has",
             "efficiency.l1_dist",
         ];
         for (name, expected) in [
             ("float-block", &[ground, count, size, movement][..]),
             ("add-block", &[count, size, movement]),
-            ("drop-corner", &[count, size]),
-            ("drop-top", &[count, size]),
-            ("drop-bottom", &[ground, count, size, bottom]),
-            ("drop-half", &[count, size]),
+            ("drop-corner", &[count, size, course]),
+            ("drop-top", &[count, size, course]),
+            ("drop-bottom", &[ground, count, size, bottom, course]),
+            ("drop-half", &[count, size, course]),
             // The whole wall is at the least x.
-            ("breach-wall", &[known, count, stone, size, bottom]),
-            ("drop-common", &[known, count, stone, size, bottom]),
+            ("breach-wall", &[known, count, stone, size, bottom, course]),
+            ("drop-common", &[known, count, stone, size, bottom, course]),
             ("wrong-material", &[stone]),
             ("misname", &[known, stone]),
-            ("raise", &[ground, bottom]),
-            ("widen", &[count, size, movement]),
+            ("raise", &[ground, bottom, course]),
+            ("widen", &[count, size, course, movement]),
             ("overload", &[count, size, movement]),
             ("to-and-fro", &[movement]),
             // A wall has no fittings, no gaps and no inside, is its own mirror image, and may be built from the top.
@@ -348,7 +369,7 @@ mod tests {
             ("fill", &[]),
             ("hollow", &[]),
             ("mirror", &[]),
-            ("sink", &[bottom]),
+            ("sink", &[bottom, course]),
             ("reverse", &[]),
         ] {
             assert_eq!(failed(name), expected, "{name}");

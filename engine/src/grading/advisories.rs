@@ -80,7 +80,8 @@ pub fn advise(structure: &Structure, instruction: &Instruction, report: &TurnRep
 
 /// Adds an advisory for each turn whose removals did nothing because the same turn placed the blocks.
 pub fn advise_on_removals(log: &BlockLog, advisories: &mut Vec<Advisory>) {
-    if !log.profile.is_published() {
+    let has_removals = log.turns.iter().flatten().any(|event| matches!(event, Event::Remove { .. }));
+    if !log.profile.is_published() || !has_removals {
         return;
     }
     let mut before: Option<Structure> = None;

@@ -26,7 +26,7 @@ pub fn grade_log(task: &Task, log: &BlockLog, control: &Control<'_>) -> Result<R
 /// # Errors
 /// Returns an error only if `control` stops a long computation.
 pub fn grade_hashed(task: &Task, hash: &str, log: &BlockLog, control: &Control<'_>) -> Result<Report, Stopped> {
-    let structures = Replay::new(log).map(|structure| task.reading.read(structure, log.profile));
+    let structures = Replay::read_as(log, task.reading);
     let mut report = grade(task, hash.to_owned(), structures, control)?;
     advise_on_removals(log, &mut report.advisories);
     Ok(Report { profile: log.profile, ..report })

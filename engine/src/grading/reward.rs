@@ -138,7 +138,7 @@ mod tests {
         let suite = embedded::latest().unwrap();
         let task = suite.tasks.iter().find(|task| task.id == "walls/5x1x5-raise").unwrap();
         let good = build(task).unwrap();
-        // Seven checks in four criteria; extra blocks spoil one of three for material, one of two for size, and movement.
+        // Extra blocks spoil one check of three for material, one course of five for shape, one of two for size, and movement.
         let wide = find("widen").unwrap().spoil(good.clone());
         let report = |log| grade_log(task, log, &Control::unhurried()).unwrap();
         let (good, wide) = (report(&good), report(&wide));
@@ -148,7 +148,7 @@ mod tests {
             assert_eq!(scheme.reward(&good, None), Some(1.0));
         }
         assert_eq!(Scheme::Strict.reward(&wide, None), Some(0.0));
-        assert_eq!(Scheme::Mean.reward(&wide, None), Some((2.0 / 3.0 + 0.5 + 1.0 + efficiency) / 4.0));
+        assert_eq!(Scheme::Mean.reward(&wide, None), Some((2.0 / 3.0 + 0.8 + 0.5 + 1.0 + efficiency) / 5.0));
         assert_eq!(
             weights(&[(Criterion::Material, 3.0), (Criterion::PhysicalPlausibility, 1.0)]).reward(&wide, None),
             Some(3.0 / 4.0)

@@ -110,7 +110,10 @@ impl Generator {
             return Err(PoolError::Files(format!("there is no version {version} of the generator")));
         }
         let source = hidden::source(version).map_err(|faults| faulty(&faults))?;
+        // What earlier versions of the public suite have is known as well.
         let public = embedded::suite(version + 1).map_err(|faults| faulty(&faults))?;
+        let earlier =
+            if version > 1 { embedded::suite(version).map_err(|faults| faulty(&faults))?.tasks } else { Vec::new() };
         let mut volumes: BTreeMap<String, Volume> = BTreeMap::new();
         let mut public_builds = HashSet::default();
         for task in &public.tasks {
@@ -118,6 +121,10 @@ impl Generator {
             let blocks = volume(&log);
             let own = volumes.entry(task.family().to_owned()).or_insert(Volume { least: blocks, greatest: blocks });
             *own = Volume { least: own.least.min(blocks), greatest: own.greatest.max(blocks) };
+            public_builds.insert(hash_of_build(&log));
+        }
+        for task in &earlier {
+            let log = build(task).map_err(|error| PoolError::Files(error.to_string()))?;
             public_builds.insert(hash_of_build(&log));
         }
         Ok(Self { version, source, volumes, public_builds })

@@ -29,8 +29,12 @@ impl Terrain {
     }
 
     /// Returns the cells of these regions, by height, then x, then z.
-    pub fn cells_of<'a>(&'a self, spaces: &'a Spaces, pieces: &'a [usize]) -> impl Iterator<Item = Cell> + 'a {
-        self.labelled(spaces).filter(|(_, piece)| pieces.contains(piece)).map(|(cell, _)| cell)
+    pub fn cells_of<'a>(&'a self, spaces: &'a Spaces, pieces: &[usize]) -> impl Iterator<Item = Cell> + 'a {
+        let mut is_wanted = vec![false; spaces.pieces.len()];
+        for piece in pieces {
+            is_wanted[*piece] = true;
+        }
+        self.labelled(spaces).filter(move |(_, piece)| is_wanted[*piece]).map(|(cell, _)| cell)
     }
 
     /// Returns the level of the first block above a cell, or `None` if there is none.

@@ -44,7 +44,7 @@ impl Reading {
 /// Reads a structure as the game does.
 ///
 /// A door block is the lower half of a door and fills the cell above as well, unless the log lists a door of the same kind
-/// there: then that is its upper half. Under `mindcraft`, two beds of the same kind side by side are the halves of one bed.
+/// there: then that is its upper half. Under `mindcraft`, two bed blocks of the same kind side by side are the halves of one bed.
 fn as_game(structure: &Structure, profile: Profile) -> Structure {
     let mut palette = Palette::new();
     let ids: Vec<MaterialId> = structure.palette().names().map(|name| palette.intern(canonical(name))).collect();
@@ -54,23 +54,32 @@ fn as_game(structure: &Structure, profile: Profile) -> Structure {
     let mut at: CellMap<MaterialId> = CellMap::default();
     at.extend(entries.iter().copied());
     let mut first_half: CellMap<Cell> = CellMap::default();
-    for &(cell, id) in entries.iter().filter(|(_, id)| doors[*id as usize]) {
-        // Of a column of equal doors every second one is an upper half, counted from the lowest.
-        let below = (1..).take_while(|down| at.get(&cell.offset(0, -down, 0)) == Some(&id)).count();
-        if below % 2 == 1 {
-            first_half.insert(cell, cell.offset(0, -1, 0));
+    // Of a column of equal doors every second one is an upper half, counted from the lowest.
+    let mut columns: Vec<(i32, i32, MaterialId, i32)> =
+        at.iter().filter(|(_, id)| doors[**id as usize]).map(|(cell, id)| (cell.x, cell.z, *id, cell.y)).collect();
+    columns.sort_unstable();
+    let mut below: Option<(i32, i32, MaterialId, i32)> = None;
+    for door in columns {
+        let (x, z, id, y) = door;
+        if y > i32::MIN && below == Some((x, z, id, y - 1)) {
+            first_half.insert(Cell::new(x, y, z), Cell::new(x, y - 1, z));
+            below = None;
+        } else {
+            below = Some(door);
         }
     }
     let mut is_paired = super::cell::CellSet::default();
-    for &(cell, id) in entries.iter().filter(|(_, id)| beds[*id as usize]) {
-        if is_paired.contains(&cell) {
-            continue;
-        }
-        let other =
-            cell.side_neighbours().into_iter().find(|side| at.get(side) == Some(&id) && !is_paired.contains(side));
-        if let Some(other) = other {
-            is_paired.extend([cell, other]);
-            first_half.insert(other, cell);
+    // The game places one half right after the other; a bed whose halves were listed apart takes what is left beside it.
+    for is_next_wanted in [true, false] {
+        for (i, &(cell, id)) in entries.iter().enumerate().filter(|(_, (_, id))| beds[*id as usize]) {
+            let next = entries.get(i + 1).map(|(cell, _)| *cell);
+            let is_free = |side: &Cell| at.get(side) == Some(&id) && !is_paired.contains(side);
+            let other =
+                cell.side_neighbours().into_iter().filter(is_free).find(|side| !is_next_wanted || next == Some(*side));
+            if let Some(other) = other.filter(|_| !is_paired.contains(&cell)) {
+                is_paired.extend([cell, other]);
+                first_half.insert(other, cell);
+            }
         }
     }
     let mut whole = Vec::with_capacity(entries.len());
@@ -121,6 +130,11 @@ mod tests {
         assert_eq!(objects(&read(Profile::Mindcraft, &blocks)), 2);
         assert_eq!(objects(&read(Profile::Published, &blocks)), 4);
         assert_eq!(objects(&read(Profile::Mindcraft, &blocks[..1])), 1, "a bed of which one half is listed");
+        // Foot beside foot, and the heads in opposite directions.
+        let crossed = [([0, 0, 0], "red_bed"), ([0, 0, -1], "red_bed"), ([1, 0, 0], "red_bed"), ([1, 0, 1], "red_bed")];
+        assert_eq!(objects(&read(Profile::Mindcraft, &crossed)), 2);
+        let apart = [crossed[0], ([9, 0, 0], "stone"), crossed[1]];
+        assert_eq!(objects(&read(Profile::Mindcraft, &apart)), 2, "halves that were listed apart, and a stone");
     }
 
     #[test]

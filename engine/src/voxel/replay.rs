@@ -6,6 +6,7 @@ use super::block_log::{BlockLog, Event, Turn};
 use super::cell::{Cell, CellMap, CellSet};
 use super::palette::{MaterialId, Palette};
 use super::profile::Profile;
+use super::reading::Reading;
 use super::structure::Structure;
 
 /// An iterator over the structures after each turn of a log. It holds one structure at a time.
@@ -14,6 +15,8 @@ pub struct Replay<'a> {
     palette: Arc<Palette>,
     turns: std::slice::Iter<'a, Turn>,
     profile: Profile,
+    /// Whether a block that replaces one of another kind takes a new place in the order, as it does in the game.
+    renews: bool,
     standing: Vec<(Cell, MaterialId)>,
 }
 
@@ -25,8 +28,17 @@ impl<'a> Replay<'a> {
             palette: Arc::new(log.palette.clone()),
             turns: log.turns.iter(),
             profile: log.profile,
+            renews: false,
             standing: Vec::new(),
         }
+    }
+
+    /// Starts a replay whose structures are read as `reading` says. Read as the game has them, blocks of `mindcraft` logs that
+    /// replace others take a new place in the order.
+    pub fn read_as(log: &'a BlockLog, reading: Reading) -> impl Iterator<Item = Structure> + 'a {
+        let profile = log.profile;
+        let replay = Self { renews: !reading.is_as_listed(), ..Self::new(log) };
+        replay.map(move |structure| reading.read(structure, profile))
     }
 }
 
@@ -37,7 +49,7 @@ impl Iterator for Replay<'_> {
         let turn = self.turns.next()?;
         match self.profile {
             Profile::Published => apply(&mut self.standing, turn),
-            Profile::Mindcraft => apply_in_order(&mut self.standing, turn),
+            Profile::Mindcraft => apply_in_order(&mut self.standing, turn, self.renews),
         }
         Some(Structure::new(Arc::clone(&self.palette), self.standing.iter().copied()))
     }
@@ -78,17 +90,22 @@ fn apply(standing: &mut Vec<(Cell, MaterialId)>, turn: &[Event]) {
 /// Applies one turn event by event: a removal also removes what the same turn placed.
 ///
 /// As in [`apply`], a placement on a standing cell changes its material and keeps its position in the order, and a new
-/// cell, or one that was removed before, is appended at the end.
-fn apply_in_order(standing: &mut Vec<(Cell, MaterialId)>, turn: &[Event]) {
+/// cell, or one that was removed before, is appended at the end. So is one whose material changes, if `renews` holds.
+fn apply_in_order(standing: &mut Vec<(Cell, MaterialId)>, turn: &[Event], renews: bool) {
     let mut entries: Vec<Option<(Cell, MaterialId)>> = standing.drain(..).map(Some).collect();
     let mut position: CellMap<usize> =
         entries.iter().enumerate().filter_map(|(at, entry)| entry.map(|(cell, _)| (cell, at))).collect();
     for event in turn {
         match *event {
             Event::Place { cell, material } => {
-                if let Some(at) = position.get(&cell) {
-                    entries[*at] = Some((cell, material));
+                let stood = position.get(&cell).copied();
+                let is_renewed = renews && stood.is_some_and(|at| entries[at].is_some_and(|(_, old)| old != material));
+                if let Some(at) = stood.filter(|_| !is_renewed) {
+                    entries[at] = Some((cell, material));
                 } else {
+                    if let Some(at) = stood {
+                        entries[at] = None;
+                    }
                     position.insert(cell, entries.len());
                     entries.push(Some((cell, material)));
                 }

@@ -4,7 +4,6 @@ use std::sync::{Arc, OnceLock};
 
 use super::cell::{Bounds, Cell, CellMap};
 use super::palette::{MaterialId, Palette};
-use super::reading::Reading;
 
 /// The blocks that stand after a turn, in building order.
 ///
@@ -34,10 +33,10 @@ impl Structure {
         Self { first_halves: Some(first_halves), ..self }
     }
 
-    /// Returns how the structure was read.
+    /// Returns whether the structure was read as the game reads it (see [`super::reading`]).
     #[must_use]
-    pub fn reading(&self) -> Reading {
-        if self.first_halves.is_some() { Reading::Game } else { Reading::AsListed }
+    pub const fn is_read_as_game(&self) -> bool {
+        self.first_halves.is_some()
     }
 
     /// Returns the first half of the object of which `cell` is the second half, such as the lower half of a door.

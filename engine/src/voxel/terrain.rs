@@ -6,7 +6,6 @@
 
 use super::blocks::{is_climbable, is_door, is_passable, is_thin};
 use super::cell::{Bounds, Cell};
-use super::reading::Reading;
 use super::structure::Structure;
 
 /// Greatest extent of a build along an axis, and greatest height, in blocks, for which a terrain can be created.
@@ -64,7 +63,7 @@ impl Terrain {
             Self { bounds, min, size, cells: vec![0; (size[0] * size[1] * size[2]) as usize], doors: Vec::new() };
         let doors = structure.palette().mask(is_door);
         // As listed, a carpet is a full block and a ladder no way up.
-        let is_game = structure.reading() == Reading::Game;
+        let is_game = structure.is_read_as_game();
         let climbable = structure.palette().mask(|name| is_game && is_climbable(name));
         let open =
             structure.palette().mask(|name| is_passable(name) || is_game && (is_thin(name) || is_climbable(name)));
@@ -135,6 +134,12 @@ impl Terrain {
             && (self.is_solid(below) || self.has(feet, LADDER) || self.has(below, LADDER))
             && !self.is_solid(feet)
             && !self.is_solid(feet.offset(0, 1, 0))
+    }
+
+    /// Returns whether a player can stand in the cell on a block or on natural ground, and not on the rungs of a ladder.
+    #[must_use]
+    pub fn is_floor(&self, feet: Cell) -> bool {
+        self.can_stand(feet) && self.is_solid(feet.offset(0, -1, 0)) && !self.has(feet, LADDER)
     }
 
     /// Returns whether a player can stand in every cell of the square of `width` by `width` cells, on the level of
@@ -226,7 +231,7 @@ impl Terrain {
         let mut open = vec![start];
         while let Some(index) = open.pop() {
             let cell = self.cell(index);
-            floor_cells += u32::from(self.can_stand(cell));
+            floor_cells += u32::from(self.is_floor(cell));
             // Air passes through faces and, within a level, past vertical edges: a room needs its corners.
             let past_edges = [(1, 1), (1, -1), (-1, 1), (-1, -1)].map(|(dx, dz)| cell.offset(dx, 0, dz));
             for next in cell.face_neighbours().into_iter().chain(past_edges) {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::cache::Board;
 use super::read;
 use crate::app::App;
-use crate::app::error::AppResult;
+use crate::app::error::{AppError, AppResult};
 use plumbline_engine::grading::outcomes::Outcomes;
 use plumbline_engine::grading::standings::Standing;
 
@@ -60,10 +60,21 @@ impl Split {
 /// Compares two runs of a board.
 ///
 /// # Errors
-/// Returns an error if there is no such suite, if its board lacks one of the runs, or if the database fails.
+/// Returns an error if there is no such suite, if its board lacks one of the runs, if they are of different tracks, or if the
+/// database fails.
 pub async fn compare(app: &App, suite: &str, a: &str, b: &str) -> AppResult<Comparison> {
     let board = read::board(app, suite).await?;
     let (a, b) = (Arc::clone(read::standing(&board, a)?), Arc::clone(read::standing(&board, b)?));
+    if a.track != b.track {
+        let detail = format!(
+            "{} has {} prompts and {} has {} prompts: only runs of one track are compared",
+            a.run,
+            a.track.name(),
+            b.run,
+            b.track.name()
+        );
+        return Err(AppError::wrong_parameter("b", detail));
+    }
     let (split, p_value) = (Split::of(&a.outcomes, &b.outcomes), board.field.compare(&a, &b).0);
     Ok(Comparison { board, a, b, split, p_value })
 }

@@ -176,9 +176,8 @@ pub fn page(board: &Arc<Board>, wanted: &Selection) -> AppResult<BoardPage> {
         next_after: (end < total).then(|| rows[end - 1].run.clone()),
         // The paper's prompts are short, so its results stand beside runs with short prompts alone.
         reported: match wanted.track {
-            Some(Track::Specified) => Vec::new(),
-            _ if !tracks.contains(&Track::Brief) => Vec::new(),
-            _ => reported::on(&board.entry.suite.name).map_err(|error| AppError::internal(&error))?,
+            Some(Track::Brief) => reported::on(&board.entry.suite.name).map_err(|error| AppError::internal(&error))?,
+            _ => Vec::new(),
         },
         board: Arc::clone(board),
     })

@@ -100,7 +100,11 @@ impl SearchText {
     /// Returns whether the id or an instruction of a task contains the text.
     #[must_use]
     pub fn is_in_task(&self, task: &Task) -> bool {
-        self.is_in(&task.id) || task.turns.iter().any(|turn| self.is_in(&turn.prompt))
+        self.is_in(&task.id)
+            || task
+                .turns
+                .iter()
+                .any(|turn| self.is_in(&turn.prompt) || turn.brief.as_ref().is_some_and(|brief| self.is_in(brief)))
     }
 }
 

@@ -104,6 +104,8 @@ pub struct Episode {
     pub task: Option<String>,
     /// Instruction of each turn.
     pub prompts: Vec<String>,
+    /// Conventions that brief prompts take for granted; none with other prompts.
+    pub preamble: Option<String>,
     /// Greatest number of blocks that may stand.
     pub most_blocks: usize,
 }
@@ -118,11 +120,11 @@ impl Episode {
         let row = app.store.episode(id).await?;
         let mut row = row.ok_or_else(|| AppError::not_found(format!("there is no episode {id:?}")))?;
         caller.require_own(row.owner.as_deref(), "episode")?;
-        let Attempted { task, prompts, most_blocks } = attempted(app, caller, &row.attempt).await?;
+        let Attempted { task, prompts, preamble, most_blocks } = attempted(app, caller, &row.attempt).await?;
         let state = std::mem::take(&mut row.state);
         let reading = tokio::task::spawn_blocking(move || Stored::unpacked(&state));
         let stored = reading.await.map_err(|error| AppError::internal(&error))??;
-        Ok(Self { row, stored, task, prompts, most_blocks })
+        Ok(Self { row, stored, task, prompts, preamble, most_blocks })
     }
 
     /// Returns its state.
@@ -174,6 +176,7 @@ impl Episode {
 struct Attempted {
     task: Option<String>,
     prompts: Vec<String>,
+    preamble: Option<String>,
     most_blocks: usize,
 }
 
@@ -182,7 +185,7 @@ async fn attempted(app: &App, caller: &Caller, attempt: &Attempt) -> AppResult<A
         // The limit is the lower one for every instance, so that it tells nothing of the checks.
         Attempt::Instance(id) => {
             let prompts = instance(app, caller, id).await?.prompts;
-            Ok(Attempted { task: None, prompts, most_blocks: LIMITS.blocks_with_stress })
+            Ok(Attempted { task: None, prompts, preamble: None, most_blocks: LIMITS.blocks_with_stress })
         }
         Attempt::Task { suite_id, number, run_id } => {
             let entry = app.find_suite(suite_id).await?;
@@ -197,7 +200,9 @@ async fn attempted(app: &App, caller: &Caller, attempt: &Attempt) -> AppResult<A
             let track = run.map_or(Track::Specified, |run| run.track);
             let prompts =
                 task.turns.iter().map(|turn| turn.prompt_on(track).unwrap_or(&turn.prompt).to_owned()).collect();
-            Ok(Attempted { task: Some(task.id.clone()), prompts, most_blocks: most_blocks(task) })
+            let preamble = entry.as_ref().and_then(|entry| entry.suite.preamble.clone());
+            let preamble = preamble.filter(|_| track == Track::Brief);
+            Ok(Attempted { task: Some(task.id.clone()), prompts, preamble, most_blocks: most_blocks(task) })
         }
     }
 }

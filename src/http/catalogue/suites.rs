@@ -30,7 +30,7 @@ pub struct SuiteBody {
     #[schema(example = 747)]
     pub instructions: usize,
     /// Number of checks in all turns.
-    #[schema(example = 6016)]
+    #[schema(example = 6412)]
     pub checks: usize,
     /// Families, in order, each with its number of tasks.
     pub families: Vec<FamilyBody>,

@@ -45,8 +45,11 @@ pub struct EpisodeBody {
     /// Number of turns.
     #[schema(minimum = 1)]
     pub turns: usize,
-    /// Instruction of the turn.
+    /// Instruction of the turn, on the track of the run.
     pub prompt: String,
+    /// Conventions that prompts of the track `brief` take for granted; absent with other prompts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub preamble: Option<String>,
     /// Number of the last step, from 1; 0 before the first.
     #[schema(minimum = 0)]
     pub step: i64,
@@ -104,7 +107,7 @@ const WORLD: WorldGuide = WorldGuide {
 impl From<Episode> for EpisodeBody {
     fn from(episode: Episode) -> Self {
         let state = episode.state();
-        let Episode { row, stored, task, mut prompts, .. } = episode;
+        let Episode { row, stored, task, mut prompts, preamble, .. } = episode;
         let turns = prompts.len();
         let (suite, run, instance) = match row.attempt {
             Attempt::Task { suite_id, run_id, .. } => (Some(suite_id), run_id, None),
@@ -119,6 +122,7 @@ impl From<Episode> for EpisodeBody {
             instance,
             turn: stored.turn,
             turns,
+            preamble,
             prompt: prompts.swap_remove((stored.turn - 1).min(turns - 1)),
             step: row.step,
             steps_left: (LIMITS.episode_steps - row.step).max(0),

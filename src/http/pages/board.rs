@@ -83,7 +83,10 @@ impl BoardPage {
     fn begins_group(&self, row: usize) -> bool {
         let places = |row: usize| self.body.rows.get(row).and_then(|row| row.places);
         let before = row.checked_sub(1).and_then(places);
-        self.sort == "overall" && before.zip(places(row)).is_some_and(|(before, own)| own.first > before.first)
+        let is_one_track = self.tracks.len() == 1 || !self.track.is_empty();
+        self.sort == "overall"
+            && is_one_track
+            && before.zip(places(row)).is_some_and(|(before, own)| own.first > before.first)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Strict rules for materials: block names must exist in the game, and families replace substrings (`docs/rules.md#strict-rules`).
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -46,7 +46,7 @@ pub enum Part {
     Roof,
     /// The blocks of a level beside the air of a room; doors are left out.
     RoomWalls,
-    /// The blocks of a level that touch the air of a room at an edge and nowhere else.
+    /// The blocks of a level that touch the air of rooms at one edge and nowhere else.
     RoomCorners,
     /// The highest block of each column over a room.
     RoomRoof,
@@ -150,12 +150,14 @@ fn of_rooms(part: Part, y: i32, structure: &Structure) -> Vec<usize> {
     let Some(terrain) = Terrain::of(structure) else { return Vec::new() };
     let spaces = terrain.spaces();
     let rooms = terrain.rooms(&spaces, LEAST_FLOOR);
-    let air: CellSet = terrain.cells_of(&spaces, &rooms).collect();
+    // Only the level that is asked for, or for the roof one cell of each column.
+    let is_wanted = |cell: &Cell| part == Part::RoomRoof || cell.y == y;
+    let flat = |cell: Cell| if part == Part::RoomRoof { Cell::new(cell.x, 0, cell.z) } else { cell };
+    let air: CellSet = terrain.cells_of(&spaces, &rooms).filter(is_wanted).map(flat).collect();
     let cells = structure.cells();
     if part == Part::RoomRoof {
-        let columns: HashSet<(i32, i32)> = air.iter().map(|cell| (cell.x, cell.z)).collect();
         let mut highest: BTreeMap<(i32, i32), usize> = BTreeMap::new();
-        for (i, cell) in cells.iter().enumerate().filter(|(_, cell)| columns.contains(&(cell.x, cell.z))) {
+        for (i, cell) in cells.iter().enumerate().filter(|(_, cell)| air.contains(&Cell::new(cell.x, 0, cell.z))) {
             let top = highest.entry((cell.x, cell.z)).or_insert(i);
             if cells[*top].y < cell.y {
                 *top = i;
@@ -165,15 +167,16 @@ fn of_rooms(part: Part, y: i32, structure: &Structure) -> Vec<usize> {
     }
     let doors = structure.palette().mask(is_door);
     let is_beside = |cell: Cell| cell.side_neighbours().iter().any(|side| air.contains(side));
-    let is_at_edge = |cell: Cell| {
+    // Where a wall between two rooms meets an outer one, both rooms are at an edge: that is no corner.
+    let is_at_one_edge = |cell: Cell| {
         let edges = [(1, 1), (1, -1), (-1, 1), (-1, -1)].map(|(dx, dz)| cell.offset(dx, 0, dz));
-        edges.iter().any(|edge| air.contains(edge))
+        edges.iter().filter(|edge| air.contains(edge)).count() == 1
     };
     let level = (0..cells.len()).filter(|&i| cells[i].y == y && !air.contains(&cells[i]));
     let level = level.filter(|&i| !doors[structure.material_ids()[i] as usize]);
     match part {
         Part::RoomWalls => level.filter(|&i| is_beside(cells[i])).collect(),
-        _ => level.filter(|&i| !is_beside(cells[i]) && is_at_edge(cells[i])).collect(),
+        _ => level.filter(|&i| !is_beside(cells[i]) && is_at_one_edge(cells[i])).collect(),
     }
 }
 
@@ -199,7 +202,11 @@ impl Rule for MadeOf {
             if is_whole(part) { own as f64 / part.len() as f64 } else { 0.0 }
         };
         let least = parts.iter().map(share).fold(1.0, f64::min);
-        let summary = format!("{:.0} % of the part is of {}", 100.0 * least, self.of);
+        let summary = if self.is_of_rooms() && parts.iter().all(Vec::is_empty) {
+            format!("no room was found, so there is no part of it to be of {}", self.of)
+        } else {
+            format!("{:.0} % of the part is of {}", 100.0 * least, self.of)
+        };
         let others = parts.iter().flatten().filter(|i| !is_own(i)).map(|&i| structure.cells()[i]);
         Finding::binary(least >= self.min_share, least, required, summary).with_witnesses(others, "another material")
     }

@@ -49,7 +49,11 @@ impl Rule for LayersFollow {
                 && first < end
             {
                 let summary = format!("{layer} begins before {} is complete", self.layers[i - 1]);
+                let earlier = structure.palette().mask(|name| self.layers[i - 1].has(name));
+                let late =
+                    structure.entries().skip(first).filter(|(_, id)| earlier[*id as usize]).map(|(cell, _)| cell);
                 return Finding::binary(false, i, required, summary)
+                    .with_witnesses(late, "comes too late")
                     .with_witnesses([structure.cells()[first]], "begins too early");
             }
             last_end = last.or(last_end);

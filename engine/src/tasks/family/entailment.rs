@@ -27,7 +27,8 @@ impl Told {
         }
     }
 
-    /// Returns a fault if some track has none of the phrases that ask for a check.
+    /// Returns a fault if the prompts of the track `specified` lack the first phrase that asks for a check, or those of another track
+    /// all of them.
     pub(super) fn lacks(&self, check: &CheckEntry, place: &Place, context: &Context) -> Option<Misfit> {
         let misfit = |span, detail| Misfit { place: Place { span, field: place.field.clone() }, detail };
         if check.asked_by.is_empty() {
@@ -41,9 +42,13 @@ impl Told {
             };
             phrases.push(phrase);
         }
-        let is_said = |told: &str| phrases.iter().any(|phrase| !phrase.is_empty() && told.contains(phrase));
-        let (track, _) = self.tracks.iter().find(|(_, told)| !is_said(told))?;
+        let asking = |track: usize| if track == 0 { &phrases[..1] } else { &phrases[..] };
+        let is_said =
+            |track: usize, told: &str| asking(track).iter().any(|phrase| !phrase.is_empty() && told.contains(phrase));
+        let mut tracks = self.tracks.iter().enumerate();
+        let (place_of_track, (track, _)) = tracks.find(|(i, (_, told))| !is_said(*i, told))?;
         let names: Vec<&str> = check.asked_by.iter().map(|name| name.get_ref().as_str()).collect();
+        let names = &names[..asking(place_of_track).len()];
         let detail = format!("asked_by: no prompt of the track {track} has the phrase {}", names.join(" or "));
         Some(misfit(place.span.clone(), detail))
     }

@@ -1,3 +1,5 @@
+//! Tests of the expansion of family files.
+
 use super::*;
 use crate::voxel::Reading;
 

@@ -126,21 +126,24 @@ pub(super) fn cuts(structure: &Structure, span: ClearSpan, support_y: i32) -> Ve
         .collect()
 }
 
-/// Returns the heights of the upper surface of a cut over the span and, as far as they adjoin it, over the supports.
-fn upper_with_supports(structure: &Structure, span: ClearSpan, support_y: i32, cut: &Cut) -> Vec<i32> {
-    let mut highest: BTreeMap<i32, i32> = BTreeMap::new();
+/// Returns the greatest height of each column at or above the supports, by its places across and along the span.
+fn highest_blocks(structure: &Structure, span: ClearSpan, support_y: i32) -> BTreeMap<(i32, i32), i32> {
+    let mut highest = BTreeMap::new();
     for cell in structure.cells().iter().filter(|cell| cell.y >= support_y) {
-        let at = (cell.x, cell.z);
-        if span.axis.across(at) == cut.across {
-            let high = highest.entry(span.axis.along(at)).or_insert(cell.y);
-            *high = (*high).max(cell.y);
-        }
+        let at = (span.axis.across((cell.x, cell.z)), span.axis.along((cell.x, cell.z)));
+        let high = highest.entry(at).or_insert(cell.y);
+        *high = (*high).max(cell.y);
     }
-    let before = (span.ends.0..span.first).rev().map_while(|along| highest.get(&along).copied());
-    let mut heights: Vec<i32> = before.collect();
+    highest
+}
+
+/// Returns the heights of the upper surface of a cut over the span and, as far as they adjoin it, over the supports.
+fn upper_with_supports(highest: &BTreeMap<(i32, i32), i32>, span: ClearSpan, cut: &Cut) -> Vec<i32> {
+    let height = |along: i32| highest.get(&(cut.across, along)).copied();
+    let mut heights: Vec<i32> = (span.ends.0..span.first).rev().map_while(height).collect();
     heights.reverse();
     heights.extend(&cut.upper);
-    heights.extend((span.last + 1..=span.ends.1).map_while(|along| highest.get(&along).copied()));
+    heights.extend((span.last + 1..=span.ends.1).map_while(height));
     heights
 }
 
@@ -197,9 +200,11 @@ impl Rule for TrueArch {
             json!({ "supports": 2, "clear_span": span.length(), "axis": axis,
                     "underside": surfaces.map(|cut| &cut.underside), "upper_surface": surfaces.map(|cut| &cut.upper) })
         };
+        let highest =
+            if self.with_supports { highest_blocks(structure, span, self.support_y) } else { BTreeMap::new() };
         let rises = |cut: &Cut| {
             break_of(&cut.upper).is_none()
-                || self.with_supports && break_of(&upper_with_supports(structure, span, self.support_y, cut)).is_none()
+                || self.with_supports && break_of(&upper_with_supports(&highest, span, cut)).is_none()
         };
         let holds = |cut: &&Cut| break_of(&cut.underside).is_none() && rises(cut);
         if let Some(cut) = cuts.iter().find(holds) {

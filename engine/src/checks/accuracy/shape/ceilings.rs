@@ -41,7 +41,7 @@ impl Rule for HasCeilings {
         let spaces = terrain.spaces();
         let rooms = terrain.rooms(&spaces, LEAST_FLOOR);
         let mut over: BTreeMap<i32, (u32, Cell)> = BTreeMap::new();
-        for feet in terrain.cells_of(&spaces, &rooms).filter(|cell| terrain.can_stand(*cell)) {
+        for feet in terrain.cells_of(&spaces, &rooms).filter(|cell| terrain.is_floor(*cell)) {
             if let Some(y) = terrain.ceiling_above(feet) {
                 over.entry(y).or_insert((0, Cell::new(feet.x, y, feet.z))).0 += 1;
             }

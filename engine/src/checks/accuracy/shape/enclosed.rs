@@ -13,7 +13,7 @@ use crate::voxel::terrain::{MAX_EXTENT, Terrain};
 pub struct EnclosedRooms {
     /// Least number of rooms.
     pub min_rooms: u32,
-    /// Greatest number of rooms; null sets no limit.
+    /// Greatest number of rooms, together with closed spaces of that size that nobody can enter; null sets no limit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_rooms: Option<u32>,
     /// Least number of cells with standing room in a room.
@@ -57,7 +57,9 @@ impl Rule for EnclosedRooms {
         let spaces = terrain.spaces();
         let rooms = terrain.rooms(&spaces, self.min_floor_cells);
         let closed = spaces.pieces.len() - 1 - rooms.len();
-        let is_not_too_many = self.max_rooms.is_none_or(|most| rooms.len() <= most as usize);
+        // Closed spaces that nobody can enter count against a greatest number: doors alone would open them.
+        let of_size = spaces.pieces[1..].iter().filter(|piece| piece.floor_cells >= self.min_floor_cells).count();
+        let is_not_too_many = self.max_rooms.is_none_or(|most| of_size <= most as usize);
         let holds = rooms.len() >= self.min_rooms as usize && is_not_too_many;
         let summary = format!(
             "{} rooms with a roof, a door and head room; {closed} other enclosed spaces; required {}",

@@ -70,7 +70,7 @@ impl Rule for LevelHas {
         let holds = is_within(cells.len(), self.min_blocks, self.max_blocks)
             && is_within(clusters.count, self.min_parts, self.max_parts)
             && self.min_size.is_none_or(reaches);
-        let widest = extents.iter().max_by_key(|[x, z]| x * z).copied().unwrap_or_default();
+        let widest = extents.iter().max_by_key(|[x, z]| u64::from(*x) * u64::from(*z)).copied().unwrap_or_default();
         let what = self.of.map_or_else(String::new, |of| format!(" of {of}"));
         let summary = format!(
             "{} blocks{what} in {} separate parts stand at y = {}; the widest part measures {} by {}",
@@ -81,9 +81,7 @@ impl Rule for LevelHas {
             widest[1]
         );
         let measured = json!({ "blocks": cells.len(), "parts": clusters.count, "widest": widest });
-        let firsts =
-            (0..clusters.count as u32).filter_map(|part| clusters.label.iter().position(|label| *label == part));
-        let witnesses: Vec<Cell> = firsts.map(|i| Cell::new(cells[i].0, self.y, cells[i].1)).collect();
+        let witnesses = clusters.representatives(&cells).into_iter().map(|(x, z)| Cell::new(x, self.y, z));
         Finding::binary(holds, measured, required, summary).with_witnesses(witnesses, "part")
     }
 }

@@ -76,16 +76,30 @@ impl Rule for IsVault {
         }
         let is_closed = rows.values().all(|(low, high, count)| high - low + 1 == *count);
         let plan_share = covered_share(&tops);
-        let holds = is_closed
-            && plan_share >= self.min_cover
-            && !(self.no_gaps && has_gaps(structure, &tops))
-            && clear >= self.min_clear as i32
-            && lines.iter().all(|line| falls_to_both_ends(line));
+        let has_gaps = self.no_gaps && has_gaps(structure, &tops);
+        let falls = lines.iter().all(|line| falls_to_both_ends(line));
+        let holds = is_closed && plan_share >= self.min_cover && !has_gaps && clear >= self.min_clear as i32 && falls;
         let measured = json!({ "clear": clear, "closed": is_closed, "along_x": lines[0], "along_z": lines[1] });
+        let failed: Vec<&str> = [
+            (is_closed, "some row of the plan is not covered from end to end"),
+            (plan_share >= self.min_cover, "the plan covers too little of the square around it"),
+            (!has_gaps, "a column does not reach down to its lower neighbour"),
+            (clear >= self.min_clear as i32, "too few cells are free over the middle"),
+            (falls, "the upper surface does not fall by two to every side, or dips"),
+        ]
+        .into_iter()
+        .filter(|(is_met, _)| !is_met)
+        .map(|(_, told)| told)
+        .collect();
         let summary = if holds {
             format!("{clear} free cells under the cover")
         } else {
-            format!("{clear} free cells under the cover; upper surface {:?} along x, {:?} along z", lines[0], lines[1])
+            format!(
+                "{}: {clear} free cells under the cover; upper surface {:?} along x, {:?} along z",
+                failed.join(", and "),
+                lines[0],
+                lines[1]
+            )
         };
         Finding::binary(holds, measured, required, summary)
             .with_witnesses(cover.map(|y| Cell::new(x, y, z)), "cover over the middle")

@@ -100,7 +100,7 @@ impl Rule for HasUpperFloor {
         let Some(terrain) = Terrain::of(subject.structure) else { return without_terrain(subject, required) };
         let spaces = terrain.spaces();
         let mut reached = terrain.reached(terrain.around(1), 1, 1);
-        reached.retain(|feet| feet.y > self.min_y && terrain.is_enclosed(*feet, &spaces));
+        reached.retain(|feet| feet.y > self.min_y && terrain.is_floor(*feet) && terrain.is_enclosed(*feet, &spaces));
         let summary = format!(
             "{} enclosed cells of floor at y = {} or higher can be reached from outside; required {}",
             reached.len(),
