@@ -259,3 +259,61 @@ fn a_removal_that_does_nothing_is_told() {
     log.profile = Profile::Mindcraft;
     assert_eq!(codes(&log), [], "events count in their order");
 }
+
+/// Rooms that wait behind sealed walls count from the first turn on, and removing doors makes no house smaller.
+#[test]
+fn sealed_rooms_count_where_the_number_is_exact() {
+    let id = "growing-houses/family";
+    let mut log = build(&task(3, "rooms/r5-build")).unwrap();
+    let doors = log.palette.get("oak_door").unwrap();
+    let bricks = log.palette.get("stone_bricks").unwrap();
+    let mut later: Vec<Cell> = Vec::new();
+    for event in &mut log.turns[0] {
+        if let Event::Place { cell, material } = event
+            && *material == doors
+            && cell.x > 5
+        {
+            later.push(*cell);
+            *material = bricks;
+        }
+    }
+    let upper: Vec<Event> =
+        later.iter().map(|cell| Event::Place { cell: cell.offset(0, 1, 0), material: bricks }).collect();
+    log.turns[0].extend(upper);
+    log.turns.extend(later.iter().map(|cell| {
+        let open = [*cell, cell.offset(0, 1, 0)].map(|cell| Event::Remove { cell });
+        open.into_iter().chain([Event::Place { cell: *cell, material: doors }]).collect::<Turn>()
+    }));
+    log.profile = Profile::Mindcraft;
+    is_caught_now(id, &log);
+}
+
+#[test]
+fn the_order_is_that_of_the_blocks_that_stand() {
+    let id = "one-story-plans/fpwr";
+    let passes = |log: &BlockLog| grade_log(&task(3, id), log, &Control::unhurried()).unwrap().overall;
+    let plan = good(id);
+    // Everything of glass in the right order, then replaced from the roof down.
+    let mut cheat = BlockLog { profile: Profile::Mindcraft, ..BlockLog::default() };
+    let blocks: Vec<(Cell, &str)> = plan.turns[0]
+        .iter()
+        .filter_map(|event| match *event {
+            Event::Place { cell, material } => Some((cell, plan.palette.name(material))),
+            Event::Remove { .. } => None,
+        })
+        .collect();
+    for (cell, _) in &blocks {
+        cheat.place(*cell, "glass");
+    }
+    for (cell, name) in blocks.iter().rev() {
+        cheat.place(*cell, name);
+    }
+    assert!(!passes(&cheat));
+    // One course of dirt too high, over which the roof is laid last.
+    let mut honest = BlockLog { profile: Profile::Mindcraft, ..BlockLog::default() };
+    honest.place(Cell::new(1, 3, 0), "glass");
+    for (cell, name) in &blocks {
+        honest.place(*cell, name);
+    }
+    assert!(passes(&plan) && passes(&honest));
+}

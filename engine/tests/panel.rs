@@ -32,8 +32,8 @@ fn careless(mut log: BlockLog, blocks_per_slip: u64, seed: u64) -> BlockLog {
     let mut random = Mt64::new(seed);
     for turn in &mut log.turns {
         turn.retain_mut(|event| {
-            let slips = random.next_u64() % blocks_per_slip == 0;
-            let is_forgotten = random.next_u64() % 2 == 0;
+            let slips = random.next_u64().is_multiple_of(blocks_per_slip);
+            let is_forgotten = random.next_u64().is_multiple_of(2);
             if let Event::Place { cell, .. } = event
                 && slips
             {
@@ -95,7 +95,7 @@ fn hidden_families_are_as_hard_for_a_panel_as_public_ones() {
         let public = mean(&tasks);
         let cells = [0, 1, 2, 3].map(|i| format!("{:.0} %, {:.0} %", 100.0 * hidden[i], 100.0 * public[i]));
         let _ = writeln!(table, "| {} | {} |", family.name(), cells.join(" | "));
-        let panel = |rates: [f64; 4]| (rates[0] + rates[1..].iter().sum::<f64>() / 3.0) / 2.0;
+        let panel = |rates: [f64; 4]| f64::midpoint(rates[0], rates[1..].iter().sum::<f64>() / 3.0);
         if (panel(hidden) - panel(public)).abs() > MOST_APART {
             apart.push(format!("{}: {:.2} and {:.2}", family.name(), panel(hidden), panel(public)));
         }

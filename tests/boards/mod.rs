@@ -2,3 +2,4 @@
 
 mod leaderboards;
 mod regrade;
+mod tracks;

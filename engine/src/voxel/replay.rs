@@ -190,6 +190,21 @@ mod tests {
         assert_eq!(order(&log), []);
     }
 
+    #[test]
+    fn a_block_that_replaces_another_takes_a_new_place_in_the_order_of_the_game() {
+        let mut log = BlockLog { profile: Profile::Mindcraft, ..BlockLog::default() };
+        let [a, b] = [Cell::new(0, 0, 0), Cell::new(1, 0, 0)];
+        log.place(a, "glass");
+        log.place(b, "stone");
+        log.place(b, "stone");
+        log.place(a, "dirt");
+        let order = |structure: Structure| named(&structure).into_iter().map(|(cell, _)| cell).collect::<Vec<_>>();
+        assert_eq!(order(Replay::read_as(&log, Reading::Game).last().unwrap()), [b, a]);
+        assert_eq!(order(Replay::read_as(&log, Reading::AsListed).last().unwrap()), [a, b]);
+        log.profile = Profile::Published;
+        assert_eq!(order(Replay::read_as(&log, Reading::Game).last().unwrap()), [a, b]);
+    }
+
     proptest! {
         #[test]
         fn events_between_structures_replay_to_the_same_structures(turns in prop::collection::vec(events(), 1..5)) {

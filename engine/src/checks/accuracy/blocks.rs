@@ -192,7 +192,9 @@ impl Rule for MadeOf {
         let mut parts = entries_of(self.part, self.y, structure);
         if let Some(except) = self.except {
             let left_out = structure.palette().mask(|name| except.has(name));
-            parts.iter_mut().for_each(|part| part.retain(|&i| !left_out[structure.material_ids()[i] as usize]));
+            for part in &mut parts {
+                part.retain(|&i| !left_out[structure.material_ids()[i] as usize]);
+            }
         }
         // A level needs at least four corner blocks to have corners; an empty part fails.
         let has_corners = matches!(self.part, Part::Corners | Part::RoomCorners);

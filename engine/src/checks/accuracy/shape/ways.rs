@@ -122,3 +122,39 @@ impl Rule for ClimbsTo {
         Finding::binary(y >= self.min_y, y, required, summary).with_witnesses(highest, "highest block reached")
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::voxel::{Profile, Reading, Structure};
+
+    /// A closed tower with a door, a floor at y = 3 with a hole at (1, 3, 1), and rungs below the hole.
+    fn tower(inside: i32, rungs: std::ops::Range<i32>) -> Structure {
+        let last = inside + 1;
+        let mut blocks = Vec::new();
+        for (x, z) in (0..=last).flat_map(|x| (0..=last).map(move |z| (x, z))) {
+            let is_wall = x == 0 || z == 0 || x == last || z == last;
+            let is_door = (x, z) == (1, 0);
+            let wall = (0..7).filter(|y| is_wall && !(is_door && *y < 2));
+            let slab = [3, 7].into_iter().filter(|y| *y == 7 || (x, z) != (1, 1));
+            blocks.extend(wall.chain(slab).map(|y| (Cell::new(x, y, z), "stone")));
+        }
+        blocks.push((Cell::new(1, 0, 0), "oak_door"));
+        blocks.extend(rungs.map(|y| (Cell::new(1, y, 1), "ladder")));
+        let mut taken = CellSet::default();
+        blocks.retain(|(cell, _)| taken.insert(*cell));
+        Reading::Game.read(Structure::from_named(blocks), Profile::Mindcraft)
+    }
+
+    fn reaches(structure: &Structure) -> bool {
+        HasUpperFloor { min_y: 3, min_cells: 9 }.evaluate(&Subject::unhurried(structure)).holds()
+    }
+
+    #[test]
+    fn a_ladder_leads_up_and_its_rungs_are_no_floor() {
+        assert!(reaches(&tower(4, 0..4)));
+        assert!(!reaches(&tower(4, 0..0)), "no way up");
+        assert!(!reaches(&tower(4, 0..2)), "the ladder ends below the floor");
+        assert!(!reaches(&tower(1, 0..7)), "a shaft full of rungs has no floor");
+    }
+}
