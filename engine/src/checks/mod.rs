@@ -11,6 +11,8 @@ pub mod planning;
 pub mod safety;
 pub mod sample;
 
+use std::cell::OnceCell;
+
 use serde::{Deserialize, Serialize};
 
 pub use amount::Amount;
@@ -18,6 +20,7 @@ pub use evidence::{Finding, Witness};
 
 use crate::elasticity::{Control, Stopped};
 use crate::voxel::Structure;
+use crate::voxel::inside::Surroundings;
 use accuracy::{blocks, material, shape, size};
 use planning::{dependency, efficiency, layers};
 use safety::{equilibrium, plausibility, stability};
@@ -28,19 +31,33 @@ use safety::{equilibrium, plausibility, stability};
 pub const CHECKS_VERSION: u32 = 2;
 
 /// Structure that a check evaluates, with the control over its computations.
-#[derive(Clone, Copy)]
 pub struct Subject<'a> {
     /// Blocks in building order, as they stand after the check's turn.
     pub structure: &'a Structure,
     /// Control over long computations: progress, cancellation and additional cores.
     pub control: &'a Control<'a>,
+    /// What walking rules look at, computed when the first of them asks.
+    surroundings: OnceCell<Option<Surroundings>>,
 }
 
 impl<'a> Subject<'a> {
     /// Returns a subject whose computations run to completion.
     #[must_use]
     pub fn unhurried(structure: &'a Structure) -> Self {
-        Self { structure, control: const { &Control::unhurried() } }
+        Self::new(structure, const { &Control::unhurried() })
+    }
+
+    /// Returns a subject whose computations `control` can stop.
+    #[must_use]
+    pub const fn new(structure: &'a Structure, control: &'a Control<'a>) -> Self {
+        Self { structure, control, surroundings: OnceCell::new() }
+    }
+
+    /// Returns the terrain of the build and the air around and inside it, which several checks of a turn share. `None` if the
+    /// build is empty or too large.
+    #[must_use]
+    pub fn surroundings(&self) -> Option<&Surroundings> {
+        self.surroundings.get_or_init(|| Surroundings::of(self.structure)).as_ref()
     }
 }
 

@@ -125,7 +125,7 @@ fn scores(
     known: Option<&Vec<Vec<f64>>>,
     control: &Control<'_>,
 ) -> Result<Vec<Vec<f64>>, Stopped> {
-    let subject = Subject { structure, control };
+    let subject = Subject::new(structure, control);
     let mut turns = Vec::with_capacity(task.turns.len());
     for (i, instruction) in task.turns.iter().enumerate() {
         let mut scores = Vec::with_capacity(instruction.checks.len());

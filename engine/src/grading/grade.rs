@@ -57,7 +57,7 @@ fn grade(
     let mut advisories = Vec::new();
     for (turn, instruction) in (1u32..).zip(&task.turns) {
         standing = structures.next().unwrap_or(standing);
-        let subject = Subject { structure: &standing, control };
+        let subject = Subject::new(&standing, control);
         let checks = check_reports(&instruction.checks, &subject)?;
         let informational = check_reports(&instruction.informational, &subject)?;
         // An object in two cells, such as a door, counts once.

@@ -1,10 +1,30 @@
 //! Rooms in a terrain: enclosed air that one can enter through doors, its floor and its ceiling.
 
 use super::cell::Cell;
+use super::structure::Structure;
 use super::terrain::{Spaces, Terrain};
 
 /// Least number of cells with standing room that make enclosed air a room, unless a check wants more.
 pub const LEAST_FLOOR: u32 = 4;
+
+/// A build on natural ground with the air around and inside it.
+#[derive(Debug)]
+pub struct Surroundings {
+    /// The build on natural ground.
+    pub terrain: Terrain,
+    /// The air, divided into regions.
+    pub spaces: Spaces,
+}
+
+impl Surroundings {
+    /// Creates the surroundings of a build. Returns `None` if it is empty or too large for a terrain.
+    #[must_use]
+    pub fn of(structure: &Structure) -> Option<Self> {
+        let terrain = Terrain::of(structure)?;
+        let spaces = terrain.spaces();
+        Some(Self { terrain, spaces })
+    }
+}
 
 impl Terrain {
     /// Returns the indices of the enclosed regions with at least `min_floor_cells` cells to stand in that doors connect to

@@ -8,9 +8,8 @@ use serde_json::json;
 use crate::checks::{Finding, Rule, Subject};
 use crate::text::agreeing;
 use crate::voxel::blocks::{BlockSet, GAME_VERSION, is_air, is_door, is_known};
-use crate::voxel::inside::LEAST_FLOOR;
-use crate::voxel::terrain::Terrain;
-use crate::voxel::{Cell, CellSet, Structure};
+use crate::voxel::inside::{LEAST_FLOOR, Surroundings};
+use crate::voxel::{Cell, CellSet};
 
 /// Check that every block is a block of the game, and that none is air.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -114,7 +113,8 @@ impl MadeOf {
 }
 
 /// Returns the groups of entries that a part consists of; the required share applies to each group.
-fn entries_of(part: Part, y: i32, structure: &Structure) -> Vec<Vec<usize>> {
+fn entries_of(part: Part, y: i32, subject: &Subject<'_>) -> Vec<Vec<usize>> {
+    let structure = subject.structure;
     let cells = structure.cells();
     let level = || (0..cells.len()).filter(|&i| cells[i].y == y);
     let bounds = crate::voxel::Bounds::of(level().map(|i| cells[i]));
@@ -127,7 +127,7 @@ fn entries_of(part: Part, y: i32, structure: &Structure) -> Vec<Vec<usize>> {
                 // Only blocks in the upper half count as the roof, which excludes ledges and doors.
                 vec![(0..cells.len()).filter(|&i| is_roof(cells[i]) && 2 * cells[i].y >= top).collect()]
             }
-            Part::RoomWalls | Part::RoomCorners | Part::RoomRoof => vec![of_rooms(part, y, structure)],
+            Part::RoomWalls | Part::RoomCorners | Part::RoomRoof => vec![of_rooms(part, y, subject)],
             Part::Corners | Part::Sides => vec![Vec::new()],
         };
     };
@@ -146,14 +146,14 @@ fn entries_of(part: Part, y: i32, structure: &Structure) -> Vec<Vec<usize>> {
 }
 
 /// Returns the entries of a part that rooms define.
-fn of_rooms(part: Part, y: i32, structure: &Structure) -> Vec<usize> {
-    let Some(terrain) = Terrain::of(structure) else { return Vec::new() };
-    let spaces = terrain.spaces();
-    let rooms = terrain.rooms(&spaces, LEAST_FLOOR);
+fn of_rooms(part: Part, y: i32, subject: &Subject<'_>) -> Vec<usize> {
+    let Some(Surroundings { terrain, spaces }) = subject.surroundings() else { return Vec::new() };
+    let structure = subject.structure;
+    let rooms = terrain.rooms(spaces, LEAST_FLOOR);
     // Only the level that is asked for, or for the roof one cell of each column.
     let is_wanted = |cell: &Cell| part == Part::RoomRoof || cell.y == y;
     let flat = |cell: Cell| if part == Part::RoomRoof { Cell::new(cell.x, 0, cell.z) } else { cell };
-    let air: CellSet = terrain.cells_of(&spaces, &rooms).filter(is_wanted).map(flat).collect();
+    let air: CellSet = terrain.cells_of(spaces, &rooms).filter(is_wanted).map(flat).collect();
     let cells = structure.cells();
     if part == Part::RoomRoof {
         let mut highest: BTreeMap<(i32, i32), usize> = BTreeMap::new();
@@ -189,7 +189,7 @@ impl Rule for MadeOf {
         }
         let own = structure.palette().mask(|name| self.of.has(name));
         let is_own = |&i: &usize| own[structure.material_ids()[i] as usize];
-        let mut parts = entries_of(self.part, self.y, structure);
+        let mut parts = entries_of(self.part, self.y, subject);
         if let Some(except) = self.except {
             let left_out = structure.palette().mask(|name| except.has(name));
             for part in &mut parts {

@@ -8,8 +8,7 @@ use serde_json::json;
 use super::enclosed::without_terrain;
 use crate::checks::{Finding, Rule, Subject};
 use crate::voxel::Cell;
-use crate::voxel::inside::LEAST_FLOOR;
-use crate::voxel::terrain::Terrain;
+use crate::voxel::inside::{LEAST_FLOOR, Surroundings};
 
 /// Check that the ceilings of the rooms lie at enough different levels, each over enough cells of floor.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -37,11 +36,12 @@ const fn four() -> u32 {
 impl Rule for HasCeilings {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let required = json!({ "levels": { ">=": self.min_levels }, "top": { ">=": self.min_top } });
-        let Some(terrain) = Terrain::of(subject.structure) else { return without_terrain(subject, required) };
-        let spaces = terrain.spaces();
-        let rooms = terrain.rooms(&spaces, LEAST_FLOOR);
+        let Some(Surroundings { terrain, spaces }) = subject.surroundings() else {
+            return without_terrain(subject, required);
+        };
+        let rooms = terrain.rooms(spaces, LEAST_FLOOR);
         let mut over: BTreeMap<i32, (u32, Cell)> = BTreeMap::new();
-        for feet in terrain.cells_of(&spaces, &rooms).filter(|cell| terrain.is_floor(*cell)) {
+        for feet in terrain.cells_of(spaces, &rooms).filter(|cell| terrain.is_floor(*cell)) {
             if let Some(y) = terrain.ceiling_above(feet) {
                 over.entry(y).or_insert((0, Cell::new(feet.x, y, feet.z))).0 += 1;
             }

@@ -5,7 +5,8 @@ use serde_json::{Value, json};
 
 use crate::checks::{Finding, Rule, Subject};
 use crate::text::counted;
-use crate::voxel::terrain::{MAX_EXTENT, Terrain};
+use crate::voxel::inside::Surroundings;
+use crate::voxel::terrain::MAX_EXTENT;
 
 /// Check that there are enough enclosed regions of air with standing room that doors connect to the outside.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -53,9 +54,10 @@ impl Rule for EnclosedRooms {
             None => json!({ ">=": self.min_rooms }),
             Some(most) => json!({ ">=": self.min_rooms, "<=": most }),
         };
-        let Some(terrain) = Terrain::of(subject.structure) else { return without_terrain(subject, required) };
-        let spaces = terrain.spaces();
-        let rooms = terrain.rooms(&spaces, self.min_floor_cells);
+        let Some(Surroundings { terrain, spaces }) = subject.surroundings() else {
+            return without_terrain(subject, required);
+        };
+        let rooms = terrain.rooms(spaces, self.min_floor_cells);
         let closed = spaces.pieces.len() - 1 - rooms.len();
         // Closed spaces that nobody can enter count against a greatest number: doors alone would open them.
         let of_size = spaces.pieces[1..].iter().filter(|piece| piece.floor_cells >= self.min_floor_cells).count();
@@ -74,10 +76,11 @@ impl Rule for EnclosedRooms {
 impl Rule for DoorsLeadThrough {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let required = json!({ "doors": { ">=": self.min_doors }, "blocked": 0 });
-        let Some(terrain) = Terrain::of(subject.structure) else { return without_terrain(subject, required) };
-        let spaces = terrain.spaces();
+        let Some(Surroundings { terrain, spaces }) = subject.surroundings() else {
+            return without_terrain(subject, required);
+        };
         let doors = terrain.doors();
-        let blocked: Vec<_> = doors.iter().copied().filter(|door| terrain.joins(*door, &spaces).is_none()).collect();
+        let blocked: Vec<_> = doors.iter().copied().filter(|door| terrain.joins(*door, spaces).is_none()).collect();
         let holds = blocked.is_empty() && doors.len() >= self.min_doors as usize;
         let summary = format!(
             "{} of {} doors are blocked; required {}",

@@ -6,7 +6,7 @@ use serde_json::json;
 use super::enclosed::without_terrain;
 use crate::checks::{Finding, Rule, Subject};
 use crate::voxel::blocks::BlockSet;
-use crate::voxel::terrain::Terrain;
+use crate::voxel::inside::Surroundings;
 use crate::voxel::{Cell, CellMap, CellSet};
 
 /// Check that from an inside cell beside each block of a kind, a path with a floor at every step leads outside.
@@ -59,7 +59,9 @@ const MAX_WIDTH: u32 = 2;
 impl Rule for WalksOut {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let required = json!({ "starts": { ">=": self.min_starts }, "stuck": 0 });
-        let Some(terrain) = Terrain::of(subject.structure) else { return without_terrain(subject, required) };
+        let Some(Surroundings { terrain, spaces }) = subject.surroundings() else {
+            return without_terrain(subject, required);
+        };
         let blocks = subject.structure.cells_of(|name| self.from.has(name));
         let first = |cell: &Cell| subject.structure.other_half(*cell).unwrap_or(*cell);
         let mut halves: CellMap<Vec<Cell>> = CellMap::default();
@@ -71,12 +73,11 @@ impl Rule for WalksOut {
         // Steps work in both directions, so a path in from the outside is also a path out.
         let ways_out: CellSet = terrain.reached(terrain.around(width), step, width).into_iter().collect();
         let square = || (0..width).flat_map(move |dx| (0..width).map(move |dz| (dx, dz)));
-        let spaces = terrain.spaces();
         // Squares that contain an enclosed cell beside the block.
         let gets_out = |start: &Cell| {
             let own = halves.get(start).into_iter().flatten();
             own.flat_map(|half| half.side_neighbours())
-                .filter(|side| terrain.is_enclosed(*side, &spaces))
+                .filter(|side| terrain.is_enclosed(*side, spaces))
                 .flat_map(|side| square().map(move |(dx, dz)| side.offset(-dx, 0, -dz)))
                 .any(|at| ways_out.contains(&at))
         };
@@ -97,10 +98,11 @@ impl Rule for WalksOut {
 impl Rule for HasUpperFloor {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let required = json!({ "cells": { ">=": self.min_cells }, "y": { ">=": self.min_y } });
-        let Some(terrain) = Terrain::of(subject.structure) else { return without_terrain(subject, required) };
-        let spaces = terrain.spaces();
+        let Some(Surroundings { terrain, spaces }) = subject.surroundings() else {
+            return without_terrain(subject, required);
+        };
         let mut reached = terrain.reached(terrain.around(1), 1, 1);
-        reached.retain(|feet| feet.y > self.min_y && terrain.is_floor(*feet) && terrain.is_enclosed(*feet, &spaces));
+        reached.retain(|feet| feet.y > self.min_y && terrain.is_floor(*feet) && terrain.is_enclosed(*feet, spaces));
         let summary = format!(
             "{} enclosed cells of floor at y = {} or higher can be reached from outside; required {}",
             reached.len(),
@@ -115,7 +117,9 @@ impl Rule for HasUpperFloor {
 impl Rule for ClimbsTo {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let required = json!({ ">=": self.min_y });
-        let Some(terrain) = Terrain::of(subject.structure) else { return without_terrain(subject, required) };
+        let Some(Surroundings { terrain, .. }) = subject.surroundings() else {
+            return without_terrain(subject, required);
+        };
         let highest = terrain.highest_climbed();
         let y = highest.map_or(i32::MIN, |block| block.y);
         let summary = format!("the climb reaches a block at y={y}; required {}", self.min_y);
