@@ -1,5 +1,7 @@
 //! Rooms in a terrain: enclosed air that one can enter through doors, its floor and its ceiling.
 
+use std::cell::OnceCell;
+
 use super::cell::Cell;
 use super::structure::Structure;
 use super::terrain::{Spaces, Terrain};
@@ -12,17 +14,19 @@ pub const LEAST_FLOOR: u32 = 4;
 pub struct Surroundings {
     /// The build on natural ground.
     pub terrain: Terrain,
-    /// The air, divided into regions.
-    pub spaces: Spaces,
+    spaces: OnceCell<Spaces>,
 }
 
 impl Surroundings {
     /// Creates the surroundings of a build. Returns `None` if it is empty or too large for a terrain.
     #[must_use]
     pub fn of(structure: &Structure) -> Option<Self> {
-        let terrain = Terrain::of(structure)?;
-        let spaces = terrain.spaces();
-        Some(Self { terrain, spaces })
+        Some(Self { terrain: Terrain::of(structure)?, spaces: OnceCell::new() })
+    }
+
+    /// Returns the air, divided into regions; computed when it is first asked for.
+    pub fn spaces(&self) -> &Spaces {
+        self.spaces.get_or_init(|| self.terrain.spaces())
     }
 }
 

@@ -8,7 +8,7 @@ use serde_json::json;
 use crate::checks::{Finding, Rule, Subject};
 use crate::text::agreeing;
 use crate::voxel::blocks::{BlockSet, GAME_VERSION, is_air, is_door, is_known};
-use crate::voxel::inside::{LEAST_FLOOR, Surroundings};
+use crate::voxel::inside::LEAST_FLOOR;
 use crate::voxel::{Cell, CellSet};
 
 /// Check that every block is a block of the game, and that none is air.
@@ -147,7 +147,8 @@ fn entries_of(part: Part, y: i32, subject: &Subject<'_>) -> Vec<Vec<usize>> {
 
 /// Returns the entries of a part that rooms define.
 fn of_rooms(part: Part, y: i32, subject: &Subject<'_>) -> Vec<usize> {
-    let Some(Surroundings { terrain, spaces }) = subject.surroundings() else { return Vec::new() };
+    let Some(around) = subject.surroundings() else { return Vec::new() };
+    let (terrain, spaces) = (&around.terrain, around.spaces());
     let structure = subject.structure;
     let rooms = terrain.rooms(spaces, LEAST_FLOOR);
     // Only the level that is asked for, or for the roof one cell of each column.

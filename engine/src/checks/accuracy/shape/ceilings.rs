@@ -8,7 +8,7 @@ use serde_json::json;
 use super::enclosed::without_terrain;
 use crate::checks::{Finding, Rule, Subject};
 use crate::voxel::Cell;
-use crate::voxel::inside::{LEAST_FLOOR, Surroundings};
+use crate::voxel::inside::LEAST_FLOOR;
 
 /// Check that the ceilings of the rooms lie at enough different levels, each over enough cells of floor.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -36,9 +36,10 @@ const fn four() -> u32 {
 impl Rule for HasCeilings {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let required = json!({ "levels": { ">=": self.min_levels }, "top": { ">=": self.min_top } });
-        let Some(Surroundings { terrain, spaces }) = subject.surroundings() else {
+        let Some(around) = subject.surroundings() else {
             return without_terrain(subject, required);
         };
+        let (terrain, spaces) = (&around.terrain, around.spaces());
         let rooms = terrain.rooms(spaces, LEAST_FLOOR);
         let mut over: BTreeMap<i32, (u32, Cell)> = BTreeMap::new();
         for feet in terrain.cells_of(spaces, &rooms).filter(|cell| terrain.is_floor(*cell)) {

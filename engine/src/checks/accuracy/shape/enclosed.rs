@@ -5,7 +5,6 @@ use serde_json::{Value, json};
 
 use crate::checks::{Finding, Rule, Subject};
 use crate::text::counted;
-use crate::voxel::inside::Surroundings;
 use crate::voxel::terrain::MAX_EXTENT;
 
 /// Check that there are enough enclosed regions of air with standing room that doors connect to the outside.
@@ -54,9 +53,10 @@ impl Rule for EnclosedRooms {
             None => json!({ ">=": self.min_rooms }),
             Some(most) => json!({ ">=": self.min_rooms, "<=": most }),
         };
-        let Some(Surroundings { terrain, spaces }) = subject.surroundings() else {
+        let Some(around) = subject.surroundings() else {
             return without_terrain(subject, required);
         };
+        let (terrain, spaces) = (&around.terrain, around.spaces());
         let rooms = terrain.rooms(spaces, self.min_floor_cells);
         let closed = spaces.pieces.len() - 1 - rooms.len();
         // Closed spaces that nobody can enter count against a greatest number: doors alone would open them.
@@ -76,9 +76,10 @@ impl Rule for EnclosedRooms {
 impl Rule for DoorsLeadThrough {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let required = json!({ "doors": { ">=": self.min_doors }, "blocked": 0 });
-        let Some(Surroundings { terrain, spaces }) = subject.surroundings() else {
+        let Some(around) = subject.surroundings() else {
             return without_terrain(subject, required);
         };
+        let (terrain, spaces) = (&around.terrain, around.spaces());
         let doors = terrain.doors();
         let blocked: Vec<_> = doors.iter().copied().filter(|door| terrain.joins(*door, spaces).is_none()).collect();
         let holds = blocked.is_empty() && doors.len() >= self.min_doors as usize;

@@ -6,7 +6,6 @@ use serde_json::json;
 use super::enclosed::without_terrain;
 use crate::checks::{Finding, Rule, Subject};
 use crate::voxel::blocks::BlockSet;
-use crate::voxel::inside::Surroundings;
 use crate::voxel::{Cell, CellMap, CellSet};
 
 /// Check that from an inside cell beside each block of a kind, a path with a floor at every step leads outside.
@@ -59,9 +58,10 @@ const MAX_WIDTH: u32 = 2;
 impl Rule for WalksOut {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let required = json!({ "starts": { ">=": self.min_starts }, "stuck": 0 });
-        let Some(Surroundings { terrain, spaces }) = subject.surroundings() else {
+        let Some(around) = subject.surroundings() else {
             return without_terrain(subject, required);
         };
+        let (terrain, spaces) = (&around.terrain, around.spaces());
         let blocks = subject.structure.cells_of(|name| self.from.has(name));
         let first = |cell: &Cell| subject.structure.other_half(*cell).unwrap_or(*cell);
         let mut halves: CellMap<Vec<Cell>> = CellMap::default();
@@ -98,9 +98,10 @@ impl Rule for WalksOut {
 impl Rule for HasUpperFloor {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let required = json!({ "cells": { ">=": self.min_cells }, "y": { ">=": self.min_y } });
-        let Some(Surroundings { terrain, spaces }) = subject.surroundings() else {
+        let Some(around) = subject.surroundings() else {
             return without_terrain(subject, required);
         };
+        let (terrain, spaces) = (&around.terrain, around.spaces());
         let mut reached = terrain.reached(terrain.around(1), 1, 1);
         reached.retain(|feet| feet.y > self.min_y && terrain.is_floor(*feet) && terrain.is_enclosed(*feet, spaces));
         let summary = format!(
@@ -117,9 +118,10 @@ impl Rule for HasUpperFloor {
 impl Rule for ClimbsTo {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let required = json!({ ">=": self.min_y });
-        let Some(Surroundings { terrain, .. }) = subject.surroundings() else {
+        let Some(around) = subject.surroundings() else {
             return without_terrain(subject, required);
         };
+        let terrain = &around.terrain;
         let highest = terrain.highest_climbed();
         let y = highest.map_or(i32::MIN, |block| block.y);
         let summary = format!("the climb reaches a block at y={y}; required {}", self.min_y);
