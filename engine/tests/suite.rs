@@ -72,17 +72,13 @@ fn the_tables_of_what_asks_for_checks_are_those_that_the_code_makes() {
     }
 }
 
-/// A suite of walls whose checks must be asked for, with one passage of its file replaced.
+/// Faults of a suite of walls whose checks must be asked for, with one passage of its file replaced.
 fn faults_of_asking(passage: &str, instead: &str) -> Vec<String> {
-    let walls = std::fs::read_to_string(repository("tasks/mineceraft-3/walls.toml")).unwrap();
-    assert!(walls.contains(passage), "{passage}");
-    let walls = walls.replacen(passage, instead, 1);
     let suite = "name = 'x'\nfamilies = ['walls']\nversions = [{ number = 3, description = '' }]\n\
                  every_check_is_asked_for = true\npreamble = '{{ site }} {{ joined }} {{ path_rule }}'\n\
-                 words = { site = 'Here.', joined = 'All hangs together.', path_rule = 'Work steadily.' }\nlite = { seed = 1, tasks = [] }";
-    let files = [TaskFile { name: "walls.toml", text: &walls }, TaskFile { name: "suite.toml", text: suite }];
-    let found = SuiteSource::read(&files).and_then(|source| source.suite(3));
-    found.err().unwrap_or_default().iter().map(ToString::to_string).collect()
+                 words = { site = 'Here.', joined = 'All hangs together.', path_rule = 'Work steadily.' }\n\
+                 lite = { seed = 1, tasks = [] }";
+    faults_with("tasks/mineceraft-3/walls.toml", suite, 3, passage, instead)
 }
 
 #[test]
@@ -107,15 +103,20 @@ fn the_table_of_saboteurs_in_the_readme_is_the_one_that_the_code_makes() {
     assert!(readme.contains(&made), "put the output of `cargo run -- tasks saboteurs` into tasks/README.md:\n{made}");
 }
 
-/// A suite of one family, whose file is `walls.toml` with one passage replaced.
+/// Faults of a suite of one family, whose file is `walls.toml` with one passage replaced.
 fn faults_of(passage: &str, instead: &str) -> Vec<String> {
-    let walls = std::fs::read_to_string(repository("tasks/mineceraft/walls.toml")).unwrap();
-    assert!(walls.contains(passage), "{passage}");
-    let walls = walls.replacen(passage, instead, 1);
     let suite = "name = 'x'\nfamilies = ['walls']\nversions = [{ number = 2, description = '' }]\n\
                  words = { site = 'a', joined = 'b', path_rule = 'c' }\nlite = { seed = 1, tasks = [] }";
+    faults_with("tasks/mineceraft/walls.toml", suite, 2, passage, instead)
+}
+
+/// Faults of a version of a suite of walls, with one passage of the family's file replaced.
+fn faults_with(file: &str, suite: &str, version: u32, passage: &str, instead: &str) -> Vec<String> {
+    let walls = std::fs::read_to_string(repository(file)).unwrap();
+    assert!(walls.contains(passage), "{passage}");
+    let walls = walls.replacen(passage, instead, 1);
     let files = [TaskFile { name: "walls.toml", text: &walls }, TaskFile { name: "suite.toml", text: suite }];
-    let found = SuiteSource::read(&files).and_then(|source| source.suite(2));
+    let found = SuiteSource::read(&files).and_then(|source| source.suite(version));
     found.err().unwrap_or_default().iter().map(ToString::to_string).collect()
 }
 

@@ -50,6 +50,10 @@ async fn runs_of_one_track_are_compared_with_each_other() {
     assert_eq!(compared.status, StatusCode::BAD_REQUEST, "{}", compared.text);
     assert_eq!(service.get(&format!("{path}/compare?a={}&b={}", runs[1], runs[2])).await.status, StatusCode::OK);
 
+    assert!(page.contains("Compare two runs"), "{page}");
+    let mixed = service.get(&format!("/boards/{SUITE}")).await.text;
+    assert!(!mixed.contains("Compare two runs"), "{mixed}");
+
     for (suite, track) in [("mineceraft@2", "brief"), (SUITE, "short"), (SUITE, "")] {
         let refused = service.post_json("/v1/runs", &json!({ "agent": "a", "suite": suite, "track": track })).await;
         assert_eq!(refused.faults(422), ["null /track"], "{suite} {track}: {}", refused.text);

@@ -27,6 +27,10 @@ pub(super) const PLAIN: Fabric<'static> = Fabric {
     doors_wide: 1,
 };
 
+/// Materials of the two-story plans.
+pub(super) const TWO_STORY: Fabric<'static> =
+    Fabric { floor: Some("stone"), pillars: "white_concrete", walls: "oak_planks", roof: "red_wool", ..PLAIN };
+
 /// Dimensions of a house, in blocks.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Measures {
@@ -154,9 +158,7 @@ pub fn one_story(site: &mut Site) {
 
 /// Builds a house with a stone foundation, concrete pillars, walls of planks, a red roof and outer stairs.
 pub fn two_story(site: &mut Site) {
-    let fabric =
-        Fabric { floor: Some("stone"), pillars: "white_concrete", walls: "oak_planks", roof: "red_wool", ..PLAIN };
-    raise(site, Wants { stairs_to_y: Some(3), ..Wants::default() }, &fabric);
+    raise(site, Wants { stairs_to_y: Some(3), ..Wants::default() }, &TWO_STORY);
 }
 
 pub(super) fn raise(site: &mut Site, wants: Wants, fabric: &Fabric<'_>) {
@@ -251,7 +253,7 @@ fn upper_story(site: &mut Site, right: i32, Measures { back, height, .. }: Measu
 /// Parameters of a cabin: its size along each axis, in blocks.
 #[derive(Debug, Clone, Copy, Deserialize)]
 pub struct Cabin {
-    size: i32,
+    pub(super) size: i32,
 }
 
 /// Builds a hollow cube whose six sides are one block thick: the largest cabin for the stock.

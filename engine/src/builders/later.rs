@@ -1,11 +1,10 @@
 //! Good builds of families whose tasks ask for more from version 3 of the suite on: real upper stories, ceilings of three
-//! heights over rooms, cabins with a door, domes of
-//! exact width and height.
+//! heights over rooms, cabins with a door, domes of exact width and height.
 
 use serde::Deserialize;
 
 use super::drawn::{StockCabin, stock_cabin};
-use super::houses::{Fabric, House, Measures, PLAIN, Wants, raise};
+use super::houses::{Cabin, House, Measures, PLAIN, TWO_STORY, Wants, raise};
 use super::site::Site;
 use crate::voxel::Cell;
 
@@ -37,15 +36,7 @@ pub fn high(site: &mut Site, house: &House) {
 
 /// Builds a house with a stone foundation, concrete pillars, walls of planks, a red roof, and a second story.
 pub fn two_story(site: &mut Site) {
-    let fabric =
-        Fabric { floor: Some("stone"), pillars: "white_concrete", walls: "oak_planks", roof: "red_wool", ..PLAIN };
-    raise(site, Wants { has_upper_story: true, ..Wants::default() }, &fabric);
-}
-
-/// Parameters of a cabin: its size along each axis, in blocks.
-#[derive(Debug, Clone, Copy, Deserialize)]
-pub struct Cabin {
-    size: i32,
+    raise(site, Wants { has_upper_story: true, ..Wants::default() }, &TWO_STORY);
 }
 
 /// Builds a hollow cube with a door, its floor flush with the ground.

@@ -72,15 +72,20 @@ fn bounds(log: &BlockLog) -> Bounds {
     Bounds::of(placed(log)).unwrap_or(Bounds { min: Cell::new(0, 0, 0), max: Cell::new(0, 0, 0) })
 }
 
-/// Returns the material that is placed most often.
-fn common_material(log: &BlockLog) -> Option<u32> {
+/// Returns how often each material is placed, by its id.
+fn counts(log: &BlockLog) -> Vec<u32> {
     let mut counts = vec![0_u32; log.palette.len()];
     for event in log.turns.iter().flatten() {
         if let Event::Place { material, .. } = *event {
             counts[material as usize] += 1;
         }
     }
-    (0..).zip(counts).max_by_key(|(_, count)| *count).map(|(material, _)| material)
+    counts
+}
+
+/// Returns the material that is placed most often.
+fn common_material(log: &BlockLog) -> Option<u32> {
+    (0..).zip(counts(log)).max_by_key(|(_, count)| *count).map(|(material, _)| material)
 }
 
 /// Keeps the placements for which `is_kept` holds, and all removals.
@@ -156,13 +161,7 @@ fn drop_fittings(log: &mut BlockLog) {
 }
 
 fn add_fitting(log: &mut BlockLog) {
-    let mut counts = vec![0_u32; log.palette.len()];
-    for event in log.turns.iter().flatten() {
-        if let Event::Place { material, .. } = *event {
-            counts[material as usize] += 1;
-        }
-    }
-    let rarest = (0..).zip(counts).filter(|(_, count)| *count > 0).min_by_key(|(_, count)| *count);
+    let rarest = (0..).zip(counts(log)).filter(|(_, count)| *count > 0).min_by_key(|(_, count)| *count);
     let Some((material, _)) = rarest else { return };
     let Some(top) = placed(log).into_iter().max_by_key(|cell| cell.y) else { return };
     for turn in &mut log.turns {

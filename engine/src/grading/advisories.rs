@@ -6,7 +6,7 @@ use crate::checks::Check;
 use crate::tasks::Instruction;
 use crate::text::agreeing;
 use crate::voxel::replay::Replay;
-use crate::voxel::{BlockLog, CellSet, Event, Structure, blocks};
+use crate::voxel::{BlockLog, Cell, CellSet, Event, Structure, blocks};
 
 /// Pairs of a required word and the word for other blocks whose spelling happens to contain it.
 const LOOKALIKES: [(&str, &str); 6] = [
@@ -80,17 +80,15 @@ pub fn advise(structure: &Structure, instruction: &Instruction, report: &TurnRep
 
 /// Adds an advisory for each turn whose removals did nothing because the same turn placed the blocks.
 pub fn advise_on_removals(log: &BlockLog, advisories: &mut Vec<Advisory>) {
-    let has_removals = log.turns.iter().flatten().any(|event| matches!(event, Event::Remove { .. }));
-    if !log.profile.is_published() || !has_removals {
+    // Cells that a turn both places and removes. Most logs have none, and need no replay.
+    let both: Vec<CellSet> = log.turns.iter().map(|events| placed_and_removed(events)).collect();
+    if !log.profile.is_published() || both.iter().all(CellSet::is_empty) {
         return;
     }
     let mut before: Option<Structure> = None;
-    for ((turn, events), after) in (1..).zip(&log.turns).zip(Replay::new(log)) {
-        let is_place = |event: &&Event| matches!(event, Event::Place { .. });
-        let placed: CellSet = events.iter().filter(is_place).map(Event::cell).collect();
+    for ((turn, both), after) in (1..).zip(both).zip(Replay::new(log)) {
         let stood = |cell| before.as_ref().is_some_and(|before| before.contains(cell));
-        let removed = events.iter().filter(|event| !is_place(event)).map(Event::cell);
-        let without: CellSet = removed.filter(|cell| placed.contains(cell) && !stood(*cell)).collect();
+        let without: Vec<Cell> = both.into_iter().filter(|cell| !stood(*cell)).collect();
         if !without.is_empty() {
             let removals = agreeing(without.len(), "removal has", "removals have");
             let detail = format!(
@@ -100,6 +98,16 @@ pub fn advise_on_removals(log: &BlockLog, advisories: &mut Vec<Advisory>) {
         }
         before = Some(after);
     }
+}
+
+/// Returns the cells that a turn both places and removes.
+fn placed_and_removed(events: &[Event]) -> CellSet {
+    let is_place = |event: &&Event| matches!(event, Event::Place { .. });
+    let removed: CellSet = events.iter().filter(|event| !is_place(event)).map(Event::cell).collect();
+    if removed.is_empty() {
+        return removed;
+    }
+    events.iter().filter(is_place).map(Event::cell).filter(|cell| removed.contains(cell)).collect()
 }
 
 /// Returns the distinct names of the blocks that stand.

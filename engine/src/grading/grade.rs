@@ -18,7 +18,6 @@ use crate::voxel::{BlockLog, Profile, Structure};
 /// Returns an error only if `control` stops a long computation.
 pub fn grade_log(task: &Task, log: &BlockLog, control: &Control<'_>) -> Result<Report, Stopped> {
     grade_hashed(task, &task.content_hash(), log, control)
-        .map(|report| Report { profile: Profile::Published, ..report })
 }
 
 /// Grades a log as [`grade_log`] does, given the task's hash, which takes as long to compute as grading a small log.

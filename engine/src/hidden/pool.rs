@@ -110,22 +110,20 @@ impl Generator {
             return Err(PoolError::Files(format!("there is no version {version} of the generator")));
         }
         let source = hidden::source(version).map_err(|faults| faulty(&faults))?;
-        // What earlier versions of the public suite have is known as well.
-        let public = embedded::suite(version + 1).map_err(|faults| faulty(&faults))?;
-        let earlier =
-            if version > 1 { embedded::suite(version).map_err(|faults| faulty(&faults))?.tasks } else { Vec::new() };
         let mut volumes: BTreeMap<String, Volume> = BTreeMap::new();
         let mut public_builds = HashSet::default();
-        for task in &public.tasks {
-            let log = build(task).map_err(|error| PoolError::Files(error.to_string()))?;
-            let blocks = volume(&log);
-            let own = volumes.entry(task.family().to_owned()).or_insert(Volume { least: blocks, greatest: blocks });
-            *own = Volume { least: own.least.min(blocks), greatest: own.greatest.max(blocks) };
-            public_builds.insert(hash_of_build(&log));
-        }
-        for task in &earlier {
-            let log = build(task).map_err(|error| PoolError::Files(error.to_string()))?;
-            public_builds.insert(hash_of_build(&log));
+        // Builds of earlier versions of the public suite are known as well; sizes are compared with the latest alone.
+        for public in 2..=version + 1 {
+            for task in embedded::suite(public).map_err(|faults| faulty(&faults))?.tasks {
+                let log = build(&task).map_err(|error| PoolError::Files(error.to_string()))?;
+                public_builds.insert(hash_of_build(&log));
+                if public == version + 1 {
+                    let blocks = volume(&log);
+                    let fresh = Volume { least: blocks, greatest: blocks };
+                    let own = volumes.entry(task.family().to_owned()).or_insert(fresh);
+                    *own = Volume { least: own.least.min(blocks), greatest: own.greatest.max(blocks) };
+                }
+            }
         }
         Ok(Self { version, source, volumes, public_builds })
     }

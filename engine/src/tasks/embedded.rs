@@ -96,7 +96,8 @@ pub fn latest() -> Result<Suite, Vec<TaskFileFault>> {
 #[must_use]
 pub fn lite(full: &Suite, seed: u64) -> Suite {
     let tasks: Vec<Task> = draw(full, seed).into_iter().cloned().collect();
-    Suite { name: format!("{}{LITE_SUFFIX}", full.name), tasks, ..full.clone_without_tasks() }
+    let name = format!("{}{LITE_SUFFIX}", full.name);
+    Suite { name, version: full.version, preamble: full.preamble.clone(), tasks }
 }
 
 #[cfg(test)]

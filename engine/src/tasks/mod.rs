@@ -133,12 +133,6 @@ pub struct Suite {
 }
 
 impl Suite {
-    /// Returns the suite with everything but its tasks.
-    #[must_use]
-    pub fn clone_without_tasks(&self) -> Self {
-        Self { name: self.name.clone(), version: self.version, preamble: self.preamble.clone(), tasks: Vec::new() }
-    }
-
     /// Returns the suite's identifier, `name@version`.
     #[must_use]
     pub fn id(&self) -> String {
@@ -157,6 +151,13 @@ impl Suite {
     #[must_use]
     pub fn tracks(&self) -> &'static [Track] {
         if self.preamble.is_some() { &Track::ALL } else { &[Track::Specified] }
+    }
+
+    /// Tells that the suite has no prompts of a track; nothing if it has.
+    #[must_use]
+    pub fn lacks(&self, track: Track) -> Option<String> {
+        let is_there = self.tracks().contains(&track);
+        (!is_there).then(|| format!("{} has no prompts of the track {}", self.id(), track.name()))
     }
 
     /// Counts the turns of all tasks, which the paper calls "instruction entries".

@@ -131,9 +131,7 @@ pub struct BoardPage {
 /// Returns an error (400) if a parameter is invalid.
 pub fn page(board: &Arc<Board>, wanted: &Selection) -> AppResult<BoardPage> {
     let items = page_items(wanted.limit, 100)?;
-    let tracks = board.entry.suite.tracks();
-    if let Some(track) = wanted.track.filter(|track| !tracks.contains(track)) {
-        let detail = format!("{} has no track {}", board.entry.suite.id(), track.name());
+    if let Some(detail) = wanted.track.and_then(|track| board.entry.suite.lacks(track)) {
         return Err(AppError::wrong_parameter("track", detail));
     }
     let as_of = match &wanted.as_of {

@@ -14,6 +14,7 @@ use crate::store::episodes::{Attempt, EpisodeRow};
 use crate::store::keys::Scope;
 use crate::store::states::RunState;
 use plumbline_engine::intake::Faults;
+use plumbline_engine::tasks::Track;
 use plumbline_engine::tasks::embedded::FULL;
 
 /// Opens an episode, which is durable when this returns.
@@ -26,7 +27,7 @@ pub async fn open(app: &App, caller: &Caller, draft: Option<NewEpisode>, mut fau
     let Some(new) = draft.filter(|_| faults.is_empty()) else { return Err(AppError::faulty(faults)) };
     let now = now_ms();
     let mut expires_at_ms = now + LIMITS.episode_seconds * 1_000;
-    let attempt = match new.instance {
+    let (attempt, track) = match new.instance {
         Some(id) => {
             if new.suite.is_some() || new.run.is_some() {
                 faults.add("an instance belongs to its entry; leave suite and run out");
@@ -40,7 +41,7 @@ pub async fn open(app: &App, caller: &Caller, draft: Option<NewEpisode>, mut fau
             if expires_at_ms <= now {
                 return Err(AppError::conflict("expired", "the instance can no longer be answered"));
             }
-            Attempt::Instance(id)
+            (Attempt::Instance(id), Track::Specified)
         }
         None => task_attempt(app, caller, new, &mut faults).await?.ok_or_else(|| AppError::faulty(faults))?,
     };
@@ -51,7 +52,7 @@ pub async fn open(app: &App, caller: &Caller, draft: Option<NewEpisode>, mut fau
         created_at_ms: now,
         expires_at_ms,
         step: 0,
-        state: Stored::first().packed()?,
+        state: Stored::first(track).packed()?,
         submitting_at_ms: None,
         submitted_at_ms: None,
         submission_id: None,
@@ -64,11 +65,16 @@ pub async fn open(app: &App, caller: &Caller, draft: Option<NewEpisode>, mut fau
     Episode::of_caller(app, caller, &row.id).await
 }
 
-/// Finds the task of a new episode. Returns `None` if there are faults.
-async fn task_attempt(app: &App, caller: &Caller, new: NewEpisode, faults: &mut Faults) -> AppResult<Option<Attempt>> {
+/// Finds the task of a new episode and the track of its prompts, which is that of its run. Returns `None` if there are faults.
+async fn task_attempt(
+    app: &App,
+    caller: &Caller,
+    new: NewEpisode,
+    faults: &mut Faults,
+) -> AppResult<Option<(Attempt, Track)>> {
     let Some(task) = new.task else { return Ok(None) };
-    let suite = match &new.run {
-        None => new.suite.unwrap_or_else(|| FULL.to_owned()),
+    let (suite, track) = match &new.run {
+        None => (new.suite.unwrap_or_else(|| FULL.to_owned()), Track::Specified),
         Some(run) => {
             if new.suite.is_some() {
                 faults.add_at("suite", "a submission to a run takes the run's suite; leave it out");
@@ -81,7 +87,7 @@ async fn task_attempt(app: &App, caller: &Caller, new: NewEpisode, faults: &mut 
             if row.state != RunState::Open {
                 return Err(AppError::conflict("run-closed", "the run accepts no more submissions; open another one"));
             }
-            row.suite_id
+            (row.suite_id, row.track)
         }
     };
     let Some(entry) = app.find_suite(&suite).await? else {
@@ -89,5 +95,5 @@ async fn task_attempt(app: &App, caller: &Caller, new: NewEpisode, faults: &mut 
         return Ok(None);
     };
     let number = task.number_in(&entry, faults).filter(|_| faults.is_empty());
-    Ok(number.map(|number| Attempt::Task { suite_id: entry.suite.id(), number, run_id: new.run }))
+    Ok(number.map(|number| (Attempt::Task { suite_id: entry.suite.id(), number, run_id: new.run }, track)))
 }

@@ -28,6 +28,9 @@ pub struct Stored {
     pub world: WorldState,
     /// The last step.
     pub last: Option<LastStep>,
+    /// Track of the prompts.
+    #[serde(default)]
+    track: Track,
 }
 
 /// The last step, so that its request may be repeated and gets the same answer.
@@ -42,8 +45,8 @@ pub struct LastStep {
 impl Stored {
     /// Returns the state before the first step.
     #[must_use]
-    pub fn first() -> Self {
-        let mut stored = Self { turn: 1, log: String::new(), world: WorldState::default(), last: None };
+    pub fn first(track: Track) -> Self {
+        let mut stored = Self { turn: 1, log: String::new(), world: WorldState::default(), last: None, track };
         stored.set_log(&BlockLog { turns: vec![Vec::new()], profile: Profile::Mindcraft, ..BlockLog::default() });
         stored
     }
@@ -120,10 +123,11 @@ impl Episode {
         let row = app.store.episode(id).await?;
         let mut row = row.ok_or_else(|| AppError::not_found(format!("there is no episode {id:?}")))?;
         caller.require_own(row.owner.as_deref(), "episode")?;
-        let Attempted { task, prompts, preamble, most_blocks } = attempted(app, caller, &row.attempt).await?;
         let state = std::mem::take(&mut row.state);
         let reading = tokio::task::spawn_blocking(move || Stored::unpacked(&state));
         let stored = reading.await.map_err(|error| AppError::internal(&error))??;
+        let Attempted { task, prompts, preamble, most_blocks } =
+            attempted(app, caller, &row.attempt, stored.track).await?;
         Ok(Self { row, stored, task, prompts, preamble, most_blocks })
     }
 
@@ -180,24 +184,18 @@ struct Attempted {
     most_blocks: usize,
 }
 
-async fn attempted(app: &App, caller: &Caller, attempt: &Attempt) -> AppResult<Attempted> {
+async fn attempted(app: &App, caller: &Caller, attempt: &Attempt, track: Track) -> AppResult<Attempted> {
     match attempt {
         // The limit is the lower one for every instance, so that it tells nothing of the checks.
         Attempt::Instance(id) => {
             let prompts = instance(app, caller, id).await?.prompts;
             Ok(Attempted { task: None, prompts, preamble: None, most_blocks: LIMITS.blocks_with_stress })
         }
-        Attempt::Task { suite_id, number, run_id } => {
+        Attempt::Task { suite_id, number, .. } => {
             let entry = app.find_suite(suite_id).await?;
             let task = entry.as_ref().and_then(|entry| entry.task_numbered(*number));
             let missing = || AppError::internal(&format!("{suite_id} has no task {number}"));
             let (task, _) = task.ok_or_else(missing)?;
-            // An episode of a run has the prompts of the run's track.
-            let run = match run_id {
-                Some(id) => app.store.run(id).await?,
-                None => None,
-            };
-            let track = run.map_or(Track::Specified, |run| run.track);
             let prompts =
                 task.turns.iter().map(|turn| turn.prompt_on(track).unwrap_or(&turn.prompt).to_owned()).collect();
             let preamble = entry.as_ref().and_then(|entry| entry.suite.preamble.clone());

@@ -44,9 +44,8 @@ pub async fn create(
         match app.find_suite(name).await? {
             Some(entry) => {
                 let track = draft.as_ref().and_then(|run| run.track).unwrap_or_default();
-                if !entry.suite.tracks().contains(&track) {
-                    faults
-                        .add_at("track", format!("{} has no prompts of the track {}", entry.suite.id(), track.name()));
+                if let Some(detail) = entry.suite.lacks(track) {
+                    faults.add_at("track", detail);
                 }
                 suite_id = Some(entry.suite.id());
             }

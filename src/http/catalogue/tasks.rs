@@ -229,10 +229,7 @@ pub async fn list_tasks(
 
 /// Refuses a track that the suite does not have.
 fn must_have(suite: &Suite, track: Track) -> AppResult<()> {
-    if suite.tracks().contains(&track) {
-        return Ok(());
-    }
-    Err(AppError::wrong_parameter("track", format!("{} has no prompts of the track {}", suite.id(), track.name())))
+    suite.lacks(track).map_or(Ok(()), |detail| Err(AppError::wrong_parameter("track", detail)))
 }
 
 fn summary(task: &Task, track: Track) -> TaskSummary {

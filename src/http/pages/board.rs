@@ -79,13 +79,17 @@ struct BoardPage {
 }
 
 impl BoardPage {
+    /// Returns whether the runs on the page are all prompted alike, so that they can be compared.
+    fn is_one_track(&self) -> bool {
+        self.tracks.len() == 1 || !self.track.is_empty()
+    }
+
     /// Returns whether a row begins a new group: its best possible rank is worse than that of the row before it.
     fn begins_group(&self, row: usize) -> bool {
         let places = |row: usize| self.body.rows.get(row).and_then(|row| row.places);
         let before = row.checked_sub(1).and_then(places);
-        let is_one_track = self.tracks.len() == 1 || !self.track.is_empty();
         self.sort == "overall"
-            && is_one_track
+            && self.is_one_track()
             && before.zip(places(row)).is_some_and(|(before, own)| own.first > before.first)
     }
 }
