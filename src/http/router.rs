@@ -28,7 +28,7 @@ use super::{accounts, boards, bounds, catalogue, episodes, hidden, rewards, runs
         license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
     ),
     servers((url = "/", description = "This service")),
-    components(schemas(Problem)),
+    components(schemas(Problem, rewards::batch::BatchItem, accounts::events::EventBody)),
     tags(
         (name = "runs", description = "One agent's attempt at a suite."),
         (name = "submissions", description = "An agent's work on one task, and its report."),

@@ -1,0 +1,80 @@
+"""A batch of logs to grade: what was sent, what came back, and what has to be sent again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from pydantic import BaseModel
+from pydantic_core import from_json
+
+from . import errors
+from .calls import written
+from .models import BatchItem, Problem
+
+Request = Mapping[str, Any] | BaseModel
+"""A request to grade, as `rewards.grade` takes it: a mapping, or `models.NewGrade`."""
+
+MOST_LOGS = 1_000
+"""Logs that are sent in one body; the service takes more, but a body that breaks off is sent again."""
+MOST_BYTES = 16 << 20
+"""Bytes of one body, unless a single log has more."""
+
+
+class Batch:
+    """Logs that wait for their results."""
+
+    def __init__(self, requests: Iterable[Request]) -> None:
+        self._waiting = {index: written(request) for index, request in enumerate(requests)}
+        self._sent: list[int] = []
+        self.size = len(self._waiting)
+
+    @property
+    def is_done(self) -> bool:
+        """Whether all results are there."""
+        return not self._waiting
+
+    def body(self) -> bytes:
+        """Returns the next body: as many of the waiting logs as fit."""
+        self._sent = []
+        size = 0
+        for index, line in self._waiting.items():
+            if self._sent and (size + len(line) > MOST_BYTES or len(self._sent) == MOST_LOGS):
+                break
+            self._sent.append(index)
+            size += len(line) + 1
+        return b"\n".join(self._waiting[index] for index in self._sent)
+
+    def take(self, line: str | bytes) -> tuple[int, dict[str, Any]] | None:
+        """Takes a line of the answer. Returns the index of its log and the item, or None if the service failed in a way
+        that passes, so that the log stays among those to send."""
+        item = from_json(line)
+        index = self._sent[item["index"]]
+        error = item.get("error")
+        if error is not None and error.get("retryable") and error.get("type", "").rsplit(":", 1)[-1] != "deadline":
+            return None
+        self._waiting.pop(index)
+        item["index"] = index
+        return index, item
+
+    def give_up(self, error: errors.PlumblineError) -> list[tuple[int, dict[str, Any]]]:
+        """Returns an item without a reward for each log that still waits."""
+        problem = error.problem if isinstance(error, errors.ApiError) else unreached(error)
+        told = problem.model_dump(mode="json", exclude_none=True)
+        left = [(i, {"index": i, "status": problem.status, "reward": None, "error": told}) for i in self._waiting]
+        self._waiting.clear()
+        return left
+
+
+class NothingDone(errors.PlumblineError):
+    """Of a batch some logs were refused for the time being, and none was graded."""
+
+
+def unreached(error: errors.PlumblineError) -> Problem:
+    """Returns the problem that stands for a service that did not answer."""
+    return Problem(type="about:blank", title="Not reached", status=503, detail=str(error), retryable=True)
+
+
+def item(raw: Mapping[str, Any]) -> BatchItem:
+    """Returns a result as a model."""
+    return BatchItem.model_validate(raw)

@@ -1,0 +1,217 @@
+"""What both clients share: how a request is written, an answer read, and when a request is sent again."""
+
+from __future__ import annotations
+
+import random
+import time
+import uuid
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass, field
+from email.utils import parsedate_to_datetime
+from functools import cache
+from typing import Any, Protocol, TypeVar, cast
+from urllib.parse import quote
+
+import httpx
+from pydantic import TypeAdapter, ValidationError
+from pydantic_core import from_json, to_json
+
+from . import errors
+from .models import Problem
+
+T = TypeVar("T")
+
+ANY: type[Any] = object
+"""Type of an answer without a schema."""
+
+JSON_LINES = "application/x-ndjson"
+
+
+class Caller(Protocol):
+    """What the resources of the blocking client call."""
+
+    def _call(
+        self,
+        kind: type[T],
+        method: str,
+        path: str,
+        *,
+        params: Mapping[str, Any] | None = None,
+        json: Any = None,
+        content: bytes | None = None,
+        once: str | None = None,
+        is_repeatable: bool = False,
+    ) -> T: ...
+
+
+class AsyncCaller(Protocol):
+    """What the resources of the asynchronous client call."""
+
+    async def _call(
+        self,
+        kind: type[T],
+        method: str,
+        path: str,
+        *,
+        params: Mapping[str, Any] | None = None,
+        json: Any = None,
+        content: bytes | None = None,
+        once: str | None = None,
+        is_repeatable: bool = False,
+    ) -> T: ...
+
+
+@dataclass(frozen=True)
+class Retries:
+    """When a request is sent again.
+
+    The service's `Retry-After` is honoured. Otherwise the delay doubles from `first_s` up to `longest_s`, with full
+    jitter. Nothing is sent again after `deadline_s` seconds or `most` retries.
+    """
+
+    most: int = 10
+    deadline_s: float = 120.0
+    first_s: float = 0.25
+    longest_s: float = 20.0
+
+
+@dataclass
+class Attempts:
+    """The attempts of one call."""
+
+    retries: Retries
+    is_repeatable: bool
+    began: float = field(default_factory=time.monotonic)
+    made: int = 0
+
+    def delay(self, error: errors.PlumblineError, was_sent: bool) -> float:
+        """Returns the seconds to wait before the next attempt.
+
+        Raises the error if there is to be none: it cannot pass, it is not known whether the request was carried out and
+        it may not be carried out twice, or the attempts or the time are used up.
+        """
+        self.made += 1
+        asked = None
+        if isinstance(error, errors.ApiError):
+            # With these the service says that it did nothing.
+            is_refusal = error.status in (429, 503) or error.kind == "idempotency-in-flight"
+            if not error.is_retryable or not (is_refusal or self.is_repeatable):
+                raise error
+            asked = error.retry_after_s
+        elif was_sent and not self.is_repeatable:
+            raise error
+        if self.made > self.retries.most:
+            raise error
+        backoff = min(self.retries.longest_s, self.retries.first_s * 2.0 ** (self.made - 1))
+        jittered = random.uniform(0.0, backoff)
+        delay = jittered if asked is None else asked + min(jittered, 1.0)
+        if time.monotonic() - self.began + delay > self.retries.deadline_s:
+            raise error
+        return delay
+
+
+@cache
+def adapter(kind: Hashable) -> TypeAdapter[Any]:
+    """Returns what reads values of a type."""
+    return TypeAdapter(cast(Any, kind))
+
+
+def new_key() -> str:
+    """Returns an `Idempotency-Key` for one logical call."""
+    return str(uuid.uuid4())
+
+
+def quoted(value: object, safe: str = "") -> str:
+    """Returns a value as a segment of a path."""
+    return quote(str(value), safe=safe)
+
+
+def given(members: dict[str, Any]) -> dict[str, Any]:
+    """Leaves out what was not given."""
+    return {name: value for name, value in members.items() if value is not None}
+
+
+def written(value: Any) -> bytes:
+    """Writes a body: plain values, models, identifiers and times."""
+    return to_json(value, exclude_none=True, by_alias=True)
+
+
+def parameters(params: Mapping[str, Any] | None) -> dict[str, str]:
+    """Writes the parameters of a query."""
+    texts = {}
+    for name, value in (params or {}).items():
+        if value is not None:
+            texts[name] = str(value).lower() if isinstance(value, bool) else str(value)
+    return texts
+
+
+def headers(json: Any, content: bytes | None, once: str | None) -> dict[str, str]:
+    """Returns the headers of a request."""
+    sent = {}
+    if json is not None:
+        sent["content-type"] = "application/json"
+    elif content is not None:
+        sent["content-type"] = "application/octet-stream"
+    if once is not None:
+        sent["idempotency-key"] = once
+    return sent
+
+
+def read(kind: type[T], response: httpx.Response) -> T:
+    """Reads an answer, or raises the error that it is."""
+    if response.is_error:
+        raise problem_of(response)
+    if response.is_redirect:
+        where = response.headers.get("location", "another address")
+        raise errors.UnreadableAnswer(f"{response.url} answered with a redirect to {where}; give that as the address")
+    answer: Any
+    if kind is bytes:
+        answer = response.content
+    elif kind is str and "json" not in response.headers.get("content-type", ""):
+        answer = response.text
+    else:
+        try:
+            parsed = from_json(response.content)
+            answer = parsed if kind is ANY or kind is str else adapter(cast(Hashable, kind)).validate_python(parsed)
+        except (ValueError, ValidationError) as error:
+            message = f"{response.request.method} {response.url}: the answer is not as this client expects: {error}"
+            raise errors.UnreadableAnswer(message) from error
+    return answer  # type: ignore[no-any-return]
+
+
+def problem_of(response: httpx.Response) -> errors.ApiError:
+    """Returns the error that a response is, also if something in between answered."""
+    try:
+        problem = Problem.model_validate(from_json(response.content))
+    except (ValueError, ValidationError):
+        text = response.text.strip()[:500]
+        problem = Problem(
+            type="about:blank",
+            title=response.reason_phrase,
+            status=max(response.status_code, 400),
+            detail=text or response.reason_phrase or "no text",
+            # A proxy or a service that starts.
+            retryable=response.status_code in (429, 502, 503, 504),
+        )
+    return errors.of_problem(problem, retry_after(response.headers.get("retry-after")))
+
+
+def retry_after(header: str | None) -> float | None:
+    """Reads a `Retry-After`: seconds, or a date."""
+    if header is None:
+        return None
+    try:
+        return max(0.0, float(header))
+    except ValueError:
+        pass
+    try:
+        return max(0.0, parsedate_to_datetime(header).timestamp() - time.time())
+    except ValueError:
+        return None
+
+
+def not_reached(error: httpx.TransportError, url: str) -> tuple[errors.NotReached, bool]:
+    """Returns the error for a failed connection, and whether the service may have received the request."""
+    never_sent = (httpx.ConnectError, httpx.ConnectTimeout, httpx.PoolTimeout, httpx.UnsupportedProtocol)
+    reason = str(error) or type(error).__name__
+    return errors.NotReached(f"no answer from {url}: {reason}"), not isinstance(error, never_sent)
