@@ -1,6 +1,7 @@
 //! Pool of child processes, each ready to run one script, so that no script waits for a process to start.
 
 use std::os::unix::process::ExitStatusExt as _;
+use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -161,9 +162,15 @@ impl Pool {
     }
 }
 
+/// Returns this program, also if its file was replaced by that of another version since it started.
+fn own_program() -> std::io::Result<PathBuf> {
+    let running = Path::new("/proc/self/exe");
+    if running.exists() { Ok(running.to_owned()) } else { std::env::current_exe() }
+}
+
 /// Starts a child: this program, which gets nothing from this process but two pipes.
 fn start() -> anyhow::Result<Child> {
-    let child = Command::new(std::env::current_exe()?)
+    let child = Command::new(own_program()?)
         .arg(COMMAND)
         .env_clear()
         // Makes local time the same on every machine.

@@ -273,8 +273,9 @@ pub const LIMITS: Limits = Limits {
     action_wall_ms: ACTION_LIMITS.wall_ms,
     action_memory_bytes: ACTION_LIMITS.memory_bytes,
     action_body_events: 2_000_000,
-    action_requests: 256,
-    action_requests_per_sender: 64,
+    // As many as may be graded: trainers send all rollouts of a step at once, each as a request of its own.
+    action_requests: 20_000,
+    action_requests_per_sender: 16_384,
     entry_runs: 16,
     nonce_min_chars: 16,
     nonce_max_chars: 128,

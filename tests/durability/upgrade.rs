@@ -3,10 +3,10 @@
 use std::path::Path;
 use std::process::Command;
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::support::commands::{plumbline, succeeded};
-use crate::support::{Service, repository};
+use crate::support::{PROGRAM, Service, repository};
 
 fn unpacked(folder: &Path) {
     let archive = repository("tests/fixtures/release-0.1.0.tar.gz");
@@ -81,5 +81,22 @@ fn without_later_members(value: &mut Value) {
         }
         Value::Array(items) => items.iter_mut().for_each(without_later_members),
         _ => {}
+    }
+}
+
+#[tokio::test]
+async fn a_service_whose_program_is_replaced_still_runs_action_code() {
+    let folder = tempfile::tempdir().unwrap();
+    let program = folder.path().join("plumbline");
+    std::fs::copy(PROGRAM, &program).unwrap();
+    let service = Service::start_by(Command::new(&program), &folder.path().join("p.db"), &["--open"]);
+    // As a package manager does it: another file takes the name.
+    std::fs::remove_file(&program).unwrap();
+    std::fs::write(&program, "another version").unwrap();
+    let body = json!({ "action_code": "await skills.placeBlock(bot, 'stone', 0, 0, 0);", "profile": "mindcraft" });
+    // More than were made ready before.
+    for _ in 0..8 {
+        let replayed = service.post_json("/v1/replay", &body).await;
+        assert_eq!(replayed.status, 200, "{}", replayed.text);
     }
 }

@@ -164,3 +164,21 @@ async fn openrlhf_reads_rewards_scores_and_logs() {
         ["null /labels"]
     );
 }
+
+#[tokio::test]
+async fn all_rollouts_of_a_step_are_rewarded_although_each_comes_by_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &[]);
+    let answer =
+        "```js\nfor (let x = 0; x < 5; x++) {\n  await skills.placeBlock(bot, 'stone', x, 0, 0);\n}\n```<|im_end|>";
+    let sample = json!({ "query": [answer], "prompts": [""], "labels": [{ "task": "walls/5x1x5-raise", "profile": "mindcraft",
+                         "reward": "mean" }] });
+    let row = json!({ "task": "walls/5x1x5-raise", "profile": "mindcraft", "reward_scheme": "mean",
+                      "response": { "output_text": answer } });
+    let requests = (0..150).flat_map(|_| [("/get_reward", &sample), ("/verify", &row)]);
+    let answers = futures_util::future::join_all(requests.map(|(path, body)| service.post_json(path, body))).await;
+    let refused: Vec<&str> =
+        answers.iter().filter(|answer| answer.status != 200).map(|one| one.text.as_str()).collect();
+    assert!(refused.is_empty(), "{} of {}: {}", refused.len(), answers.len(), refused[0]);
+    assert!(answers.iter().all(|answer| answer.json()["reward"].as_f64().unwrap_or(1.0) > 0.0));
+}

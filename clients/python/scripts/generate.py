@@ -99,7 +99,7 @@ REPEATABLE = {
     "answer_instance", "check_transcript",
 }  # fmt: skip
 # May be sent again if this member says which of the requests it is.
-NUMBERED = {"step_episode": "step"}
+NUMBERED = {"step_episode": "step", "next_turn": "step"}
 
 # Names that a method cannot use for a parameter.
 RENAMED = {"from": "from_", "for": "for_", "id": "id", "Idempotency-Key": "idempotency_key"}

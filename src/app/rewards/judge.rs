@@ -11,7 +11,7 @@ use crate::app::error::{AppError, AppResult};
 use plumbline_engine::tasks::catalogue::Catalogue;
 
 /// Grades the texts of a model against the task that `naming` selects (`task`, `suite`, `reward`). A text that cannot
-/// be graded has reward 0, and `answer.why` gives the reason.
+/// be graded has reward 0, and `answer.why` gives the reason. The time that it waits does not count as time for grading.
 ///
 /// # Errors
 /// Returns an error if the task cannot be found (the trainer's fault) or grading failed (ours).
@@ -23,22 +23,6 @@ pub async fn judge(
     texts: Vec<String>,
 ) -> AppResult<GradeBody> {
     let request = ReadRequest::read(request(naming).as_bytes(), catalogue)?.about(texts);
-    let prepared = request.prepare(app, who).await.map_err(AppError::without_reward_where_ours)?;
-    Ok(prepared.grade(app, who).await?.0)
-}
-
-/// Grades one of many samples, which share a slot. The time that each waits does not count as time for grading.
-///
-/// # Errors
-/// Returns the same errors as [`judge`].
-pub async fn judge_in_turn(
-    app: &App,
-    who: &Arc<str>,
-    catalogue: &Catalogue,
-    naming: &Map<String, Value>,
-    text: String,
-) -> AppResult<GradeBody> {
-    let request = ReadRequest::read(request(naming).as_bytes(), catalogue)?.about(vec![text]);
     let prepared = request.prepare_in_turn(app, who).await.map_err(AppError::without_reward_where_ours)?;
     prepared.grade_in_turn(app, who).await
 }

@@ -85,7 +85,7 @@ class AsyncEpisodes:
 
     async def next_turn(self, id: str | UUID, *, step: int | None = None) -> models.EpisodeBody:
         """Go on to the next turn."""
-        return await self._client._call(models.EpisodeBody, "POST", f"/v1/episodes/{quoted(id)}/next-turn", json=given({"step": step}))
+        return await self._client._call(models.EpisodeBody, "POST", f"/v1/episodes/{quoted(id)}/next-turn", json=given({"step": step}), is_repeatable=step is not None)
 
     async def open(self, *, task: str | int | None = None, instance: str | UUID | None = None, suite: str | None = None, run: str | UUID | None = None) -> models.EpisodeBody:
         """Open an episode."""

@@ -165,9 +165,9 @@ pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBod
     let reading = tokio::task::spawn_blocking(move || {
         let request = object(&body.bytes)?;
         let (naming, texts) = (naming(&request)?, texts(&request)?);
-        AppResult::Ok((request, naming, texts))
+        AppResult::Ok((request, naming, texts, body.share))
     });
-    let (request, naming, texts) = reading.await.map_err(|error| AppError::internal(&error))??;
+    let (request, naming, texts, _share) = reading.await.map_err(|error| AppError::internal(&error))??;
     let graded = judge(&state, who, &catalogue, &naming, texts).await;
     let graded = graded.map_err(|error| error.named(&[("/reward", "/reward_scheme")]))?;
     // A nested request is not repeated, because there the framework refuses members that it does not know.

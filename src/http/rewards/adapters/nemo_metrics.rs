@@ -99,7 +99,8 @@ fn aggregate(rows: &[Value]) -> AggregateMetrics {
     AggregateMetrics { group_level_metrics: group_level_metrics.collect(), agent_metrics, key_metrics }
 }
 
-fn numbers(row: &Value) -> Vec<(String, f64)> {
+/// Returns the numbers at the top of a row, and those of the model's usage, which win over others of the same name.
+fn numbers(row: &Value) -> BTreeMap<String, f64> {
     let number = |value: &Value| value.as_f64().or_else(|| value.as_bool().map(f64::from));
     let top = row.as_object().into_iter().flatten();
     let usage = row["response"]["usage"].as_object().into_iter().flatten();
@@ -141,7 +142,8 @@ mod tests {
     fn figures_are_of_numbers_at_the_top() {
         let rows = [
             json!({ "_ng_task_index": 0, "reward": 1.0, "overall": true, "reward_components": { "size": 1 } }),
-            json!({ "_ng_task_index": 0, "reward": 0.0, "overall": false, "response": { "usage": { "total_tokens": 12 } } }),
+            json!({ "_ng_task_index": 0, "reward": 0.0, "overall": false, "total_tokens": 3,
+                    "response": { "usage": { "total_tokens": 12 } } }),
             json!({ "_ng_task_index": 3, "reward": 0.5, "overall": false, "note": "x" }),
             json!({ "_ng_task_index": 3, "reward": 0.0, "mask_sample": true }),
         ];
@@ -150,7 +152,7 @@ mod tests {
         assert_eq!(made.agent_metrics["std/reward"], json!(0.5));
         assert_eq!(made.agent_metrics["median/reward"], json!(0.5));
         assert_eq!(made.agent_metrics["mean/overall"], json!(1.0 / 3.0));
-        assert_eq!(made.agent_metrics["max/total_tokens"], json!(12.0));
+        assert_eq!(made.agent_metrics["min/total_tokens"], json!(12.0));
         assert!(!made.agent_metrics.keys().any(|name| name.contains("size") || name.contains("_ng")));
         assert_eq!(made.key_metrics.len(), 3);
         assert_eq!(made.group_level_metrics[1]["_ng_task_index"], json!(3));

@@ -1,0 +1,5 @@
+"""The command `plumbline-client`."""
+
+from .main import main
+
+__all__ = ["main"]

@@ -1,0 +1,261 @@
+"""`plumbline-client evaluate`."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import os
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from ..async_client import AsyncClient
+from ..errors import PlumblineError
+from ..evaluate import Outcome, Plan, evaluate
+from ..evaluate.model import Model
+from ..evaluate.plan import Budget, Prices, Sampling
+
+EPILOG = """\
+example:
+  plumbline-client evaluate --model qwen3-coder --base-url http://localhost:8000/v1 --suite mineceraft-lite
+
+The exit code is 0 if all runs are finished, 3 if the evaluation stopped or some problems have no answer (the same
+command goes on), and 1 if it could not begin."""
+
+
+def add_to(commands: Any) -> None:
+    """Adds the command to the parser."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "evaluate",
+        help="evaluate a model: ask it for every task, submit its answers, and finish the run",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.set_defaults(run=run)
+    model = parser.add_argument_group("model")
+    model.add_argument("--model", required=True, metavar="NAME", help="name of the model, as the endpoint knows it")
+    model.add_argument(
+        "--base-url",
+        default=os.environ.get("OPENAI_BASE_URL") or "https://api.openai.com/v1",
+        metavar="URL",
+        help="endpoint with OpenAI's Chat Completions; by default $OPENAI_BASE_URL, or OpenAI's own",
+    )
+    model.add_argument(
+        "--model-key-env", default="OPENAI_API_KEY", metavar="NAME", help="variable that holds the endpoint's key"
+    )
+    model.add_argument("--request-timeout", type=positive, default=600.0, metavar="S", help="of one request (600)")
+    model.add_argument(
+        "--patience", type=positive, default=900.0, metavar="S", help="for all tries of one answer (900)"
+    )
+    sampling = parser.add_argument_group("sampling; what is not given is left to the endpoint")
+    sampling.add_argument("--temperature", type=float)
+    sampling.add_argument("--top-p", type=float)
+    sampling.add_argument("--max-tokens", type=whole, help="most tokens of one answer")
+    sampling.add_argument("--reasoning-effort", metavar="LEVEL")
+    sampling.add_argument("--seed", type=int, help="seed of the first run; each further run has the next")
+    sampling.add_argument("--extra", type=an_object, default={}, metavar="JSON", help="other members of each request")
+    what = parser.add_argument_group("what is evaluated")
+    what.add_argument("--suite", default="mineceraft", help="name, or name@version (mineceraft)")
+    what.add_argument("--epoch", help="hidden evaluation in this epoch, in place of a suite")
+    what.add_argument("--tier", choices=["dev", "official"], default="dev", help="tier of the entry (dev)")
+    what.add_argument(
+        "--track", choices=["specified", "brief"], default="specified", help="track of prompts (specified)"
+    )
+    what.add_argument(
+        "--task", action="append", default=[], dest="tasks", metavar="ID", help="only this task; repeatable"
+    )
+    what.add_argument("--repeat", type=whole, default=1, metavar="N", help="number of runs (1)")
+    how = parser.add_argument_group("how")
+    how.add_argument("--agent", help="name on the board; by default the model's")
+    how.add_argument(
+        "--mode", choices=["one-shot", "episodes"], default="one-shot", help="one answer a turn, or steps with feedback"
+    )
+    how.add_argument("--steps", type=whole, default=4, metavar="N", help="most answers a turn of an episode (4)")
+    how.add_argument("--pictures", action="store_true", help="show the build after each step of an episode")
+    how.add_argument(
+        "--profile", choices=["mindcraft", "published"], default="mindcraft", help="rules for code (mindcraft)"
+    )
+    how.add_argument("--system", type=Path, metavar="FILE", help="system prompt; by default the service's guide")
+    how.add_argument("--concurrency", type=whole, default=8, metavar="N", help="problems at a time (8)")
+    how.add_argument("--folder", type=Path, help="journal and transcripts; by default plumbline-runs/ and a name")
+    how.add_argument(
+        "--skip-failed", action="store_true", help="finish runs also if the model gave no answer to some problems"
+    )
+    budget = parser.add_argument_group("budget and cost; prices are for a million tokens")
+    budget.add_argument("--max-requests", type=whole)
+    budget.add_argument("--max-total-tokens", type=whole)
+    budget.add_argument("--max-cost", type=positive)
+    budget.add_argument("--price-input", type=positive)
+    budget.add_argument("--price-output", type=positive)
+    budget.add_argument("--price-cached-input", type=positive)
+    budget.add_argument("--currency", default="USD")
+    budget.add_argument("--prices-as-of", metavar="YYYY-MM-DD", type=a_date)
+
+
+def run(given: argparse.Namespace) -> int:
+    """Runs the command."""
+    plan, prices = plan_of(given), prices_of(given)
+    if given.max_cost is not None and prices is None:
+        raise PlumblineError("--max-cost needs --price-input, --price-output and --prices-as-of")
+    folder = given.folder or Path("plumbline-runs") / folder_name(plan)
+    budget = Budget(given.max_requests, given.max_total_tokens, given.max_cost)
+    outcome = asyncio.run(carried_out(given, plan, prices, folder, budget))
+    tell(outcome, folder)
+    (folder / "outcome.json").write_text(json.dumps(as_json(outcome), indent=1, ensure_ascii=False))
+    return 0 if outcome.is_complete else 3
+
+
+async def carried_out(
+    given: argparse.Namespace, plan: Plan, prices: Prices | None, folder: Path, budget: Budget
+) -> Outcome:
+    key = os.environ.get(given.model_key_env)
+    model = Model(
+        plan.model,
+        given.base_url,
+        key,
+        plan.sampling,
+        timeout_s=given.request_timeout,
+        patience_s=given.patience,
+    )
+    with tqdm(unit="problem", disable=None) as bar:
+
+        def show(done: int, of: int) -> None:
+            bar.total = of
+            bar.n = done
+            bar.refresh()
+
+        try:
+            async with AsyncClient(given.server, given.key) as client:
+                return await evaluate(
+                    plan,
+                    client,
+                    model,
+                    folder,
+                    budget=budget,
+                    prices=prices,
+                    concurrency=given.concurrency,
+                    skip_failed=given.skip_failed,
+                    progress=show,
+                )
+        finally:
+            await model.close()
+
+
+def plan_of(given: argparse.Namespace) -> Plan:
+    system = None
+    if given.system is not None:
+        try:
+            system = given.system.read_text()
+        except (OSError, UnicodeDecodeError) as error:
+            raise PlumblineError(f"--system {given.system}: {error}") from error
+    return Plan(
+        model=given.model,
+        agent=given.agent or given.model,
+        suite=given.suite,
+        epoch=given.epoch,
+        tier=given.tier,
+        track=given.track,
+        profile=given.profile,
+        mode=given.mode,
+        steps=given.steps,
+        pictures=given.pictures,
+        repeat=given.repeat,
+        tasks=tuple(given.tasks),
+        system=system,
+        sampling=Sampling(
+            temperature=given.temperature,
+            top_p=given.top_p,
+            max_tokens=given.max_tokens,
+            reasoning_effort=given.reasoning_effort,
+            seed=given.seed,
+            extra=given.extra,
+        ),
+    )
+
+
+def prices_of(given: argparse.Namespace) -> Prices | None:
+    needed = (given.price_input, given.price_output, given.prices_as_of)
+    if all(part is None for part in needed):
+        return None
+    if any(part is None for part in needed):
+        raise PlumblineError("prices need --price-input, --price-output and --prices-as-of")
+    return Prices(given.price_input, given.price_output, given.currency, given.prices_as_of, given.price_cached_input)
+
+
+def folder_name(plan: Plan) -> str:
+    """Returns the name of the folder of a plan: the same command finds its journal again."""
+    label = re.sub(r"[^A-Za-z0-9.@_-]+", "-", f"{plan.agent}-{plan.epoch or plan.suite}").strip("-")
+    return f"{label}-{plan.sha256()[:8]}"
+
+
+def tell(outcome: Outcome, folder: Path) -> None:
+    """Prints what became of the evaluation."""
+    for run in outcome.finished:
+        passed = len(run.summary.passed_runs.overall) if run.summary is not None else 0
+        print(f"run {run.id} is finished: {passed} of {run.tasks} problems pass")
+    if outcome.entry is not None:
+        print(f"entry {outcome.entry['id']} is finalized")
+    spending = outcome.spending.as_json()
+    tokens = (
+        f"{spending['input_tokens']} + {spending['output_tokens']}"
+        if spending["input_tokens"] is not None
+        else "unknown"
+    )
+    cost = f"{spending['cost']} {spending['currency']}" if spending["cost"] is not None else "unknown"
+    print(f"requests: {spending['requests']}; tokens: {tokens}; cost: {cost}; transcripts and journal: {folder}")
+    for name, reason in list(outcome.failed.items())[:10]:
+        print(f"no answer to {name}: {reason}", file=sys.stderr)
+    if len(outcome.failed) > 10:
+        print(f"no answer to {len(outcome.failed) - 10} more", file=sys.stderr)
+    if outcome.stopped is not None:
+        print(f"stopped: {outcome.stopped}", file=sys.stderr)
+    if not outcome.is_complete:
+        print("the same command goes on from here; --skip-failed finishes without the missing answers", file=sys.stderr)
+
+
+def as_json(outcome: Outcome) -> dict[str, Any]:
+    return {
+        "runs": outcome.runs,
+        "complete": outcome.is_complete,
+        "stopped": outcome.stopped,
+        "failed": outcome.failed,
+        "spending": outcome.spending.as_json(),
+    }
+
+
+def whole(text: str) -> int:
+    """Reads a number from 1."""
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError("expected a number from 1")
+    return number
+
+
+def positive(text: str) -> float:
+    """Reads a number from 0."""
+    number = float(text)
+    if not 0.0 <= number < float("inf"):
+        raise argparse.ArgumentTypeError("expected a number from 0")
+    return number
+
+
+def a_date(text: str) -> str:
+    """Reads a date."""
+    if not re.fullmatch(r"\d{4}-\d{2}-\d{2}", text):
+        raise argparse.ArgumentTypeError("expected a date as YYYY-MM-DD")
+    return text
+
+
+def an_object(text: str) -> dict[str, Any]:
+    """Reads an object."""
+    try:
+        found = json.loads(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"not JSON: {error}") from error
+    if not isinstance(found, dict):
+        raise argparse.ArgumentTypeError("expected an object")
+    return found

@@ -1,0 +1,31 @@
+"""Reads the command line and calls a command."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from ..errors import PlumblineError
+from . import evaluate
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command, and returns its exit code."""
+    parser = argparse.ArgumentParser(
+        prog="plumbline-client", description="Tools for labs that are graded by plumbline."
+    )
+    parser.add_argument("--server", help="address of the service; by default $PLUMBLINE or http://localhost:7586")
+    parser.add_argument("--key", help="key of the service; by default $PLUMBLINE_KEY")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    evaluate.add_to(commands)
+    given = parser.parse_args(arguments)
+    try:
+        code: int = given.run(given)
+    except PlumblineError as error:
+        print(f"plumbline-client: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("\nplumbline-client: interrupted; the same command goes on from here", file=sys.stderr)
+        return 130
+    return code

@@ -1,0 +1,85 @@
+"""The problems that a run poses: tasks of a suite, or instances of a hidden epoch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ..async_client import AsyncClient
+from ..errors import PlumblineError
+from .journal import Journal
+from .plan import Plan
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A task, or an instance whose task is hidden."""
+
+    id: str
+    prompts: tuple[str, ...]
+    is_hidden: bool = False
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One answer to one problem in one run."""
+
+    run_index: int
+    run: str
+    """Identifier of the run, or of the entry of a hidden evaluation."""
+    problem: Problem
+
+    @property
+    def name(self) -> str:
+        """Name in the journal and in the folder of transcripts."""
+        return f"{self.run_index + 1}/{self.problem.id}"
+
+
+async def tasks_of(client: AsyncClient, plan: Plan, suite: str) -> list[Problem]:
+    """Returns the tasks of the plan, in the order of the suite."""
+    found = [Problem(task.id, tuple(task.prompts)) async for task in client.tasks.all(suite, track=plan.track)]
+    unknown = set(plan.tasks) - {problem.id for problem in found}
+    if unknown:
+        raise PlumblineError(f"{suite} has no task {', '.join(sorted(unknown))}")
+    return [problem for problem in found if not plan.tasks or problem.id in plan.tasks]
+
+
+async def begin_runs(client: AsyncClient, plan: Plan, card: dict[str, Any], journal: Journal) -> list[str]:
+    """Creates the runs of the plan that do not exist yet, and returns the identifiers of all."""
+    for index in range(len(journal.all("", "run")), plan.repeat):
+        key = f"evaluate-{journal.all('', 'plan')[0]['nonce']}-{index}"
+        run = await client.runs.create(
+            agent=plan.agent,
+            suite=plan.suite,
+            track=plan.track,
+            metadata={**card, "repeat": index + 1},
+            idempotency_key=key,
+        )
+        journal.add("", "run", run=str(run.id), suite=run.suite)
+    return [entry["run"] for entry in journal.all("", "run")]
+
+
+async def enter(client: AsyncClient, plan: Plan, journal: Journal) -> tuple[str, list[list[Problem]]]:
+    """Registers an entry of a hidden evaluation and draws its instances, as far as that is not done. Returns the
+    entry's identifier and the problems of each run."""
+    assert plan.epoch is not None
+    nonce = journal.all("", "plan")[0]["nonce"]
+    if (known := journal.last("", "entry")) is None:
+        entry = await client.entries.create(
+            plan.epoch,
+            agent=plan.agent,
+            configuration_sha256=plan.sha256(),
+            tier=plan.tier,
+            runs=plan.repeat,
+            idempotency_key=f"evaluate-{nonce}",
+        )
+        journal.add("", "entry", entry=entry.model_dump(mode="json"))
+        known = journal.last("", "entry")
+    assert known is not None
+    entry_id: str = known["entry"]["id"]
+    runs = []
+    for number in range(1, plan.repeat + 1):
+        # Drawing again with the same nonce gives the same instances.
+        drawn = await client.entries.draw(entry_id, run=number, nonce=f"{nonce}-{number}")
+        runs.append([Problem(str(one.id), tuple(one.prompts), is_hidden=True) for one in drawn.instances])
+    return entry_id, runs

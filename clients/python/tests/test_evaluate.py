@@ -1,0 +1,319 @@
+"""`plumbline-client evaluate`, as a lab runs it: the command, a real service, and an endpoint that is not always well."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import Running, build, without_settings
+from endpoint import Endpoint, Reply, code_of
+
+from plumbline_client import Client
+
+Messages = list[dict[str, Any]]
+
+
+@pytest.fixture
+def endpoint() -> Iterator[Callable[[Callable[[Messages], Reply]], Endpoint]]:
+    made: list[Endpoint] = []
+
+    def make(answer: Callable[[Messages], Reply]) -> Endpoint:
+        made.append(Endpoint(answer))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+
+
+@pytest.fixture(scope="session")
+def answers(service: Running) -> dict[str, str]:
+    """A good answer to each prompt of the small suite, and of some tasks of the large one."""
+    good = {}
+    with Client(service.url) as client:
+        for task in client.tasks.all("mineceraft-lite"):
+            built = build(task.id)
+            for prompt, turn in zip(task.prompts, built["turns"], strict=True):
+                good[prompt] = code_of(turn)
+    return good
+
+
+class Evaluate:
+    """Runs the command."""
+
+    def __init__(self, service: Running, folder: Path) -> None:
+        self.service, self.folder = service, folder
+
+    def command(self, endpoint: Endpoint, *arguments: str) -> list[str]:
+        command = [sys.executable, "-m", "plumbline_client", "--server", self.service.url, "evaluate"]
+        return [
+            *command,
+            "--model",
+            "canned",
+            "--base-url",
+            endpoint.url,
+            "--folder",
+            str(self.folder),
+            "--patience",
+            "60",
+            *arguments,
+        ]
+
+    def __call__(self, endpoint: Endpoint, *arguments: str, code: int = 0) -> subprocess.CompletedProcess[str]:
+        environment = {**without_settings(), "OPENAI_API_KEY": "sk-test"}
+        done = subprocess.run(
+            self.command(endpoint, *arguments), check=False, capture_output=True, text=True, env=environment
+        )
+        assert done.returncode == code, f"{done.returncode}: {done.stdout}{done.stderr}"
+        return done
+
+    def outcome(self) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads((self.folder / "outcome.json").read_text())
+        return found
+
+    def journal(self, kind: str) -> list[dict[str, Any]]:
+        entries = [json.loads(line) for line in (self.folder / "journal.jsonl").read_text().splitlines()]
+        return [entry for entry in entries if entry["kind"] == kind]
+
+
+@pytest.fixture
+def evaluate(service: Running, tmp_path: Path) -> Evaluate:
+    return Evaluate(service, tmp_path / "evaluation")
+
+
+def asked(messages: Messages) -> str:
+    return str(next(m["content"] for m in reversed(messages) if m["role"] == "user"))
+
+
+def test_a_model_becomes_a_row_on_the_board(
+    evaluate: Evaluate, endpoint: Any, answers: dict[str, str], client: Client
+) -> None:
+    model = endpoint(lambda messages: Reply(answers[asked(messages)]))
+    prices = ["--price-input", "2", "--price-output", "10", "--prices-as-of", "2026-11-01"]
+    done = evaluate(
+        model,
+        "--suite",
+        "mineceraft-lite",
+        "--agent",
+        "row",
+        "--temperature",
+        "0.2",
+        "--seed",
+        "7",
+        "--repeat",
+        "2",
+        *prices,
+    )
+    assert "25 of 25 problems pass" in done.stdout
+    runs = evaluate.outcome()["runs"]
+    board = client.boards.get("mineceraft-lite", agent="row")
+    assert board.rows[0].overall is not None
+    assert board.rows[0].overall.rate == 1.0
+    assert {str(run.id) for run in client.runs.list(agent="row").runs} == set(runs)
+    assert {request["seed"] for request in model.seen} == {7, 8}
+    assert {request["temperature"] for request in model.seen} == {0.2}
+    assert all("max_tokens" not in request and "top_p" not in request for request in model.seen)
+    assert set(model.keys) == {"Bearer sk-test"}
+    spending = evaluate.outcome()["spending"]
+    assert spending["requests"] == len(model.seen)
+    assert spending["cost"] == pytest.approx(len(model.seen) * (100 * 2 + 10 * 10) / 1e6)
+    transcripts = list((evaluate.folder / "transcripts").rglob("*.json"))
+    assert len(transcripts) == 50
+    assert all("messages" in json.loads(path.read_text()) for path in transcripts)
+    # Saying it again does nothing twice.
+    evaluate(
+        model,
+        "--suite",
+        "mineceraft-lite",
+        "--agent",
+        "row",
+        "--temperature",
+        "0.2",
+        "--seed",
+        "7",
+        "--repeat",
+        "2",
+        *prices,
+    )
+    assert spending == evaluate.outcome()["spending"]
+    assert len(client.runs.list(agent="row").runs) == 2
+
+
+def test_bad_answers_are_graded_and_bad_weather_is_waited_out(
+    evaluate: Evaluate, endpoint: Any, answers: dict[str, str], client: Client
+) -> None:
+    weather = [
+        Reply("slow down", status=429, retry_after="1"),
+        Reply("overloaded", status=503),
+        Reply(body=b'{"choices": []}'),
+        Reply(body=b"<html>"),
+        Reply(delay_s=3.0),
+    ]
+    quality = iter(range(100))
+    kinds: dict[str, int] = {}
+
+    def answer(messages: Messages) -> Reply:
+        if weather:
+            return weather.pop()
+        prompt = asked(messages)
+        kind = kinds.setdefault(prompt, next(quality) % 6)
+        good = answers[prompt]
+        return [
+            Reply(good),
+            Reply("I'm sorry, but I can't help with building that.", finish_reason="stop"),
+            Reply(None, refusal="I cannot do this.", finish_reason="content_filter"),
+            Reply(good[: len(good) // 2], finish_reason="length"),
+            Reply("```js\nthrow new Error('unlucky');\n```"),
+            Reply(None, usage=None),
+        ][kind]
+
+    done = evaluate(endpoint(answer), "--suite", "mineceraft-lite", "--agent", "weather", "--request-timeout", "2")
+    run = client.runs.get(evaluate.outcome()["runs"][0])
+    assert run.state == "finished"
+    assert (run.graded, run.skipped, run.grader_errors) == (25, 0, 0)
+    assert run.summary is not None
+    assert 0 < len(run.summary.passed_runs.overall) < 25
+    # Where the endpoint told no tokens, neither tokens nor cost are known.
+    assert evaluate.outcome()["spending"]["input_tokens"] is None
+    assert "tokens: unknown; cost: unknown" in done.stdout
+    reasons = {entry["completion"]["finish_reason"] for entry in evaluate.journal("completion")}
+    assert reasons == {"stop", "content_filter", "length"}
+
+
+def test_an_evaluation_that_is_killed_goes_on_and_pays_for_nothing_twice(
+    evaluate: Evaluate, endpoint: Any, answers: dict[str, str], client: Client
+) -> None:
+    model = endpoint(lambda messages: Reply(answers[asked(messages)], delay_s=0.15))
+    arguments = ["--suite", "mineceraft-lite", "--agent", "killed", "--concurrency", "2"]
+    for _ in range(3):
+        before = len(model.seen)
+        process = subprocess.Popen(
+            evaluate.command(model, *arguments),
+            env={**os.environ},
+            stderr=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+        )
+        while len(model.seen) < before + 6:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        # As if the machine had lost power in the middle of a line.
+        with (evaluate.folder / "journal.jsonl").open("ab") as file:
+            file.write(b'{"attempt": "1/wal')
+    evaluate(model, *arguments)
+    runs = client.runs.list(agent="killed").runs
+    assert [(run.graded, run.state) for run in runs] == [(25, "finished")]
+    prompts = sum(len(task.prompts) for task in client.tasks.all("mineceraft-lite"))
+    assert len(evaluate.journal("completion")) == prompts
+    # At most the answers that were under way when the process was killed.
+    assert len(model.seen) <= prompts + 3 * 2
+
+
+def test_turn_by_turn_with_feedback_and_pictures(
+    evaluate: Evaluate, endpoint: Any, answers: dict[str, str], client: Client
+) -> None:
+    tasks = [task for task in client.tasks.all("mineceraft") if task.turns > 1][:2]
+    good = {
+        prompt: code_of(turn)
+        for task in tasks
+        for prompt, turn in zip(task.prompts, build(task.id)["turns"], strict=True)
+    }
+
+    def answer(messages: Messages) -> Reply:
+        last = messages[-1]["content"]
+        if str(last) in good:
+            return Reply("Let me see.\n```js\nlog(bot, 'hello');\nawait nothing();\n```")
+        text, image = last
+        assert image["image_url"]["url"].startswith("data:image/png;base64,")
+        if "nothing is not defined" in text["text"]:
+            prompt = next(m["content"] for m in reversed(messages) if str(m["content"]) in good)
+            return Reply(good[prompt])
+        assert "Placed" in text["text"]
+        return Reply("DONE")
+
+    arguments = ["--suite", "mineceraft", "--agent", "episodes", "--mode", "episodes", "--pictures"]
+    arguments += [part for task in tasks for part in ("--task", task.id)]
+    done = evaluate(endpoint(answer), *arguments)
+    assert "2 of 723 problems pass" in done.stdout
+
+
+def test_the_budget_is_kept_and_can_be_raised(evaluate: Evaluate, endpoint: Any, answers: dict[str, str]) -> None:
+    model = endpoint(lambda messages: Reply(answers[asked(messages)]))
+    arguments = ["--suite", "mineceraft-lite", "--agent", "budget", "--concurrency", "1"]
+    done = evaluate(model, *arguments, "--max-total-tokens", "1100", code=3)
+    assert len(model.seen) == 10
+    assert "stopped: 1100 tokens were used; the budget has 1100" in done.stderr
+    evaluate(model, *arguments, "--max-requests", "12", code=3)
+    assert len(model.seen) == 12
+    evaluate(model, *arguments)
+
+
+def test_an_endpoint_that_refuses_ends_the_evaluation_at_once(
+    evaluate: Evaluate, endpoint: Any, client: Client, answers: dict[str, str]
+) -> None:
+    model = endpoint(lambda messages: Reply("Incorrect API key provided", status=401))
+    done = evaluate(model, "--suite", "mineceraft-lite", "--agent", "refused", code=3)
+    assert "Incorrect API key" in done.stderr
+    assert len(model.seen) <= 8
+    assert client.runs.list(agent="refused").runs[0].state == "open"
+
+
+def test_a_task_that_the_endpoint_does_not_take_is_told_and_can_be_skipped(
+    evaluate: Evaluate, endpoint: Any, answers: dict[str, str], client: Client
+) -> None:
+    bad = next(iter(answers))
+
+    def answer(messages: Messages) -> Reply:
+        if asked(messages) == bad:
+            return Reply("this model's maximum context length is 12 tokens", status=400)
+        if "max_tokens" in model.seen[-1]:
+            return Reply("Unsupported parameter: use 'max_completion_tokens' instead", status=400)
+        return Reply(answers[asked(messages)])
+
+    model = endpoint(answer)
+    arguments = ["--suite", "mineceraft-lite", "--agent", "skipped", "--max-tokens", "9000", "--concurrency", "1"]
+    done = evaluate(model, *arguments, code=3)
+    assert "maximum context length" in done.stderr
+    evaluate(model, *arguments, "--skip-failed")
+    run = client.runs.list(agent="skipped").runs[0]
+    assert (run.state, run.graded, run.skipped) == ("finished", 24, 1)
+
+
+def test_another_plan_in_the_same_folder_is_refused(evaluate: Evaluate, endpoint: Any, answers: dict[str, str]) -> None:
+    model = endpoint(lambda messages: Reply("", status=401))
+    evaluate(model, "--suite", "mineceraft-lite", code=3)
+    done = evaluate(model, "--suite", "mineceraft-lite", "--temperature", "1", code=1)
+    assert "differs in sampling" in done.stderr
+
+
+@pytest.mark.parametrize("mode", ["one-shot", "episodes"])
+def test_hidden_instances_are_answered_with_the_hash_of_the_transcript(
+    tmp_path: Path, endpoint: Any, mode: str
+) -> None:
+    running = Running(tmp_path, "--open")
+    try:
+        running.run("epochs", "create", "e1", "--closes", "2099-01-01")
+        model = endpoint(
+            lambda messages: Reply("DONE" if "Placed" in asked(messages) else "bot.chat('/setblock 0 0 3 stone');")
+        )
+        evaluate = Evaluate(running, tmp_path / "evaluation")
+        done = evaluate(model, "--epoch", "e1", "--agent", "hidden", "--mode", mode)
+        assert "is finalized" in done.stdout
+        entry = Client(running.url).entries.get(evaluate.outcome()["runs"][0])
+        assert entry.answered == entry.issued > 0
+        instance = next(path.stem for path in (evaluate.folder / "transcripts").rglob("*.json"))
+        shown = Client(running.url).instances.get(instance)
+        transcript = (evaluate.folder / "transcripts/1" / f"{instance}.json").read_bytes()
+        assert shown.transcript_sha256 is not None
+        assert shown.transcript_sha256 == hashlib.sha256(transcript).hexdigest()
+    finally:
+        running.stop()
