@@ -21,7 +21,9 @@ class Reply:
     refusal: str | None = None
     retry_after: str | None = None
     delay_s: float = 0.0
-    usage: dict[str, Any] | None = field(default_factory=lambda: {"prompt_tokens": 100, "completion_tokens": 10})
+    usage: dict[str, Any] | None = field(
+        default_factory=lambda: {"prompt_tokens": 100, "completion_tokens": 10, "total_tokens": 110}
+    )
     body: bytes | None = None
 
 
@@ -54,7 +56,14 @@ class Endpoint:
                     return
                 message = {"role": "assistant", "content": reply.text, "refusal": reply.refusal}
                 choice = {"index": 0, "message": message, "finish_reason": reply.finish_reason}
-                told = {"id": "c", "model": "canned-0614", "choices": [choice], "usage": reply.usage}
+                told = {
+                    "id": "c",
+                    "object": "chat.completion",
+                    "created": 1,
+                    "model": "canned-0614",
+                    "choices": [choice],
+                    "usage": reply.usage,
+                }
                 self._send(200, reply.body or json.dumps(told).encode())
 
             def _send(self, status: int, text: bytes, retry_after: str | None = None) -> None:

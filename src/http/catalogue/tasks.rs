@@ -8,12 +8,15 @@ use serde_json::Value;
 
 use crate::app::catalogue::tasks::{self, FoundTask, TaskFilter};
 use crate::app::error::{AppError, AppResult};
+use crate::app::limits::LIMITS;
+use crate::http::catalogue::datasets::{DataSet, RowScheme, TaskFormat};
 use crate::http::extract::conditional::tagged_json;
 use crate::http::extract::params::Params;
 use crate::http::state::AppState;
 use plumbline_engine::checks::{Check, Criterion};
 use plumbline_engine::tasks::family::Category;
 use plumbline_engine::tasks::{Suite, Task, Track};
+use plumbline_engine::voxel::Profile;
 
 /// Summary of a task in a list.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -164,9 +167,18 @@ pub struct TaskQuery {
     text: Option<String>,
     /// Only tasks with a greater number, for paging.
     after: Option<u32>,
-    /// Maximum number of tasks on the page.
+    /// Maximum number of tasks on the page; 100 by default, and for a data set as many as a page may have.
     #[param(minimum = 1)]
     limit: Option<u32>,
+    /// Format of the answer: a page of tasks, or the data set of a trainer, whose rows are the tasks of one turn.
+    #[param(inline)]
+    format: Option<TaskFormat>,
+    /// Scheme of the rewards that a data set asks for; `shaped` by default.
+    #[param(inline)]
+    scheme: Option<RowScheme>,
+    /// Rules under which answers to a data set's prompts become builds; `mindcraft` by default.
+    #[param(inline)]
+    profile: Option<Profile>,
 }
 
 /// Who a task is shown to.
@@ -196,18 +208,21 @@ pub struct SuiteQuery {
 
 impl From<TaskQuery> for TaskFilter {
     fn from(query: TaskQuery) -> Self {
-        let TaskQuery { suite, family, category, kind, criterion, track: _, text, after, limit } = query;
+        let TaskQuery { suite, family, category, kind, criterion, text, after, limit, .. } = query;
         Self { suite, family, category, kind, criterion, text, after, limit }
     }
 }
 
-/// Lists the tasks of a suite by number, with filters and paging.
+/// Lists the tasks of a suite by number, with filters and paging; or returns them as the data set of a trainer.
 #[utoipa::path(
     get, path = "/v1/tasks", operation_id = "list_tasks", tag = "tasks", summary = "List tasks",
     params(TaskQuery),
     responses(
-        (status = 200, description = "A page of tasks", headers(("ETag" = String, description = "Strong entity tag")), body = TaskPage,
-         example = json!({ "suite": "mineceraft@3", "total": 723, "tasks": [], "next_after": 100 })),
+        (status = 200, description = "A page of tasks, or a row for each task of one turn",
+         headers(("ETag" = String, description = "Strong entity tag")), content(
+            (TaskPage = "application/json", example = json!({ "suite": "mineceraft@3", "total": 723, "tasks": [], "next_after": 100 })),
+            (String = "application/x-ndjson", example = "{\"prompt\":[],\"task\":\"walls/5x1x5-raise\"}\n"),
+         )),
         (status = 304, description = "Not modified: If-None-Match names the current entity tag"),
         (status = 404, description = "There is no such suite"),
     )
@@ -217,9 +232,17 @@ pub async fn list_tasks(
     headers: HeaderMap,
     Params(query): Params<TaskQuery>,
 ) -> AppResult<Response> {
-    let track = query.track.unwrap_or_default();
-    let page = tasks::list(&state, &query.into()).await?;
+    let (track, format) = (query.track.unwrap_or_default(), query.format.unwrap_or_default());
+    let (profile, scheme) = (query.profile.unwrap_or(Profile::Mindcraft), query.scheme.unwrap_or_default());
+    let mut filter = TaskFilter::from(query);
+    if format != TaskFormat::Json {
+        filter.limit = filter.limit.or(Some(LIMITS.page_items));
+    }
+    let page = tasks::list(&state, &filter).await?;
     must_have(&page.entry.suite, track)?;
+    if format != TaskFormat::Json {
+        return Ok(DataSet { format, track, profile, scheme }.rows(&page.entry.suite, page.tasks()));
+    }
     let (suite, total, next_after) = (page.entry.suite.id(), page.total, page.next_after);
     tagged_json(
         &headers,

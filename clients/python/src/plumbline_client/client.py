@@ -180,6 +180,10 @@ class Client:
         """Closes the connections."""
         self._http.close()
 
+    def request(self, method: str, path: str, json: Any = None, *, is_repeatable: bool = False) -> Any:
+        """Makes a request that has no method of its own, and returns the parsed answer."""
+        return self._call(calls.ANY, method, path, json=json, is_repeatable=is_repeatable)
+
     def _call(
         self,
         kind: type[T],

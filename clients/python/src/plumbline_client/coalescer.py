@@ -21,7 +21,7 @@ class Coalescer:
     """
 
     def __init__(self, client: AsyncClient, *, most: int = 128, wait_s: float = 0.003, in_flight: int = 4) -> None:
-        self._client = client
+        self.client = client
         self._most = most
         self._wait_s = wait_s
         self._slots = asyncio.Semaphore(in_flight)
@@ -80,7 +80,7 @@ class Coalescer:
 
     async def _send(self, now: list[tuple[Mapping[str, Any], asyncio.Future[dict[str, Any]]]]) -> None:
         try:
-            async for raw in self._client.rewards.raw_batch([request for request, _ in now]):
+            async for raw in self.client.rewards.raw_batch([request for request, _ in now]):
                 result = now[raw["index"]][1]
                 if not result.done():
                     result.set_result(raw)

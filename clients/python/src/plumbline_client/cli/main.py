@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from ..errors import PlumblineError
-from . import evaluate
+from . import evaluate, mindcraft
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -19,6 +20,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--key", help="key of the service; by default $PLUMBLINE_KEY")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     evaluate.add_to(commands)
+    mindcraft.add_to(commands)
+    folder = commands.add_parser("lm-eval", help="print the folder of the tasks for lm-eval's harness (--include_path)")
+    folder.set_defaults(run=show_lm_eval)
     given = parser.parse_args(arguments)
     try:
         code: int = given.run(given)
@@ -29,3 +33,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("\nplumbline-client: interrupted; the same command goes on from here", file=sys.stderr)
         return 130
     return code
+
+
+def show_lm_eval(given: argparse.Namespace) -> int:
+    """Prints where the tasks for lm-eval's harness are."""
+    print(Path(__file__).parents[1] / "lm_eval")
+    return 0

@@ -149,29 +149,38 @@ class Evaluation:
         return None
 
     async def _submit(self, attempt: Attempt, system: str) -> None:
-        plan, journal, client = self._plan, self._journal, self._client
-        if plan.mode == "episodes":
-            episode, messages = await attempts.by_episode(client, plan, journal, self._ask, attempt, system)
+        if self._plan.mode == "episodes":
+            result = await self._answer_by_episode(attempt, system)
         else:
-            texts, messages = await attempts.one_shot(self._ask, attempt, system)
-        transcript = attempts.transcript_of(messages, journal.all(attempt.name, "completion"))
-        attempts.keep_transcript(self._folder, attempt, transcript)
-        promise = hashlib.sha256(transcript).hexdigest() if attempt.problem.is_hidden else None
-        if plan.mode == "episodes":
-            done = await client.episodes.submit(episode, transcript_sha256=promise)
-            journal.add(attempt.name, "submitted", result=done.model_dump(mode="json", exclude_none=True))
-            return
-        turns = [{"action_code": text} for text in texts]
-        if attempt.problem.is_hidden:
-            taken = await client.instances.answer(
-                attempt.problem.id, turns=turns, profile=plan.profile, transcript_sha256=promise
-            )
-            journal.add(attempt.name, "submitted", result=taken.model_dump(mode="json", exclude_none=True))
-            return
-        accepted = await client.submissions.create(
-            run=attempt.run, task=attempt.problem.id, profile=plan.profile, turns=turns
+            result = await self._answer_at_once(attempt, system)
+        self._journal.add(attempt.name, "submitted", result=result)
+
+    async def _answer_by_episode(self, attempt: Attempt, system: str) -> dict[str, Any]:
+        episode, messages = await attempts.by_episode(
+            self._client, self._plan, self._journal, self._ask, attempt, system
         )
-        journal.add(attempt.name, "submitted", result={"submission": str(accepted.id)})
+        done = await self._client.episodes.submit(episode, transcript_sha256=self._promise(attempt, messages))
+        return done.model_dump(mode="json", exclude_none=True)
+
+    async def _answer_at_once(self, attempt: Attempt, system: str) -> dict[str, Any]:
+        texts, messages = await attempts.one_shot(self._ask, attempt, system)
+        promise = self._promise(attempt, messages)
+        turns, profile = [{"action_code": text} for text in texts], self._plan.profile
+        if attempt.problem.is_hidden:
+            taken = await self._client.instances.answer(
+                attempt.problem.id, turns=turns, profile=profile, transcript_sha256=promise
+            )
+            return taken.model_dump(mode="json", exclude_none=True)
+        accepted = await self._client.submissions.create(
+            run=attempt.run, task=attempt.problem.id, profile=profile, turns=turns
+        )
+        return {"submission": str(accepted.id)}
+
+    def _promise(self, attempt: Attempt, messages: list[Message]) -> str | None:
+        """Keeps the transcript, and returns its hash if the answer promises one."""
+        transcript = attempts.transcript_of(messages, self._journal.all(attempt.name, "completion"))
+        attempts.keep_transcript(self._folder, attempt, transcript)
+        return hashlib.sha256(transcript).hexdigest() if attempt.problem.is_hidden else None
 
     async def _ask(self, attempt: Attempt, messages: Sequence[Message], number: int) -> Completion:
         known = self._journal.all(attempt.name, "completion")

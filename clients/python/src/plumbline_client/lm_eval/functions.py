@@ -1,0 +1,43 @@
+"""Functions that the task files name: the data set, and the scores of an answer."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..client import Client
+from ..trainers.labels import CRITERIA, components, request
+
+METRICS = CRITERIA
+
+
+def load(suite: str = "mineceraft", track: str = "specified", **metadata: Any) -> dict[str, Any]:
+    """Returns the tasks of one turn as a data set."""
+    from datasets import Dataset  # type: ignore[import-untyped]
+
+    with Client() as client:
+        system = client.tasks.agent_guide(profile="mindcraft").text
+        found = client.suites.get(suite)
+        if track == "brief" and found.preamble:
+            system = f"{system}\n\n{found.preamble}"
+        rows = [
+            {"prompt": f"{system}\n\n{one.prompts[0]}", "task": one.id, "suite": found.id, "family": one.family}
+            for one in client.tasks.all(found.id, track=track)
+            if one.turns == 1
+        ]
+    return {"test": Dataset.from_list(rows)}
+
+
+_client: Client | None = None
+
+
+def process_results(doc: dict[str, Any], results: list[str]) -> dict[str, float]:
+    """Returns the scores of one answer; a criterion that does not apply is left out of its mean.
+
+    Raises an error if the service cannot grade it: a failure of ours is no score.
+    """
+    global _client
+    _client = _client or Client()
+    asked = request({"task": doc["task"], "suite": doc["suite"], "profile": "mindcraft"}, [results[0]])
+    graded = _client.rewards.grade(**asked)
+    found = components(graded.model_dump(mode="json"), METRICS)
+    return {name: value for name, value in found.items() if value is not None}

@@ -1,0 +1,46 @@
+"""What a data set says of a sample: which task it is about, and how it is rewarded."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+MEMBERS = ("task", "suite", "profile", "reward")
+
+
+def request(label: object, texts: list[str]) -> dict[str, Any]:
+    """Returns the request to grade a model's texts for a label.
+
+    A label is a task's id or number, or JSON (or a mapping) with `task` and, if wanted, `suite`, `profile` and `reward`;
+    other members belong to the data set. Raises ValueError if it names no task.
+    """
+    found: Any = label
+    if isinstance(label, str):
+        try:
+            found = json.loads(label)
+        except ValueError:
+            found = label
+    members: Mapping[str, Any] = found if isinstance(found, Mapping) else {"task": found}
+    named = {name: members[name] for name in MEMBERS if members.get(name) is not None}
+    if not isinstance(named.get("task"), (str, int)) or named["task"] == "":
+        raise ValueError(f"the label {label!r} names no task")
+    return {**named, "answer": texts}
+
+
+def components(graded: Mapping[str, Any], names: tuple[str, ...]) -> dict[str, float | None]:
+    """Returns the components of a reward, with None where a criterion does not apply."""
+    told = graded.get("components") or {}
+    return {name: told.get(name) for name in names}
+
+
+CRITERIA = (
+    "overall",
+    "material",
+    "shape",
+    "size",
+    "physical_plausibility",
+    "dependency",
+    "structural_stability",
+    "efficiency",
+)

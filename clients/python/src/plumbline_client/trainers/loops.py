@@ -1,0 +1,40 @@
+"""One client and one coalescer for each event loop: a trainer calls from loops and processes of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Coroutine
+from typing import Any, TypeVar
+from weakref import WeakKeyDictionary
+
+from ..async_client import AsyncClient
+from ..coalescer import Coalescer
+
+T = TypeVar("T")
+
+_coalescers: WeakKeyDictionary[asyncio.AbstractEventLoop, dict[str | None, Coalescer]] = WeakKeyDictionary()
+
+
+def coalescer(url: str | None = None) -> Coalescer:
+    """Returns the coalescer of the running loop for a service, by default that of `PLUMBLINE`."""
+    of_loop = _coalescers.setdefault(asyncio.get_running_loop(), {})
+    if url not in of_loop:
+        of_loop[url] = Coalescer(AsyncClient(url))
+    return of_loop[url]
+
+
+class Background:
+    """A loop in a thread, for callers that have none."""
+
+    _lock = threading.Lock()
+    _loop: asyncio.AbstractEventLoop | None = None
+
+    @classmethod
+    def run(cls, work: Coroutine[Any, Any, T]) -> T:
+        """Runs work on the loop and waits for its result."""
+        with cls._lock:
+            if cls._loop is None:
+                cls._loop = asyncio.new_event_loop()
+                threading.Thread(target=cls._loop.run_forever, name="plumbline", daemon=True).start()
+        return asyncio.run_coroutine_threadsafe(work, cls._loop).result()

@@ -1,0 +1,218 @@
+"""Rewards for trainers: the functions as the frameworks call them, and the frameworks themselves where they install."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from conftest import WALL, Running, build
+from endpoint import Endpoint, Reply, code_of
+
+from plumbline_client import Client, Retries, errors
+from plumbline_client.trainers import trl, verl
+
+
+@pytest.fixture
+def good() -> str:
+    return code_of(build(WALL)["turns"][0])
+
+
+@pytest.fixture(autouse=True)
+def at_service(service: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PLUMBLINE", service.url)
+
+
+def rows(service: Running, form: str, **query: str) -> list[dict[str, Any]]:
+    answer = httpx.get(f"{service.url}/v1/tasks", params={"suite": "mineceraft-lite", "format": form, **query})
+    assert answer.status_code == 200, answer.text
+    assert answer.headers["content-type"] == "application/x-ndjson"
+    return [json.loads(line) for line in answer.text.splitlines()]
+
+
+def batch(service: Running, good: str) -> dict[str, Any]:
+    """What TRL passes: a column is a list, and what a row lacks is null."""
+    row = next(row for row in rows(service, "trl", scheme="mean") if row["task"].startswith("walls/"))
+    good = code_of(build(row["task"])["turns"][0])
+    said = ["I can't do that.", good, None, [{"type": "text", "text": good}]]
+    completions = [[{"role": "assistant", "content": text}] for text in said]
+    columns = {name: [value] * 4 for name, value in row.items() if name != "prompt"}
+    return {
+        "prompts": [row["prompt"]] * 4,
+        "completions": completions,
+        "completion_ids": [[1]] * 4,
+        **columns,
+        "other": [None] * 4,
+    }
+
+
+async def test_trl_gets_rewards_of_conversations(service: Running, good: str) -> None:
+    extra: dict[str, list[Any]] = {}
+    metric: dict[str, float] = {}
+    rewards = await trl.plumbline(
+        **batch(service, good), trainer_state=None, log_extra=extra.__setitem__, log_metric=metric.__setitem__
+    )
+    assert [reward == 1.0 for reward in rewards] == [False, True, False, True]
+    assert extra["plumbline/overall"] == [0.0, 1.0, 0.0, 1.0]
+    assert metric == {"plumbline/failed": 0.0}
+    # The asynchronous trainer passes no extras, and a plain data set has plain texts.
+    plain = await trl.plumbline(prompts=["x"], completions=[good], task=[WALL], profile=["mindcraft"])
+    assert plain == [1.0]
+
+
+async def test_trl_gets_none_where_the_service_failed_and_an_error_where_the_data_set_is_wrong(
+    monkeypatch: pytest.MonkeyPatch, good: str, service: Running
+) -> None:
+    with pytest.raises(errors.Faulty):
+        await trl.plumbline(prompts=["x"], completions=[good], task=["walls/none"])
+    with pytest.raises(ValueError, match="names no task"):
+        await trl.plumbline(prompts=["x"], completions=[good], task=[""])
+    monkeypatch.setenv("PLUMBLINE", "http://127.0.0.1:1")
+    monkeypatch.setattr("plumbline_client.async_client.Retries", lambda: Retries(most=1, first_s=0.01))
+
+    def elsewhere() -> list[float | None]:
+        return asyncio.run(trl.plumbline(prompts=["x"] * 2, completions=[good] * 2, task=[WALL] * 2))
+
+    assert await asyncio.to_thread(elsewhere) == [None, None]
+
+
+async def test_verl_gets_scores_with_the_same_members(service: Running, good: str) -> None:
+    row = next(row for row in rows(service, "verl") if row["extra_info"]["task"].startswith("walls/"))
+    good = code_of(build(row["extra_info"]["task"])["turns"][0])
+    assert row["reward_model"]["style"] == "rule"
+    truth = row["reward_model"]["ground_truth"]
+    texts = [good, "no", "", good.replace("stone", "dirt")] * 30
+    calls = [
+        verl.compute_score(
+            row["data_source"], text, truth, {**row["extra_info"], "num_turns": 2}, reward_router_address="x"
+        )
+        for text in texts
+    ]
+    scores = await asyncio.gather(*calls)
+    assert len({tuple(score) for score in scores}) == 1
+    assert [score["acc"] for score in scores[:3]] == [1.0, 0.0, 0.0]
+    assert 0.0 < scores[3]["score"] < 1.0
+    assert all(isinstance(value, float) for value in scores[0].values())
+    with pytest.raises(errors.PlumblineError):
+        await verl.compute_score("x", good, "walls/none")
+    assert await asyncio.to_thread(verl.compute_score_sync, "x", texts[0], truth) == scores[0]
+
+
+def test_the_rows_for_openrlhf_are_rewarded_by_the_service(service: Running, good: str) -> None:
+    row = next(row for row in rows(service, "openrlhf") if WALL.split("/")[0] in row["label"])
+    assert [message["role"] for message in row["input"]] == ["system", "user"]
+    good = code_of(build(json.loads(row["label"])["task"])["turns"][0])
+    prompt = "<|im_start|>" + row["input"][1]["content"]
+    sample = {"query": [f"{prompt}{good}<|im_end|>"], "prompts": [prompt], "labels": [row["label"]]}
+    answer = httpx.post(f"{service.url}/get_reward", json=sample).json()
+    assert answer["rewards"] == [1.0]
+
+
+def test_the_rows_for_nemo_gym_are_verified_by_the_service(service: Running) -> None:
+    row = next(row for row in rows(service, "nemo-gym") if row["verifier_metadata"]["task"].startswith("walls/"))
+    good = code_of(build(row["verifier_metadata"]["task"])["turns"][0])
+    content = [{"type": "output_text", "text": good, "annotations": []}]
+    message = {"type": "message", "id": "m", "role": "assistant", "status": "completed", "content": content}
+    # As version 0.5.1 sends it: parameters with all their defaults, indices, and a prefix if it observes.
+    sent = {
+        **row,
+        "_ng_task_index": 0,
+        "_ng_rollout_index": 0,
+        "response": {"id": "r", "output": [message], "usage": None},
+    }
+    sent["responses_create_params"] |= {"temperature": None, "tools": []}
+    answer = httpx.post(f"{service.url}/verify", json=sent).json()
+    assert answer["reward"] == 1.0
+    assert answer["reward_shape"] == 1.0
+    assert answer["responses_create_params"] == sent["responses_create_params"]
+    assert httpx.post(f"{service.url}/seed_session", json=row).status_code == 200
+    assert httpx.get(f"{service.url}/reverify_mode").json() == "stateless"
+    told = httpx.post(f"{service.url}/aggregate_metrics", json={"verify_responses": [answer]}).json()
+    assert told["agent_metrics"]["mean/reward"] == 1.0
+
+
+def test_rows_know_neither_checks_nor_tasks_of_several_turns(service: Running) -> None:
+    with Client(service.url) as client:
+        single = [task.id for task in client.tasks.all("mineceraft-lite") if task.turns == 1]
+    for form in ("trl", "verl", "openrlhf", "nemo-gym", "lm-eval"):
+        found = rows(service, form)
+        assert len(found) == len(single)
+        assert not any("checks" in json.dumps(row) for row in found)
+    assert len(rows(service, "trl", limit="3")) == 3
+    refused = httpx.get(f"{service.url}/v1/tasks", params={"format": "parquet"})
+    assert refused.status_code == 400
+    assert "trl" in refused.json()["faults"][0]["detail"]
+
+
+def test_lm_eval_runs_the_task(service: Running, good: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("lm_eval")
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    monkeypatch.setenv("HF_HOME", str(tmp_path))
+    monkeypatch.setenv("OPENAI_API_KEY", "x")
+    import lm_eval
+    from lm_eval.tasks import TaskManager
+
+    import plumbline_client.lm_eval as ours
+
+    with Client(service.url) as client:
+        tasks = {one.prompts[0]: one.id for one in client.tasks.all("mineceraft-lite") if one.turns == 1}
+
+    def answer(messages: list[dict[str, Any]]) -> Reply:
+        prompt = messages[-1]["content"]
+        task = next(task for text, task in tasks.items() if prompt.endswith(text))
+        return Reply("no" if task.startswith("walls/") else code_of(build(task)["turns"][0]))
+
+    model = Endpoint(answer)
+    try:
+        found = lm_eval.simple_evaluate(
+            model="local-chat-completions",
+            model_args={"model": "m", "base_url": f"{model.url}/chat/completions"},
+            tasks=["mineceraft_lite_one_turn"],
+            task_manager=TaskManager(include_path=str(Path(ours.__file__).parent), include_defaults=False),
+            apply_chat_template=True,
+            bootstrap_iters=0,
+            log_samples=True,
+        )
+    finally:
+        model.close()
+    results = found["results"]["mineceraft_lite_one_turn"]
+    walls = sum(task.startswith("walls/") for task in tasks.values())
+    assert results["overall,none"] == pytest.approx(1.0 - walls / len(tasks))
+    # One of the two tasks with this criterion is a wall.
+    assert results["efficiency,none"] == 0.5
+
+
+async def test_verifiers_runs_tasks_of_one_turn_and_of_several(
+    service: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    vf = pytest.importorskip("verifiers.v1")
+    with Client(service.url) as client:
+        several = next(one for one in client.tasks.all("mineceraft") if one.turns == 2)
+        single = client.tasks.get(WALL)
+    codes = dict(zip(several.prompts, [code_of(turn) for turn in build(several.id)["turns"]], strict=True))
+    codes[single.turns[0].prompt] = code_of(build(WALL)["turns"][0])
+    model = Endpoint(lambda messages: Reply(codes[messages[-1]["content"]]))
+    monkeypatch.setenv("STUB_KEY", "x")
+    config = vf.resolve_env_config({"taskset": {"id": "plumbline-verifiers", "suite": "mineceraft"}})
+    env = vf.load_environment(config)
+    client_config = vf.EvalClientConfig(base_url=model.url, api_key_var="STUB_KEY")
+    context = vf.ModelContext(model="stub", client=client_config)
+    try:
+        async with env.serving():
+            for task in env.taskset.include(ids=[WALL, several.id]):
+                episode = await env.run_episode(task, context)
+                assert episode.ok, episode
+                assert episode.traces[0].rewards["plumbline"].score == 1.0
+                assert episode.traces[0].metrics["shape"] == 1.0
+            # A service that is gone gives no reward, not a reward of 0.
+            [task] = env.taskset.include(ids=[WALL])
+            monkeypatch.setenv("PLUMBLINE", "http://127.0.0.1:1")
+            monkeypatch.setattr("plumbline_client.async_client.Retries", lambda: Retries(most=1, first_s=0.01))
+            episode = await env.run_episode(task, context)
+            assert not episode.ok
+            assert episode.traces[0].rewards["plumbline"] is None
+    finally:
+        model.close()
