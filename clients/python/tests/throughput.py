@@ -17,7 +17,9 @@ from plumbline_client import AsyncClient, Coalescer
 def log(number: int) -> list[dict[str, Any]]:
     """Returns a wall with one block somewhere else."""
     rows = [[x, y, 0, 0] for x in range(5) for y in range(5)]
-    return [{"palette": ["stone"], "rows": [*rows, [number % 60, 0, 2 + number // 60 % 60, 0], [number // 3600, 1, 1, 0]]}]
+    return [
+        {"palette": ["stone"], "rows": [*rows, [number % 60, 0, 2 + number // 60 % 60, 0], [number // 3600, 1, 1, 0]]}
+    ]
 
 
 async def measured(url: str, concurrent: int, rewards: int, first: int) -> float:

@@ -17,7 +17,7 @@ from nemo_gym.base_resources_server import (
 from nemo_gym.judge import JudgeError
 from pydantic import ConfigDict, PrivateAttr
 
-from plumbline_client import AsyncClient, PlumblineError
+from plumbline_client import AsyncClient, errors
 
 
 class PlumblineConfig(BaseResourcesServerConfig):
@@ -53,7 +53,10 @@ class PlumblineResourcesServer(SimpleResourcesServer):
         try:
             row: Any = body.model_dump(mode="json")
             answer = await self._client.request("POST", "/verify", row, is_repeatable=True)
-        except PlumblineError as error:
+        except (errors.Unauthorized, errors.Forbidden):
+            # True of every row: the run is to stop.
+            raise
+        except errors.PlumblineError as error:
             raise JudgeError(f"plumbline: {error}") from error
         return PlumblineVerifyResponse.model_validate(answer)
 
