@@ -61,6 +61,10 @@ pub struct Limits {
     pub agent_chars: usize,
     /// Bytes of a run's metadata as JSON.
     pub metadata_bytes: usize,
+    /// Bytes of the system prompt in a card.
+    pub card_prompt_bytes: usize,
+    /// Versions of a card.
+    pub card_versions: i64,
     /// Bytes in an `Idempotency-Key`.
     pub idempotency_key_bytes: usize,
     /// Items on a page.
@@ -219,6 +223,8 @@ pub const LIMITS: Limits = Limits {
     max_y: cell::MAX_Y,
     agent_chars: 100,
     metadata_bytes: 16 << 10,
+    card_prompt_bytes: 64 << 10,
+    card_versions: 100,
     idempotency_key_bytes: 200,
     page_items: 1_000,
     faults_listed: Faults::KEPT,

@@ -8,6 +8,7 @@ pub mod accounts;
 mod aside;
 pub mod boards;
 pub mod body;
+pub mod cards;
 pub mod catalogue;
 pub mod episodes;
 pub mod error;

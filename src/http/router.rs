@@ -48,6 +48,7 @@ pub fn routes() -> OpenApiRouter<AppState> {
     OpenApiRouter::with_openapi(Head::openapi())
         .routes(routes!(runs::resource::create_run))
         .routes(routes!(runs::resource::list_runs))
+        .routes(routes!(runs::cards::put_run_card, runs::cards::get_run_card))
         .routes(routes!(runs::resource::get_run))
         .routes(routes!(runs::changes::delete_run))
         .routes(routes!(runs::changes::finish_run))
@@ -96,6 +97,7 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(hidden::entries::get_entry))
         .routes(routes!(hidden::draws::create_instances))
         .routes(routes!(hidden::entries::finalize_entry))
+        .routes(routes!(runs::cards::put_entry_card, runs::cards::get_entry_card))
         .routes(routes!(hidden::instances::get_instance))
         .routes(routes!(hidden::instances::answer_instance))
         .routes(routes!(hidden::instances::check_transcript))
@@ -147,7 +149,9 @@ pub fn complete(document: &mut utoipa::openapi::OpenApi) {
     bounds::set_in_bodies(components);
     components.add_security_scheme("key", SecurityScheme::Http(bearer.build()));
     for (path, item) in &mut document.paths.paths {
-        for (operation, writes) in [(&mut item.get, false), (&mut item.post, true), (&mut item.delete, true)] {
+        for (operation, writes) in
+            [(&mut item.get, false), (&mut item.post, true), (&mut item.put, true), (&mut item.delete, true)]
+        {
             let Some(operation) = operation else { continue };
             for parameter in operation.parameters.iter_mut().flatten() {
                 never_null(parameter);

@@ -20,6 +20,8 @@ pub(super) enum Lock<'a> {
     Epoch(&'a str),
     /// A run and its submissions.
     Run(&'a str),
+    /// The card of a run or an entry.
+    Card(&'a str),
     /// Quota, keys and queued jobs of an owner.
     Owner(&'a str),
     /// The suites.
@@ -37,6 +39,7 @@ impl Lock<'_> {
             Self::Request(owner, key) => format!("request {} {owner} {key}", owner.len()),
             Self::Epoch(id) => format!("epoch {id}"),
             Self::Run(id) => format!("run {id}"),
+            Self::Card(id) => format!("card {id}"),
             Self::Owner(owner) => format!("owner {owner}"),
             Self::Suites => "suites".to_owned(),
             Self::Boards => "boards".to_owned(),

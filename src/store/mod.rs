@@ -6,6 +6,7 @@
 
 pub mod acceptance;
 pub mod boards;
+pub mod cards;
 pub mod claims;
 pub mod completion;
 mod crash_points;

@@ -54,6 +54,8 @@ pub struct RunRow {
     pub profile: Option<String>,
     /// Track of its prompts.
     pub track: Track,
+    /// Latest version of its card, without the text of the system prompt.
+    pub card: Option<serde_json::Value>,
 }
 
 /// Query with the columns of a run, for every query that reads one.
@@ -62,7 +64,8 @@ macro_rules! select_run {
         concat!(
             "SELECT r.id, r.agent, r.suite_id, r.metadata, r.state, r.pending, r.graded, r.grader_errors,
                     s.task_count AS tasks, r.created_at_ms, r.finished_at_ms, r.summary, r.owner, r.provenance,
-                    r.profile, r.track, r.deleted_at_ms, (SELECT COUNT(*) FROM skipped_tasks k WHERE k.run_id = r.id) AS skipped
+                    r.profile, r.track, r.deleted_at_ms, (SELECT COUNT(*) FROM skipped_tasks k WHERE k.run_id = r.id) AS skipped,
+                    (SELECT c.card FROM cards c WHERE c.run_id = r.id ORDER BY c.version DESC LIMIT 1) AS card
              FROM runs r JOIN suites s ON s.id = r.suite_id ",
             $rest
         )
@@ -93,6 +96,7 @@ pub(super) fn read_run(row: &Row) -> StoreResult<RunRow> {
         skipped: row.get("skipped")?,
         profile: row.get("profile")?,
         track: row.get::<Option<Track>>("track")?.unwrap_or_default(),
+        card: row.get::<Option<&str>>("card")?.map(serde_json::from_str).transpose().map_err(corrupt)?,
     })
 }
 

@@ -3,6 +3,7 @@
 //! A run ends by itself when every task of its suite has been graded, or when its owner has finished it and nothing is
 //! pending. A failure of ours keeps it from ending until the task is posted again.
 
+use super::cards::{self, CardOf, NewCard};
 use super::db::{Builder, query, query_scalar};
 use super::events::{self, NewEvent};
 use super::idempotency::{IdempotencyKey, PriorRequest};
@@ -65,6 +66,8 @@ pub struct NewRun<'a> {
     pub provenance: &'a str,
     /// Track of its prompts.
     pub track: Track,
+    /// First version of its card.
+    pub card: Option<NewCard<'a>>,
 }
 
 impl Store {
@@ -102,6 +105,9 @@ impl Store {
         .bind(run.track)
         .execute(&mut tx)
         .await?;
+        if let Some(card) = &run.card {
+            cards::add(&mut tx, CardOf::Run(run.id), card, 1, now_ms).await?;
+        }
         commit(tx, "create_run").await?;
         Ok(PriorRequest::Never)
     }

@@ -96,6 +96,21 @@ pub const KINDS: &[Kind] = &[
         may_be_there: false,
     },
     Kind {
+        name: "cards",
+        table: "cards",
+        columns: &[
+            ("id", "id", Form::Text),
+            ("run_id", "run", Form::Text),
+            ("version", "version", Form::Number),
+            ("card", "card", Form::Json),
+            ("system_prompt", "system_prompt", Form::Text),
+            ("actor", "actor", Form::Text),
+            ("created_at_ms", "created_at_ms", Form::Number),
+        ],
+        rest: "WHERE run_id IS NOT NULL ORDER BY id",
+        may_be_there: false,
+    },
+    Kind {
         name: "skipped-tasks",
         table: "skipped_tasks",
         columns: &[("run_id", "run", Form::Text), ("task_number", "number", Form::Number)],

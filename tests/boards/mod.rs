@@ -1,5 +1,6 @@
 //! Boards, comparisons and grading again.
 
+mod cards;
 mod leaderboards;
 mod regrade;
 mod tracks;

@@ -51,6 +51,10 @@ async fn reads_never_wait_for_the_writer() {
     let ids = json!({
         "episode": episode["id"], "entry": entry, "instance": id(&instances[0]), "run": run["id"], "submission": submission["id"],
     });
+    for of in [format!("/v1/runs/{}", id(&run)), format!("/v1/entries/{entry}")] {
+        let card = scene.service.http.put(format!("{}{of}/card", scene.service.url)).bearer_auth(&key);
+        assert!(scene.service.send(card.json(&json!({ "agent_version": "1" }))).await.status.is_success());
+    }
     let waiting = format!("/v1/submissions/{}", id(&submission));
     scene.service.wait_for(&waiting, |submission| submission["state"] == "graded").await;
     let finish = format!("/v1/runs/{}/finish", id(&run));

@@ -45,6 +45,10 @@ PLACES = {
     "list_suites": "suites.list",
     "get_suite": "suites.get",
     "create_run": "runs.create",
+    "put_run_card": "runs.put_card",
+    "get_run_card": "runs.card",
+    "put_entry_card": "entries.put_card",
+    "get_entry_card": "entries.card",
     "get_run": "runs.get",
     "list_runs": "runs.list",
     "finish_run": "runs.finish",
@@ -96,7 +100,7 @@ BY_HAND = {"grade_batch", "get_events"}
 REPEATABLE = {
     "aggregate_metrics", "seed_session", "close_session", "verify", "get_reward", "grade", "grade_structure",
     "finish_run", "validate_submission", "cancel_submission", "replay_action_code", "finalize_entry",
-    "answer_instance", "check_transcript",
+    "answer_instance", "check_transcript", "put_run_card", "put_entry_card",
 }  # fmt: skip
 # May be sent again if this member says which of the requests it is.
 NUMBERED = {"step_episode": "step", "next_turn": "step"}

@@ -167,7 +167,7 @@ fn with_undrawn(mut outcomes: Vec<Outcome>, entry: &EntryRow, epoch: &EpochRow) 
     outcomes
 }
 
-async fn stored_entry(app: &App, id: &str) -> AppResult<EntryRow> {
+pub(in crate::app) async fn stored_entry(app: &App, id: &str) -> AppResult<EntryRow> {
     let row = app.store.entry(id).await?;
     row.ok_or_else(|| AppError::not_found(format!("there is no entry {id:?}")))
 }

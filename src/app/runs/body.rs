@@ -6,6 +6,8 @@ use serde_json::Value;
 
 use crate::app::body::values::{Json, Parsed};
 use crate::app::body::{agent_name, name, request_body};
+use crate::app::cards::card::Card;
+use crate::app::cards::reading::read_card;
 use crate::app::limits::LIMITS;
 use crate::app::submissions::posted::{TaskRef, TaskShape};
 use plumbline_engine::intake::Faults;
@@ -30,8 +32,10 @@ request_body! {
         /// Track of its prompts, `specified` by default; only runs of one track are compared.
         #[schema(value_type = Option<Track>)]
         track: Track = optional(|faults| Parsed { text: name(faults), parse: track_named }),
+        /// What the run is; it may be edited later.
+        card: Card = optional(|faults| Json { faults, read: read_card }),
     }
-    unknown: |_| "unknown field; a run has agent, suite, metadata, provenance and track"
+    unknown: |_| "unknown field; a run has agent, suite, metadata, provenance, track and card"
 }
 
 /// Finds the track with this name.

@@ -7,9 +7,11 @@ use super::body::{NewRunBody, RunProvenance};
 use super::read::stored;
 use crate::app::App;
 use crate::app::access::Caller;
+use crate::app::cards::StoredForm;
 use crate::app::error::{AppError, AppResult};
 use crate::app::submissions::accept::key_reused;
 use crate::clock::now_ms;
+use crate::store::cards::NewCard;
 use crate::store::idempotency::{IdempotencyKey, PriorRequest};
 use crate::store::keys::Scope;
 use crate::store::run_rows::RunRow;
@@ -52,7 +54,7 @@ pub async fn create(
             None => faults.add_at("suite", format!("there is no suite {name:?}; /v1/suites lists them")),
         }
     }
-    let (Some(NewRunBody { agent: Some(agent), metadata, provenance, track, .. }), Some(suite_id), true) =
+    let (Some(NewRunBody { agent: Some(agent), metadata, provenance, track, card, .. }), Some(suite_id), true) =
         (draft, suite_id, faults.is_empty())
     else {
         return Err(AppError::faulty(faults));
@@ -65,7 +67,14 @@ pub async fn create(
     let id = Uuid::now_v7().to_string();
     let (metadata, owner, provenance) = (&metadata, caller.owner(), provenance.name());
     let track = track.unwrap_or_default();
-    let new = NewRun { id: &id, agent: &agent, suite_id: &suite_id, metadata, owner, provenance, track };
+    let (card, card_id) = (card.map(StoredForm::from), Uuid::now_v7().to_string());
+    let card = card.as_ref().map(|StoredForm { card, system_prompt }| NewCard {
+        id: &card_id,
+        card,
+        system_prompt: system_prompt.as_deref(),
+        actor: owner,
+    });
+    let new = NewRun { id: &id, agent: &agent, suite_id: &suite_id, metadata, owner, provenance, track, card };
     let (id, is_replayed) = match app.store.create_run(&new, once, now_ms()).await? {
         PriorRequest::Never => (id, false),
         PriorRequest::Done(id) => (id, true),

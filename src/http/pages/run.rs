@@ -7,6 +7,7 @@ use axum::response::{IntoResponse as _, Redirect};
 use super::html::{self, PageResult};
 use crate::app::boards::breakdown::GroupBy;
 use crate::app::boards::tasks::TaskResult;
+use crate::app::cards::card::{Card, Link, Openness};
 use crate::app::runs::read::answer;
 use crate::app::runs::results::{TasksOfRun, results};
 use crate::clock::rfc3339;
@@ -36,6 +37,8 @@ struct RunPage {
     squares: Vec<Square>,
     tables: Vec<(&'static str, Breakdown)>,
     metadata: String,
+    card: Vec<(&'static str, String)>,
+    links: Vec<Link>,
 }
 
 /// Serves the page of a run.
@@ -58,6 +61,8 @@ pub async fn run(State(state): State<AppState>, Path(id): Path<String>) -> PageR
     ];
     let tables = tables.into_iter().filter_map(|(title, by)| Some((title, Breakdown::from(results.breakdown(by)?))));
     let is_hidden = results.is_hidden();
+    let card: Option<Card> = results.run.card.clone().and_then(|card| serde_json::from_value(card).ok());
+    let card = card.unwrap_or_default();
     html::page(&RunPage {
         begun: rfc3339(results.run.created_at_ms),
         is_hidden,
@@ -66,8 +71,43 @@ pub async fn run(State(state): State<AppState>, Path(id): Path<String>) -> PageR
         row: results.row.map(BoardRow::from),
         metadata: serde_json::to_string_pretty(&results.run.metadata).unwrap_or_default(),
         squares,
+        card: rows_of(&card),
+        links: card.links,
         run: results.run,
     })
+}
+
+/// Returns what a card declares, in words; what it does not declare has no row.
+fn rows_of(card: &Card) -> Vec<(&'static str, String)> {
+    let joined = |parts: [Option<&str>; 2]| parts.into_iter().flatten().collect::<Vec<_>>().join(" ");
+    let harness = card.harness.as_ref().map(|it| joined([it.name.as_deref(), it.version.as_deref()]));
+    let model = card.model.as_ref().map(|it| joined([it.name.as_deref(), it.revision.as_deref()]));
+    let openness = card.model.as_ref().and_then(|model| model.openness).map(|openness| match openness {
+        Openness::OpenSource => "weights, code and data are open",
+        Openness::OpenWeights => "weights are open",
+        Openness::Closed => "closed",
+    });
+    let sampling = card.sampling.as_ref();
+    let tokens = card.tokens.as_ref();
+    let rows = [
+        ("Agent's version", card.agent_version.clone()),
+        ("Harness", harness),
+        ("Model", model),
+        ("Openness", openness.map(ToOwned::to_owned)),
+        ("System prompt, SHA-256", card.system_prompt.as_ref().and_then(|prompt| prompt.sha256.clone())),
+        ("Temperature", sampling.and_then(|it| it.temperature).map(|number| number.to_string())),
+        ("Top p", sampling.and_then(|it| it.top_p).map(|number| number.to_string())),
+        ("Most tokens of an answer", sampling.and_then(|it| it.max_tokens).map(|number| number.to_string())),
+        ("Seed", sampling.and_then(|it| it.seed).map(|number| number.to_string())),
+        ("Reasoning effort", sampling.and_then(|it| it.reasoning_effort.clone())),
+        ("Input tokens", tokens.and_then(|it| it.input).map(|number| number.to_string())),
+        ("of these cached", tokens.and_then(|it| it.cached_input).map(|number| number.to_string())),
+        ("Output tokens", tokens.and_then(|it| it.output).map(|number| number.to_string())),
+        ("of these reasoning", tokens.and_then(|it| it.reasoning).map(|number| number.to_string())),
+        ("Cost", card.cost.as_ref().map(|it| format!("{} {}, prices of {}", it.amount, it.currency, it.prices_as_of))),
+        ("Configuration, SHA-256", card.configuration_sha256.clone()),
+    ];
+    rows.into_iter().filter_map(|(label, value)| Some((label, value.filter(|text| !text.is_empty())?))).collect()
 }
 
 fn square(task: &Task, result: TaskResult) -> Square {

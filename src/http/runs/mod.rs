@@ -2,5 +2,6 @@
 
 #![expect(clippy::missing_errors_doc, reason = "each handler lists its errors as responses of the OpenAPI document")]
 
+pub mod cards;
 pub mod changes;
 pub mod resource;

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::app::access::Caller;
+use crate::app::cards::card::Card;
 use crate::app::error::{AppError, AppResult};
 use crate::app::runs::body::{NewRunBody, RunProfile, RunProvenance};
 use crate::app::runs::create::{CreatedRun, create};
@@ -73,6 +74,9 @@ pub struct RunBody {
     pub profile: Option<String>,
     /// Track of its prompts.
     pub track: Track,
+    /// What the run was, as its owner declares it; null if there is no card.
+    #[schema(value_type = Option<Card>)]
+    pub card: Option<Value>,
 }
 
 impl From<RunRow> for RunBody {
@@ -95,6 +99,7 @@ impl From<RunRow> for RunBody {
             skipped: run.skipped,
             profile: run.profile,
             track: run.track,
+            card: run.card,
         }
     }
 }

@@ -56,6 +56,10 @@ class Entries:
     def __init__(self, client: Caller) -> None:
         self._client = client
 
+    def card(self, id: str | UUID, *, prompt: bool | None = None) -> models.CardBody:
+        """Get an entry's card."""
+        return self._client._call(models.CardBody, "GET", f"/v1/entries/{quoted(id)}/card", params={"prompt": prompt})
+
     def create(self, epoch: str, *, agent: str, configuration_sha256: str, tier: Literal["dev", "official"], runs: int, idempotency_key: str | None = None) -> models.EntryBody:
         """Register an entry."""
         return self._client._call(models.EntryBody, "POST", f"/v1/epochs/{quoted(epoch)}/entries", json=given({"agent": agent, "configuration_sha256": configuration_sha256, "tier": tier, "runs": runs}), once=idempotency_key or new_key())
@@ -71,6 +75,10 @@ class Entries:
     def get(self, id: str | UUID) -> models.EntryBody:
         """Get an entry."""
         return self._client._call(models.EntryBody, "GET", f"/v1/entries/{quoted(id)}")
+
+    def put_card(self, id: str | UUID, *, agent_version: str | None = None, harness: models.Harness | Mapping[str, Any] | None = None, model: models.CardModel | Mapping[str, Any] | None = None, system_prompt: models.SystemPrompt | Mapping[str, Any] | None = None, sampling: models.Sampling | Mapping[str, Any] | None = None, tokens: models.Tokens | Mapping[str, Any] | None = None, cost: models.Cost | Mapping[str, Any] | None = None, configuration_sha256: str | None = None, links: Sequence[models.Link | Mapping[str, Any]] | None = None) -> models.CardBody:
+        """Declare what an entry was."""
+        return self._client._call(models.CardBody, "PUT", f"/v1/entries/{quoted(id)}/card", json=given({"agent_version": agent_version, "harness": harness, "model": model, "system_prompt": system_prompt, "sampling": sampling, "tokens": tokens, "cost": cost, "configuration_sha256": configuration_sha256, "links": links}), is_repeatable=True)
 
 
 class Episodes:
@@ -235,9 +243,13 @@ class Runs:
     def __init__(self, client: Caller) -> None:
         self._client = client
 
-    def create(self, *, agent: str, suite: str, metadata: Mapping[str, Any] | None = None, provenance: Literal["self-reported", "re-run-by-host"] | None = None, track: Literal["specified", "brief"] | None = None, idempotency_key: str | None = None) -> models.RunBody:
+    def card(self, id: str | UUID, *, prompt: bool | None = None) -> models.CardBody:
+        """Get a run's card."""
+        return self._client._call(models.CardBody, "GET", f"/v1/runs/{quoted(id)}/card", params={"prompt": prompt})
+
+    def create(self, *, agent: str, suite: str, metadata: Mapping[str, Any] | None = None, provenance: Literal["self-reported", "re-run-by-host"] | None = None, track: Literal["specified", "brief"] | None = None, card: models.Card | Mapping[str, Any] | None = None, idempotency_key: str | None = None) -> models.RunBody:
         """Create a run."""
-        return self._client._call(models.RunBody, "POST", "/v1/runs", json=given({"agent": agent, "suite": suite, "metadata": metadata, "provenance": provenance, "track": track}), once=idempotency_key or new_key())
+        return self._client._call(models.RunBody, "POST", "/v1/runs", json=given({"agent": agent, "suite": suite, "metadata": metadata, "provenance": provenance, "track": track, "card": card}), once=idempotency_key or new_key())
 
     def delete(self, id: str | UUID) -> models.RunBody:
         """Delete an open run."""
@@ -254,6 +266,10 @@ class Runs:
     def list(self, *, state: Literal["open", "finishing", "finished", "deleted"] | None = None, suite: str | None = None, agent: str | None = None, mine: bool | None = None, since: str | None = None, until: str | None = None, after: str | UUID | None = None, limit: int | None = None) -> models.RunPage:
         """List runs."""
         return self._client._call(models.RunPage, "GET", "/v1/runs", params={"state": state, "suite": suite, "agent": agent, "mine": mine, "since": since, "until": until, "after": after, "limit": limit})
+
+    def put_card(self, id: str | UUID, *, agent_version: str | None = None, harness: models.Harness | Mapping[str, Any] | None = None, model: models.CardModel | Mapping[str, Any] | None = None, system_prompt: models.SystemPrompt | Mapping[str, Any] | None = None, sampling: models.Sampling | Mapping[str, Any] | None = None, tokens: models.Tokens | Mapping[str, Any] | None = None, cost: models.Cost | Mapping[str, Any] | None = None, configuration_sha256: str | None = None, links: Sequence[models.Link | Mapping[str, Any]] | None = None) -> models.CardBody:
+        """Declare what a run was."""
+        return self._client._call(models.CardBody, "PUT", f"/v1/runs/{quoted(id)}/card", json=given({"agent_version": agent_version, "harness": harness, "model": model, "system_prompt": system_prompt, "sampling": sampling, "tokens": tokens, "cost": cost, "configuration_sha256": configuration_sha256, "links": links}), is_repeatable=True)
 
     def submissions(self, id: str | UUID, *, after: int | None = None, limit: int | None = None) -> models.SubmissionPage:
         """List a run's submissions."""
