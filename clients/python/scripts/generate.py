@@ -150,17 +150,19 @@ def mentioned(document: Schema, part: Any, known: set[str]) -> set[str]:
 
 
 def write_models(document: Schema, output: Path) -> None:
-    with tempfile.NamedTemporaryFile("w", suffix=".json") as file:
-        json.dump(openly(document), file)
-        file.flush()
-        command = [str(Path(sys.executable).parent / "datamodel-codegen"), "--input", file.name]
-        command += ["--input-file-type", "openapi", "--output", str(output), "--disable-timestamp"]
+    # In a folder of its own: settings of a project around it would change the lines.
+    with tempfile.TemporaryDirectory() as folder:
+        source, target = Path(folder) / "document.json", Path(folder) / "models.py"
+        source.write_text(json.dumps(openly(document)))
+        command = [str(Path(sys.executable).parent / "datamodel-codegen"), "--input", str(source)]
+        command += ["--input-file-type", "openapi", "--output", str(target), "--disable-timestamp"]
         command += ["--output-model-type", "pydantic_v2.BaseModel", "--target-python-version", "3.11"]
         command += ["--use-annotated", "--use-union-operator", "--use-standard-collections", "--use-double-quotes"]
         command += ["--enum-field-as-literal", "all", "--use-schema-description", "--use-field-description"]
         command += ["--collapse-root-models", "--allow-population-by-field-name", "--formatters", "builtin"]
         command += ["--custom-file-header", HEADER.format(about="Bodies of requests and responses.")]
-        subprocess.run(command, check=True)
+        subprocess.run(command, check=True, cwd=folder)
+        output.write_text(target.read_text())
 
 
 def annotation(document: Schema, schema: Schema) -> str:

@@ -243,7 +243,11 @@ def test_turn_by_turn_with_feedback_and_pictures(
     arguments = ["--suite", "mineceraft", "--agent", "episodes", "--mode", "episodes", "--pictures"]
     arguments += [part for task in tasks for part in ("--task", task.id)]
     done = evaluate(endpoint(answer), *arguments)
-    assert "2 of 723 problems pass" in done.stdout
+    # A run of single tasks stays open, so that nobody mistakes it for a whole one.
+    assert "stays open" in done.stdout
+    [run] = client.runs.list(agent="episodes").runs
+    answered = client.runs.submissions(run.id).submissions
+    assert [(client.submissions.wait(one.id).overall, run.state) for one in answered] == [(True, "open")] * 2
 
 
 def test_the_budget_is_kept_and_can_be_raised(evaluate: Evaluate, endpoint: Any, answers: dict[str, str]) -> None:
@@ -252,7 +256,8 @@ def test_the_budget_is_kept_and_can_be_raised(evaluate: Evaluate, endpoint: Any,
     done = evaluate(model, *arguments, "--max-total-tokens", "1100", code=3)
     assert len(model.seen) == 10
     assert "stopped: 1100 tokens were used; the budget has 1100" in done.stderr
-    evaluate(model, *arguments, "--max-requests", "12", code=3)
+    assert model.seen[-1]["messages"]
+    evaluate(model, *arguments[:-1], "8", "--max-requests", "12", code=3)
     assert len(model.seen) == 12
     evaluate(model, *arguments)
 
@@ -275,17 +280,95 @@ def test_a_task_that_the_endpoint_does_not_take_is_told_and_can_be_skipped(
     def answer(messages: Messages) -> Reply:
         if asked(messages) == bad:
             return Reply("this model's maximum context length is 12 tokens", status=400)
-        if "max_tokens" in model.seen[-1]:
+        if any("max_tokens" in request for request in model.seen if request["messages"] is messages):
             return Reply("Unsupported parameter: use 'max_completion_tokens' instead", status=400)
         return Reply(answers[asked(messages)])
 
     model = endpoint(answer)
-    arguments = ["--suite", "mineceraft-lite", "--agent", "skipped", "--max-tokens", "9000", "--concurrency", "1"]
+    arguments = ["--suite", "mineceraft-lite", "--agent", "skipped", "--max-tokens", "9000"]
     done = evaluate(model, *arguments, code=3)
     assert "maximum context length" in done.stderr
     evaluate(model, *arguments, "--skip-failed")
     run = client.runs.list(agent="skipped").runs[0]
     assert (run.state, run.graded, run.skipped) == ("finished", 24, 1)
+
+
+def test_code_without_an_end_is_graded_as_an_empty_turn(
+    evaluate: Evaluate, endpoint: Any, answers: dict[str, str], client: Client
+) -> None:
+    endless = ["```js\nwhile (true) {}\n```", "x" * 600_000]
+
+    def answer(messages: Messages) -> Reply:
+        return Reply(endless.pop() if endless else answers[asked(messages)])
+
+    evaluate(endpoint(answer), "--suite", "mineceraft-lite", "--agent", "endless")
+    [run] = client.runs.list(agent="endless").runs
+    assert (run.state, run.graded) == ("finished", 25)
+    refused = [entry["result"]["refused"] for entry in evaluate.journal("submitted") if "refused" in entry["result"]]
+    assert len(refused) == 2
+    assert any("limit" in reason for [reason] in refused)
+
+
+def test_one_odd_answer_costs_the_others_nothing_and_no_key_is_kept(
+    evaluate: Evaluate, endpoint: Any, answers: dict[str, str], client: Client
+) -> None:
+    odd = [
+        Reply(
+            body=rb'{"choices": [{"message": {"content": "half a pair \ud800 of surrogates"}}], "usage": {"prompt_tokens": "x"}}'
+        ),
+        Reply(body=b'{"choices": [{"message": "a text"}]}'),
+        Reply(body=b'{"choices": [{"message": {"content": [{"text": {}}]}}], "usage": {"prompt_tokens_details": []}}'),
+        Reply("the key sk-test is over its rate", status=429),
+    ]
+    evaluate(
+        endpoint(lambda messages: odd.pop() if odd else Reply(answers[asked(messages)])),
+        "--suite",
+        "mineceraft-lite",
+        "--agent",
+        "odd",
+    )
+    [run] = client.runs.list(agent="odd").runs
+    assert (run.state, run.graded) == ("finished", 25)
+    assert run.card is not None
+    assert run.card.model is not None
+    assert run.card.model.name == "canned"
+    assert evaluate.outcome()["spending"]["input_tokens"] is None
+    assert run.card.tokens is None or run.card.tokens.input is None
+    kept = "".join(path.read_text() for path in evaluate.folder.rglob("*") if path.is_file())
+    assert "sk-test" not in kept
+
+
+def test_requests_without_an_answer_are_counted(evaluate: Evaluate, endpoint: Any, answers: dict[str, str]) -> None:
+    model = endpoint(lambda messages: Reply(body=b'{"choices": []}'))
+    prices = ["--price-input", "2", "--price-output", "10", "--prices-as-of", "2026-11-01"]
+    done = evaluate(model, "--suite", "mineceraft-lite", "--concurrency", "1", "--max-requests", "3", *prices, code=3)
+    spending = evaluate.outcome()["spending"]
+    assert (spending["requests"], spending["cost"], spending["input_tokens"]) == (3, None, None)
+    assert "cost: unknown" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--epoch", "e", "--task", "x"], "leave those options out"),
+        (["--tier", "official"], "name its --epoch"),
+        (["--steps", "2"], "--mode episodes"),
+        (["--mode", "episodes", "--profile", "published"], "rules of mindcraft"),
+        (["--extra", '{"model": "other"}'], "use the option for it"),
+        (["--model-key-env", "NOBODY_SET_THIS"], "which is empty"),
+        (["--suite", "none"], "none"),
+        (["--folder", "/proc/none"], "cannot be written"),
+        (["--base-url", "127.0.0.1:9/v1"], "begins with http"),
+    ],
+)
+def test_what_would_not_do_what_it_says_is_refused_at_once(
+    evaluate: Evaluate, endpoint: Any, arguments: list[str], told: str
+) -> None:
+    model = endpoint(lambda messages: Reply("x"))
+    done = evaluate(model, *arguments, code=1)
+    assert told in done.stderr
+    assert "Traceback" not in done.stderr
+    assert model.seen == []
 
 
 def test_another_plan_in_the_same_folder_is_refused(evaluate: Evaluate, endpoint: Any, answers: dict[str, str]) -> None:
@@ -308,7 +391,7 @@ def test_hidden_instances_are_answered_with_the_hash_of_the_transcript(
         evaluate = Evaluate(running, tmp_path / "evaluation")
         done = evaluate(model, "--epoch", "e1", "--agent", "hidden", "--mode", mode)
         assert "is finalized" in done.stdout
-        entry = Client(running.url).entries.get(evaluate.outcome()["runs"][0])
+        entry = Client(running.url).entries.get(evaluate.outcome()["entry"])
         assert entry.answered == entry.issued > 0
         instance = next(path.stem for path in (evaluate.folder / "transcripts").rglob("*.json"))
         shown = Client(running.url).instances.get(instance)

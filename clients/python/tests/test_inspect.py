@@ -22,6 +22,7 @@ from plumbline_client import Client
 pytest.importorskip("inspect_ai")
 
 from inspect_ai import eval as inspect_eval
+from inspect_ai import eval_retry
 from inspect_ai.log import EvalLog, read_eval_log
 from inspect_ai.model import ModelOutput, ModelUsage, get_model
 
@@ -99,6 +100,40 @@ def test_the_numbers_are_those_of_the_board(inspect: Path, texts: dict[str, str]
     page = explanation.split("](", 1)[1].split(")", 1)[0]
     assert httpx.get(page, headers={"accept": "text/html"}).status_code == 200
     assert "scores 0" in explanation
+
+
+def test_an_evaluation_that_is_tried_again_goes_on_with_its_run(
+    inspect: Path, texts: dict[str, str], client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The second time the mock has its own answers, and would count their tokens with a vocabulary from the network.
+    monkeypatch.setattr("inspect_ai.model._model.count_text_tokens", lambda text: len(text))
+    asked = iter(range(1000))
+
+    def answer(messages: list[Any], tools: Any, choice: Any, config: Any) -> ModelOutput:
+        if next(asked) == 6:
+            raise RuntimeError("the endpoint broke")
+        # A model without an end is scored 0 like any that fails, on the board and here.
+        text = "while (true) {}" if messages[-1].text == LITE[0]["prompts"][0] else texts[messages[-1].text]
+        return always(text)(messages, tools, choice, config)  # type: ignore[no-any-return]
+
+    model = get_model("mockllm/model", custom_outputs=answer)
+    [failed] = inspect_eval(
+        "plumbline_client/mineceraft_lite",
+        model=model,
+        task_args={"board": "retried"},
+        log_dir=str(inspect),
+        display="none",
+    )
+    assert failed.status == "error"
+    [log] = eval_retry(failed, log_dir=str(inspect), display="none")
+    assert log.status == "success", log.error
+    [run] = client.runs.list(agent="retried").runs
+    run = client.runs.wait(run.id)
+    assert (run.state, run.graded) == ("finished", 25)
+    assert run.summary is not None
+    assert run.summary.problem_level.overall.rate == metrics(log)["passes"]["mean"]
+    assert log.results is not None
+    assert log.results.scores[0].unscored_samples == 0
 
 
 def test_a_service_that_is_gone_scores_nothing(inspect: Path, texts: dict[str, str], tmp_path: Path) -> None:

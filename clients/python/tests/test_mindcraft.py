@@ -73,14 +73,18 @@ def test_a_run_of_the_pipeline_becomes_a_run(service: Running, client: Client, t
             pipeline.turn(number, turn, task.turns, f" {prompt}\n")
     pipeline.save()
     # In the small suite the pipeline counts from 1, so its numbers are those of other tasks.
-    done = command(service, str(tmp_path), "--agent", "piped", "--suite", "mineceraft-lite@3")
+    refused = command(service, str(tmp_path), "--agent", "piped", "--suite", "mineceraft-lite@3")
+    assert (refused.returncode, "19 are missing" in refused.stdout) == (1, True)
+    done = command(service, str(tmp_path), "--agent", "piped", "--suite", "mineceraft-lite@3", "--partial")
     assert done.returncode == 0, done.stderr
     run = client.runs.list(agent="piped").runs[0]
     assert (run.graded, run.skipped, run.suite) == (len(tasks), 25 - len(tasks), "mineceraft-lite@3")
     found = client.runs.wait(run.id)
     assert found.summary is not None
     assert len(found.summary.passed_runs.overall) == len(tasks), done.stdout
-    done = command(service, str(tmp_path), "--agent", "last", "--suite", "mineceraft-lite@3", "--files", "last")
+    done = command(
+        service, str(tmp_path), "--agent", "last", "--suite", "mineceraft-lite@3", "--files", "last", "--partial"
+    )
     assert "0 of 25 problems pass" in done.stdout
 
 
@@ -89,6 +93,19 @@ def test_what_contradicts_itself_is_refused_with_its_place(service: Running, cli
     pipeline.file("x")
     pipeline.turn(1, 2, 2, "Raise a wall.")
     with pytest.raises(UnreadableRecords, match=r"line 1: turn 2 of task 1 follows turn 0"):
+        read_records(pipeline.save(), "all")
+    pipeline.records = []
+    pipeline.turn(1, 1, 2, "Raise a wall.")
+    with pytest.raises(UnreadableRecords, match=r"task 1 has 1 of 2 turns"):
+        read_records(pipeline.save(), "all")
+    pipeline.records = []
+    pipeline.file("y")
+    pipeline.turn(1, 1, 1, "p")
+    pipeline.turn(2, 1, 1, "q")
+    assert [task.turns for task in read_records(pipeline.save(), "all")] == [[["x", "y"]], [[]]]
+    pipeline.index = 4
+    pipeline.turn(3, 1, 1, "r")
+    with pytest.raises(UnreadableRecords, match=r"line 3: action file 4.js after 5.js"):
         read_records(pipeline.save(), "all")
     pipeline.records = []
     pipeline.turn(1, 1, 1, "Raise a wall that no suite knows.")

@@ -12,8 +12,8 @@ from . import errors
 from .calls import written
 from .models import BatchItem, Problem
 
-Request = Mapping[str, Any] | BaseModel
-"""A request to grade, as `rewards.grade` takes it: a mapping, or `models.NewGrade`."""
+Request = Mapping[str, Any] | BaseModel | bytes
+"""A request to grade, as `rewards.grade` takes it: a mapping, `models.NewGrade`, or one of them written as JSON."""
 
 MOST_LOGS = 1_000
 """Logs that are sent in one body; the service takes more, but a body that breaks off is sent again."""
@@ -25,7 +25,10 @@ class Batch:
     """Logs that wait for their results."""
 
     def __init__(self, requests: Iterable[Request]) -> None:
-        self._waiting = {index: written(request) for index, request in enumerate(requests)}
+        # What is written already is sent as it is.
+        self._waiting = {
+            index: request if isinstance(request, bytes) else written(request) for index, request in enumerate(requests)
+        }
         self._sent: list[int] = []
         self.size = len(self._waiting)
 
@@ -66,13 +69,9 @@ class Batch:
         return left
 
 
-class NothingDone(errors.PlumblineError):
-    """Of a batch some logs were refused for the time being, and none was graded."""
-
-
 def unreached(error: errors.PlumblineError) -> Problem:
     """Returns the problem that stands for a service that did not answer."""
-    return Problem(type="about:blank", title="Not reached", status=503, detail=str(error), retryable=True)
+    return Problem(type=errors.NOT_REACHED, title="Not reached", status=503, detail=str(error), retryable=True)
 
 
 def item(raw: Mapping[str, Any]) -> BatchItem:

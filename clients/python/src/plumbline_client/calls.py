@@ -14,7 +14,7 @@ from urllib.parse import quote
 
 import httpx
 from pydantic import TypeAdapter, ValidationError
-from pydantic_core import from_json, to_json
+from pydantic_core import PydanticSerializationError, from_json, to_json
 
 from . import errors
 from .models import Problem
@@ -94,7 +94,10 @@ class Attempts:
         asked = None
         if isinstance(error, errors.ApiError):
             # With these the service says that it did nothing.
-            is_refusal = error.status in (429, 503) or error.kind == "idempotency-in-flight"
+            is_own = error.problem.type.startswith("urn:plumbline:")
+            is_refusal = (
+                error.status == 429 or (error.status == 503 and is_own) or error.kind == "idempotency-in-flight"
+            )
             if not error.is_retryable or not (is_refusal or self.is_repeatable):
                 raise error
             asked = error.retry_after_s
@@ -132,8 +135,11 @@ def given(members: dict[str, Any]) -> dict[str, Any]:
 
 
 def written(value: Any) -> bytes:
-    """Writes a body: plain values, models, identifiers and times."""
-    return to_json(value, exclude_none=True, by_alias=True)
+    """Writes a body: plain values, models, identifiers and times. Raises `Unwritable` if it cannot be JSON."""
+    try:
+        return to_json(value, exclude_none=True, by_alias=True)
+    except (PydanticSerializationError, ValueError) as error:
+        raise errors.Unwritable(f"the request cannot be written as JSON: {error}") from error
 
 
 def parameters(params: Mapping[str, Any] | None) -> dict[str, str]:
@@ -174,12 +180,12 @@ def read(kind: type[T], response: httpx.Response) -> T:
             parsed = from_json(response.content)
             answer = parsed if kind is ANY or kind is str else adapter(cast(Hashable, kind)).validate_python(parsed)
         except (ValueError, ValidationError) as error:
-            message = f"{response.request.method} {response.url}: the answer is not as this client expects: {error}"
+            message = f"{response.request.method} {response.url}: the answer is not as this client expects; is this a plumbline service? {error}"
             raise errors.UnreadableAnswer(message) from error
     return answer  # type: ignore[no-any-return]
 
 
-def problem_of(response: httpx.Response) -> errors.ApiError:
+def problem_of(response: httpx.Response) -> errors.PlumblineError:
     """Returns the error that a response is, also if something in between answered."""
     try:
         problem = Problem.model_validate(from_json(response.content))

@@ -249,9 +249,11 @@ def address(url: str | None) -> str:
 
 def own_headers(key: str | None) -> dict[str, str]:
     """Returns the headers of every request."""
-    key = key or os.environ.get("PLUMBLINE_KEY")
+    key = (key or os.environ.get("PLUMBLINE_KEY") or "").strip()
+    if not key.isascii() or not key.isprintable():
+        raise errors.PlumblineError("the key has characters that no key has; look at PLUMBLINE_KEY")
     sent = {"user-agent": "plumbline-client/0.1.0 (python)", "accept": "application/json, */*"}
-    return {**sent, "authorization": f"Bearer {key.strip()}"} if key else sent
+    return {**sent, "authorization": f"Bearer {key}"} if key else sent
 
 
 def waited(look: Callable[[], T], is_there: Callable[[T], bool], timeout_s: float, what: str) -> T:

@@ -10,6 +10,7 @@ from typing import Any, Self
 
 from . import batches, errors
 from .async_client import AsyncClient
+from .calls import written
 from .models import BatchItem
 
 
@@ -25,7 +26,7 @@ class Coalescer:
         self._most = most
         self._wait_s = wait_s
         self._slots = asyncio.Semaphore(in_flight)
-        self._waiting: list[tuple[Mapping[str, Any], asyncio.Future[dict[str, Any]]]] = []
+        self._waiting: list[tuple[bytes, asyncio.Future[dict[str, Any]]]] = []
         self._is_full = asyncio.Event()
         self._tasks: set[asyncio.Task[None]] = set()
         self._collecting: asyncio.Task[None] | None = None
@@ -50,13 +51,14 @@ class Coalescer:
         try:
             reward: float | None = (await self.raw_grade(request))["reward"]
             return reward
-        except errors.ServiceFailed:
+        except (errors.NotReached, errors.ServiceFailed, errors.TooMany):
             return None
 
     async def raw_grade(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Grades one log; the result is a plain dictionary, which costs less."""
         result: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
-        self._waiting.append((request, result))
+        # Written here, so that what cannot be written is its caller's error alone.
+        self._waiting.append((written(request), result))
         if len(self._waiting) >= self._most:
             self._is_full.set()
         if self._collecting is None or self._collecting.done():
@@ -78,7 +80,7 @@ class Coalescer:
             self._tasks.add(sending)
             sending.add_done_callback(self._tasks.discard)
 
-    async def _send(self, now: list[tuple[Mapping[str, Any], asyncio.Future[dict[str, Any]]]]) -> None:
+    async def _send(self, now: list[tuple[bytes, asyncio.Future[dict[str, Any]]]]) -> None:
         try:
             async for raw in self.client.rewards.raw_batch([request for request, _ in now]):
                 result = now[raw["index"]][1]

@@ -21,6 +21,10 @@ class UnreadableAnswer(PlumblineError):
     """The service answered with something that this version of the client cannot read."""
 
 
+class Unwritable(PlumblineError):
+    """What is to be sent cannot be written as JSON, for example half of a surrogate pair."""
+
+
 class ApiError(PlumblineError):
     """The service answered with a problem (RFC 9457).
 
@@ -115,7 +119,13 @@ BY_STATUS: dict[int, type[ApiError]] = {
 }
 
 
-def of_problem(problem: Problem, retry_after_s: float | None = None) -> ApiError:
+NOT_REACHED = "urn:plumbline-client:not-reached"
+"""Type of the problem that stands for a service that does not answer, where a result has room for a problem only."""
+
+
+def of_problem(problem: Problem, retry_after_s: float | None = None) -> PlumblineError:
     """Returns the error for a problem."""
+    if problem.type == NOT_REACHED:
+        return NotReached(problem.detail)
     default = ServiceFailed if problem.status >= 500 else ApiError
     return BY_STATUS.get(problem.status, default)(problem, retry_after_s)

@@ -33,6 +33,8 @@ class TaskRecord:
     """Texts of the action files of each turn, in order."""
     prompts: list[str] = field(default_factory=list)
     """Instructions of the turns, as far as the records have them."""
+    of: Any = None
+    """Number of turns, as the records have it."""
 
 
 def read_records(folder: Path, files: Files) -> list[TaskRecord]:
@@ -69,8 +71,8 @@ def from_raw(raw: Path, folder: Path, files: Files) -> list[TaskRecord]:
     """Reads the tasks of raw records."""
     code = action_files(folder)
     tasks: dict[int, TaskRecord] = {}
-    before = -1
-    for number, line in enumerate(raw.read_text(encoding="utf-8-sig").splitlines(), start=1):
+    before, coords = -1, None
+    for number, line in enumerate(raw.read_text(encoding="utf-8-sig").split("\n"), start=1):
         if not line.strip():
             continue
         place = f"{raw.name}, line {number}"
@@ -82,19 +84,26 @@ def from_raw(raw: Path, folder: Path, files: Files) -> list[TaskRecord]:
                 "the pipeline left a turn out, so that later records may belong to other turns"
             )
         last = index_of(record.get("action_file"), place)
-        if last is not None and last <= before:
-            # The bot was started anew, and its numbers with it.
-            before = -1
+        if last is not None and last < before:
+            raise UnreadableRecords(
+                f"{place}: action file {last}.js after {before}.js: the bot was started anew and wrote over its files, "
+                "so that nobody knows what the earlier turns had"
+            )
+        # A turn that names the file of the turn before wrote none of its own.
         own = [] if last is None else [index for index in sorted(code) if before < index <= last]
         if last is not None:
             if last not in code:
                 raise UnreadableRecords(f"{place}: there is no action file {last}.js in {folder}")
             before = last
+        if last is None and record.get("coords") not in (None, [], coords):
+            raise UnreadableRecords(f"{place}: blocks were built, and no action file is named that built them")
+        coords = record.get("coords") or coords
         task.turns.append(texts(code, own, files))
         task.prompts.append(str(record.get("prompt") or ""))
-        of = record.get("n_turns")
-        if isinstance(of, int) and len(task.turns) > of:
-            raise UnreadableRecords(f"{place}: turn {len(task.turns)} of {of}")
+        task.of = record.get("n_turns")
+    for task in tasks.values():
+        if isinstance(task.of, int) and len(task.turns) != task.of:
+            raise UnreadableRecords(f"{raw.name}: task {task.name} has {len(task.turns)} of {task.of} turns")
     return list(tasks.values())
 
 
@@ -146,9 +155,9 @@ def texts(code: dict[int, Path], indices: list[int], files: Files) -> list[str]:
 def from_folders(folder: Path, files: Files) -> list[TaskRecord]:
     """Reads folders that are sorted by task and turn."""
     tasks = []
-    for task in sorted({path.parent.parent for path in folder.rglob("*.js") if path.parent.name.isdigit()}):
+    for task in sorted({path.parent.parent for path in folder.rglob("*.js") if path.parent.name.isdecimal()}):
         record = TaskRecord(task.relative_to(folder).as_posix().replace("__", "/"))
-        turns = sorted((turn for turn in task.iterdir() if turn.name.isdigit()), key=lambda turn: int(turn.name))
+        turns = sorted((turn for turn in task.iterdir() if turn.name.isdecimal()), key=lambda turn: int(turn.name))
         for expected, turn in enumerate(turns, start=1):
             if int(turn.name) != expected:
                 raise UnreadableRecords(f"{task}: turn {turn.name} follows turn {expected - 1}")

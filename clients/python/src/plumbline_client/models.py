@@ -621,7 +621,10 @@ class KnownFunction(BaseModel):
         populate_by_name=True,
     )
     call: Annotated[
-        str, Field(examples=["skills.placeBlock(bot, blockType, x, y, z, placeOn = 'bottom', dontCheat = false)"])
+        str,
+        Field(
+            examples=["skills.placeBlock(bot, blockType, x, y, z, placeOn = 'bottom', dontCheat = false)"]
+        ),
     ]
     """
     How it is called.
@@ -1148,7 +1151,9 @@ class NewTurn(BaseModel):
     Compact form: `[x, y, z, i]` places a block of palette entry i, `[x, y, z]` removes one.
     """
     action_code: ActionCode1 | ActionCode2 | None = None
-    structure: Annotated[str | None, Field(json_schema_extra={"contentEncoding": "base64"})] = None
+    structure: Annotated[
+        str | None, Field(json_schema_extra={"contentEncoding": "base64"})
+    ] = None
     """
     Instead of events: a structure file in base64 (`.nbt`, `.schem` or `.litematic`), which holds all that stands
     after the turn. The order of its blocks is unknown.
@@ -2868,7 +2873,9 @@ class View(BaseModel):
     """
     Greatest corner of the box, which belongs to it.
     """
-    palette: Annotated[list[str], Field(examples=[["grass_block", "oak_door[half=upper]"]])]
+    palette: Annotated[
+        list[str], Field(examples=[["grass_block", "oak_door[half=upper]"]])
+    ]
     """
     Blocks with the states that were named.
     """
@@ -3140,7 +3147,12 @@ class CheckBody(BaseModel):
     """
     Criterion that the check counts towards.
     """
-    asks: Annotated[str, Field(examples=["Walls enclose at least the given number of rooms on one level"])]
+    asks: Annotated[
+        str,
+        Field(
+            examples=["Walls enclose at least the given number of rooms on one level"]
+        ),
+    ]
     """
     What is measured, in words.
     """
@@ -4375,7 +4387,10 @@ class AnswerBody(BaseModel):
     Location of each answer that was used.
     """
     why: Annotated[
-        str | None, Field(examples=["there is neither a block log as JSON nor action code in the answer"])
+        str | None,
+        Field(
+            examples=["there is neither a block log as JSON nor action code in the answer"]
+        ),
     ] = None
     """
     Reason why nothing could be graded; then the reward is 0, and the model is responsible for it.

@@ -78,7 +78,7 @@ class Mineceraft(vf.Taskset[Building, SuiteConfig]):
             found = client.suites.get(config.suite)
             system = client.tasks.agent_guide(profile=config.task.profile).text
             if config.track == "brief" and found.preamble:
-                system = f"{system}\n\n{found.preamble}"
+                system = f"{system}\n{found.preamble}"
             tasks = list(client.tasks.all(found.id, track=config.track))
         for one in tasks:
             data = TaskOfSuite(

@@ -214,7 +214,7 @@ fn shared(text: &str, prompt: &str) -> usize {
 /// Returns an error (422) if the label is empty or an option is misspelt.
 fn naming(label: &Value) -> AppResult<Map<String, Value>> {
     let parsed = label.as_str().and_then(|text| serde_json::from_str::<Value>(text).ok());
-    let object = match (label, parsed) {
+    let mut object = match (label, parsed) {
         (Value::Object(naming), _) => naming.clone(),
         (_, Some(Value::Object(naming))) => naming,
         (_, Some(number @ Value::Number(_))) => [("task".to_owned(), number)].into_iter().collect(),
@@ -222,6 +222,14 @@ fn naming(label: &Value) -> AppResult<Map<String, Value>> {
         (Value::String(text), _) if text.trim().is_empty() => return Err(no_task()),
         (task, _) => [("task".to_owned(), task.clone())].into_iter().collect(),
     };
+    // Data sets for other frameworks call the reward's scheme otherwise.
+    for other in ["scheme", "reward_scheme"] {
+        if !object.contains_key("reward")
+            && let Some(scheme) = object.remove(other)
+        {
+            object.insert("reward".to_owned(), scheme);
+        }
+    }
     let missing: Vec<&str> = OPTIONS.into_iter().filter(|option| !object.contains_key(*option)).collect();
     let mut faults = Faults::new();
     add_misspelt(&object, &missing, &mut faults);

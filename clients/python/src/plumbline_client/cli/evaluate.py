@@ -45,7 +45,7 @@ def add_to(commands: Any) -> None:
         help="endpoint with OpenAI's Chat Completions; by default $OPENAI_BASE_URL, or OpenAI's own",
     )
     model.add_argument(
-        "--model-key-env", default="OPENAI_API_KEY", metavar="NAME", help="variable that holds the endpoint's key"
+        "--model-key-env", metavar="NAME", help="variable that holds the endpoint's key (OPENAI_API_KEY)"
     )
     model.add_argument("--request-timeout", type=positive, default=600.0, metavar="S", help="of one request (600)")
     model.add_argument(
@@ -59,14 +59,17 @@ def add_to(commands: Any) -> None:
     sampling.add_argument("--seed", type=int, help="seed of the first run; each further run has the next")
     sampling.add_argument("--extra", type=an_object, default={}, metavar="JSON", help="other members of each request")
     what = parser.add_argument_group("what is evaluated")
-    what.add_argument("--suite", default="mineceraft", help="name, or name@version (mineceraft)")
+    what.add_argument("--suite", help="name, or name@version (mineceraft)")
     what.add_argument("--epoch", help="hidden evaluation in this epoch, in place of a suite")
-    what.add_argument("--tier", choices=["dev", "official"], default="dev", help="tier of the entry (dev)")
+    what.add_argument("--tier", choices=["dev", "official"], help="tier of the entry (dev)")
+    what.add_argument("--track", choices=["specified", "brief"], help="track of prompts (specified)")
     what.add_argument(
-        "--track", choices=["specified", "brief"], default="specified", help="track of prompts (specified)"
-    )
-    what.add_argument(
-        "--task", action="append", default=[], dest="tasks", metavar="ID", help="only this task; repeatable"
+        "--task",
+        action="append",
+        default=[],
+        dest="tasks",
+        metavar="ID",
+        help="only this task, repeatable; the run then stays open",
     )
     what.add_argument("--repeat", type=whole, default=1, metavar="N", help="number of runs (1)")
     how = parser.add_argument_group("how")
@@ -74,7 +77,7 @@ def add_to(commands: Any) -> None:
     how.add_argument(
         "--mode", choices=["one-shot", "episodes"], default="one-shot", help="one answer a turn, or steps with feedback"
     )
-    how.add_argument("--steps", type=whole, default=4, metavar="N", help="most answers a turn of an episode (4)")
+    how.add_argument("--steps", type=whole, metavar="N", help="most answers a turn of an episode (4)")
     how.add_argument("--pictures", action="store_true", help="show the build after each step of an episode")
     how.add_argument(
         "--profile", choices=["mindcraft", "published"], default="mindcraft", help="rules for code (mindcraft)"
@@ -99,20 +102,25 @@ def add_to(commands: Any) -> None:
 def run(given: argparse.Namespace) -> int:
     """Runs the command."""
     plan, prices = plan_of(given), prices_of(given)
+    refuse_contradictions(given)
     if given.max_cost is not None and prices is None:
         raise PlumblineError("--max-cost needs --price-input, --price-output and --prices-as-of")
     folder = given.folder or Path("plumbline-runs") / folder_name(plan)
     budget = Budget(given.max_requests, given.max_total_tokens, given.max_cost)
+    print(f"journal and transcripts: {folder}", file=sys.stderr)
     outcome = asyncio.run(carried_out(given, plan, prices, folder, budget))
     tell(outcome, folder)
-    (folder / "outcome.json").write_text(json.dumps(as_json(outcome), indent=1, ensure_ascii=False))
+    try:
+        (folder / "outcome.json").write_text(json.dumps(as_json(outcome), indent=1))
+    except OSError as error:
+        raise PlumblineError(f"outcome.json cannot be written: {error.strerror}") from error
     return 0 if outcome.is_complete else 3
 
 
 async def carried_out(
     given: argparse.Namespace, plan: Plan, prices: Prices | None, folder: Path, budget: Budget
 ) -> Outcome:
-    key = os.environ.get(given.model_key_env)
+    key = os.environ.get(given.model_key_env or "OPENAI_API_KEY")
     model = Model(
         plan.model,
         given.base_url,
@@ -121,12 +129,11 @@ async def carried_out(
         timeout_s=given.request_timeout,
         patience_s=given.patience,
     )
-    with tqdm(unit="problem", disable=None) as bar:
+    with tqdm(unit=" problems", mininterval=1.0) as bar:
 
         def show(done: int, of: int) -> None:
             bar.total = of
-            bar.n = done
-            bar.refresh()
+            bar.update(done - bar.n)
 
         try:
             async with AsyncClient(given.server, given.key) as client:
@@ -145,23 +152,45 @@ async def carried_out(
             await model.close()
 
 
+def refuse_contradictions(given: argparse.Namespace) -> None:
+    """Refuses options that would do nothing, or not what they say."""
+    if given.mode == "episodes" and given.profile == "published":
+        raise PlumblineError("episodes have the rules of mindcraft; leave --profile published out")
+    if given.epoch is not None and (given.tasks or given.suite is not None or given.track is not None):
+        raise PlumblineError("an epoch has neither suites, nor tasks to choose, nor tracks; leave those options out")
+    if given.epoch is None and given.tier is not None:
+        raise PlumblineError("--tier is of a hidden evaluation; name its --epoch")
+    if given.mode != "episodes" and (given.pictures or given.steps is not None):
+        raise PlumblineError("--pictures and --steps are of --mode episodes")
+    own = {"model", "messages", "temperature", "top_p", "max_tokens", "reasoning_effort", "seed", "stream"}
+    if own & given.extra.keys():
+        raise PlumblineError(f"--extra has {', '.join(sorted(own & given.extra.keys()))}; use the option for it")
+    if not given.model.strip():
+        raise PlumblineError("--model is empty")
+    has_key = bool(os.environ.get(given.model_key_env or "OPENAI_API_KEY"))
+    if not has_key and (given.model_key_env is not None or "api.openai.com" in given.base_url):
+        raise PlumblineError(
+            f"the endpoint's key is to be in {given.model_key_env or 'OPENAI_API_KEY'}, which is empty"
+        )
+
+
 def plan_of(given: argparse.Namespace) -> Plan:
     system = None
     if given.system is not None:
         try:
-            system = given.system.read_text()
+            system = given.system.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             raise PlumblineError(f"--system {given.system}: {error}") from error
     return Plan(
         model=given.model,
         agent=given.agent or given.model,
-        suite=given.suite,
+        suite=given.suite or "mineceraft",
         epoch=given.epoch,
-        tier=given.tier,
-        track=given.track,
+        tier=given.tier or "dev",
+        track=given.track or "specified",
         profile=given.profile,
         mode=given.mode,
-        steps=given.steps,
+        steps=given.steps or 4,
         pictures=given.pictures,
         repeat=given.repeat,
         tasks=tuple(given.tasks),
@@ -188,7 +217,7 @@ def prices_of(given: argparse.Namespace) -> Prices | None:
 
 def folder_name(plan: Plan) -> str:
     """Returns the name of the folder of a plan: the same command finds its journal again."""
-    label = re.sub(r"[^A-Za-z0-9.@_-]+", "-", f"{plan.agent}-{plan.epoch or plan.suite}").strip("-")
+    label = re.sub(r"[^A-Za-z0-9.@_-]+", "-", f"{plan.agent[:60]}-{plan.epoch or plan.suite}").strip("-")
     return f"{label}-{plan.sha256()[:8]}"
 
 
@@ -197,8 +226,17 @@ def tell(outcome: Outcome, folder: Path) -> None:
     for run in outcome.finished:
         passed = len(run.summary.passed_runs.overall) if run.summary is not None else 0
         print(f"run {run.id} is finished: {passed} of {run.tasks} problems pass")
+    for open_run in outcome.left_open:
+        print(f"run {open_run} has the answers to the tasks that were named, and stays open for others")
     if outcome.entry is not None:
         print(f"entry {outcome.entry['id']} is finalized")
+        result = outcome.entry.get("result")
+        place = f"GET /v1/entries/{outcome.entry['id']}"
+        print(
+            f"result: {json.dumps(result)}"
+            if result
+            else f"{place} has its result when it is released; say this again later"
+        )
     spending = outcome.spending.as_json()
     tokens = (
         f"{spending['input_tokens']} + {spending['output_tokens']}"
@@ -208,18 +246,23 @@ def tell(outcome: Outcome, folder: Path) -> None:
     cost = f"{spending['cost']} {spending['currency']}" if spending["cost"] is not None else "unknown"
     print(f"requests: {spending['requests']}; tokens: {tokens}; cost: {cost}; transcripts and journal: {folder}")
     for name, reason in list(outcome.failed.items())[:10]:
-        print(f"no answer to {name}: {reason}", file=sys.stderr)
+        run_number, _, problem = name.partition("/")
+        if reason != outcome.stopped and not reason.startswith("not begun"):
+            print(f"no answer to {problem} in run {run_number}: {reason}", file=sys.stderr)
     if len(outcome.failed) > 10:
         print(f"no answer to {len(outcome.failed) - 10} more", file=sys.stderr)
     if outcome.stopped is not None:
         print(f"stopped: {outcome.stopped}", file=sys.stderr)
     if not outcome.is_complete:
-        print("the same command goes on from here; --skip-failed finishes without the missing answers", file=sys.stderr)
+        hint = "" if outcome.stopped else "; --skip-failed finishes without the missing answers"
+        print(f"the same command goes on from here{hint}", file=sys.stderr)
 
 
 def as_json(outcome: Outcome) -> dict[str, Any]:
     return {
-        "runs": outcome.runs,
+        "entry" if outcome.entry is not None else "runs": outcome.runs[0]
+        if outcome.entry is not None
+        else outcome.runs,
         "complete": outcome.is_complete,
         "stopped": outcome.stopped,
         "failed": outcome.failed,

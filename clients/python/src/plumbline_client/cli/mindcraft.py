@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
+import json
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +12,10 @@ from tqdm import tqdm
 
 from .. import __version__
 from ..client import Client
+from ..errors import Conflict, Faulty
 from ..mindcraft import TaskRecord, UnreadableRecords, read_records
 from ..models import TaskSummary
+from ..refused import without_refused
 
 
 def add_to(commands: Any) -> None:
@@ -36,6 +40,9 @@ def add_to(commands: Any) -> None:
     parser.add_argument(
         "--any-prompt", action="store_true", help="do not compare the prompts of the records with the suite's"
     )
+    parser.add_argument(
+        "--partial", action="store_true", help="submit although tasks are missing, which then count as failed"
+    )
     parser.add_argument("--dry-run", action="store_true", help="read and compare only")
 
 
@@ -46,18 +53,41 @@ def run(given: argparse.Namespace) -> int:
         suite = client.suites.get(given.suite).id
         known = list(client.tasks.all(suite, track=given.track))
         paired = pairs(records, known, must_match=not given.any_prompt)
-        print(f"{len(paired)} tasks of {suite}, {sum(len(record.turns) for record, _ in paired)} turns")
+        missing = len(known) - len(paired)
+        print(
+            f"{len(paired)} tasks of {suite}, {sum(len(record.turns) for record, _ in paired)} turns; {missing} are missing"
+        )
+        if missing and not given.partial:
+            print(
+                "missing tasks would count as failed: --suite names the suite of the records, --partial submits them as they are"
+            )
+            return 1
         if given.dry_run:
             return 0
         metadata = {"harness": "mindcraft", "importer": f"plumbline-client {__version__}", "files": given.files}
-        run = client.runs.create(agent=given.agent, suite=suite, track=given.track, metadata=metadata)
+        # The same records again go on with the same run.
+        told = [[record.name, record.turns] for record in records]
+        content = json.dumps([given.agent, suite, given.track, given.profile, given.files, told])
+        key = f"mindcraft-{hashlib.sha256(content.encode()).hexdigest()}"
+        run = client.runs.create(
+            agent=given.agent, suite=suite, track=given.track, metadata=metadata, idempotency_key=key
+        )
         for record, task in tqdm(paired, unit="task", disable=None):
             turns: list[dict[str, Any]] = [
                 {"action_code": texts} if texts else {"events": []} for texts in record.turns
             ]
-            client.submissions.create(run=run.id, task=task.id, profile=given.profile, turns=turns)
-        if len(paired) < len(known):
+            try:
+                client.submissions.create(run=run.id, task=task.id, profile=given.profile, turns=turns)
+            except Faulty as refused:
+                turns, reasons = without_refused(turns, refused)
+                client.submissions.create(run=run.id, task=task.id, profile=given.profile, turns=turns)
+                tqdm.write(f"{task.id}: {'; '.join(reasons)}")
+        try:
             client.runs.finish(run.id, skip="unanswered")
+        except Conflict as ended:
+            # A run finishes by itself once every task is graded.
+            if ended.kind != "run-not-open":
+                raise
         done = client.runs.wait(run.id)
     passed = len(done.summary.passed_runs.overall) if done.summary is not None else 0
     print(

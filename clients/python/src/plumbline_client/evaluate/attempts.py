@@ -6,6 +6,7 @@ import base64
 import json
 from pathlib import Path
 from typing import Any, Protocol
+from urllib.parse import quote
 
 from .. import errors
 from ..async_client import AsyncClient
@@ -48,9 +49,9 @@ async def by_episode(
     messages: list[Message] = [{"role": "system", "content": system + EPISODE_RULES.format(steps=plan.steps)}]
     asked = answered = 0
     for turn, prompt in enumerate(attempt.problem.prompts):
-        if turn > 0 and len(journal.all(attempt.name, "turn")) < turn:
-            await client.episodes.next_turn(episode, step=next_number(journal, attempt))
-            journal.add(attempt.name, "turn", turn=turn + 1)
+        if turn > 0 and len(journal.all(episode, "turn")) < turn:
+            await client.episodes.next_turn(episode, step=next_number(journal, episode))
+            journal.add(episode, "turn", turn=turn + 1)
         messages.append({"role": "user", "content": prompt})
         for left in reversed(range(plan.steps)):
             completion = await ask(attempt, messages, asked)
@@ -58,7 +59,7 @@ async def by_episode(
             messages.append({"role": "assistant", "content": completion.text})
             if is_done(completion.text):
                 break
-            told = await stepped(client, plan, journal, attempt, episode, answered, completion.text)
+            told = await stepped(client, plan, journal, episode, answered, completion.text)
             answered += 1
             if left > 0:
                 messages.append({"role": "user", "content": told})
@@ -67,7 +68,8 @@ async def by_episode(
 
 async def opened(client: AsyncClient, journal: Journal, attempt: Attempt) -> str:
     """Returns the episode of an attempt, opened if there is none yet."""
-    if (known := journal.last(attempt.name, "episode")) is not None:
+    known = journal.last(attempt.name, "episode")
+    if known is not None and known["episode"] is not None:
         return str(known["episode"])
     if attempt.problem.is_hidden:
         episode = await client.episodes.open(instance=attempt.problem.id)
@@ -77,14 +79,12 @@ async def opened(client: AsyncClient, journal: Journal, attempt: Attempt) -> str
     return str(episode.id)
 
 
-async def stepped(
-    client: AsyncClient, plan: Plan, journal: Journal, attempt: Attempt, episode: str, index: int, code: str
-) -> Any:
+async def stepped(client: AsyncClient, plan: Plan, journal: Journal, episode: str, index: int, code: str) -> Any:
     """Makes a step, unless the journal has what it did, and returns what the model is told of it."""
-    entries = journal.all(attempt.name, "step")
+    entries = journal.all(episode, "step")
     if len(entries) > index:
         return entries[index]["told"]
-    number = next_number(journal, attempt)
+    number = next_number(journal, episode)
     told: Any
     try:
         told = words(await client.episodes.step(episode, action_code=code, step=number))
@@ -95,14 +95,14 @@ async def stepped(
         is_made = False
     if plan.pictures:
         told = [{"type": "text", "text": told}, *await picture_of(client, episode)]
-    journal.add(attempt.name, "step", told=told, is_made=is_made)
+    journal.add(episode, "step", told=told, is_made=is_made)
     return told
 
 
-def next_number(journal: Journal, attempt: Attempt) -> int:
+def next_number(journal: Journal, episode: str) -> int:
     """Returns the number of the next step; going on to the next turn is one too."""
-    made = sum(1 for entry in journal.all(attempt.name, "step") if entry["is_made"])
-    return 1 + made + len(journal.all(attempt.name, "turn"))
+    made = sum(1 for entry in journal.all(episode, "step") if entry["is_made"])
+    return 1 + made + len(journal.all(episode, "turn"))
 
 
 async def picture_of(client: AsyncClient, episode: str) -> list[dict[str, Any]]:
@@ -115,8 +115,8 @@ async def picture_of(client: AsyncClient, episode: str) -> list[dict[str, Any]]:
 
 
 def is_done(text: str) -> bool:
-    """Whether the model says that a turn is done, and writes no code."""
-    return "DONE" in text.upper().split() and "```" not in text and ";" not in text
+    """Whether the whole answer is the word DONE, whatever marks surround it."""
+    return "".join(filter(str.isalpha, text)).upper() == "DONE"
 
 
 def words(done: StepDone) -> str:
@@ -147,7 +147,8 @@ def transcript_of(messages: list[Message], completions: list[dict[str, Any]]) ->
 
 def keep_transcript(folder: Path, attempt: Attempt, transcript: bytes) -> Path:
     """Writes a transcript beside the run."""
-    path = folder / "transcripts" / f"{attempt.name}.json"
+    parts = [quote(part, safe=" ").replace("..", "%2E%2E") for part in attempt.name.split("/")]
+    path = folder.joinpath("transcripts", *parts[:-1], f"{parts[-1]}.json")
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(transcript)
     return path

@@ -2,19 +2,35 @@
 
 from __future__ import annotations
 
-import fcntl
+import contextlib
 import json
 import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from ..errors import PlumblineError
 
 
 class JournalError(PlumblineError):
     """The folder holds another evaluation, or another process works in it."""
+
+
+def is_alone(file: IO[bytes]) -> bool:
+    """Locks a file; returns whether no other process has it. Where files cannot be locked, nobody is kept out."""
+    try:
+        import fcntl
+    except ImportError:
+        return True
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        # Some file systems have no locks.
+        return True
+    return True
 
 
 class Journal:
@@ -24,13 +40,14 @@ class Journal:
     """
 
     def __init__(self, folder: Path) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
         self.path = folder / "journal.jsonl"
-        self._file = self.path.open("a+b")
         try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise JournalError(f"another process is working in {folder}") from None
+            folder.mkdir(parents=True, exist_ok=True)
+            self._file = self.path.open("a+b")
+        except OSError as error:
+            raise JournalError(f"{self.path} cannot be written: {error.strerror}") from error
+        if not is_alone(self._file):
+            raise JournalError(f"another process is working in {folder}")
         self._entries: dict[tuple[str, str], list[dict[str, Any]]] = {}
         for entry in self._read():
             self._keep(entry)
@@ -56,9 +73,12 @@ class Journal:
     def add(self, attempt: str, kind: str, **members: Any) -> None:
         """Adds an entry. It is on the disk when this returns."""
         entry = {"attempt": attempt, "kind": kind, "at": round(time.time(), 3), **members}
-        self._file.write(json.dumps(entry, ensure_ascii=False).encode() + b"\n")
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        try:
+            self._file.write(json.dumps(entry).encode() + b"\n")
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise JournalError(f"{self.path} cannot be written: {error.strerror}") from error
         self._keep(entry)
 
     def all(self, attempt: str, kind: str) -> list[dict[str, Any]]:
@@ -78,4 +98,5 @@ class Journal:
 
     def close(self) -> None:
         """Lets other processes work in the folder."""
-        self._file.close()
+        with contextlib.suppress(OSError):
+            self._file.close()

@@ -6,7 +6,7 @@ import asyncio
 import random
 import re
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -14,9 +14,13 @@ import httpx
 
 from ..calls import retry_after
 from ..errors import PlumblineError
+from ..refused import clean
 from .plan import Sampling
 
 Message = dict[str, Any]
+
+MOST_EMPTY = 3
+"""Answers without a choice after which an endpoint is not asked again."""
 
 
 class ModelError(PlumblineError):
@@ -79,44 +83,74 @@ class Model:
     ) -> None:
         self.name, self._sampling = name, sampling
         self._patience_s, self._first_delay_s = patience_s, first_delay_s
+        self._key = key = (key or "").strip()
+        if not key.isascii() or not key.isprintable():
+            raise EndpointRefuses("the endpoint's key has characters that no header takes; look at its variable")
         headers = {"authorization": f"Bearer {key}"} if key else {}
         limits = httpx.Limits(max_connections=None, max_keepalive_connections=100)
         timeout = httpx.Timeout(timeout_s, connect=min(timeout_s, 30.0))
         self._http = httpx.AsyncClient(headers=headers, timeout=timeout, limits=limits)
-        self._url = base_url.rstrip("/").removesuffix("/chat/completions") + "/chat/completions"
+        try:
+            base = httpx.URL(base_url)
+        except (httpx.InvalidURL, TypeError) as error:
+            raise EndpointRefuses(f"the endpoint's address is none: {error}") from error
+        if base.scheme not in ("http", "https") or not base.host:
+            raise EndpointRefuses("the endpoint's address begins with http:// or https://, and names a host")
+        path = base.path.rstrip("/").removesuffix("/chat/completions")
+        self._url = base.copy_with(path=f"{path}/chat/completions")
+        # What is shown has neither passwords nor parameters.
+        self.shown = str(self._url.copy_with(username="", password="", query=None)).rstrip("?")
         self._most_tokens = "max_tokens"
 
     async def close(self) -> None:
         """Closes the connections."""
         await self._http.aclose()
 
-    async def answer(self, messages: Sequence[Message], run: int) -> Completion:
-        """Returns the model's answer to a conversation. `run` is the index of the run, from 0, for the seed."""
-        until, delay, tries = time.monotonic() + self._patience_s, self._first_delay_s, 0
+    async def answer(
+        self, messages: Sequence[Message], run: int, unmetered: Callable[[str], None] = lambda reason: None
+    ) -> Completion:
+        """Returns the model's answer to a conversation. `run` is the index of the run, from 0, for the seed.
+
+        Calls `unmetered` for each request that may have been paid for and brought no answer.
+        """
+        until, delay, tries, empty = time.monotonic() + self._patience_s, self._first_delay_s, 0, 0
         while True:
-            began, tries = time.monotonic(), tries + 1
+            began, tries, named = time.monotonic(), tries + 1, self._most_tokens
             asked: float | None = None
             try:
                 response = await self._http.post(self._url, json=self._request(messages, run))
                 if response.is_success:
                     return read(response, time.monotonic() - began)
-                reason = f"{response.status_code} {excerpt(response.text)}"
-                if self._learns(response):
+                reason = self._without_key(f"{response.status_code} {excerpt(response.text)}")
+                if named == "max_tokens" and response.status_code == 400 and "max_completion_tokens" in response.text:
+                    # Newer models take their limit under another name, and say so.
+                    self._most_tokens = "max_completion_tokens"
                     continue
-                if response.status_code in (401, 403, 404):
-                    raise EndpointRefuses(f"{self._url} refuses: {reason}")
+                if response.status_code in (401, 402, 403, 404) or "insufficient_quota" in response.text:
+                    raise EndpointRefuses(f"{self.shown} refuses: {reason}")
                 if response.status_code not in (408, 409, 425, 429) and response.status_code < 500:
-                    raise ModelError(f"{self._url} refuses this request: {reason}")
+                    raise ModelError(f"{self.shown} refuses this request: {reason}")
                 asked = retry_after(response.headers.get("retry-after"))
-            except (httpx.TransportError, NoAnswer) as error:
-                reason = str(error) or type(error).__name__
-            except httpx.InvalidURL as error:
-                raise EndpointRefuses(f"{self._url} is no address: {error}") from error
+            except NoAnswer as error:
+                reason, empty = self._without_key(str(error)), empty + 1
+                unmetered(reason)
+                if empty == MOST_EMPTY:
+                    raise ModelError(f"{self.shown}: {reason}, {empty} times") from error
+            except (httpx.LocalProtocolError, httpx.UnsupportedProtocol, httpx.TooManyRedirects) as error:
+                raise EndpointRefuses(self._without_key(f"{self.shown}: {error}")) from error
+            except httpx.RequestError as error:
+                reason = self._without_key(str(error) or type(error).__name__)
+                if not isinstance(error, (httpx.ConnectError, httpx.ConnectTimeout, httpx.PoolTimeout)):
+                    unmetered(reason)
             pause = random.uniform(0.5, 1.0) * delay if asked is None else asked + random.uniform(0.0, 1.0)
             delay = min(60.0, 2.0 * delay)
             if time.monotonic() + pause > until:
-                raise ModelError(f"no answer from {self._url} after {tries} tries: {reason}")
+                raise ModelError(f"no answer from {self.shown} after {tries} tries: {reason}")
             await asyncio.sleep(pause)
+
+    def _without_key(self, text: str) -> str:
+        """Endpoints repeat in their errors what they were sent."""
+        return text.replace(self._key, "…") if self._key else text
 
     def _request(self, messages: Sequence[Message], run: int) -> dict[str, Any]:
         sampling = self._sampling
@@ -131,55 +165,65 @@ class Model:
         }
         return {name: value for name, value in request.items() if value is not None} | sampling.extra
 
-    def _learns(self, response: httpx.Response) -> bool:
-        """Newer models take their limit under another name, and say so."""
-        is_told = response.status_code == 400 and "max_completion_tokens" in response.text
-        if is_told and self._most_tokens == "max_tokens":
-            self._most_tokens = "max_completion_tokens"
-            return True
-        return False
-
 
 class NoAnswer(PlumblineError):
     """The endpoint answered with success and without an answer."""
 
 
 def read(response: httpx.Response, seconds: float) -> Completion:
-    """Reads an answer, with the variants of endpoints that call themselves compatible."""
+    """Reads an answer, with the variants of endpoints that call themselves compatible.
+
+    Raises `NoAnswer` if there is none, and `EndpointRefuses` if the endpoint answers only as a stream.
+    """
+    if "text/event-stream" in response.headers.get("content-type", ""):
+        raise EndpointRefuses(f"{response.url.host} answers as a stream although none was asked for")
     try:
         body = response.json()
         choice = body["choices"][0]
         message = choice.get("message") or {}
+        content, refusal = message.get("content"), message.get("refusal")
     except (ValueError, KeyError, IndexError, TypeError, AttributeError):
         raise NoAnswer(f"an answer without choices: {excerpt(response.text)}") from None
-    content = message.get("content")
     if isinstance(content, list):
-        content = "".join(part.get("text") or "" for part in content if isinstance(part, dict))
-    refusal = message.get("refusal")
+        parts = [part.get("text") for part in content if isinstance(part, dict)]
+        content = "".join(part for part in parts if isinstance(part, str))
+    text = content if isinstance(content, str) else refusal if isinstance(refusal, str) else ""
+    reasoning = message.get("reasoning_content") or message.get("reasoning")
     return Completion(
-        text=content if isinstance(content, str) else refusal if isinstance(refusal, str) else "",
-        finish_reason=choice.get("finish_reason"),
-        usage=usage_of(body.get("usage")),
-        model=body.get("model"),
+        text=clean(text),
+        finish_reason=told(choice.get("finish_reason")),
+        usage=usage_of(body.get("usage"), text),
+        model=told(body.get("model")),
         seconds=round(seconds, 3),
-        refusal=refusal if isinstance(refusal, str) else None,
-        reasoning=message.get("reasoning_content") or message.get("reasoning"),
+        refusal=told(refusal),
+        reasoning=told(reasoning),
     )
 
 
-def usage_of(told: Any) -> Usage:
-    """Reads the tokens; what was not told stays unknown."""
-    if not isinstance(told, dict):
+def told(value: Any) -> str | None:
+    """Returns a text, and None for anything else."""
+    return clean(value) if isinstance(value, str) else None
+
+
+def usage_of(usage: Any, text: str) -> Usage:
+    """Reads the tokens; what was not told stays unknown. No tokens at all for a text were not told."""
+    if not isinstance(usage, dict):
         return Usage()
-    of_input, of_output = told.get("prompt_tokens_details") or {}, told.get("completion_tokens_details") or {}
+    of_input, of_output = usage.get("prompt_tokens_details"), usage.get("completion_tokens_details")
+    output = count(usage.get("completion_tokens"))
     return Usage(
-        input=told.get("prompt_tokens"),
-        output=told.get("completion_tokens"),
-        cached_input=of_input.get("cached_tokens"),
-        reasoning=of_output.get("reasoning_tokens"),
+        input=count(usage.get("prompt_tokens")) or None,
+        output=None if text and output == 0 else output,
+        cached_input=count(of_input.get("cached_tokens")) if isinstance(of_input, dict) else None,
+        reasoning=count(of_output.get("reasoning_tokens")) if isinstance(of_output, dict) else None,
     )
+
+
+def count(value: Any) -> int | None:
+    """Returns a number of tokens, and None for anything else."""
+    return value if isinstance(value, int) and not isinstance(value, bool) and value >= 0 else None
 
 
 def excerpt(text: str) -> str:
     """Returns the beginning of a text, on one line."""
-    return re.sub(r"\s+", " ", text).strip()[:300]
+    return re.sub(r"\s+", " ", clean(text)).strip()[:300]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Awaitable
 from dataclasses import dataclass
 from typing import Any
 
 from ..async_client import AsyncClient
-from ..errors import PlumblineError
-from .journal import Journal
+from ..errors import NotFound, PlumblineError
+from .journal import Journal, JournalError
 from .plan import Plan
 
 
@@ -46,17 +47,29 @@ async def tasks_of(client: AsyncClient, plan: Plan, suite: str) -> list[Problem]
 
 async def begin_runs(client: AsyncClient, plan: Plan, card: dict[str, Any], journal: Journal) -> list[str]:
     """Creates the runs of the plan that do not exist yet, and returns the identifiers of all."""
+    for known in journal.all("", "run"):
+        await at_this_service(client, journal, client.runs.get(known["run"]))
     for index in range(len(journal.all("", "run")), plan.repeat):
         key = f"evaluate-{journal.all('', 'plan')[0]['nonce']}-{index}"
         run = await client.runs.create(
             agent=plan.agent,
             suite=plan.suite,
             track=plan.track,
-            metadata={**card, "repeat": index + 1},
+            metadata={"repeat": index + 1},
+            card=card,
             idempotency_key=key,
         )
         journal.add("", "run", run=str(run.id), suite=run.suite)
     return [entry["run"] for entry in journal.all("", "run")]
+
+
+async def at_this_service(client: AsyncClient, journal: Journal, looking: Awaitable[object]) -> None:
+    """Refuses to go on at another service than the one where an evaluation began."""
+    try:
+        await looking
+    except NotFound as error:
+        url = journal.all("", "plan")[0]["url"]
+        raise JournalError(f"{journal.path} is of an evaluation at {url}, which {client.url} does not know") from error
 
 
 async def enter(client: AsyncClient, plan: Plan, journal: Journal) -> tuple[str, list[list[Problem]]]:
@@ -76,6 +89,7 @@ async def enter(client: AsyncClient, plan: Plan, journal: Journal) -> tuple[str,
         journal.add("", "entry", entry=entry.model_dump(mode="json"))
         known = journal.last("", "entry")
     assert known is not None
+    await at_this_service(client, journal, client.entries.get(known["entry"]["id"]))
     entry_id: str = known["entry"]["id"]
     runs = []
     for number in range(1, plan.repeat + 1):

@@ -6,19 +6,23 @@ import asyncio
 import hashlib
 import secrets
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from .. import __version__, errors
 from ..async_client import AsyncClient
 from ..models import RunBody
+from ..refused import without_refused
 from . import attempts, problems
 from .journal import Journal, JournalError
 from .model import Completion, EndpointRefuses, Message, Model, ModelError
 from .plan import Budget, Plan, Prices
 from .problems import Attempt
 from .spending import BudgetSpent, Spending, spent
+
+MOST_FAILURES = 20
+"""Problems in a row that the model does not answer, after which the evaluation stops."""
 
 
 @dataclass
@@ -34,13 +38,15 @@ class Outcome:
     """Why the evaluation stopped before its end, if it did."""
     finished: list[RunBody] = field(default_factory=list)
     """The finished runs with their summaries."""
+    left_open: list[str] = field(default_factory=list)
+    """Runs that have answers to the tasks that were asked for, and take others."""
     entry: dict[str, Any] | None = None
     """The finalized entry of a hidden evaluation."""
 
     @property
     def is_complete(self) -> bool:
-        """Whether every run is finished."""
-        return bool(self.finished) or self.entry is not None
+        """Whether everything that was asked for is answered, and every whole run is finished."""
+        return bool(self.finished or self.left_open) or self.entry is not None
 
 
 class Evaluation:
@@ -63,9 +69,11 @@ class Evaluation:
         self._budget, self._skip_failed, self._progress = budget, skip_failed, progress
         self._journal = Journal(folder)
         self._slots = asyncio.Semaphore(concurrency)
-        self._spending = spent(prices, self._journal.of_kind("completion"))
+        self._spending = spent(prices, self._journal)
         self._stopped: str | None = None
         self._done = 0
+        self._under_way = 0
+        self._failures_in_a_row = 0
 
     async def carry_out(self) -> Outcome:
         """Does what is left of the plan."""
@@ -75,7 +83,9 @@ class Evaluation:
             todo = await self._problems(system)
             outcome = Outcome(list(dict.fromkeys(attempt.run for attempt in todo)), self._spending)
             self._progress(0, len(todo))
-            results = await asyncio.gather(*[self._answer(attempt, system, len(todo)) for attempt in todo])
+            async with asyncio.TaskGroup() as group:
+                answers = [group.create_task(self._answer(attempt, system, len(todo))) for attempt in todo]
+            results = [answer.result() for answer in answers]
             failures = zip(todo, results, strict=True)
             outcome.failed = {attempt.name: reason for attempt, reason in failures if reason is not None}
             outcome.stopped = self._stopped
@@ -95,8 +105,6 @@ class Evaluation:
             raise JournalError(
                 f"{self._folder} holds another evaluation, which differs in {', '.join(differ)}; name another folder"
             )
-        elif known["url"] != self._client.url:
-            raise JournalError(f"{self._folder} holds an evaluation for {known['url']}; name another folder")
 
     async def _system(self) -> str:
         """Returns the system prompt, as it was when the evaluation began."""
@@ -108,7 +116,7 @@ class Evaluation:
             text = (await self._client.tasks.agent_guide(profile=plan.profile)).text
         if plan.epoch is None and plan.track == "brief":
             preamble = (await self._client.suites.get(plan.suite)).preamble
-            text = f"{text}\n\n{preamble}" if preamble else text
+            text = f"{text}\n{preamble}" if preamble else text
         self._journal.add("", "system", text=text)
         return text
 
@@ -122,12 +130,14 @@ class Evaluation:
         return [Attempt(index, run, task) for index, run in enumerate(runs) for task in tasks]
 
     def _card(self, system: str) -> dict[str, Any]:
+        """Returns what is known of a run before it begins."""
+        sampling = asdict(self._plan.sampling)
         return {
-            "model": self._plan.model,
-            "harness": "plumbline-client evaluate",
-            "harness_version": __version__,
+            "harness": {"name": "plumbline-client evaluate", "version": __version__},
+            "model": {"name": self._plan.model},
+            "system_prompt": {"sha256": hashlib.sha256(system.encode()).hexdigest()},
+            "sampling": {name: value for name, value in sampling.items() if value is not None and name != "extra"},
             "configuration_sha256": self._plan.sha256(),
-            "system_prompt_sha256": hashlib.sha256(system.encode()).hexdigest(),
         }
 
     async def _answer(self, attempt: Attempt, system: str, of: int) -> str | None:
@@ -138,11 +148,25 @@ class Evaluation:
                     if self._stopped is not None:
                         return f"not begun: {self._stopped}"
                     await self._submit(attempt, system)
-            except (BudgetSpent, EndpointRefuses, errors.Unauthorized, errors.Forbidden) as error:
+            except (BudgetSpent, EndpointRefuses, JournalError, errors.Unauthorized, errors.Forbidden) as error:
                 self._stopped = self._stopped or str(error)
+                return str(error)
+            except errors.Conflict as error:
+                if error.kind in ("run-closed", "epoch-not-open", "finalized"):
+                    self._stopped = self._stopped or str(error)
+                return str(error)
+            except ModelError as error:
+                self._failures_in_a_row += 1
+                if self._failures_in_a_row >= MOST_FAILURES:
+                    self._stopped = (
+                        self._stopped or f"{self._failures_in_a_row} problems in a row have no answer: {error}"
+                    )
                 return str(error)
             except errors.PlumblineError as error:
                 return str(error)
+            except (OSError, ValueError, TypeError, KeyError) as error:
+                # One odd answer must not cost the others theirs.
+                return f"{type(error).__name__}: {error}"
             finally:
                 self._done += 1
                 self._progress(self._done, of)
@@ -156,6 +180,16 @@ class Evaluation:
         self._journal.add(attempt.name, "submitted", result=result)
 
     async def _answer_by_episode(self, attempt: Attempt, system: str) -> dict[str, Any]:
+        try:
+            return await self._go_through_episode(attempt, system)
+        except errors.Conflict as over:
+            # It expired before the evaluation went on. The answers are known, so another one costs nothing.
+            if over.kind != "episode-over":
+                raise
+            self._journal.add(attempt.name, "episode", episode=None)
+            return await self._go_through_episode(attempt, system)
+
+    async def _go_through_episode(self, attempt: Attempt, system: str) -> dict[str, Any]:
         episode, messages = await attempts.by_episode(
             self._client, self._plan, self._journal, self._ask, attempt, system
         )
@@ -165,7 +199,15 @@ class Evaluation:
     async def _answer_at_once(self, attempt: Attempt, system: str) -> dict[str, Any]:
         texts, messages = await attempts.one_shot(self._ask, attempt, system)
         promise = self._promise(attempt, messages)
-        turns, profile = [{"action_code": text} for text in texts], self._plan.profile
+        turns: list[dict[str, Any]] = [{"action_code": text} for text in texts]
+        try:
+            return await self._send(attempt, turns, promise)
+        except errors.Faulty as refused:
+            turns, reasons = without_refused(turns, refused)
+            return {**await self._send(attempt, turns, promise), "refused": reasons}
+
+    async def _send(self, attempt: Attempt, turns: list[dict[str, Any]], promise: str | None) -> dict[str, Any]:
+        profile = self._plan.profile
         if attempt.problem.is_hidden:
             taken = await self._client.instances.answer(
                 attempt.problem.id, turns=turns, profile=profile, transcript_sha256=promise
@@ -186,25 +228,56 @@ class Evaluation:
         known = self._journal.all(attempt.name, "completion")
         if len(known) > number:
             return Completion.of_json(known[number]["completion"])
-        self._spending.refuse_beyond(self._budget)
-        completion = await self._model.answer(messages, attempt.run_index)
-        self._spending.add(completion.usage)
+        if self._stopped is not None:
+            raise BudgetSpent(self._stopped)
+        self._spending.refuse_beyond(self._budget, self._under_way)
+
+        def unmetered(reason: str) -> None:
+            self._journal.add(attempt.name, "unmetered", reason=reason)
+            self._spending.add_unmetered()
+
+        self._under_way += 1
+        try:
+            completion = await self._model.answer(messages, attempt.run_index, unmetered)
+        finally:
+            self._under_way -= 1
         self._journal.add(attempt.name, "completion", completion=completion.as_json())
+        self._spending.add(completion.usage)
+        self._failures_in_a_row = 0
         return completion
 
     async def _finish(self, outcome: Outcome) -> None:
         if self._plan.epoch is not None:
             entry = await self._client.entries.finalize(outcome.runs[0])
+            await self._client.entries.put_card(entry.id, **self._declared(outcome))
             outcome.entry = entry.model_dump(mode="json")
             return
         for run in outcome.runs:
-            try:
-                await self._client.runs.finish(run, skip="unanswered")
-            except errors.Conflict as ended:
-                # A run finishes by itself once every task is graded.
-                if ended.kind != "run-not-open":
-                    raise
-            outcome.finished.append(await self._client.runs.wait(run))
+            if self._plan.tasks:
+                outcome.left_open.append(run)
+            else:
+                try:
+                    await self._client.runs.finish(run, skip="unanswered")
+                except errors.Conflict as ended:
+                    # A run finishes by itself once every task is graded.
+                    if ended.kind != "run-not-open":
+                        raise
+            await self._client.runs.put_card(run, **self._declared(outcome))
+            if not self._plan.tasks:
+                outcome.finished.append(await self._client.runs.wait(run))
+
+    def _declared(self, outcome: Outcome) -> dict[str, Any]:
+        """Returns the card with what the whole evaluation took, shared among its runs."""
+        system = self._journal.all("", "system")[0]["text"]
+        card, told = self._card(system), self._spending.as_json()
+        if len(outcome.runs) == 1:
+            named = {"input": "input_tokens", "output": "output_tokens", "cached_input": "cached_input_tokens"}
+            named["reasoning"] = "reasoning_tokens"
+            card["tokens"] = {name: told[of] for name, of in named.items() if told[of] is not None}
+            if told["cost"]:
+                cost = {"amount": told["cost"], "currency": told["currency"], "prices_as_of": told["prices_as_of"]}
+                card["cost"] = cost
+        return card
 
 
 async def evaluate(

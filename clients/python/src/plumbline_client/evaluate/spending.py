@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 from ..errors import PlumblineError
+from .journal import Journal
 from .model import Completion, Usage
 from .plan import Budget, Prices
 
@@ -19,16 +19,16 @@ class BudgetSpent(PlumblineError):
 
 @dataclass
 class Spending:
-    """What the answers of the model took, those of an earlier process included."""
+    """What the requests to the model took, those of an earlier process included."""
 
     prices: Prices | None
     requests: int = 0
     input: int = 0
     output: int = 0
-    cached_input: int = 0
-    reasoning: int = 0
+    cached_input: int | None = 0
+    reasoning: int | None = 0
     unmetered: int = 0
-    """Answers whose tokens the endpoint did not tell."""
+    """Requests that may have been paid for and whose tokens nobody told."""
 
     def add(self, usage: Usage) -> None:
         """Counts an answer."""
@@ -37,29 +37,37 @@ class Spending:
             self.unmetered += 1
         self.input += usage.input or 0
         self.output += usage.output or 0
-        self.cached_input += usage.cached_input or 0
-        self.reasoning += usage.reasoning or 0
+        self.cached_input = both(self.cached_input, usage.cached_input)
+        self.reasoning = both(self.reasoning, usage.reasoning)
+
+    def add_unmetered(self) -> None:
+        """Counts a request that brought no answer."""
+        self.requests += 1
+        self.unmetered += 1
 
     def cost(self) -> float | None:
         """Returns the cost; None if it is unknown, because there are no prices or because tokens were not told."""
         if self.prices is None or self.unmetered:
             return None
-        cached = self.cached_input if self.prices.cached_input is not None else 0
+        cached = (self.cached_input or 0) if self.prices.cached_input is not None else 0
         cost = (self.input - cached) * self.prices.input + self.output * self.prices.output
         return (cost + cached * (self.prices.cached_input or 0.0)) / MILLION
 
-    def refuse_beyond(self, budget: Budget) -> None:
-        """Raises `BudgetSpent` if a limit is reached."""
-        if budget.requests is not None and self.requests >= budget.requests:
-            raise BudgetSpent(f"{self.requests} requests were made; the budget has {budget.requests}")
+    def refuse_beyond(self, budget: Budget, under_way: int) -> None:
+        """Raises `BudgetSpent` if a limit is reached, with the requests that are under way."""
+        if budget.requests is not None and self.requests + under_way >= budget.requests:
+            raise BudgetSpent(f"the budget of {budget.requests} requests is used up; a larger one makes it go on")
         tokens = self.input + self.output
         if budget.tokens is not None and tokens >= budget.tokens:
-            raise BudgetSpent(f"{tokens} tokens were used; the budget has {budget.tokens}")
+            raise BudgetSpent(f"{tokens} tokens were used; the budget has {budget.tokens}, and more makes it go on")
         if self.unmetered and (budget.tokens is not None or budget.cost is not None):
-            raise BudgetSpent("the endpoint does not tell the tokens of its answers, so the budget cannot be kept")
+            raise BudgetSpent(
+                "the endpoint does not tell the tokens of its answers, so the budget cannot be kept; "
+                "without --max-total-tokens and --max-cost it goes on"
+            )
         cost = self.cost()
         if budget.cost is not None and cost is not None and cost >= budget.cost:
-            raise BudgetSpent(f"{cost:.4f} was spent; the budget has {budget.cost:.4f}")
+            raise BudgetSpent(f"{cost:.4f} was spent; the budget has {budget.cost:.4f}, and more makes it go on")
 
     def as_json(self) -> dict[str, Any]:
         """Returns the tokens and the cost; what is unknown is null."""
@@ -69,17 +77,25 @@ class Spending:
             "requests": self.requests,
             "input_tokens": self.input if is_known else None,
             "output_tokens": self.output if is_known else None,
-            "cached_input_tokens": self.cached_input if is_known else None,
-            "reasoning_tokens": self.reasoning if is_known else None,
+            "cached_input_tokens": self.cached_input if is_known and self.requests else None,
+            "reasoning_tokens": self.reasoning if is_known and self.requests else None,
+            "requests_without_tokens": self.unmetered,
             "cost": None if cost is None else round(cost, 6),
             "currency": self.prices.currency if self.prices and cost is not None else None,
             "prices_as_of": self.prices.as_of if self.prices and cost is not None else None,
         }
 
 
-def spent(prices: Prices | None, completions: Iterable[dict[str, Any]]) -> Spending:
-    """Counts the answers of a journal."""
+def both(one: int | None, other: int | None) -> int | None:
+    """Adds two numbers; None if one of them is unknown."""
+    return None if one is None or other is None else one + other
+
+
+def spent(prices: Prices | None, journal: Journal) -> Spending:
+    """Counts the requests of a journal."""
     spending = Spending(prices)
-    for entry in completions:
+    for entry in journal.of_kind("completion"):
         spending.add(Completion.of_json(entry["completion"]).usage)
+    for _ in journal.of_kind("unmetered"):
+        spending.add_unmetered()
     return spending

@@ -10,8 +10,9 @@ from inspect_ai.solver import TaskState
 from inspect_ai.util import concurrency
 
 from ..async_client import AsyncClient
-from ..errors import PlumblineError
+from ..errors import Conflict, Faulty, PlumblineError
 from ..models import ReportBody
+from ..refused import without_refused
 from .boards import run_of
 from .state import Build, answers
 
@@ -77,7 +78,7 @@ async def graded_build(state: TaskState) -> dict[str, Any]:
             else:
                 if build.submission is None:
                     build.submission = await submitted(client, state, build)
-                build.graded = await verdicts(client, build.submission)
+                build.graded = await verdicts(client, build.submission, build.refused)
     return build.graded
 
 
@@ -86,18 +87,41 @@ async def submitted(client: AsyncClient, state: TaskState, build: Build) -> str:
     if build.episode is not None:
         done = await client.episodes.submit(build.episode)
         return str(done.submission)
-    build.run = await run_of(client, state)
+    turns = answers(build.texts, state.metadata["turns"])
+    try:
+        return await sent(client, state, build, turns)
+    except Faulty as refused:
+        turns, build.refused = without_refused(turns, refused)
+        return await sent(client, state, build, turns)
+
+
+async def sent(client: AsyncClient, state: TaskState, build: Build, turns: list[dict[str, Any]]) -> str:
+    """Sends the turns, and returns the submission's identifier."""
+    try:
+        return await sent_to(client, state, build, turns, await run_of(client, state))
+    except Conflict as taken:
+        # The open run of this name has another answer to this task, so it is not the one to go on with.
+        if build.run is None or taken.kind not in ("already-submitted", "run-closed"):
+            raise
+        return await sent_to(client, state, build, turns, await run_of(client, state, anew=True))
+
+
+async def sent_to(
+    client: AsyncClient, state: TaskState, build: Build, turns: list[dict[str, Any]], run: str | None
+) -> str:
+    """Sends the turns to a run, or to none."""
+    build.run = run
     accepted = await client.submissions.create(
         task=state.metadata["task"],
-        run=build.run,
-        suite=None if build.run else state.metadata["suite"],
+        run=run,
+        suite=None if run else state.metadata["suite"],
         profile=state.metadata["profile"],
-        turns=answers(build.texts, state.metadata["turns"]),
+        turns=turns,
     )
     return str(accepted.id)
 
 
-async def verdicts(client: AsyncClient, submission: str) -> dict[str, Any]:
+async def verdicts(client: AsyncClient, submission: str, refused: list[str]) -> dict[str, Any]:
     """Waits for the report of a submission, and returns its verdicts."""
     settled = await client.submissions.wait(submission)
     if settled.state != "graded":
@@ -110,14 +134,14 @@ async def verdicts(client: AsyncClient, submission: str) -> dict[str, Any]:
     return {
         "overall": report.overall,
         "holds": holds,
-        "explanation": explained(report, page),
+        "explanation": explained(report, page, refused),
         "evidence": {"submission": submission, "report": f"{client.url}/v1/submissions/{submission}/report"},
     }
 
 
-def explained(report: ReportBody, page: str) -> str:
+def explained(report: ReportBody, page: str, refused: list[str]) -> str:
     """Says in Markdown which checks did not score 1, with links to the build and its evidence."""
-    lines = [f"[The build and its evidence]({page})", ""]
+    lines = [f"[The build and its evidence]({page})", "", *[f"- {reason}" for reason in refused]]
     failed = [(turn.turn, check) for turn in report.turns for check in turn.checks if check.score < 1.0]
     if not failed:
         lines.append("Every check scores 1.")
@@ -134,7 +158,12 @@ async def answered(client: AsyncClient, state: TaskState, build: Build) -> dict[
         await client.episodes.submit(build.episode)
     else:
         turns = answers(build.texts, state.metadata["turns"])
-        await client.instances.answer(state.metadata["instance"], turns=turns, profile=state.metadata["profile"])
+        instance, profile = state.metadata["instance"], state.metadata["profile"]
+        try:
+            await client.instances.answer(instance, turns=turns, profile=profile)
+        except Faulty as refused:
+            turns, build.refused = without_refused(turns, refused)
+            await client.instances.answer(instance, turns=turns, profile=profile)
     entry = await client.entries.get(state.metadata["entry"])
     if entry.answered == state.metadata["instances"] and entry.state == "registered":
         await client.entries.finalize(state.metadata["entry"])

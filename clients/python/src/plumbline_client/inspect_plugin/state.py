@@ -7,6 +7,8 @@ from typing import Any
 from inspect_ai.util import StoreModel
 from pydantic import Field
 
+from ..refused import clean
+
 
 class Build(StoreModel):
     """What a sample built."""
@@ -23,6 +25,8 @@ class Build(StoreModel):
     """Run that the submission belongs to."""
     submission: str | None = None
     """The submission, once it was made."""
+    refused: list[str] = Field(default_factory=list)
+    """Reasons why the code of turns was refused, which are therefore empty."""
     graded: dict[str, Any] | None = None
     """Verdicts of the report, once it was graded."""
 
@@ -30,4 +34,4 @@ class Build(StoreModel):
 def answers(texts: list[str], turns: int) -> list[dict[str, Any]]:
     """Returns the turns to submit. A turn that the model was not asked for, because a limit ended the sample, is empty."""
     missing: list[dict[str, Any]] = [{"events": []}] * (turns - len(texts))
-    return [{"action_code": text} for text in texts] + missing
+    return [{"action_code": clean(text)} for text in texts] + missing

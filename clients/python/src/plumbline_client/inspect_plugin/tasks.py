@@ -70,6 +70,7 @@ def mineceraft_hidden(
       profile: Rules under which code becomes a build: mindcraft or published.
       mode: one-shot or episodes.
     """
+    refuse_published_episodes(mode, profile)
     given = {"agent": agent, "mode": mode, "profile": profile}
     configuration = hashlib.sha256(json.dumps(given, sort_keys=True).encode()).hexdigest()
     try:
@@ -104,12 +105,13 @@ def mineceraft_hidden(
 
 def suite_task(suite: str, track: Track, profile: Profile, mode: Mode, board: str | None) -> Task:
     """Returns the task for a suite, as the service has it now."""
+    refuse_published_episodes(mode, profile)
     try:
         with Client() as client:
             found = client.suites.get(suite)
             system = client.tasks.agent_guide(profile=profile).text
             if track == "brief" and found.preamble:
-                system = f"{system}\n\n{found.preamble}"
+                system = f"{system}\n{found.preamble}"
             tasks = list(client.tasks.all(found.id, track=track))
     except PlumblineError as error:
         raise PrerequisiteError(str(error)) from error
@@ -132,6 +134,12 @@ def suite_task(suite: str, track: Track, profile: Profile, mode: Mode, board: st
         version=found.version,
         metadata={"suite": found.id, "track": track, "profile": profile, "mode": mode},
     )
+
+
+def refuse_published_episodes(mode: Mode, profile: Profile) -> None:
+    """Episodes have the rules of mindcraft."""
+    if mode == "episodes" and profile == "published":
+        raise PrerequisiteError("episodes have the rules of mindcraft; leave profile=published out")
 
 
 def sample(identifier: str, system: str, prompts: list[str], metadata: dict[str, Any]) -> Sample:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 from ..client import Client
@@ -18,16 +19,16 @@ def load(suite: str = "mineceraft", track: str = "specified", **metadata: Any) -
         system = client.tasks.agent_guide(profile="mindcraft").text
         found = client.suites.get(suite)
         if track == "brief" and found.preamble:
-            system = f"{system}\n\n{found.preamble}"
+            system = f"{system}\n{found.preamble}"
         rows = [
-            {"prompt": f"{system}\n\n{one.prompts[0]}", "task": one.id, "suite": found.id, "family": one.family}
+            {"prompt": f"{system}\n{one.prompts[0]}", "task": one.id, "suite": found.id, "family": one.family}
             for one in client.tasks.all(found.id, track=track)
             if one.turns == 1
         ]
     return {"test": Dataset.from_list(rows)}
 
 
-_client: Client | None = None
+_clients: dict[int, Client] = {}
 
 
 def process_results(doc: dict[str, Any], results: list[str]) -> dict[str, float]:
@@ -35,9 +36,8 @@ def process_results(doc: dict[str, Any], results: list[str]) -> dict[str, float]
 
     Raises an error if the service cannot grade it: a failure of ours is no score.
     """
-    global _client
-    _client = _client or Client()
+    client = _clients.setdefault(os.getpid(), Client())
     asked = request({"task": doc["task"], "suite": doc["suite"], "profile": "mindcraft"}, [results[0]])
-    graded = _client.rewards.grade(**asked)
+    graded = client.rewards.grade(**asked)
     found = components(graded.model_dump(mode="json"), METRICS)
     return {name: value for name, value in found.items() if value is not None}

@@ -6,6 +6,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from ..refused import clean
+
 MEMBERS = ("task", "suite", "profile", "reward")
 
 
@@ -22,10 +24,13 @@ def request(label: object, texts: list[str]) -> dict[str, Any]:
         except ValueError:
             found = label
     members: Mapping[str, Any] = found if isinstance(found, Mapping) else {"task": found}
+    # Data sets for other frameworks call the reward's scheme otherwise.
+    scheme = members.get("reward") or members.get("scheme") or members.get("reward_scheme")
+    members = {**members, "reward": scheme}
     named = {name: members[name] for name in MEMBERS if members.get(name) is not None}
     if not isinstance(named.get("task"), (str, int)) or named["task"] == "":
         raise ValueError(f"the label {label!r} names no task")
-    return {**named, "answer": texts}
+    return {**named, "answer": [clean(text) for text in texts]}
 
 
 def components(graded: Mapping[str, Any], names: tuple[str, ...]) -> dict[str, float | None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import threading
 from collections.abc import Coroutine
 from typing import Any, TypeVar
@@ -29,12 +30,15 @@ class Background:
 
     _lock = threading.Lock()
     _loop: asyncio.AbstractEventLoop | None = None
+    _process = 0
 
     @classmethod
     def run(cls, work: Coroutine[Any, Any, T]) -> T:
         """Runs work on the loop and waits for its result."""
         with cls._lock:
-            if cls._loop is None:
+            # A forked process has the loop of its parent, and not its thread.
+            if cls._loop is None or cls._process != os.getpid():
+                cls._process = os.getpid()
                 cls._loop = asyncio.new_event_loop()
                 threading.Thread(target=cls._loop.run_forever, name="plumbline", daemon=True).start()
         return asyncio.run_coroutine_threadsafe(work, cls._loop).result()

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -14,6 +15,8 @@ from ..batches import Request
 from ..models import Problem
 from .labels import CRITERIA, components, request
 from .loops import coalescer
+
+LOGGER = logging.getLogger(__name__)
 
 
 async def plumbline(
@@ -43,6 +46,9 @@ async def plumbline(
         if raw is not None and raw["reward"] is None and not raw["error"].get("retryable"):
             raise errors.of_problem(Problem.model_validate(raw["error"]))
         rewards.append(None if raw is None else raw["reward"])
+    failed = [raw for raw in results if raw is not None and raw["reward"] is None]
+    if failed:
+        LOGGER.warning("%d of %d samples have no reward: %s", len(failed), len(results), failed[0]["error"]["detail"])
     told = [components((raw or {}).get("result") or {}, CRITERIA) for raw in results]
     if log_extra is not None:
         for name in CRITERIA:
