@@ -83,6 +83,7 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(catalogue::suites::list_suites))
         .routes(routes!(catalogue::suites::get_suite))
         .routes(routes!(boards::leaderboard::get_leaderboard))
+        .routes(routes!(boards::repeats::get_repeats))
         .routes(routes!(boards::comparisons::get_breakdown))
         .routes(routes!(boards::comparisons::get_comparison))
         .routes(routes!(boards::actions::list_board_actions))

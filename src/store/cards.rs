@@ -1,8 +1,10 @@
 //! Cards of runs and entries. An edit adds a version.
 
+use std::collections::HashMap;
+
 use serde_json::Value;
 
-use super::db::{Row, Tx, query};
+use super::db::{Row, Tx, query, query_as};
 use super::locks::Lock;
 use super::{Store, StoreError, StoreResult, commit};
 
@@ -119,6 +121,26 @@ impl Store {
         let version = add(&mut tx, of, new, most, now_ms).await?;
         commit(tx, "add_card").await?;
         Ok(version)
+    }
+
+    /// Returns the configuration that the latest card of each run of a suite declares, if it does.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails or a row cannot be read.
+    pub async fn configurations(&self, suite_id: &str) -> StoreResult<HashMap<String, String>> {
+        let select = "SELECT c.run_id, c.card FROM cards c JOIN runs r ON r.id = c.run_id
+                      WHERE r.suite_id = $1 ORDER BY c.run_id, c.version";
+        let rows: Vec<(String, String)> = query_as(select).bind(suite_id).fetch_all(&self.readers).await?;
+        let mut declared = HashMap::new();
+        for (run, card) in rows {
+            let card: Value = serde_json::from_str(&card).map_err(|error| StoreError::corrupt("cards", error))?;
+            // Later versions take the place of earlier ones.
+            match card["configuration_sha256"].as_str() {
+                Some(hash) => declared.insert(run, hash.to_owned()),
+                None => declared.remove(&run),
+            };
+        }
+        Ok(declared)
     }
 
     /// Returns all versions of a card, latest first.

@@ -3,4 +3,5 @@
 mod cards;
 mod leaderboards;
 mod regrade;
+mod repeats;
 mod tracks;

@@ -58,6 +58,7 @@ PLACES = {
     "get_leaderboard": "boards.get",
     "get_breakdown": "boards.breakdown",
     "get_comparison": "boards.compare",
+    "get_repeats": "boards.repeats",
     "list_board_actions": "boards.actions",
     "get_board_feed": "boards.feed",
     "create_submission": "submissions.create",

@@ -8,6 +8,7 @@ pub mod fingerprints;
 pub mod grade;
 pub mod outcomes;
 pub mod raw_records;
+pub mod repeats;
 pub mod report;
 pub mod reward;
 pub mod saboteur_table;

@@ -57,10 +57,20 @@ impl Field {
     /// Returns the 95 % interval of the share of tasks solved. Unanswered tasks count as not solved.
     #[must_use]
     pub fn interval(&self, outcomes: &Outcomes) -> Option<Interval> {
-        let mut clusters = vec![(0_u32, 0_u32); self.clusters];
-        for (place, cluster) in self.cluster_of.iter().enumerate() {
-            let (pass, of) = &mut clusters[*cluster];
-            *pass += u32::from(outcomes.is_solved(place));
+        let solved: Vec<f64> =
+            (0..self.cluster_of.len()).map(|place| f64::from(u8::from(outcomes.is_solved(place)))).collect();
+        self.interval_of_mean(&solved)
+    }
+
+    /// Returns the 95 % interval of the mean of values from 0 to 1, one for each task.
+    ///
+    /// Wilson's interval supposes values of 0 and 1, which vary most, so that it is too wide for others.
+    #[must_use]
+    pub fn interval_of_mean(&self, values: &[f64]) -> Option<Interval> {
+        let mut clusters = vec![(0.0, 0_u32); self.clusters];
+        for (value, cluster) in values.iter().zip(&self.cluster_of) {
+            let (sum, of) = &mut clusters[*cluster];
+            *sum += value;
             *of += 1;
         }
         clustered(&clusters)

@@ -7,4 +7,5 @@ pub mod comparison;
 pub mod leaderboard;
 pub mod news;
 pub mod read;
+pub mod repeats;
 pub mod tasks;

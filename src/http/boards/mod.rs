@@ -7,3 +7,4 @@ pub mod body;
 pub mod comparisons;
 pub mod formats;
 pub mod leaderboard;
+pub mod repeats;

@@ -9,10 +9,12 @@ use crate::app::boards::breakdown::{GroupBy, of_rows};
 use crate::app::boards::comparison::compare;
 use crate::app::boards::leaderboard::{CoverageFilter, Direction, Selection, SortBy, page as rows_of};
 use crate::app::boards::read;
+use crate::app::boards::repeats::of_board;
 use crate::app::runs::body::RunProvenance;
 use crate::http::boards::body::{BoardBody, BoardRow};
 use crate::http::boards::comparisons::{Breakdown, ComparedTask, Comparison};
 use crate::http::boards::leaderboard::BoardQuery;
+use crate::http::boards::repeats::RepeatGroup;
 use crate::http::extract::params;
 use crate::http::state::AppState;
 use plumbline_engine::grading::statistics::comparison::fisher;
@@ -76,6 +78,7 @@ struct BoardPage {
     next: Option<String>,
     tables: Vec<Table>,
     reported: Vec<Reported>,
+    repeats: Vec<RepeatGroup>,
 }
 
 impl BoardPage {
@@ -126,7 +129,10 @@ pub async fn board(State(state): State<AppState>, Path(suite): Path<String>, Raw
             .filter(|table| !table.rates.groups.is_empty())
             .collect();
     let body = BoardBody::from(page);
+    let is_shown = |group: &RepeatGroup| wanted.track.is_none_or(|track| track == group.track);
+    let repeats = of_board(&state, &board).await?.into_iter().map(RepeatGroup::from).filter(is_shown).collect();
     html::page(&BoardPage {
+        repeats,
         reported: reported(&body.reported),
         next: body.next_after.as_ref().map(|after| links.next_page(after)),
         columns: links.columns(),

@@ -74,7 +74,8 @@ pub struct RunBody {
     pub profile: Option<String>,
     /// Track of its prompts.
     pub track: Track,
-    /// What the run was, as its owner declares it; null if there is no card.
+    /// What the run was, as its owner declares it; absent if there is no card.
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Card>)]
     pub card: Option<Value>,
 }

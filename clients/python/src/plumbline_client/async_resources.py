@@ -49,6 +49,10 @@ class AsyncBoards:
         """Get a leaderboard."""
         return await self._client._call(str, "GET", f"/v1/leaderboards/{quoted(suite)}", params={"sort": sort, "order": order, "agent": agent, "provenance": provenance, "track": track, "coverage": coverage, "as_of": as_of, "after": after, "limit": limit, "format": format})
 
+    async def repeats(self, suite: str) -> models.RepeatsBody:
+        """Get repeats of configurations."""
+        return await self._client._call(models.RepeatsBody, "GET", f"/v1/leaderboards/{quoted(suite)}/repeats")
+
 
 class AsyncEntries:
     """`client.entries`."""

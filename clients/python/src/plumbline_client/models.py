@@ -1179,6 +1179,25 @@ class NextTurn(BaseModel):
     """
 
 
+class PassAllBody(BaseModel):
+    """
+    Rate of problems that a number of runs all solve.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    k: Annotated[int, Field(ge=1)]
+    """
+    Number of runs.
+    """
+    rate: Annotated[float, Field(ge=0.0, le=1.0)]
+    """
+    Rate of problems.
+    """
+    interval: Interval | None = None
+
+
 class AccuracyItem(RootModel[int]):
     root: Annotated[int, Field(ge=0)]
 
@@ -3948,6 +3967,79 @@ class QuotaBody(BaseModel):
     next_before: int | None = None
     """
     Value of `before` for the next page; null on the last page.
+    """
+
+
+class RepeatGroup(BaseModel):
+    """
+    Runs of one owner, agent, track, profile and configuration.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    agent: str
+    """
+    Name of the agent.
+    """
+    owner: str | None = None
+    """
+    Owner of the runs; null if they were created without a key.
+    """
+    track: Literal["specified", "brief"]
+    """
+    Track of the prompts.
+    """
+    profile: str
+    """
+    Profile of the submissions.
+    """
+    configuration_sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    """
+    SHA-256 of the configuration, as the runs' cards declare it.
+    """
+    runs: list[str]
+    """
+    Identifiers of the runs, in the order in which they finished.
+    """
+    mean: Annotated[float, Field(ge=0.0, le=1.0)]
+    """
+    Mean of the runs' rates of solved problems.
+    """
+    interval: Interval | None = None
+    standard_deviation: Annotated[float, Field(ge=0.0)]
+    """
+    Sample standard deviation of the runs' rates.
+    """
+    least: Annotated[float, Field(ge=0.0, le=1.0)]
+    """
+    Least rate of a run.
+    """
+    most: Annotated[float, Field(ge=0.0, le=1.0)]
+    """
+    Greatest rate of a run.
+    """
+    pass_all: list[PassAllBody]
+    """
+    Rates of problems that `k` of the runs all solve, for each `k` (pass^k).
+    """
+
+
+class RepeatsBody(BaseModel):
+    """
+    Repeats of configurations on a board.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    suite: Annotated[str, Field(examples=["mineceraft@3"])]
+    """
+    `name@version` of the suite.
+    """
+    groups: list[RepeatGroup]
+    """
+    Groups of two runs or more, best first.
     """
 
 

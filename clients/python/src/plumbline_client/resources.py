@@ -49,6 +49,10 @@ class Boards:
         """Get a leaderboard."""
         return self._client._call(str, "GET", f"/v1/leaderboards/{quoted(suite)}", params={"sort": sort, "order": order, "agent": agent, "provenance": provenance, "track": track, "coverage": coverage, "as_of": as_of, "after": after, "limit": limit, "format": format})
 
+    def repeats(self, suite: str) -> models.RepeatsBody:
+        """Get repeats of configurations."""
+        return self._client._call(models.RepeatsBody, "GET", f"/v1/leaderboards/{quoted(suite)}/repeats")
+
 
 class Entries:
     """`client.entries`."""

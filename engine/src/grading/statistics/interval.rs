@@ -37,12 +37,12 @@ pub fn wilson(rate: f64, trials: f64) -> Option<Interval> {
     Some(Interval { low, high })
 }
 
-/// Returns the 95 % interval of a rate from clusters, each with its numbers of passes and of trials.
+/// Returns the 95 % interval of a rate from clusters, each with its sum of passes and its number of trials.
 ///
 /// If all pass or none does, the clusters do not show how much answers depend on each other, and each counts as one.
 #[must_use]
-pub fn clustered(clusters: &[(u32, u32)]) -> Option<Interval> {
-    let pass: f64 = clusters.iter().map(|(pass, _)| f64::from(*pass)).sum();
+pub fn clustered(clusters: &[(f64, u32)]) -> Option<Interval> {
+    let pass: f64 = clusters.iter().map(|(pass, _)| pass).sum();
     let of: f64 = clusters.iter().map(|(_, of)| f64::from(*of)).sum();
     if of <= 0.0 {
         return None;
@@ -51,13 +51,13 @@ pub fn clustered(clusters: &[(u32, u32)]) -> Option<Interval> {
     wilson(rate, of / design_effect(clusters, rate, of))
 }
 
-fn design_effect(clusters: &[(u32, u32)], rate: f64, of: f64) -> f64 {
+fn design_effect(clusters: &[(f64, u32)], rate: f64, of: f64) -> f64 {
     let count = clusters.iter().filter(|(_, of)| *of > 0).count() as f64;
     let independent = rate * (1.0 - rate) * of;
     if independent <= 0.0 || count < 2.0 {
         return clusters.iter().map(|(_, of)| f64::from(*of).powi(2)).sum::<f64>() / of;
     }
-    let between: f64 = clusters.iter().map(|(pass, of)| (f64::from(*pass) - rate * f64::from(*of)).powi(2)).sum();
+    let between: f64 = clusters.iter().map(|(pass, of)| (pass - rate * f64::from(*of)).powi(2)).sum();
     // Both variances are corrected for the mean, which is estimated from the same data.
     let effect = (between * count / (count - 1.0)) / (independent * of / (of - 1.0));
     effect.max(1.0)
@@ -81,16 +81,16 @@ mod tests {
 
     #[test]
     fn clusters_widen_the_interval_as_much_as_their_answers_agree() {
-        let single: Vec<(u32, u32)> = (0..60).map(|i| (u32::from(i % 3 == 0), 1)).collect();
+        let single: Vec<(f64, u32)> = (0..60).map(|i| (f64::from(u8::from(i % 3 == 0)), 1)).collect();
         assert_eq!(clustered(&single), wilson(20.0 / 60.0, 60.0), "clusters of one are independent answers");
         // The same answers three times: as many trials as there are clusters, but for the correction (60/59 to 180/179).
-        let thrice: Vec<(u32, u32)> = single.iter().map(|(pass, of)| (3 * pass, 3 * of)).collect();
+        let thrice: Vec<(f64, u32)> = single.iter().map(|(pass, of)| (3.0 * pass, 3 * of)).collect();
         let trials = 60.0 * (59.0 * 180.0) / (60.0 * 179.0);
         let (found, wanted) = (clustered(&thrice).unwrap(), wilson(1.0 / 3.0, trials).unwrap());
         assert!((found.low - wanted.low).abs() < 1e-12 && (found.high - wanted.high).abs() < 1e-12);
         // Answers that differ within clusters more than between them do not narrow it.
-        assert_eq!(clustered(&[(1, 2), (1, 2), (1, 2)]), wilson(0.5, 6.0));
-        assert_eq!(clustered(&[(3, 3); 20]), wilson(1.0, 20.0));
+        assert_eq!(clustered(&[(1.0, 2); 3]), wilson(0.5, 6.0));
+        assert_eq!(clustered(&[(3.0, 3); 20]), wilson(1.0, 20.0));
         assert_eq!(clustered(&[]), None);
     }
 }
