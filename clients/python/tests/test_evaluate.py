@@ -129,7 +129,9 @@ def test_a_model_becomes_a_row_on_the_board(
     transcripts = list((evaluate.folder / "transcripts").rglob("*.json"))
     assert len(transcripts) == 50
     assert all("messages" in json.loads(path.read_text()) for path in transcripts)
-    # Saying it again does nothing twice.
+    [group] = client.boards.repeats("mineceraft-lite").groups
+    assert ({str(run) for run in group.runs}, group.mean) == (set(runs), 1.0)
+    # Running it again repeats nothing.
     evaluate(
         model,
         "--suite",
@@ -255,7 +257,7 @@ def test_the_budget_is_kept_and_can_be_raised(evaluate: Evaluate, endpoint: Any,
     arguments = ["--suite", "mineceraft-lite", "--agent", "budget", "--concurrency", "1"]
     done = evaluate(model, *arguments, "--max-total-tokens", "1100", code=3)
     assert len(model.seen) == 10
-    assert "stopped: 1100 tokens were used; the budget has 1100" in done.stderr
+    assert "stopped: 1100 tokens were used; the budget is 1100" in done.stderr
     assert model.seen[-1]["messages"]
     evaluate(model, *arguments[:-1], "8", "--max-requests", "12", code=3)
     assert len(model.seen) == 12

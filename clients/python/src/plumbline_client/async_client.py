@@ -13,7 +13,7 @@ import httpx
 
 from . import async_resources, calls, errors, models
 from .batches import Batch, Request, item
-from .calls import Attempts, Retries
+from .calls import Attempts, Profile, Retries, Track
 from .client import ENDED, LIMITS, SETTLED, address, own_headers
 from .events import EventReader
 
@@ -47,7 +47,7 @@ class AsyncRewards(async_resources.AsyncRewards):
             except errors.PlumblineError as error:
                 if isinstance(error, errors.ApiError) and not error.is_retryable:
                     raise
-                for _, raw in batch.give_up(error):
+                for raw in batch.give_up(error):
                     yield raw
 
     async def many(self, requests: Iterable[Request]) -> list[models.BatchItem]:
@@ -61,7 +61,7 @@ class AsyncRewards(async_resources.AsyncRewards):
                 async for line in self._http._lines("POST", "/v1/grade:batch", batch.body()):
                     if (result := batch.take(line)) is not None:
                         taken += 1
-                        yield result[1]
+                        yield result
             except errors.PlumblineError as error:
                 failure = error
             if taken:
@@ -87,6 +87,14 @@ class AsyncRuns(async_resources.AsyncRuns):
 
 class AsyncTasks(async_resources.AsyncTasks):
     """`client.tasks`."""
+
+    async def system_prompt(self, suite: str | None, track: Track = "specified", profile: Profile = "mindcraft") -> str:
+        """Returns a system prompt: the guide for agents, and what short prompts of a suite take for granted."""
+        guide = (await self.agent_guide(profile=profile)).text
+        if suite is None or track != "brief":
+            return guide
+        preamble = (await self._client._call(models.SuiteBody, "GET", f"/v1/suites/{calls.quoted(suite)}")).preamble
+        return f"{guide}\n{preamble}" if preamble else guide
 
     async def all(self, suite: str, **filters: Any) -> AsyncIterator[models.TaskSummary]:
         """Yields all tasks of a suite, with the filters of `list`."""

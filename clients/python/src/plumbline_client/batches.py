@@ -30,7 +30,6 @@ class Batch:
             index: request if isinstance(request, bytes) else written(request) for index, request in enumerate(requests)
         }
         self._sent: list[int] = []
-        self.size = len(self._waiting)
 
     @property
     def is_done(self) -> bool:
@@ -48,23 +47,23 @@ class Batch:
             size += len(line) + 1
         return b"\n".join(self._waiting[index] for index in self._sent)
 
-    def take(self, line: str | bytes) -> tuple[int, dict[str, Any]] | None:
-        """Takes a line of the answer. Returns the index of its log and the item, or None if the service failed in a way
-        that passes, so that the log stays among those to send."""
-        item = from_json(line)
+    def take(self, line: str | bytes) -> dict[str, Any] | None:
+        """Takes a line of the answer. Returns the item with the index of its log in the batch, or None if the service
+        failed for the time being, so that the log is sent again."""
+        item: dict[str, Any] = from_json(line)
         index = self._sent[item["index"]]
         error = item.get("error")
         if error is not None and error.get("retryable") and error.get("type", "").rsplit(":", 1)[-1] != "deadline":
             return None
         self._waiting.pop(index)
         item["index"] = index
-        return index, item
+        return item
 
-    def give_up(self, error: errors.PlumblineError) -> list[tuple[int, dict[str, Any]]]:
+    def give_up(self, error: errors.PlumblineError) -> list[dict[str, Any]]:
         """Returns an item without a reward for each log that still waits."""
         problem = error.problem if isinstance(error, errors.ApiError) else unreached(error)
         told = problem.model_dump(mode="json", exclude_none=True)
-        left = [(i, {"index": i, "status": problem.status, "reward": None, "error": told}) for i in self._waiting]
+        left = [{"index": i, "status": problem.status, "reward": None, "error": told} for i in self._waiting]
         self._waiting.clear()
         return left
 

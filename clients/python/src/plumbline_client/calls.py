@@ -9,7 +9,7 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from email.utils import parsedate_to_datetime
 from functools import cache
-from typing import Any, Protocol, TypeVar, cast
+from typing import Any, Literal, Protocol, TypeVar, cast
 from urllib.parse import quote
 
 import httpx
@@ -20,6 +20,9 @@ from . import errors
 from .models import Problem
 
 T = TypeVar("T")
+
+Track = Literal["specified", "brief"]
+Profile = Literal["mindcraft", "published"]
 
 ANY: type[Any] = object
 """Type of an answer without a schema."""

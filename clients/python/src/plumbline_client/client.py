@@ -13,7 +13,7 @@ import httpx
 
 from . import calls, errors, models, resources
 from .batches import Batch, Request, item
-from .calls import Attempts, Retries
+from .calls import Attempts, Profile, Retries, Track
 from .events import EventReader
 
 T = TypeVar("T")
@@ -48,7 +48,7 @@ class Rewards(resources.Rewards):
             except errors.PlumblineError as error:
                 if isinstance(error, errors.ApiError) and not error.is_retryable:
                     raise
-                yield from (raw for _, raw in batch.give_up(error))
+                yield from batch.give_up(error)
 
     def many(self, requests: Iterable[Request]) -> list[models.BatchItem]:
         """Grades many logs and returns their results in order."""
@@ -62,7 +62,7 @@ class Rewards(resources.Rewards):
                 for line in self._http._lines("POST", "/v1/grade:batch", batch.body()):
                     if (result := batch.take(line)) is not None:
                         taken += 1
-                        yield result[1]
+                        yield result
             except errors.PlumblineError as error:
                 failure = error
             if taken:
@@ -88,6 +88,14 @@ class Runs(resources.Runs):
 
 class Tasks(resources.Tasks):
     """`client.tasks`."""
+
+    def system_prompt(self, suite: str | None, track: Track = "specified", profile: Profile = "mindcraft") -> str:
+        """Returns a system prompt: the guide for agents, and what short prompts of a suite take for granted."""
+        guide = (self.agent_guide(profile=profile)).text
+        if suite is None or track != "brief":
+            return guide
+        preamble = (self._client._call(models.SuiteBody, "GET", f"/v1/suites/{calls.quoted(suite)}")).preamble
+        return f"{guide}\n{preamble}" if preamble else guide
 
     def all(self, suite: str, **filters: Any) -> Iterator[models.TaskSummary]:
         """Yields all tasks of a suite, with the filters of `list`."""

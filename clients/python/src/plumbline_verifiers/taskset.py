@@ -76,9 +76,7 @@ class Mineceraft(vf.Taskset[Building, SuiteConfig]):
         config = self.config
         with Client(config.task.url, os.environ.get(config.task.key_var)) as client:
             found = client.suites.get(config.suite)
-            system = client.tasks.agent_guide(profile=config.task.profile).text
-            if config.track == "brief" and found.preamble:
-                system = f"{system}\n{found.preamble}"
+            system = client.tasks.system_prompt(found.id, config.track, config.task.profile)
             tasks = list(client.tasks.all(found.id, track=config.track))
         for one in tasks:
             data = TaskOfSuite(

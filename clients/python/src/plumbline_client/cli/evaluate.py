@@ -23,8 +23,8 @@ EPILOG = """\
 example:
   plumbline-client evaluate --model qwen3-coder --base-url http://localhost:8000/v1 --suite mineceraft-lite
 
-The exit code is 0 if all runs are finished, 3 if the evaluation stopped or some problems have no answer (the same
-command goes on), and 1 if it could not begin."""
+Exit codes: 0 if all runs are finished; 3 if the evaluation stopped early or some problems have no answer (run the same
+command again to resume); 1 if it could not start."""
 
 
 def add_to(commands: Any) -> None:
@@ -227,7 +227,7 @@ def tell(outcome: Outcome, folder: Path) -> None:
         passed = len(run.summary.passed_runs.overall) if run.summary is not None else 0
         print(f"run {run.id} is finished: {passed} of {run.tasks} problems pass")
     for open_run in outcome.left_open:
-        print(f"run {open_run} has the answers to the tasks that were named, and stays open for others")
+        print(f"run {open_run} has answers to the tasks given by --task and stays open for the rest")
     if outcome.entry is not None:
         print(f"entry {outcome.entry['id']} is finalized")
         result = outcome.entry.get("result")
@@ -235,7 +235,7 @@ def tell(outcome: Outcome, folder: Path) -> None:
         print(
             f"result: {json.dumps(result)}"
             if result
-            else f"{place} has its result when it is released; say this again later"
+            else f"{place} has the result once it is released; run the same command again to see it"
         )
     spending = outcome.spending.as_json()
     tokens = (
@@ -254,8 +254,8 @@ def tell(outcome: Outcome, folder: Path) -> None:
     if outcome.stopped is not None:
         print(f"stopped: {outcome.stopped}", file=sys.stderr)
     if not outcome.is_complete:
-        hint = "" if outcome.stopped else "; --skip-failed finishes without the missing answers"
-        print(f"the same command goes on from here{hint}", file=sys.stderr)
+        hint = "" if outcome.stopped else ", or add --skip-failed to finish without the missing answers"
+        print(f"run the same command again to resume{hint}", file=sys.stderr)
 
 
 def as_json(outcome: Outcome) -> dict[str, Any]:

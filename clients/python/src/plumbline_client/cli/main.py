@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"plumbline-client: {error}{hint_for(error)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("\nplumbline-client: interrupted; the same command goes on from here", file=sys.stderr)
+        print("\nplumbline-client: interrupted; run the same command again to resume", file=sys.stderr)
         return 130
     return code
 

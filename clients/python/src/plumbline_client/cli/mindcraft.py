@@ -65,7 +65,7 @@ def run(given: argparse.Namespace) -> int:
         if given.dry_run:
             return 0
         metadata = {"harness": "mindcraft", "importer": f"plumbline-client {__version__}", "files": given.files}
-        # The same records again go on with the same run.
+        # Importing the same records again continues the same run.
         told = [[record.name, record.turns] for record in records]
         content = json.dumps([given.agent, suite, given.track, given.profile, given.files, told])
         key = f"mindcraft-{hashlib.sha256(content.encode()).hexdigest()}"

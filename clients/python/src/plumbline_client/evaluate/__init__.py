@@ -1,6 +1,6 @@
 """`plumbline-client evaluate`: from a model to a finished run, in one command.
 
-A *plan* says what is evaluated; a *journal* keeps every answer of the model, so that an interrupted evaluation goes on
+A *plan* says what is evaluated; a *journal* keeps every answer of the model, so that an interrupted evaluation resumes
 where it stopped and nothing is paid for twice.
 """
 

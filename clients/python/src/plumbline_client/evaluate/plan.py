@@ -70,12 +70,27 @@ class Plan:
     sampling: Sampling = field(default_factory=Sampling)
 
     def as_json(self) -> dict[str, Any]:
-        """Returns everything that determines the answers."""
+        """Returns the plan for the journal."""
         found = asdict(self)
         found["tasks"] = list(self.tasks)
         return found
 
     def sha256(self) -> str:
-        """Returns the hash of everything that determines the answers."""
-        text = json.dumps(self.as_json(), sort_keys=True, ensure_ascii=False, separators=(",", ":"))
-        return hashlib.sha256(text.encode()).hexdigest()
+        """Returns the hash of the plan, which names its folder."""
+        return hashed(self.as_json())
+
+    def configuration(self, system: str) -> str:
+        """Returns the hash of everything that determines an answer: model, sampling, prompts and the way of asking.
+
+        Repeats of one configuration share it, so it leaves out the seed, and which tasks are answered how often.
+        """
+        asked = self.as_json()
+        for name in ("agent", "epoch", "repeat", "suite", "system", "tasks", "tier"):
+            del asked[name]
+        del asked["sampling"]["seed"]
+        return hashed({**asked, "system": system})
+
+
+def hashed(value: dict[str, Any]) -> str:
+    """Returns the SHA-256 of a value as JSON."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

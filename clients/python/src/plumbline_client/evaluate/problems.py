@@ -64,7 +64,7 @@ async def begin_runs(client: AsyncClient, plan: Plan, card: dict[str, Any], jour
 
 
 async def at_this_service(client: AsyncClient, journal: Journal, looking: Awaitable[object]) -> None:
-    """Refuses to go on at another service than the one where an evaluation began."""
+    """Refuses to resume at a service other than the one where the evaluation started."""
     try:
         await looking
     except NotFound as error:
@@ -72,7 +72,9 @@ async def at_this_service(client: AsyncClient, journal: Journal, looking: Awaita
         raise JournalError(f"{journal.path} is of an evaluation at {url}, which {client.url} does not know") from error
 
 
-async def enter(client: AsyncClient, plan: Plan, journal: Journal) -> tuple[str, list[list[Problem]]]:
+async def enter(
+    client: AsyncClient, plan: Plan, configuration: str, journal: Journal
+) -> tuple[str, list[list[Problem]]]:
     """Registers an entry of a hidden evaluation and draws its instances, as far as that is not done. Returns the
     entry's identifier and the problems of each run."""
     assert plan.epoch is not None
@@ -81,7 +83,7 @@ async def enter(client: AsyncClient, plan: Plan, journal: Journal) -> tuple[str,
         entry = await client.entries.create(
             plan.epoch,
             agent=plan.agent,
-            configuration_sha256=plan.sha256(),
+            configuration_sha256=configuration,
             tier=plan.tier,
             runs=plan.repeat,
             idempotency_key=f"evaluate-{nonce}",

@@ -110,19 +110,18 @@ class Evaluation:
         """Returns the system prompt, as it was when the evaluation began."""
         if (known := self._journal.last("", "system")) is not None:
             return str(known["text"])
-        plan = self._plan
+        plan, suite = self._plan, None if self._plan.epoch else self._plan.suite
         text = plan.system
         if text is None:
-            text = (await self._client.tasks.agent_guide(profile=plan.profile)).text
-        if plan.epoch is None and plan.track == "brief":
-            preamble = (await self._client.suites.get(plan.suite)).preamble
-            text = f"{text}\n{preamble}" if preamble else text
+            text = await self._client.tasks.system_prompt(suite, plan.track, plan.profile)
         self._journal.add("", "system", text=text)
         return text
 
     async def _problems(self, system: str) -> list[Attempt]:
         if self._plan.epoch is not None:
-            entry, drawn = await problems.enter(self._client, self._plan, self._journal)
+            entry, drawn = await problems.enter(
+                self._client, self._plan, self._plan.configuration(system), self._journal
+            )
             return [Attempt(index, entry, one) for index, run in enumerate(drawn) for one in run]
         runs = await problems.begin_runs(self._client, self._plan, self._card(system), self._journal)
         suite = self._journal.all("", "run")[0]["suite"]
@@ -137,7 +136,7 @@ class Evaluation:
             "model": {"name": self._plan.model},
             "system_prompt": {"sha256": hashlib.sha256(system.encode()).hexdigest()},
             "sampling": {name: value for name, value in sampling.items() if value is not None and name != "extra"},
-            "configuration_sha256": self._plan.sha256(),
+            "configuration_sha256": self._plan.configuration(system),
         }
 
     async def _answer(self, attempt: Attempt, system: str, of: int) -> str | None:
@@ -309,6 +308,3 @@ async def evaluate(
         progress=progress,
     )
     return await evaluation.carry_out()
-
-
-__all__ = ["Evaluation", "ModelError", "Outcome", "evaluate"]

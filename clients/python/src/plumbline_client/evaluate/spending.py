@@ -28,7 +28,7 @@ class Spending:
     cached_input: int | None = 0
     reasoning: int | None = 0
     unmetered: int = 0
-    """Requests that may have been paid for and whose tokens nobody told."""
+    """Requests that may have been billed but came without token counts."""
 
     def add(self, usage: Usage) -> None:
         """Counts an answer."""
@@ -46,7 +46,7 @@ class Spending:
         self.unmetered += 1
 
     def cost(self) -> float | None:
-        """Returns the cost; None if it is unknown, because there are no prices or because tokens were not told."""
+        """Returns the cost; None if it is unknown, because there are no prices or because token counts are missing."""
         if self.prices is None or self.unmetered:
             return None
         cached = (self.cached_input or 0) if self.prices.cached_input is not None else 0
@@ -56,18 +56,20 @@ class Spending:
     def refuse_beyond(self, budget: Budget, under_way: int) -> None:
         """Raises `BudgetSpent` if a limit is reached, with the requests that are under way."""
         if budget.requests is not None and self.requests + under_way >= budget.requests:
-            raise BudgetSpent(f"the budget of {budget.requests} requests is used up; a larger one makes it go on")
+            raise BudgetSpent(f"the budget of {budget.requests} requests is used up; raise --max-requests to continue")
         tokens = self.input + self.output
         if budget.tokens is not None and tokens >= budget.tokens:
-            raise BudgetSpent(f"{tokens} tokens were used; the budget has {budget.tokens}, and more makes it go on")
+            raise BudgetSpent(
+                f"{tokens} tokens were used; the budget is {budget.tokens}; raise --max-total-tokens to continue"
+            )
         if self.unmetered and (budget.tokens is not None or budget.cost is not None):
             raise BudgetSpent(
-                "the endpoint does not tell the tokens of its answers, so the budget cannot be kept; "
-                "without --max-total-tokens and --max-cost it goes on"
+                "some answers came without token counts, so the budget cannot be checked; "
+                "remove --max-total-tokens and --max-cost to continue"
             )
         cost = self.cost()
         if budget.cost is not None and cost is not None and cost >= budget.cost:
-            raise BudgetSpent(f"{cost:.4f} was spent; the budget has {budget.cost:.4f}, and more makes it go on")
+            raise BudgetSpent(f"{cost:.4f} was spent; the budget is {budget.cost:.4f}; raise --max-cost to continue")
 
     def as_json(self) -> dict[str, Any]:
         """Returns the tokens and the cost; what is unknown is null."""

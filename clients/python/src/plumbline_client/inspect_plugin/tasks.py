@@ -13,14 +13,13 @@ from inspect_ai.dataset import MemoryDataset, Sample
 from inspect_ai.model import ChatMessage, ChatMessageSystem, ChatMessageUser
 from inspect_ai.solver import Solver
 
+from ..calls import Profile, Track
 from ..client import Client
 from ..errors import PlumblineError
 from .scorers import criteria, passes
 from .solvers import one_shot, turn_by_turn
 
 Mode = Literal["one-shot", "episodes"]
-Track = Literal["specified", "brief"]
-Profile = Literal["mindcraft", "published"]
 
 
 @task
@@ -75,7 +74,7 @@ def mineceraft_hidden(
     configuration = hashlib.sha256(json.dumps(given, sort_keys=True).encode()).hexdigest()
     try:
         with Client() as client:
-            system = client.tasks.agent_guide(profile=profile).text
+            system = client.tasks.system_prompt(None, profile=profile)
             entry = client.entries.create(epoch, agent=agent, configuration_sha256=configuration, tier=tier, runs=runs)
             drawn = [
                 (run, instance)
@@ -109,9 +108,7 @@ def suite_task(suite: str, track: Track, profile: Profile, mode: Mode, board: st
     try:
         with Client() as client:
             found = client.suites.get(suite)
-            system = client.tasks.agent_guide(profile=profile).text
-            if track == "brief" and found.preamble:
-                system = f"{system}\n{found.preamble}"
+            system = client.tasks.system_prompt(found.id, track, profile)
             tasks = list(client.tasks.all(found.id, track=track))
     except PlumblineError as error:
         raise PrerequisiteError(str(error)) from error

@@ -5,21 +5,20 @@ from __future__ import annotations
 import os
 from typing import Any
 
+from ..calls import Track
 from ..client import Client
 from ..trainers.labels import CRITERIA, components, request
 
 METRICS = CRITERIA
 
 
-def load(suite: str = "mineceraft", track: str = "specified", **metadata: Any) -> dict[str, Any]:
+def load(suite: str = "mineceraft", track: Track = "specified", **metadata: Any) -> dict[str, Any]:
     """Returns the tasks of one turn as a data set."""
     from datasets import Dataset  # type: ignore[import-untyped]
 
     with Client() as client:
-        system = client.tasks.agent_guide(profile="mindcraft").text
         found = client.suites.get(suite)
-        if track == "brief" and found.preamble:
-            system = f"{system}\n{found.preamble}"
+        system = client.tasks.system_prompt(found.id, track)
         rows = [
             {"prompt": f"{system}\n{one.prompts[0]}", "task": one.id, "suite": found.id, "family": one.family}
             for one in client.tasks.all(found.id, track=track)
