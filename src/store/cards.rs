@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use serde_json::Value;
 
-use super::db::{Row, Tx, query, query_as};
+use super::db::{Each, Row, Tx, query, query_as};
 use super::locks::Lock;
 use super::{Store, StoreError, StoreResult, commit};
 
@@ -126,21 +126,22 @@ impl Store {
     /// Returns the configuration that the latest card of each run of a suite declares, if it does.
     ///
     /// # Errors
-    /// Returns an error if the database fails or a row cannot be read.
+    /// Returns an error if the database fails.
     pub async fn configurations(&self, suite_id: &str) -> StoreResult<HashMap<String, String>> {
-        let select = "SELECT c.run_id, c.card FROM cards c JOIN runs r ON r.id = c.run_id
-                      WHERE r.suite_id = $1 ORDER BY c.run_id, c.version";
-        let rows: Vec<(String, String)> = query_as(select).bind(suite_id).fetch_all(&self.readers).await?;
-        let mut declared = HashMap::new();
-        for (run, card) in rows {
-            let card: Value = serde_json::from_str(&card).map_err(|error| StoreError::corrupt("cards", error))?;
-            // Later versions take the place of earlier ones.
-            match card["configuration_sha256"].as_str() {
-                Some(hash) => declared.insert(run, hash.to_owned()),
-                None => declared.remove(&run),
-            };
-        }
-        Ok(declared)
+        let declared: Vec<(String, String)> = query_as(Each {
+            sqlite: "SELECT c.run_id, json_extract(c.card, '$.configuration_sha256')
+                     FROM runs r JOIN cards c ON c.run_id = r.id
+                     WHERE r.suite_id = $1 AND c.version = (SELECT MAX(l.version) FROM cards l WHERE l.run_id = r.id)
+                       AND json_extract(c.card, '$.configuration_sha256') IS NOT NULL",
+            postgres: "SELECT c.run_id, CAST(c.card AS jsonb) ->> 'configuration_sha256'
+                       FROM runs r JOIN cards c ON c.run_id = r.id
+                       WHERE r.suite_id = $1 AND c.version = (SELECT MAX(l.version) FROM cards l WHERE l.run_id = r.id)
+                         AND CAST(c.card AS jsonb) ->> 'configuration_sha256' IS NOT NULL",
+        })
+        .bind(suite_id)
+        .fetch_all(&self.readers)
+        .await?;
+        Ok(declared.into_iter().collect())
     }
 
     /// Returns all versions of a card, latest first.

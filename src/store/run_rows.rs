@@ -54,18 +54,27 @@ pub struct RunRow {
     pub profile: Option<String>,
     /// Track of its prompts.
     pub track: Track,
-    /// Latest version of its card, without the text of the system prompt.
+    /// Latest version of its card, without the text of the system prompt; none also where a transaction reads the run.
     pub card: Option<serde_json::Value>,
 }
 
-/// Query with the columns of a run, for every query that reads one.
+/// Query with the columns of a run, for every query that reads one. `without card` is for transactions that write, which
+/// do not look at it.
 macro_rules! select_run {
     ($rest:literal) => {
+        select_run!("(SELECT c.card FROM cards c WHERE c.run_id = r.id ORDER BY c.version DESC LIMIT 1)", $rest)
+    };
+    (without card, $rest:literal) => {
+        select_run!("CAST(NULL AS TEXT)", $rest)
+    };
+    ($card:literal, $rest:literal) => {
         concat!(
             "SELECT r.id, r.agent, r.suite_id, r.metadata, r.state, r.pending, r.graded, r.grader_errors,
                     s.task_count AS tasks, r.created_at_ms, r.finished_at_ms, r.summary, r.owner, r.provenance,
                     r.profile, r.track, r.deleted_at_ms, (SELECT COUNT(*) FROM skipped_tasks k WHERE k.run_id = r.id) AS skipped,
-                    (SELECT c.card FROM cards c WHERE c.run_id = r.id ORDER BY c.version DESC LIMIT 1) AS card
+                    ",
+            $card,
+            " AS card
              FROM runs r JOIN suites s ON s.id = r.suite_id ",
             $rest
         )
@@ -102,9 +111,9 @@ pub(super) fn read_run(row: &Row) -> StoreResult<RunRow> {
 
 pub(super) use select_run;
 
-/// Reads a run within the transaction.
+/// Reads a run within the transaction, without its card.
 pub(super) async fn run_in(tx: &mut Tx, id: &str) -> StoreResult<Option<RunRow>> {
-    let row = query(select_run!("WHERE r.id = $1")).bind(id).fetch_optional(&mut *tx).await?;
+    let row = query(select_run!(without card, "WHERE r.id = $1")).bind(id).fetch_optional(&mut *tx).await?;
     row.as_ref().map(read_run).transpose()
 }
 
