@@ -4,10 +4,11 @@ use std::collections::HashSet;
 use std::time::Duration;
 
 use anyhow::{Context as _, bail};
-use reqwest::{Client, RequestBuilder};
+use reqwest::{Client, ClientBuilder, RequestBuilder};
 use serde_json::{Value, json};
 
 use crate::near::counted;
+use crate::tls::use_tls;
 use plumbline_engine::voxel::BlockLog;
 
 /// Maximum number of submissions in one body.
@@ -16,6 +17,12 @@ const BATCH_LINES: usize = 100;
 const BATCH_BYTES: usize = 8 << 20;
 /// Interval between two requests for the state of a run.
 const LOOK: Duration = Duration::from_millis(200);
+
+/// Returns the builder of a client without TLS, which needs no certificates of the system.
+pub fn without_tls() -> ClientBuilder {
+    use_tls();
+    Client::builder().tls_certs_only([])
+}
 
 /// Client of one service.
 #[derive(Debug, Clone)]
@@ -42,7 +49,9 @@ impl Service {
     /// Returns an error if the HTTP client cannot be created.
     pub fn at(base: &str, key: Option<&str>) -> anyhow::Result<Self> {
         let base = if base.contains("://") { base.to_owned() } else { format!("http://{base}") };
-        let builder = Client::builder().timeout(Duration::from_mins(2));
+        use_tls();
+        let builder = if base.starts_with("https://") { Client::builder() } else { without_tls() };
+        let builder = builder.timeout(Duration::from_mins(2));
         // A proxy from the environment cannot reach this machine.
         let is_local = ["//localhost", "//127.", "//[::1]"].iter().any(|host| base.contains(host));
         let http = if is_local { builder.no_proxy() } else { builder }.build()?;

@@ -88,13 +88,19 @@ impl Caller {
         }
     }
 
+    /// Returns whether something of this owner is the caller's, or the caller is the operator.
+    #[must_use]
+    pub fn owns(&self, owner: Option<&str>) -> bool {
+        let is_admin = self.key.as_ref().is_some_and(|key| key.allows(Scope::Admin));
+        is_admin || (owner.is_some() && self.owner() == owner)
+    }
+
     /// Checks that the caller may change something of this owner. Anyone may change what has no owner.
     ///
     /// # Errors
     /// Returns 403 if it belongs to another owner.
     pub fn require_own(&self, owner: Option<&str>, what: &str) -> AppResult<()> {
-        let is_admin = self.key.as_ref().is_some_and(|key| key.allows(Scope::Admin));
-        if owner.is_none() || is_admin || self.owner() == owner {
+        if owner.is_none() || self.owns(owner) {
             return Ok(());
         }
         let detail = format!("the {what} belongs to another owner");

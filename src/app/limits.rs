@@ -5,6 +5,7 @@ use serde::Serialize;
 use crate::actions::ACTION_LIMITS;
 use crate::formats::{MAX_BYTES, MAX_CELLS, MAX_DEPTH, MAX_TEXTS, MAX_VALUES};
 use crate::store::job_ends::MAX_ATTEMPTS;
+use crate::store::keys::LIVE_KEYS;
 use plumbline_engine::checks::evidence::{MAX_CHARS, MAX_ITEMS};
 use plumbline_engine::game::world::BLOCK_LIMIT;
 use plumbline_engine::intake::Faults;
@@ -65,6 +66,24 @@ pub struct Limits {
     pub card_prompt_bytes: usize,
     /// Versions of a card.
     pub card_versions: i64,
+    /// Members of an owner.
+    pub team_members: i64,
+    /// Live keys of an owner itself, and of each of its members.
+    pub live_keys: i64,
+    /// Webhooks of an owner.
+    pub webhooks: i64,
+    /// Characters in the URL of a webhook.
+    pub webhook_url_chars: usize,
+    /// Pending deliveries of a webhook; further events wait.
+    pub webhook_pending: i64,
+    /// Seconds in which an endpoint must answer a message.
+    pub webhook_seconds: u64,
+    /// Days for which deliveries that were made are kept.
+    pub webhook_delivered_days: i64,
+    /// Days for which deliveries that were given up are kept.
+    pub webhook_dead_days: i64,
+    /// Days that a run may be under embargo.
+    pub embargo_days: i64,
     /// Bytes in an `Idempotency-Key`.
     pub idempotency_key_bytes: usize,
     /// Items on a page.
@@ -225,6 +244,15 @@ pub const LIMITS: Limits = Limits {
     metadata_bytes: 16 << 10,
     card_prompt_bytes: 64 << 10,
     card_versions: 100,
+    team_members: 100,
+    live_keys: LIVE_KEYS,
+    webhooks: 10,
+    webhook_url_chars: 2_000,
+    webhook_pending: 1_000,
+    webhook_seconds: 15,
+    webhook_delivered_days: 7,
+    webhook_dead_days: 30,
+    embargo_days: 365,
     idempotency_key_bytes: 200,
     page_items: 1_000,
     faults_listed: Faults::KEPT,

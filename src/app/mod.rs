@@ -27,6 +27,7 @@ pub mod signing;
 pub mod stress;
 pub mod structure_files;
 pub mod submissions;
+pub mod webhooks;
 
 use std::sync::Arc;
 
@@ -44,6 +45,7 @@ use plumbline_engine::tasks::catalogue::{Catalogue, Entry};
 use readiness::Readiness;
 use rewards::grader::Grader;
 use stress::StressFields;
+use webhooks::WebhookSettings;
 
 /// State that the use cases share.
 #[derive(Debug)]
@@ -74,6 +76,8 @@ pub struct App {
     pub signer: Option<Arc<Signer>>,
     /// Public key that verifies what the service signs.
     pub receipt_key: String,
+    /// Settings of webhooks.
+    pub webhooks: WebhookSettings,
     /// Cancelled when the service stops.
     pub stop: CancellationToken,
 }
@@ -97,6 +101,8 @@ pub struct AppParts {
     pub signer: Option<Arc<Signer>>,
     /// Public key that verifies what the service signs.
     pub receipt_key: String,
+    /// Settings of webhooks.
+    pub webhooks: WebhookSettings,
     /// Cancelled when the service stops.
     pub stop: CancellationToken,
 }
@@ -107,7 +113,8 @@ impl App {
     /// # Errors
     /// Returns an error if the threads that compute stress fields cannot be started.
     pub fn new(parts: AppParts) -> anyhow::Result<Self> {
-        let AppParts { store, grader, keys, least_coverage, limits, actions, signer, receipt_key, stop } = parts;
+        let AppParts { store, grader, keys, least_coverage, limits, actions, signer, receipt_key, webhooks, stop } =
+            parts;
         Ok(Self {
             store,
             grader: Arc::new(grader),
@@ -122,6 +129,7 @@ impl App {
             action_requests: PermitPool::new(limits.action_requests, limits.action_requests_per_sender),
             signer,
             receipt_key,
+            webhooks,
             stop,
         })
     }

@@ -2,14 +2,17 @@
 
 use std::process::ExitCode;
 
-use anyhow::bail;
+use anyhow::{Context as _, bail};
 use clap::{Args, Subcommand};
 use comfy_table::{Table, presets};
 
 use super::database::DatabaseArgs;
+use crate::app::accounts::team;
+use crate::app::limits::LIMITS;
 use crate::clock::{now_ms, rfc3339};
 use crate::store::Store;
-use crate::store::keys::{KeyRow, LIVE_KEYS, Scope, parts};
+use crate::store::keys::{Holder, KeyRow, LIVE_KEYS, Role, Scope, parts};
+use crate::store::members::MemberPut;
 
 /// Arguments of `keys`.
 #[derive(Debug, Args)]
@@ -28,8 +31,14 @@ enum KeysCommand {
         /// Owner of the key. An owner may have two live keys, to switch from one to the other.
         #[arg(long)]
         name: String,
-        /// Scopes of the key: submit, grade, read, admin.
-        #[arg(long, value_delimiter = ',', default_value = "submit,grade,read")]
+        /// Member of the owner to whom the key belongs; it is added if there is no such member.
+        #[arg(long)]
+        member: Option<String>,
+        /// Role of the member: reader, submitter or manager.
+        #[arg(long, requires = "member")]
+        role: Option<String>,
+        /// Scopes of the key: submit, grade, read, admin. By default submit, grade and read, or what the role allows of them.
+        #[arg(long, value_delimiter = ',')]
         scopes: Vec<String>,
         /// Lifetime in days (30, 30d) or hours (12h); without it, the key does not expire.
         #[arg(long, value_name = "TIME", value_parser = lifetime)]
@@ -65,7 +74,10 @@ pub fn run(args: &KeysArgs) -> anyhow::Result<ExitCode> {
     runtime.block_on(async {
         let store = args.database.open().await?;
         let done = match &args.command {
-            KeysCommand::Create { name, scopes, expires } => create(&store, name, scopes, *expires).await,
+            KeysCommand::Create { name, member, role, scopes, expires } => {
+                let member = member.as_deref().map(|member| (member, role.as_deref()));
+                create(&store, name, member, scopes, *expires).await
+            }
             KeysCommand::List => list(&store).await,
             KeysCommand::Revoke { id } => revoke(&store, id).await,
             KeysCommand::Rotate { id, overlap, expires } => rotate(&store, id, *overlap, *expires).await,
@@ -76,34 +88,80 @@ pub fn run(args: &KeysArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-async fn create(store: &Store, name: &str, scopes: &[String], expires: Option<i64>) -> anyhow::Result<()> {
-    if name.trim().is_empty() || name.chars().count() > 100 {
-        bail!("--name: expected 1 to 100 characters");
-    }
-    if name.chars().any(char::is_control) || name.trim() != name {
-        bail!("--name: control characters and leading or trailing spaces are not allowed: {name:?}");
-    }
-    let mut allowed = Vec::new();
-    for scope in scopes {
-        let Some(known) = Scope::ALL.into_iter().find(|known| known.name() == scope) else {
-            bail!("--scopes: {scope:?} is not one of {}", Scope::ALL.map(Scope::name).join(", "));
-        };
-        allowed.push(known);
-    }
+async fn create(
+    store: &Store,
+    name: &str,
+    member: Option<(&str, Option<&str>)>,
+    scopes: &[String],
+    expires: Option<i64>,
+) -> anyhow::Result<()> {
+    check_name("--name", name)?;
     let now = now_ms();
+    let role = match member {
+        Some((member, role)) => Some(role_of(store, name, member, role, now).await?),
+        None => None,
+    };
+    let allowed = scopes_of(scopes, role)?;
     let end = expires.map(|lifetime_ms| now + lifetime_ms);
-    let Some(key) = store.create_key(name, &allowed, end, now).await? else {
-        bail!("{name:?} has {LIVE_KEYS} live keys; revoke one first (plumbline keys list)");
+    let holder = Holder { owner: name, member: member.map(|(member, _)| member) };
+    let Some(key) = store.create_key(holder, &allowed, end, now).await? else {
+        let holder = member.map_or(name, |(member, _)| member);
+        bail!("{holder:?} has {LIVE_KEYS} live keys; revoke one first (plumbline keys list)");
     };
     println!("{key}");
     eprintln!("this key is shown once; send it as Authorization: Bearer, or set PLUMBLINE_KEY for plumbline submit");
     Ok(())
 }
 
+fn check_name(option: &str, name: &str) -> anyhow::Result<()> {
+    team::check_name(name).map_err(|fault| anyhow::anyhow!("{option}: {fault}"))
+}
+
+/// Returns the role of a member, who is added if there is none of this name. A role that is given holds from now on.
+async fn role_of(store: &Store, owner: &str, member: &str, role: Option<&str>, now_ms: i64) -> anyhow::Result<Role> {
+    check_name("--member", member)?;
+    let known = store.members(owner).await?.into_iter().find(|known| known.name == member).map(|known| known.role);
+    let wanted = match role {
+        Some(name) => Some(
+            Role::named(name)
+                .with_context(|| format!("--role: {name:?} is not one of {}", Role::ALL.map(Role::name).join(", ")))?,
+        ),
+        None => None,
+    };
+    let Some(role) = wanted.or(known) else {
+        bail!("{owner:?} has no member {member:?}; add --role to make one");
+    };
+    if known != Some(role)
+        && store.put_member(owner, member, role, LIMITS.team_members, now_ms).await? == MemberPut::Full
+    {
+        bail!("{owner:?} has {} members, the maximum", LIMITS.team_members);
+    }
+    Ok(role)
+}
+
+/// Reads the scopes of a key; without any, those that the role allows of the usual ones.
+fn scopes_of(names: &[String], role: Option<Role>) -> anyhow::Result<Vec<Scope>> {
+    let is_allowed = |scope: Scope| role.is_none_or(|role| role.allows(scope));
+    if names.is_empty() {
+        return Ok([Scope::Submit, Scope::Grade, Scope::Read].into_iter().filter(|scope| is_allowed(*scope)).collect());
+    }
+    let mut scopes = Vec::new();
+    for name in names {
+        let Some(scope) = Scope::ALL.into_iter().find(|known| known.name() == name) else {
+            bail!("--scopes: {name:?} is not one of {}", Scope::ALL.map(Scope::name).join(", "));
+        };
+        if !is_allowed(scope) {
+            bail!("--scopes: the role of the member does not allow {name:?}");
+        }
+        scopes.push(scope);
+    }
+    Ok(scopes)
+}
+
 async fn list(store: &Store) -> anyhow::Result<()> {
     let mut table = Table::new();
     table.load_style(presets::ASCII_MARKDOWN);
-    table.set_header(["id", "owner", "scopes", "created", "last used", "state"]);
+    table.set_header(["id", "owner", "member", "scopes", "created", "last used", "state"]);
     for key in store.keys().await? {
         let scopes: Vec<&str> = key.scopes.iter().map(|scope| scope.name()).collect();
         let state = match (key.revoked_at_ms, key.expires_at_ms) {
@@ -113,7 +171,12 @@ async fn list(store: &Store) -> anyhow::Result<()> {
             (None, None) => "live".to_owned(),
         };
         let used = key.last_used_at_ms.map_or_else(|| "never".to_owned(), rfc3339);
-        table.add_row([key.id, key.owner, scopes.join(","), rfc3339(key.created_at_ms), used, state]);
+        let member = match (key.member, key.role) {
+            (Some(member), Some(role)) => format!("{member} ({})", role.name()),
+            (Some(member), None) => format!("{member} (removed)"),
+            (None, _) => String::new(),
+        };
+        table.add_row([key.id, key.owner, member, scopes.join(","), rfc3339(key.created_at_ms), used, state]);
     }
     println!("{table}");
     Ok(())

@@ -10,6 +10,7 @@ use super::database::{DatabaseArgs, NoticeArgs};
 use super::process::{processors, run_until_stopped};
 use crate::app::access::Openness;
 use crate::app::limits::LIMITS;
+use crate::app::webhooks::WebhookSettings;
 use crate::http::middleware::rates::RateSettings;
 use crate::http::role::Role;
 use crate::startup::{Config, RunningService, ServiceSettings};
@@ -71,6 +72,12 @@ pub struct ServeArgs {
     /// listed apart.
     #[arg(long, env = "PLUMBLINE_BOARD_COVERAGE", default_value_t = 100, value_name = "PERCENT", value_parser = clap::value_parser!(u8).range(0..=100))]
     board_coverage: u8,
+    /// Allow webhooks to lead to private addresses, such as this machine or its network, and to use http.
+    #[arg(long, env = "PLUMBLINE_WEBHOOKS_TO_PRIVATE_ADDRESSES", value_parser = BoolishValueParser::new())]
+    webhooks_to_private_addresses: bool,
+    /// Pauses in seconds between the attempts to deliver a message to a webhook.
+    #[arg(long, env = "PLUMBLINE_WEBHOOK_RETRY_SECONDS", value_delimiter = ',', value_name = "SECONDS", default_values_t = WebhookSettings::RETRY_SECONDS)]
+    webhook_retry_seconds: Vec<u64>,
     /// Format of log lines.
     #[arg(long, env = "PLUMBLINE_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]
     pub log_format: LogFormat,
@@ -125,6 +132,10 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
         new_receipt_key: args.new_receipt_key,
         lease: Duration::from_secs(args.lease_seconds),
         hidden_publish: Duration::from_secs(args.hidden_publish_seconds),
+        webhooks: WebhookSettings {
+            allows_private: args.webhooks_to_private_addresses,
+            retries: args.webhook_retry_seconds.iter().copied().map(Duration::from_secs).collect(),
+        },
         settings: ServiceSettings {
             grade_cache_bytes: args.grade_cache_mib << 20,
             open: match (args.open, args.open_grade || args.grade_only) {

@@ -9,6 +9,7 @@ use super::database::{DatabaseArgs, NoticeArgs};
 use super::process::{processors, run_until_stopped};
 use crate::app::access::Openness;
 use crate::app::limits::LIMITS;
+use crate::app::webhooks::WebhookSettings;
 use crate::http::middleware::rates::RateSettings;
 use crate::http::role::Role;
 use crate::startup::{Config, ServiceSettings};
@@ -55,6 +56,7 @@ pub fn run(args: &WorkArgs) -> anyhow::Result<ExitCode> {
         new_receipt_key: false,
         lease: Duration::from_secs(args.lease_seconds),
         hidden_publish: Duration::from_secs(args.hidden_publish_seconds),
+        webhooks: WebhookSettings::default(),
         settings: ServiceSettings {
             grade_cache_bytes: 0,
             open: Openness::Keyed,

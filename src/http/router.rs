@@ -28,7 +28,7 @@ use super::{accounts, boards, bounds, catalogue, episodes, hidden, rewards, runs
         license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
     ),
     servers((url = "/", description = "This service")),
-    components(schemas(Problem, rewards::batch::BatchItem, accounts::events::EventBody)),
+    components(schemas(Problem, rewards::batch::BatchItem, crate::app::accounts::events::EventBody)),
     tags(
         (name = "runs", description = "One agent's attempt at a suite."),
         (name = "submissions", description = "An agent's work on one task, and its report."),
@@ -38,6 +38,7 @@ use super::{accounts, boards, bounds, catalogue, episodes, hidden, rewards, runs
         (name = "leaderboards", description = "Comparison of finished runs."),
         (name = "hidden evaluation", description = "Epochs: committed to, freshly drawn, answered once, revealed."),
         (name = "receipts", description = "Signed grades in a public log."),
+        (name = "webhooks", description = "Events of an owner, posted to its own addresses and signed."),
         (name = "service", description = "Limits, health, metrics, and this document."),
     )
 )]
@@ -52,6 +53,8 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(runs::resource::get_run))
         .routes(routes!(runs::changes::delete_run))
         .routes(routes!(runs::changes::finish_run))
+        .routes(routes!(runs::publicity::withdraw_run))
+        .routes(routes!(runs::publicity::lift_embargo))
         .routes(routes!(runs::resource::list_run_submissions))
         .routes(routes!(submissions::create::create_submission))
         .routes(routes!(submissions::create::validate_submission))
@@ -109,6 +112,21 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(hidden::receipts::get_receipt_keys))
         .routes(routes!(accounts::events::get_events))
         .routes(routes!(accounts::quota::get_quota))
+        .routes(routes!(accounts::webhooks::create_webhook, accounts::webhooks::list_webhooks))
+        .routes(routes!(
+            accounts::webhooks::get_webhook,
+            accounts::webhooks::put_webhook,
+            accounts::webhooks::delete_webhook
+        ))
+        .routes(routes!(accounts::webhooks::change_webhook_secret))
+        .routes(routes!(accounts::deliveries::list_deliveries))
+        .routes(routes!(accounts::deliveries::test_webhook))
+        .routes(routes!(accounts::deliveries::retry_delivery))
+        .routes(routes!(accounts::team::get_team))
+        .routes(routes!(accounts::team::put_member))
+        .routes(routes!(accounts::team::remove_member))
+        .routes(routes!(accounts::team::create_member_key))
+        .routes(routes!(accounts::team::revoke_team_key))
         .routes(routes!(service::limits::get_limits))
         .routes(routes!(service::profiles::list_profiles))
         .routes(routes!(service::agent_guide::get_agent_guide))

@@ -16,7 +16,8 @@ use crate::store::Store;
 const HIDDEN: &str = "hidden evaluation";
 
 /// Runs upkeep every few seconds: forgets idle clients in the rate limits, folds samples of histograms together, which
-/// would pile up if nobody reads the metrics, loads suites that another process has added, and forgets old requests and episodes.
+/// would pile up if nobody reads the metrics, loads suites that another process has added, lifts embargoes that are over,
+/// and forgets old requests and episodes.
 pub(super) async fn keep_up(
     metrics: PrometheusHandle,
     app: Arc<App>,
@@ -30,6 +31,9 @@ pub(super) async fn keep_up(
         rates.evict_idle();
         if let Err(error) = app.current_catalogue().await {
             tracing::warn!(%error, "could not look for new suites");
+        }
+        if let Err(error) = store.lift_embargoes(now_ms()).await {
+            tracing::warn!(%error, "could not lift embargoes that are over");
         }
         if let Err(error) = store.forget_old_requests(now_ms()).await {
             tracing::warn!(%error, "could not delete old idempotency keys");

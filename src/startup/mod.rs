@@ -20,13 +20,15 @@ use crate::app::limits::{LIMITS, Limits};
 use crate::app::load::Connections;
 use crate::app::rewards::grader::Grader;
 use crate::app::signing::{Signing, signing};
+use crate::app::webhooks::WebhookSettings;
+use crate::app::webhooks::delivering::deliver;
 use crate::app::{App, AppParts};
 use crate::clock::now_ms;
 use crate::http::middleware::rates::{RateSettings, Rates};
 use crate::http::role::Role;
 use crate::http::{self, HttpParts};
 use crate::store::Store;
-use crate::store::keys::Scope;
+use crate::store::keys::{Holder, Scope};
 use crate::store::location::Location;
 use crate::store::serving::Serving;
 use crate::store::suites::SuiteStored;
@@ -75,6 +77,8 @@ pub struct Config {
     pub lease: Duration,
     /// Interval at which entries of open epochs are completed and receipts of hidden evaluation are published.
     pub hidden_publish: Duration,
+    /// Settings of webhooks.
+    pub webhooks: WebhookSettings,
     /// Settings of the use cases and of HTTP.
     pub settings: ServiceSettings,
 }
@@ -172,6 +176,7 @@ impl RunningService {
             actions,
             signer,
             receipt_key: public_key,
+            webhooks: config.webhooks.clone(),
             stop: stop.clone(),
         })?;
         let app = Arc::new(app);
@@ -179,6 +184,9 @@ impl RunningService {
             background::keep_up(metrics.clone(), Arc::clone(&app), store.clone(), Arc::clone(&rates), stop.clone());
         tokio::spawn(upkeep);
         tokio::spawn(background::keep_uses(Arc::clone(&app), stop.clone()));
+        if config.role == Role::Whole {
+            tokio::spawn(deliver(Arc::clone(&app)));
+        }
         let parts = HttpParts { app: Arc::clone(&app), metrics, rates, role: config.role };
         let routers = http::routers(parts, admin_listener.is_some());
         let per_address = config.settings.rates.connections_from_one(LIMITS.connections);
@@ -205,7 +213,10 @@ impl RunningService {
         for key in self.store.keys().await?.iter().filter(|key| key.owner == OWNER && key.is_live(now)) {
             self.store.revoke_key(&key.id, now).await?;
         }
-        let key = self.store.create_key(OWNER, &[Scope::Submit], Some(now + DAY_MS), now).await?;
+        let key = self
+            .store
+            .create_key(Holder { owner: OWNER, member: None }, &[Scope::Submit], Some(now + DAY_MS), now)
+            .await?;
         key.context("the demo has too many keys")
     }
 

@@ -1,11 +1,9 @@
-//! Data of boards: results of finished runs and actions of operators on their rows, read incrementally.
+//! Data of boards: results of finished runs and actions on their rows, read incrementally.
 
-use super::db::{Each, Row, Tx, query, query_as, query_scalar};
-use super::locks::Lock;
-use super::postgres::notices::Notice;
+use super::db::{Each, Row, Tx, query, query_as};
 use super::results::problems_of;
 use super::rows::from_row;
-use super::{Store, StoreError, StoreResult, commit};
+use super::{Store, StoreError, StoreResult};
 use plumbline_engine::grading::fingerprints::Fingerprint;
 use plumbline_engine::grading::outcomes::Outcomes;
 use plumbline_engine::grading::standings::Finished;
@@ -30,9 +28,9 @@ pub struct ActionRow {
     pub id: i64,
     /// Identifier of the run.
     pub run_id: String,
-    /// `hide`, `restore` or `regrade`.
+    /// `hide`, `restore`, `regrade`, `withdraw` or `reveal`.
     pub action: String,
-    /// Name of the person who acted.
+    /// Name of whoever acted.
     pub actor: String,
     /// Reason that the actor gave.
     pub reason: String,
@@ -51,20 +49,24 @@ pub struct BoardUpdate {
     pub actions: Vec<ActionRow>,
     /// Agents of the runs that were begun, one entry per run.
     pub begun: Vec<String>,
+    /// Runs begun before whose embargoes were lifted.
+    pub revealed: Vec<Revealed>,
     /// Position after these changes.
     pub read: BoardCursor,
 }
 
-/// Outcome of an action on a row.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Acted {
-    /// The action was carried out.
-    Done,
-    /// The row already was in this state.
-    Already,
-    /// There is no such finished run.
-    NoSuchRow,
+/// Run whose embargo was lifted.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Revealed {
+    /// Identifier of the run.
+    pub run_id: String,
+    /// Name that it showed for its agent.
+    pub alias: String,
+    /// Name of its agent.
+    pub agent: String,
 }
+
+from_row!(Revealed { run_id, alias, agent });
 
 impl Store {
     /// Returns what is new on the board of a suite with these tasks.
@@ -77,12 +79,15 @@ impl Store {
         // suite_id.
         let rows: Vec<Row> = query(Each {
             sqlite: "SELECT s.id, s.run_id, r.agent, r.finished_at_ms, s.since_ms, s.summary, s.outcomes, r.owner,
-                            r.provenance, r.profile, r.track, s.fingerprint
+                            r.provenance, r.profile, r.track, s.fingerprint, e.until_ms
                      FROM results s CROSS JOIN runs r ON r.id = s.run_id
+                     LEFT JOIN embargoes e ON e.run_id = r.id AND e.lifted_at_ms IS NULL
                      WHERE s.id > $1 AND +r.suite_id = $2 ORDER BY s.id",
             postgres: "SELECT s.id, s.run_id, r.agent, r.finished_at_ms, s.since_ms, s.summary, s.outcomes, r.owner,
-                              r.provenance, r.profile, r.track, s.fingerprint
-                       FROM results s JOIN runs r ON r.id = s.run_id WHERE s.id > $1 AND r.suite_id = $2 ORDER BY s.id",
+                              r.provenance, r.profile, r.track, s.fingerprint, e.until_ms
+                       FROM results s JOIN runs r ON r.id = s.run_id
+                       LEFT JOIN embargoes e ON e.run_id = r.id AND e.lifted_at_ms IS NULL
+                       WHERE s.id > $1 AND r.suite_id = $2 ORDER BY s.id",
         })
         .bind(read.result)
         .bind(suite_id)
@@ -113,6 +118,22 @@ impl Store {
         .bind(suite_id)
         .fetch_all(&mut connection)
         .await?;
+        if news.actions.iter().any(|action| action.action == "reveal") {
+            // A run that this reader has not met yet has the name of its agent already.
+            news.revealed = query_as(Each {
+                sqlite: "SELECT a.run_id, e.alias, e.agent
+                         FROM board_actions a JOIN runs r ON r.id = a.run_id JOIN embargoes e ON e.run_id = r.id
+                         WHERE a.id > $1 AND a.action = 'reveal' AND r.suite_id = $2 AND r.rowid <= $3 ORDER BY a.id",
+                postgres: "SELECT a.run_id, e.alias, e.agent
+                           FROM board_actions a JOIN runs r ON r.id = a.run_id JOIN embargoes e ON e.run_id = r.id
+                           WHERE a.id > $1 AND a.action = 'reveal' AND r.suite_id = $2 AND r.seq <= $3 ORDER BY a.id",
+            })
+            .bind(read.action)
+            .bind(suite_id)
+            .bind(read.run)
+            .fetch_all(&mut connection)
+            .await?;
+        }
         news.read.action = news.actions.last().map_or(read.action, |last| last.id);
         let begun: Vec<(i64, String)> = query_as(Each {
             sqlite: "SELECT rowid, agent FROM runs WHERE rowid > $1 AND +suite_id = $2 ORDER BY rowid",
@@ -126,65 +147,6 @@ impl Store {
         news.begun = begun.into_iter().map(|(_, agent)| agent).collect();
         Ok(news)
     }
-
-    /// Hides a finished run from its board, or restores it, and records publicly who did it and why.
-    ///
-    /// # Errors
-    /// Returns an error if the database fails.
-    pub async fn act_on_row(
-        &self,
-        run_id: &str,
-        hide: bool,
-        actor: &str,
-        reason: &str,
-        now_ms: i64,
-    ) -> StoreResult<Acted> {
-        let mut tx = self.begin().await?;
-        tx.lock([Lock::Run(run_id)]).await?;
-        let is_finished: bool = query_scalar("SELECT EXISTS (SELECT 1 FROM runs WHERE id = $1 AND state = 'finished')")
-            .bind(run_id)
-            .fetch_one(&mut tx)
-            .await?;
-        if !is_finished {
-            return Ok(Acted::NoSuchRow);
-        }
-        let last: Option<String> = query_scalar(
-            "SELECT action FROM board_actions WHERE run_id = $1 AND action <> 'regrade' ORDER BY id DESC LIMIT 1",
-        )
-        .bind(run_id)
-        .fetch_optional(&mut tx)
-        .await?;
-        if (last.as_deref() == Some("hide")) == hide {
-            return Ok(Acted::Already);
-        }
-        let action = if hide { "hide" } else { "restore" };
-        enter_action(&mut tx, run_id, action, actor, reason, now_ms).await?;
-        tx.notify(Notice::Ended { changes_board: true }).await?;
-        commit(tx, "act_on_row").await?;
-        self.note_ends(true);
-        Ok(Acted::Done)
-    }
-}
-
-/// Records an action on a row.
-pub(super) async fn enter_action(
-    tx: &mut Tx,
-    run_id: &str,
-    action: &str,
-    actor: &str,
-    reason: &str,
-    now_ms: i64,
-) -> StoreResult<()> {
-    tx.lock([Lock::Order]).await?;
-    query("INSERT INTO board_actions (run_id, action, actor, reason, at_ms) VALUES ($1, $2, $3, $4, $5)")
-        .bind(run_id)
-        .bind(action)
-        .bind(actor)
-        .bind(reason)
-        .bind(now_ms)
-        .execute(tx)
-        .await?;
-    Ok(())
 }
 
 async fn read_result(connection: &mut Tx, row: &Row, tasks: &[Task]) -> StoreResult<Finished> {
@@ -203,6 +165,7 @@ async fn read_result(connection: &mut Tx, row: &Row, tasks: &[Task]) -> StoreRes
         provenance: row.get("provenance")?,
         profile: row.get::<Option<String>>("profile")?.unwrap_or_else(|| Profile::Published.name().to_owned()),
         track: row.get::<Option<Track>>("track")?.unwrap_or_default(),
+        anonymous_until_ms: row.get("until_ms")?,
         fingerprint: sketch.and_then(Fingerprint::from_bytes),
         agent: row.get("agent")?,
         finished_at_ms: row.get("finished_at_ms")?,

@@ -123,7 +123,8 @@ impl Store {
         Ok(version)
     }
 
-    /// Returns the configuration that the latest card of each run of a suite declares, if it does.
+    /// Returns the configuration that the latest card of each run of a suite declares, if it does. Runs under embargo are
+    /// left out.
     ///
     /// # Errors
     /// Returns an error if the database fails.
@@ -132,10 +133,12 @@ impl Store {
             sqlite: "SELECT c.run_id, json_extract(c.card, '$.configuration_sha256')
                      FROM runs r JOIN cards c ON c.run_id = r.id
                      WHERE r.suite_id = $1 AND c.version = (SELECT MAX(l.version) FROM cards l WHERE l.run_id = r.id)
+                       AND NOT EXISTS (SELECT 1 FROM embargoes e WHERE e.run_id = r.id AND e.lifted_at_ms IS NULL)
                        AND json_extract(c.card, '$.configuration_sha256') IS NOT NULL",
             postgres: "SELECT c.run_id, CAST(c.card AS jsonb) ->> 'configuration_sha256'
                        FROM runs r JOIN cards c ON c.run_id = r.id
                        WHERE r.suite_id = $1 AND c.version = (SELECT MAX(l.version) FROM cards l WHERE l.run_id = r.id)
+                         AND NOT EXISTS (SELECT 1 FROM embargoes e WHERE e.run_id = r.id AND e.lifted_at_ms IS NULL)
                          AND CAST(c.card AS jsonb) ->> 'configuration_sha256' IS NOT NULL",
         })
         .bind(suite_id)

@@ -2,15 +2,16 @@
 
 use std::collections::BTreeMap;
 
+use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 use uuid::Uuid;
 
-use super::db::{Tx, query, query_as, query_scalar};
+use super::db::{FromRow, Row, Tx, query, query_as, query_scalar};
 use super::locks::Lock;
 use super::{Store, StoreResult, commit};
 use plumbline_engine::tasks::hex;
 
-/// Maximum number of live keys of an owner: one in use and one to change over to.
+/// Maximum number of live keys of an owner, or of a member: one in use and one to change over to.
 pub const LIVE_KEYS: i64 = 2;
 /// Prefix of every key, so that a leaked key is recognizable as one.
 const PREFIX: &str = "plk";
@@ -44,6 +45,49 @@ impl Scope {
     }
 }
 
+/// Role of a member: what its keys may do at most.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Role {
+    /// Grades within requests, and reads.
+    Reader,
+    /// Also begins runs and posts submissions.
+    Submitter,
+    /// Also manages members, keys and webhooks, withdraws runs and lifts embargoes.
+    Manager,
+}
+
+impl Role {
+    /// All roles.
+    pub const ALL: [Self; 3] = [Self::Reader, Self::Submitter, Self::Manager];
+
+    /// Returns the name of the role.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Reader => "reader",
+            Self::Submitter => "submitter",
+            Self::Manager => "manager",
+        }
+    }
+
+    /// Finds the role with this name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|role| role.name() == name)
+    }
+
+    /// Returns whether a key of a member with this role may have the scope.
+    #[must_use]
+    pub const fn allows(self, scope: Scope) -> bool {
+        match scope {
+            Scope::Grade | Scope::Read => true,
+            Scope::Submit => !matches!(self, Self::Reader),
+            Scope::Admin => false,
+        }
+    }
+}
+
 /// Row of a key.
 #[derive(Debug, Clone)]
 pub struct KeyRow {
@@ -51,6 +95,10 @@ pub struct KeyRow {
     pub id: String,
     /// Owner of the key.
     pub owner: String,
+    /// Member of the owner to whom the key belongs; none if it belongs to the owner itself.
+    pub member: Option<String>,
+    /// Role of that member; none also if the member was removed.
+    pub role: Option<Role>,
     /// Scopes of the key.
     pub scopes: Vec<Scope>,
     /// Time of creation, in milliseconds since 1970.
@@ -68,13 +116,21 @@ impl KeyRow {
     /// Returns whether the key allows what needs this scope.
     #[must_use]
     pub fn allows(&self, scope: Scope) -> bool {
-        self.scopes.iter().any(|own| *own == scope || *own == Scope::Admin)
+        let has_scope = self.scopes.iter().any(|own| *own == scope || *own == Scope::Admin);
+        has_scope && self.role.is_none_or(|role| role.allows(scope))
+    }
+
+    /// Returns whether the key may manage what belongs to its owner: members, keys, webhooks.
+    #[must_use]
+    pub fn manages(&self) -> bool {
+        self.allows(Scope::Submit) && self.role.is_none_or(|role| role == Role::Manager)
     }
 
     /// Returns whether the key may be used now.
     #[must_use]
     pub fn is_live(&self, now_ms: i64) -> bool {
-        self.revoked_at_ms.is_none() && self.expires_at_ms.is_none_or(|end| now_ms < end)
+        let has_member = self.member.is_none() || self.role.is_some();
+        has_member && self.revoked_at_ms.is_none() && self.expires_at_ms.is_none_or(|end| now_ms < end)
     }
 
     /// Returns whether this is the secret of the key.
@@ -94,35 +150,49 @@ fn hash(secret: &str) -> String {
     hex(&Sha256::digest(secret))
 }
 
-type Columns = (String, String, String, String, i64, Option<i64>, Option<i64>, Option<i64>);
-
-fn read((id, owner, secret_hash, scopes, created_at_ms, expires_at_ms, revoked_at_ms, last): Columns) -> KeyRow {
-    let has = |scope: &Scope| scopes.split(',').any(|name| name == scope.name());
-    KeyRow {
-        id,
-        owner,
-        secret_hash,
-        scopes: Scope::ALL.into_iter().filter(has).collect(),
-        created_at_ms,
-        expires_at_ms,
-        revoked_at_ms,
-        last_used_at_ms: last,
+impl FromRow for KeyRow {
+    fn from_row(row: &Row) -> StoreResult<Self> {
+        let scopes: &str = row.get("scopes")?;
+        let has = |scope: &Scope| scopes.split(',').any(|name| name == scope.name());
+        Ok(Self {
+            id: row.get("id")?,
+            owner: row.get("owner")?,
+            member: row.get("member")?,
+            role: row.get::<Option<&str>>("role")?.and_then(Role::named),
+            secret_hash: row.get("secret_hash")?,
+            scopes: Scope::ALL.into_iter().filter(has).collect(),
+            created_at_ms: row.get("created_at_ms")?,
+            expires_at_ms: row.get("expires_at_ms")?,
+            revoked_at_ms: row.get("revoked_at_ms")?,
+            last_used_at_ms: row.get("last_used_at_ms")?,
+        })
     }
 }
 
 macro_rules! select_key {
     ($rest:literal) => {
         concat!(
-            "SELECT id, owner, secret_hash, scopes, created_at_ms, expires_at_ms, revoked_at_ms, last_used_at_ms FROM keys ",
+            "SELECT k.id, k.owner, k.member, m.role, k.secret_hash, k.scopes, k.created_at_ms, k.expires_at_ms,
+                    k.revoked_at_ms, k.last_used_at_ms
+             FROM keys k LEFT JOIN members m ON m.owner = k.owner AND m.name = k.member ",
             $rest
         )
     };
 }
 
+/// Owner of a key, and the member to whom it belongs.
+#[derive(Debug, Clone, Copy)]
+pub struct Holder<'a> {
+    /// Owner of the key.
+    pub owner: &'a str,
+    /// Member of the owner; none if the key belongs to the owner itself.
+    pub member: Option<&'a str>,
+}
+
 /// Stores a new key, and returns the whole key including its secret.
 async fn enter_key(
     tx: &mut Tx,
-    owner: &str,
+    holder: Holder<'_>,
     scopes: &[Scope],
     expires_at_ms: Option<i64>,
     now_ms: i64,
@@ -132,10 +202,12 @@ async fn enter_key(
     let secret = format!("{}{}", Uuid::new_v4().simple(), Uuid::new_v4().simple());
     let scopes: Vec<&str> = scopes.iter().map(|scope| scope.name()).collect();
     query(
-        "INSERT INTO keys (id, owner, secret_hash, scopes, created_at_ms, expires_at_ms) VALUES ($1, $2, $3, $4, $5, $6)",
+        "INSERT INTO keys (id, owner, member, secret_hash, scopes, created_at_ms, expires_at_ms)
+         VALUES ($1, $2, $3, $4, $5, $6, $7)",
     )
     .bind(&id)
-    .bind(owner)
+    .bind(holder.owner)
+    .bind(holder.member)
     .bind(hash(&secret))
     .bind(scopes.join(","))
     .bind(now_ms)
@@ -146,32 +218,34 @@ async fn enter_key(
 }
 
 impl Store {
-    /// Creates a key and returns it with its secret, which is never shown again. Returns none if the owner has
+    /// Creates a key and returns it with its secret, which is never shown again. Returns none if its holder has
     /// [`LIVE_KEYS`] live keys.
     ///
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn create_key(
         &self,
-        owner: &str,
+        holder: Holder<'_>,
         scopes: &[Scope],
         expires_at_ms: Option<i64>,
         now_ms: i64,
     ) -> StoreResult<Option<String>> {
         let mut tx = self.begin().await?;
-        tx.lock([Lock::Owner(owner)]).await?;
+        tx.lock([Lock::Owner(holder.owner)]).await?;
         let live: i64 = query_scalar(
             "SELECT COUNT(*) FROM keys
-             WHERE owner = $1 AND revoked_at_ms IS NULL AND (expires_at_ms IS NULL OR expires_at_ms > $2)",
+             WHERE owner = $1 AND COALESCE(member, '') = $3 AND revoked_at_ms IS NULL
+               AND (expires_at_ms IS NULL OR expires_at_ms > $2)",
         )
-        .bind(owner)
+        .bind(holder.owner)
         .bind(now_ms)
+        .bind(holder.member.unwrap_or_default())
         .fetch_one(&mut tx)
         .await?;
         if live >= LIVE_KEYS {
             return Ok(None);
         }
-        let key = enter_key(&mut tx, owner, scopes, expires_at_ms, now_ms).await?;
+        let key = enter_key(&mut tx, holder, scopes, expires_at_ms, now_ms).await?;
         commit(tx, "create_key").await?;
         Ok(Some(key))
     }
@@ -193,11 +267,13 @@ impl Store {
         tx.lock([Lock::Owner(&old.owner)]).await?;
         let others: i64 = query_scalar(
             "SELECT COUNT(*) FROM keys
-             WHERE owner = $1 AND id <> $3 AND revoked_at_ms IS NULL AND (expires_at_ms IS NULL OR expires_at_ms > $2)",
+             WHERE owner = $1 AND COALESCE(member, '') = $4 AND id <> $3 AND revoked_at_ms IS NULL
+               AND (expires_at_ms IS NULL OR expires_at_ms > $2)",
         )
         .bind(&old.owner)
         .bind(now_ms)
         .bind(old_id)
+        .bind(old.member.as_deref().unwrap_or_default())
         .fetch_one(&mut tx)
         .await?;
         // During the overlap the owner may have one key more than otherwise.
@@ -211,7 +287,8 @@ impl Store {
         .bind(old_ends_at_ms)
         .execute(&mut tx)
         .await?;
-        let key = enter_key(&mut tx, &old.owner, &old.scopes, expires_at_ms, now_ms).await?;
+        let holder = Holder { owner: &old.owner, member: old.member.as_deref() };
+        let key = enter_key(&mut tx, holder, &old.scopes, expires_at_ms, now_ms).await?;
         commit(tx, "rotate_key").await?;
         Ok(Some(key))
     }
@@ -221,9 +298,18 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn key(&self, id: &str) -> StoreResult<Option<KeyRow>> {
-        let row: Option<Columns> =
-            query_as(select_key!("WHERE id = $1")).bind(id).fetch_optional(&self.readers).await?;
-        Ok(row.map(read))
+        query_as(select_key!("WHERE k.id = $1")).bind(id).fetch_optional(&self.readers).await
+    }
+
+    /// Returns the keys of an owner and of its members, oldest first.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails.
+    pub async fn keys_of(&self, owner: &str) -> StoreResult<Vec<KeyRow>> {
+        query_as(select_key!("WHERE k.owner = $1 ORDER BY k.created_at_ms, k.id"))
+            .bind(owner)
+            .fetch_all(&self.readers)
+            .await
     }
 
     /// Returns all keys, oldest first.
@@ -231,8 +317,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn keys(&self) -> StoreResult<Vec<KeyRow>> {
-        let rows: Vec<Columns> = query_as(select_key!("ORDER BY created_at_ms, id")).fetch_all(&self.readers).await?;
-        Ok(rows.into_iter().map(read).collect())
+        query_as(select_key!("ORDER BY k.created_at_ms, k.id")).fetch_all(&self.readers).await
     }
 
     /// Revokes a key. Returns false if it does not exist or was revoked before.

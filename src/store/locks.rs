@@ -24,6 +24,8 @@ pub(super) enum Lock<'a> {
     Card(&'a str),
     /// Quota, keys and queued jobs of an owner.
     Owner(&'a str),
+    /// A webhook and its deliveries.
+    Webhook(&'a str),
     /// The suites.
     Suites,
     /// Regrades and the rows of boards.
@@ -41,6 +43,7 @@ impl Lock<'_> {
             Self::Run(id) => format!("run {id}"),
             Self::Card(id) => format!("card {id}"),
             Self::Owner(owner) => format!("owner {owner}"),
+            Self::Webhook(id) => format!("webhook {id}"),
             Self::Suites => "suites".to_owned(),
             Self::Boards => "boards".to_owned(),
             Self::Order => "order".to_owned(),

@@ -5,13 +5,16 @@
 //! they write (`locks.rs`).
 
 pub mod acceptance;
+pub mod board_actions;
 pub mod boards;
 pub mod cards;
 pub mod claims;
 pub mod completion;
 mod crash_points;
 pub mod db;
+pub mod deliveries;
 pub mod draws;
+pub mod embargoes;
 pub mod entries;
 pub mod episodes;
 pub mod epochs;
@@ -29,6 +32,7 @@ pub mod keys;
 mod leadership;
 pub mod location;
 mod locks;
+pub mod members;
 mod migrations;
 pub mod moving;
 mod pace;
@@ -56,6 +60,7 @@ pub mod submissions;
 pub mod suites;
 pub mod transfer;
 pub mod transfer_tables;
+pub mod webhooks;
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -13,13 +13,14 @@ use plumbline_engine::hidden::canonical::{Hash, unhex};
 use plumbline_engine::hidden::receipts::{FIRST_LINK, link};
 
 /// Table to move: its name, and the columns that order its rows. Each table comes after those that it refers to.
-const TABLES: [(&str, &str); 24] = [
+const TABLES: [(&str, &str); 28] = [
     ("suites", "id"),
     ("tasks", "hash"),
     ("suite_tasks", "suite_id, number"),
     // Boards count the runs that were begun in this order.
     ("runs", "created_at_ms, id"),
     ("skipped_tasks", "run_id, task_number"),
+    ("embargoes", "run_id"),
     ("epochs", "id"),
     ("entries", "id"),
     ("cards", "id"),
@@ -34,7 +35,10 @@ const TABLES: [(&str, &str); 24] = [
     ("board_actions", "id"),
     ("regrades", "id"),
     ("regraded", "regrade_id, submission_id"),
+    ("members", "owner, name"),
     ("keys", "id"),
+    ("webhooks", "id"),
+    ("deliveries", "id"),
     ("idempotency", "owner, key"),
     ("quotas", "owner"),
     ("quota_entries", "id"),

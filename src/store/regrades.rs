@@ -1,6 +1,6 @@
 //! Regrades: computed alongside the results in force, reviewed, then applied or discarded as a whole.
 
-use super::boards::enter_action;
+use super::board_actions::enter_action;
 use super::db::{Builder, Row, query, query_as, query_scalar};
 use super::locks::Lock;
 use super::postgres::notices::Notice;

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::db::{Builder, Row, Tx, query};
+use super::embargoes::Embargo;
 use super::states::RunState;
 use super::{StoreError, StoreResult};
 use plumbline_engine::grading::Summary;
@@ -56,6 +57,10 @@ pub struct RunRow {
     pub track: Track,
     /// Latest version of its card, without the text of the system prompt; none also where a transaction reads the run.
     pub card: Option<serde_json::Value>,
+    /// Embargo that holds for it: `agent` is an alias, and `metadata` is empty.
+    pub embargo: Option<Embargo>,
+    /// Time at which its owner withdrew it, in milliseconds since 1970, and the reason.
+    pub withdrawn: Option<(i64, String)>,
 }
 
 /// Query with the columns of a run, for every query that reads one. `without card` is for transactions that write, which
@@ -74,8 +79,12 @@ macro_rules! select_run {
                     r.profile, r.track, r.deleted_at_ms, (SELECT COUNT(*) FROM skipped_tasks k WHERE k.run_id = r.id) AS skipped,
                     ",
             $card,
-            " AS card
-             FROM runs r JOIN suites s ON s.id = r.suite_id ",
+            " AS card,
+                    e.agent AS embargo_agent, e.metadata AS embargo_metadata, e.until_ms AS embargo_until_ms,
+                    w.at_ms AS withdrawn_at_ms, w.reason AS withdrawn_reason
+             FROM runs r JOIN suites s ON s.id = r.suite_id
+             LEFT JOIN embargoes e ON e.run_id = r.id AND e.lifted_at_ms IS NULL
+             LEFT JOIN board_actions w ON w.run_id = r.id AND w.action = 'withdraw' ",
             $rest
         )
     };
@@ -105,6 +114,18 @@ pub(super) fn read_run(row: &Row) -> StoreResult<RunRow> {
         skipped: row.get("skipped")?,
         profile: row.get("profile")?,
         track: row.get::<Option<Track>>("track")?.unwrap_or_default(),
+        embargo: match row.get::<Option<String>>("embargo_agent")? {
+            None => None,
+            Some(agent) => Some(Embargo {
+                agent,
+                metadata: serde_json::from_str(row.get("embargo_metadata")?).map_err(corrupt)?,
+                until_ms: row.get("embargo_until_ms")?,
+            }),
+        },
+        withdrawn: match row.get::<Option<i64>>("withdrawn_at_ms")? {
+            None => None,
+            Some(at_ms) => Some((at_ms, row.get("withdrawn_reason")?)),
+        },
         card: row.get::<Option<&str>>("card")?.map(serde_json::from_str).transpose().map_err(corrupt)?,
     })
 }

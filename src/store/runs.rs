@@ -5,6 +5,7 @@
 
 use super::cards::{self, CardOf, NewCard};
 use super::db::{Builder, query, query_scalar};
+use super::embargoes::{NewEmbargo, enter_embargo};
 use super::events::{self, NewEvent};
 use super::idempotency::{IdempotencyKey, PriorRequest};
 use super::job_ends::End;
@@ -68,6 +69,8 @@ pub struct NewRun<'a> {
     pub track: Track,
     /// First version of its card.
     pub card: Option<NewCard<'a>>,
+    /// Embargo that begins with it.
+    pub embargo: Option<NewEmbargo<'a>>,
 }
 
 impl Store {
@@ -90,15 +93,16 @@ impl Store {
             }
             once.keep(&mut tx, run.id, now_ms).await?;
         }
+        let metadata = run.metadata.to_string();
         tx.lock([Lock::Order]).await?;
         query(
             "INSERT INTO runs (id, agent, suite_id, metadata, state, created_at_ms, owner, provenance, track)
              VALUES ($1, $2, $3, $4, 'open', $5, $6, $7, $8)",
         )
         .bind(run.id)
-        .bind(run.agent)
+        .bind(run.embargo.map_or(run.agent, |embargo| embargo.alias))
         .bind(run.suite_id)
-        .bind(run.metadata.to_string())
+        .bind(if run.embargo.is_some() { "{}" } else { &metadata })
         .bind(now_ms)
         .bind(run.owner)
         .bind(run.provenance)
@@ -107,6 +111,9 @@ impl Store {
         .await?;
         if let Some(card) = &run.card {
             cards::add(&mut tx, CardOf::Run(run.id), card, 1, now_ms).await?;
+        }
+        if let Some(embargo) = &run.embargo {
+            enter_embargo(&mut tx, run.id, run.agent, &metadata, embargo).await?;
         }
         commit(tx, "create_run").await?;
         Ok(PriorRequest::Never)

@@ -111,6 +111,20 @@ pub const KINDS: &[Kind] = &[
         may_be_there: false,
     },
     Kind {
+        name: "embargoes",
+        table: "embargoes",
+        columns: &[
+            ("run_id", "run", Form::Text),
+            ("alias", "alias", Form::Text),
+            ("agent", "agent", Form::Text),
+            ("metadata", "metadata", Form::Json),
+            ("until_ms", "until_ms", Form::Number),
+            ("lifted_at_ms", "lifted_at_ms", Form::Number),
+        ],
+        rest: "ORDER BY run_id",
+        may_be_there: false,
+    },
+    Kind {
         name: "skipped-tasks",
         table: "skipped_tasks",
         columns: &[("run_id", "run", Form::Text), ("task_number", "number", Form::Number)],

@@ -2,3 +2,5 @@
 
 mod keys;
 mod quota_and_events;
+mod teams;
+mod webhooks;

@@ -11,7 +11,7 @@ async fn main() -> anyhow::Result<()> {
     let (Some(address), Some(url)) = (arguments.next(), arguments.next()) else {
         anyhow::bail!("expected an address to listen on and the URL of a document");
     };
-    let document = reqwest::get(&url).await?.bytes().await?;
+    let document = plumbline::client::without_tls().build()?.get(&url).send().await?.bytes().await?;
     let route = get(async move || ([(header::CONTENT_TYPE, "application/json")], document));
     let router = Router::new().route("/", route);
     axum::serve(tokio::net::TcpListener::bind(address).await?, router).await?;

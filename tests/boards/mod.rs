@@ -2,6 +2,7 @@
 
 mod cards;
 mod leaderboards;
+mod publicity;
 mod regrade;
 mod repeats;
 mod tracks;

@@ -70,7 +70,7 @@ impl Browser {
         let session = self.page.session_id().await.unwrap().unwrap();
         let url = format!("{}/session/{session}/se/log", self.address);
         let body = json!({ "type": kind }).to_string();
-        let answer = reqwest::Client::new().post(url).body(body).send().await.unwrap();
+        let answer = plumbline::client::without_tls().build().unwrap().post(url).body(body).send().await.unwrap();
         let answer: Value = serde_json::from_str(&answer.text().await.unwrap()).unwrap();
         answer["value"].as_array().unwrap_or_else(|| panic!("{answer}")).clone()
     }

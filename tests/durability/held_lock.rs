@@ -22,6 +22,7 @@ fn filled(path: &str, ids: &Value) -> String {
         "episodes" => with_id("episode"),
         "runs" => with_id("run"),
         "submissions" => with_id("submission"),
+        "webhooks" => with_id("webhook"),
         _ => path.to_owned(),
     };
     let path = path.replace("{epoch}", "autumn").replace("{suite}", "mineceraft");
@@ -48,8 +49,10 @@ async fn reads_never_wait_for_the_writer() {
     let body = json!({ "run": run["id"], "task": 113, "turns": turns });
     let submission = scene.made(&key, "/v1/submissions", &body).await;
     let episode = scene.made(&key, "/v1/episodes", &json!({ "task": 113 })).await;
+    let webhook = scene.made(&key, "/v1/webhooks", &json!({ "url": "https://lab.example/" })).await;
     let ids = json!({
         "episode": episode["id"], "entry": entry, "instance": id(&instances[0]), "run": run["id"], "submission": submission["id"],
+        "webhook": webhook["id"],
     });
     for of in [format!("/v1/runs/{}", id(&run)), format!("/v1/entries/{entry}")] {
         let card = scene.service.http.put(format!("{}{of}/card", scene.service.url)).bearer_auth(&key);

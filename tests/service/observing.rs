@@ -117,7 +117,7 @@ async fn logs_are_json_throughout_with_a_line_a_request() {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    let client = reqwest::Client::new();
+    let client = plumbline::client::without_tls().build().unwrap();
     let url = format!("http://{address}");
     for _ in 0..200 {
         if client.get(format!("{url}/healthz")).send().await.is_ok() {

@@ -12,6 +12,7 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
 
+use plumbline::client::without_tls;
 use plumbline_engine::builders::build;
 use plumbline_engine::tasks::{Task, embedded};
 use reqwest::{Client, RequestBuilder, StatusCode};
@@ -108,7 +109,14 @@ impl Service {
         // Whatever it says later must be read, or it would block.
         let kept = Arc::clone(&said);
         std::thread::spawn(move || lines.for_each(|line| kept.lock().unwrap().extend(line)));
-        Self { process, url, http: Client::new(), said }
+        Self { process, url, http: without_tls().build().unwrap(), said }
+    }
+
+    /// Sends this key with every request from now on, or none.
+    pub fn use_key(&mut self, key: Option<&str>) {
+        let value = key.map(|key| format!("Bearer {key}").parse().unwrap());
+        let headers = value.map(|value| (reqwest::header::AUTHORIZATION, value)).into_iter().collect();
+        self.http = without_tls().default_headers(headers).build().unwrap();
     }
 
     pub async fn send(&self, request: RequestBuilder) -> Answer {

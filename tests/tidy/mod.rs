@@ -20,7 +20,7 @@ const SERVICE: &[(&str, &[&str])] = &[
     ("formats", &[]),
     ("pictures", &[]),
     ("store", &["clock"]),
-    ("app", &["actions", "clock", "fair", "formats", "near", "pictures", "store", "threads"]),
+    ("app", &["actions", "clock", "fair", "formats", "near", "pictures", "store", "threads", "tls"]),
     ("worker", &["app", "clock", "store", "threads"]),
     ("http", &["actions", "app", "clock", "fair", "formats", "near", "pictures", "store"]),
 ];

@@ -53,6 +53,22 @@ PLACES = {
     "list_runs": "runs.list",
     "finish_run": "runs.finish",
     "delete_run": "runs.delete",
+    "withdraw_run": "runs.withdraw",
+    "lift_embargo": "runs.lift_embargo",
+    "get_team": "team.get",
+    "put_member": "team.put_member",
+    "remove_member": "team.remove_member",
+    "create_member_key": "team.create_key",
+    "revoke_team_key": "team.revoke_key",
+    "create_webhook": "webhooks.create",
+    "list_webhooks": "webhooks.list",
+    "get_webhook": "webhooks.get",
+    "put_webhook": "webhooks.put",
+    "delete_webhook": "webhooks.delete",
+    "change_webhook_secret": "webhooks.change_secret",
+    "test_webhook": "webhooks.test",
+    "list_deliveries": "webhooks.deliveries",
+    "retry_delivery": "webhooks.retry",
     "list_run_submissions": "runs.submissions",
     "create_board_action": "boards.act",
     "get_leaderboard": "boards.get",
@@ -101,7 +117,7 @@ BY_HAND = {"grade_batch", "get_events"}
 REPEATABLE = {
     "aggregate_metrics", "seed_session", "close_session", "verify", "get_reward", "grade", "grade_structure",
     "finish_run", "validate_submission", "cancel_submission", "replay_action_code", "finalize_entry",
-    "answer_instance", "check_transcript", "put_run_card", "put_entry_card",
+    "answer_instance", "check_transcript", "put_run_card", "put_entry_card", "put_member", "put_webhook",
 }  # fmt: skip
 # May be sent again if this member says which of the requests it is.
 NUMBERED = {"step_episode": "step", "next_turn": "step"}

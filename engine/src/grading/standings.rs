@@ -157,7 +157,7 @@ fn common_head(ids: &[&str]) -> Option<usize> {
 }
 
 /// A finished run, ready to be compared.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Standing {
     finished: Finished,
     /// The 95 % interval of its overall rate.
@@ -169,7 +169,7 @@ pub struct Standing {
 }
 
 /// A finished run as it is stored.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Finished {
     /// Identifier of the run.
     pub run: String,
@@ -191,6 +191,8 @@ pub struct Finished {
     pub profile: String,
     /// Track of its prompts.
     pub track: Track,
+    /// End of its embargo, in milliseconds since 1970; until then, `agent` is an alias.
+    pub anonymous_until_ms: Option<i64>,
     /// Fingerprint of its logs; `None` if the run finished before fingerprints were stored.
     pub fingerprint: Option<Fingerprint>,
 }
@@ -213,6 +215,13 @@ impl std::ops::Deref for Standing {
 }
 
 impl Standing {
+    /// Returns the standing after its embargo: with the name of the agent.
+    #[must_use]
+    pub fn revealed(&self, agent: &str) -> Self {
+        let finished = Finished { agent: agent.to_owned(), anonymous_until_ms: None, ..self.finished.clone() };
+        Self { finished, ..self.clone() }
+    }
+
     /// Prepares a finished run for comparisons.
     #[must_use]
     pub fn of(field: &Field, finished: Finished) -> Self {
@@ -315,6 +324,7 @@ mod tests {
                 provenance: String::new(),
                 profile: String::new(),
                 track: Track::Specified,
+                anonymous_until_ms: None,
                 fingerprint: None,
             };
             let outcomes = finished.outcomes.clone();

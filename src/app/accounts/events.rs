@@ -1,15 +1,80 @@
 //! Events to follow: one for each submission or run that ends.
 
+use serde::Serialize;
 use tokio::sync::Notify;
 
 use crate::app::App;
 use crate::app::error::{AppError, AppResult};
+use crate::clock::rfc3339;
 use crate::store::StoreResult;
 use crate::store::events::{EventRow, EventsOf};
 use crate::store::states::{RunState, SubmissionState};
 
 /// Maximum number of events per read.
 const MAX_EVENTS: i64 = 500;
+
+/// Final state of a submission or a run.
+#[derive(Debug, utoipa::ToSchema, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EndState {
+    /// The submission was graded.
+    Graded,
+    /// The submission was rejected.
+    Rejected,
+    /// Grading the submission failed because of an internal error.
+    GraderError,
+    /// The submission was cancelled.
+    Cancelled,
+    /// The run was finished.
+    Finished,
+    /// The run was deleted.
+    Deleted,
+}
+
+/// Data of an event. The name of the event, `submission` or `run`, says what ended.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct EventBody {
+    /// Identifier of the run; null for a submission without a run.
+    #[schema(format = Uuid)]
+    pub run: Option<String>,
+    /// Identifier of the submission; null for the end of a run.
+    #[schema(format = Uuid)]
+    pub submission: Option<String>,
+    /// `name@version` of the suite.
+    #[schema(example = "mineceraft@3")]
+    pub suite: Option<String>,
+    /// Identifier of the submission's task; null for the end of a run.
+    #[schema(example = "walls/5x1x5-raise")]
+    pub task: Option<String>,
+    /// Number of the submission's task in the suite; null for the end of a run.
+    #[schema(example = 113)]
+    pub number: Option<u32>,
+    /// Final state of the submission or run.
+    #[schema(value_type = EndState, example = "graded")]
+    pub state: String,
+    /// Verdict on a graded submission; otherwise null.
+    pub overall: Option<bool>,
+    /// Time of the end.
+    #[schema(format = DateTime)]
+    pub at: String,
+}
+
+impl EventBody {
+    /// Builds the body of a stored event.
+    #[must_use]
+    pub fn of(app: &App, row: &EventRow) -> Self {
+        Self {
+            suite: row.suite_id.clone(),
+            task: task_of(app, row),
+            number: row.task_number.and_then(|number| u32::try_from(number).ok()),
+            run: row.run_id.clone(),
+            submission: row.submission_id.clone(),
+            state: row.state.clone(),
+            overall: row.overall,
+            at: rfc3339(row.at_ms),
+        }
+    }
+}
 
 /// Beginning of a stream of events.
 #[derive(Debug)]
@@ -91,8 +156,7 @@ pub fn ends(app: &App) -> &Notify {
 }
 
 /// Returns the identifier of the task of an event; none for the end of a run.
-#[must_use]
-pub fn task_of(app: &App, row: &EventRow) -> Option<String> {
+fn task_of(app: &App, row: &EventRow) -> Option<String> {
     let number = u32::try_from(row.task_number?).ok()?;
     let catalogue = app.catalogue();
     let entry = catalogue.suite(row.suite_id.as_deref()?)?;

@@ -1,4 +1,5 @@
-//! Accounts: quotas, and events to follow.
+//! Accounts: quotas, teams, and events to follow.
 
 pub mod events;
 pub mod quota;
+pub mod team;

@@ -6,7 +6,7 @@ use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
 use crate::clock::now_ms;
-use crate::store::boards::Acted;
+use crate::store::board_actions::{Acted, ActionKind, NewAction};
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
 
@@ -23,13 +23,11 @@ pub enum HideOrRestore {
     Restore,
 }
 
-impl HideOrRestore {
-    /// Returns the name in the record of actions.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Hide => "hide",
-            Self::Restore => "restore",
+impl From<HideOrRestore> for ActionKind {
+    fn from(kind: HideOrRestore) -> Self {
+        match kind {
+            HideOrRestore::Hide => Self::Hide,
+            HideOrRestore::Restore => Self::Restore,
         }
     }
 }
@@ -56,19 +54,29 @@ pub struct Action {
 /// if its row is in this state already, or if the database fails.
 pub async fn act(app: &App, caller: &Caller, run: String, kind: HideOrRestore, reason: &str) -> AppResult<Action> {
     caller.require(Scope::Admin)?;
-    if reason.trim().is_empty() || reason.chars().count() > REASON_CHARS {
-        let mut faults = Faults::new();
-        faults.add_at("reason", format!("expected 1 to {REASON_CHARS} characters"));
-        return Err(AppError::faulty(faults));
-    }
-    let (actor, reason) = (caller.owner().unwrap_or("anybody").to_owned(), reason.trim().to_owned());
-    let (hide, at_ms) = (kind == HideOrRestore::Hide, now_ms());
-    match app.store.act_on_row(&run, hide, &actor, &reason, at_ms).await? {
+    let (actor, reason) = (caller.owner().unwrap_or("anybody").to_owned(), reason_of(reason)?);
+    let (stored, at_ms) = (ActionKind::from(kind), now_ms());
+    match app.store.act_on_row(&run, &NewAction { kind: stored, actor: &actor, reason: &reason }, at_ms).await? {
         Acted::Done => Ok(Action { run, kind, actor, reason, at_ms }),
         Acted::Already => {
-            let detail = if hide { "the row is already hidden" } else { "the row is not hidden" };
+            let is_hide = kind == HideOrRestore::Hide;
+            let detail = if is_hide { "the row is already hidden" } else { "the row is not hidden" };
             Err(AppError::conflict("already-so", detail))
         }
         Acted::NoSuchRow => Err(AppError::not_found(format!("there is no finished run {run:?}"))),
     }
+}
+
+/// Returns the reason for an action without surrounding spaces.
+///
+/// # Errors
+/// Returns a fault if it is empty or too long.
+pub(in crate::app) fn reason_of(reason: &str) -> AppResult<String> {
+    let reason = reason.trim();
+    if reason.is_empty() || reason.chars().count() > REASON_CHARS {
+        let mut faults = Faults::new();
+        faults.add_at("reason", format!("expected 1 to {REASON_CHARS} characters"));
+        return Err(AppError::faulty(faults));
+    }
+    Ok(reason.to_owned())
 }

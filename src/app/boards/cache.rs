@@ -8,7 +8,7 @@ use uuid::Uuid;
 
 use crate::app::error::AppResult;
 use crate::store::Store;
-use crate::store::boards::{ActionRow, BoardCursor, BoardUpdate};
+use crate::store::boards::{ActionRow, BoardCursor, BoardUpdate, Revealed};
 use plumbline_engine::grading::standings::{Field, Standing, order};
 use plumbline_engine::grading::statistics::ranks::{Comparisons, RankRange};
 use plumbline_engine::tasks::catalogue::Entry;
@@ -122,6 +122,13 @@ impl Board {
         hidden(&self.actions, i64::MAX).contains(run)
     }
 
+    /// Returns the runs that were withdrawn by a time, latest first, with the action.
+    #[must_use]
+    pub fn withdrawn(&self, at_ms: i64) -> Vec<(&Arc<Standing>, &ActionRow)> {
+        let withdrawals = self.actions.iter().rev().filter(|it| it.action == "withdraw" && it.at_ms <= at_ms);
+        withdrawals.filter_map(|action| Some((self.standing(&action.run_id)?, action))).collect()
+    }
+
     /// Returns the rows that were visible at a time, best first.
     #[must_use]
     pub fn as_of(&self, at_ms: i64) -> Rows {
@@ -150,6 +157,16 @@ impl Board {
             results.entry(standing.run.clone()).or_default().push(standing);
         }
         actions.extend(news.actions);
+        for Revealed { run_id, alias, agent } in news.revealed {
+            for standing in results.get_mut(&run_id).into_iter().flatten() {
+                *standing = Arc::new(standing.revealed(&agent));
+            }
+            // The run was counted under its alias.
+            if let Some(count) = begun.get_mut(&alias) {
+                *count = count.saturating_sub(1);
+            }
+            *begun.entry(agent).or_default() += 1;
+        }
         for agent in news.begun {
             *begun.entry(agent).or_default() += 1;
         }
@@ -183,13 +200,16 @@ fn note_similar(
     }
 }
 
-/// Returns the runs whose rows are hidden at a time.
+/// Returns the runs whose rows are hidden at a time, by the operator or because they are withdrawn, which is for good.
 fn hidden(actions: &[ActionRow], at_ms: i64) -> HashSet<&str> {
-    let mut hidden = HashSet::new();
+    let (mut hidden, mut withdrawn) = (HashSet::new(), HashSet::new());
     for action in actions.iter().filter(|action| action.at_ms <= at_ms) {
         match action.action.as_str() {
             "hide" => {
                 hidden.insert(action.run_id.as_str());
+            }
+            "withdraw" => {
+                withdrawn.insert(action.run_id.as_str());
             }
             "restore" => {
                 hidden.remove(action.run_id.as_str());
@@ -197,6 +217,7 @@ fn hidden(actions: &[ActionRow], at_ms: i64) -> HashSet<&str> {
             _ => {}
         }
     }
+    hidden.extend(withdrawn);
     hidden
 }
 

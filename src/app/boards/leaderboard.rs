@@ -123,6 +123,21 @@ pub struct BoardPage {
     pub next_after: Option<String>,
     /// Results on this suite that others report; they were not graded by this service.
     pub reported: Vec<ReportedRow>,
+    /// Runs that match the filters and that their owners withdrew, latest first.
+    pub withdrawn: Vec<Withdrawn>,
+}
+
+/// A run that its owner withdrew.
+#[derive(Debug)]
+pub struct Withdrawn {
+    /// The run.
+    pub standing: Arc<Standing>,
+    /// Number of runs of this suite that the agent has begun, in any state.
+    pub attempts: usize,
+    /// Time of the withdrawal, in milliseconds since 1970.
+    pub at_ms: i64,
+    /// Reason that the owner gave.
+    pub reason: String,
 }
 
 /// Selects a page of a board.
@@ -154,6 +169,14 @@ pub fn page(board: &Arc<Board>, wanted: &Selection) -> AppResult<BoardPage> {
             && wanted.provenance.is_none_or(|wanted| wanted.name() == row.provenance)
             && wanted.track.is_none_or(|wanted| wanted == row.track)
     };
+    let withdrawn = board.withdrawn(as_of.unwrap_or(i64::MAX)).into_iter().filter(|(row, _)| lets_through(row));
+    let withdrawn = withdrawn.map(|(row, action)| Withdrawn {
+        standing: Arc::clone(row),
+        attempts: board.attempts(&row.agent),
+        at_ms: action.at_ms,
+        reason: action.reason.clone(),
+    });
+    let withdrawn = withdrawn.collect();
     let mut rows: Vec<&Arc<Standing>> = all.iter().filter(lets_through).collect();
     if (wanted.sort, wanted.order) != (SortBy::Overall, Direction::Desc) {
         rows.sort_by(|a, b| by_value(value(a, wanted.sort), value(b, wanted.sort), wanted.order));
@@ -177,6 +200,7 @@ pub fn page(board: &Arc<Board>, wanted: &Selection) -> AppResult<BoardPage> {
             Some(Track::Brief) => reported::on(&board.entry.suite.name).map_err(|error| AppError::internal(&error))?,
             _ => Vec::new(),
         },
+        withdrawn,
         board: Arc::clone(board),
     })
 }

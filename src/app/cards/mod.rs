@@ -64,9 +64,20 @@ pub async fn put(
 /// Returns all versions of the card of a run or an entry, latest first.
 ///
 /// # Errors
-/// Returns an error (404) if there is no such run or entry, or if it has no card.
-pub async fn versions(app: &App, of: CardOf<'_>) -> AppResult<Vec<CardRow>> {
-    owner_of(app, of).await?;
+/// Returns an error (404) if there is no such run or entry, if it has no card, or if it is under embargo and not the
+/// caller's.
+pub async fn versions(app: &App, caller: Option<&Caller>, of: CardOf<'_>) -> AppResult<Vec<CardRow>> {
+    match of {
+        CardOf::Run(id) => {
+            let run = stored(app, id).await?;
+            if run.embargo.is_some() && !caller.is_some_and(|caller| caller.owns(run.owner.as_deref())) {
+                return Err(AppError::not_found(
+                    "the run is under embargo; until its end only its owner sees its card",
+                ));
+            }
+        }
+        CardOf::Entry(id) => drop(stored_entry(app, id).await?),
+    }
     let versions = app.store.cards(of).await?;
     if versions.is_empty() {
         return Err(AppError::not_found("it has no card yet"));

@@ -4,6 +4,7 @@ use serde::de::SeqAccess;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::embargo::{NewEmbargo, read_embargo};
 use crate::app::body::values::{Json, Parsed};
 use crate::app::body::{agent_name, name, request_body};
 use crate::app::cards::card::Card;
@@ -34,8 +35,11 @@ request_body! {
         track: Track = optional(|faults| Parsed { text: name(faults), parse: track_named }),
         /// What the run is; it may be edited later.
         card: Card = optional(|faults| Json { faults, read: read_card }),
+        /// Embargo: until its end the run shows an alias instead of its agent, and neither owner, card nor metadata. Its end
+        /// is public from the beginning and cannot be moved; the owner may lift the embargo earlier.
+        embargo: NewEmbargo = optional(|faults| Json { faults, read: read_embargo }),
     }
-    unknown: |_| "unknown field; a run has agent, suite, metadata, provenance, track and card"
+    unknown: |_| "unknown field; a run has agent, suite, metadata, provenance, track, card and embargo"
 }
 
 /// Finds the track with this name.

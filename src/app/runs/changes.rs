@@ -63,7 +63,7 @@ pub async fn delete(app: &App, caller: &Caller, id: &str) -> AppResult<RunRow> {
 }
 
 /// Returns the run if the caller may submit and the run belongs to the caller.
-async fn own_run(app: &App, caller: &Caller, id: &str) -> AppResult<RunRow> {
+pub(super) async fn own_run(app: &App, caller: &Caller, id: &str) -> AppResult<RunRow> {
     caller.require(Scope::Submit)?;
     let run = stored(app, id).await?;
     caller.require_own(run.owner.as_deref(), "run")?;

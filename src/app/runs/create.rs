@@ -4,6 +4,7 @@ use serde_json::json;
 use uuid::Uuid;
 
 use super::body::{NewRunBody, RunProvenance};
+use super::embargo::{NewEmbargo, check_embargo};
 use super::read::stored;
 use crate::app::App;
 use crate::app::access::Caller;
@@ -12,6 +13,7 @@ use crate::app::error::{AppError, AppResult};
 use crate::app::submissions::accept::key_reused;
 use crate::clock::now_ms;
 use crate::store::cards::NewCard;
+use crate::store::embargoes;
 use crate::store::idempotency::{IdempotencyKey, PriorRequest};
 use crate::store::keys::Scope;
 use crate::store::run_rows::RunRow;
@@ -54,7 +56,10 @@ pub async fn create(
             None => faults.add_at("suite", format!("there is no suite {name:?}; /v1/suites lists them")),
         }
     }
-    let (Some(NewRunBody { agent: Some(agent), metadata, provenance, track, card, .. }), Some(suite_id), true) =
+    if let Some((embargo, agent)) = draft.as_ref().and_then(|run| Some((run.embargo.as_ref()?, run.agent.as_deref()))) {
+        check_embargo(app, caller, embargo, agent, &mut faults).await?;
+    }
+    let (Some(NewRunBody { agent: Some(agent), metadata, provenance, track, card, embargo, .. }), Some(suite_id), true) =
         (draft, suite_id, faults.is_empty())
     else {
         return Err(AppError::faulty(faults));
@@ -74,7 +79,9 @@ pub async fn create(
         system_prompt: system_prompt.as_deref(),
         actor: owner,
     });
-    let new = NewRun { id: &id, agent: &agent, suite_id: &suite_id, metadata, owner, provenance, track, card };
+    let embargo =
+        embargo.as_ref().map(|NewEmbargo { alias, until_ms }| embargoes::NewEmbargo { alias, until_ms: *until_ms });
+    let new = NewRun { id: &id, agent: &agent, suite_id: &suite_id, metadata, owner, provenance, track, card, embargo };
     let (id, is_replayed) = match app.store.create_run(&new, once, now_ms()).await? {
         PriorRequest::Never => (id, false),
         PriorRequest::Done(id) => (id, true),

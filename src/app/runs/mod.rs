@@ -3,5 +3,7 @@
 pub mod body;
 pub mod changes;
 pub mod create;
+pub mod embargo;
+pub mod publicity;
 pub mod read;
 pub mod results;

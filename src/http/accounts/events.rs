@@ -9,14 +9,13 @@ use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse as _, Response};
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use tokio::sync::broadcast;
 
 use super::event_feed::Batch;
 use crate::app::App;
-use crate::app::accounts::events::{Beginning, EventsRead, after, begin, last, task_of};
+use crate::app::accounts::events::{Beginning, EventBody, EventsRead, after, begin, last};
 use crate::app::error::{AppError, AppResult, Kind};
-use crate::clock::rfc3339;
 use crate::fair::Permit;
 use crate::http::extract::caller::Reader;
 use crate::http::extract::params::Params;
@@ -40,52 +39,6 @@ pub struct EventsQuery {
     submission: Option<String>,
     /// Only events after the one with this identifier; the header `Last-Event-ID` takes precedence.
     after: Option<i64>,
-}
-
-/// Final state of a submission or a run.
-#[derive(Debug, utoipa::ToSchema, serde::Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum EndState {
-    /// The submission was graded.
-    Graded,
-    /// The submission was rejected.
-    Rejected,
-    /// Grading the submission failed because of an internal error.
-    GraderError,
-    /// The submission was cancelled.
-    Cancelled,
-    /// The run was finished.
-    Finished,
-    /// The run was deleted.
-    Deleted,
-}
-
-/// Data of an event. The name of the event, `submission` or `run`, says what ended.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub struct EventBody {
-    /// Identifier of the run; null for a submission without a run.
-    #[schema(format = Uuid)]
-    pub run: Option<String>,
-    /// Identifier of the submission; null for the end of a run.
-    #[schema(format = Uuid)]
-    pub submission: Option<String>,
-    /// `name@version` of the suite.
-    #[schema(example = "mineceraft@3")]
-    pub suite: Option<String>,
-    /// Identifier of the submission's task; null for the end of a run.
-    #[schema(example = "walls/5x1x5-raise")]
-    pub task: Option<String>,
-    /// Number of the submission's task in the suite; null for the end of a run.
-    #[schema(example = 113)]
-    pub number: Option<u32>,
-    /// Final state of the submission or run.
-    #[schema(value_type = EndState, example = "graded")]
-    pub state: String,
-    /// Verdict on a graded submission; otherwise null.
-    pub overall: Option<bool>,
-    /// Time of the end.
-    #[schema(format = DateTime)]
-    pub at: String,
 }
 
 /// Streams a server-sent event for each submission or run that ends. Events have identifiers, so a client that
@@ -140,16 +93,7 @@ pub async fn get_events(
 /// Converts a stored event into the one to send; returns `None` if it cannot be serialized.
 pub fn written(app: &App, row: &EventRow) -> Option<Event> {
     let name = if row.submission_id.is_some() { "submission" } else { "run" };
-    let body = EventBody {
-        suite: row.suite_id.clone(),
-        task: task_of(app, row),
-        number: row.task_number.and_then(|number| u32::try_from(number).ok()),
-        run: row.run_id.clone(),
-        submission: row.submission_id.clone(),
-        state: row.state.clone(),
-        overall: row.overall,
-        at: rfc3339(row.at_ms),
-    };
+    let body = EventBody::of(app, row);
     Event::default().id(row.id.to_string()).event(name).json_data(body).ok()
 }
 

@@ -16,19 +16,25 @@ use crate::clock::rfc3339;
 use crate::http::extract::body::{JsonBody, read_json};
 use crate::http::state::AppState;
 use crate::near::counted;
+use crate::store::board_actions::ActionKind;
 use crate::store::boards::ActionRow;
 use crate::store::keys::Scope;
 
 /// Kind of an action on a row.
 #[derive(Debug, utoipa::ToSchema, serde::Serialize)]
+#[schema(as = ActionKind)]
 #[serde(rename_all = "snake_case")]
-pub enum ActionKind {
+pub enum KindOfAction {
     /// Removes the row from the board.
     Hide,
     /// Shows a hidden row again.
     Restore,
     /// Grades the run again.
     Regrade,
+    /// Withdraws the run; its owner acts.
+    Withdraw,
+    /// Lifts the embargo of the run.
+    Reveal,
 }
 
 /// An action on a row.
@@ -37,8 +43,8 @@ pub struct BoardAction {
     /// Identifier of the run.
     #[schema(format = Uuid)]
     pub run: String,
-    /// `hide`, `restore` or `regrade`.
-    #[schema(value_type = ActionKind, example = "hide")]
+    /// `hide`, `restore`, `regrade`, `withdraw` or `reveal`.
+    #[schema(value_type = KindOfAction, example = "hide")]
     pub action: String,
     /// Owner of the key that the request was sent with.
     pub actor: String,
@@ -63,7 +69,7 @@ impl From<&ActionRow> for BoardAction {
 
 impl From<Action> for BoardAction {
     fn from(Action { run, kind, actor, reason, at_ms }: Action) -> Self {
-        Self { run, action: kind.name().to_owned(), actor, reason, at: rfc3339(at_ms) }
+        Self { run, action: ActionKind::from(kind).name().to_owned(), actor, reason, at: rfc3339(at_ms) }
     }
 }
 
@@ -74,7 +80,8 @@ pub struct BoardActions {
     pub actions: Vec<BoardAction>,
 }
 
-/// Lists every action on rows of this board, with its actor and reason: hiding, restoring and regrading. The record is
+/// Lists every action on rows of this board, with its actor and reason: hiding, restoring and regrading by the operator,
+/// withdrawals by owners, and the end of embargoes. The record is
 /// permanent.
 #[utoipa::path(
     get, path = "/v1/leaderboards/{suite}/actions", operation_id = "list_board_actions", tag = "leaderboards",

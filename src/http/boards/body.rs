@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::app::boards::leaderboard::{BoardPage, Row};
+use crate::app::boards::leaderboard::{BoardPage, Row, Withdrawn};
 use crate::app::runs::body::{RunProfile, RunProvenance};
 use crate::clock::rfc3339;
 use plumbline_engine::grading::statistics::interval::Interval;
@@ -57,6 +57,29 @@ pub struct BoardRow {
     /// Time at which the run finished.
     #[schema(format = DateTime)]
     pub finished_at: String,
+    /// End of the run's embargo; until then, `agent` is an alias. Absent without an embargo.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(format = DateTime)]
+    pub anonymous_until: Option<String>,
+}
+
+/// A run that its owner withdrew from the board.
+#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
+pub struct WithdrawnRow {
+    /// Identifier of the run.
+    #[schema(format = Uuid)]
+    pub run: String,
+    /// Name of the agent.
+    pub agent: String,
+    /// Track of its prompts.
+    pub track: Track,
+    /// Number of runs of this suite that the agent has begun, in any state.
+    pub attempts: usize,
+    /// Time of the withdrawal.
+    #[schema(format = DateTime)]
+    pub at: String,
+    /// Reason that the owner gave.
+    pub reason: String,
 }
 
 impl From<Row> for BoardRow {
@@ -82,7 +105,15 @@ impl From<Row> for BoardRow {
             track: standing.track,
             similar_to,
             finished_at: rfc3339(standing.finished_at_ms),
+            anonymous_until: standing.anonymous_until_ms.map(rfc3339),
         }
+    }
+}
+
+impl From<Withdrawn> for WithdrawnRow {
+    fn from(Withdrawn { standing, attempts, at_ms, reason }: Withdrawn) -> Self {
+        let (run, agent, track) = (standing.run.clone(), standing.agent.clone(), standing.track);
+        Self { run, agent, track, attempts, at: rfc3339(at_ms), reason }
     }
 }
 
@@ -112,6 +143,9 @@ pub struct BoardBody {
     /// Results on this suite that others report; they were not graded by this service. Listed only beside the track `brief`,
     /// whose prompts are as short as theirs.
     pub reported: Vec<ReportedRow>,
+    /// Runs that match the filters and that their owners withdrew, latest first; absent if there are none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub withdrawn: Vec<WithdrawnRow>,
 }
 
 impl From<BoardPage> for BoardBody {
@@ -126,6 +160,7 @@ impl From<BoardPage> for BoardBody {
             rows: page.rows.into_iter().map(BoardRow::from).collect(),
             next_after: page.next_after,
             reported: page.reported,
+            withdrawn: page.withdrawn.into_iter().map(WithdrawnRow::from).collect(),
         }
     }
 }

@@ -22,6 +22,37 @@ pub enum Format {
     Ndjson,
 }
 
+/// Columns of the CSV table: the members of [`Line`].
+const COLUMNS: [&str; 27] = [
+    "rank",
+    "first_place",
+    "last_place",
+    "run",
+    "agent",
+    "overall",
+    "overall_low",
+    "overall_high",
+    "accuracy",
+    "material",
+    "shape",
+    "size",
+    "physical_plausibility",
+    "dependency",
+    "structural_stability_mean",
+    "structural_stability_mean_accurate",
+    "efficiency_mean",
+    "efficiency_mean_accurate",
+    "coverage",
+    "skipped",
+    "attempts",
+    "provenance",
+    "profile",
+    "track",
+    "similar_to",
+    "finished_at",
+    "anonymous_until",
+];
+
 /// A row of the CSV table.
 #[derive(Serialize)]
 struct Line<'a> {
@@ -51,6 +82,7 @@ struct Line<'a> {
     track: &'static str,
     similar_to: String,
     finished_at: &'a str,
+    anonymous_until: Option<&'a str>,
 }
 
 impl<'a> From<&'a BoardRow> for Line<'a> {
@@ -82,6 +114,7 @@ impl<'a> From<&'a BoardRow> for Line<'a> {
             track: row.track.name(),
             similar_to: row.similar_to.join(" "),
             finished_at: &row.finished_at,
+            anonymous_until: row.anonymous_until.as_deref(),
         }
     }
 }
@@ -99,7 +132,11 @@ pub fn render(body: &BoardBody, format: Format) -> AppResult<Document> {
     match format {
         Format::Json => Document::json(body),
         Format::Csv => {
-            let mut table = csv::Writer::from_writer(Vec::new());
+            // The writer takes the header from the first row; without rows it has none.
+            let mut table = csv::WriterBuilder::new().has_headers(!body.rows.is_empty()).from_writer(Vec::new());
+            if body.rows.is_empty() {
+                table.write_record(COLUMNS).map_err(|error| AppError::internal(&error))?;
+            }
             for row in &body.rows {
                 table.serialize(Line::from(row)).map_err(|error| AppError::internal(&error))?;
             }

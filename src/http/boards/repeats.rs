@@ -39,6 +39,10 @@ pub struct RepeatGroup {
     pub configuration_sha256: String,
     /// Identifiers of the runs, in the order in which they finished.
     pub runs: Vec<String>,
+    /// Number of runs of the group that their owner withdrew, which the figures leave out; absent if there are none.
+    #[serde(skip_serializing_if = "is_zero")]
+    #[schema(minimum = 0)]
+    pub withdrawn: usize,
     /// Mean of the runs' rates of solved problems.
     #[schema(minimum = 0, maximum = 1)]
     pub mean: f64,
@@ -57,6 +61,11 @@ pub struct RepeatGroup {
     pub pass_all: Vec<PassAllBody>,
 }
 
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
+const fn is_zero(count: &usize) -> bool {
+    *count == 0
+}
+
 /// Rate of problems that a number of runs all solve.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct PassAllBody {
@@ -71,7 +80,7 @@ pub struct PassAllBody {
 }
 
 impl From<Group> for RepeatGroup {
-    fn from(Group { configuration_hash, runs, figures }: Group) -> Self {
+    fn from(Group { configuration_hash, runs, figures, withdrawn }: Group) -> Self {
         let first = &runs[0];
         let pass = |PassAll { k, rate, interval }| PassAllBody { k, rate, interval };
         Self {
@@ -81,6 +90,7 @@ impl From<Group> for RepeatGroup {
             profile: first.profile.clone(),
             configuration_sha256: configuration_hash,
             runs: runs.iter().map(|run| run.run.clone()).collect(),
+            withdrawn,
             mean: figures.mean,
             interval: figures.interval,
             standard_deviation: figures.deviation,
@@ -92,7 +102,8 @@ impl From<Group> for RepeatGroup {
 }
 
 /// Returns the repeats on a board: finished runs of one owner, agent, track and profile whose cards declare the same
-/// `configuration_sha256`. Each group has the mean and the spread of its runs, and pass^k: the rate of problems that k of
+/// `configuration_sha256`. Runs that their owner withdrew are counted in `withdrawn` alone, and runs under embargo belong to
+/// no group. Each group has the mean and the spread of its runs, and pass^k: the rate of problems that k of
 /// its runs all solve. Runs that cover too little of the suite belong to no group.
 #[utoipa::path(
     get, path = "/v1/leaderboards/{suite}/repeats", operation_id = "get_repeats", tag = "leaderboards",

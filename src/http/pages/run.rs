@@ -31,6 +31,8 @@ struct Square {
 struct RunPage {
     run: RunRow,
     begun: String,
+    anonymous_until: Option<String>,
+    withdrawn: Option<(String, String)>,
     row: Option<BoardRow>,
     is_hidden: bool,
     actions: Vec<(String, String, String, String)>,
@@ -46,7 +48,11 @@ struct RunPage {
 /// # Errors
 /// Returns a 404 error if the run does not exist.
 pub async fn run(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
-    let results = results(&state, &id).await?;
+    let mut results = results(&state, &id).await?;
+    let anonymous_until = results.run.embargo.as_ref().map(|embargo| rfc3339(embargo.until_ms));
+    if anonymous_until.is_some() {
+        (results.run.owner, results.run.card) = (None, None);
+    }
     let squares = match &results.tasks {
         TasksOfRun::Finished(all) => {
             results.board.entry.suite.tasks.iter().zip(all).map(|(task, result)| square(task, *result)).collect()
@@ -65,6 +71,8 @@ pub async fn run(State(state): State<AppState>, Path(id): Path<String>) -> PageR
     let card = card.unwrap_or_default();
     html::page(&RunPage {
         begun: rfc3339(results.run.created_at_ms),
+        anonymous_until,
+        withdrawn: results.run.withdrawn.clone().map(|(at_ms, reason)| (rfc3339(at_ms), reason)),
         is_hidden,
         tables: tables.filter(|(_, rates)| !rates.groups.is_empty()).collect(),
         actions: results.actions.into_iter().map(|a| (rfc3339(a.at_ms), a.action, a.actor, a.reason)).collect(),

@@ -101,10 +101,11 @@ pub async fn put_run_card(
 )]
 pub async fn get_run_card(
     State(state): State<AppState>,
+    caller: AppResult<Caller>,
     Path(id): Path<String>,
     Params(query): Params<CardQuery>,
 ) -> AppResult<Json<CardBody>> {
-    Ok(Json(CardBody::of(versions(&state, CardOf::Run(&id)).await?, query.prompt)?))
+    Ok(Json(CardBody::of(versions(&state, caller.ok().as_ref(), CardOf::Run(&id)).await?, query.prompt)?))
 }
 
 /// Declares what an entry was, like the card of a run.
@@ -140,8 +141,9 @@ pub async fn put_entry_card(
 )]
 pub async fn get_entry_card(
     State(state): State<AppState>,
+    caller: AppResult<Caller>,
     Path(id): Path<String>,
     Params(query): Params<CardQuery>,
 ) -> AppResult<Json<CardBody>> {
-    Ok(Json(CardBody::of(versions(&state, CardOf::Entry(&id)).await?, query.prompt)?))
+    Ok(Json(CardBody::of(versions(&state, caller.ok().as_ref(), CardOf::Entry(&id)).await?, query.prompt)?))
 }

@@ -37,12 +37,12 @@ pub async fn finish_run(
         Some(body) => read_draft::<FinishBody>(body, "finish one run per request")?,
         None => (Some(FinishBody::default()), Faults::new()),
     };
-    Ok(Json(finish(&state, &caller, &id, draft, faults).await?.into()))
+    Ok(Json(RunBody::seen_by(Some(&caller), finish(&state, &caller, &id, draft, faults).await?)))
 }
 
 /// Deletes a run that is still open. Its pending submissions are cancelled, and only `state=deleted` lists it. Reports
 /// and receipts of its graded submissions stay, and the board still counts it among the runs that the agent has begun.
-/// A finished run cannot be deleted.
+/// A finished run cannot be deleted; its owner may withdraw it.
 #[utoipa::path(
     delete, path = "/v1/runs/{id}", operation_id = "delete_run", tag = "runs", summary = "Delete an open run",
     params(("id" = String, Path, description = "The run's id")),
@@ -57,5 +57,5 @@ pub async fn delete_run(
     caller: Caller,
     Path(id): Path<String>,
 ) -> AppResult<Json<RunBody>> {
-    Ok(Json(delete(&state, &caller, &id).await?.into()))
+    Ok(Json(RunBody::seen_by(Some(&caller), delete(&state, &caller, &id).await?)))
 }

@@ -4,4 +4,5 @@
 
 pub mod cards;
 pub mod changes;
+pub mod publicity;
 pub mod resource;

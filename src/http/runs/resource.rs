@@ -19,6 +19,7 @@ use crate::http::extract::idempotency;
 use crate::http::extract::params::{Params, SoundParams};
 use crate::http::state::AppState;
 use crate::http::submissions::schema::SubmissionBody;
+use crate::store::embargoes::Embargo;
 use crate::store::keys::Scope;
 use crate::store::run_rows::RunRow;
 use crate::store::states::RunState;
@@ -31,7 +32,7 @@ pub struct RunBody {
     /// Identifier of the run.
     #[schema(format = Uuid)]
     pub id: String,
-    /// Name of the agent.
+    /// Name of the agent; an alias while the run is under embargo.
     pub agent: String,
     /// `name@version` of its suite.
     pub suite: String,
@@ -61,7 +62,7 @@ pub struct RunBody {
     pub finished_at: Option<String>,
     /// Summary of the run, once finished.
     pub summary: Option<Summary>,
-    /// Owner of the key that created it; null if it was created without a key.
+    /// Owner of the key that created it; null if it was created without a key, or while it is under embargo.
     pub owner: Option<String>,
     /// Origin of its logs.
     #[schema(value_type = RunProvenance)]
@@ -78,15 +79,57 @@ pub struct RunBody {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Card>)]
     pub card: Option<Value>,
+    /// Embargo that holds for the run; absent if none does.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub embargo: Option<EmbargoBody>,
+    /// Withdrawal of the run by its owner; absent if there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub withdrawn: Option<Withdrawal>,
 }
 
-impl From<RunRow> for RunBody {
-    fn from(run: RunRow) -> Self {
+/// Embargo of a run.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct EmbargoBody {
+    /// End of the embargo.
+    #[schema(format = DateTime)]
+    pub until: String,
+    /// Name of the agent; only its owner sees it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub agent: Option<String>,
+}
+
+/// Withdrawal of a run by its owner.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct Withdrawal {
+    /// Time of the withdrawal.
+    #[schema(format = DateTime)]
+    pub at: String,
+    /// Reason that the owner gave.
+    pub reason: String,
+}
+
+impl RunBody {
+    /// Builds the body of a run as a caller may see it: of a run under embargo, only its owner sees agent, owner, card and
+    /// metadata.
+    #[must_use]
+    pub fn seen_by(caller: Option<&Caller>, run: RunRow) -> Self {
+        let is_seen = |embargo: &Embargo| {
+            caller.is_some_and(|caller| caller.owns(run.owner.as_deref())).then(|| embargo.agent.clone())
+        };
+        let embargo = run
+            .embargo
+            .as_ref()
+            .map(|embargo| EmbargoBody { until: rfc3339(embargo.until_ms), agent: is_seen(embargo) });
+        let is_anonymous = embargo.as_ref().is_some_and(|embargo| embargo.agent.is_none());
+        let metadata = match run.embargo {
+            Some(embargo) if !is_anonymous => embargo.metadata,
+            _ => run.metadata,
+        };
         Self {
             id: run.id,
             agent: run.agent,
             suite: run.suite_id,
-            metadata: run.metadata,
+            metadata,
             state: run.state,
             tasks: run.tasks,
             pending: run.pending,
@@ -95,12 +138,14 @@ impl From<RunRow> for RunBody {
             created_at: rfc3339(run.created_at_ms),
             finished_at: run.finished_at_ms.map(rfc3339),
             summary: run.summary,
-            owner: run.owner,
+            owner: run.owner.filter(|_| !is_anonymous),
             provenance: run.provenance,
             skipped: run.skipped,
             profile: run.profile,
             track: run.track,
-            card: run.card,
+            card: run.card.filter(|_| !is_anonymous),
+            embargo,
+            withdrawn: run.withdrawn.map(|(at_ms, reason)| Withdrawal { at: rfc3339(at_ms), reason }),
         }
     }
 }
@@ -128,14 +173,15 @@ pub async fn create_run(
     let once = underway.as_ref().map(|underway| &underway.once);
     let CreatedRun { run, is_replayed } = create(&state, &caller, draft, faults, once).await?;
     let location = [(header::LOCATION, format!("/v1/runs/{}", run.id))];
-    let mut response = (StatusCode::CREATED, location, Json(RunBody::from(run))).into_response();
+    let mut response = (StatusCode::CREATED, location, Json(RunBody::seen_by(Some(&caller), run))).into_response();
     if is_replayed {
         response.headers_mut().extend([idempotency::REPLAYED]);
     }
     Ok(response)
 }
 
-/// Returns a run with its progress and, once finished, its summary.
+/// Returns a run with its progress and, once finished, its summary. A run under embargo shows an alias; its owner, with a
+/// key, sees all of it.
 #[utoipa::path(
     get, path = "/v1/runs/{id}", operation_id = "get_run", tag = "runs", summary = "Get a run",
     params(("id" = String, Path, description = "The run's id")),
@@ -144,8 +190,12 @@ pub async fn create_run(
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000000", "state": "finished", "tasks": 723, "graded": 723 })),
     )
 )]
-pub async fn get_run(State(state): State<AppState>, Path(id): Path<String>) -> AppResult<Json<RunBody>> {
-    Ok(Json(read::stored(&state, &id).await?.into()))
+pub async fn get_run(
+    State(state): State<AppState>,
+    caller: AppResult<Caller>,
+    Path(id): Path<String>,
+) -> AppResult<Json<RunBody>> {
+    Ok(Json(RunBody::seen_by(caller.ok().as_ref(), read::stored(&state, &id).await?)))
 }
 
 /// Query parameters that filter runs.
@@ -208,9 +258,11 @@ pub async fn list_runs(
     caller: Result<Caller, AppError>,
     SoundParams(query, faults): SoundParams<RunsQuery>,
 ) -> AppResult<Json<RunPage>> {
+    let seen_by = caller.as_ref().ok().cloned();
     let page = read::list(&state, caller, query.into(), faults).await?;
     let next_after = page.next(|last| last.id.clone());
-    let runs = page.items.into_iter().map(|row| RunBody { summary: None, ..RunBody::from(row) }).collect();
+    let body = |row| RunBody { summary: None, ..RunBody::seen_by(seen_by.as_ref(), row) };
+    let runs = page.items.into_iter().map(body).collect();
     Ok(Json(RunPage { runs, next_after }))
 }
 

@@ -49,7 +49,7 @@ pub struct SubmissionBody {
     /// Time at which it ended (RFC 3339).
     #[schema(format = DateTime)]
     pub ended_at: Option<String>,
-    /// Owner of the key that posted it; null if it was posted without a key.
+    /// Owner of the key that posted it; null if it was posted without a key, or if its run is under embargo.
     pub owner: Option<String>,
     /// Number of submissions ahead of it while it is queued; counted up to 10,000.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -86,7 +86,7 @@ impl SubmissionBody {
             events: row.events,
             created_at: rfc3339(row.created_at_ms),
             ended_at: row.ended_at_ms.map(rfc3339),
-            owner: row.owner,
+            owner: row.owner.filter(|_| !row.is_anonymous),
             queued_before: None,
             estimated_seconds: None,
             profile: row.profile,

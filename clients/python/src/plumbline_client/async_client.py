@@ -175,6 +175,8 @@ class AsyncClient:
         self.submissions = AsyncSubmissions(self)
         self.suites = async_resources.AsyncSuites(self)
         self.tasks = AsyncTasks(self)
+        self.team = async_resources.AsyncTeam(self)
+        self.webhooks = async_resources.AsyncWebhooks(self)
 
     async def __aenter__(self) -> Self:
         return self

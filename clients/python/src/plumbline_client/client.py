@@ -175,6 +175,8 @@ class Client:
         self.submissions = Submissions(self)
         self.suites = resources.Suites(self)
         self.tasks = Tasks(self)
+        self.team = resources.Team(self)
+        self.webhooks = resources.Webhooks(self)
 
     def __enter__(self) -> Self:
         return self

@@ -61,9 +61,9 @@ class BoardAction(BaseModel):
     """
     Identifier of the run.
     """
-    action: Literal["hide", "restore", "regrade"] | str
+    action: Literal["hide", "restore", "regrade", "withdraw", "reveal"] | str
     """
-    `hide`, `restore` or `regrade`.
+    `hide`, `restore`, `regrade`, `withdraw` or `reveal`.
     """
     actor: str
     """
@@ -229,6 +229,24 @@ class Dropped(BaseModel):
     count: Annotated[int, Field(ge=0)]
     """
     Number of such calls.
+    """
+
+
+class EmbargoBody(BaseModel):
+    """
+    Embargo of a run.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    until: AwareDatetime
+    """
+    End of the embargo.
+    """
+    agent: str | None = None
+    """
+    Name of the agent; only its owner sees it.
     """
 
 
@@ -747,6 +765,42 @@ class Limits(BaseModel):
     """
     Versions of a card.
     """
+    team_members: int
+    """
+    Members of an owner.
+    """
+    live_keys: int
+    """
+    Live keys of an owner itself, and of each of its members.
+    """
+    webhooks: int
+    """
+    Webhooks of an owner.
+    """
+    webhook_url_chars: Annotated[int, Field(ge=0)]
+    """
+    Characters in the URL of a webhook.
+    """
+    webhook_pending: int
+    """
+    Pending deliveries of a webhook; further events wait.
+    """
+    webhook_seconds: Annotated[int, Field(ge=0)]
+    """
+    Seconds in which an endpoint must answer a message.
+    """
+    webhook_delivered_days: int
+    """
+    Days for which deliveries that were made are kept.
+    """
+    webhook_dead_days: int
+    """
+    Days for which deliveries that were given up are kept.
+    """
+    embargo_days: int
+    """
+    Days that a run may be under embargo.
+    """
     idempotency_key_bytes: Annotated[int, Field(ge=0)]
     """
     Bytes in an `Idempotency-Key`.
@@ -1098,6 +1152,24 @@ class NewDraw(BaseModel):
     """
 
 
+class NewEmbargo(BaseModel):
+    """
+    Embargo that a run begins with.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    alias: Annotated[str, Field(min_length=1)]
+    """
+    Name that the run shows for its agent. Runs of one owner may share it; the agents of other owners may not.
+    """
+    until: str
+    """
+    End of the embargo: RFC 3339, or a date, which stands for the beginning of that day in UTC.
+    """
+
+
 class NewEvent(BaseModel):
     """
     An event: a block that is placed or removed.
@@ -1126,6 +1198,25 @@ class NewEvent(BaseModel):
     material: Annotated[str | None, Field(examples=["stone"], max_length=128)] = None
     """
     Name of the material; required for `place`.
+    """
+
+
+class NewKey(BaseModel):
+    """
+    A key to create.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid",
+        populate_by_name=True,
+    )
+    scopes: list[Literal["submit", "grade", "read", "admin"]] | None = None
+    """
+    Scopes of the key; by default all that the member's role allows.
+    """
+    expires_days: int | None = None
+    """
+    Lifetime of the key in days; by default it does not expire.
     """
 
 
@@ -1161,6 +1252,21 @@ class NewTurn(BaseModel):
     corner: Annotated[list[int] | None, Field(max_length=3, min_length=3)] = None
     """
     Where the least corner of the structure's box goes: `[x, y, z]`. By default where a paste at (0, 0, 0) puts it.
+    """
+
+
+class NewWithdrawal(BaseModel):
+    """
+    Withdrawal of a run.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid",
+        populate_by_name=True,
+    )
+    reason: Annotated[str, Field(min_length=1)]
+    """
+    Reason for the withdrawal; it is public.
     """
 
 
@@ -2921,6 +3027,58 @@ class WeightsBody(BaseModel):
     """
 
 
+class Withdrawal(BaseModel):
+    """
+    Withdrawal of a run by its owner.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    at: AwareDatetime
+    """
+    Time of the withdrawal.
+    """
+    reason: str
+    """
+    Reason that the owner gave.
+    """
+
+
+class WithdrawnRow(BaseModel):
+    """
+    A run that its owner withdrew from the board.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    run: UUID
+    """
+    Identifier of the run.
+    """
+    agent: str
+    """
+    Name of the agent.
+    """
+    track: Literal["specified", "brief"]
+    """
+    Track of its prompts.
+    """
+    attempts: Annotated[int, Field(ge=0)]
+    """
+    Number of runs of this suite that the agent has begun, in any state.
+    """
+    at: AwareDatetime
+    """
+    Time of the withdrawal.
+    """
+    reason: str
+    """
+    Reason that the owner gave.
+    """
+
+
 class Witness(BaseModel):
     """
     Cell that shows why a check scored as it did.
@@ -3356,6 +3514,74 @@ class CriterionReport(BaseModel):
     """
 
 
+class DeliveryBody(BaseModel):
+    """
+    A delivery to a webhook.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    id: Annotated[str, Field(examples=["msg_0198c0de00007000800000000000000a"])]
+    """
+    Identifier of the delivery: the header `webhook-id` of each attempt.
+    """
+    event: Annotated[str, Field(examples=["run.finished"])]
+    """
+    Name of the event; `webhook.test` for a test.
+    """
+    state: Literal["pending", "delivered", "dead"] | str
+    """
+    State of the delivery.
+    """
+    attempts: Annotated[int, Field(ge=0)]
+    """
+    Number of attempts so far.
+    """
+    next_at: AwareDatetime | None = None
+    """
+    Time of the next attempt; null unless it is pending.
+    """
+    last_status: int | None = None
+    """
+    HTTP status of the last answer; null without an answer.
+    """
+    last_error: str | None = None
+    """
+    Description of the last failure; null without one.
+    """
+    created_at: AwareDatetime
+    """
+    Time of the event, or of the test.
+    """
+    ended_at: AwareDatetime | None = None
+    """
+    Time at which it was delivered or given up; null while it is pending.
+    """
+    message: dict[str, Any]
+    """
+    The message.
+    """
+
+
+class DeliveryPage(BaseModel):
+    """
+    A page of deliveries.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    deliveries: list[DeliveryBody]
+    """
+    Deliveries, latest first.
+    """
+    next_before: str | None = None
+    """
+    Value of `before` for the next page; null on the last page.
+    """
+
+
 class EntryBody(BaseModel):
     """
     An entry, with as much of its result as the feedback of its tier allows.
@@ -3774,6 +4000,62 @@ class InlineTask(BaseModel):
     """
 
 
+class KeyBody(BaseModel):
+    """
+    A key, without its secret.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    id: Annotated[str, Field(examples=["1f0c2d3e4b5a"])]
+    """
+    Public part of the key.
+    """
+    scopes: list[Literal["submit", "grade", "read", "admin"]]
+    """
+    Scopes of the key; the role of its member may allow less.
+    """
+    created_at: AwareDatetime
+    """
+    Time of creation.
+    """
+    expires_at: AwareDatetime | None = None
+    """
+    Time at which the key expires; null if it does not.
+    """
+    last_used_at: AwareDatetime | None = None
+    """
+    Time of the last use, to the minute; null before the first.
+    """
+
+
+class MemberBody(BaseModel):
+    """
+    A member of an owner.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    name: str
+    """
+    Name of the member.
+    """
+    role: Literal["reader", "submitter", "manager"]
+    """
+    Role of the member: what its keys may do at most.
+    """
+    created_at: AwareDatetime
+    """
+    Time at which the member was added.
+    """
+    keys: list[KeyBody]
+    """
+    Live keys of the member, oldest first.
+    """
+
+
 class NewAnswerBody(BaseModel):
     """
     The answer to a hidden instance.
@@ -3846,6 +4128,40 @@ class NewEpisode(BaseModel):
     """
 
 
+class NewKeyBody(BaseModel):
+    """
+    A key that was created.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    key: str
+    """
+    The whole key. It is shown only here: the service keeps a hash of its secret.
+    """
+    about: KeyBody
+    """
+    The key without its secret.
+    """
+
+
+class NewMember(BaseModel):
+    """
+    Role of a member.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid",
+        populate_by_name=True,
+    )
+    role: Literal["reader", "submitter", "manager"]
+    """
+    What the member's keys may do at most: `reader` grades within requests and reads; `submitter` also begins runs and
+    posts submissions; `manager` also manages members, keys and webhooks, withdraws runs and lifts embargoes.
+    """
+
+
 class NewReplay(BaseModel):
     """
     Action code to run: of one turn as `action_code`, or of several as `turns`.
@@ -3912,6 +4228,27 @@ class NewSubmissionBody(BaseModel):
     Turns of the log, as many as the task has. Either `turns` or `log` is required.
     """
     log: StoredLogBody | None = None
+
+
+class NewWebhook(BaseModel):
+    """
+    A webhook to create.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid",
+        populate_by_name=True,
+    )
+    url: str
+    """
+    URL to which events are posted: https, at an address of the public internet.
+    """
+    events: list[Literal["submission.graded", "submission.rejected", "submission.grader_error", "submission.cancelled", "run.finished", "run.deleted"]] | None = (
+        None
+    )
+    """
+    Events to post; all by default.
+    """
 
 
 class ProblemLevel(PerCriterionProblemRate):
@@ -4001,6 +4338,10 @@ class RepeatGroup(BaseModel):
     runs: list[str]
     """
     Identifiers of the runs, in the order in which they finished.
+    """
+    withdrawn: Annotated[int | None, Field(ge=0)] = None
+    """
+    Number of runs of the group that their owner withdrew, which the figures leave out; absent if there are none.
     """
     mean: Annotated[float, Field(ge=0.0, le=1.0)]
     """
@@ -4241,7 +4582,7 @@ class SubmissionBody(BaseModel):
     """
     owner: str | None = None
     """
-    Owner of the key that posted it; null if it was posted without a key.
+    Owner of the key that posted it; null if it was posted without a key, or if its run is under embargo.
     """
     queued_before: Annotated[int | None, Field(ge=0)] = None
     """
@@ -4404,6 +4745,28 @@ class TaskPage(BaseModel):
     """
 
 
+class TeamBody(BaseModel):
+    """
+    An owner with its members.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    owner: str
+    """
+    Name of the owner, to whom runs and submissions belong.
+    """
+    keys: list[KeyBody]
+    """
+    Live keys of the owner itself, oldest first.
+    """
+    members: list[MemberBody]
+    """
+    Members, by name.
+    """
+
+
 class TurnBody(BaseModel):
     """
     One turn of a task.
@@ -4456,6 +4819,85 @@ class VerifyRequest(BaseModel):
     response: dict[str, Any] | None = None
     """
     Response of the model: an object of the Responses API.
+    """
+
+
+class WebhookBody(BaseModel):
+    """
+    A webhook.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    id: UUID
+    """
+    Identifier of the webhook.
+    """
+    url: Annotated[str, Field(examples=["https://lab.example/plumbline"])]
+    """
+    URL to which events are posted.
+    """
+    events: list[Literal["submission.graded", "submission.rejected", "submission.grader_error", "submission.cancelled", "run.finished", "run.deleted"]]
+    """
+    Events that are posted.
+    """
+    enabled: bool
+    """
+    Whether events are posted now.
+    """
+    disabled_reason: str | None = None
+    """
+    Reason why it is disabled; null while it is enabled.
+    """
+    created_at: AwareDatetime
+    """
+    Time of creation.
+    """
+    secret: Annotated[
+        str | None, Field(examples=["whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw"])
+    ] = None
+    """
+    Secret that signs messages; only in the answer that creates or changes it.
+    """
+
+
+class WebhookChange(BaseModel):
+    """
+    What a webhook shall be.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid",
+        populate_by_name=True,
+    )
+    url: str
+    """
+    URL to which events are posted: https, at an address of the public internet.
+    """
+    events: list[Literal["submission.graded", "submission.rejected", "submission.grader_error", "submission.cancelled", "run.finished", "run.deleted"]] | None = (
+        None
+    )
+    """
+    Events to post; all by default.
+    """
+    enabled: bool | None = None
+    """
+    Whether events are posted; true by default. Events that end while it is disabled are never posted.
+    """
+
+
+class WebhookList(BaseModel):
+    """
+    Webhooks of an owner.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    webhooks: list[WebhookBody]
+    """
+    Webhooks, oldest first.
     """
 
 
@@ -4562,6 +5004,10 @@ class BoardRow(BaseModel):
     finished_at: AwareDatetime
     """
     Time at which the run finished.
+    """
+    anonymous_until: AwareDatetime | None = None
+    """
+    End of the run's embargo; until then, `agent` is an alias. Absent without an embargo.
     """
 
 
@@ -4763,6 +5209,7 @@ class NewRunBody(BaseModel):
     provenance: Literal["self-reported", "re-run-by-host"] | None = None
     track: Literal["specified", "brief"] | None = None
     card: Card | None = None
+    embargo: NewEmbargo | None = None
 
 
 class RunBody(BaseModel):
@@ -4779,7 +5226,7 @@ class RunBody(BaseModel):
     """
     agent: str
     """
-    Name of the agent.
+    Name of the agent; an alias while the run is under embargo.
     """
     suite: str
     """
@@ -4821,7 +5268,7 @@ class RunBody(BaseModel):
     summary: Summary | None = None
     owner: str | None = None
     """
-    Owner of the key that created it; null if it was created without a key.
+    Owner of the key that created it; null if it was created without a key, or while it is under embargo.
     """
     provenance: Literal["self-reported", "re-run-by-host"]
     """
@@ -4837,6 +5284,8 @@ class RunBody(BaseModel):
     Track of its prompts.
     """
     card: Card | None = None
+    embargo: EmbargoBody | None = None
+    withdrawn: Withdrawal | None = None
 
 
 class RunPage(BaseModel):
@@ -4985,6 +5434,10 @@ class BoardBody(BaseModel):
     """
     Results on this suite that others report; they were not graded by this service. Listed only beside the track `brief`,
     whose prompts are as short as theirs.
+    """
+    withdrawn: list[WithdrawnRow] | None = None
+    """
+    Runs that match the filters and that their owners withdrew, latest first; absent if there are none.
     """
 
 

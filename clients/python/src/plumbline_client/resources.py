@@ -251,9 +251,9 @@ class Runs:
         """Get a run's card."""
         return self._client._call(models.CardBody, "GET", f"/v1/runs/{quoted(id)}/card", params={"prompt": prompt})
 
-    def create(self, *, agent: str, suite: str, metadata: Mapping[str, Any] | None = None, provenance: Literal["self-reported", "re-run-by-host"] | None = None, track: Literal["specified", "brief"] | None = None, card: models.Card | Mapping[str, Any] | None = None, idempotency_key: str | None = None) -> models.RunBody:
+    def create(self, *, agent: str, suite: str, metadata: Mapping[str, Any] | None = None, provenance: Literal["self-reported", "re-run-by-host"] | None = None, track: Literal["specified", "brief"] | None = None, card: models.Card | Mapping[str, Any] | None = None, embargo: models.NewEmbargo | Mapping[str, Any] | None = None, idempotency_key: str | None = None) -> models.RunBody:
         """Create a run."""
-        return self._client._call(models.RunBody, "POST", "/v1/runs", json=given({"agent": agent, "suite": suite, "metadata": metadata, "provenance": provenance, "track": track, "card": card}), once=idempotency_key or new_key())
+        return self._client._call(models.RunBody, "POST", "/v1/runs", json=given({"agent": agent, "suite": suite, "metadata": metadata, "provenance": provenance, "track": track, "card": card, "embargo": embargo}), once=idempotency_key or new_key())
 
     def delete(self, id: str | UUID) -> models.RunBody:
         """Delete an open run."""
@@ -267,6 +267,10 @@ class Runs:
         """Get a run."""
         return self._client._call(models.RunBody, "GET", f"/v1/runs/{quoted(id)}")
 
+    def lift_embargo(self, id: str | UUID) -> models.RunBody:
+        """Lift an embargo early."""
+        return self._client._call(models.RunBody, "DELETE", f"/v1/runs/{quoted(id)}/embargo")
+
     def list(self, *, state: Literal["open", "finishing", "finished", "deleted"] | None = None, suite: str | None = None, agent: str | None = None, mine: bool | None = None, since: str | None = None, until: str | None = None, after: str | UUID | None = None, limit: int | None = None) -> models.RunPage:
         """List runs."""
         return self._client._call(models.RunPage, "GET", "/v1/runs", params={"state": state, "suite": suite, "agent": agent, "mine": mine, "since": since, "until": until, "after": after, "limit": limit})
@@ -278,6 +282,10 @@ class Runs:
     def submissions(self, id: str | UUID, *, after: int | None = None, limit: int | None = None) -> models.SubmissionPage:
         """List a run's submissions."""
         return self._client._call(models.SubmissionPage, "GET", f"/v1/runs/{quoted(id)}/submissions", params={"after": after, "limit": limit})
+
+    def withdraw(self, id: str | UUID, *, reason: str) -> models.RunBody:
+        """Withdraw a run."""
+        return self._client._call(models.RunBody, "POST", f"/v1/runs/{quoted(id)}/withdraw", json=given({"reason": reason}))
 
 
 class Service:
@@ -405,3 +413,78 @@ class Tasks:
     def list_as(self, *, format: Literal["trl", "verl", "openrlhf", "nemo-gym", "lm-eval"], suite: str | None = None, family: str | None = None, category: Literal["structural-elements", "building-types", "architectural-elements", "construction-management", "civil-engineering"] | None = None, type: str | None = None, criterion: Literal["material", "shape", "size", "physical_plausibility", "structural_stability", "efficiency", "dependency"] | None = None, track: Literal["specified", "brief"] | None = None, text: str | None = None, after: int | None = None, limit: int | None = None, scheme: Literal["strict", "shaped", "mean"] | None = None, profile: Literal["published", "mindcraft"] | None = None) -> str:
         """List tasks."""
         return self._client._call(str, "GET", "/v1/tasks", params={"suite": suite, "family": family, "category": category, "type": type, "criterion": criterion, "track": track, "text": text, "after": after, "limit": limit, "format": format, "scheme": scheme, "profile": profile})
+
+
+class Team:
+    """`client.team`."""
+
+    def __init__(self, client: Caller) -> None:
+        self._client = client
+
+    def create_key(self, name: str, *, scopes: Sequence[Literal["submit", "grade", "read", "admin"]] | None = None, expires_days: int | None = None) -> models.NewKeyBody:
+        """Create a key of a member."""
+        return self._client._call(models.NewKeyBody, "POST", f"/v1/team/members/{quoted(name)}/keys", json=given({"scopes": scopes, "expires_days": expires_days}))
+
+    def get(self) -> models.TeamBody:
+        """Get a team."""
+        return self._client._call(models.TeamBody, "GET", "/v1/team")
+
+    def put_member(self, name: str, *, role: Literal["reader", "submitter", "manager"]) -> models.TeamBody:
+        """Add a member, or change its role."""
+        return self._client._call(models.TeamBody, "PUT", f"/v1/team/members/{quoted(name)}", json=given({"role": role}), is_repeatable=True)
+
+    def remove_member(self, name: str) -> models.TeamBody:
+        """Remove a member."""
+        return self._client._call(models.TeamBody, "DELETE", f"/v1/team/members/{quoted(name)}")
+
+    def revoke_key(self, id: str | UUID) -> models.TeamBody:
+        """Revoke a key."""
+        return self._client._call(models.TeamBody, "DELETE", f"/v1/team/keys/{quoted(id)}")
+
+
+class Webhooks:
+    """`client.webhooks`."""
+
+    def __init__(self, client: Caller) -> None:
+        self._client = client
+
+    def change_secret(self, id: str | UUID) -> models.WebhookBody:
+        """Change the secret of a webhook."""
+        return self._client._call(models.WebhookBody, "POST", f"/v1/webhooks/{quoted(id)}/secret")
+
+    def create(self, *, url: str, events: Sequence[Literal["submission.graded", "submission.rejected", "submission.grader_error", "submission.cancelled", "run.finished", "run.deleted"]] | None = None) -> models.WebhookBody:
+        """A message is a JSON object with `type`, `timestamp` and `data`, which is what `/v1/events` sends. Its headers
+        are `webhook-id`, which is the same in every attempt, `webhook-timestamp` and `webhook-signature`. An
+        endpoint that answers with a status from 200 to 299 has received it. After any other answer, or none,
+        the service tries again, ten times in four days by default, and then keeps the message as dead. 410
+        disables the webhook. Redirects are not followed.
+        """
+        return self._client._call(models.WebhookBody, "POST", "/v1/webhooks", json=given({"url": url, "events": events}))
+
+    def delete(self, id: str | UUID) -> models.WebhookBody:
+        """Delete a webhook."""
+        return self._client._call(models.WebhookBody, "DELETE", f"/v1/webhooks/{quoted(id)}")
+
+    def deliveries(self, id: str | UUID, *, state: Literal["pending", "delivered", "dead"] | None = None, before: str | None = None, limit: int | None = None) -> models.DeliveryPage:
+        """List deliveries."""
+        return self._client._call(models.DeliveryPage, "GET", f"/v1/webhooks/{quoted(id)}/deliveries", params={"state": state, "before": before, "limit": limit})
+
+    def get(self, id: str | UUID) -> models.WebhookBody:
+        """Get a webhook."""
+        return self._client._call(models.WebhookBody, "GET", f"/v1/webhooks/{quoted(id)}")
+
+    def list(self) -> models.WebhookList:
+        """List webhooks."""
+        return self._client._call(models.WebhookList, "GET", "/v1/webhooks")
+
+    def put(self, id: str | UUID, *, url: str, events: Sequence[Literal["submission.graded", "submission.rejected", "submission.grader_error", "submission.cancelled", "run.finished", "run.deleted"]] | None = None, enabled: bool | None = None) -> models.WebhookBody:
+        """Change a webhook."""
+        return self._client._call(models.WebhookBody, "PUT", f"/v1/webhooks/{quoted(id)}", json=given({"url": url, "events": events, "enabled": enabled}), is_repeatable=True)
+
+    def retry(self, id: str | UUID, delivery: str) -> models.DeliveryBody:
+        """Deliver again."""
+        return self._client._call(models.DeliveryBody, "POST", f"/v1/webhooks/{quoted(id)}/deliveries/{quoted(delivery)}/retry")
+
+    def test(self, id: str | UUID) -> models.DeliveryBody:
+        """Try a webhook out."""
+        return self._client._call(models.DeliveryBody, "POST", f"/v1/webhooks/{quoted(id)}/test")

@@ -1,0 +1,33 @@
+-- Webhooks: addresses to which the events of an owner are posted, and what is to be posted.
+CREATE TABLE webhooks (
+    id                  TEXT COLLATE "C" NOT NULL PRIMARY KEY,
+    owner               TEXT COLLATE "C" NOT NULL,
+    url                 TEXT    NOT NULL,
+    events              TEXT    NOT NULL,                -- names by commas; empty: all
+    secret              TEXT    NOT NULL,                -- whsec_…; signing needs it, so it is no hash
+    old_secret          TEXT,                            -- also signs until old_secret_until_ms
+    old_secret_until_ms BIGINT,
+    disabled_reason     TEXT,                            -- null: enabled
+    seen_event          BIGINT NOT NULL,                -- the last event whose deliveries are stored
+    created_at_ms       BIGINT NOT NULL
+);
+CREATE INDEX webhooks_by_owner ON webhooks (owner, id);
+
+CREATE TABLE deliveries (
+    id            TEXT COLLATE "C" NOT NULL PRIMARY KEY,          -- the same in every attempt
+    webhook_id    TEXT COLLATE "C" NOT NULL REFERENCES webhooks (id),
+    event_id      BIGINT,                               -- null: a test
+    event         TEXT    NOT NULL,                      -- name of the event
+    body          TEXT    NOT NULL,                      -- JSON; the same in every attempt
+    state         TEXT    NOT NULL CHECK (state IN ('pending', 'delivered', 'dead')),
+    attempts      BIGINT NOT NULL DEFAULT 0,
+    next_at_ms    BIGINT NOT NULL,                      -- of the next attempt, while pending
+    last_status   BIGINT,                               -- HTTP status of the last answer
+    last_error    TEXT,
+    created_at_ms BIGINT NOT NULL,
+    ended_at_ms   BIGINT,
+    CHECK ((state = 'pending') = (ended_at_ms IS NULL))
+);
+CREATE UNIQUE INDEX deliveries_of_event ON deliveries (webhook_id, event_id) WHERE event_id IS NOT NULL;
+CREATE INDEX deliveries_of_webhook ON deliveries (webhook_id, id);
+CREATE INDEX deliveries_due ON deliveries (next_at_ms) WHERE state = 'pending';

@@ -1,0 +1,200 @@
+//! Teams: the members of an owner, and the keys that belong to them.
+
+use crate::app::App;
+use crate::app::access::{Caller, unauthorized};
+use crate::app::error::{AppError, AppResult, Kind};
+use crate::app::limits::LIMITS;
+use crate::clock::now_ms;
+use crate::store::keys::{Holder, KeyRow, LIVE_KEYS, Role, Scope, parts};
+use crate::store::members::{MemberPut, MemberRow};
+use plumbline_engine::intake::Faults;
+
+/// Maximum length of the name of a member or an owner, in characters.
+const NAME_CHARS: usize = 100;
+/// Greatest lifetime of a key, in days.
+pub const MAX_DAYS: i64 = 36_500;
+
+/// An owner with its members and all keys that are live.
+#[derive(Debug)]
+pub struct Team {
+    /// Name of the owner.
+    pub owner: String,
+    /// Members, by name.
+    pub members: Vec<MemberRow>,
+    /// Live keys of the owner and of the members, oldest first.
+    pub keys: Vec<KeyRow>,
+}
+
+/// A key that was created.
+#[derive(Debug)]
+pub struct CreatedKey {
+    /// The whole key, which is never shown again.
+    pub key: String,
+    /// The stored key.
+    pub row: KeyRow,
+}
+
+/// Checks the name of an owner or a member.
+///
+/// # Errors
+/// Returns the fault of the name.
+pub fn check_name(name: &str) -> Result<(), String> {
+    if name.trim().is_empty() || name.chars().count() > NAME_CHARS {
+        return Err(format!("expected 1 to {NAME_CHARS} characters"));
+    }
+    if name.chars().any(char::is_control) || name.trim() != name {
+        return Err(format!("control characters and leading or trailing spaces are not allowed: {name:?}"));
+    }
+    Ok(())
+}
+
+impl Caller {
+    /// Returns the owner whose key was sent.
+    ///
+    /// # Errors
+    /// Returns 401 if no key was accepted.
+    pub fn require_owner(&self) -> AppResult<&str> {
+        let why = "this belongs to the owner of a key: Authorization: Bearer …";
+        self.owner().ok_or_else(|| unauthorized(self.refused.unwrap_or(why)))
+    }
+
+    /// Returns the owner whose key was sent if the key may manage what belongs to it.
+    ///
+    /// # Errors
+    /// Returns 401 if no key was accepted, and 403 if the key's scopes or the role of its member do not allow it.
+    pub fn require_manager(&self) -> AppResult<&str> {
+        let owner = self.require_owner()?;
+        if self.key.as_ref().is_some_and(KeyRow::manages) {
+            return Ok(owner);
+        }
+        let detail =
+            "this needs a key with the scope \"submit\" of the owner itself, or of a member with the role \"manager\"";
+        Err(AppError::new(Kind::Forbidden, detail))
+    }
+
+    /// Checks that the caller is no member without the role of a manager. Something that has no owner needs no more.
+    ///
+    /// # Errors
+    /// Returns 403 if the caller is a member without that role.
+    pub fn require_manager_of_members(&self) -> AppResult<()> {
+        if self.key.as_ref().is_some_and(|key| key.member.is_some()) {
+            self.require_manager()?;
+        }
+        Ok(())
+    }
+}
+
+/// Returns the team of the caller's owner.
+///
+/// # Errors
+/// Returns an error if no key was accepted, or if the database fails.
+pub async fn team(app: &App, caller: &Caller) -> AppResult<Team> {
+    let owner = caller.require_owner()?.to_owned();
+    let now = now_ms();
+    let mut keys = app.store.keys_of(&owner).await?;
+    keys.retain(|key| key.is_live(now));
+    Ok(Team { members: app.store.members(&owner).await?, keys, owner })
+}
+
+/// Adds a member, or changes the role of an existing one. Returns whether it was added.
+///
+/// # Errors
+/// Returns an error if the caller may not manage the team, if the name is faulty, or if the team is full.
+pub async fn put_member(app: &App, caller: &Caller, name: &str, role: Role) -> AppResult<bool> {
+    let owner = caller.require_manager()?;
+    check_name(name).map_err(|fault| AppError::new(Kind::BadRequest, format!("the name in the path: {fault}")))?;
+    match app.store.put_member(owner, name, role, LIMITS.team_members, now_ms()).await? {
+        MemberPut::Added => Ok(true),
+        MemberPut::Changed => Ok(false),
+        MemberPut::Full => {
+            let detail = format!("the team has {} members, the maximum", LIMITS.team_members);
+            Err(AppError::conflict("team-full", detail))
+        }
+    }
+}
+
+/// Removes a member; its keys are revoked.
+///
+/// # Errors
+/// Returns an error if the caller may not manage the team, or if there is no such member.
+pub async fn remove_member(app: &App, caller: &Caller, name: &str) -> AppResult<()> {
+    let owner = caller.require_manager()?;
+    if app.store.remove_member(owner, name, now_ms()).await? { Ok(()) } else { Err(no_member(name)) }
+}
+
+/// Creates a key of a member. A member may create keys of its own; a manager those of everyone. Without scopes, the key
+/// has all that the role allows.
+///
+/// # Errors
+/// Returns an error if the caller may not create it, if there is no such member, if the role does not allow a scope, or if
+/// the member has too many live keys.
+pub async fn create_key(
+    app: &App,
+    caller: &Caller,
+    member: &str,
+    scopes: Option<&[Scope]>,
+    days: Option<i64>,
+) -> AppResult<CreatedKey> {
+    let owner = caller.require_owner()?;
+    let own = caller.key.as_ref().filter(|key| key.member.as_deref() == Some(member));
+    if own.is_none() {
+        caller.require_manager()?;
+    }
+    let members = app.store.members(owner).await?;
+    let role = members.iter().find(|known| known.name == member).ok_or_else(|| no_member(member))?.role;
+    // A member that is no manager gets no further with a new key than with the one that it has.
+    let is_allowed = |scope: Scope| role.allows(scope) && own.is_none_or(|own| own.manages() || own.allows(scope));
+    let mut faults = Faults::new();
+    faults.enter_key("scopes");
+    for (i, scope) in scopes.into_iter().flatten().enumerate().filter(|(_, scope)| !is_allowed(**scope)) {
+        faults.enter_index(i);
+        faults.add(format!(
+            "the role {:?} of the member, or the key of the request, does not allow {:?}",
+            role.name(),
+            scope.name()
+        ));
+        faults.leave();
+    }
+    if scopes.is_some_and(<[Scope]>::is_empty) {
+        faults.add("expected one scope or more; leave it out for all that the role allows");
+    }
+    faults.leave();
+    if let Some(days) = days.filter(|days| !(1..=MAX_DAYS).contains(days)) {
+        faults.add_at("expires_days", format!("{days} is out of range: 1 to {MAX_DAYS}"));
+    }
+    if !faults.is_empty() {
+        return Err(AppError::faulty(faults));
+    }
+    let usual = [Scope::Submit, Scope::Grade, Scope::Read];
+    let scopes: Vec<Scope> =
+        scopes.map_or_else(|| usual.into_iter().filter(|it| is_allowed(*it)).collect(), <[_]>::to_vec);
+    let now = now_ms();
+    let expires_at_ms = days.map(|days| now + days * crate::clock::DAY_MS);
+    let holder = Holder { owner, member: Some(member) };
+    let Some(key) = app.store.create_key(holder, &scopes, expires_at_ms, now).await? else {
+        let detail = format!("the member {member:?} has {LIVE_KEYS} live keys, the maximum; revoke one first");
+        return Err(AppError::conflict("too-many-keys", detail));
+    };
+    let (id, _) = parts(&key).expect("a new key has the form of a key");
+    let row = app.store.key(id).await?.ok_or_else(|| AppError::internal(&"a new key is gone"))?;
+    Ok(CreatedKey { key, row })
+}
+
+/// Revokes a key of the team, given by its public part. A member may revoke keys of its own; a manager all.
+///
+/// # Errors
+/// Returns an error if the caller may not revoke it, or if the team has no such live key.
+pub async fn revoke_key(app: &App, caller: &Caller, id: &str) -> AppResult<()> {
+    let owner = caller.require_owner()?;
+    let missing = || AppError::not_found("the team has no live key with this public part; GET /v1/team lists them");
+    let key = app.store.key(id).await?.filter(|key| key.owner == owner && key.is_live(now_ms())).ok_or_else(missing)?;
+    let is_own = caller.key.as_ref().is_some_and(|own| own.member.is_some() && own.member == key.member);
+    if !is_own {
+        caller.require_manager()?;
+    }
+    if app.store.revoke_key(id, now_ms()).await? { Ok(()) } else { Err(missing()) }
+}
+
+fn no_member(name: &str) -> AppError {
+    AppError::not_found(format!("the team has no member {name:?}; GET /v1/team lists them"))
+}

@@ -1,0 +1,58 @@
+//! What an owner decides about a run in public. It may withdraw a finished run, of which a trace stays and which still
+//! counts as an attempt, and lift an embargo early.
+
+use super::changes::own_run;
+use super::read::stored;
+use crate::app::App;
+use crate::app::access::Caller;
+use crate::app::boards::actions::reason_of;
+use crate::app::error::{AppError, AppResult};
+use crate::clock::now_ms;
+use crate::store::board_actions::{Acted, ActionKind, NewAction};
+use crate::store::run_rows::RunRow;
+use crate::store::states::RunState;
+
+/// Name under which the owner of an anonymous run acts.
+const ANONYMOUS: &str = "its owner";
+
+/// Withdraws a finished run for good. Returns the run.
+///
+/// # Errors
+/// Returns an error if there is no such run, if it belongs to another owner, if the reason is empty or too long, if the
+/// run has not finished, or if it was withdrawn before.
+pub async fn withdraw(app: &App, caller: &Caller, id: &str, reason: &str) -> AppResult<RunRow> {
+    let run = own_run(app, caller, id).await?;
+    caller.require_manager_of_members()?;
+    let reason = reason_of(reason)?;
+    let actor = match &run.embargo {
+        Some(_) => ANONYMOUS,
+        None => caller.owner().unwrap_or("anybody"),
+    };
+    let action = NewAction { kind: ActionKind::Withdraw, actor, reason: &reason };
+    match app.store.act_on_row(id, &action, now_ms()).await? {
+        Acted::Done => stored(app, id).await,
+        Acted::Already => Err(AppError::conflict("already-so", "the run is already withdrawn")),
+        Acted::NoSuchRow => {
+            let remedy = match run.state {
+                RunState::Open => "delete it instead: DELETE /v1/runs/{id}",
+                _ => "wait until it has finished",
+            };
+            let detail = format!("the run is {}, and only a finished run can be withdrawn; {remedy}", run.state.name());
+            Err(AppError::conflict("run-not-finished", detail))
+        }
+    }
+}
+
+/// Lifts the embargo of a run early. Returns the run.
+///
+/// # Errors
+/// Returns an error if there is no such run, if it belongs to another owner, or if no embargo holds for it.
+pub async fn lift(app: &App, caller: &Caller, id: &str) -> AppResult<RunRow> {
+    let run = own_run(app, caller, id).await?;
+    caller.require_manager_of_members()?;
+    let actor = run.owner.as_deref().unwrap_or("anybody");
+    if !app.store.lift_embargo(id, actor, now_ms()).await? {
+        return Err(AppError::conflict("no-embargo", "the run is not under embargo"));
+    }
+    stored(app, id).await
+}

@@ -1,0 +1,109 @@
+//! Actions on the rows of boards: an operator hides or restores a row, its owner withdraws it.
+
+use super::db::{Tx, query, query_scalar};
+use super::locks::Lock;
+use super::postgres::notices::Notice;
+use super::{Store, StoreResult, commit};
+
+/// Action on a row, to be recorded.
+#[derive(Debug, Clone, Copy)]
+pub struct NewAction<'a> {
+    /// Kind of the action.
+    pub kind: ActionKind,
+    /// Name of whoever acts.
+    pub actor: &'a str,
+    /// Reason that the actor gives.
+    pub reason: &'a str,
+}
+
+/// Kind of an action that a request asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ActionKind {
+    /// The operator removes the row from the board.
+    Hide,
+    /// The operator shows a hidden row again.
+    Restore,
+    /// The owner withdraws the run for good.
+    Withdraw,
+}
+
+impl ActionKind {
+    /// Returns the name in the record of actions.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Hide => "hide",
+            Self::Restore => "restore",
+            Self::Withdraw => "withdraw",
+        }
+    }
+}
+
+/// Outcome of an action on a row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Acted {
+    /// The action was carried out.
+    Done,
+    /// The row already was in this state.
+    Already,
+    /// There is no such finished run.
+    NoSuchRow,
+}
+
+impl Store {
+    /// Acts on the row of a finished run, and records publicly who did it and why.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails.
+    pub async fn act_on_row(&self, run_id: &str, new: &NewAction<'_>, now_ms: i64) -> StoreResult<Acted> {
+        let mut tx = self.begin().await?;
+        tx.lock([Lock::Run(run_id)]).await?;
+        let is_finished: bool = query_scalar("SELECT EXISTS (SELECT 1 FROM runs WHERE id = $1 AND state = 'finished')")
+            .bind(run_id)
+            .fetch_one(&mut tx)
+            .await?;
+        if !is_finished {
+            return Ok(Acted::NoSuchRow);
+        }
+        let before: Vec<String> = query_scalar("SELECT action FROM board_actions WHERE run_id = $1 ORDER BY id DESC")
+            .bind(run_id)
+            .fetch_all(&mut tx)
+            .await?;
+        let is_hidden = before.iter().find(|action| ["hide", "restore"].contains(&action.as_str()));
+        let is_hidden = is_hidden.is_some_and(|action| action == "hide");
+        let is_already = match new.kind {
+            ActionKind::Hide => is_hidden,
+            ActionKind::Restore => !is_hidden,
+            ActionKind::Withdraw => before.iter().any(|action| action == "withdraw"),
+        };
+        if is_already {
+            return Ok(Acted::Already);
+        }
+        enter_action(&mut tx, run_id, new.kind.name(), new.actor, new.reason, now_ms).await?;
+        tx.notify(Notice::Ended { changes_board: true }).await?;
+        commit(tx, "act_on_row").await?;
+        self.note_ends(true);
+        Ok(Acted::Done)
+    }
+}
+
+/// Records an action on a row.
+pub(super) async fn enter_action(
+    tx: &mut Tx,
+    run_id: &str,
+    action: &str,
+    actor: &str,
+    reason: &str,
+    now_ms: i64,
+) -> StoreResult<()> {
+    tx.lock([Lock::Order]).await?;
+    query("INSERT INTO board_actions (run_id, action, actor, reason, at_ms) VALUES ($1, $2, $3, $4, $5)")
+        .bind(run_id)
+        .bind(action)
+        .bind(actor)
+        .bind(reason)
+        .bind(now_ms)
+        .execute(tx)
+        .await?;
+    Ok(())
+}
