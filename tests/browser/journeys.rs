@@ -242,10 +242,25 @@ async fn a_build_is_looked_at_from_all_sides() {
     // Witnesses; two side by side; a task's good build.
     page.goto(&format!("{}/submissions/{other}", service.url)).await.unwrap();
     browser.wait(CANVAS, |canvas| canvas["faces"] == "12").await;
+    // The verdict stands before the build, failed checks first; opening one shows its blocks alone, closing it all.
+    let texts = "return [...document.querySelectorAll('details.check > summary')].map(s => s.innerText)";
+    let told = browser.run(texts).await;
+    assert!(told[0].as_str().unwrap().contains("No block floats\n1 of 2 blocks float"), "{told}");
+    browser.click("details.check > summary").await;
+    browser.wait(legend, |told| told == "1 flagged block, in red").await;
+    assert_eq!(browser.run(CANVAS).await["mode"], "witness");
+    browser.see("flagged").await;
+    browser.click("details.check > summary").await;
+    browser.wait(CANVAS, |canvas| canvas["mode"] == "material").await;
+    // The wheel scrolls the page until the view has the focus.
+    let wheel = "const c = document.querySelector('.viewer canvas'); \
+                 return c.dispatchEvent(new WheelEvent('wheel', { deltaY: 100, cancelable: true }))";
+    browser.run("document.activeElement.blur()").await;
+    assert_eq!(browser.run(wheel).await, json!(true), "the page scrolls");
+    browser.run("document.querySelector('.viewer canvas').focus()").await;
+    assert_eq!(browser.run(wheel).await, json!(false), "the view takes it");
     browser.click("[data-control=colour] option[value=witness]").await;
-    browser
-        .wait(legend, |told| told.as_str().is_some_and(|told| told.contains("cells flagged by failed checks")))
-        .await;
+    browser.wait(legend, |told| told.as_str().is_some_and(|told| told.ends_with("flagged blocks, in red"))).await;
     browser.see("witnesses").await;
     page.goto(&format!("{}/compare?a={id}&b={other}", service.url)).await.unwrap();
     browser.wait("return document.querySelectorAll('.viewer.live').length", |live| *live == 2).await;

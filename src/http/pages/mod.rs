@@ -3,7 +3,9 @@
 
 pub mod assets;
 mod board;
+mod claims;
 mod epochs;
+mod findings;
 mod html;
 mod run;
 mod submission;

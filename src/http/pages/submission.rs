@@ -10,6 +10,8 @@ use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
 use super::assets;
+use super::claims;
+use super::findings;
 use super::html::{self, PageResult, json_in_markup};
 use crate::actions::CodeError;
 use crate::actions::turn_replay::TurnReplay;
@@ -22,8 +24,10 @@ use crate::http::extract::caller::Reader;
 use crate::http::extract::params;
 use crate::http::state::AppState;
 use crate::http::submissions::stress::{StressFormat, write};
-use crate::pictures::{colours, isometric};
+use crate::pictures::colours::{self, Look};
+use crate::pictures::isometric;
 use crate::store::reports::ReportRow;
+use crate::store::states::SubmissionState;
 use crate::store::submissions::SubmissionRow;
 use plumbline_engine::elasticity::field::Method;
 use plumbline_engine::grading::Report;
@@ -54,6 +58,8 @@ pub struct Shown {
     agent: Option<String>,
     report: Option<ReportRow>,
     replays: Vec<TurnReplay>,
+    /// Prompts of the task, one for each turn.
+    prompts: Vec<String>,
     created: String,
     graded: String,
     view: View,
@@ -64,10 +70,54 @@ impl Shown {
         html::percent(Some(score))
     }
 
-    /// Returns the checks of a turn, each with whether it counts; informational checks do not.
-    fn checks(turn: &TurnReport) -> Vec<(bool, &CheckReport)> {
-        let shown = turn.informational.iter().map(|check| (false, check));
-        turn.checks.iter().map(|check| (true, check)).chain(shown).collect()
+    /// Returns the checks of a turn that count and failed, or passed.
+    fn failed(turn: &TurnReport) -> Vec<&CheckReport> {
+        turn.checks.iter().filter(|check| !check.finding.holds()).collect()
+    }
+
+    fn passed(turn: &TurnReport) -> Vec<&CheckReport> {
+        turn.checks.iter().filter(|check| check.finding.holds()).collect()
+    }
+
+    /// Returns the number of failed checks, and of all that count.
+    fn counts(report: &Report) -> (usize, usize) {
+        let failed = report.turns.iter().map(|turn| Self::failed(turn).len()).sum();
+        (failed, report.turns.iter().map(|turn| turn.checks.len()).sum())
+    }
+
+    /// Returns the blocks that a check flags, as JSON.
+    fn cells(check: &CheckReport) -> String {
+        let cells: Vec<[i32; 3]> = check.finding.witnesses.iter().map(|w| [w.cell.x, w.cell.y, w.cell.z]).collect();
+        serde_json::to_string(&cells).expect("numbers are JSON")
+    }
+
+    /// Returns a name of the API as words.
+    fn words(name: &str) -> String {
+        name.replace('_', " ")
+    }
+
+    /// Says what follows for a submission without a report.
+    const fn what_next(&self) -> &'static str {
+        match self.row.state {
+            SubmissionState::Queued => "It waits for its turn. This page shows the verdict once it is graded.",
+            SubmissionState::Grading => "It is being graded. This page shows the verdict once it is.",
+            SubmissionState::Graded => "Its report is being stored.",
+            SubmissionState::Rejected => {
+                "The log cannot be graded, for the reason below. Post a log without that fault."
+            }
+            SubmissionState::GraderError => {
+                "The service failed to grade it, which says nothing about the build. Post the task again: its run stays open until then."
+            }
+            SubmissionState::Cancelled => {
+                "It was cancelled before it was graded. The task may be posted again while its run is open."
+            }
+        }
+    }
+
+    /// Returns how long grading took.
+    fn took(&self) -> String {
+        let us = self.report.as_ref().map_or(0, |row| row.grading_us);
+        if us < 10_000 { format!("{us} µs") } else { format!("{} ms", us / 1_000) }
     }
 
     /// Returns the errors of a turn's code, each with its place.
@@ -112,13 +162,14 @@ fn witnesses(report: Option<&ReportRow>) -> Vec<[i32; 3]> {
     failed.flat_map(|check| &check.finding.witnesses).map(|w| [w.cell.x, w.cell.y, w.cell.z]).collect()
 }
 
-/// Maps each material of a palette to its colour.
-pub fn colours_of<'a>(palette: impl IntoIterator<Item = &'a str>) -> Value {
-    palette
-        .into_iter()
-        .map(|name| (name.to_owned(), Value::from(colours::hex(name))))
-        .collect::<serde_json::Map<_, _>>()
-        .into()
+/// Says how each material of a palette looks: the colours of its top and its sides, and its boxes, in sixteenths of a
+/// block, if it does not fill its cell.
+pub fn looks_of<'a>(palette: impl IntoIterator<Item = &'a str>) -> Value {
+    let look = |name: &str| {
+        let Look { top, side, boxes } = colours::look(name);
+        if boxes.is_empty() { json!([top, side]) } else { json!([top, side, boxes]) }
+    };
+    palette.into_iter().map(|name| (name.to_owned(), look(name))).collect::<serde_json::Map<_, _>>().into()
 }
 
 /// Reads the material names of a log's palette without building the rest of the log in memory.
@@ -140,11 +191,12 @@ async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Re
         tokio::task::spawn_blocking(move || palette(&log)).await.map_err(|error| AppError::internal(&error))??;
     let scene = json!({
         "log": format!("/v1/submissions/{id}/log"),
-        "colours": colours_of(names.iter().map(String::as_str)),
+        "looks": looks_of(names.iter().map(String::as_str)),
         "stress": { "sph": field("sph"), "fem": field("fem") },
         "witnesses": cells,
     });
     let task = details.task().map(|task| task.id.clone()).unwrap_or_default();
+    let prompts = details.task().map(|task| task.turns.iter().map(|turn| turn.prompt.clone()).collect());
     Ok(Shown {
         view: View {
             scene: json_in_markup(&scene),
@@ -155,6 +207,7 @@ async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Re
             has_witnesses: !cells.is_empty(),
         },
         task,
+        prompts: prompts.unwrap_or_default(),
         agent: details.agent,
         created: rfc3339(details.row.created_at_ms),
         graded: details.report.as_ref().map(|report| rfc3339(report.graded_at_ms)).unwrap_or_default(),
@@ -262,8 +315,8 @@ pub async fn evidence(State(state): State<AppState>, Reader(who): Reader, Path(i
     }
     let cells = witnesses(one.report.as_ref());
     let names = palette(log.to_string().as_bytes())?;
-    let colours = colours_of(names.iter().map(String::as_str));
-    let scene = json!({ "log": log, "colours": colours, "stress": stress, "witnesses": cells });
+    let looks = looks_of(names.iter().map(String::as_str));
+    let scene = json!({ "log": log, "looks": looks, "stress": stress, "witnesses": cells });
     one.view.scene = json_in_markup(&scene);
     "data:,".clone_into(&mut one.view.picture);
     let text = EvidencePage { one, style: assets::STYLE, viewer: assets::VIEWER }

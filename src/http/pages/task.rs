@@ -7,8 +7,9 @@ use axum::extract::{Path, RawQuery, State};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
+use super::claims;
 use super::html::{self, PageResult, json_in_markup};
-use super::submission::{View, colours_of, image, picture_of};
+use super::submission::{View, image, looks_of, picture_of};
 use crate::app::boards::tasks::{ResultsOnTask, SolvedTasks, TaskResult, results_on, search};
 use crate::app::catalogue::tasks::example;
 use crate::app::error::AppError;
@@ -86,9 +87,9 @@ struct TaskPage {
 fn view(suite: &Suite, task: &Task, log: &BlockLog) -> Result<View, AppError> {
     let json: Value = serde_json::from_slice(&log.canonical_json()).map_err(|error| AppError::internal(&error))?;
     let names = json["palette"].as_array().map(Vec::as_slice).unwrap_or_default();
-    let colours = colours_of(names.iter().filter_map(Value::as_str));
+    let looks = looks_of(names.iter().filter_map(Value::as_str));
     Ok(View {
-        scene: json_in_markup(&json!({ "log": json, "colours": colours })),
+        scene: json_in_markup(&json!({ "log": json, "looks": looks })),
         picture: format!("/suites/{}/tasks/{}/view.svg", suite.id(), task.number),
         name: format!("Example build for {}", task.id),
         camera: "",

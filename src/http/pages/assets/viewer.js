@@ -1,5 +1,6 @@
-// The 3D view of builds: draws the visible faces in one call, with replay, slices, materials, stress and witness cells.
-// A view is a .viewer element that contains its scene as JSON. Views with the same data-camera rotate together.
+// The 3D view of builds: draws the visible faces in one call, with replay, slices, materials, stress and flagged blocks.
+// A view is a .viewer element that contains its scene as JSON. Views with the same data-camera rotate together. Checks
+// beside a view (details.check in the same [data-shown]) show the blocks that they flag when they are opened.
 const SIDES = [
   // Direction, brightness, and corners of each face, in order around it.
   [[0, 1, 0], 1.0, [[0, 1, 0], [0, 1, 1], [1, 1, 1], [1, 1, 0]]],
@@ -12,6 +13,11 @@ const SIDES = [
 const RAMP = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
 const GREY = [150, 155, 162];
 const RED = [222, 48, 44];
+const GROUND = [[122, 168, 92], [114, 158, 86]];
+const WHOLE = [0, 0, 0, 16, 16, 16], SMALL = [5, 5, 5, 11, 11, 11];
+const MARGIN = 2, GROUND_SPAN = 128;
+const AXES = [["x", [1, 0, 0], [226, 72, 62]], ["y", [0, 1, 0], [88, 178, 80]], ["z", [0, 0, 1], [72, 120, 226]]];
+const isCalm = matchMedia("(prefers-reduced-motion: reduce)");
 const cameras = new Map();
 
 const VERTEX = `#version 300 es
@@ -28,7 +34,8 @@ const ramp = (share) => {
   const at = Math.min(Math.max(share, 0), 1) * (RAMP.length - 1), i = Math.min(Math.floor(at), RAMP.length - 2);
   return RAMP[i].map((low, c) => low + (RAMP[i + 1][c] - low) * (at - i));
 };
-const rgb = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16));
+/* Returns whether a box reaches the given side of its cell. */
+const touches = (box, side) => (side % 2 ? box[[1, 2, 0][side >> 1]] === 0 : box[[4, 5, 3][side >> 1]] === 16);
 const pascal = (pa) => (pa >= 1e6 ? `${(pa / 1e6).toPrecision(3)} MPa` : pa >= 1e3 ? `${(pa / 1e3).toPrecision(3)} kPa` : `${pa.toPrecision(3)} Pa`);
 
 function program(gl) {
@@ -76,8 +83,11 @@ class Viewer {
     this.isSoft = drawsInSoftware();
     this.gl = this.canvas.getContext("webgl2", { antialias: !this.isSoft });
     this.palette = log.palette;
-    this.colours = log.palette.map((name) => rgb(scene.colours[name] ?? "#9aa0a8"));
+    // Colours of top and sides, and boxes in sixteenths of a block where it does not fill its cell.
+    this.looks = log.palette.map((name) => scene.looks[name] ?? [GREY, GREY]);
     this.events = log.turns.flat();
+    let end = 0;
+    this.turnEnds = log.turns.map((turn) => (end += turn.length));
     this.hidden = new Set();
     this.mode = "material";
     this.stress = new Map();
@@ -94,11 +104,12 @@ class Viewer {
     this.paints = gl.createBuffer();
     this.order = gl.createBuffer();
     this.path = gl.createBuffer();
+    this.lines = gl.createBuffer();
     this.bounds();
     const shared = this.root.dataset.camera;
-    this.camera = (shared && cameras.get(shared)) || { yaw: 0.7, pitch: 0.55, distance: this.size * 1.1 + 3, views: [] };
+    this.camera = (shared && cameras.get(shared)) || { yaw: 0.7, pitch: 0.55, distance: this.size * 1.1 + 5, views: [] };
     if (shared) cameras.set(shared, this.camera);
-    this.camera.distance = Math.max(this.camera.distance, this.size * 1.1 + 3);
+    this.camera.distance = Math.max(this.camera.distance, this.size * 1.1 + 5);
     this.camera.views.push(this);
     this.camera.home = { yaw: 0.7, pitch: 0.55, distance: this.camera.distance };
     this.root.classList.add("live");
@@ -122,7 +133,8 @@ class Viewer {
     const near = ([x, y, z, ...rest]) => [x - ox, y - oy, z - oz, ...rest];
     this.near = near;
     this.events = this.events.map(near);
-    this.witnesses = (this.scene.witnesses ?? []).map(near);
+    this.witnesses = this.failed = (this.scene.witnesses ?? []).map(near);
+    this.origin = [ox, oy, oz];
     [this.low, this.high] = [[0, 0, 0], near(high)];
     [low, high] = [this.low, this.high];
     this.centre = low.map((l, i) => (l + high[i]) / 2);
@@ -143,7 +155,7 @@ class Viewer {
 
   paint(block, witnesses) {
     if (this.mode === "witness") return witnesses.has(key(...block)) ? RED : GREY;
-    if (this.mode === "material") return this.colours[block[3]];
+    if (this.mode === "material") return null;
     const field = this.stress.get(this.mode);
     const value = field?.at.get(key(...block));
     return value === undefined || value === null ? GREY : ramp(field.max > 0 ? value / field.max : 0);
@@ -156,28 +168,34 @@ class Viewer {
     const witnesses = new Set(cells.map((cell) => key(...cell)));
     const places = [], paints = [];
     let shown = 0;
-    const face = (x, y, z, side, scale, colour) => {
-      const [, light, corners] = SIDES[side], pad = (1 - scale) / 2;
+    // A side of a box in sixteenths of a block: the least corner and the greatest.
+    const face = ([x, y, z], [ax, ay, az, bx, by, bz], side, colour) => {
+      const [, light, corners] = SIDES[side];
       for (const [cx, cy, cz] of corners) {
-        places.push(x + pad + cx * scale, y + pad + cy * scale, z + pad + cz * scale);
+        places.push(x + (cx ? bx : ax) / 16, y + (cy ? by : ay) / 16, z + (cz ? bz : az) / 16);
         paints.push(colour[0] * light, colour[1] * light, colour[2] * light, 255);
       }
     };
+    const fills = (b) => shows(b) && !this.looks[b[3]][2];
     for (const block of blocks.values()) {
       if (!shows(block)) continue;
       shown++;
-      const [x, y, z] = block;
-      let colour = null;
+      const [x, y, z, material] = block, [top, sides, boxes] = this.looks[material];
+      const colour = this.paint(block, witnesses);
       for (let side = 0; side < 6; side++) {
-        const [dx, dy, dz] = SIDES[side][0];
-        if (shows(blocks.get(key(x + dx, y + dy, z + dz)))) continue;
-        face(x, y, z, side, 1, (colour ??= this.paint(block, witnesses)));
+        const [dx, dy, dz] = SIDES[side][0], isCovered = fills(blocks.get(key(x + dx, y + dy, z + dz)));
+        for (const box of boxes ?? [WHOLE]) {
+          if (isCovered && touches(box, side)) continue;
+          face(block, box, side, colour ?? (side === 0 ? top : sides));
+        }
       }
     }
     // Witness cells without a block, such as leaking air or a missing corner.
-    if (this.mode === "witness") for (const [x, y, z] of cells) if (!blocks.has(key(x, y, z))) for (let side = 0; side < 6; side++) face(x, y, z, side, 0.4, RED);
-    const faces = places.length / 12, order = new Uint32Array(faces * 6);
-    for (let i = 0; i < faces; i++) order.set([4 * i, 4 * i + 1, 4 * i + 2, 4 * i, 4 * i + 2, 4 * i + 3], 6 * i);
+    if (this.mode === "witness") for (const [x, y, z] of cells) if (!blocks.has(key(x, y, z))) for (let side = 0; side < 6; side++) face([x, y, z], SMALL, side, RED);
+    const faces = places.length / 12;
+    if (this.ground.checked) for (const cell of this.groundAround()) face(cell, WHOLE, 0, GROUND[(cell[0] + cell[2] + cell[3]) & 1]);
+    const drawn = places.length / 12, order = new Uint32Array(drawn * 6);
+    for (let i = 0; i < drawn; i++) order.set([4 * i, 4 * i + 1, 4 * i + 2, 4 * i, 4 * i + 2, 4 * i + 3], 6 * i);
     const gl = this.gl, fill = (buffer, kind, data) => { gl.bindBuffer(kind, buffer); gl.bufferData(kind, data, gl.DYNAMIC_DRAW); };
     fill(this.mesh, gl.ARRAY_BUFFER, new Float32Array(places));
     fill(this.paints, gl.ARRAY_BUFFER, new Uint8Array(paints));
@@ -185,9 +203,13 @@ class Viewer {
     const way = [];
     if (this.walk.checked) for (let i = 0; i < this.at; i++) if (this.events[i].length > 3) way.push(...this.events[i].slice(0, 3).map((c) => c + 0.5));
     fill(this.path, gl.ARRAY_BUFFER, new Float32Array(way));
-    [this.faces, this.steps] = [faces, way.length / 3];
+    fill(this.lines, gl.ARRAY_BUFFER, new Float32Array(this.axes().flatMap(([from, to]) => [...from, ...to])));
+    [this.faces, this.steps] = [drawn, way.length / 3];
     Object.assign(this.canvas.dataset, { blocks: shown, faces, mode: this.mode, step: this.at });
     this.told.textContent = `${this.at} of ${this.events.length} events, ${blocks.size} blocks`;
+    // Whoever listens hears where the view rests, not each step on the way.
+    clearTimeout(this.telling);
+    if (!this.playing) this.telling = setTimeout(() => (this.status.textContent = this.told.textContent), 700);
     this.draw();
   }
 
@@ -202,7 +224,8 @@ class Viewer {
       gl.viewport(0, 0, width, height);
       gl.clearColor(0, 0, 0, 0);
       gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-      gl.uniformMatrix4fv(gl.getUniformLocation(this.program, "view"), false, matrix({ ...this.camera, centre: this.centre }, width / height));
+      const view = matrix({ ...this.camera, centre: this.centre }, width / height);
+      gl.uniformMatrix4fv(gl.getUniformLocation(this.program, "view"), false, view);
       const edges = gl.getUniformLocation(this.program, "edges");
       gl.uniform1f(edges, 1);
       gl.enableVertexAttribArray(0);
@@ -213,6 +236,17 @@ class Viewer {
       gl.vertexAttribPointer(1, 4, gl.UNSIGNED_BYTE, true, 0, 0);
       gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.order);
       gl.drawElements(gl.TRIANGLES, this.faces * 6, gl.UNSIGNED_INT, 0);
+      this.label(view);
+      if (this.ground.checked) {
+        gl.uniform1f(edges, 0);
+        gl.disableVertexAttribArray(1);
+        gl.bindBuffer(gl.ARRAY_BUFFER, this.lines);
+        gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
+        AXES.forEach(([, , [r, g, b]], i) => {
+          gl.vertexAttrib4f(1, r / 255, g / 255, b / 255, 1);
+          gl.drawArrays(gl.LINES, 2 * i, 2);
+        });
+      }
       if (this.steps > 1) {
         gl.disable(gl.DEPTH_TEST);
         gl.uniform1f(edges, 0);
@@ -228,12 +262,19 @@ class Viewer {
 
   controls() {
     const find = (name) => this.root.querySelector(`[data-control=${name}]`);
-    [this.slice, this.time, this.walk, this.told, this.legend] = ["slice", "time", "walk", "told", "legend"].map(find);
+    [this.slice, this.time, this.walk, this.ground, this.told, this.status, this.legend] = ["slice", "time", "walk", "ground", "told", "status", "legend"].map(find);
     this.coloured = find("colour");
     Object.assign(this.slice, { min: this.low[1], max: this.high[1] - 1, value: this.high[1] - 1 });
     Object.assign(this.time, { min: 0, max: this.events.length, value: this.at });
     this.slice.addEventListener("input", () => this.rebuild());
     this.walk.addEventListener("input", () => this.rebuild());
+    this.ground.addEventListener("input", () => this.rebuild());
+    this.names = AXES.map(([name]) => {
+      const label = Object.assign(document.createElement("span"), { className: `axis ${name}`, ariaHidden: "true" });
+      this.canvas.after(label);
+      return label;
+    });
+    for (const check of this.root.closest("[data-shown]")?.querySelectorAll("details.check") ?? []) check.addEventListener("toggle", () => this.flag(check));
     this.time.addEventListener("input", () => this.go(Number(this.time.value)));
     this.coloured.addEventListener("change", () => this.colour(this.coloured.value));
     const play = find("play");
@@ -248,11 +289,52 @@ class Viewer {
       Object.assign(box, { type: "checkbox", checked: true });
       Object.assign(swatch, { className: "swatch", width: 1, height: 1 });
       const brush = swatch.getContext("2d");
-      brush.fillStyle = `rgb(${this.colours[i].join()})`;
+      brush.fillStyle = `rgb(${this.looks[i][1].join()})`;
       brush.fillRect(0, 0, 1, 1);
       box.addEventListener("input", () => { box.checked ? this.hidden.delete(i) : this.hidden.add(i); this.rebuild(); });
       label.append(box, swatch, name);
       list.append(label);
+    });
+  }
+
+  /* Shows the blocks that an opened check flags, as they stand at the end of its turn; all that failed once none is open. */
+  flag(check) {
+    const open = this.root.closest("[data-shown]").querySelector("details.check[open]");
+    if (check.open) {
+      this.witnesses = JSON.parse(check.dataset.cells).map(this.near);
+      this.go(this.turnEnds[check.dataset.turn - 1] ?? this.events.length);
+    } else if (!open) {
+      this.witnesses = this.failed;
+    } else return;
+    const mode = check.open && this.witnesses.length ? "witness" : "material";
+    // A check without flagged blocks leaves the colours as they are.
+    if (mode === "witness" || (!check.open && this.mode === "witness")) this.colour(mode);
+  }
+
+  /* Returns the cells of the flat world's ground around the build, without those that the build touches. */
+  groundAround() {
+    const [ox, oy, oz] = this.origin, [w, , d] = this.high;
+    if (Math.max(w, d) > GROUND_SPAN || -oy - 1 > this.high[1] + GROUND_SPAN) return [];
+    const touched = new Set(this.events.filter(([, y]) => y + oy < 0).map(([x, , z]) => `${x},${z}`));
+    const cells = [], even = (ox + oz) & 1;
+    for (let x = -MARGIN; x < w + MARGIN; x++) for (let z = -MARGIN; z < d + MARGIN; z++) if (!touched.has(`${x},${z}`)) cells.push([x, -oy - 1, z, even]);
+    return cells;
+  }
+
+  /* Returns the ends of the axes: from the corner of the ground, as long as the build. */
+  axes() {
+    const from = [-MARGIN, Math.max(-this.origin[1], 0), -MARGIN];
+    return AXES.map(([, way], i) => [from, from.map((at, j) => at + way[j] * (this.high[i] + (i === 1 ? 1 : MARGIN)))]);
+  }
+
+  /* Writes the names of the axes, with the extent of the build, where they end on the screen. */
+  label(view) {
+    this.axes().forEach(([, to], i) => {
+      const [x, y, , w] = [0, 1, 2, 3].map((row) => view[row] * to[0] + view[4 + row] * to[1] + view[8 + row] * to[2] + view[12 + row]);
+      const label = this.names[i], size = this.high[i];
+      label.hidden = !this.ground.checked || w <= 0 || Math.abs(x) > w || Math.abs(y) > w;
+      label.textContent = `${AXES[i][0]} ${size}`;
+      Object.assign(label.style, { left: `${50 + (x / w) * 50}%`, top: `${50 - (y / w) * 50}%` });
     });
   }
 
@@ -272,8 +354,10 @@ class Viewer {
     }
     button.textContent = "Pause";
     if (this.at >= this.events.length) this.go(0);
-    const stride = Math.max(1, Math.round(this.events.length / 240));
-    this.playing = setInterval(() => (this.at < this.events.length ? this.go(this.at + stride) : this.play(button)), 33);
+    // In ten steps for those who want little motion.
+    const [steps, pause] = isCalm.matches ? [10, 1000] : [240, 33];
+    const stride = Math.max(1, Math.ceil(this.events.length / steps));
+    this.playing = setInterval(() => (this.at < this.events.length ? this.go(this.at + stride) : this.play(button)), pause);
   }
 
   async colour(mode) {
@@ -300,7 +384,7 @@ class Viewer {
         brush.fillRect(i, 0, 1, 1);
       }
       this.legend.append(strip, `von Mises stress, 0 to ${pascal(field.max)}`);
-    } else if (mode === "witness") this.legend.textContent = `${(this.scene.witnesses ?? []).length} cells flagged by failed checks, in red`;
+    } else if (mode === "witness") this.legend.textContent = `${this.witnesses.length} flagged ${this.witnesses.length === 1 ? "block" : "blocks"}, in red`;
     this.rebuild();
     this.remember();
   }
@@ -350,7 +434,12 @@ class Viewer {
       if (pointers.size === 2) this.turn(0, 0, apart / Math.max(spread(), 1));
       else this.turn((before[0] - e.clientX) / 150, (e.clientY - before[1]) / 150, 1);
     });
-    canvas.addEventListener("wheel", (e) => { e.preventDefault(); this.turn(0, 0, Math.exp(e.deltaY / 800)); }, { passive: false });
+    // The wheel scrolls the page until the view has the focus.
+    canvas.addEventListener("wheel", (e) => {
+      if (document.activeElement !== canvas) return;
+      e.preventDefault();
+      this.turn(0, 0, Math.exp(e.deltaY / 800));
+    }, { passive: false });
     const keys = { ArrowLeft: [0.1, 0, 1], ArrowRight: [-0.1, 0, 1], ArrowUp: [0, 0.1, 1], ArrowDown: [0, -0.1, 1], "+": [0, 0, 0.9], "=": [0, 0, 0.9], "-": [0, 0, 1.1] };
     canvas.addEventListener("keydown", (e) => {
       if (keys[e.key]) this.turn(...keys[e.key]);

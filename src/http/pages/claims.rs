@@ -1,0 +1,358 @@
+//! What checks require, in the words of the pages.
+
+use serde_json::Value;
+
+use crate::near::counted;
+use plumbline_engine::checks::Check;
+
+/// Says what a check requires in one sentence, such as "All blocks are stone".
+#[must_use]
+pub fn claim(name: &str, args: &Value) -> String {
+    let args = Args(args);
+    of_materials(name, args)
+        .or_else(|| of_sizes(name, args))
+        .or_else(|| of_shapes(name, args))
+        .or_else(|| of_levels(name, args))
+        .or_else(|| of_safety_and_planning(name, args))
+        .unwrap_or_else(|| plain_name(name))
+}
+
+/// Says what a check of a task requires in one sentence.
+#[must_use]
+pub fn claim_of(check: &Check) -> String {
+    let written = serde_json::to_value(check).expect("a check is JSON");
+    claim(check.name(), &written["args"])
+}
+
+/// Returns the name of a check as words: the last resort, for checks that no suite of the program has.
+fn plain_name(name: &str) -> String {
+    let words = name.rsplit('.').next().unwrap_or(name).replace('_', " ");
+    sentence(&words)
+}
+
+/// Begins a text with a capital letter.
+#[must_use]
+pub fn sentence(text: &str) -> String {
+    let mut chars = text.chars();
+    chars.next().map_or_else(String::new, |first| first.to_uppercase().chain(chars).collect())
+}
+
+/// Values by name: the arguments of a check, or what it measured.
+#[derive(Clone, Copy)]
+pub(super) struct Args<'a>(pub(super) &'a Value);
+
+impl<'a> Args<'a> {
+    pub(super) fn number(self, name: &str) -> Option<f64> {
+        self.0.get(name)?.as_f64()
+    }
+
+    /// A number as text, without a fraction where it has none.
+    fn told(self, name: &str) -> String {
+        self.number(name).map_or_else(|| "?".to_owned(), plain)
+    }
+
+    fn text(self, name: &str) -> Option<&'a str> {
+        self.0.get(name)?.as_str()
+    }
+
+    fn is(self, name: &str) -> bool {
+        self.0.get(name).and_then(Value::as_bool).unwrap_or_default()
+    }
+
+    fn count(self, name: &str) -> i64 {
+        self.0.get(name).and_then(Value::as_i64).unwrap_or_default()
+    }
+
+    /// Materials of a list, such as "stone, then oak planks".
+    fn list(self, name: &str, between: &str) -> String {
+        let all = self.0.get(name).and_then(Value::as_array).into_iter().flatten();
+        all.filter_map(Value::as_str).map(material).collect::<Vec<_>>().join(between)
+    }
+
+    /// "blocks" of a material, if the check names one.
+    fn blocks(self, of: &str) -> String {
+        self.text(of).map_or_else(|| "blocks".to_owned(), |name| format!("blocks of {}", material(name)))
+    }
+
+    /// The share that a check requires: "All" or "At least 50 % of".
+    fn share(self, name: &str) -> String {
+        match self.number(name) {
+            None => "All".to_owned(),
+            Some(share) if share >= 1.0 => "All".to_owned(),
+            Some(share) => format!("At least {} % of the", plain((share * 1_000.0).round() / 10.0)),
+        }
+    }
+}
+
+/// Writes a number with at most two digits after the point.
+pub(super) fn plain(number: f64) -> String {
+    let text = format!("{number:.2}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+/// Writes a material as people do: `#doors` and `_door` stand for a kind.
+fn material(name: &str) -> String {
+    let plain = name.trim_start_matches('_').replace('_', " ");
+    plain.strip_prefix('#').map_or_else(|| plain.clone(), |tag| format!("any {tag}"))
+}
+
+/// A range, such as "49", "30 to 40", "at least 3" or "at most 5"; none if there is no bound.
+fn range(min: Option<f64>, max: Option<f64>) -> Option<String> {
+    match (min, max) {
+        (Some(min), Some(max)) if min.to_bits() == max.to_bits() => Some(plain(min)),
+        (Some(min), Some(max)) => Some(format!("{} to {}", plain(min), plain(max))),
+        (Some(min), None) => Some(format!("at least {}", plain(min))),
+        (None, Some(max)) => Some(format!("at most {}", plain(max))),
+        (None, None) => None,
+    }
+}
+
+fn of_materials(name: &str, args: Args<'_>) -> Option<String> {
+    let wanted = || args.text("expected_material").map_or_else(|| "the material".to_owned(), material);
+    let side = |side: &str| {
+        let share = args.share("ratio_threshold");
+        Some(format!("{share} blocks of the {side} wall at y = {} are {}", args.told("height_y"), wanted()))
+    };
+    match name {
+        "material.is_all_material_equal_to" => Some(format!("All blocks are {}", wanted())),
+        "material.are_blocks_known" => Some("Every block exists in Minecraft 1.21.4".to_owned()),
+        "material.count_is_within" => {
+            let range = range(args.number("min"), args.number("max"))?;
+            Some(sentence(&format!("{range} {}", args.blocks("of"))))
+        }
+        "material.is_block_cnt_equal_to" => {
+            Some(format!("{} {}", args.told("expected_count"), args.blocks("expected_material")))
+        }
+        "material.is_block_cnt_geq" => {
+            Some(format!("At least {} {}", args.told("min_count"), args.blocks("expected_material")))
+        }
+        "material.is_block_cnt_leq" => {
+            Some(format!("At most {} {}", args.told("max_count"), args.blocks("expected_material")))
+        }
+        "material.is_block_cnt_larger_than" => {
+            Some(format!("More than {} {}", args.told("cnt"), args.blocks("expected_material")))
+        }
+        "material.is_made_of" => {
+            let at = format!("at y = {}", args.told("y"));
+            let part = match args.text("part")? {
+                "all" => "blocks".to_owned(),
+                "room_corners" => format!("corners of the rooms {at}"),
+                "room_walls" => format!("blocks of the rooms' walls {at}"),
+                "room_roof" => "blocks of the rooms' roof".to_owned(),
+                other => format!("blocks of the {} {at}", other.replace('_', " ")),
+            };
+            let except = args.text("except").map(|tag| format!(", apart from {}", material(tag))).unwrap_or_default();
+            Some(format!("{} {part} are {}{except}", args.share("min_share"), material(args.text("of")?)))
+        }
+        "material.is_corner_material_equal_to" => {
+            let share = args.share("ratio_threshold");
+            Some(format!("{share} corners at y = {} are {}", args.told("height_y"), wanted()))
+        }
+        "material.is_highest_block_material_equal_to" => {
+            Some(format!("{} highest blocks are {}", args.share("ratio_threshold"), wanted()))
+        }
+        "material.is_max_x_material_equal_to" => side("east"),
+        "material.is_min_x_material_equal_to" => side("west"),
+        "material.is_max_z_material_equal_to" => side("south"),
+        "material.is_min_z_material_equal_to" => side("north"),
+        _ => None,
+    }
+}
+
+fn of_sizes(name: &str, args: Args<'_>) -> Option<String> {
+    let extents = |relation: &str| {
+        let plan = args.0.get("xz").and_then(Value::as_array).map(|plan| {
+            let sides: Vec<String> = plan.iter().filter_map(Value::as_f64).map(plain).collect();
+            format!("{} in plan", sides.join(" × "))
+        });
+        let height = args.number("y").map(|y| format!("{} high", counted(y as i64, "block")));
+        let parts: Vec<String> = plan.into_iter().chain(height).collect();
+        (!parts.is_empty()).then(|| format!("{relation} {}", parts.join(" and ")))
+    };
+    match name {
+        "size.is_equal" => extents("The build measures"),
+        "size.is_geq" => extents("The build measures at least"),
+        "size.is_leq" => extents("The build measures at most"),
+        "size.all_dimensions_geq" => Some(format!("At least {} on every axis", blocks(args, "min_size"))),
+        "size.max_y_is_geq" => Some(format!("The highest block is at y = {} or higher", args.told("min_y"))),
+        "size.min_y_is_equal" => Some(format!("The lowest block is at y = {}", args.told("expected_y"))),
+        _ => None,
+    }
+}
+
+fn blocks(args: Args<'_>, name: &str) -> String {
+    let number = args.number(name).unwrap_or_default();
+    if number.fract() == 0.0 { counted(number as i64, "block") } else { format!("{} blocks", plain(number)) }
+}
+
+fn of_shapes(name: &str, args: Args<'_>) -> Option<String> {
+    Some(match name {
+        "shape.are_adjacent" => format!("{} touch each other", sentence(&args.list("materials", " and "))),
+        "shape.are_doors_passable" => "Nothing blocks a door".to_owned(),
+        "shape.doors_lead_through" => {
+            format!("At least {}, each free on both sides", counted(args.count("min_doors"), "door"))
+        }
+        "shape.climbs_to" => format!("One can climb to y = {} or higher", args.told("min_y")),
+        "shape.is_reachable_by_stairs" => format!("Stairs lead up to y = {} or higher", args.told("min_floor_y")),
+        "shape.has_ceilings" => {
+            let levels = counted(args.count("min_levels"), "level");
+            format!("Rooms on {levels} have a ceiling over {} of floor", blocks(args, "min_cells"))
+        }
+        "shape.has_clear_span" => format!(
+            "A deck {} wide at y = {} spans {} between its supports",
+            blocks(args, "min_width"),
+            args.told("height"),
+            blocks(args, "min_free")
+        ),
+        "shape.has_enclosed_rooms" => {
+            let count = range(args.number("min_rooms"), args.number("max_rooms"))?;
+            let rooms = if count == "1" || count == "at least 1" { "room" } else { "rooms" };
+            format!(
+                "{} {rooms} with walls, a roof, a door and {} of floor",
+                sentence(&count),
+                blocks(args, "min_floor_cells")
+            )
+        }
+        "shape.has_rooms" => format!("{} at y = {}", counted(args.count("room_cnt"), "room"), args.told("y")),
+        "shape.has_upper_floor" => {
+            format!(
+                "An upper floor of {} at y = {} or higher can be reached",
+                blocks(args, "min_cells"),
+                args.told("min_y")
+            )
+        }
+        "shape.has_exit" => format!("An exit {} wide and {} high", blocks(args, "width"), blocks(args, "height")),
+        "shape.has_wide_exit" => format!("An exit {} wide", blocks(args, "width")),
+        "shape.walks_out" => format!(
+            "From {} of {} a path {} wide leads outside",
+            args.told("min_starts"),
+            material(args.text("from")?),
+            blocks(args, "width")
+        ),
+        "shape.is_single_level" => "One can walk outside on one level".to_owned(),
+        "shape.has_no_axis_symmetry" => "The build is not symmetric along an axis".to_owned(),
+        "shape.is_bottom_surface_concave" => "The underside is concave".to_owned(),
+        "shape.is_top_surface_concave" => "The upper surface is concave".to_owned(),
+        "shape.is_true_arch" => format!("An arch rises between two supports at y = {}", args.told("support_y")),
+        "shape.is_vault" => "A vault falls to all sides from its middle".to_owned(),
+        _ => return None,
+    })
+}
+
+fn of_levels(name: &str, args: Args<'_>) -> Option<String> {
+    let at = || format!("at y = {}", args.told("y"));
+    Some(match name {
+        "shape.level_has" => {
+            let blocks = range(args.number("min_blocks").filter(|min| *min > 0.0), args.number("max_blocks"));
+            let parts = range(args.number("min_parts").filter(|min| *min > 0.0), args.number("max_parts"));
+            let what = args.blocks("of");
+            let blocks = blocks.map(|range| format!("{range} {what}"));
+            let parts = parts.map(|range| format!("{range} separate {}", if range == "1" { "part" } else { "parts" }));
+            let size = args.number("min_size").map(|size| format!("a part {} wide", counted(size as i64, "block")));
+            let all: Vec<String> = blocks.into_iter().chain(parts).chain(size).collect();
+            format!("{} {}", sentence(&all.join(", ")), at())
+        }
+        "shape.cluster_count_at_y_is" => {
+            format!("{} {}", counted(args.count("expected_count"), "separate part"), at())
+        }
+        "shape.cluster_at_y_has_min_radius" => format!("A radius of {} or more {}", args.told("min_radius"), at()),
+        "shape.cluster_at_y_has_min_diameter" => {
+            format!("A diameter of {} or more {}", args.told("min_diameter"), at())
+        }
+        "shape.clusters_at_y_have_min_span" => {
+            format!("The parts {} are {} or more apart", at(), blocks(args, "min_span"))
+        }
+        _ => return None,
+    })
+}
+
+fn of_safety_and_planning(name: &str, args: Args<'_>) -> Option<String> {
+    Some(match name {
+        "physical_plausibility.is_ground_connected" => "No block floats".to_owned(),
+        "structural_stability.stress_score" => {
+            format!("No stress above {}", pascals(args.number("von_mises_stress")?))
+        }
+        "efficiency.l1_dist" => "The path from block to block is as short as possible".to_owned(),
+        "dependency.layers_follow" => {
+            format!("{}: each complete before the next", sentence(&args.list("layers", ", then ")))
+        }
+        "dependency.material_sequence_order" => {
+            let kind = if args.is("use_substring_match") { "in this order" } else { "in exactly this order" };
+            format!("{}: placed {kind}", sentence(&args.list("material_sequence", ", then ")))
+        }
+        _ => return None,
+    })
+}
+
+/// Writes a pressure in a unit that keeps it short.
+fn pascals(pascals: f64) -> String {
+    match pascals {
+        pa if pa >= 1e6 => format!("{} MPa", plain(pa / 1e6)),
+        pa if pa >= 1e3 => format!("{} kPa", plain(pa / 1e3)),
+        pa => format!("{} Pa", plain(pa)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plumbline_engine::tasks::{Task, embedded};
+    use serde_json::json;
+
+    #[test]
+    fn every_check_of_every_suite_has_words_of_its_own() {
+        let mut seen = 0;
+        for suite in embedded::suites().unwrap() {
+            for check in suite.tasks.iter().flat_map(Task::checks) {
+                let told = claim_of(check);
+                assert_ne!(told, plain_name(check.name()), "{check:?}");
+                let is_code = told.contains(['{', '}', '_', '?', '"', '#', '[']) || told.contains("null");
+                assert!(!is_code && !told.contains("  "), "{check:?}: {told}");
+                seen += 1;
+            }
+        }
+        assert!(seen > 10_000, "{seen}");
+    }
+
+    #[test]
+    fn claims_read_as_people_say_them() {
+        for (name, args, told) in [
+            (
+                "material.is_made_of",
+                json!({ "min_share": 1.0, "of": "stone", "part": "all", "y": 0 }),
+                "All blocks are stone",
+            ),
+            (
+                "material.is_made_of",
+                json!({ "min_share": 0.5, "of": "stone", "part": "room_corners", "y": 1 }),
+                "At least 50 % of the corners of the rooms at y = 1 are stone",
+            ),
+            ("material.count_is_within", json!({ "min": 49, "max": 49, "of": null }), "49 blocks"),
+            (
+                "material.count_is_within",
+                json!({ "min": 3, "max": null, "of": "#beds" }),
+                "At least 3 blocks of any beds",
+            ),
+            ("size.is_equal", json!({ "xz": [7, 8], "y": 1 }), "The build measures 7 × 8 in plan and 1 block high"),
+            (
+                "shape.cluster_at_y_has_min_radius",
+                json!({ "min_radius": 5.385_164_807_134_504, "y": 0 }),
+                "A radius of 5.39 or more at y = 0",
+            ),
+            (
+                "shape.level_has",
+                json!({ "min_blocks": 49, "max_blocks": 49, "min_parts": 1, "max_parts": 1, "y": -1 }),
+                "49 blocks, 1 separate part at y = -1",
+            ),
+            (
+                "dependency.layers_follow",
+                json!({ "layers": ["stone", "oak_planks"] }),
+                "Stone, then oak planks: each complete before the next",
+            ),
+            ("structural_stability.stress_score", json!({ "von_mises_stress": 62_000_000 }), "No stress above 62 MPa"),
+            ("custom.is_nice_build", json!({}), "Is nice build"),
+        ] {
+            assert_eq!(claim(name, &args), told);
+        }
+    }
+}

@@ -1,0 +1,65 @@
+//! What checks found, in the words of the pages.
+
+use serde_json::Value;
+
+use super::claims::{Args, plain, sentence};
+use crate::near::counted;
+use plumbline_engine::grading::report::CheckReport;
+
+/// Says what a check found in one sentence, without what it requires.
+#[must_use]
+pub fn found(check: &CheckReport) -> String {
+    let measured = Args(&check.finding.measured);
+    let told = match check.name.as_str() {
+        "shape.level_has" => level_found(measured),
+        "size.is_equal" | "size.is_geq" | "size.is_leq" | "size.all_dimensions_geq" => extents_found(measured),
+        "material.is_made_of" => check.finding.measured.as_f64().map(|share| format!("{} % are", plain(share * 100.0))),
+        _ => None,
+    };
+    let summary = check.finding.summary.split("; required").next().unwrap_or_default();
+    sentence(&told.unwrap_or_else(|| summary.replace("y=", "y = ")))
+}
+
+fn level_found(measured: Args<'_>) -> Option<String> {
+    let (blocks, parts) = (measured.number("blocks")? as i64, measured.number("parts")? as i64);
+    if blocks == 0 {
+        return Some("no block".to_owned());
+    }
+    let widest: Vec<f64> = measured.0.get("widest")?.as_array()?.iter().filter_map(Value::as_f64).collect();
+    let [wide, deep] = *widest.as_slice() else { return None };
+    let parts = if parts == 1 { "in one part".to_owned() } else { format!("in {} parts", plain(parts as f64)) };
+    Some(format!("{} {parts}; the widest measures {} × {}", counted(blocks, "block"), plain(wide), plain(deep)))
+}
+
+fn extents_found(measured: Args<'_>) -> Option<String> {
+    let [x, y, z] = ["x", "y", "z"].map(|axis| measured.number(axis));
+    Some(format!("{} × {} in plan and {} high", plain(x?), plain(z?), counted(y? as i64, "block")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plumbline_engine::checks::Criterion;
+    use plumbline_engine::checks::evidence::Finding;
+    use serde_json::json;
+
+    #[test]
+    fn findings_are_told_without_what_was_required() {
+        let told = |name: &str, measured: Value, summary: &str| {
+            let finding = Finding::binary(false, measured, json!({}), summary);
+            found(&CheckReport { name: name.to_owned(), args: json!({}), criterion: Criterion::Shape, finding })
+        };
+        let none = json!({ "blocks": 0, "parts": 0, "widest": [0, 0] });
+        assert_eq!(told("shape.level_has", none, "0 blocks in 0 separate parts"), "No block");
+        let one = json!({ "blocks": 1, "parts": 1, "widest": [1, 1] });
+        assert_eq!(told("shape.level_has", one, ""), "1 block in one part; the widest measures 1 × 1");
+        let extents = json!({ "x": 4.0, "y": 6.0, "z": 4.0 });
+        assert_eq!(told("size.is_equal", extents, "spans 4 x 4"), "4 × 4 in plan and 6 blocks high");
+        assert_eq!(told("material.is_made_of", json!(0.325), ""), "32.5 % are");
+        assert_eq!(told("size.max_y_is_geq", json!(2), "highest y is 2; required >= 12"), "Highest y is 2");
+        assert_eq!(
+            told("shape.climbs_to", json!(-1), "the climb ends at y=-1; required 4"),
+            "The climb ends at y = -1"
+        );
+    }
+}
