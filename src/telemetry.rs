@@ -59,6 +59,7 @@ pub fn describe_metrics() {
     use metrics::{describe_counter, describe_gauge, describe_histogram};
     describe_counter!("plumbline_http_requests_total", "HTTP requests, by method, route and status");
     describe_histogram!("plumbline_http_request_seconds", "Time from request to response in seconds, by route");
+    describe_counter!("plumbline_webhook_attempts_total", "Attempts to deliver to webhooks, by outcome");
     describe_counter!("plumbline_graded_total", "Submissions graded by the workers of this process");
     describe_histogram!("plumbline_grading_seconds", "Time that workers took to grade a submission, in seconds");
     describe_histogram!("plumbline_grade_seconds", "Time that grading within a request took, in seconds");

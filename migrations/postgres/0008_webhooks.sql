@@ -30,4 +30,5 @@ CREATE TABLE deliveries (
 );
 CREATE UNIQUE INDEX deliveries_of_event ON deliveries (webhook_id, event_id) WHERE event_id IS NOT NULL;
 CREATE INDEX deliveries_of_webhook ON deliveries (webhook_id, id);
-CREATE INDEX deliveries_due ON deliveries (next_at_ms) WHERE state = 'pending';
+CREATE INDEX deliveries_due ON deliveries (webhook_id, next_at_ms, id) WHERE state = 'pending';
+CREATE INDEX deliveries_ended ON deliveries (state, ended_at_ms) WHERE ended_at_ms IS NOT NULL;

@@ -11,7 +11,7 @@ use crate::app::accounts::team;
 use crate::app::limits::LIMITS;
 use crate::clock::{now_ms, rfc3339};
 use crate::store::Store;
-use crate::store::keys::{Holder, KeyRow, LIVE_KEYS, Role, Scope, parts};
+use crate::store::keys::{Holder, KeyCreated, KeyRow, LIVE_KEYS, Role, Scope, parts};
 use crate::store::members::MemberPut;
 
 /// Arguments of `keys`.
@@ -98,17 +98,30 @@ async fn create(
     check_name("--name", name)?;
     let now = now_ms();
     let role = match member {
-        Some((member, role)) => Some(role_of(store, name, member, role, now).await?),
+        Some((member, role)) => Some(role_of(store, name, member, role).await?),
         None => None,
     };
     let allowed = scopes_of(scopes, role)?;
     let end = expires.map(|lifetime_ms| now + lifetime_ms);
     let holder = Holder { owner: name, member: member.map(|(member, _)| member) };
-    let Some(key) = store.create_key(holder, &allowed, end, now).await? else {
-        let holder = member.map_or(name, |(member, _)| member);
-        bail!("{holder:?} has {LIVE_KEYS} live keys; revoke one first (plumbline keys list)");
+    let too_many = || {
+        format!("{:?} has {LIVE_KEYS} live keys; revoke one first (plumbline keys list)", holder.member.unwrap_or(name))
     };
-    println!("{key}");
+    let is_live = |key: &KeyRow| key.member.as_deref() == holder.member && key.is_live(now);
+    if store.keys_of(name).await?.iter().filter(|key| is_live(key)).count() as i64 >= LIVE_KEYS {
+        bail!("{}", too_many());
+    }
+    // A role changes what the keys of the member may do, so it is stored once nothing else can be wrong.
+    if let (Some(member), Some(role)) = (holder.member, role)
+        && store.put_member(name, member, role, LIMITS.team_members, now).await? == MemberPut::Full
+    {
+        bail!("{name:?} has {} members, the maximum", LIMITS.team_members);
+    }
+    match store.create_key(holder, &allowed, end, now).await? {
+        KeyCreated::Key(key) => println!("{key}"),
+        KeyCreated::TooMany => bail!("{}", too_many()),
+        KeyCreated::NoMember => bail!("the member was removed meanwhile"),
+    }
     eprintln!("this key is shown once; send it as Authorization: Bearer, or set PLUMBLINE_KEY for plumbline submit");
     Ok(())
 }
@@ -117,26 +130,15 @@ fn check_name(option: &str, name: &str) -> anyhow::Result<()> {
     team::check_name(name).map_err(|fault| anyhow::anyhow!("{option}: {fault}"))
 }
 
-/// Returns the role of a member, who is added if there is none of this name. A role that is given holds from now on.
-async fn role_of(store: &Store, owner: &str, member: &str, role: Option<&str>, now_ms: i64) -> anyhow::Result<Role> {
+/// Returns the role that a member has, or the one that it shall have.
+async fn role_of(store: &Store, owner: &str, member: &str, role: Option<&str>) -> anyhow::Result<Role> {
     check_name("--member", member)?;
-    let known = store.members(owner).await?.into_iter().find(|known| known.name == member).map(|known| known.role);
-    let wanted = match role {
-        Some(name) => Some(
-            Role::named(name)
-                .with_context(|| format!("--role: {name:?} is not one of {}", Role::ALL.map(Role::name).join(", ")))?,
-        ),
-        None => None,
-    };
-    let Some(role) = wanted.or(known) else {
-        bail!("{owner:?} has no member {member:?}; add --role to make one");
-    };
-    if known != Some(role)
-        && store.put_member(owner, member, role, LIMITS.team_members, now_ms).await? == MemberPut::Full
-    {
-        bail!("{owner:?} has {} members, the maximum", LIMITS.team_members);
+    if let Some(name) = role {
+        let known = Role::ALL.map(Role::name).join(", ");
+        return Role::named(name).with_context(|| format!("--role: {name:?} is not one of {known}"));
     }
-    Ok(role)
+    let known = store.members(owner).await?.into_iter().find(|known| known.name == member);
+    known.map(|known| known.role).with_context(|| format!("{owner:?} has no member {member:?}; add --role to make one"))
 }
 
 /// Reads the scopes of a key; without any, those that the role allows of the usual ones.

@@ -19,6 +19,7 @@ pub mod submit;
 pub mod tasks;
 pub mod validate;
 pub mod verify_epoch;
+pub mod webhooks;
 pub mod work;
 
 use std::io::Write as _;
@@ -64,6 +65,8 @@ pub enum Command {
     Keys(keys::KeysArgs),
     /// Grant submissions to owners, lift their limits and show their usage.
     Quota(quota::QuotaArgs),
+    /// List and disable webhooks of all owners.
+    Webhooks(webhooks::WebhooksArgs),
     /// Regrade a suite's submissions with this program's checks, review what changes, and apply or discard it.
     Regrade(regrade::RegradeArgs),
     /// Announce, list and close epochs of hidden evaluation.
@@ -125,6 +128,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Submit(args) => submit::run(&args),
         Command::Keys(args) => keys::run(&args),
         Command::Quota(args) => quota::run(&args),
+        Command::Webhooks(args) => webhooks::run(&args),
         Command::Regrade(args) => regrade::run(&args),
         Command::Epochs(args) => epochs::run(&args),
         Command::VerifyEpoch(args) => verify_epoch::run(&args),

@@ -28,7 +28,7 @@ use crate::http::middleware::rates::{RateSettings, Rates};
 use crate::http::role::Role;
 use crate::http::{self, HttpParts};
 use crate::store::Store;
-use crate::store::keys::{Holder, Scope};
+use crate::store::keys::{Holder, KeyCreated, Scope};
 use crate::store::location::Location;
 use crate::store::serving::Serving;
 use crate::store::suites::SuiteStored;
@@ -213,11 +213,11 @@ impl RunningService {
         for key in self.store.keys().await?.iter().filter(|key| key.owner == OWNER && key.is_live(now)) {
             self.store.revoke_key(&key.id, now).await?;
         }
-        let key = self
-            .store
-            .create_key(Holder { owner: OWNER, member: None }, &[Scope::Submit], Some(now + DAY_MS), now)
-            .await?;
-        key.context("the demo has too many keys")
+        let holder = Holder { owner: OWNER, member: None };
+        match self.store.create_key(holder, &[Scope::Submit], Some(now + DAY_MS), now).await? {
+            KeyCreated::Key(key) => Ok(key),
+            KeyCreated::TooMany | KeyCreated::NoMember => anyhow::bail!("the demo has too many keys"),
+        }
     }
 
     /// Stops accepting requests, lets running requests finish, gives unfinished jobs back, and closes the database.

@@ -10,6 +10,9 @@ use super::rows::from_row;
 use super::webhooks::{WebhookRow, disable};
 use super::{Store, StoreResult, commit};
 
+/// Time for which an attempt takes its delivery, in milliseconds. It is longer than an attempt may last.
+const TAKEN_MS: i64 = 60_000;
+
 /// Stored delivery.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DeliveryRow {
@@ -31,7 +34,7 @@ pub struct DeliveryRow {
     pub last_status: Option<i64>,
     /// Error of the last attempt.
     pub last_error: Option<String>,
-    /// Time at which it was stored, in milliseconds since 1970.
+    /// Time at which it was stored, in milliseconds since 1970; that of the event is in the message.
     pub created_at_ms: i64,
     /// Time at which it was delivered or given up.
     pub ended_at_ms: Option<i64>,
@@ -186,30 +189,32 @@ impl Store {
             .await
     }
 
-    /// Returns the identifiers of enabled webhooks with deliveries that are due.
+    /// Returns the identifiers of enabled webhooks with deliveries that are due, each with its owner. An owner without a
+    /// live key gets none.
     ///
     /// # Errors
     /// Returns an error if the database fails.
-    pub async fn webhooks_with_due_deliveries(&self, now_ms: i64) -> StoreResult<Vec<String>> {
-        query_scalar(
-            "SELECT DISTINCT d.webhook_id FROM deliveries d JOIN webhooks w ON w.id = d.webhook_id
-             WHERE d.state = 'pending' AND d.next_at_ms <= $1 AND w.disabled_reason IS NULL ORDER BY d.webhook_id",
+    pub async fn webhooks_with_due_deliveries(&self, now_ms: i64) -> StoreResult<Vec<(String, String)>> {
+        query_as(
+            "SELECT w.id, w.owner FROM webhooks w
+             WHERE w.disabled_reason IS NULL
+               AND EXISTS (SELECT 1 FROM deliveries d
+                           WHERE d.webhook_id = w.id AND d.state = 'pending' AND d.next_at_ms <= $1)
+               AND EXISTS (SELECT 1 FROM keys k
+                           WHERE k.owner = w.owner AND k.revoked_at_ms IS NULL
+                             AND (k.expires_at_ms IS NULL OR k.expires_at_ms > $1))
+             ORDER BY w.id",
         )
         .bind(now_ms)
         .fetch_all(&self.readers)
         .await
     }
 
-    /// Takes the delivery of a webhook that has been due for longest, until `taken_until_ms`; none if none is due.
+    /// Takes the delivery of a webhook that has been due for longest, for [`TAKEN_MS`]; none if none is due.
     ///
     /// # Errors
     /// Returns an error if the database fails.
-    pub async fn take_delivery(
-        &self,
-        webhook_id: &str,
-        taken_until_ms: i64,
-        now_ms: i64,
-    ) -> StoreResult<Option<DeliveryRow>> {
+    pub async fn take_delivery(&self, webhook_id: &str, now_ms: i64) -> StoreResult<Option<DeliveryRow>> {
         let mut tx = self.begin().await?;
         // Of two nodes that take the same delivery, the second finds that it is not due any more.
         let taken = query_as(
@@ -221,7 +226,7 @@ impl Store {
                        ended_at_ms",
         )
         .bind(webhook_id)
-        .bind(taken_until_ms)
+        .bind(now_ms + TAKEN_MS)
         .bind(now_ms)
         .fetch_optional(&mut tx)
         .await?;
@@ -233,7 +238,13 @@ impl Store {
     ///
     /// # Errors
     /// Returns an error if the database fails.
-    pub async fn record_delivery(&self, taken: &DeliveryRow, result: &Attempted, now_ms: i64) -> StoreResult<()> {
+    pub async fn record_delivery(
+        &self,
+        webhook: &WebhookRow,
+        taken: &DeliveryRow,
+        result: &Attempted,
+        now_ms: i64,
+    ) -> StoreResult<()> {
         let (state, status, error, next) = match result {
             Attempted::Delivered(status) => ("delivered", Some(*status), None, None),
             Attempted::Failed { status, error, next_at_ms: None } => ("dead", *status, Some(error.as_str()), None),
@@ -256,21 +267,36 @@ impl Store {
         .bind((state != "pending").then_some(now_ms))
         .execute(&mut tx)
         .await?;
-        if *result == Attempted::Gone {
-            disable(&mut tx, &taken.webhook_id, "the endpoint answered 410 Gone").await?;
+        match result {
+            // The endpoint is back: what waits for a later attempt is due now, apart from what is being attempted.
+            Attempted::Delivered(_) => {
+                query(
+                    "UPDATE deliveries SET next_at_ms = $2
+                     WHERE webhook_id = $1 AND state = 'pending' AND attempts > 0 AND next_at_ms > $2 + $3",
+                )
+                .bind(&webhook.id)
+                .bind(now_ms)
+                .bind(TAKEN_MS)
+                .execute(&mut tx)
+                .await?;
+            }
+            Attempted::Gone => disable(&mut tx, webhook, "the endpoint answered 410 Gone").await?,
+            Attempted::Failed { .. } => {}
         }
         commit(tx, "record_delivery").await
     }
 
-    /// Makes a delivery that has ended due again, with all its attempts. Returns false if the webhook has none such.
+    /// Makes a delivery due now: one that has ended with all its attempts again, a pending one with those that are left.
+    /// Returns false if the webhook has no such delivery.
     ///
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn retry_delivery(&self, webhook_id: &str, id: &str, now_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
         let found = query(
-            "UPDATE deliveries SET state = 'pending', attempts = 0, next_at_ms = $3, ended_at_ms = NULL
-             WHERE id = $2 AND webhook_id = $1 AND state <> 'pending'",
+            "UPDATE deliveries SET state = 'pending', next_at_ms = $3, ended_at_ms = NULL,
+                                   attempts = CASE WHEN state = 'pending' THEN attempts ELSE 0 END
+             WHERE id = $2 AND webhook_id = $1",
         )
         .bind(webhook_id)
         .bind(id)

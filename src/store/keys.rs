@@ -189,6 +189,17 @@ pub struct Holder<'a> {
     pub member: Option<&'a str>,
 }
 
+/// Outcome of creating a key.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum KeyCreated {
+    /// The whole key with its secret, which is never shown again.
+    Key(String),
+    /// Its holder has [`LIVE_KEYS`] live keys.
+    TooMany,
+    /// The owner has no such member.
+    NoMember,
+}
+
 /// Stores a new key, and returns the whole key including its secret.
 async fn enter_key(
     tx: &mut Tx,
@@ -218,8 +229,7 @@ async fn enter_key(
 }
 
 impl Store {
-    /// Creates a key and returns it with its secret, which is never shown again. Returns none if its holder has
-    /// [`LIVE_KEYS`] live keys.
+    /// Creates a key, unless its holder has [`LIVE_KEYS`] live keys or is no member of the owner any more.
     ///
     /// # Errors
     /// Returns an error if the database fails.
@@ -229,9 +239,19 @@ impl Store {
         scopes: &[Scope],
         expires_at_ms: Option<i64>,
         now_ms: i64,
-    ) -> StoreResult<Option<String>> {
+    ) -> StoreResult<KeyCreated> {
         let mut tx = self.begin().await?;
         tx.lock([Lock::Owner(holder.owner)]).await?;
+        if let Some(member) = holder.member {
+            let is_member: bool = query_scalar("SELECT EXISTS (SELECT 1 FROM members WHERE owner = $1 AND name = $2)")
+                .bind(holder.owner)
+                .bind(member)
+                .fetch_one(&mut tx)
+                .await?;
+            if !is_member {
+                return Ok(KeyCreated::NoMember);
+            }
+        }
         let live: i64 = query_scalar(
             "SELECT COUNT(*) FROM keys
              WHERE owner = $1 AND COALESCE(member, '') = $3 AND revoked_at_ms IS NULL
@@ -243,11 +263,11 @@ impl Store {
         .fetch_one(&mut tx)
         .await?;
         if live >= LIVE_KEYS {
-            return Ok(None);
+            return Ok(KeyCreated::TooMany);
         }
         let key = enter_key(&mut tx, holder, scopes, expires_at_ms, now_ms).await?;
         commit(tx, "create_key").await?;
-        Ok(Some(key))
+        Ok(KeyCreated::Key(key))
     }
 
     /// Creates a key with the owner and scopes of an old key, which expires at `old_ends_at_ms`. Returns none if there

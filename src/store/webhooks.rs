@@ -128,6 +128,14 @@ impl Store {
             .await
     }
 
+    /// Returns all webhooks, by owner.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails.
+    pub async fn webhooks(&self) -> StoreResult<Vec<WebhookRow>> {
+        query_as(select_webhook!("ORDER BY owner, created_at_ms, id")).fetch_all(&self.readers).await
+    }
+
     /// Returns all webhooks that are enabled.
     ///
     /// # Errors
@@ -136,7 +144,7 @@ impl Store {
         query_as(select_webhook!("WHERE disabled_reason IS NULL ORDER BY id")).fetch_all(&self.readers).await
     }
 
-    /// Changes a webhook. Enabling it continues with the events that follow, and with its pending deliveries.
+    /// Changes a webhook. Enabling it goes on with the events from now on, and with the deliveries that are pending.
     ///
     /// # Errors
     /// Returns an error if the database fails.
@@ -186,10 +194,11 @@ impl Store {
     }
 }
 
-/// Disables a webhook.
-pub(super) async fn disable(tx: &mut Tx, id: &str, reason: &str) -> StoreResult<()> {
-    query("UPDATE webhooks SET disabled_reason = $2 WHERE id = $1 AND disabled_reason IS NULL")
-        .bind(id)
+/// Disables a webhook, unless it has another address by now.
+pub(super) async fn disable(tx: &mut Tx, webhook: &WebhookRow, reason: &str) -> StoreResult<()> {
+    query("UPDATE webhooks SET disabled_reason = $3 WHERE id = $1 AND url = $2 AND disabled_reason IS NULL")
+        .bind(&webhook.id)
+        .bind(&webhook.url)
         .bind(reason)
         .execute(tx)
         .await?;

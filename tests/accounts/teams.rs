@@ -59,8 +59,8 @@ async fn keys_of_members_do_what_their_roles_allow() {
     // Its role changes what its key may do: a submitter begins runs, which are the owner's, but withdraws none.
     let (path, body) = put("trainer", "submitter");
     ask(&service, &lab, Method::PUT, &path, Some(body)).await;
-    let second = new_key(&trainer, "trainer", json!({ "scopes": ["submit"] })).await;
-    assert_eq!(second.faults(422), ["null /scopes/0"], "no wider than the key that it has");
+    let second = new_key(&trainer, "trainer", json!({})).await;
+    assert_eq!(second.status, StatusCode::FORBIDDEN, "its key only grades and reads, and makes no others");
     let second = new_key(&lab, "trainer", json!({})).await.json();
     let submitter = second["key"].as_str().unwrap().to_owned();
     assert_eq!(new_key(&lab, "trainer", json!({})).await.json()["type"], "urn:plumbline:problem:too-many-keys");
@@ -73,6 +73,18 @@ async fn keys_of_members_do_what_their_roles_allow() {
         new_key(&lab, "Ana%20Mar%C3%ADa%20%E7%8E%8B", json!({})).await.json()["key"].as_str().unwrap().to_owned();
     let withdrawal = post(&manager, &format!("/v1/runs/{id}/withdraw"), &json!({ "reason": "r" })).await;
     assert_eq!(withdrawal.status, StatusCode::CONFLICT, "it may, but the run is open: {}", withdrawal.text);
+
+    // A key neither outlives the one that made it nor has a scope more.
+    let short = succeeded(&plumbline(
+        &["keys", "create", "--name", "brief", "--scopes", "submit", "--expires", "12h"],
+        &database,
+    ));
+    ask(&service, &short, Method::PUT, "/v1/team/members/x", Some(json!({ "role": "manager" }))).await;
+    let made = new_key(&short, "x", json!({ "expires_days": 30 })).await.json();
+    assert_eq!(made["about"]["scopes"], json!(["submit"]), "{made}");
+    let team = ask(&service, &short, Method::GET, "/v1/team", None).await.json();
+    assert_eq!(made["about"]["expires_at"], team["keys"][0]["expires_at"]);
+    assert_eq!(new_key(&short, "x", json!({ "scopes": ["grade"] })).await.faults(422), ["null /scopes/0"]);
 
     // A member revokes its own keys and no others.
     let id_of = |key: &str| key.split('_').nth(1).unwrap().to_owned();
@@ -117,6 +129,8 @@ fn operators_make_keys_of_members() {
     assert!(wide.contains("role of the member does not allow \"submit\""), "{wide}");
     succeeded(&create(&["--member", "ana"]));
     assert!(refused(&create(&["--member", "ana"])).contains("\"ana\" has 2 live keys"));
+    // What is refused changes no role.
+    assert!(refused(&create(&["--member", "ana", "--role", "manager"])).contains("\"ana\" has 2 live keys"));
     // Keys of members do not count among those of the owner.
     succeeded(&create(&[]));
     let listed = succeeded(&plumbline(&["keys", "list"], &database));

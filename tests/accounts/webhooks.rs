@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use crate::support::commands::key;
+use crate::support::commands::{key, plumbline, succeeded};
 use crate::support::{Answer, Service};
 use axum::Router;
 use axum::body::Bytes;
@@ -216,6 +216,40 @@ async fn a_message_that_nobody_takes_is_kept_as_dead_and_a_crash_loses_none() {
     let service = start(&database, "1,1,1,1,1,1,1,1,1");
     let list = ended(&service, &ours, &id, 2).await;
     assert_eq!([&list[0]["id"], &list[0]["state"]], [&json!(before), &json!("delivered")], "{list:?}");
+}
+
+#[tokio::test]
+async fn a_message_that_waits_holds_up_no_others_and_comes_once_the_endpoint_is_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = folder.path().join("p.db");
+    let mut service = start(&database, "600");
+    let ours = key(&database, "us");
+    let endpoint = Endpoint::start(&[500, 200]).await;
+    let id = webhook(&service, &ours, &endpoint, json!(["run.finished", "run.deleted"])).await;
+    service.use_key(Some(&ours));
+    let first = service.finished_run("agent", 25).await;
+    assert_eq!(endpoint.wait_for(1).await[0].1["data"]["run"], json!(first));
+    // More events that were not chosen than there is room for messages beside the one that waits.
+    let log = json!({ "task": 113, "turns": [{ "events": [] }] }).to_string();
+    let lines = vec![log; 1_000].join("\n");
+    let accepted = service.post("/v1/submissions", "application/x-ndjson", lines).await;
+    assert_eq!(accepted.status, StatusCode::ACCEPTED, "{}", accepted.text);
+    let second = service.finished_run("agent", 25).await;
+    let received = endpoint.wait_for(3).await;
+    assert_eq!(received[1].1["data"]["run"], json!(second), "{received:?}");
+    assert_eq!(received[2], received[0], "the endpoint is back, so nothing waits");
+    assert_eq!(ended(&service, &ours, &id, 2).await.len(), 2);
+
+    // The operator sees and stops what owners do.
+    let command = |arguments: &[&str]| succeeded(&plumbline(&[&["webhooks"], arguments].concat(), &database));
+    let listed = command(&["list"]);
+    assert!(
+        listed.contains(&id) && listed.contains("run.finished,run.deleted") && !listed.contains("whsec_"),
+        "{listed}"
+    );
+    command(&["disable", &id, "--reason", "it floods others"]);
+    let state = ask(&service, &ours, Method::GET, &format!("/v1/webhooks/{id}"), None).await;
+    assert_eq!(state.json()["disabled_reason"], "disabled by the operator: it floods others");
 }
 
 #[tokio::test]

@@ -3,7 +3,7 @@
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use crate::support::Service;
-use crate::support::commands::key;
+use crate::support::commands::{key, plumbline, succeeded};
 use reqwest::StatusCode;
 use serde_json::{Value, json};
 
@@ -114,6 +114,21 @@ async fn an_anonymous_run_shows_its_alias_until_its_embargo_is_lifted() {
     assert!(service.get("/boards/mineceraft-lite").await.text.contains("anonymous until"));
     assert!(service.get(&format!("/runs/{run}")).await.text.contains("Anonymous until"));
 
+    // A key that may stand in a URL sees no more than others.
+    let grade = succeeded(&plumbline(&["keys", "create", "--name", "quiet-lab", "--scopes", "grade,read"], &database));
+    service.use_key(Some(&grade));
+    assert_eq!(service.get(&format!("/v1/runs/{run}")).await.json()["owner"], Value::Null);
+
+    // A run of another owner with the same logs is not flagged before the embargo ends: that would tell whose it is not.
+    service.use_key(Some(&theirs));
+    let copy = service.finished_run("Copy", 1).await;
+    let similar = |board: &Value, run: &str| {
+        let rows = board["rows"].as_array().unwrap();
+        rows.iter().find(|row| row["run"] == run).unwrap()["similar_to"].clone()
+    };
+    let before = service.get(BOARD).await.json();
+    assert_eq!([similar(&before, &run), similar(&before, &copy)], [json!([]), json!([])]);
+
     // Nobody else lifts the embargo. Its owner does, and boards in memory learn of it.
     service.use_key(Some(&theirs));
     let lift = service.http.delete(format!("{}/v1/runs/{run}/embargo", service.url));
@@ -129,6 +144,9 @@ async fn an_anonymous_run_shows_its_alias_until_its_embargo_is_lifted() {
     assert_eq!(row.get("anonymous_until"), None);
     let actions = service.get(&format!("{BOARD}/actions")).await.json();
     assert_eq!(actions["actions"][0]["action"], "reveal", "{actions}");
+    let after = service.get(BOARD).await.json();
+    let has = |of: &str, other: &str| similar(&after, of).as_array().unwrap().contains(&json!(other));
+    assert!(has(&run, &copy) && has(&copy, &run), "{after}");
     let open = service.get(&format!("/v1/runs/{run}")).await.json();
     assert_eq!([&open["owner"], &open["metadata"]["ticket"]], [&json!("quiet-lab"), &json!("internal-ticket")]);
     assert!(service.get(&format!("/v1/runs/{run}/card")).await.text.contains("m-secret-7b"));
@@ -197,16 +215,22 @@ async fn a_withdrawn_run_leaves_a_trace_that_still_counts() {
     assert!(service.get(&format!("/runs/{bad}")).await.text.contains("Withdrawn by its owner"));
     assert_eq!(service.get(&format!("{BOARD}?agent=nobody")).await.json().get("withdrawn"), None);
 
+    // A run without an owner is nobody's to withdraw but the operator's.
+    let open = Service::start(&folder.path().join("open.db"), &[]);
+    let nobodys = open.finished_run("agent", 3).await;
+    let refused = open.post_json(&format!("/v1/runs/{nobodys}/withdraw"), &reason).await;
+    assert_eq!(refused.status, StatusCode::FORBIDDEN, "{}", refused.text);
+
     // An operator cannot bring it back.
-    let admin = crate::support::commands::succeeded(&crate::support::commands::plumbline(
-        &["keys", "create", "--name", "host", "--scopes", "admin"],
-        &database,
-    ));
+    let admin = succeeded(&plumbline(&["keys", "create", "--name", "host", "--scopes", "admin"], &database));
     service.use_key(Some(&admin));
+    let traces = async |service: &Service| service.get(BOARD).await.json().get("withdrawn").is_some();
     let act = |action: &str| json!({ "action": action, "reason": "r" });
     let path = format!("/v1/runs/{bad}/board-actions");
     assert_eq!(service.post_json(&path, &act("restore")).await.status, StatusCode::CONFLICT);
+    assert!(traces(&service).await);
     assert_eq!(service.post_json(&path, &act("hide")).await.status, StatusCode::OK);
+    assert!(!traces(&service).await, "what the operator hid is hidden");
     assert_eq!(service.post_json(&path, &act("restore")).await.status, StatusCode::OK);
     assert_eq!(service.get(BOARD).await.json()["rows"].as_array().unwrap().len(), 2);
 }

@@ -4,8 +4,8 @@ use crate::app::App;
 use crate::app::access::{Caller, unauthorized};
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::limits::LIMITS;
-use crate::clock::now_ms;
-use crate::store::keys::{Holder, KeyRow, LIVE_KEYS, Role, Scope, parts};
+use crate::clock::{DAY_MS, now_ms};
+use crate::store::keys::{Holder, KeyCreated, KeyRow, LIVE_KEYS, Role, Scope, parts};
 use crate::store::members::{MemberPut, MemberRow};
 use plumbline_engine::intake::Faults;
 
@@ -122,8 +122,8 @@ pub async fn remove_member(app: &App, caller: &Caller, name: &str) -> AppResult<
     if app.store.remove_member(owner, name, now_ms()).await? { Ok(()) } else { Err(no_member(name)) }
 }
 
-/// Creates a key of a member. A member may create keys of its own; a manager those of everyone. Without scopes, the key
-/// has all that the role allows.
+/// Creates a key of a member. A member may create keys of its own; a manager those of everyone. The key has no scope that
+/// the one of the request lacks, and does not outlive it. Without scopes, it has all that the role and that key allow.
 ///
 /// # Errors
 /// Returns an error if the caller may not create it, if there is no such member, if the role does not allow a scope, or if
@@ -136,14 +136,15 @@ pub async fn create_key(
     days: Option<i64>,
 ) -> AppResult<CreatedKey> {
     let owner = caller.require_owner()?;
-    let own = caller.key.as_ref().filter(|key| key.member.as_deref() == Some(member));
-    if own.is_none() {
+    caller.require(Scope::Submit)?;
+    let by = caller.key.as_ref().expect("a caller with an owner has a key");
+    if by.member.as_deref() != Some(member) {
         caller.require_manager()?;
     }
     let members = app.store.members(owner).await?;
     let role = members.iter().find(|known| known.name == member).ok_or_else(|| no_member(member))?.role;
-    // A member that is no manager gets no further with a new key than with the one that it has.
-    let is_allowed = |scope: Scope| role.allows(scope) && own.is_none_or(|own| own.manages() || own.allows(scope));
+    // A new key gets no further than the one that makes it.
+    let is_allowed = |scope: Scope| role.allows(scope) && by.allows(scope);
     let mut faults = Faults::new();
     faults.enter_key("scopes");
     for (i, scope) in scopes.into_iter().flatten().enumerate().filter(|(_, scope)| !is_allowed(**scope)) {
@@ -169,11 +170,17 @@ pub async fn create_key(
     let scopes: Vec<Scope> =
         scopes.map_or_else(|| usual.into_iter().filter(|it| is_allowed(*it)).collect(), <[_]>::to_vec);
     let now = now_ms();
-    let expires_at_ms = days.map(|days| now + days * crate::clock::DAY_MS);
+    // No key outlives the one that made it.
+    let wanted = days.map(|days| now + days * DAY_MS);
+    let expires_at_ms = wanted.into_iter().chain(by.expires_at_ms).min();
     let holder = Holder { owner, member: Some(member) };
-    let Some(key) = app.store.create_key(holder, &scopes, expires_at_ms, now).await? else {
-        let detail = format!("the member {member:?} has {LIVE_KEYS} live keys, the maximum; revoke one first");
-        return Err(AppError::conflict("too-many-keys", detail));
+    let key = match app.store.create_key(holder, &scopes, expires_at_ms, now).await? {
+        KeyCreated::Key(key) => key,
+        KeyCreated::NoMember => return Err(no_member(member)),
+        KeyCreated::TooMany => {
+            let detail = format!("the member {member:?} has {LIVE_KEYS} live keys, the maximum; revoke one first");
+            return Err(AppError::conflict("too-many-keys", detail));
+        }
     };
     let (id, _) = parts(&key).expect("a new key has the form of a key");
     let row = app.store.key(id).await?.ok_or_else(|| AppError::internal(&"a new key is gone"))?;
@@ -186,6 +193,7 @@ pub async fn create_key(
 /// Returns an error if the caller may not revoke it, or if the team has no such live key.
 pub async fn revoke_key(app: &App, caller: &Caller, id: &str) -> AppResult<()> {
     let owner = caller.require_owner()?;
+    caller.require(Scope::Submit)?;
     let missing = || AppError::not_found("the team has no live key with this public part; GET /v1/team lists them");
     let key = app.store.key(id).await?.filter(|key| key.owner == owner && key.is_live(now_ms())).ok_or_else(missing)?;
     let is_own = caller.key.as_ref().is_some_and(|own| own.member.is_some() && own.member == key.member);

@@ -17,6 +17,9 @@ use plumbline_engine::tasks::catalogue::Entry;
 /// may have ended a run.
 const CURRENT_FOR: Duration = Duration::from_secs(1);
 
+/// Greatest number of withdrawn runs that a board lists.
+pub const MAX_WITHDRAWN: usize = 100;
+
 /// Cache of the requested boards.
 #[derive(Debug, Default)]
 pub struct Boards {
@@ -122,11 +125,15 @@ impl Board {
         hidden(&self.actions, i64::MAX).contains(run)
     }
 
-    /// Returns the runs that were withdrawn by a time, latest first, with the action.
+    /// Returns the runs that were withdrawn by a time, latest first, with the action: at most [`MAX_WITHDRAWN`], without those
+    /// that the operator has hidden.
     #[must_use]
     pub fn withdrawn(&self, at_ms: i64) -> Vec<(&Arc<Standing>, &ActionRow)> {
-        let withdrawals = self.actions.iter().rev().filter(|it| it.action == "withdraw" && it.at_ms <= at_ms);
-        withdrawals.filter_map(|action| Some((self.standing(&action.run_id)?, action))).collect()
+        let hidden = hidden_by_operator(&self.actions, at_ms);
+        let is_withdrawal = |it: &&ActionRow| it.action == "withdraw" && it.at_ms <= at_ms;
+        let withdrawals = self.actions.iter().rev().filter(is_withdrawal);
+        let shown = withdrawals.filter(|it| !hidden.contains(it.run_id.as_str()));
+        shown.filter_map(|action| Some((self.standing(&action.run_id)?, action))).take(MAX_WITHDRAWN).collect()
     }
 
     /// Returns the rows that were visible at a time, best first.
@@ -161,6 +168,9 @@ impl Board {
             for standing in results.get_mut(&run_id).into_iter().flatten() {
                 *standing = Arc::new(standing.revealed(&agent));
             }
+            if let Some(standing) = results.get(&run_id).and_then(|results| results.last()) {
+                note_similar(&mut similar, &results, standing);
+            }
             // The run was counted under its alias.
             if let Some(count) = begun.get_mut(&alias) {
                 *count = count.saturating_sub(1);
@@ -187,13 +197,18 @@ impl Board {
     }
 }
 
-/// Records which runs a new one resembles, in both directions.
+/// Records which runs a new one resembles, in both directions. Whether an anonymous run is like a run of another owner is
+/// told only after its embargo: it would say whose it is not.
 fn note_similar(
     similar: &mut HashMap<String, BTreeSet<String>>,
     results: &HashMap<String, Vec<Arc<Standing>>>,
     new: &Standing,
 ) {
-    let others = results.values().filter_map(|results| results.last()).filter(|other| other.run != new.run);
+    if new.anonymous_until_ms.is_some() {
+        return;
+    }
+    let others = results.values().filter_map(|results| results.last());
+    let others = others.filter(|other| other.run != new.run && other.anonymous_until_ms.is_none());
     for other in others.filter(|other| new.resembles(other)) {
         similar.entry(new.run.clone()).or_default().insert(other.run.clone());
         similar.entry(other.run.clone()).or_default().insert(new.run.clone());
@@ -202,14 +217,19 @@ fn note_similar(
 
 /// Returns the runs whose rows are hidden at a time, by the operator or because they are withdrawn, which is for good.
 fn hidden(actions: &[ActionRow], at_ms: i64) -> HashSet<&str> {
-    let (mut hidden, mut withdrawn) = (HashSet::new(), HashSet::new());
+    let mut hidden = hidden_by_operator(actions, at_ms);
+    let is_withdrawal = |it: &&ActionRow| it.action == "withdraw" && it.at_ms <= at_ms;
+    hidden.extend(actions.iter().filter(is_withdrawal).map(|action| action.run_id.as_str()));
+    hidden
+}
+
+/// Returns the runs that the operator has hidden at a time.
+fn hidden_by_operator(actions: &[ActionRow], at_ms: i64) -> HashSet<&str> {
+    let mut hidden = HashSet::new();
     for action in actions.iter().filter(|action| action.at_ms <= at_ms) {
         match action.action.as_str() {
             "hide" => {
                 hidden.insert(action.run_id.as_str());
-            }
-            "withdraw" => {
-                withdrawn.insert(action.run_id.as_str());
             }
             "restore" => {
                 hidden.remove(action.run_id.as_str());
@@ -217,7 +237,6 @@ fn hidden(actions: &[ActionRow], at_ms: i64) -> HashSet<&str> {
             _ => {}
         }
     }
-    hidden.extend(withdrawn);
     hidden
 }
 

@@ -70,7 +70,7 @@ pub async fn versions(app: &App, caller: Option<&Caller>, of: CardOf<'_>) -> App
     match of {
         CardOf::Run(id) => {
             let run = stored(app, id).await?;
-            if run.embargo.is_some() && !caller.is_some_and(|caller| caller.owns(run.owner.as_deref())) {
+            if run.embargo.is_some() && !caller.is_some_and(|caller| caller.sees_all_of(run.owner.as_deref())) {
                 return Err(AppError::not_found(
                     "the run is under embargo; until its end only its owner sees its card",
                 ));

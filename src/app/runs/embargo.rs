@@ -110,9 +110,9 @@ mod tests {
         };
         assert_eq!(
             told(json!({ "alias": " ", "untill": "2027" })),
-            ["/untill: unknown field; did you mean until?", "/until: missing", "/alias: expected 1 to 200 characters"]
+            ["/untill: unknown field; did you mean until?", "/until: missing", "/alias: expected 1 to 100 characters"]
         );
-        assert_eq!(told(json!("2027-01-01")), [": expected an object with \"alias\" and \"until\""]);
+        assert_eq!(told(json!("2027-01-01")), ["expected an object with \"alias\" and \"until\""]);
         assert_eq!(told(json!({ "alias": "a", "until": "2020-01-01" })), ["/until: \"2020-01-01\" is in the past"]);
         assert_eq!(
             told(json!({ "alias": "a", "until": "soon" })),

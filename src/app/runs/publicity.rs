@@ -6,7 +6,7 @@ use super::read::stored;
 use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::boards::actions::reason_of;
-use crate::app::error::{AppError, AppResult};
+use crate::app::error::{AppError, AppResult, Kind};
 use crate::clock::now_ms;
 use crate::store::board_actions::{Acted, ActionKind, NewAction};
 use crate::store::run_rows::RunRow;
@@ -23,11 +23,13 @@ const ANONYMOUS: &str = "its owner";
 pub async fn withdraw(app: &App, caller: &Caller, id: &str, reason: &str) -> AppResult<RunRow> {
     let run = own_run(app, caller, id).await?;
     caller.require_manager_of_members()?;
+    // Withdrawing is for good, so nobody does it to a run that may be somebody else's.
+    if !caller.owns(run.owner.as_deref()) {
+        let detail = "the run has no owner, so only the operator can withdraw it: a key with the scope \"admin\"";
+        return Err(AppError::new(Kind::Forbidden, detail));
+    }
     let reason = reason_of(reason)?;
-    let actor = match &run.embargo {
-        Some(_) => ANONYMOUS,
-        None => caller.owner().unwrap_or("anybody"),
-    };
+    let actor = actor_of(caller, &run);
     let action = NewAction { kind: ActionKind::Withdraw, actor, reason: &reason };
     match app.store.act_on_row(id, &action, now_ms()).await? {
         Acted::Done => stored(app, id).await,
@@ -43,14 +45,22 @@ pub async fn withdraw(app: &App, caller: &Caller, id: &str, reason: &str) -> App
     }
 }
 
+/// Returns the name under which a caller acts on a run in public.
+fn actor_of<'a>(caller: &'a Caller, run: &RunRow) -> &'a str {
+    match caller.owner() {
+        Some(owner) if run.embargo.is_some() && run.owner.as_deref() == Some(owner) => ANONYMOUS,
+        owner => owner.unwrap_or("anybody"),
+    }
+}
+
 /// Lifts the embargo of a run early. Returns the run.
 ///
 /// # Errors
 /// Returns an error if there is no such run, if it belongs to another owner, or if no embargo holds for it.
 pub async fn lift(app: &App, caller: &Caller, id: &str) -> AppResult<RunRow> {
-    let run = own_run(app, caller, id).await?;
+    own_run(app, caller, id).await?;
     caller.require_manager_of_members()?;
-    let actor = run.owner.as_deref().unwrap_or("anybody");
+    let actor = caller.owner().unwrap_or("anybody");
     if !app.store.lift_embargo(id, actor, now_ms()).await? {
         return Err(AppError::conflict("no-embargo", "the run is not under embargo"));
     }

@@ -83,7 +83,8 @@ pub async fn stored(app: &App, id: &str) -> AppResult<SubmissionRow> {
 pub async fn status(app: &App, id: &str) -> AppResult<SubmissionStatus> {
     let row = stored(app, id).await?;
     let entry = app.suite(&row.suite_id).await?;
-    let waits = row.state == SubmissionState::Queued;
+    // Owners take turns in the queue, so the place of an anonymous submission would tell whose it is.
+    let waits = row.state == SubmissionState::Queued && !row.is_anonymous;
     let queued_before = if waits { app.store.jobs_before(&row.id, MAX_COUNTED).await? } else { None };
     let pace = app.store.seconds_a_job();
     let estimated_seconds =

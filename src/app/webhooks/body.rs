@@ -44,7 +44,10 @@ pub fn check(draft: &WebhookDraft, allows_private: bool, faults: &mut Faults) ->
 }
 
 /// Checks the address of a webhook. Names are looked up when a message is sent, and again each time.
-fn check_url(text: &str, allows_private: bool) -> Result<String, String> {
+///
+/// # Errors
+/// Returns the fault of the address.
+pub fn check_url(text: &str, allows_private: bool) -> Result<String, String> {
     if text.chars().count() > LIMITS.webhook_url_chars {
         return Err(format!("longer than {} characters", LIMITS.webhook_url_chars));
     }

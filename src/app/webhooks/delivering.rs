@@ -1,6 +1,6 @@
 //! Delivering: stores what is to be posted to each webhook, and posts what is due.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
@@ -13,6 +13,7 @@ use uuid::Uuid;
 
 use super::WebhookSettings;
 use super::addresses::is_public;
+use super::body::check_url;
 use super::message::{message_of, name_of, signatures};
 use crate::app::App;
 use crate::app::limits::LIMITS;
@@ -26,13 +27,12 @@ use crate::tls::use_tls;
 const LOOK: Duration = Duration::from_secs(1);
 /// Pause after something has ended, before the store is asked.
 const LEAST_PAUSE: Duration = Duration::from_millis(200);
-/// Time for which an attempt takes its delivery. It is longer than an attempt may last.
-const TAKEN_MS: i64 = 60_000;
 /// Number of events after which a webhook notes how far it has read, though none was its own.
 const NOTED_EVERY: i64 = 1_000;
-/// Attempts at the same time, in all and for one webhook.
+/// Attempts at the same time: in all, of one owner, and of one webhook.
 const AT_ONCE: usize = 64;
-const AT_ONCE_EACH: usize = 4;
+const AT_ONCE_OWNER: usize = 8;
+const AT_ONCE_WEBHOOK: usize = 4;
 /// Interval between removals of old deliveries.
 const FORGET_EVERY: Duration = Duration::from_mins(10);
 
@@ -44,8 +44,10 @@ struct PublicOnly;
 impl Resolve for PublicOnly {
     fn resolve(&self, name: Name) -> Resolving {
         Box::pin(async move {
-            let found: Vec<SocketAddr> = tokio::net::lookup_host((name.as_str(), 0)).await?.collect();
-            let public: Vec<SocketAddr> = found.into_iter().filter(|address| is_public(address.ip())).collect();
+            // A name that is unknown and one of a private network are told in the same words, or the names of the
+            // network could be found out by trying.
+            let found = tokio::net::lookup_host((name.as_str(), 0)).await.ok().into_iter().flatten();
+            let public: Vec<SocketAddr> = found.filter(|address| is_public(address.ip())).collect();
             if public.is_empty() {
                 return Err(format!("{:?} has no address of the public internet", name.as_str()).into());
             }
@@ -82,14 +84,13 @@ pub async fn deliver(app: Arc<App>) {
             return;
         }
     };
-    let mut attempts: JoinSet<String> = JoinSet::new();
-    let mut underway: HashMap<String, usize> = HashMap::new();
+    let mut rounds = Rounds { client, attempts: JoinSet::new(), underway: BTreeMap::new(), seen: HashMap::new() };
     let mut forgotten = tokio::time::Instant::now();
     while !app.stop.is_cancelled() {
-        if let Err(error) = store_new(&app).await {
+        if let Err(error) = rounds.store_new(&app).await {
             tracing::warn!(%error, "could not store deliveries to webhooks");
         }
-        if let Err(error) = begin_attempts(&app, &client, &mut attempts, &mut underway).await {
+        if let Err(error) = rounds.begin_attempts(&app).await {
             tracing::warn!(%error, "could not read deliveries to webhooks");
         }
         if forgotten.elapsed() >= FORGET_EVERY {
@@ -105,97 +106,113 @@ pub async fn deliver(app: Arc<App>) {
             () = tokio::time::sleep(LOOK) => {}
             // Under load something ends all the time.
             () = app.store.ends().notified() => tokio::time::sleep(LEAST_PAUSE).await,
-            Some(ended) = attempts.join_next() => note_ended(&mut underway, ended),
+            Some(ended) = rounds.attempts.join_next() => rounds.note_ended(ended),
         }
-        while let Some(ended) = attempts.try_join_next() {
-            note_ended(&mut underway, ended);
+        while let Some(ended) = rounds.attempts.try_join_next() {
+            rounds.note_ended(ended);
         }
     }
     // An attempt that was cut off is made again later, under the same identifier.
-    attempts.shutdown().await;
+    rounds.attempts.shutdown().await;
 }
 
-fn note_ended(underway: &mut HashMap<String, usize>, ended: Result<String, tokio::task::JoinError>) {
-    match ended {
-        Ok(webhook_id) => {
-            if let Some(count) = underway.get_mut(&webhook_id) {
-                *count -= 1;
+/// A webhook, with its owner.
+type Of = (String, String);
+
+/// What one round of deliveries leaves to the next.
+struct Rounds {
+    client: Client,
+    attempts: JoinSet<Of>,
+    /// Number of attempts of each webhook that are under way.
+    underway: BTreeMap<Of, usize>,
+    /// Number of the last event that was looked at for each webhook without one to deliver.
+    seen: HashMap<String, i64>,
+}
+
+impl Rounds {
+    fn note_ended(&mut self, ended: Result<Of, tokio::task::JoinError>) {
+        match ended {
+            Ok(of) => {
+                if let Some(count) = self.underway.get_mut(&of) {
+                    *count -= 1;
+                }
+                self.underway.retain(|_, count| *count > 0);
             }
-            underway.retain(|_, count| *count > 0);
-        }
-        Err(error) => {
-            tracing::error!(%error, "an attempt to deliver to a webhook failed");
-            // Which webhook it was is unknown; the store keeps attempts apart anyway.
-            underway.clear();
+            Err(error) => {
+                tracing::error!(%error, "an attempt to deliver to a webhook failed");
+                // Which webhook it was is unknown; the store keeps attempts apart anyway.
+                self.underway.clear();
+            }
         }
     }
-}
 
-/// Stores the deliveries of new events, for each webhook as many as it has room for.
-async fn store_new(app: &App) -> StoreResult<()> {
-    let webhooks = app.store.enabled_webhooks().await?;
-    if webhooks.is_empty() {
-        return Ok(());
-    }
-    let end = app.store.last_event().await?;
-    for webhook in webhooks.into_iter().filter(|webhook| webhook.seen_event < end) {
-        let room = LIMITS.webhook_pending - app.store.pending_deliveries(&webhook.id).await?;
-        if room <= 0 {
-            continue;
+    /// Stores the deliveries of new events, for each webhook as many as it has room for.
+    async fn store_new(&mut self, app: &App) -> StoreResult<()> {
+        let webhooks = app.store.enabled_webhooks().await?;
+        self.seen.retain(|id, _| webhooks.iter().any(|webhook| webhook.id == *id));
+        if webhooks.is_empty() {
+            return Ok(());
         }
-        let events = app.store.events_of_owner(&webhook.owner, webhook.seen_event, end, room).await?;
-        let is_whole = (events.len() as i64) < room;
-        let seen = if is_whole { end } else { events.last().map_or(end, |last| last.id) };
-        let is_chosen = |name: &str| webhook.events.is_empty() || webhook.events.split(',').any(|own| own == name);
-        let new: Vec<NewDelivery> = events
-            .iter()
-            .map(|row| (row, name_of(row)))
-            .filter(|(_, name)| is_chosen(name))
-            .map(|(row, event)| NewDelivery {
-                id: format!("msg_{}", Uuid::now_v7().simple()),
-                event_id: Some(row.id),
-                event,
-                body: message_of(app, row),
-            })
-            .collect();
-        // A webhook without events of its own need not write each time.
-        if !new.is_empty() || seen - webhook.seen_event >= NOTED_EVERY {
-            app.store.enter_deliveries(&webhook, &new, seen, now_ms()).await?;
-        }
-    }
-    Ok(())
-}
-
-/// Begins attempts of deliveries that are due, in turn for all webhooks.
-async fn begin_attempts(
-    app: &Arc<App>,
-    client: &Client,
-    attempts: &mut JoinSet<String>,
-    underway: &mut HashMap<String, usize>,
-) -> StoreResult<()> {
-    let mut due = app.store.webhooks_with_due_deliveries(now_ms()).await?;
-    while !due.is_empty() && attempts.len() < AT_ONCE {
-        let mut left = Vec::new();
-        for id in due {
-            let count = underway.get(&id).copied().unwrap_or_default();
-            if count >= AT_ONCE_EACH || attempts.len() >= AT_ONCE {
+        let end = app.store.last_event().await?;
+        for webhook in webhooks {
+            let after = webhook.seen_event.max(self.seen.get(&webhook.id).copied().unwrap_or_default());
+            if after >= end {
                 continue;
             }
-            let now = now_ms();
-            let Some(taken) = app.store.take_delivery(&id, now + TAKEN_MS, now).await? else { continue };
-            // Read after the delivery was taken: the address or the secret may have changed.
-            let Some(webhook) = app.store.webhook(&id).await? else { continue };
-            *underway.entry(id.clone()).or_default() += 1;
-            attempts.spawn(attempt(Arc::clone(app), client.clone(), webhook, taken));
-            left.push(id);
+            let room = LIMITS.webhook_pending - app.store.pending_deliveries(&webhook.id).await?;
+            if room <= 0 {
+                continue;
+            }
+            let events = app.store.events_of_owner(&webhook.owner, after, end, room).await?;
+            let is_whole = (events.len() as i64) < room;
+            let seen = if is_whole { end } else { events.last().map_or(end, |last| last.id) };
+            let is_chosen = |name: &str| webhook.events.is_empty() || webhook.events.split(',').any(|own| own == name);
+            let new: Vec<NewDelivery> = events
+                .iter()
+                .map(|row| (row, name_of(row)))
+                .filter(|(_, name)| is_chosen(name))
+                .map(|(row, event)| NewDelivery {
+                    id: format!("msg_{}", Uuid::now_v7().simple()),
+                    event_id: Some(row.id),
+                    event,
+                    body: message_of(app, row),
+                })
+                .collect();
+            // A webhook without events of its own need not write each time.
+            if !new.is_empty() || seen - webhook.seen_event >= NOTED_EVERY {
+                app.store.enter_deliveries(&webhook, &new, seen, now_ms()).await?;
+            }
+            self.seen.insert(webhook.id, seen);
         }
-        due = left;
+        Ok(())
     }
-    Ok(())
+
+    /// Begins attempts of deliveries that are due: first those of webhooks with the fewest under way, a few of each webhook
+    /// and each owner at a time, so that slow endpoints hold up no others.
+    async fn begin_attempts(&mut self, app: &Arc<App>) -> StoreResult<()> {
+        let mut due = app.store.webhooks_with_due_deliveries(now_ms()).await?;
+        while self.attempts.len() < AT_ONCE {
+            let of_owner =
+                |owner: &str| self.underway.iter().filter(|(of, _)| of.1 == owner).map(|(_, n)| n).sum::<usize>();
+            let of_webhook = |of: &Of| self.underway.get(of).copied().unwrap_or_default();
+            due.retain(|of| of_webhook(of) < AT_ONCE_WEBHOOK && of_owner(&of.1) < AT_ONCE_OWNER);
+            let Some(next) = due.iter().min_by_key(|of| (of_owner(&of.1), of_webhook(of))).cloned() else { break };
+            let taken = app.store.take_delivery(&next.0, now_ms()).await?;
+            // Read after the delivery was taken: the address or the secret may have changed.
+            let webhook = app.store.webhook(&next.0).await?.filter(|webhook| webhook.disabled_reason.is_none());
+            let (Some(taken), Some(webhook)) = (taken, webhook) else {
+                due.retain(|of| *of != next);
+                continue;
+            };
+            *self.underway.entry(next).or_default() += 1;
+            self.attempts.spawn(attempt(Arc::clone(app), self.client.clone(), webhook, taken));
+        }
+        Ok(())
+    }
 }
 
-/// Attempts a delivery and records the result. Returns the identifier of the webhook.
-async fn attempt(app: Arc<App>, client: Client, webhook: WebhookRow, taken: DeliveryRow) -> String {
+/// Attempts a delivery and records the result. Returns the webhook and its owner.
+async fn attempt(app: Arc<App>, client: Client, webhook: WebhookRow, taken: DeliveryRow) -> Of {
     let result = post(&app.webhooks, &client, &webhook, &taken).await;
     let outcome = match &result {
         Attempted::Delivered(_) => "delivered",
@@ -203,15 +220,19 @@ async fn attempt(app: Arc<App>, client: Client, webhook: WebhookRow, taken: Deli
         Attempted::Failed { .. } | Attempted::Gone => "dead",
     };
     metrics::counter!("plumbline_webhook_attempts_total", "outcome" => outcome).increment(1);
-    if let Err(error) = app.store.record_delivery(&taken, &result, now_ms()).await {
+    if let Err(error) = app.store.record_delivery(&webhook, &taken, &result, now_ms()).await {
         tracing::warn!(%error, "could not record a delivery to a webhook; it will be made again");
     }
-    webhook.id
+    (webhook.id, webhook.owner)
 }
 
 async fn post(settings: &WebhookSettings, client: &Client, webhook: &WebhookRow, taken: &DeliveryRow) -> Attempted {
     let now = now_ms();
     let seconds = now / 1_000;
+    // An address without a name is not looked up, so it is checked here: the settings may have changed.
+    if let Err(fault) = check_url(&webhook.url, settings.allows_private) {
+        return failed(settings, taken, None, fault);
+    }
     let request = client
         .post(&webhook.url)
         .header(header::CONTENT_TYPE, "application/json")
@@ -229,6 +250,11 @@ async fn post(settings: &WebhookSettings, client: &Client, webhook: &WebhookRow,
         }
         Err(error) => (None, without_url(error)),
     };
+    failed(settings, taken, status, error)
+}
+
+/// Says when the attempt after a failed one is.
+fn failed(settings: &WebhookSettings, taken: &DeliveryRow, status: Option<u16>, error: String) -> Attempted {
     let pause = usize::try_from(taken.attempts - 1).ok().and_then(|made| settings.retries.get(made));
     let next_at_ms = pause.map(|pause| now_ms() + spread(*pause, &taken.id));
     Attempted::Failed { status, error, next_at_ms }

@@ -139,16 +139,13 @@ pub async fn deliveries(
     Ok(Page::of(app.store.deliveries(id, state, before, items as i64 + 1).await?, items))
 }
 
-/// Begins all attempts of a delivery again that was made or given up.
+/// Delivers a message again that was delivered or given up, or a pending one at once.
 ///
 /// # Errors
-/// Returns an error if there is no such delivery, or a conflict if it is pending or its webhook is disabled.
+/// Returns an error if there is no such delivery, or a conflict if its webhook is disabled.
 pub async fn retry(app: &App, caller: &Caller, webhook_id: &str, id: &str) -> AppResult<DeliveryRow> {
     refuse_if_disabled(&own(app, caller, webhook_id).await?)?;
-    delivery(app, webhook_id, id).await?;
-    if !app.store.retry_delivery(webhook_id, id, now_ms()).await? {
-        return Err(AppError::conflict("already-so", "the delivery is pending"));
-    }
+    app.store.retry_delivery(webhook_id, id, now_ms()).await?;
     app.store.ends().notify_waiters();
     delivery(app, webhook_id, id).await
 }

@@ -58,7 +58,7 @@ pub struct DeliveryBody {
     pub last_status: Option<i64>,
     /// Description of the last failure; null without one.
     pub last_error: Option<String>,
-    /// Time of the event, or of the test.
+    /// Time at which it was stored; that of the event is in the message.
     #[schema(format = DateTime)]
     pub created_at: String,
     /// Time at which it was delivered or given up; null while it is pending.
@@ -155,7 +155,8 @@ pub async fn test_webhook(
     Ok((StatusCode::ACCEPTED, Json(manage::try_out(&state, &caller, &id).await?.into())))
 }
 
-/// Begins the attempts of a delivery again that was made or given up; its message and its identifier stay the same.
+/// Delivers a message again that was delivered or given up, or tries a pending one at once. Message and identifier stay the
+/// same.
 #[utoipa::path(
     post, path = "/v1/webhooks/{id}/deliveries/{delivery}/retry", operation_id = "retry_delivery", tag = "webhooks",
     summary = "Deliver again",
@@ -163,7 +164,7 @@ pub async fn test_webhook(
     responses(
         (status = 202, description = "The delivery", body = DeliveryBody,
          example = json!({ "id": "msg_0198c0de00007000800000000000000a", "event": "run.finished", "state": "pending", "attempts": 0 })),
-        (status = 409, description = "It is pending, or the webhook is disabled"),
+        (status = 409, description = "The webhook is disabled"),
     )
 )]
 pub async fn retry_delivery(

@@ -200,9 +200,9 @@ pub async fn remove_member(
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({ "scopes": ["submit"], "expires_days": 90 }))]
 pub struct NewKey {
-    /// Scopes of the key; by default all that the member's role allows.
+    /// Scopes of the key; by default all that the member's role and the key of the request allow.
     scopes: Option<Vec<KeyScope>>,
-    /// Lifetime of the key in days; by default it does not expire.
+    /// Lifetime of the key in days; by default, and at most, that of the key of the request.
     expires_days: Option<i64>,
 }
 
@@ -216,6 +216,7 @@ pub struct NewKeyBody {
 }
 
 /// Creates a key of a member. A member may create keys of its own; the owner's own keys and managers those of everyone.
+/// The key of the request needs the scope `submit`. A new key has no scope that it lacks, and does not outlive it.
 #[utoipa::path(
     post, path = "/v1/team/members/{name}/keys", operation_id = "create_member_key", tag = "service",
     summary = "Create a key of a member",

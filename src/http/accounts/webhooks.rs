@@ -57,7 +57,7 @@ pub struct NewWebhook {
     events: Option<Vec<WebhookEvent>>,
 }
 
-/// What a webhook shall be.
+/// Settings of a webhook.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({ "url": "https://lab.example/plumbline", "events": ["run.finished"], "enabled": true }))]
@@ -66,7 +66,8 @@ pub struct WebhookChange {
     url: String,
     /// Events to post; all by default.
     events: Option<Vec<WebhookEvent>>,
-    /// Whether events are posted; true by default. Events that end while it is disabled are never posted.
+    /// Whether events are posted; true by default. Enabling it goes on with the events from then on, and with the messages
+    /// that were pending when it was disabled.
     enabled: Option<bool>,
 }
 
@@ -98,8 +99,8 @@ impl WebhookBody {
 ///
 /// A message is a JSON object with `type`, `timestamp` and `data`, which is what `/v1/events` sends. Its headers are
 /// `webhook-id`, which is the same in every attempt, `webhook-timestamp` and `webhook-signature`. An endpoint that answers
-/// with a status from 200 to 299 has received it. After any other answer, or none, the service tries again, ten times in
-/// four days by default, and then keeps the message as dead. 410 disables the webhook. Redirects are not followed.
+/// with a status from 200 to 299 has received it. After any other answer, or none, the service tries again, ten times
+/// within three and a half days by default, and then keeps the message as dead. 410 disables the webhook. Redirects are not followed.
 #[utoipa::path(
     post, path = "/v1/webhooks", operation_id = "create_webhook", tag = "webhooks", summary = "Create a webhook",
     request_body(content = NewWebhook, content_type = "application/json"),

@@ -46,7 +46,8 @@ pub struct BoardAction {
     /// `hide`, `restore`, `regrade`, `withdraw` or `reveal`.
     #[schema(value_type = KindOfAction, example = "hide")]
     pub action: String,
-    /// Owner of the key that the request was sent with.
+    /// Owner of the key that the request was sent with; `its owner` while the run is under embargo, `the service` for the end
+    /// of an embargo.
     pub actor: String,
     /// Reason for the action.
     pub reason: String,

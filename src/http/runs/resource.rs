@@ -114,7 +114,7 @@ impl RunBody {
     #[must_use]
     pub fn seen_by(caller: Option<&Caller>, run: RunRow) -> Self {
         let is_seen = |embargo: &Embargo| {
-            caller.is_some_and(|caller| caller.owns(run.owner.as_deref())).then(|| embargo.agent.clone())
+            caller.is_some_and(|caller| caller.sees_all_of(run.owner.as_deref())).then(|| embargo.agent.clone())
         };
         let embargo = run
             .embargo
@@ -181,7 +181,7 @@ pub async fn create_run(
 }
 
 /// Returns a run with its progress and, once finished, its summary. A run under embargo shows an alias; its owner, with a
-/// key, sees all of it.
+/// key that may submit, sees all of it.
 #[utoipa::path(
     get, path = "/v1/runs/{id}", operation_id = "get_run", tag = "runs", summary = "Get a run",
     params(("id" = String, Path, description = "The run's id")),

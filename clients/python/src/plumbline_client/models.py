@@ -67,7 +67,8 @@ class BoardAction(BaseModel):
     """
     actor: str
     """
-    Owner of the key that the request was sent with.
+    Owner of the key that the request was sent with; `its owner` while the run is under embargo, `the service` for the end
+    of an embargo.
     """
     reason: str
     """
@@ -1212,11 +1213,11 @@ class NewKey(BaseModel):
     )
     scopes: list[Literal["submit", "grade", "read", "admin"]] | None = None
     """
-    Scopes of the key; by default all that the member's role allows.
+    Scopes of the key; by default all that the member's role and the key of the request allow.
     """
     expires_days: int | None = None
     """
-    Lifetime of the key in days; by default it does not expire.
+    Lifetime of the key in days; by default, and at most, that of the key of the request.
     """
 
 
@@ -3552,7 +3553,7 @@ class DeliveryBody(BaseModel):
     """
     created_at: AwareDatetime
     """
-    Time of the event, or of the test.
+    Time at which it was stored; that of the event is in the message.
     """
     ended_at: AwareDatetime | None = None
     """
@@ -4864,7 +4865,7 @@ class WebhookBody(BaseModel):
 
 class WebhookChange(BaseModel):
     """
-    What a webhook shall be.
+    Settings of a webhook.
     """
 
     model_config = ConfigDict(
@@ -4883,7 +4884,8 @@ class WebhookChange(BaseModel):
     """
     enabled: bool | None = None
     """
-    Whether events are posted; true by default. Events that end while it is disabled are never posted.
+    Whether events are posted; true by default. Enabling it goes on with the events from then on, and with the messages
+    that were pending when it was disabled.
     """
 
 
@@ -5437,7 +5439,7 @@ class BoardBody(BaseModel):
     """
     withdrawn: list[WithdrawnRow] | None = None
     """
-    Runs that match the filters and that their owners withdrew, latest first; absent if there are none.
+    Runs that match the filters and that their owners withdrew, latest first, at most 100; absent if there are none.
     """
 
 

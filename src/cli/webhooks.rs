@@ -1,0 +1,80 @@
+//! `plumbline webhooks`: lists and disables the webhooks of all owners.
+
+use std::process::ExitCode;
+
+use anyhow::bail;
+use clap::{Args, Subcommand};
+use comfy_table::{Table, presets};
+
+use super::database::DatabaseArgs;
+use crate::clock::rfc3339;
+use crate::store::Store;
+use crate::store::webhooks::WebhookChange;
+
+/// Arguments of `webhooks`.
+#[derive(Debug, Args)]
+pub struct WebhooksArgs {
+    #[command(flatten)]
+    database: DatabaseArgs,
+    #[command(subcommand)]
+    command: WebhooksCommand,
+}
+
+/// Commands on webhooks.
+#[derive(Debug, Subcommand)]
+enum WebhooksCommand {
+    /// List webhooks, without their secrets.
+    List,
+    /// Disable a webhook; nothing more is posted to it until its owner enables it.
+    Disable {
+        /// Identifier of the webhook, as shown by `list`.
+        id: String,
+        /// Reason, which its owner sees.
+        #[arg(long)]
+        reason: String,
+    },
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Returns an error if the database cannot be opened, or if there is no such webhook.
+pub fn run(args: &WebhooksArgs) -> anyhow::Result<ExitCode> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    runtime.block_on(async {
+        let store = args.database.open().await?;
+        let done = match &args.command {
+            WebhooksCommand::List => list(&store).await,
+            WebhooksCommand::Disable { id, reason } => disable(&store, id, reason).await,
+        };
+        store.close().await;
+        done
+    })?;
+    Ok(ExitCode::SUCCESS)
+}
+
+async fn list(store: &Store) -> anyhow::Result<()> {
+    let mut table = Table::new();
+    table.load_style(presets::ASCII_MARKDOWN);
+    table.set_header(["id", "owner", "url", "events", "created", "pending", "state"]);
+    for webhook in store.webhooks().await? {
+        let events = if webhook.events.is_empty() { "all".to_owned() } else { webhook.events };
+        let pending = store.pending_deliveries(&webhook.id).await?.to_string();
+        let state = webhook.disabled_reason.unwrap_or_else(|| "enabled".to_owned());
+        let created = rfc3339(webhook.created_at_ms);
+        table.add_row([webhook.id, webhook.owner, webhook.url, events, created, pending, state]);
+    }
+    println!("{table}");
+    Ok(())
+}
+
+async fn disable(store: &Store, id: &str, reason: &str) -> anyhow::Result<()> {
+    let Some(webhook) = store.webhook(id).await? else {
+        bail!("there is no webhook {id:?}; plumbline webhooks list shows all");
+    };
+    let reason = format!("disabled by the operator: {reason}");
+    let change = WebhookChange { url: &webhook.url, events: &webhook.events, disabled_reason: Some(&reason) };
+    store.change_webhook(id, &change).await?;
+    println!("disabled {id} of {}", webhook.owner);
+    Ok(())
+}
