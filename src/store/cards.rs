@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use serde_json::Value;
 
-use super::db::{Each, Row, Tx, query, query_as};
+use super::db::{Builder, Each, Row, Tx, query, query_as};
 use super::locks::Lock;
 use super::{Store, StoreError, StoreResult, commit};
 
@@ -145,6 +145,29 @@ impl Store {
         .fetch_all(&self.readers)
         .await?;
         Ok(declared.into_iter().collect())
+    }
+
+    /// Returns the latest card of each of these runs, without the text of its system prompt. Runs without a card, and those
+    /// under embargo, are left out.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails or a card cannot be read.
+    pub async fn latest_cards(&self, runs: &[&str]) -> StoreResult<HashMap<String, Value>> {
+        if runs.is_empty() {
+            return Ok(HashMap::new());
+        }
+        let mut select = Builder::new(
+            "SELECT c.run_id, c.card FROM cards c
+             WHERE c.version = (SELECT MAX(l.version) FROM cards l WHERE l.run_id = c.run_id)
+               AND NOT EXISTS (SELECT 1 FROM embargoes e WHERE e.run_id = c.run_id AND e.lifted_at_ms IS NULL)
+               AND c.run_id IN ",
+        );
+        select.push_list(runs.iter().copied());
+        let found: Vec<(String, String)> = select.build_as().fetch_all(&self.readers).await?;
+        let read = |(run, card): (String, String)| {
+            Ok((run, serde_json::from_str(&card).map_err(|error| StoreError::corrupt("cards", error))?))
+        };
+        found.into_iter().map(read).collect()
     }
 
     /// Returns all versions of a card, latest first.

@@ -210,7 +210,7 @@ impl Store {
         .await
     }
 
-    /// Takes the delivery of a webhook that has been due for longest, for [`TAKEN_MS`]; none if none is due.
+    /// Takes the delivery of a webhook that has been due for longest, for a minute; none if none is due.
     ///
     /// # Errors
     /// Returns an error if the database fails.

@@ -146,7 +146,8 @@ async fn a_reader_finds_the_way_from_the_board_to_the_evidence() {
     assert_eq!(browser.run(ROWS).await, 2);
     assert_eq!(browser.run("return document.querySelectorAll('main img').length").await, 0, "names are text");
     browser.see("board").await;
-    browser.click("th:nth-child(6) a").await;
+    browser.click(".figures > summary").await;
+    browser.click(".figures a[href*='sort=material']").await;
     let sorted = "return document.querySelector('th[aria-sort]').textContent.trim() + location.search";
     browser.wait(sorted, |told| told == "material ▼?sort=material").await;
     browser.click("th[aria-sort] a").await;
@@ -158,7 +159,7 @@ async fn a_reader_finds_the_way_from_the_board_to_the_evidence() {
     browser.is_well(&service).await;
 
     // On to the run, and to a problem's evidence with the build in 3D.
-    browser.click("td a[href^='/runs/']").await;
+    browser.click("th a[href^='/runs/']").await;
     browser.wait("return document.querySelectorAll('.problems .solved').length", |solved| *solved == 25).await;
     browser.see("run").await;
     browser.is_well(&service).await;

@@ -1,5 +1,6 @@
 //! Leaderboards: one row per finished run of a suite, selected, sorted and split into pages.
 
+use std::collections::HashSet;
 use std::sync::Arc;
 
 use serde::Deserialize;
@@ -92,7 +93,7 @@ pub struct Selection {
 }
 
 /// A row of a leaderboard: a finished run among others.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Row {
     /// The run.
     pub standing: Arc<Standing>,
@@ -205,19 +206,25 @@ pub fn page(board: &Arc<Board>, wanted: &Selection) -> AppResult<BoardPage> {
     })
 }
 
-/// Returns the best rows of every board, the boards of the newest versions first: new runs use them.
+/// Returns the best rows of the newest version of each suite, of one track, and the identifiers of the other versions.
 ///
 /// # Errors
 /// Returns an error if the database fails.
-pub async fn best_of_all(app: &App, rows: u32) -> AppResult<Vec<BoardPage>> {
+pub async fn best_of_newest(app: &App, rows: u32) -> AppResult<(Vec<BoardPage>, Vec<String>)> {
     let mut entries = app.catalogue().suites().to_vec();
     entries.sort_by_key(|entry| std::cmp::Reverse(entry.suite.version));
-    let best = Selection { limit: Some(rows), ..Selection::default() };
-    let mut pages = Vec::with_capacity(entries.len());
+    let (mut pages, mut others, mut seen) = (Vec::new(), Vec::new(), HashSet::new());
     for entry in entries {
+        let suite = &entry.suite;
+        if !seen.insert(suite.name.clone()) {
+            others.push(suite.id());
+            continue;
+        }
+        let track = (suite.tracks().len() > 1).then_some(Track::Specified);
+        let best = Selection { limit: Some(rows), track, ..Selection::default() };
         pages.push(page(&read::of_suite(app, &entry).await?, &best)?);
     }
-    Ok(pages)
+    Ok((pages, others))
 }
 
 /// Builds the row of a run and compares the run with the given rows.

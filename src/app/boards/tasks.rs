@@ -7,6 +7,7 @@ use super::read;
 use crate::app::App;
 use crate::app::catalogue::tasks::{FoundTask, SearchText, numbered};
 use crate::app::error::AppResult;
+use plumbline_engine::checks::Criterion;
 use plumbline_engine::grading::outcomes::Outcomes;
 use plumbline_engine::grading::standings::Standing;
 use plumbline_engine::tasks::Task;
@@ -50,6 +51,38 @@ pub struct SolvedTasks {
     pub board: Arc<Board>,
     /// Positions of the tasks in the suite, each with the number of runs that solved it.
     pub tasks: Vec<(usize, usize)>,
+}
+
+/// Two runs of which one solves a task that the other answered and did not solve.
+#[derive(Debug)]
+pub struct Contrast {
+    /// Position of the task in the suite.
+    pub place: usize,
+    /// Run that solves it.
+    pub solves: Arc<Standing>,
+    /// Run that does not.
+    pub fails: Arc<Standing>,
+}
+
+/// Finds a task that tells the best run of a board from another of its track: if possible by the size of its build, which
+/// anybody sees; of several, one of the last, which ask for more.
+#[must_use]
+pub fn contrast(board: &Board) -> Option<Contrast> {
+    let solves = board.rows.all.first()?;
+    let tells = |other: &Standing, place: usize| {
+        let (one, other) = (&solves.outcomes, &other.outcomes);
+        one.is_solved(place) && other.is_answered(place) && !other.is_accurate(place)
+    };
+    let is_plain = |other: &Standing, place: usize| !other.outcomes.holds(place, Criterion::Size);
+    let find = |must_be_plain: bool| {
+        let others = board.rows.all.iter().skip(1).filter(|other| other.track == solves.track);
+        others.into_iter().find_map(|other| {
+            let shows = |place: &usize| tells(other, *place) && (!must_be_plain || is_plain(other, *place));
+            let place = (0..solves.outcomes.len()).rev().find(shows)?;
+            Some(Contrast { place, solves: Arc::clone(solves), fails: Arc::clone(other) })
+        })
+    };
+    find(true).or_else(|| find(false))
 }
 
 /// Results on one task.

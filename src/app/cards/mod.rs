@@ -3,6 +3,8 @@
 pub mod card;
 pub mod reading;
 
+use std::collections::HashMap;
+
 use serde_json::Value;
 use uuid::Uuid;
 
@@ -83,6 +85,16 @@ pub async fn versions(app: &App, caller: Option<&Caller>, of: CardOf<'_>) -> App
         return Err(AppError::not_found("it has no card yet"));
     }
     Ok(versions)
+}
+
+/// Returns the cards of runs that everybody may see, by run.
+///
+/// # Errors
+/// Returns an error if the database fails.
+pub async fn of_runs(app: &App, runs: &[&str]) -> AppResult<HashMap<String, Card>> {
+    let stored = app.store.latest_cards(runs).await?;
+    let read = |(run, card): (String, Value)| Some((run, serde_json::from_value(card).ok()?));
+    Ok(stored.into_iter().filter_map(read).collect())
 }
 
 /// Returns the owner of what a card is about; none if it was made without a key.

@@ -5,6 +5,7 @@ use axum::extract::{Path, RawQuery, State};
 use serde::Deserialize;
 
 use super::html::{self, PageResult};
+use super::lines::{Line, lines, with_reported};
 use crate::app::boards::breakdown::{GroupBy, of_rows};
 use crate::app::boards::comparison::compare;
 use crate::app::boards::leaderboard::{CoverageFilter, Direction, Selection, SortBy, page as rows_of};
@@ -63,6 +64,8 @@ struct Reported {
 #[template(path = "board.html")]
 struct BoardPage {
     body: BoardBody,
+    lines: Vec<Line>,
+    versions: Vec<String>,
     incomplete: Vec<BoardRow>,
     columns: Vec<Column>,
     sort: &'static str,
@@ -128,10 +131,25 @@ pub async fn board(State(state): State<AppState>, Path(suite): Path<String>, Raw
             .into_iter()
             .filter(|table| !table.rates.groups.is_empty())
             .collect();
+    let is_first = wanted.after.is_none() && wanted.sort == SortBy::Overall && wanted.order == Direction::Desc;
+    let shown = lines(&state, page.rows.clone()).await?;
+    let shown = if is_first { with_reported(shown, &page.reported) } else { shown };
     let body = BoardBody::from(page);
     let is_shown = |group: &RepeatGroup| wanted.track.is_none_or(|track| track == group.track);
     let repeats = of_board(&state, &board).await?.into_iter().map(RepeatGroup::from).filter(is_shown).collect();
+    let name = &board.entry.suite.name;
+    let mut versions: Vec<_> = state
+        .catalogue()
+        .suites()
+        .iter()
+        .map(|entry| &entry.suite)
+        .filter(|suite| suite.name == *name)
+        .map(|suite| (suite.version, suite.id()))
+        .collect();
+    versions.sort_by_key(|(version, _)| std::cmp::Reverse(*version));
     html::page(&BoardPage {
+        lines: shown,
+        versions: versions.into_iter().map(|(_, id)| id).collect(),
         repeats,
         reported: reported(&body.reported),
         next: body.next_after.as_ref().map(|after| links.next_page(after)),

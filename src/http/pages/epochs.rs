@@ -5,6 +5,7 @@ use axum::extract::{Path, State};
 use axum::http::{HeaderMap, header};
 
 use super::html::{self, PageResult};
+use crate::app::error::AppResult;
 use crate::app::hidden::boards::{TierBoard, board_of};
 use crate::app::hidden::epochs;
 use crate::clock::{milliseconds, now_ms};
@@ -21,10 +22,28 @@ struct Shown {
     passed: f64,
 }
 
-struct Next {
-    what: &'static str,
-    at: String,
-    left: String,
+/// Next opening or closing of an epoch.
+pub struct Next {
+    /// What it does: `opens` or `closes`.
+    pub what: &'static str,
+    /// Time at which it does, in RFC 3339.
+    pub at: String,
+    /// Time left, such as `1 d 1 h`.
+    pub left: String,
+}
+
+/// Returns the epoch that opens or closes next, if there is one.
+///
+/// # Errors
+/// Returns an error if the database fails.
+pub async fn next_of(state: &AppState) -> AppResult<Option<(String, Next)>> {
+    let now = now_ms();
+    let mut all = Vec::new();
+    for epoch in epochs::epochs(state).await? {
+        let shown = Shown::of(EpochBody::from(epoch), now);
+        all.extend(shown.next.map(|next| (shown.body.id, next)));
+    }
+    Ok(all.into_iter().min_by(|(_, a), (_, b)| a.at.cmp(&b.at)))
 }
 
 impl Shown {

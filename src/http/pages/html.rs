@@ -44,6 +44,12 @@ pub fn percent(rate: Option<f64>) -> String {
     rate.map_or_else(|| "n/a".to_owned(), |rate| format!("{:.1} %", rate * 100.0))
 }
 
+/// Writes a name of the API as words.
+#[must_use]
+pub fn words(name: &str) -> String {
+    name.replace('_', " ")
+}
+
 /// Formats a probability to four digits.
 #[must_use]
 pub fn probability(p: f64) -> String {

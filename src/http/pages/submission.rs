@@ -91,11 +91,6 @@ impl Shown {
         serde_json::to_string(&cells).expect("numbers are JSON")
     }
 
-    /// Returns a name of the API as words.
-    fn words(name: &str) -> String {
-        name.replace('_', " ")
-    }
-
     /// Says what follows for a submission without a report.
     const fn what_next(&self) -> &'static str {
         match self.row.state {

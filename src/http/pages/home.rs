@@ -1,0 +1,106 @@
+//! The home page: what is measured, who is ahead, and how to take part.
+
+use askama::Template;
+use axum::extract::State;
+use axum::http::{HeaderMap, header};
+
+use super::epochs::{Next, next_of};
+use super::html::{self, PageResult};
+use super::lines::{Line, lines};
+use crate::app::access::Openness;
+use crate::app::boards::leaderboard::best_of_newest;
+use crate::app::boards::tasks::{Contrast, contrast};
+use crate::app::runs::read::answer;
+use crate::http::state::AppState;
+
+/// Number of rows of each board.
+const ROWS: u32 = 5;
+
+/// The best rows of a board.
+struct Best {
+    suite: String,
+    tasks: usize,
+    runs: usize,
+    lines: Vec<Line>,
+}
+
+/// A build on the home page.
+struct Build {
+    submission: String,
+    agent: String,
+}
+
+/// Two builds for one task: one that solves it and one that does not.
+struct Pair {
+    task: String,
+    prompt: String,
+    good: Build,
+    bad: Build,
+}
+
+/// What a criterion asks, in one sentence.
+const CRITERIA: [(&str, &str); 7] = [
+    ("Material", "Are the right blocks used, and as many as asked?"),
+    ("Shape", "Is it what was asked for: rooms, doors, arches, stairs?"),
+    ("Size", "Does it measure what was asked?"),
+    ("Plausibility", "Is every block held up by the ground or by others?"),
+    ("Stability", "Does the stress inside stay below what the task allows?"),
+    ("Efficiency", "Is the path from block to block short?"),
+    ("Dependency", "Were the parts built in an order in which they can be built?"),
+];
+
+#[derive(Template)]
+#[template(path = "home.html")]
+struct Home {
+    boards: Vec<Best>,
+    others: Vec<String>,
+    pair: Option<Pair>,
+    epoch: Option<(String, Next)>,
+    /// Host of the service, from the `Host` header of the request.
+    host: String,
+    is_open: bool,
+}
+
+/// Serves the home page.
+///
+/// # Errors
+/// Returns an error if the database fails.
+pub async fn home(State(state): State<AppState>, headers: HeaderMap) -> PageResult {
+    let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
+    let host = named.unwrap_or("localhost:7586").to_owned();
+    let (newest, others) = best_of_newest(&state, ROWS).await?;
+    let pair = match newest.first().and_then(|page| contrast(&page.board)) {
+        Some(Contrast { place, solves, fails }) => {
+            let task = &newest[0].board.entry.suite.tasks[place];
+            let (good, bad) = (answer(&state, &solves.run, task.number), answer(&state, &fails.run, task.number));
+            let build = |submission, agent: &str| Build { submission, agent: agent.to_owned() };
+            // What was withdrawn or deleted meanwhile is not shown.
+            match (good.await, bad.await) {
+                (Ok(good), Ok(bad)) => Some(Pair {
+                    task: task.id.clone(),
+                    prompt: task
+                        .turns
+                        .first()
+                        .map(|turn| turn.brief.clone().unwrap_or_else(|| turn.prompt.clone()))
+                        .unwrap_or_default(),
+                    good: build(good.id, &solves.agent),
+                    bad: build(bad.id, &fails.agent),
+                }),
+                _ => None,
+            }
+        }
+        None => None,
+    };
+    let mut boards = Vec::new();
+    for page in newest {
+        let suite = &page.board.entry.suite;
+        boards.push(Best {
+            suite: suite.id(),
+            tasks: suite.tasks.len(),
+            runs: page.total,
+            lines: lines(&state, page.rows).await?,
+        });
+    }
+    let is_open = state.keys.open == Openness::Open;
+    html::page(&Home { boards, others, pair, epoch: next_of(&state).await?, host, is_open })
+}
