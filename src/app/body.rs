@@ -24,10 +24,21 @@ pub const fn profile(faults: &mut Faults) -> ProfileShape<'_> {
     ProfileShape { faults }
 }
 
+/// Fault of a name that changes the direction of the text around it.
+pub const TURNS_TEXT: &str =
+    "characters that change the direction of writing (U+202A to U+202E, U+2066 to U+2069) are not allowed";
+
+/// Returns whether a name would change the direction of the text around it, so that it could look like another.
+#[must_use]
+pub fn turns_text(name: &str) -> bool {
+    name.contains(|c| matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}'))
+}
+
 /// Returns the shape of the name of an agent.
 pub fn agent_name(faults: &mut Faults) -> Parsed<'_, String> {
     let parse = |name: &str| match name.trim() {
         "" => Err("expected a name that does not only consist of spaces".to_owned()),
+        _ if turns_text(name) => Err(TURNS_TEXT.to_owned()),
         _ => Ok(name.to_owned()),
     };
     Parsed { text: Text { faults, min_chars: 1, max_chars: LIMITS.agent_chars }, parse }

@@ -34,7 +34,7 @@ enum KeysCommand {
         /// Member of the owner to whom the key belongs; it is added if there is no such member.
         #[arg(long)]
         member: Option<String>,
-        /// Role of the member: reader, submitter or manager.
+        /// Role of the member: reader, submitter or manager. A member that exists gets it too.
         #[arg(long, requires = "member")]
         role: Option<String>,
         /// Scopes of the key: submit, grade, read, admin. By default submit, grade and read, or what the role allows of them.
@@ -112,10 +112,22 @@ async fn create(
         bail!("{}", too_many());
     }
     // A role changes what the keys of the member may do, so it is stored once nothing else can be wrong.
+    let before = store.members(name).await?;
     if let (Some(member), Some(role)) = (holder.member, role)
         && store.put_member(name, member, role, LIMITS.team_members, now).await? == MemberPut::Full
     {
         bail!("{name:?} has {} members, the maximum", LIMITS.team_members);
+    }
+    let was = before.iter().find(|known| Some(known.name.as_str()) == holder.member).map(|known| known.role);
+    if let (Some(was), Some(role)) = (was, role)
+        && was != role
+    {
+        eprintln!(
+            "{:?} was a {} and is a {} now, with all keys",
+            holder.member.unwrap_or_default(),
+            was.name(),
+            role.name()
+        );
     }
     match store.create_key(holder, &allowed, end, now).await? {
         KeyCreated::Key(key) => println!("{key}"),

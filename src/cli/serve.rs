@@ -76,7 +76,7 @@ pub struct ServeArgs {
     #[arg(long, env = "PLUMBLINE_WEBHOOKS_TO_PRIVATE_ADDRESSES", value_parser = BoolishValueParser::new())]
     webhooks_to_private_addresses: bool,
     /// Pauses in seconds between the attempts to deliver a message to a webhook.
-    #[arg(long, env = "PLUMBLINE_WEBHOOK_RETRY_SECONDS", value_delimiter = ',', value_name = "SECONDS", default_values_t = WebhookSettings::RETRY_SECONDS)]
+    #[arg(long, env = "PLUMBLINE_WEBHOOK_RETRY_SECONDS", value_delimiter = ',', value_name = "SECONDS,…", default_value = WebhookSettings::RETRY_TEXT)]
     webhook_retry_seconds: Vec<u64>,
     /// Format of log lines.
     #[arg(long, env = "PLUMBLINE_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]

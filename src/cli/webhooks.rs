@@ -60,7 +60,8 @@ async fn list(store: &Store) -> anyhow::Result<()> {
     for webhook in store.webhooks().await? {
         let events = if webhook.events.is_empty() { "all".to_owned() } else { webhook.events };
         let pending = store.pending_deliveries(&webhook.id).await?.to_string();
-        let state = webhook.disabled_reason.unwrap_or_else(|| "enabled".to_owned());
+        let state =
+            webhook.disabled_reason.map_or_else(|| "enabled".to_owned(), |reason| format!("disabled: {reason}"));
         let created = rfc3339(webhook.created_at_ms);
         table.add_row([webhook.id, webhook.owner, webhook.url, events, created, pending, state]);
     }
@@ -72,6 +73,13 @@ async fn disable(store: &Store, id: &str, reason: &str) -> anyhow::Result<()> {
     let Some(webhook) = store.webhook(id).await? else {
         bail!("there is no webhook {id:?}; plumbline webhooks list shows all");
     };
+    let reason = reason.split_whitespace().collect::<Vec<_>>().join(" ");
+    if reason.is_empty() {
+        bail!("--reason: expected a reason, which the owner sees");
+    }
+    if let Some(before) = webhook.disabled_reason {
+        bail!("the webhook is disabled already: {before}");
+    }
     let reason = format!("disabled by the operator: {reason}");
     let change = WebhookChange { url: &webhook.url, events: &webhook.events, disabled_reason: Some(&reason) };
     store.change_webhook(id, &change).await?;

@@ -3,3 +3,4 @@
 pub mod colours;
 pub mod isometric;
 pub mod raster;
+pub mod thumbnails;

@@ -65,6 +65,21 @@ impl Store {
             .await
     }
 
+    /// Returns whether a run of another owner is under embargo with this alias.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails.
+    pub async fn is_alias_of_others(&self, name: &str, owner: &str) -> StoreResult<bool> {
+        query_scalar(
+            "SELECT EXISTS (SELECT 1 FROM embargoes e JOIN runs r ON r.id = e.run_id
+                            WHERE e.alias = $1 AND e.lifted_at_ms IS NULL AND COALESCE(r.owner, '') <> $2)",
+        )
+        .bind(name)
+        .bind(owner)
+        .fetch_one(&self.readers)
+        .await
+    }
+
     /// Lifts the embargoes that are over. Returns their number.
     ///
     /// # Errors

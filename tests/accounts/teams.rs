@@ -41,8 +41,22 @@ async fn keys_of_members_do_what_their_roles_allow() {
     assert_eq!(created.json()["about"]["scopes"], json!(["grade", "read"]), "what a reader may have");
     let trainer = created.json()["key"].as_str().unwrap().to_owned();
     let wide = new_key(&lab, "trainer", json!({ "scopes": ["grade", "submit", "admin"], "expires_days": 0 })).await;
-    assert_eq!(wide.faults(422), ["null /scopes/1", "null /scopes/2", "null /expires_days"]);
+    assert_eq!(wide.faults(422), ["null /expires_days", "null /scopes/1", "null /scopes/2"]);
     assert_eq!(new_key(&lab, "trainer", json!({ "scopes": ["root"] })).await.status, StatusCode::UNPROCESSABLE_ENTITY);
+    for (body, faults) in [
+        (json!(["reader"]), "null "),
+        (json!({ "role": null }), "null /role"),
+        (json!({ "role": { "reader": null } }), "null /role"),
+        (json!({ "role": "boss" }), "null /role"),
+    ] {
+        let refused = ask(&service, &lab, Method::PUT, "/v1/team/members/x", Some(body.clone())).await;
+        assert_eq!(refused.faults(422), [faults], "{body}: {}", refused.text);
+    }
+    let many = new_key(&lab, "trainer", json!({ "scopes": ["bogus", null, 3], "expires_days": 1.5, "x": 1 })).await;
+    assert_eq!(
+        many.faults(422),
+        ["null /expires_days", "null /scopes/0", "null /scopes/1", "null /scopes/2", "null /x"]
+    );
     assert_eq!(new_key(&lab, "nobody", json!({})).await.status, StatusCode::NOT_FOUND);
     assert_eq!(new_key(&others, "trainer", json!({})).await.status, StatusCode::NOT_FOUND, "another team");
 
@@ -114,6 +128,25 @@ async fn keys_of_members_do_what_their_roles_allow() {
     assert_eq!(service.get("/v1/team").await.status, StatusCode::UNAUTHORIZED);
     let (path, body) = put("%09", "reader");
     assert_eq!(ask(&service, &lab, Method::PUT, &path, Some(body)).await.status, StatusCode::BAD_REQUEST);
+}
+
+#[tokio::test]
+async fn a_manager_who_was_removed_does_not_come_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = folder.path().join("p.db");
+    let service = Service::start_as_told(&database, &[]);
+    let lab = key(&database, "lab");
+    let (path, body) = ("/v1/team/members/mallory", json!({ "role": "manager" }));
+    ask(&service, &lab, Method::PUT, path, Some(body.clone())).await;
+    let made = ask(&service, &lab, Method::POST, &format!("{path}/keys"), Some(json!({}))).await.json();
+    let mallory = made["key"].as_str().unwrap();
+    assert_eq!(ask(&service, mallory, Method::GET, "/v1/team", None).await.status, StatusCode::OK);
+    assert_eq!(ask(&service, &lab, Method::DELETE, path, None).await.status, StatusCode::OK);
+    // The service still remembers the key, for half a second.
+    let back = ask(&service, mallory, Method::PUT, path, Some(body)).await;
+    assert_eq!(back.status, StatusCode::UNAUTHORIZED, "{}", back.text);
+    let made = ask(&service, mallory, Method::POST, "/v1/team/members/x/keys", None).await;
+    assert_eq!(made.status, StatusCode::UNAUTHORIZED, "{}", made.text);
 }
 
 #[test]

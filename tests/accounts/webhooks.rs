@@ -170,7 +170,10 @@ async fn events_of_an_owner_are_posted_and_tried_again() {
     );
     service.finished_run("agent", 25).await;
     some.answer_with(200);
-    let body = json!({ "url": some.url, "events": ["run.finished", "run.deleted"] });
+    // What a change leaves out stays as it is.
+    let renamed = ask(&service, &ours, Method::PUT, &path, Some(json!({ "url": some.url }))).await.json();
+    assert_eq!([&renamed["enabled"], &renamed["events"]], [&json!(false), &json!(["run.finished"])]);
+    let body = json!({ "enabled": true, "events": ["run.finished", "run.deleted"] });
     let enabled = ask(&service, &ours, Method::PUT, &path, Some(body)).await;
     assert_eq!(
         [&enabled.json()["enabled"], &enabled.json()["events"]],

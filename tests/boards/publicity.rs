@@ -101,6 +101,9 @@ async fn an_anonymous_run_shows_its_alias_until_its_embargo_is_lifted() {
     assert_eq!(service.get("/v1/runs?mine=true").await.json()["runs"][0]["embargo"]["agent"], "Secret Model");
 
     // Others see the alias, with or without a key, and until when.
+    service.use_key(Some(&theirs));
+    let posing = json!({ "agent": "maple-7", "suite": "mineceraft-lite" });
+    assert_eq!(service.post_json("/v1/runs", &posing).await.faults(422), ["null /agent"]);
     for key in [Some(theirs.as_str()), None] {
         service.use_key(key);
         let seen = service.get(&format!("/v1/runs/{run}")).await.json();
@@ -183,6 +186,7 @@ async fn a_withdrawn_run_leaves_a_trace_that_still_counts() {
     let reason = json!({ "reason": "the harness cut\nanswers off <b>" });
     assert_eq!(service.post_json(&path, &json!({ "reason": " " })).await.faults(422), ["null /reason"]);
     assert_eq!(service.post_json(&path, &json!({})).await.faults(422), ["null /reason"]);
+    assert_eq!(service.post_json(&path, &json!(["a list"])).await.faults(422), ["null "]);
     let open = service.begin_run("again", "mineceraft-lite").await;
     let early = service.post_json(&format!("/v1/runs/{open}/withdraw"), &reason).await;
     assert_eq!(
@@ -210,6 +214,7 @@ async fn a_withdrawn_run_leaves_a_trace_that_still_counts() {
     assert_eq!([&trace["run"], &trace["attempts"], &trace["reason"]], [&json!(bad), &json!(4), &reason["reason"]]);
     let group = service.get(&format!("{BOARD}/repeats")).await.json()["groups"][0].clone();
     assert_eq!((group["runs"].as_array().unwrap().len(), &group["withdrawn"]), (2, &json!(1)), "{group}");
+    assert!(!service.get(&format!("/runs/{bad}")).await.text.contains("<dt>rank</dt>"));
     let page = service.get("/boards/mineceraft-lite").await.text;
     assert!(page.contains("Withdrawn runs") && page.contains("answers off &#60;b&#62;"), "{page}");
     assert!(service.get(&format!("/runs/{bad}")).await.text.contains("Withdrawn by its owner"));

@@ -1,127 +1,14 @@
 //! Pages as people use them, in a real browser that is driven: sort, filter, follow, turn on stress, step through the replay.
 //! Screenshots of what it sees go to `target/screenshots`.
 
-use std::io::{BufRead as _, BufReader};
-use std::process::{Child, Command, Stdio};
-use std::time::Duration;
-
+use super::driver::Browser;
 use crate::support::epoch::Scene;
-use crate::support::{Service, good_build, repository};
+use crate::support::{Service, good_build};
+use fantoccini::Locator;
 use fantoccini::key::Key;
-use fantoccini::{Client, ClientBuilder, Locator};
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::tasks::embedded;
 use serde_json::{Value, json};
-
-/// A browser, driven. Both end with it.
-struct Browser {
-    driver: Child,
-    address: String,
-    page: Client,
-    _profile: tempfile::TempDir,
-}
-
-impl Drop for Browser {
-    fn drop(&mut self) {
-        let _ = self.driver.kill();
-        let _ = self.driver.wait();
-    }
-}
-
-impl Browser {
-    async fn open() -> Self {
-        let mut driver = Command::new("chromedriver")
-            .arg("--port=0")
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("chromedriver is not installed; bash tests/run installs it");
-        let mut lines = BufReader::new(driver.stdout.take().unwrap()).lines();
-        let port = lines
-            .find_map(|line| {
-                line.unwrap().split("successfully on port ").nth(1).map(|rest| rest.trim_end_matches('.').to_owned())
-            })
-            .unwrap();
-        std::thread::spawn(move || lines.for_each(drop));
-        let profile = tempfile::tempdir().unwrap();
-        let arguments = [
-            "--headless=new".to_owned(),
-            "--no-sandbox".to_owned(),
-            "--use-angle=swiftshader".to_owned(),
-            "--enable-unsafe-swiftshader".to_owned(),
-            "--disable-background-networking".to_owned(),
-            format!("--user-data-dir={}", profile.path().display()),
-        ];
-        let capabilities = json!({
-            "goog:chromeOptions": { "args": arguments },
-            "goog:loggingPrefs": { "browser": "ALL", "performance": "ALL" },
-        });
-        let Value::Object(capabilities) = capabilities else { unreachable!() };
-        let address = format!("http://127.0.0.1:{port}");
-        let page = ClientBuilder::new(hyper_util::client::legacy::connect::HttpConnector::new())
-            .capabilities(capabilities)
-            .connect(&address)
-            .await
-            .unwrap();
-        Self { driver, address, page, _profile: profile }
-    }
-
-    /// Entries of one of the browser's logs since it was last asked.
-    async fn log(&self, kind: &str) -> Vec<Value> {
-        let session = self.page.session_id().await.unwrap().unwrap();
-        let url = format!("{}/session/{session}/se/log", self.address);
-        let body = json!({ "type": kind }).to_string();
-        let answer = plumbline::client::without_tls().build().unwrap().post(url).body(body).send().await.unwrap();
-        let answer: Value = serde_json::from_str(&answer.text().await.unwrap()).unwrap();
-        answer["value"].as_array().unwrap_or_else(|| panic!("{answer}")).clone()
-    }
-
-    async fn see(&self, name: &str) {
-        let folder = repository("target/screenshots");
-        std::fs::create_dir_all(&folder).unwrap();
-        std::fs::write(folder.join(format!("{name}.png")), self.page.screenshot().await.unwrap()).unwrap();
-    }
-
-    async fn run(&self, script: &str) -> Value {
-        self.page.execute(script, Vec::new()).await.unwrap()
-    }
-
-    /// Runs a script until it gives what is wanted; fails after half a minute.
-    async fn wait(&self, script: &str, wanted: impl Fn(&Value) -> bool) -> Value {
-        for _ in 0..300 {
-            let found = self.run(script).await;
-            if wanted(&found) {
-                return found;
-            }
-            tokio::time::sleep(Duration::from_millis(100)).await;
-        }
-        panic!("{script} did not become as wanted: {}", self.run(script).await);
-    }
-
-    async fn click(&self, css: &str) {
-        self.page.find(Locator::Css(css)).await.unwrap().click().await.unwrap();
-    }
-
-    /// No error on the console, no request to another host, nothing wider than the window, within the bytes that a page may have.
-    async fn is_well(&self, service: &Service) {
-        let errors: Vec<Value> = self.log("browser").await.into_iter().filter(|e| e["level"] == "SEVERE").collect();
-        assert!(errors.is_empty(), "{errors:?}");
-        for entry in self.log("performance").await {
-            let message: Value = serde_json::from_str(entry["message"].as_str().unwrap()).unwrap();
-            let message = &message["message"];
-            if message["method"] == "Network.requestWillBeSent" {
-                let url = message["params"]["request"]["url"].as_str().unwrap();
-                let document = message["params"]["documentURL"].as_str().unwrap_or_default();
-                // The browser's own tabs ask for what they like.
-                let is_ours = document.starts_with(&service.url);
-                assert!(!is_ours || url.starts_with(&service.url) || url.starts_with("data:"), "asked for {url}");
-            }
-        }
-        let wide = self.run("return document.documentElement.scrollWidth - document.documentElement.clientWidth").await;
-        assert_eq!(wide, 0, "the page is wider than the window");
-        let bytes = "return performance.getEntries().reduce((sum, e) => sum + (e.decodedBodySize || 0), 0)";
-        assert!(self.run(bytes).await.as_f64().unwrap() < 300_000.0);
-    }
-}
 
 const ROWS: &str = "return [...document.querySelectorAll('table')][0].tBodies[0].rows.length";
 const CANVAS: &str = "return {...document.querySelector('.viewer canvas').dataset}";
@@ -163,7 +50,12 @@ async fn a_reader_finds_the_way_from_the_board_to_the_evidence() {
     browser.wait("return document.querySelectorAll('.problems .solved').length", |solved| *solved == 25).await;
     browser.see("run").await;
     browser.is_well(&service).await;
-    browser.click(".problems a").await;
+    assert_eq!(browser.run("return document.querySelectorAll('main a:not(details a)').length < 15").await, true);
+    browser.click("details.family > summary").await;
+    let is_drawn = "const i = document.querySelector('.cards img'); return i.complete && i.naturalWidth";
+    browser.wait(is_drawn, |width| width.as_u64().is_some_and(|pixels| pixels > 100)).await;
+    browser.see("run-open").await;
+    browser.click(".cards a").await;
     browser.wait(CANVAS, |canvas| canvas["blocks"].as_str().is_some_and(|blocks| blocks != "0")).await;
     browser.is_well(&service).await;
     page.set_window_size(390, 844).await.unwrap();

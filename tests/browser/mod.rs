@@ -1,4 +1,6 @@
 //! Pages in a real browser.
 
+mod accessibility;
+mod driver;
 mod journeys;
 mod pages;

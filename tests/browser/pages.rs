@@ -73,3 +73,33 @@ async fn assets_are_kept_under_their_version_alone() {
         assert_eq!(again.status().as_u16(), 304, "{path}");
     }
 }
+
+#[tokio::test]
+async fn thumbnails_are_small_pictures_of_builds() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &[]);
+    let run = service.finished_run("steady", 3).await;
+    let listed = service.get(&format!("/v1/runs/{run}/submissions")).await.json();
+    let [empty, full] = [&listed["submissions"][0], &listed["submissions"][24]];
+    let id = full["id"].as_str().unwrap();
+    let picture = async |path: String| {
+        let answer = service.http.get(format!("{}{path}", service.url)).send().await.unwrap();
+        let kind = answer.headers()["content-type"].to_str().unwrap().to_owned();
+        (answer.status().as_u16(), kind, answer.bytes().await.unwrap())
+    };
+    let build = picture(format!("/submissions/{id}/thumbnail.png")).await;
+    assert_eq!((build.0, build.1.as_str(), &build.2[1..4]), (200, "image/png", &b"PNG"[..]));
+    assert!(build.2.len() < 40_000, "{}", build.2.len());
+    assert_eq!(picture(format!("/submissions/{id}/thumbnail.png")).await, build, "drawn once");
+    assert_eq!(picture(format!("/runs/{run}/tasks/{}/thumbnail.png", full["number"])).await, build);
+    let reference = format!("/suites/mineceraft-lite/tasks/{}/thumbnail.png", full["number"]);
+    assert_eq!(picture(reference).await, build, "the run built what the reference builder builds");
+    assert_ne!(picture(format!("/runs/{run}/tasks/{}/thumbnail.png", empty["number"])).await.2, build.2);
+    for path in [
+        "/submissions/nosuch/thumbnail.png",
+        "/suites/mineceraft-lite/tasks/1/thumbnail.png",
+        "/runs/x/tasks/1/thumbnail.png",
+    ] {
+        assert_eq!(picture(path.to_owned()).await.0, 404, "{path}");
+    }
+}

@@ -79,6 +79,8 @@ async fn reads_never_wait_for_the_writer() {
         format!("/runs/{}", id(&run)),
         format!("/submissions/{}", id(&submission)),
         format!("/submissions/{}/view.svg", id(&submission)),
+        format!("/submissions/{}/thumbnail.png", id(&submission)),
+        "/suites/mineceraft/tasks/113/thumbnail.png".to_owned(),
     ];
     let gets = document["paths"].as_object().unwrap().iter().filter(|(_, item)| item["get"].is_object());
     let paths: Vec<String> = gets.map(|(path, _)| filled(path, &ids)).chain(pages).collect();

@@ -28,4 +28,7 @@ fn generated_clients_go_the_whole_way() {
     let mut flow = Command::new(tools.join("venv/bin/python"));
     flow.arg(repository("tests/clients/flow.py")).arg(tools.join("python")).arg(&service.url).arg(&built);
     assert_eq!(succeeded(flow), b"ok\n");
+    let mut flow = Command::new("node");
+    flow.arg(tools.join("typescript/flow.js")).arg(&service.url).arg(&built);
+    assert_eq!(succeeded(flow), b"ok\n");
 }

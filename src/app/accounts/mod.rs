@@ -1,5 +1,6 @@
 //! Accounts: quotas, teams, and events to follow.
 
+pub mod body;
 pub mod events;
 pub mod quota;
 pub mod team;

@@ -1,18 +1,18 @@
 //! Teams: the members of an owner, and the keys that belong to them.
 
+use super::body::{NewKeyBody, NewMemberBody};
 use crate::app::App;
 use crate::app::access::{Caller, unauthorized};
+use crate::app::body::{TURNS_TEXT, turns_text};
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::limits::LIMITS;
 use crate::clock::{DAY_MS, now_ms};
-use crate::store::keys::{Holder, KeyCreated, KeyRow, LIVE_KEYS, Role, Scope, parts};
+use crate::store::keys::{Holder, KeyCreated, KeyRow, LIVE_KEYS, Scope, parts};
 use crate::store::members::{MemberPut, MemberRow};
 use plumbline_engine::intake::Faults;
 
 /// Maximum length of the name of a member or an owner, in characters.
 const NAME_CHARS: usize = 100;
-/// Greatest lifetime of a key, in days.
-pub const MAX_DAYS: i64 = 36_500;
 
 /// An owner with its members and all keys that are live.
 #[derive(Debug)]
@@ -41,6 +41,13 @@ pub struct CreatedKey {
 pub fn check_name(name: &str) -> Result<(), String> {
     if name.trim().is_empty() || name.chars().count() > NAME_CHARS {
         return Err(format!("expected 1 to {NAME_CHARS} characters"));
+    }
+    if turns_text(name) {
+        return Err(TURNS_TEXT.to_owned());
+    }
+    // A path with such a segment is shortened on its way.
+    if name == "." || name == ".." {
+        return Err(format!("{name:?} is not allowed"));
     }
     if name.chars().any(char::is_control) || name.trim() != name {
         return Err(format!("control characters and leading or trailing spaces are not allowed: {name:?}"));
@@ -71,14 +78,31 @@ impl Caller {
             "this needs a key with the scope \"submit\" of the owner itself, or of a member with the role \"manager\"";
         Err(AppError::new(Kind::Forbidden, detail))
     }
+}
 
-    /// Checks that the caller is no member without the role of a manager. Something that has no owner needs no more.
+impl App {
+    /// Returns the owner whose key was sent if the key may manage what belongs to it now. Requests hold a key for a moment
+    /// without reading it again; what a manager does could keep somebody in the team who was just removed, so it is read here.
     ///
     /// # Errors
-    /// Returns 403 if the caller is a member without that role.
-    pub fn require_manager_of_members(&self) -> AppResult<()> {
-        if self.key.as_ref().is_some_and(|key| key.member.is_some()) {
-            self.require_manager()?;
+    /// Returns 401 if no key was accepted or it is no longer live, and 403 if it may not manage.
+    pub async fn manager<'c>(&self, caller: &'c Caller) -> AppResult<&'c str> {
+        let owner = caller.require_manager()?;
+        let id = caller.key.as_ref().map_or("", |key| key.id.as_str());
+        let now = self.store.key(id).await?.filter(|key| key.is_live(now_ms()));
+        match now {
+            None => Err(unauthorized("the key is revoked or expired")),
+            Some(key) => Caller { key: Some(key), ..caller.clone() }.require_manager().map(|_| owner),
+        }
+    }
+
+    /// Checks that a caller who is a member has the role of a manager now.
+    ///
+    /// # Errors
+    /// Returns 401 or 403 if the caller is a member without that role.
+    pub async fn require_manager_of_members(&self, caller: &Caller) -> AppResult<()> {
+        if caller.key.as_ref().is_some_and(|key| key.member.is_some()) {
+            self.manager(caller).await?;
         }
         Ok(())
     }
@@ -100,8 +124,17 @@ pub async fn team(app: &App, caller: &Caller) -> AppResult<Team> {
 ///
 /// # Errors
 /// Returns an error if the caller may not manage the team, if the name is faulty, or if the team is full.
-pub async fn put_member(app: &App, caller: &Caller, name: &str, role: Role) -> AppResult<bool> {
-    let owner = caller.require_manager()?;
+pub async fn put_member(
+    app: &App,
+    caller: &Caller,
+    name: &str,
+    draft: Option<NewMemberBody>,
+    faults: Faults,
+) -> AppResult<bool> {
+    let owner = app.manager(caller).await?;
+    let (Some(NewMemberBody { role: Some(role) }), true) = (draft, faults.is_empty()) else {
+        return Err(AppError::faulty(faults));
+    };
     check_name(name).map_err(|fault| AppError::new(Kind::BadRequest, format!("the name in the path: {fault}")))?;
     match app.store.put_member(owner, name, role, LIMITS.team_members, now_ms()).await? {
         MemberPut::Added => Ok(true),
@@ -118,7 +151,7 @@ pub async fn put_member(app: &App, caller: &Caller, name: &str, role: Role) -> A
 /// # Errors
 /// Returns an error if the caller may not manage the team, or if there is no such member.
 pub async fn remove_member(app: &App, caller: &Caller, name: &str) -> AppResult<()> {
-    let owner = caller.require_manager()?;
+    let owner = app.manager(caller).await?;
     if app.store.remove_member(owner, name, now_ms()).await? { Ok(()) } else { Err(no_member(name)) }
 }
 
@@ -132,22 +165,22 @@ pub async fn create_key(
     app: &App,
     caller: &Caller,
     member: &str,
-    scopes: Option<&[Scope]>,
-    days: Option<i64>,
+    draft: Option<NewKeyBody>,
+    mut faults: Faults,
 ) -> AppResult<CreatedKey> {
     let owner = caller.require_owner()?;
     caller.require(Scope::Submit)?;
     let by = caller.key.as_ref().expect("a caller with an owner has a key");
     if by.member.as_deref() != Some(member) {
-        caller.require_manager()?;
+        app.manager(caller).await?;
     }
     let members = app.store.members(owner).await?;
     let role = members.iter().find(|known| known.name == member).ok_or_else(|| no_member(member))?.role;
     // A new key gets no further than the one that makes it.
     let is_allowed = |scope: Scope| role.allows(scope) && by.allows(scope);
-    let mut faults = Faults::new();
+    let NewKeyBody { scopes, expires_days: days } = draft.unwrap_or_default();
     faults.enter_key("scopes");
-    for (i, scope) in scopes.into_iter().flatten().enumerate().filter(|(_, scope)| !is_allowed(**scope)) {
+    for (i, scope) in scopes.iter().flatten().enumerate().filter(|(_, scope)| !is_allowed(**scope)) {
         faults.enter_index(i);
         faults.add(format!(
             "the role {:?} of the member, or the key of the request, does not allow {:?}",
@@ -156,19 +189,12 @@ pub async fn create_key(
         ));
         faults.leave();
     }
-    if scopes.is_some_and(<[Scope]>::is_empty) {
-        faults.add("expected one scope or more; leave it out for all that the role allows");
-    }
     faults.leave();
-    if let Some(days) = days.filter(|days| !(1..=MAX_DAYS).contains(days)) {
-        faults.add_at("expires_days", format!("{days} is out of range: 1 to {MAX_DAYS}"));
-    }
     if !faults.is_empty() {
         return Err(AppError::faulty(faults));
     }
     let usual = [Scope::Submit, Scope::Grade, Scope::Read];
-    let scopes: Vec<Scope> =
-        scopes.map_or_else(|| usual.into_iter().filter(|it| is_allowed(*it)).collect(), <[_]>::to_vec);
+    let scopes = scopes.unwrap_or_else(|| usual.into_iter().filter(|it| is_allowed(*it)).collect());
     let now = now_ms();
     // No key outlives the one that made it.
     let wanted = days.map(|days| now + days * DAY_MS);
@@ -198,7 +224,7 @@ pub async fn revoke_key(app: &App, caller: &Caller, id: &str) -> AppResult<()> {
     let key = app.store.key(id).await?.filter(|key| key.owner == owner && key.is_live(now_ms())).ok_or_else(missing)?;
     let is_own = caller.key.as_ref().is_some_and(|own| own.member.is_some() && own.member == key.member);
     if !is_own {
-        caller.require_manager()?;
+        app.manager(caller).await?;
     }
     if app.store.revoke_key(id, now_ms()).await? { Ok(()) } else { Err(missing()) }
 }

@@ -113,10 +113,21 @@ impl Board {
         self.results.get(run)?.last()
     }
 
-    /// Returns the finished runs of other owners whose logs are near-identical to those of a run.
+    /// Returns the finished runs of other owners whose logs are near-identical to those of a run. Runs without a row are left
+    /// out.
     #[must_use]
     pub fn similar_to(&self, run: &str) -> Vec<String> {
-        self.similar.get(run).into_iter().flatten().cloned().collect()
+        let Some(similar) = self.similar.get(run) else { return Vec::new() };
+        let hidden = hidden(&self.actions, i64::MAX);
+        similar.iter().filter(|other| !hidden.contains(other.as_str())).cloned().collect()
+    }
+
+    /// Returns how many of the runs that a run resembles finished before it: those of which it may be a copy.
+    #[must_use]
+    pub fn copied_from(&self, run: &Standing) -> usize {
+        let others = self.similar_to(&run.run);
+        let others = others.iter().filter_map(|other| self.standing(other));
+        others.filter(|other| (other.finished_at_ms, &other.run) < (run.finished_at_ms, &run.run)).count()
     }
 
     /// Returns whether the row of a run is hidden now.

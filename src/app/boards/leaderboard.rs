@@ -107,6 +107,8 @@ pub struct Row {
     pub attempts: usize,
     /// Finished runs of other owners with near-identical logs.
     pub similar_to: Vec<String>,
+    /// Number of those that finished before this one.
+    pub copied_from: usize,
 }
 
 /// A page of a leaderboard.
@@ -243,6 +245,7 @@ pub fn row_of(board: &Board, standing: &Arc<Standing>, rows: &Rows) -> Row {
         coverage: ProblemRate { pass, of, rate: (of > 0).then(|| pass as f64 / of as f64) },
         attempts: board.attempts(&standing.agent),
         similar_to: board.similar_to(&standing.run),
+        copied_from: board.copied_from(standing),
         standing: Arc::clone(standing),
     }
 }

@@ -64,8 +64,8 @@ pub struct Contrast {
     pub fails: Arc<Standing>,
 }
 
-/// Finds a task that tells the best run of a board from another of its track: if possible by the size of its build, which
-/// anybody sees; of several, one of the last, which ask for more.
+/// Finds a task that tells the best run of a board from another of its track, the worst that there is: if possible a task of
+/// one turn, by the size of its build, which anybody sees; of several, one of the last, which ask for more.
 #[must_use]
 pub fn contrast(board: &Board) -> Option<Contrast> {
     let solves = board.rows.all.first()?;
@@ -73,9 +73,11 @@ pub fn contrast(board: &Board) -> Option<Contrast> {
         let (one, other) = (&solves.outcomes, &other.outcomes);
         one.is_solved(place) && other.is_answered(place) && !other.is_accurate(place)
     };
-    let is_plain = |other: &Standing, place: usize| !other.outcomes.holds(place, Criterion::Size);
+    let is_plain = |other: &Standing, place: usize| {
+        !other.outcomes.holds(place, Criterion::Size) && board.entry.suite.tasks[place].turns.len() == 1
+    };
     let find = |must_be_plain: bool| {
-        let others = board.rows.all.iter().skip(1).filter(|other| other.track == solves.track);
+        let others = board.rows.all.iter().skip(1).rev().filter(|other| other.track == solves.track);
         others.into_iter().find_map(|other| {
             let shows = |place: &usize| tells(other, *place) && (!must_be_plain || is_plain(other, *place));
             let place = (0..solves.outcomes.len()).rev().find(shows)?;

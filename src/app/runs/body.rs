@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::embargo::{NewEmbargo, read_embargo};
+use crate::app::boards::actions::REASON_CHARS;
 use crate::app::body::values::{Json, Parsed};
 use crate::app::body::{agent_name, name, request_body};
 use crate::app::cards::card::Card;
@@ -111,6 +112,26 @@ request_body! {
         skip: SkipRequest = optional(|faults| SkipShape { faults }),
     }
     unknown: |_| "unknown field; the body has only skip"
+}
+
+request_body! {
+    /// Withdrawal of a run.
+    #[schema(as = NewWithdrawal, example = json!({ "reason": "the harness cut answers off; a new run follows" }))]
+    pub struct WithdrawalBody: "an object with \"reason\"" {
+        /// Reason for the withdrawal; it is public.
+        #[schema(value_type = String, min_length = 1)]
+        reason: String = required(|faults| Json { faults, read: read_reason }),
+    }
+    unknown: |_| "unknown field; a withdrawal has reason"
+}
+
+/// Reads a public reason, which may have several lines.
+fn read_reason(value: &Value, faults: &mut Faults) -> Option<String> {
+    let reason = value.as_str().map(str::trim).filter(|text| (1..=REASON_CHARS).contains(&text.chars().count()));
+    if reason.is_none() {
+        faults.add(format!("expected a string of 1 to {REASON_CHARS} characters"));
+    }
+    reason.map(str::to_owned)
 }
 
 /// Tasks that a run skips.

@@ -56,6 +56,11 @@ pub async fn create(
             None => faults.add_at("suite", format!("there is no suite {name:?}; /v1/suites lists them")),
         }
     }
+    if let Some(agent) = draft.as_ref().and_then(|run| run.agent.as_deref())
+        && app.store.is_alias_of_others(agent.trim(), caller.owner().unwrap_or_default()).await?
+    {
+        faults.add_at("agent", "is the alias of another owner's run, which is under embargo; choose another name");
+    }
     if let Some((embargo, agent)) = draft.as_ref().and_then(|run| Some((run.embargo.as_ref()?, run.agent.as_deref()))) {
         check_embargo(app, caller, embargo, agent, &mut faults).await?;
     }

@@ -5,6 +5,7 @@ use serde_json::Value;
 
 use crate::app::App;
 use crate::app::access::Caller;
+use crate::app::body::{TURNS_TEXT, turns_text};
 use crate::app::error::AppResult;
 use crate::app::limits::LIMITS;
 use crate::clock::{DAY_MS, day_ms, milliseconds, now_ms};
@@ -46,6 +47,10 @@ pub fn read_embargo(value: &Value, faults: &mut Faults) -> Option<NewEmbargo> {
     };
     let (alias, until) = (text("alias"), text("until"));
     let alias = alias.and_then(|alias| match alias.trim() {
+        trimmed if turns_text(trimmed) => {
+            faults.add_at("alias", TURNS_TEXT);
+            None
+        }
         trimmed if (1..=LIMITS.agent_chars).contains(&trimmed.chars().count()) => Some(trimmed.to_owned()),
         _ => {
             faults.add_at("alias", format!("expected 1 to {} characters", LIMITS.agent_chars));
@@ -114,6 +119,7 @@ mod tests {
         );
         assert_eq!(told(json!("2027-01-01")), ["expected an object with \"alias\" and \"until\""]);
         assert_eq!(told(json!({ "alias": "a", "until": "2020-01-01" })), ["/until: \"2020-01-01\" is in the past"]);
+        assert_eq!(told(json!({ "alias": "\u{202e}a", "until": "2020-01-01" })).len(), 2);
         assert_eq!(
             told(json!({ "alias": "a", "until": "soon" })),
             ["/until: \"soon\" is neither an RFC 3339 time, such as 2027-01-15T00:00:00Z, nor a date"]

@@ -1,16 +1,17 @@
 //! What an owner decides about a run in public. It may withdraw a finished run, of which a trace stays and which still
 //! counts as an attempt, and lift an embargo early.
 
+use super::body::WithdrawalBody;
 use super::changes::own_run;
 use super::read::stored;
 use crate::app::App;
 use crate::app::access::Caller;
-use crate::app::boards::actions::reason_of;
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::clock::now_ms;
 use crate::store::board_actions::{Acted, ActionKind, NewAction};
 use crate::store::run_rows::RunRow;
 use crate::store::states::RunState;
+use plumbline_engine::intake::Faults;
 
 /// Name under which the owner of an anonymous run acts.
 const ANONYMOUS: &str = "its owner";
@@ -20,15 +21,23 @@ const ANONYMOUS: &str = "its owner";
 /// # Errors
 /// Returns an error if there is no such run, if it belongs to another owner, if the reason is empty or too long, if the
 /// run has not finished, or if it was withdrawn before.
-pub async fn withdraw(app: &App, caller: &Caller, id: &str, reason: &str) -> AppResult<RunRow> {
+pub async fn withdraw(
+    app: &App,
+    caller: &Caller,
+    id: &str,
+    draft: Option<WithdrawalBody>,
+    faults: Faults,
+) -> AppResult<RunRow> {
     let run = own_run(app, caller, id).await?;
-    caller.require_manager_of_members()?;
+    app.require_manager_of_members(caller).await?;
     // Withdrawing is for good, so nobody does it to a run that may be somebody else's.
     if !caller.owns(run.owner.as_deref()) {
         let detail = "the run has no owner, so only the operator can withdraw it: a key with the scope \"admin\"";
         return Err(AppError::new(Kind::Forbidden, detail));
     }
-    let reason = reason_of(reason)?;
+    let (Some(WithdrawalBody { reason: Some(reason) }), true) = (draft, faults.is_empty()) else {
+        return Err(AppError::faulty(faults));
+    };
     let actor = actor_of(caller, &run);
     let action = NewAction { kind: ActionKind::Withdraw, actor, reason: &reason };
     match app.store.act_on_row(id, &action, now_ms()).await? {
@@ -37,7 +46,8 @@ pub async fn withdraw(app: &App, caller: &Caller, id: &str, reason: &str) -> App
         Acted::NoSuchRow => {
             let remedy = match run.state {
                 RunState::Open => "delete it instead: DELETE /v1/runs/{id}",
-                _ => "wait until it has finished",
+                RunState::Deleted => "it is on no board",
+                RunState::Finishing | RunState::Finished => "wait until it has finished",
             };
             let detail = format!("the run is {}, and only a finished run can be withdrawn; {remedy}", run.state.name());
             Err(AppError::conflict("run-not-finished", detail))
@@ -59,7 +69,7 @@ fn actor_of<'a>(caller: &'a Caller, run: &RunRow) -> &'a str {
 /// Returns an error if there is no such run, if it belongs to another owner, or if no embargo holds for it.
 pub async fn lift(app: &App, caller: &Caller, id: &str) -> AppResult<RunRow> {
     own_run(app, caller, id).await?;
-    caller.require_manager_of_members()?;
+    app.require_manager_of_members(caller).await?;
     let actor = caller.owner().unwrap_or("anybody");
     if !app.store.lift_embargo(id, actor, now_ms()).await? {
         return Err(AppError::conflict("no-embargo", "the run is not under embargo"));

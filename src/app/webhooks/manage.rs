@@ -2,7 +2,7 @@
 
 use uuid::Uuid;
 
-use super::body::{WebhookDraft, check};
+use super::body::{NewWebhookBody, WebhookChangeBody, check_url, names_of};
 use super::message::{TEST, new_secret, test_message};
 use crate::app::App;
 use crate::app::access::Caller;
@@ -22,14 +22,18 @@ const BY_OWNER: &str = "disabled by its owner";
 /// # Errors
 /// Returns an error if the caller may not manage what belongs to its owner, all faults of the webhook, or a conflict if
 /// the owner has too many.
-pub async fn create(app: &App, caller: &Caller, draft: &WebhookDraft) -> AppResult<WebhookRow> {
-    let owner = caller.require_manager()?;
-    let mut faults = Faults::new();
-    let Some(checked) = check(draft, app.webhooks.allows_private, &mut faults) else {
-        return Err(AppError::faulty(faults));
-    };
+pub async fn create(
+    app: &App,
+    caller: &Caller,
+    draft: Option<NewWebhookBody>,
+    mut faults: Faults,
+) -> AppResult<WebhookRow> {
+    let owner = app.manager(caller).await?;
+    let (url, events) = draft.map(|draft| (draft.url, draft.events)).unwrap_or_default();
+    let url = url.and_then(|url| checked(app, &url, &mut faults));
+    let (Some(url), true) = (url, faults.is_empty()) else { return Err(AppError::faulty(faults)) };
     let (id, secret) = (Uuid::now_v7().to_string(), new_secret().map_err(|error| AppError::internal(&error))?);
-    let new = NewWebhook { id: &id, owner, url: &checked.url, events: &checked.events, secret: &secret };
+    let new = NewWebhook { id: &id, owner, url: &url, events: &names_of(events.as_deref()), secret: &secret };
     if !app.store.create_webhook(&new, LIMITS.webhooks, now_ms()).await? {
         let detail = format!("the owner has {} webhooks, the maximum", LIMITS.webhooks);
         return Err(AppError::conflict("too-many-webhooks", detail));
@@ -37,12 +41,17 @@ pub async fn create(app: &App, caller: &Caller, draft: &WebhookDraft) -> AppResu
     own(app, caller, &id).await
 }
 
+/// Checks the address of a webhook, and adds its fault.
+fn checked(app: &App, url: &str, faults: &mut Faults) -> Option<String> {
+    check_url(url, app.webhooks.allows_private).map_err(|fault| faults.add_at("url", fault)).ok()
+}
+
 /// Returns the webhooks of the caller's owner, oldest first.
 ///
 /// # Errors
 /// Returns an error if the caller may not manage what belongs to its owner.
 pub async fn list(app: &App, caller: &Caller) -> AppResult<Vec<WebhookRow>> {
-    Ok(app.store.webhooks_of(caller.require_manager()?).await?)
+    Ok(app.store.webhooks_of(app.manager(caller).await?).await?)
 }
 
 /// Returns a webhook of the caller's owner.
@@ -50,12 +59,13 @@ pub async fn list(app: &App, caller: &Caller) -> AppResult<Vec<WebhookRow>> {
 /// # Errors
 /// Returns an error if the caller may not manage what belongs to its owner, or (404) if the owner has no such webhook.
 pub async fn own(app: &App, caller: &Caller, id: &str) -> AppResult<WebhookRow> {
-    let owner = caller.require_manager()?;
+    let owner = app.manager(caller).await?;
     let row = app.store.webhook(id).await?.filter(|row| row.owner == owner);
     row.ok_or_else(|| AppError::not_found(format!("there is no webhook {id:?}; GET /v1/webhooks lists yours")))
 }
 
-/// Changes a webhook. Events that ended while it was disabled are not delivered later.
+/// Changes a webhook; what the request leaves out stays as it is. Events that ended while it was disabled are not delivered
+/// later.
 ///
 /// # Errors
 /// Returns an error if there is no such webhook, or all faults of the change.
@@ -63,17 +73,25 @@ pub async fn change(
     app: &App,
     caller: &Caller,
     id: &str,
-    draft: &WebhookDraft,
-    is_enabled: bool,
+    draft: Option<WebhookChangeBody>,
+    mut faults: Faults,
 ) -> AppResult<WebhookRow> {
     let before = own(app, caller, id).await?;
-    let mut faults = Faults::new();
-    let Some(checked) = check(draft, app.webhooks.allows_private, &mut faults) else {
-        return Err(AppError::faulty(faults));
+    let WebhookChangeBody { url, events, enabled } =
+        draft.unwrap_or(WebhookChangeBody { url: None, events: None, enabled: None });
+    // An address that is no longer allowed may stay, so that the webhook can be disabled; nothing is posted to it.
+    let url = match url {
+        Some(url) => checked(app, &url, &mut faults),
+        None => Some(before.url),
     };
-    let reason = before.disabled_reason.as_deref().unwrap_or(BY_OWNER);
-    let change =
-        WebhookChange { url: &checked.url, events: &checked.events, disabled_reason: (!is_enabled).then_some(reason) };
+    let (Some(url), true) = (url, faults.is_empty()) else { return Err(AppError::faulty(faults)) };
+    let disabled_reason = match enabled {
+        None => before.disabled_reason,
+        Some(true) => None,
+        Some(false) => before.disabled_reason.or_else(|| Some(BY_OWNER.to_owned())),
+    };
+    let events = events.map_or(before.events, |events| names_of(Some(&events)));
+    let change = WebhookChange { url: &url, events: &events, disabled_reason: disabled_reason.as_deref() };
     app.store.change_webhook(id, &change).await?;
     own(app, caller, id).await
 }
@@ -158,6 +176,9 @@ async fn delivery(app: &App, webhook_id: &str, id: &str) -> AppResult<DeliveryRo
 fn refuse_if_disabled(webhook: &WebhookRow) -> AppResult<()> {
     match &webhook.disabled_reason {
         None => Ok(()),
-        Some(reason) => Err(AppError::conflict("webhook-disabled", format!("the webhook is disabled: {reason}"))),
+        Some(reason) => Err(AppError::conflict(
+            "webhook-disabled",
+            format!("the webhook is disabled: {reason}; enable it with PUT /v1/webhooks/{}", webhook.id),
+        )),
     }
 }

@@ -48,7 +48,7 @@ pub struct DeliveryBody {
     /// State of the delivery.
     #[schema(value_type = DeliveryState)]
     pub state: String,
-    /// Number of attempts so far.
+    /// Number of attempts since it was stored, or since it was last delivered again.
     #[schema(minimum = 0)]
     pub attempts: i64,
     /// Time of the next attempt; null unless it is pending.

@@ -3,16 +3,18 @@
 use axum::Json;
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::app::access::Caller;
+use crate::app::accounts::body::{KeyScope, NewKeyBody, NewMemberBody};
 use crate::app::accounts::team::{self, CreatedKey, Team};
 use crate::app::error::AppResult;
 use crate::clock::rfc3339;
-use crate::http::extract::body::{JsonBody, read_json};
+use crate::http::extract::body::{JsonBody, read_draft};
 use crate::http::state::AppState;
-use crate::store::keys::{KeyRow, Role, Scope};
+use crate::store::keys::{KeyRow, Role};
 use crate::store::members::MemberRow;
+use plumbline_engine::intake::Faults;
 
 /// An owner with its members.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -58,42 +60,6 @@ pub struct KeyBody {
     pub last_used_at: Option<String>,
 }
 
-/// Scope of a key.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum KeyScope {
-    /// Beginning runs and posting submissions.
-    Submit,
-    /// Grading within a request.
-    Grade,
-    /// Reading.
-    Read,
-    /// Everything; keys of operators.
-    Admin,
-}
-
-impl From<Scope> for KeyScope {
-    fn from(scope: Scope) -> Self {
-        match scope {
-            Scope::Submit => Self::Submit,
-            Scope::Grade => Self::Grade,
-            Scope::Read => Self::Read,
-            Scope::Admin => Self::Admin,
-        }
-    }
-}
-
-impl From<KeyScope> for Scope {
-    fn from(scope: KeyScope) -> Self {
-        match scope {
-            KeyScope::Submit => Self::Submit,
-            KeyScope::Grade => Self::Grade,
-            KeyScope::Read => Self::Read,
-            KeyScope::Admin => Self::Admin,
-        }
-    }
-}
-
 impl From<&KeyRow> for KeyBody {
     fn from(key: &KeyRow) -> Self {
         Self {
@@ -136,23 +102,13 @@ pub async fn get_team(State(state): State<AppState>, caller: Caller) -> AppResul
     Ok(Json(team::team(&state, &caller).await?.into()))
 }
 
-/// Role of a member.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-#[schema(example = json!({ "role": "submitter" }))]
-pub struct NewMember {
-    /// What the member's keys may do at most: `reader` grades within requests and reads; `submitter` also begins runs and
-    /// posts submissions; `manager` also manages members, keys and webhooks, withdraws runs and lifts embargoes.
-    role: Role,
-}
-
 /// Adds a member to the team, or changes its role, which holds for its keys at once. The caller's key must be the owner's
 /// own, or a manager's.
 #[utoipa::path(
     put, path = "/v1/team/members/{name}", operation_id = "put_member", tag = "service",
     summary = "Add a member, or change its role",
     params(("name" = String, Path, description = "Name of the member", example = "trainer")),
-    request_body(content = NewMember, content_type = "application/json"),
+    request_body(content = NewMemberBody, content_type = "application/json"),
     responses(
         (status = 200, description = "The team; the member existed", body = TeamBody,
          example = json!({ "owner": "lab", "keys": [], "members": [] })),
@@ -169,8 +125,8 @@ pub async fn put_member(
     body: JsonBody,
 ) -> AppResult<(StatusCode, Json<TeamBody>)> {
     caller.require_manager()?;
-    let new: NewMember = read_json(&body)?;
-    let is_new = team::put_member(&state, &caller, &name, new.role).await?;
+    let (draft, faults) = read_draft::<NewMemberBody>(&body, "put one member per request")?;
+    let is_new = team::put_member(&state, &caller, &name, draft, faults).await?;
     let status = if is_new { StatusCode::CREATED } else { StatusCode::OK };
     Ok((status, Json(team::team(&state, &caller).await?.into())))
 }
@@ -195,20 +151,10 @@ pub async fn remove_member(
     Ok(Json(team::team(&state, &caller).await?.into()))
 }
 
-/// A key to create.
-#[derive(Debug, Default, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-#[schema(example = json!({ "scopes": ["submit"], "expires_days": 90 }))]
-pub struct NewKey {
-    /// Scopes of the key; by default all that the member's role and the key of the request allow.
-    scopes: Option<Vec<KeyScope>>,
-    /// Lifetime of the key in days; by default, and at most, that of the key of the request.
-    expires_days: Option<i64>,
-}
-
 /// A key that was created.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
-pub struct NewKeyBody {
+#[schema(as = NewKeyBody)]
+pub struct CreatedKeyBody {
     /// The whole key. It is shown only here: the service keeps a hash of its secret.
     pub key: String,
     /// The key without its secret.
@@ -221,9 +167,9 @@ pub struct NewKeyBody {
     post, path = "/v1/team/members/{name}/keys", operation_id = "create_member_key", tag = "service",
     summary = "Create a key of a member",
     params(("name" = String, Path, description = "Name of the member", example = "trainer")),
-    request_body(content = NewKey, content_type = "application/json"),
+    request_body(content = Option<NewKeyBody>, content_type = "application/json"),
     responses(
-        (status = 201, description = "The key", body = NewKeyBody,
+        (status = 201, description = "The key", body = CreatedKeyBody,
          example = json!({ "key": "plk_1f0c2d3e4b5a_…", "about": { "id": "1f0c2d3e4b5a", "scopes": ["submit"],
              "created_at": "2026-11-21T07:00:00.000Z", "expires_at": null, "last_used_at": null } })),
         (status = 409, description = "The member has too many live keys"),
@@ -233,13 +179,15 @@ pub async fn create_member_key(
     State(state): State<AppState>,
     caller: Caller,
     Path(name): Path<String>,
-    body: JsonBody,
-) -> AppResult<(StatusCode, Json<NewKeyBody>)> {
+    body: Option<JsonBody>,
+) -> AppResult<(StatusCode, Json<CreatedKeyBody>)> {
     caller.require_owner()?;
-    let NewKey { scopes, expires_days } = read_json(&body)?;
-    let scopes: Option<Vec<Scope>> = scopes.map(|scopes| scopes.into_iter().map(Scope::from).collect());
-    let CreatedKey { key, row } = team::create_key(&state, &caller, &name, scopes.as_deref(), expires_days).await?;
-    Ok((StatusCode::CREATED, Json(NewKeyBody { key, about: KeyBody::from(&row) })))
+    let (draft, faults) = match &body {
+        Some(body) => read_draft::<NewKeyBody>(body, "create one key per request")?,
+        None => (Some(NewKeyBody::default()), Faults::new()),
+    };
+    let CreatedKey { key, row } = team::create_key(&state, &caller, &name, draft, faults).await?;
+    Ok((StatusCode::CREATED, Json(CreatedKeyBody { key, about: KeyBody::from(&row) })))
 }
 
 /// Revokes a key of the team; the service rejects it within half a second. A member may revoke keys of its own.

@@ -3,15 +3,15 @@
 use axum::Json;
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::app::access::Caller;
 use crate::app::error::AppResult;
-use crate::app::webhooks::body::WebhookDraft;
+use crate::app::webhooks::body::{NewWebhookBody, WebhookChangeBody};
 use crate::app::webhooks::manage;
 use crate::app::webhooks::message::WebhookEvent;
 use crate::clock::rfc3339;
-use crate::http::extract::body::{JsonBody, read_json};
+use crate::http::extract::body::{JsonBody, read_draft};
 use crate::http::state::AppState;
 use crate::store::webhooks::WebhookRow;
 
@@ -46,31 +46,6 @@ pub struct WebhookList {
     pub webhooks: Vec<WebhookBody>,
 }
 
-/// A webhook to create.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-#[schema(example = json!({ "url": "https://lab.example/plumbline", "events": ["run.finished"] }))]
-pub struct NewWebhook {
-    /// URL to which events are posted: https, at an address of the public internet.
-    url: String,
-    /// Events to post; all by default.
-    events: Option<Vec<WebhookEvent>>,
-}
-
-/// Settings of a webhook.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-#[schema(example = json!({ "url": "https://lab.example/plumbline", "events": ["run.finished"], "enabled": true }))]
-pub struct WebhookChange {
-    /// URL to which events are posted: https, at an address of the public internet.
-    url: String,
-    /// Events to post; all by default.
-    events: Option<Vec<WebhookEvent>>,
-    /// Whether events are posted; true by default. Enabling it goes on with the events from then on, and with the messages
-    /// that were pending when it was disabled.
-    enabled: Option<bool>,
-}
-
 impl From<WebhookRow> for WebhookBody {
     fn from(row: WebhookRow) -> Self {
         let is_chosen =
@@ -103,7 +78,7 @@ impl WebhookBody {
 /// within three and a half days by default, and then keeps the message as dead. 410 disables the webhook. Redirects are not followed.
 #[utoipa::path(
     post, path = "/v1/webhooks", operation_id = "create_webhook", tag = "webhooks", summary = "Create a webhook",
-    request_body(content = NewWebhook, content_type = "application/json"),
+    request_body(content = NewWebhookBody, content_type = "application/json"),
     responses(
         (status = 201, description = "The webhook with its secret, which is shown only here", body = WebhookBody,
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000000", "url": "https://lab.example/plumbline",
@@ -119,8 +94,8 @@ pub async fn create_webhook(
 ) -> AppResult<(StatusCode, Json<WebhookBody>)> {
     // A caller who may not is refused before the body is read.
     caller.require_manager()?;
-    let NewWebhook { url, events } = read_json(&body)?;
-    let row = manage::create(&state, &caller, &WebhookDraft { url, events }).await?;
+    let (draft, faults) = read_draft::<NewWebhookBody>(&body, "create one webhook per request")?;
+    let row = manage::create(&state, &caller, draft, faults).await?;
     Ok((StatusCode::CREATED, Json(WebhookBody::with_secret(row))))
 }
 
@@ -160,11 +135,11 @@ pub async fn get_webhook(
     Ok(Json(manage::own(&state, &caller, &id).await?.into()))
 }
 
-/// Changes a webhook: its URL, its events, and whether it is enabled.
+/// Changes a webhook: its URL, its events, and whether it is enabled. What is left out stays as it is.
 #[utoipa::path(
     put, path = "/v1/webhooks/{id}", operation_id = "put_webhook", tag = "webhooks", summary = "Change a webhook",
     params(("id" = String, Path, description = "The webhook's id")),
-    request_body(content = WebhookChange, content_type = "application/json"),
+    request_body(content = WebhookChangeBody, content_type = "application/json"),
     responses(
         (status = 200, description = "The webhook", body = WebhookBody,
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000000", "url": "https://lab.example/plumbline",
@@ -178,9 +153,8 @@ pub async fn put_webhook(
     body: JsonBody,
 ) -> AppResult<Json<WebhookBody>> {
     caller.require_manager()?;
-    let WebhookChange { url, events, enabled } = read_json(&body)?;
-    let draft = WebhookDraft { url, events };
-    Ok(Json(manage::change(&state, &caller, &id, &draft, enabled.unwrap_or(true)).await?.into()))
+    let (draft, faults) = read_draft::<WebhookChangeBody>(&body, "change one webhook per request")?;
+    Ok(Json(manage::change(&state, &caller, &id, draft, faults).await?.into()))
 }
 
 /// Deletes a webhook with its deliveries.

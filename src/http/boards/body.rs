@@ -84,7 +84,7 @@ pub struct WithdrawnRow {
 
 impl From<Row> for BoardRow {
     fn from(row: Row) -> Self {
-        let Row { standing, rank, places, coverage, attempts, similar_to } = row;
+        let Row { standing, rank, places, coverage, attempts, similar_to, copied_from: _ } = row;
         let levels = &standing.summary.problem_level;
         Self {
             rank,

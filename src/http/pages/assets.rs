@@ -17,6 +17,8 @@ pub const STYLE: &str = include_str!("assets/style.css");
 pub const VIEWER: &str = include_str!("assets/viewer.js");
 /// Script that keeps countdowns running.
 pub const COUNTDOWN: &str = include_str!("assets/countdown.js");
+/// Icon of all pages.
+pub const ICON: &str = include_str!("assets/icon.svg");
 /// Length of the version, in characters.
 const VERSION_CHARS: usize = 16;
 
@@ -25,7 +27,7 @@ const VERSION_CHARS: usize = 16;
 #[must_use]
 pub fn version() -> &'static str {
     static VERSION: LazyLock<String> = LazyLock::new(|| {
-        let mut version = hex(&Sha256::digest([STYLE, VIEWER, COUNTDOWN].concat()));
+        let mut version = hex(&Sha256::digest([STYLE, VIEWER, COUNTDOWN, ICON].concat()));
         version.truncate(VERSION_CHARS);
         version
     });
@@ -40,6 +42,7 @@ pub async fn get(Path(name): Path<String>, RawQuery(query): RawQuery, asked: Hea
     let (kind, text) = match name.as_str() {
         "style.css" => ("text/css; charset=utf-8", STYLE),
         "countdown.js" => ("text/javascript; charset=utf-8", COUNTDOWN),
+        "icon.svg" => ("image/svg+xml", ICON),
         "viewer.js" => ("text/javascript; charset=utf-8", VIEWER),
         _ => return Err(AppError::not_found(format!("there is no asset {name:?}"))),
     };

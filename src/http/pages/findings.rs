@@ -17,7 +17,15 @@ pub fn found(check: &CheckReport) -> String {
         _ => None,
     };
     let summary = check.finding.summary.split("; required").next().unwrap_or_default();
-    sentence(&told.unwrap_or_else(|| summary.replace("y=", "y = ")))
+    sentence(&told.unwrap_or_else(|| in_good_number(&summary.replace("y=", "y = "))))
+}
+
+/// Puts a count of one in the singular: summaries of reports count without looking.
+fn in_good_number(text: &str) -> String {
+    let one = text.strip_prefix("1 blocks").map(|rest| format!("1 block{rest}"));
+    one.unwrap_or_else(|| text.to_owned())
+        .replace("of 1 blocks float", "of 1 block floats")
+        .replace(" 1 blocks", " 1 block")
 }
 
 fn level_found(measured: Args<'_>) -> Option<String> {
@@ -61,5 +69,9 @@ mod tests {
             told("shape.climbs_to", json!(-1), "the climb ends at y=-1; required 4"),
             "The climb ends at y = -1"
         );
+
+        assert_eq!(told("material.count_is_within", json!(1), "1 blocks"), "1 block");
+        let floats = told("physical_plausibility.is_ground_connected", json!(1), "1 of 1 blocks float");
+        assert_eq!(floats, "1 of 1 block floats");
     }
 }

@@ -32,7 +32,8 @@ struct Build {
 
 /// Two builds for one task: one that solves it and one that does not.
 struct Pair {
-    task: String,
+    suite: String,
+    number: u32,
     prompt: String,
     good: Build,
     bad: Build,
@@ -77,7 +78,8 @@ pub async fn home(State(state): State<AppState>, headers: HeaderMap) -> PageResu
             // What was withdrawn or deleted meanwhile is not shown.
             match (good.await, bad.await) {
                 (Ok(good), Ok(bad)) => Some(Pair {
-                    task: task.id.clone(),
+                    suite: newest[0].board.entry.suite.id(),
+                    number: task.number,
                     prompt: task
                         .turns
                         .first()

@@ -30,6 +30,8 @@ pub struct RunLine {
     pub about: String,
     /// Its cost, if its card declares it.
     pub cost: Option<String>,
+    /// Number of earlier runs of other owners that it is nearly identical to.
+    pub copied_from: usize,
     /// Whether it begins a group: its best possible rank is worse than that of the run before it.
     pub begins_group: bool,
 }
@@ -58,7 +60,7 @@ impl RunLine {
         ]
     }
 
-    /// Returns the interval as text, such as "± 3.1"; empty without one.
+    /// Returns the bounds of the interval in percent; empty without one.
     pub fn bounds(&self) -> String {
         html::bounds(self.row.interval)
     }
@@ -87,7 +89,8 @@ pub async fn lines(app: &App, rows: Vec<Row>) -> AppResult<Vec<Line>> {
         let begins_group = before.zip(first).is_some_and(|(before, first)| first > before);
         before = first.or(before);
         let cost = card.cost.as_ref().map(|cost| format!("{} {}", rounded(cost.amount), cost.currency));
-        Line::Run(Box::new(RunLine { about: about(&card, owner), cost, begins_group, row: row.into() }))
+        let copied_from = row.copied_from;
+        Line::Run(Box::new(RunLine { about: about(&card, owner), cost, copied_from, begins_group, row: row.into() }))
     };
     Ok(rows.into_iter().map(line).collect())
 }
@@ -123,7 +126,12 @@ fn about(card: &Card, owner: Option<String>) -> String {
 
 /// Writes an amount of money: cents where they matter.
 fn rounded(amount: f64) -> String {
-    if amount >= 100.0 { format!("{amount:.0}") } else { format!("{amount:.2}") }
+    match amount {
+        amount if amount >= 100.0 => format!("{amount:.0}"),
+        amount if amount >= 0.01 => format!("{amount:.2}"),
+        // An amount is never shown as nothing.
+        amount => amount.to_string(),
+    }
 }
 
 #[cfg(test)]
@@ -162,6 +170,6 @@ mod tests {
         let card: Card = serde_json::from_value(card).unwrap();
         assert_eq!(about(&card, Some("lab".to_owned())), "m-7b · lab · open weights");
         assert_eq!(about(&Card::default(), None), "");
-        assert_eq!([rounded(0.5), rounded(123.4)], ["0.50", "123"]);
+        assert_eq!([rounded(0.5), rounded(123.4), rounded(0.0004)], ["0.50", "123", "0.0004"]);
     }
 }

@@ -12,6 +12,7 @@ mod lines;
 mod run;
 mod submission;
 mod task;
+pub mod thumbnails;
 
 use axum::Router;
 use axum::routing::get;
@@ -27,8 +28,10 @@ pub fn routes() -> Router<AppState> {
         .route("/boards/{suite}/compare", get(board::compare_runs))
         .route("/runs/{id}", get(run::run))
         .route("/runs/{id}/tasks/{number}", get(run::task_of_run))
+        .route("/runs/{id}/tasks/{number}/thumbnail.png", get(thumbnails::of_run))
         .route("/submissions/{id}", get(submission::submission))
         .route("/submissions/{id}/view.svg", get(submission::picture))
+        .route("/submissions/{id}/thumbnail.png", get(thumbnails::of_submission))
         .route("/submissions/{id}/evidence.html", get(submission::evidence))
         .route("/epochs", get(epochs::epochs))
         .route("/epochs/{id}", get(epochs::epoch))
@@ -36,4 +39,5 @@ pub fn routes() -> Router<AppState> {
         .route("/suites/{suite}/tasks", get(task::tasks))
         .route("/suites/{suite}/tasks/{number}", get(task::task))
         .route("/suites/{suite}/tasks/{number}/view.svg", get(task::picture))
+        .route("/suites/{suite}/tasks/{number}/thumbnail.png", get(thumbnails::of_task))
 }

@@ -1,8 +1,9 @@
 //! The page of a run, and redirects to its submissions.
 
 use askama::Template;
-use axum::extract::{Path, State};
+use axum::extract::{Path, RawQuery, State};
 use axum::response::{IntoResponse as _, Redirect};
+use serde::Deserialize;
 
 use super::html::{self, PageResult};
 use crate::app::boards::breakdown::GroupBy;
@@ -13,12 +14,41 @@ use crate::app::runs::results::{TasksOfRun, results};
 use crate::clock::rfc3339;
 use crate::http::boards::body::BoardRow;
 use crate::http::boards::comparisons::Breakdown;
+use crate::http::extract::params;
 use crate::http::state::AppState;
 use crate::store::run_rows::RunRow;
 use crate::store::submissions::SubmissionRow;
 use plumbline_engine::tasks::Task;
+use plumbline_engine::tasks::catalogue::Entry;
 
-/// A problem, shown as a small coloured square.
+/// Problems of one family.
+struct Family {
+    name: String,
+    solved: usize,
+    all: usize,
+    squares: Vec<Square>,
+}
+
+/// Which problems the page of a run shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Show {
+    /// All problems.
+    #[default]
+    All,
+    /// Those that are not solved.
+    Failed,
+}
+
+/// Query of the page of a run.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RunQuery {
+    #[serde(default)]
+    show: Show,
+}
+
+/// A problem, shown as a small coloured square and as a card.
 struct Square {
     number: u32,
     task: String,
@@ -36,7 +66,8 @@ struct RunPage {
     row: Option<BoardRow>,
     is_hidden: bool,
     actions: Vec<(String, String, String, String)>,
-    squares: Vec<Square>,
+    families: Vec<Family>,
+    only_failed: bool,
     tables: Vec<(&'static str, Breakdown)>,
     metadata: String,
     card: Vec<(&'static str, String)>,
@@ -47,7 +78,8 @@ struct RunPage {
 ///
 /// # Errors
 /// Returns a 404 error if the run does not exist.
-pub async fn run(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
+pub async fn run(State(state): State<AppState>, Path(id): Path<String>, RawQuery(raw): RawQuery) -> PageResult {
+    let query: RunQuery = params::read(raw.as_deref().unwrap_or_default())?;
     let mut results = results(&state, &id).await?;
     let anonymous_until = results.run.embargo.as_ref().map(|embargo| rfc3339(embargo.until_ms));
     if anonymous_until.is_some() {
@@ -57,7 +89,7 @@ pub async fn run(State(state): State<AppState>, Path(id): Path<String>) -> PageR
         TasksOfRun::Finished(all) => {
             results.board.entry.suite.tasks.iter().zip(all).map(|(task, result)| square(task, *result)).collect()
         }
-        TasksOfRun::Underway(rows) => rows.iter().map(square_so_far).collect(),
+        TasksOfRun::Underway(rows) => rows.iter().map(|row| square_so_far(row, &results.board.entry)).collect(),
     };
     let tables = [
         ("By criterion", GroupBy::Criterion),
@@ -78,7 +110,8 @@ pub async fn run(State(state): State<AppState>, Path(id): Path<String>) -> PageR
         actions: results.actions.into_iter().map(|a| (rfc3339(a.at_ms), a.action, a.actor, a.reason)).collect(),
         row: results.row.map(BoardRow::from),
         metadata: serde_json::to_string_pretty(&results.run.metadata).unwrap_or_default(),
-        squares,
+        families: families(squares, query.show),
+        only_failed: query.show == Show::Failed,
         card: rows_of(&card),
         links: card.links,
         run: results.run,
@@ -118,6 +151,27 @@ fn rows_of(card: &Card) -> Vec<(&'static str, String)> {
     rows.into_iter().filter_map(|(label, value)| Some((label, value.filter(|text| !text.is_empty())?))).collect()
 }
 
+/// Groups problems by family, in the order of the suite.
+fn families(squares: Vec<Square>, show: Show) -> Vec<Family> {
+    let mut families: Vec<Family> = Vec::new();
+    for square in squares {
+        let name = square.task.split('/').next().unwrap_or_default();
+        let at = families.iter().position(|family| family.name == name).unwrap_or_else(|| {
+            families.push(Family { name: name.to_owned(), solved: 0, all: 0, squares: Vec::new() });
+            families.len() - 1
+        });
+        let family = &mut families[at];
+        let is_solved = square.class == "solved";
+        family.all += 1;
+        family.solved += usize::from(is_solved);
+        if show == Show::All || !is_solved {
+            family.squares.push(square);
+        }
+    }
+    families.retain(|family| !family.squares.is_empty());
+    families
+}
+
 fn square(task: &Task, result: TaskResult) -> Square {
     let (class, told) = match result {
         TaskResult::Skipped => ("", "skipped"),
@@ -130,13 +184,14 @@ fn square(task: &Task, result: TaskResult) -> Square {
 }
 
 /// Builds the square of a submission to a run that has not finished.
-fn square_so_far(row: &SubmissionRow) -> Square {
+fn square_so_far(row: &SubmissionRow, entry: &Entry) -> Square {
     let (class, told) = match row.overall {
         Some(true) => ("solved", "solved"),
         Some(false) => ("failed", "not solved"),
         None => ("", row.state.name()),
     };
-    Square { number: row.task_number, task: String::new(), class, told }
+    let task = entry.task_numbered(row.task_number).map(|(task, _)| task.id.clone()).unwrap_or_default();
+    Square { number: row.task_number, task, class, told }
 }
 
 /// Redirects to a run's submission for a task.

@@ -21,13 +21,25 @@ use plumbline_engine::tasks::{Suite, Task};
 use plumbline_engine::voxel::BlockLog;
 use plumbline_engine::voxel::replay::Replay;
 
-struct TaskRow {
+struct TaskCard {
     number: u32,
     id: String,
-    kind: String,
     turns: usize,
-    criteria: String,
     solved: usize,
+}
+
+/// Tasks of one family.
+struct Family {
+    name: String,
+    tasks: Vec<TaskCard>,
+}
+
+impl Family {
+    /// Returns the share of answers that solve their tasks, over so many runs.
+    fn rate(&self, runs: usize) -> f64 {
+        let solved: usize = self.tasks.iter().map(|task| task.solved).sum();
+        solved as f64 / (self.tasks.len() * runs) as f64
+    }
 }
 
 /// Query of the task list: text to find in ids, types and prompts; empty for all tasks.
@@ -43,7 +55,8 @@ struct TasksPage {
     suite: String,
     text: String,
     runs: usize,
-    tasks: Vec<TaskRow>,
+    count: usize,
+    families: Vec<Family>,
 }
 
 /// Serves the list of a suite's tasks, each with the number of runs that solved it.
@@ -54,23 +67,18 @@ pub async fn tasks(State(state): State<AppState>, Path(suite): Path<String>, Raw
     let query: TasksQuery = params::read(raw.as_deref().unwrap_or_default())?;
     let SolvedTasks { board, tasks } = search(&state, &suite, &query.text).await?;
     let suite = &board.entry.suite;
-    let row = |(place, solved): (usize, usize)| {
+    let count = tasks.len();
+    let mut families: Vec<Family> = Vec::new();
+    for (place, solved) in tasks {
         let task = &suite.tasks[place];
-        TaskRow {
-            number: task.number,
-            id: task.id.clone(),
-            kind: task.kind.clone().unwrap_or_default(),
-            turns: task.turns.len(),
-            criteria: task.criteria().iter().map(|criterion| criterion.name()).collect::<Vec<_>>().join(", "),
-            solved,
-        }
-    };
-    html::page(&TasksPage {
-        suite: suite.id(),
-        runs: board.rows.all.len(),
-        tasks: tasks.into_iter().map(row).collect(),
-        text: query.text,
-    })
+        let at = families.iter().position(|family| family.name == task.family()).unwrap_or_else(|| {
+            families.push(Family { name: task.family().to_owned(), tasks: Vec::new() });
+            families.len() - 1
+        });
+        let card = TaskCard { number: task.number, id: task.id.clone(), turns: task.turns.len(), solved };
+        families[at].tasks.push(card);
+    }
+    html::page(&TasksPage { suite: suite.id(), runs: board.rows.all.len(), count, families, text: query.text })
 }
 
 #[derive(Template)]

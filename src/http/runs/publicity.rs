@@ -2,25 +2,15 @@
 
 use axum::Json;
 use axum::extract::{Path, State};
-use serde::Deserialize;
 
 use super::resource::RunBody;
 use crate::app::access::Caller;
 use crate::app::error::AppResult;
+use crate::app::runs::body::WithdrawalBody;
 use crate::app::runs::publicity;
-use crate::http::extract::body::{JsonBody, read_json};
+use crate::http::extract::body::{JsonBody, read_draft};
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
-
-/// Withdrawal of a run.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-#[schema(example = json!({ "reason": "the harness cut answers off; a new run follows" }))]
-pub struct NewWithdrawal {
-    /// Reason for the withdrawal; it is public.
-    #[schema(min_length = 1)]
-    reason: String,
-}
 
 /// Withdraws a finished run from its board, for good. The board lists it among the withdrawn runs with time and reason, and
 /// still counts it among the runs that the agent has begun. Its submissions, reports and receipts stay. An open run is
@@ -28,7 +18,7 @@ pub struct NewWithdrawal {
 #[utoipa::path(
     post, path = "/v1/runs/{id}/withdraw", operation_id = "withdraw_run", tag = "runs", summary = "Withdraw a run",
     params(("id" = String, Path, description = "The run's id")),
-    request_body(content = NewWithdrawal, content_type = "application/json"),
+    request_body(content = WithdrawalBody, content_type = "application/json"),
     responses(
         (status = 200, description = "The run", body = RunBody,
          example = json!({ "id": "0198c0de-0000-7000-8000-000000000000", "state": "finished",
@@ -44,8 +34,8 @@ pub async fn withdraw_run(
 ) -> AppResult<Json<RunBody>> {
     // A caller without the scope is refused before the body is read.
     caller.require(Scope::Submit)?;
-    let new: NewWithdrawal = read_json(&body)?;
-    Ok(Json(RunBody::seen_by(Some(&caller), publicity::withdraw(&state, &caller, &id, &new.reason).await?)))
+    let (draft, faults) = read_draft::<WithdrawalBody>(&body, "withdraw one run per request")?;
+    Ok(Json(RunBody::seen_by(Some(&caller), publicity::withdraw(&state, &caller, &id, draft, faults).await?)))
 }
 
 /// Lifts the embargo of a run before its end: from now on the run shows its agent, owner, card and metadata.

@@ -477,7 +477,7 @@ class AsyncWebhooks:
         """List webhooks."""
         return await self._client._call(models.WebhookList, "GET", "/v1/webhooks")
 
-    async def put(self, id: str | UUID, *, url: str, events: Sequence[Literal["submission.graded", "submission.rejected", "submission.grader_error", "submission.cancelled", "run.finished", "run.deleted"]] | None = None, enabled: bool | None = None) -> models.WebhookBody:
+    async def put(self, id: str | UUID, *, url: str | None = None, events: Sequence[Literal["submission.graded", "submission.rejected", "submission.grader_error", "submission.cancelled", "run.finished", "run.deleted"]] | None = None, enabled: bool | None = None) -> models.WebhookBody:
         """Change a webhook."""
         return await self._client._call(models.WebhookBody, "PUT", f"/v1/webhooks/{quoted(id)}", json=given({"url": url, "events": events, "enabled": enabled}), is_repeatable=True)
 

@@ -1215,7 +1215,7 @@ class NewKey(BaseModel):
     """
     Scopes of the key; by default all that the member's role and the key of the request allow.
     """
-    expires_days: int | None = None
+    expires_days: Annotated[int | None, Field(ge=1)] = None
     """
     Lifetime of the key in days; by default, and at most, that of the key of the request.
     """
@@ -3537,7 +3537,7 @@ class DeliveryBody(BaseModel):
     """
     attempts: Annotated[int, Field(ge=0)]
     """
-    Number of attempts so far.
+    Number of attempts since it was stored, or since it was last delivered again.
     """
     next_at: AwareDatetime | None = None
     """
@@ -4865,14 +4865,14 @@ class WebhookBody(BaseModel):
 
 class WebhookChange(BaseModel):
     """
-    Settings of a webhook.
+    Settings of a webhook. What is left out stays as it is.
     """
 
     model_config = ConfigDict(
         extra="forbid",
         populate_by_name=True,
     )
-    url: str
+    url: str | None = None
     """
     URL to which events are posted: https, at an address of the public internet.
     """
@@ -4880,12 +4880,12 @@ class WebhookChange(BaseModel):
         None
     )
     """
-    Events to post; all by default.
+    Events to post.
     """
     enabled: bool | None = None
     """
-    Whether events are posted; true by default. Enabling it goes on with the events from then on, and with the messages
-    that were pending when it was disabled.
+    Whether events are posted. Enabling a webhook goes on with the events from then on, and with the messages that were
+    pending when it was disabled.
     """
 
 

@@ -17,6 +17,7 @@ const GROUND = [[122, 168, 92], [114, 158, 86]];
 const WHOLE = [0, 0, 0, 16, 16, 16], SMALL = [5, 5, 5, 11, 11, 11];
 const MARGIN = 2, GROUND_SPAN = 128;
 const AXES = [["x", [1, 0, 0], [226, 72, 62]], ["y", [0, 1, 0], [88, 178, 80]], ["z", [0, 0, 1], [72, 120, 226]]];
+const counted = (n, noun) => `${n} ${noun}${n === 1 ? "" : "s"}`;
 const isCalm = matchMedia("(prefers-reduced-motion: reduce)");
 const cameras = new Map();
 
@@ -206,7 +207,7 @@ class Viewer {
     fill(this.lines, gl.ARRAY_BUFFER, new Float32Array(this.axes().flatMap(([from, to]) => [...from, ...to])));
     [this.faces, this.steps] = [drawn, way.length / 3];
     Object.assign(this.canvas.dataset, { blocks: shown, faces, mode: this.mode, step: this.at });
-    this.told.textContent = `${this.at} of ${this.events.length} events, ${blocks.size} blocks`;
+    this.told.textContent = `${this.at} of ${counted(this.events.length, "event")}, ${counted(blocks.size, "block")}`;
     // Whoever listens hears where the view rests, not each step on the way.
     clearTimeout(this.telling);
     if (!this.playing) this.telling = setTimeout(() => (this.status.textContent = this.told.textContent), 700);
@@ -384,7 +385,7 @@ class Viewer {
         brush.fillRect(i, 0, 1, 1);
       }
       this.legend.append(strip, `von Mises stress, 0 to ${pascal(field.max)}`);
-    } else if (mode === "witness") this.legend.textContent = `${this.witnesses.length} flagged ${this.witnesses.length === 1 ? "block" : "blocks"}, in red`;
+    } else if (mode === "witness") this.legend.textContent = `${counted(this.witnesses.length, "flagged block")}, in red`;
     this.rebuild();
     this.remember();
   }

@@ -1,0 +1,89 @@
+//! Small pictures of builds, drawn once and kept.
+
+use axum::extract::{Path, State};
+use axum::http::{HeaderValue, header};
+use axum::response::{IntoResponse as _, Response};
+use bytes::Bytes;
+
+use super::html::PageResult;
+use super::submission::picture_of;
+use crate::app::catalogue::tasks::example;
+use crate::app::error::{AppError, AppResult};
+use crate::app::runs::read::answer;
+use crate::app::submissions::read::{log, stored};
+use crate::http::extract::caller::Reader;
+use crate::http::state::AppState;
+use crate::pictures::raster::png;
+use plumbline_engine::voxel::BlockLog;
+use plumbline_engine::voxel::replay::Replay;
+
+/// Longer side of a thumbnail, in pixels: twice that on the page, for sharp screens.
+const SIDE: u32 = 320;
+/// Serves a thumbnail of the build of a submission.
+///
+/// # Errors
+/// Returns a 404 error if the submission does not exist.
+pub async fn of_submission(State(state): State<AppState>, Reader(who): Reader, Path(id): Path<String>) -> PageResult {
+    let id = stored(&state, &id).await?.id;
+    let read = async || {
+        let json = log(&state, &id).await?;
+        BlockLog::from_canonical_json(&json).map_err(|error| AppError::internal(&error))
+    };
+    Ok(drawn(&state, &who, format!("submission {id}"), read).await?)
+}
+
+/// Serves a thumbnail of a run's build for a task.
+///
+/// # Errors
+/// Returns a 404 error if the run has no submission for the task.
+pub async fn of_run(state: State<AppState>, reader: Reader, Path((run, number)): Path<(String, u32)>) -> PageResult {
+    let row = answer(&state, &run, number).await?;
+    of_submission(state, reader, Path(row.id)).await
+}
+
+/// Serves a thumbnail of the reference build of a task.
+///
+/// # Errors
+/// Returns a 404 error if the suite or the task does not exist, or no builder can build it.
+pub async fn of_task(
+    State(state): State<AppState>,
+    Reader(who): Reader,
+    Path((suite, number)): Path<(String, u32)>,
+) -> PageResult {
+    let suite = state.suite(&suite).await?.suite.id();
+    let read = async || example(&state, &suite, number).await;
+    Ok(drawn(&state, &who, format!("task {suite} {number}"), read).await?)
+}
+
+/// Returns the thumbnail of a build; draws it if nobody has asked for it lately.
+async fn drawn(
+    state: &AppState,
+    who: &std::sync::Arc<str>,
+    name: String,
+    read: impl AsyncFnOnce() -> AppResult<BlockLog>,
+) -> AppResult<Response> {
+    if let Some(kept) = state.thumbnails.get(&name) {
+        return Ok(image(kept));
+    }
+    let slot = state.file_slots.take(who).await;
+    let log = read().await?;
+    let drawing = tokio::task::spawn_blocking(move || {
+        // Held until the work ends, also if the sender no longer waits.
+        let _slot = slot;
+        let svg = Replay::new(&log).last().map(|end| picture_of(&end)).unwrap_or_default();
+        png(&svg, SIDE)
+    });
+    let drawn = drawing.await.map_err(|error| AppError::internal(&error))?;
+    let bytes = Bytes::from(drawn.map_err(|error| AppError::internal(&error))?);
+    state.thumbnails.insert(name, bytes.clone());
+    Ok(image(bytes))
+}
+
+/// What a submission or a version of a suite holds never changes.
+fn image(bytes: Bytes) -> Response {
+    let headers = [
+        (header::CONTENT_TYPE, HeaderValue::from_static("image/png")),
+        (header::CACHE_CONTROL, HeaderValue::from_static("public, max-age=86400")),
+    ];
+    (headers, bytes).into_response()
+}

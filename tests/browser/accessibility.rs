@@ -1,0 +1,86 @@
+//! Every page is examined by axe-core in a real browser: on a desktop and a phone, light and dark.
+
+use std::process::Command;
+
+use super::driver::Browser;
+use crate::support::epoch::Scene;
+use crate::support::repository;
+use serde_json::{Value, json};
+
+/// Version of axe-core, from npm.
+const AXE: &str = "4.14.1";
+
+/// The script of axe-core. It is installed once, below `target`.
+fn axe() -> String {
+    let folder = repository("target/axe");
+    let script = folder.join("node_modules/axe-core/axe.min.js");
+    if !script.exists() {
+        std::fs::create_dir_all(&folder).unwrap();
+        let mut install = Command::new("npm");
+        install.args(["install", "--silent", "--no-audit", "--no-fund", "--no-save", "--prefix", "."]);
+        let done = install.arg(format!("axe-core@{AXE}")).current_dir(&folder).output().unwrap();
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    }
+    std::fs::read_to_string(script).unwrap()
+}
+
+#[tokio::test]
+async fn pages_have_no_faults_that_axe_finds() {
+    let mut scene = Scene::new(&[]);
+    let key = scene.key("lab");
+    scene.service.use_key(Some(&key));
+    let service = &scene.service;
+    let good = service.finished_run("steady", 0).await;
+    let bad = service.finished_run("hasty", 20).await;
+    let card = json!({ "model": { "name": "m-7b", "openness": "open-weights" },
+                       "cost": { "amount": 4.5, "currency": "USD", "prices_as_of": "2026-11-01" } });
+    let put = service.http.put(format!("{}/v1/runs/{good}/card", service.url)).json(&card);
+    assert!(service.send(put).await.status.is_success());
+    let listed = service.get(&format!("/v1/runs/{bad}/submissions")).await.json();
+    let [first, last] = [0, 24].map(|i| listed["submissions"][i]["id"].as_str().unwrap().to_owned());
+    let number = &listed["submissions"][0]["number"];
+    let pages = [
+        "/".to_owned(),
+        "/boards/mineceraft-lite".to_owned(),
+        "/boards/mineceraft-lite?track=brief&sort=shape".to_owned(),
+        format!("/boards/mineceraft-lite/compare?a={good}&b={bad}"),
+        format!("/runs/{good}"),
+        format!("/runs/{bad}?show=failed"),
+        format!("/submissions/{first}"),
+        format!("/submissions/{last}"),
+        format!("/compare?a={first}&b={last}"),
+        "/suites/mineceraft-lite/tasks".to_owned(),
+        format!("/suites/mineceraft-lite/tasks/{number}"),
+        "/epochs".to_owned(),
+        "/epochs/autumn".to_owned(),
+        "/nosuch".to_owned(),
+    ];
+    let (axe, browser) = (axe(), Browser::open().await);
+    let examine = "const done = arguments[arguments.length - 1]; document.querySelectorAll('details').forEach(d => { d.open = true; }); \
+                   axe.run(document).then(found => done(found.violations.map(v => \
+                   [v.id, v.help, v.nodes.slice(0, 3).map(n => n.target.join(' '))])))";
+    let mut faults = Vec::new();
+    for (width, height) in [(1280, 900), (390, 844)] {
+        browser.page.set_window_size(width, height).await.unwrap();
+        for theme in ["light", "dark"] {
+            let features = json!({ "features": [{ "name": "prefers-color-scheme", "value": theme }] });
+            browser.command("Emulation.setEmulatedMedia", features).await;
+            for page in &pages {
+                browser.page.goto(&format!("{}{page}", service.url)).await.unwrap();
+                browser.run(&axe).await;
+                let found = browser.page.execute_async(examine, Vec::new()).await.unwrap();
+                let found: Vec<&Value> = found.as_array().unwrap().iter().collect();
+                faults.extend(found.into_iter().map(|fault| format!("{page} {width} {theme}: {fault}")));
+                let wide = "return document.documentElement.scrollWidth - document.documentElement.clientWidth";
+                if browser.run(wide).await != 0 {
+                    let widest = "return [...document.querySelectorAll('main *')].filter(e => e.getBoundingClientRect().right > innerWidth) \
+                                  .map(e => e.tagName + '.' + e.className).slice(0, 5)";
+                    faults
+                        .push(format!("{page} {width} {theme}: wider than the window: {}", browser.run(widest).await));
+                }
+            }
+        }
+    }
+    assert!(faults.is_empty(), "{faults:#?}");
+    browser.page.close_window().await.unwrap();
+}
