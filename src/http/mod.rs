@@ -69,7 +69,6 @@ pub fn routers(HttpParts { app, metrics, rates, role }: HttpParts, has_admin_lis
         app,
         event_feed,
         reveals: quick_cache::sync::Cache::new(REVEALS),
-        thumbnails: crate::pictures::thumbnails::thumbnails(),
         bodies: Arc::new(extract::body::budget()),
         documents: extract::conditional::Documents::default(),
         in_flight: Arc::default(),

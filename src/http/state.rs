@@ -13,7 +13,6 @@ use super::extract::idempotency::InFlight;
 use super::middleware::rates::Rates;
 use crate::app::App;
 use crate::fair::PermitPool;
-use crate::pictures::thumbnails::Thumbnails;
 
 /// A handle to the state that handlers share. It is a single pointer, because every request clones it several times.
 #[derive(Debug, Clone)]
@@ -50,8 +49,6 @@ pub struct Shared {
     pub event_streams: Arc<PermitPool>,
     /// Cache of the reveals of settled epochs, as they are sent.
     pub reveals: Cache<String, Bytes>,
-    /// Small pictures of builds.
-    pub thumbnails: Thumbnails,
     /// Feed that reads new events once for all streams.
     pub event_feed: EventFeed,
     /// Rate limiter for requests.

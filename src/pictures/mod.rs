@@ -3,4 +3,3 @@
 pub mod colours;
 pub mod isometric;
 pub mod raster;
-pub mod thumbnails;

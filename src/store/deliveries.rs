@@ -287,13 +287,12 @@ impl Store {
     }
 
     /// Makes a delivery due now: one that has ended with all its attempts again, a pending one with those that are left.
-    /// Returns false if the webhook has no such delivery.
     ///
     /// # Errors
     /// Returns an error if the database fails.
-    pub async fn retry_delivery(&self, webhook_id: &str, id: &str, now_ms: i64) -> StoreResult<bool> {
+    pub async fn retry_delivery(&self, webhook_id: &str, id: &str, now_ms: i64) -> StoreResult<()> {
         let mut tx = self.begin().await?;
-        let found = query(
+        query(
             "UPDATE deliveries SET state = 'pending', next_at_ms = $3, ended_at_ms = NULL,
                                    attempts = CASE WHEN state = 'pending' THEN attempts ELSE 0 END
              WHERE id = $2 AND webhook_id = $1",
@@ -303,8 +302,7 @@ impl Store {
         .bind(now_ms)
         .execute(&mut tx)
         .await?;
-        commit(tx, "retry_delivery").await?;
-        Ok(found > 0)
+        commit(tx, "retry_delivery").await
     }
 
     /// Returns a delivery of a webhook.

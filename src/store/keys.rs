@@ -17,7 +17,9 @@ pub const LIVE_KEYS: i64 = 2;
 const PREFIX: &str = "plk";
 
 /// Scope of a key: what it allows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+#[schema(as = KeyScope)]
+#[serde(rename_all = "snake_case")]
 pub enum Scope {
     /// Beginning runs and posting submissions.
     Submit,

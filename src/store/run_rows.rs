@@ -55,7 +55,7 @@ pub struct RunRow {
     pub profile: Option<String>,
     /// Track of its prompts.
     pub track: Track,
-    /// Latest version of its card, without the text of the system prompt; none also where a transaction reads the run.
+    /// Latest version of its card, without the text of the system prompt; none also where a transaction that writes reads the run.
     pub card: Option<serde_json::Value>,
     /// Embargo that holds for it: `agent` is an alias, and `metadata` is empty.
     pub embargo: Option<Embargo>,
@@ -63,28 +63,35 @@ pub struct RunRow {
     pub withdrawn: Option<(i64, String)>,
 }
 
-/// Query with the columns of a run, for every query that reads one. `without card` is for transactions that write, which
-/// do not look at it.
+/// Query with the columns of a run, for every query that reads one. `for writing` is for transactions that write: they hold
+/// up others, and look at neither card, embargo nor withdrawal.
 macro_rules! select_run {
     ($rest:literal) => {
-        select_run!("(SELECT c.card FROM cards c WHERE c.run_id = r.id ORDER BY c.version DESC LIMIT 1)", $rest)
+        select_run!(
+            "(SELECT c.card FROM cards c WHERE c.run_id = r.id ORDER BY c.version DESC LIMIT 1) AS card,
+             e.agent AS embargo_agent, e.metadata AS embargo_metadata, e.until_ms AS embargo_until_ms,
+             w.at_ms AS withdrawn_at_ms, w.reason AS withdrawn_reason",
+            "LEFT JOIN embargoes e ON e.run_id = r.id AND e.lifted_at_ms IS NULL
+             LEFT JOIN board_actions w ON w.run_id = r.id AND w.action = 'withdraw' ",
+            $rest
+        )
     };
-    (without card, $rest:literal) => {
-        select_run!("CAST(NULL AS TEXT)", $rest)
+    (for writing, $rest:literal) => {
+        select_run!(
+            "CAST(NULL AS TEXT) AS card, CAST(NULL AS TEXT) AS embargo_agent, CAST(NULL AS BIGINT) AS withdrawn_at_ms",
+            "",
+            $rest
+        )
     };
-    ($card:literal, $rest:literal) => {
+    ($more:literal, $joins:literal, $rest:literal) => {
         concat!(
             "SELECT r.id, r.agent, r.suite_id, r.metadata, r.state, r.pending, r.graded, r.grader_errors,
                     s.task_count AS tasks, r.created_at_ms, r.finished_at_ms, r.summary, r.owner, r.provenance,
                     r.profile, r.track, r.deleted_at_ms, (SELECT COUNT(*) FROM skipped_tasks k WHERE k.run_id = r.id) AS skipped,
                     ",
-            $card,
-            " AS card,
-                    e.agent AS embargo_agent, e.metadata AS embargo_metadata, e.until_ms AS embargo_until_ms,
-                    w.at_ms AS withdrawn_at_ms, w.reason AS withdrawn_reason
-             FROM runs r JOIN suites s ON s.id = r.suite_id
-             LEFT JOIN embargoes e ON e.run_id = r.id AND e.lifted_at_ms IS NULL
-             LEFT JOIN board_actions w ON w.run_id = r.id AND w.action = 'withdraw' ",
+            $more,
+            " FROM runs r JOIN suites s ON s.id = r.suite_id ",
+            $joins,
             $rest
         )
     };
@@ -132,9 +139,9 @@ pub(super) fn read_run(row: &Row) -> StoreResult<RunRow> {
 
 pub(super) use select_run;
 
-/// Reads a run within the transaction, without its card.
+/// Reads a run within the transaction, without card, embargo and withdrawal.
 pub(super) async fn run_in(tx: &mut Tx, id: &str) -> StoreResult<Option<RunRow>> {
-    let row = query(select_run!(without card, "WHERE r.id = $1")).bind(id).fetch_optional(&mut *tx).await?;
+    let row = query(select_run!(for writing, "WHERE r.id = $1")).bind(id).fetch_optional(&mut *tx).await?;
     row.as_ref().map(read_run).transpose()
 }
 

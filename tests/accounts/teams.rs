@@ -142,7 +142,9 @@ async fn a_manager_who_was_removed_does_not_come_back() {
     let mallory = made["key"].as_str().unwrap();
     assert_eq!(ask(&service, mallory, Method::GET, "/v1/team", None).await.status, StatusCode::OK);
     assert_eq!(ask(&service, &lab, Method::DELETE, path, None).await.status, StatusCode::OK);
-    // The service still remembers the key, for half a second.
+    // The service still remembers the key, for half a second. The member's own keys are no way back either.
+    let own = ask(&service, mallory, Method::POST, &format!("{path}/keys"), None).await;
+    assert_eq!(own.status, StatusCode::UNAUTHORIZED, "{}", own.text);
     let back = ask(&service, mallory, Method::PUT, path, Some(body)).await;
     assert_eq!(back.status, StatusCode::UNAUTHORIZED, "{}", back.text);
     let made = ask(&service, mallory, Method::POST, "/v1/team/members/x/keys", None).await;

@@ -232,6 +232,7 @@ async fn a_withdrawn_run_leaves_a_trace_that_still_counts() {
     let traces = async |service: &Service| service.get(BOARD).await.json().get("withdrawn").is_some();
     let act = |action: &str| json!({ "action": action, "reason": "r" });
     let path = format!("/v1/runs/{bad}/board-actions");
+    assert_eq!(service.post_json(&path, &json!(["hide", "a list"])).await.faults(422), ["null "]);
     assert_eq!(service.post_json(&path, &act("restore")).await.status, StatusCode::CONFLICT);
     assert!(traces(&service).await);
     assert_eq!(service.post_json(&path, &act("hide")).await.status, StatusCode::OK);

@@ -30,38 +30,13 @@ request_body! {
     #[schema(as = NewKey, example = json!({ "scopes": ["submit"], "expires_days": 90 }))]
     pub struct NewKeyBody: "an object with \"scopes\" and \"expires_days\"" {
         /// Scopes of the key; by default all that the member's role and the key of the request allow.
-        #[schema(value_type = Option<Vec<KeyScope>>)]
+        #[schema(value_type = Option<Vec<Scope>>)]
         scopes: Vec<Scope> = optional(|faults| Json { faults, read: read_scopes }),
         /// Lifetime of the key in days; by default, and at most, that of the key of the request.
         #[schema(value_type = Option<i64>, minimum = 1)]
         expires_days: i64 = optional(|faults| Integer { faults, min: 1, max: MAX_DAYS }),
     }
     unknown: |_| "unknown field; a key has scopes and expires_days"
-}
-
-/// Scope of a key, for the contract.
-#[derive(Debug, Clone, Copy, serde::Serialize, utoipa::ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum KeyScope {
-    /// Beginning runs and posting submissions.
-    Submit,
-    /// Grading within a request.
-    Grade,
-    /// Reading.
-    Read,
-    /// Everything; keys of operators.
-    Admin,
-}
-
-impl From<Scope> for KeyScope {
-    fn from(scope: Scope) -> Self {
-        match scope {
-            Scope::Submit => Self::Submit,
-            Scope::Grade => Self::Grade,
-            Scope::Read => Self::Read,
-            Scope::Admin => Self::Admin,
-        }
-    }
 }
 
 fn role_named(name: &str) -> Result<Role, String> {

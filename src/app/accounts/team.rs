@@ -81,19 +81,26 @@ impl Caller {
 }
 
 impl App {
-    /// Returns the owner whose key was sent if the key may manage what belongs to it now. Requests hold a key for a moment
-    /// without reading it again; what a manager does could keep somebody in the team who was just removed, so it is read here.
+    /// Returns the caller with the key as it is stored now. Requests hold a key for a moment without reading it again;
+    /// whoever was just removed could make another key meanwhile, so what concerns teams reads it here.
     ///
     /// # Errors
-    /// Returns 401 if no key was accepted or it is no longer live, and 403 if it may not manage.
-    pub async fn manager<'c>(&self, caller: &'c Caller) -> AppResult<&'c str> {
-        let owner = caller.require_manager()?;
+    /// Returns 401 if no key was accepted, or if it is no longer live.
+    pub async fn caller_now(&self, caller: &Caller) -> AppResult<Caller> {
+        caller.require_owner()?;
         let id = caller.key.as_ref().map_or("", |key| key.id.as_str());
-        let now = self.store.key(id).await?.filter(|key| key.is_live(now_ms()));
-        match now {
-            None => Err(unauthorized("the key is revoked or expired")),
-            Some(key) => Caller { key: Some(key), ..caller.clone() }.require_manager().map(|_| owner),
-        }
+        let key = self.store.key(id).await?.filter(|key| key.is_live(now_ms()));
+        let key = key.ok_or_else(|| unauthorized("the key is revoked or expired"))?;
+        Ok(Caller { key: Some(key), ..caller.clone() })
+    }
+
+    /// Returns the owner whose key was sent if the key may manage what belongs to it now.
+    ///
+    /// # Errors
+    /// Returns 401 if no live key was sent, and 403 if it may not manage.
+    pub async fn manager<'c>(&self, caller: &'c Caller) -> AppResult<&'c str> {
+        self.caller_now(caller).await?.require_manager()?;
+        caller.require_owner()
     }
 
     /// Checks that a caller who is a member has the role of a manager now.
@@ -168,11 +175,12 @@ pub async fn create_key(
     draft: Option<NewKeyBody>,
     mut faults: Faults,
 ) -> AppResult<CreatedKey> {
+    let caller = &app.caller_now(caller).await?;
     let owner = caller.require_owner()?;
     caller.require(Scope::Submit)?;
     let by = caller.key.as_ref().expect("a caller with an owner has a key");
     if by.member.as_deref() != Some(member) {
-        app.manager(caller).await?;
+        caller.require_manager()?;
     }
     let members = app.store.members(owner).await?;
     let role = members.iter().find(|known| known.name == member).ok_or_else(|| no_member(member))?.role;
@@ -218,13 +226,14 @@ pub async fn create_key(
 /// # Errors
 /// Returns an error if the caller may not revoke it, or if the team has no such live key.
 pub async fn revoke_key(app: &App, caller: &Caller, id: &str) -> AppResult<()> {
+    let caller = &app.caller_now(caller).await?;
     let owner = caller.require_owner()?;
     caller.require(Scope::Submit)?;
     let missing = || AppError::not_found("the team has no live key with this public part; GET /v1/team lists them");
     let key = app.store.key(id).await?.filter(|key| key.owner == owner && key.is_live(now_ms())).ok_or_else(missing)?;
     let is_own = caller.key.as_ref().is_some_and(|own| own.member.is_some() && own.member == key.member);
     if !is_own {
-        app.manager(caller).await?;
+        caller.require_manager()?;
     }
     if app.store.revoke_key(id, now_ms()).await? { Ok(()) } else { Err(missing()) }
 }

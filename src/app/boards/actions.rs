@@ -71,12 +71,17 @@ pub async fn act(app: &App, caller: &Caller, run: String, kind: HideOrRestore, r
 ///
 /// # Errors
 /// Returns a fault if it is empty or too long.
-pub(in crate::app) fn reason_of(reason: &str) -> AppResult<String> {
-    let reason = reason.trim();
-    if reason.is_empty() || reason.chars().count() > REASON_CHARS {
+fn reason_of(reason: &str) -> AppResult<String> {
+    trimmed(reason).ok_or_else(|| {
         let mut faults = Faults::new();
         faults.add_at("reason", format!("expected 1 to {REASON_CHARS} characters"));
-        return Err(AppError::faulty(faults));
-    }
-    Ok(reason.to_owned())
+        AppError::faulty(faults)
+    })
+}
+
+/// Returns a reason without surrounding spaces; none if it is empty or too long.
+#[must_use]
+pub fn trimmed(reason: &str) -> Option<String> {
+    let reason = reason.trim();
+    (1..=REASON_CHARS).contains(&reason.chars().count()).then(|| reason.to_owned())
 }

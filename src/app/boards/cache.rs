@@ -122,11 +122,10 @@ impl Board {
         similar.iter().filter(|other| !hidden.contains(other.as_str())).cloned().collect()
     }
 
-    /// Returns how many of the runs that a run resembles finished before it: those of which it may be a copy.
+    /// Returns how many of the runs that a run resembles finished before it: those that it may be a copy of.
     #[must_use]
-    pub fn copied_from(&self, run: &Standing) -> usize {
-        let others = self.similar_to(&run.run);
-        let others = others.iter().filter_map(|other| self.standing(other));
+    pub fn copied_from(&self, run: &Standing, similar: &[String]) -> usize {
+        let others = similar.iter().filter_map(|other| self.standing(other));
         others.filter(|other| (other.finished_at_ms, &other.run) < (run.finished_at_ms, &run.run)).count()
     }
 

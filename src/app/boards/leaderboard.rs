@@ -235,6 +235,7 @@ pub fn row_of(board: &Board, standing: &Arc<Standing>, rows: &Rows) -> Row {
     let rate = |row: &Standing| row.rate().unwrap_or(-1.0);
     let (pass, of) = (standing.answered() as u64, standing.outcomes.len() as u64);
     let is_compared = standing.covers(board.least_coverage);
+    let similar_to = board.similar_to(&standing.run);
     Row {
         // The rows are sorted by rate, greatest first; only those with prompts of the same track are compared.
         rank: is_compared.then(|| {
@@ -244,8 +245,8 @@ pub fn row_of(board: &Board, standing: &Arc<Standing>, rows: &Rows) -> Row {
         places: is_compared.then(|| rows.places(standing, &board.field)),
         coverage: ProblemRate { pass, of, rate: (of > 0).then(|| pass as f64 / of as f64) },
         attempts: board.attempts(&standing.agent),
-        similar_to: board.similar_to(&standing.run),
-        copied_from: board.copied_from(standing),
+        copied_from: board.copied_from(standing, &similar_to),
+        similar_to,
         standing: Arc::clone(standing),
     }
 }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::embargo::{NewEmbargo, read_embargo};
-use crate::app::boards::actions::REASON_CHARS;
+use crate::app::boards::actions::{REASON_CHARS, trimmed};
 use crate::app::body::values::{Json, Parsed};
 use crate::app::body::{agent_name, name, request_body};
 use crate::app::cards::card::Card;
@@ -127,11 +127,11 @@ request_body! {
 
 /// Reads a public reason, which may have several lines.
 fn read_reason(value: &Value, faults: &mut Faults) -> Option<String> {
-    let reason = value.as_str().map(str::trim).filter(|text| (1..=REASON_CHARS).contains(&text.chars().count()));
+    let reason = value.as_str().and_then(trimmed);
     if reason.is_none() {
         faults.add(format!("expected a string of 1 to {REASON_CHARS} characters"));
     }
-    reason.map(str::to_owned)
+    reason
 }
 
 /// Tasks that a run skips.

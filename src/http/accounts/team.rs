@@ -6,13 +6,13 @@ use axum::http::StatusCode;
 use serde::Serialize;
 
 use crate::app::access::Caller;
-use crate::app::accounts::body::{KeyScope, NewKeyBody, NewMemberBody};
+use crate::app::accounts::body::{NewKeyBody, NewMemberBody};
 use crate::app::accounts::team::{self, CreatedKey, Team};
 use crate::app::error::AppResult;
 use crate::clock::rfc3339;
 use crate::http::extract::body::{JsonBody, read_draft};
 use crate::http::state::AppState;
-use crate::store::keys::{KeyRow, Role};
+use crate::store::keys::{KeyRow, Role, Scope};
 use crate::store::members::MemberRow;
 use plumbline_engine::intake::Faults;
 
@@ -48,7 +48,7 @@ pub struct KeyBody {
     #[schema(example = "1f0c2d3e4b5a")]
     pub id: String,
     /// Scopes of the key; the role of its member may allow less.
-    pub scopes: Vec<KeyScope>,
+    pub scopes: Vec<Scope>,
     /// Time of creation.
     #[schema(format = DateTime)]
     pub created_at: String,
@@ -64,7 +64,7 @@ impl From<&KeyRow> for KeyBody {
     fn from(key: &KeyRow) -> Self {
         Self {
             id: key.id.clone(),
-            scopes: key.scopes.iter().copied().map(KeyScope::from).collect(),
+            scopes: key.scopes.clone(),
             created_at: rfc3339(key.created_at_ms),
             expires_at: key.expires_at_ms.map(rfc3339),
             last_used_at: key.last_used_at_ms.map(rfc3339),

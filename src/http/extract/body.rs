@@ -138,6 +138,14 @@ pub fn read_json<T: DeserializeOwned>(body: &JsonBody) -> AppResult<T> {
     if body.format == Format::NdJson {
         return Err(AppError::not_ndjson("send one document per request"));
     }
+    // serde takes a list for the members of a struct, in their order.
+    if body.bytes.trim_ascii_start().starts_with(b"[")
+        && serde_json::from_slice::<serde::de::IgnoredAny>(&body.bytes).is_ok()
+    {
+        let mut faults = Faults::new();
+        faults.add("expected an object, found an array");
+        return Err(AppError::faulty(faults));
+    }
     let mut document = serde_json::Deserializer::from_slice(&body.bytes);
     let read = serde_path_to_error::deserialize(&mut document);
     let mut faults = Faults::new();

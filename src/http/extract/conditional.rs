@@ -126,16 +126,35 @@ impl Documents {
         name: String,
         make: impl FnOnce() -> AppResult<Document>,
     ) -> AppResult<Response> {
-        if let Some((document, tag)) = self.kept.get(&name) {
-            return document.answer(asked, &tag);
+        match self.known(asked, &name)? {
+            Some(response) => Ok(response),
+            None => self.keep(asked, name, &make()?),
+        }
+    }
+
+    /// Responds with the document of this name if it is cached, or with 304 if the client has it.
+    ///
+    /// # Errors
+    /// Returns an error (500) if the tag is not a valid header value.
+    pub fn known(&self, asked: &HeaderMap, name: &str) -> AppResult<Option<Response>> {
+        if let Some((document, tag)) = self.kept.get(name) {
+            return document.answer(asked, &tag).map(Some);
         }
         // The tag depends on the name alone, so the document is not needed for the comparison.
-        let tag = Tag::named(&name);
+        let tag = Tag::named(name);
         let is_any = asked.get(header::IF_NONE_MATCH).is_some_and(|known| known == "*");
         if !is_any && has_tag(asked, &tag.0) {
-            return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, tag.header()?)]).into_response());
+            return Ok(Some((StatusCode::NOT_MODIFIED, [(header::ETAG, tag.header()?)]).into_response()));
         }
-        let document = make()?;
+        Ok(None)
+    }
+
+    /// Caches a document under its name, and responds with it.
+    ///
+    /// # Errors
+    /// Returns an error (500) if the tag is not a valid header value.
+    pub fn keep(&self, asked: &HeaderMap, name: String, document: &Document) -> AppResult<Response> {
+        let tag = Tag::named(&name);
         self.kept.insert(name, (document.clone(), tag.clone()));
         document.answer(asked, &tag)
     }

@@ -1,9 +1,10 @@
 //! Small pictures of builds, drawn once and kept.
 
+use std::sync::Arc;
+
 use axum::extract::{Path, State};
-use axum::http::{HeaderValue, header};
-use axum::response::{IntoResponse as _, Response};
-use bytes::Bytes;
+use axum::http::{HeaderMap, HeaderValue, header};
+use axum::response::Response;
 
 use super::html::PageResult;
 use super::submission::picture_of;
@@ -12,6 +13,7 @@ use crate::app::error::{AppError, AppResult};
 use crate::app::runs::read::answer;
 use crate::app::submissions::read::{log, stored};
 use crate::http::extract::caller::Reader;
+use crate::http::extract::conditional::Document;
 use crate::http::state::AppState;
 use crate::pictures::raster::png;
 use plumbline_engine::voxel::BlockLog;
@@ -23,22 +25,32 @@ const SIDE: u32 = 320;
 ///
 /// # Errors
 /// Returns a 404 error if the submission does not exist.
-pub async fn of_submission(State(state): State<AppState>, Reader(who): Reader, Path(id): Path<String>) -> PageResult {
+pub async fn of_submission(
+    State(state): State<AppState>,
+    Reader(who): Reader,
+    asked: HeaderMap,
+    Path(id): Path<String>,
+) -> PageResult {
     let id = stored(&state, &id).await?.id;
     let read = async || {
         let json = log(&state, &id).await?;
         BlockLog::from_canonical_json(&json).map_err(|error| AppError::internal(&error))
     };
-    Ok(drawn(&state, &who, format!("submission {id}"), read).await?)
+    Ok(drawn(&state, &who, &asked, format!("submission {id}"), read).await?)
 }
 
 /// Serves a thumbnail of a run's build for a task.
 ///
 /// # Errors
 /// Returns a 404 error if the run has no submission for the task.
-pub async fn of_run(state: State<AppState>, reader: Reader, Path((run, number)): Path<(String, u32)>) -> PageResult {
+pub async fn of_run(
+    state: State<AppState>,
+    reader: Reader,
+    asked: HeaderMap,
+    Path((run, number)): Path<(String, u32)>,
+) -> PageResult {
     let row = answer(&state, &run, number).await?;
-    of_submission(state, reader, Path(row.id)).await
+    of_submission(state, reader, asked, Path(row.id)).await
 }
 
 /// Serves a thumbnail of the reference build of a task.
@@ -48,22 +60,26 @@ pub async fn of_run(state: State<AppState>, reader: Reader, Path((run, number)):
 pub async fn of_task(
     State(state): State<AppState>,
     Reader(who): Reader,
+    asked: HeaderMap,
     Path((suite, number)): Path<(String, u32)>,
 ) -> PageResult {
     let suite = state.suite(&suite).await?.suite.id();
     let read = async || example(&state, &suite, number).await;
-    Ok(drawn(&state, &who, format!("task {suite} {number}"), read).await?)
+    Ok(drawn(&state, &who, &asked, format!("task {suite} {number}"), read).await?)
 }
 
 /// Returns the thumbnail of a build; draws it if nobody has asked for it lately.
 async fn drawn(
     state: &AppState,
-    who: &std::sync::Arc<str>,
-    name: String,
+    who: &Arc<str>,
+    asked: &HeaderMap,
+    what: String,
     read: impl AsyncFnOnce() -> AppResult<BlockLog>,
 ) -> AppResult<Response> {
-    if let Some(kept) = state.thumbnails.get(&name) {
-        return Ok(image(kept));
+    // Another version of the program may draw otherwise.
+    let name = format!("thumbnail {} {what}", env!("CARGO_PKG_VERSION"));
+    if let Some(response) = state.documents.known(asked, &name)? {
+        return Ok(kept_for_a_day(response));
     }
     let slot = state.file_slots.take(who).await;
     let log = read().await?;
@@ -74,16 +90,12 @@ async fn drawn(
         png(&svg, SIDE)
     });
     let drawn = drawing.await.map_err(|error| AppError::internal(&error))?;
-    let bytes = Bytes::from(drawn.map_err(|error| AppError::internal(&error))?);
-    state.thumbnails.insert(name, bytes.clone());
-    Ok(image(bytes))
+    let bytes = drawn.map_err(|error| AppError::internal(&error))?.into();
+    Ok(kept_for_a_day(state.documents.keep(asked, name, &Document { kind: "image/png", bytes })?))
 }
 
 /// What a submission or a version of a suite holds never changes.
-fn image(bytes: Bytes) -> Response {
-    let headers = [
-        (header::CONTENT_TYPE, HeaderValue::from_static("image/png")),
-        (header::CACHE_CONTROL, HeaderValue::from_static("public, max-age=86400")),
-    ];
-    (headers, bytes).into_response()
+fn kept_for_a_day(mut response: Response) -> Response {
+    response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("public, max-age=86400"));
+    response
 }
