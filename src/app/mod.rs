@@ -23,6 +23,7 @@ pub mod readiness;
 pub mod replay;
 pub mod rewards;
 pub mod runs;
+pub mod search;
 pub mod signing;
 pub mod stress;
 pub mod structure_files;

@@ -13,6 +13,8 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; i
                       base-uri 'none'; form-action 'self'; frame-ancestors 'none'";
 /// Maximum size of a problem that becomes a page, in bytes.
 const MAX_PROBLEM_BYTES: usize = 1 << 20;
+/// Media type of what a form on a page sends.
+const FORM: &str = "application/x-www-form-urlencoded";
 /// Beginning of the paths of the API, whose errors are always problems.
 const API: &str = "/v1/";
 
@@ -39,7 +41,8 @@ pub fn page_headers() -> [(HeaderName, HeaderValue); 3] {
 pub fn is_asked_for(request: &Request) -> bool {
     let accepts = request.headers().get_all(header::ACCEPT).iter().filter_map(|accepted| accepted.to_str().ok());
     let is_html = |kind: &str| kind.trim().split(';').next() == Some("text/html");
-    matches!(*request.method(), Method::GET | Method::HEAD)
+    let is_form = request.headers().get(header::CONTENT_TYPE).is_some_and(|kind| kind == FORM);
+    (matches!(*request.method(), Method::GET | Method::HEAD) || is_form)
         && !request.uri().path().starts_with(API)
         && accepts.flat_map(|accepted| accepted.split(',')).any(is_html)
 }

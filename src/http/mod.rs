@@ -78,7 +78,7 @@ pub fn routers(HttpParts { app, metrics, rates, role }: HttpParts, has_admin_lis
         openapi: openapi.to_json().expect("the document is JSON").into(),
     });
     let routes = routes.merge(pages::routes()).merge(router::trainers_elsewhere());
-    let mut router = routes.with_state(state.clone()).merge(router::reference());
+    let mut router = routes.with_state(state.clone());
     if role != Role::Whole {
         let rest = axum::routing::any(|| async { axum::http::StatusCode::NOT_FOUND });
         router = router.fallback(rest).layer(axum::middleware::from_fn_with_state(role, role::keep_to_role));

@@ -21,7 +21,7 @@ pub enum Role {
 const EVERYWHERE: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
 
 /// Routes of a node that only grades: a path, or all paths under it.
-const GRADING: [&str; 19] = [
+const GRADING: [&str; 20] = [
     "/v1/grade",
     "/v1/grade:structure",
     "/v1/grade:batch",
@@ -41,6 +41,7 @@ const GRADING: [&str; 19] = [
     "/with-key",
     "/openapi.json",
     "/docs",
+    "/assets",
 ];
 
 impl Role {

@@ -1,8 +1,6 @@
 //! Routes: a single list defines both the router and the OpenAPI document.
 
 use axum::Router;
-use axum::http::{HeaderValue, header};
-use tower_http::set_header::SetResponseHeaderLayer;
 use utoipa::OpenApi;
 use utoipa::openapi::path::{Operation, Parameter, ParameterIn};
 use utoipa::openapi::schema::{SchemaType, Type};
@@ -10,7 +8,6 @@ use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement
 use utoipa::openapi::{Content, Ref, RefOr, ResponseBuilder, Schema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
-use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use super::extract::caller::PROBES;
 use super::problem::{PROBLEM_JSON, Problem};
@@ -242,14 +239,4 @@ pub fn document() -> String {
     let mut text = document.to_pretty_json().expect("the document is JSON");
     text.push('\n');
     text
-}
-
-/// Returns the routes of the interactive API reference at `/docs`, whose files are embedded in the binary.
-pub fn reference() -> Router {
-    // Its scripts are separate files, but it sets some styles from scripts.
-    const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; font-src 'self'; \
-                          connect-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'";
-    let pages: Router = SwaggerUi::new("/docs").config(Config::new(["/openapi.json"]).try_it_out_enabled(true)).into();
-    let policy = HeaderValue::from_static(POLICY);
-    pages.layer(SetResponseHeaderLayer::if_not_present(header::CONTENT_SECURITY_POLICY, policy))
 }

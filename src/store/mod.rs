@@ -35,6 +35,7 @@ mod locks;
 pub mod members;
 mod migrations;
 pub mod moving;
+pub mod overview;
 mod pace;
 mod postgres;
 pub mod queue;

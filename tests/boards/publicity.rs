@@ -54,6 +54,13 @@ async fn look_at_every_door(service: &Service, run: &str, other: &str) {
         "/boards/mineceraft-lite".to_owned(),
         format!("/boards/mineceraft-lite/compare?a={run}&b={other}"),
         format!("/runs/{run}"),
+        "/agents/maple-7".to_owned(),
+        "/search?text=e".to_owned(),
+        "/boards/mineceraft-lite/charts".to_owned(),
+        "/boards/mineceraft-lite/charts/progress.svg".to_owned(),
+        "/boards/mineceraft-lite/charts/profile.csv".to_owned(),
+        "/boards/mineceraft-lite/log".to_owned(),
+        format!("{BOARD}?format=markdown"),
         format!("/submissions/{submission}"),
         format!("/submissions/{submission}/evidence.html"),
         format!("/suites/mineceraft-lite/tasks/{}", submissions["submissions"][0]["number"]),
@@ -68,6 +75,8 @@ async fn look_at_every_door(service: &Service, run: &str, other: &str) {
     }
     let secret_search = service.get("/v1/runs?agent=Secret").await.json();
     assert_eq!(secret_search["runs"], json!([]), "a search does not find what it may not show");
+    assert!(service.get("/search?text=Secret").await.text.contains("Nothing contains"));
+    assert_eq!(service.get("/agents/Secret%20Model").await.status, StatusCode::NOT_FOUND);
 }
 
 #[tokio::test]

@@ -53,6 +53,14 @@ async fn pages_have_no_faults_that_axe_finds() {
         format!("/suites/mineceraft-lite/tasks/{number}"),
         "/epochs".to_owned(),
         "/epochs/autumn".to_owned(),
+        "/boards/mineceraft-lite/charts".to_owned(),
+        "/boards/mineceraft-lite/log".to_owned(),
+        "/agents/steady".to_owned(),
+        "/search?text=e".to_owned(),
+        "/moderation".to_owned(),
+        "/docs/".to_owned(),
+        "/docs/create_submission".to_owned(),
+        "/docs/schemas/NewSubmissionBody".to_owned(),
         "/nosuch".to_owned(),
     ];
     let (axe, browser) = (axe(), Browser::open().await);
@@ -62,15 +70,18 @@ async fn pages_have_no_faults_that_axe_finds() {
     let mut faults = Vec::new();
     for (width, height) in [(1280, 900), (390, 844)] {
         browser.page.set_window_size(width, height).await.unwrap();
-        for theme in ["light", "dark"] {
-            let features = json!({ "features": [{ "name": "prefers-color-scheme", "value": theme }] });
+        for (theme, colours) in [("light", "none"), ("dark", "none"), ("dark", "active")] {
+            let features = json!({ "features": [{ "name": "prefers-color-scheme", "value": theme },
+                                                { "name": "forced-colors", "value": colours }] });
             browser.command("Emulation.setEmulatedMedia", features).await;
             for page in &pages {
                 browser.page.goto(&format!("{}{page}", service.url)).await.unwrap();
                 browser.run(&axe).await;
                 let found = browser.page.execute_async(examine, Vec::new()).await.unwrap();
                 let found: Vec<&Value> = found.as_array().unwrap().iter().collect();
-                faults.extend(found.into_iter().map(|fault| format!("{page} {width} {theme}: {fault}")));
+                faults.extend(
+                    found.into_iter().map(|fault| format!("{page} {width} {theme}, forced colours {colours}: {fault}")),
+                );
                 let wide = "return document.documentElement.scrollWidth - document.documentElement.clientWidth";
                 if browser.run(wide).await != 0 {
                     let widest = "return [...document.querySelectorAll('main *')].filter(e => e.getBoundingClientRect().right > innerWidth) \

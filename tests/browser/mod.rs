@@ -2,5 +2,6 @@
 
 mod accessibility;
 mod driver;
+mod following;
 mod journeys;
 mod pages;

@@ -34,7 +34,7 @@ async fn the_home_page_shows_the_board_and_the_reference_its_operations() {
     .unwrap();
     assert!(home.contains("mineceraft-lite@1") && home.contains("0.0 %"), "{home}");
     assert!(home.contains("&lt;b onclick=alert(1)&gt;") && !home.contains("<b onclick"), "names are text, not markup");
-    assert!(docs.contains("operations-submissions-create_submission"), "the reference shows its operations");
+    assert!(docs.contains("/docs/create_submission"), "the reference shows its operations");
 }
 
 #[tokio::test]

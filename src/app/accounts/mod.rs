@@ -2,5 +2,6 @@
 
 pub mod body;
 pub mod events;
+pub mod operations;
 pub mod quota;
 pub mod team;

@@ -79,6 +79,19 @@ fn reason_of(reason: &str) -> AppResult<String> {
     })
 }
 
+/// Says in words what an action did to a row.
+#[must_use]
+pub fn past(action: &str) -> &str {
+    match action {
+        "hide" => "hidden",
+        "restore" => "restored",
+        "regrade" => "graded again",
+        "withdraw" => "withdrawn",
+        "reveal" => "name made public",
+        other => other,
+    }
+}
+
 /// Returns a reason without surrounding spaces; none if it is empty or too long.
 #[must_use]
 pub fn trimmed(reason: &str) -> Option<String> {

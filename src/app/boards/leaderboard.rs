@@ -1,5 +1,6 @@
 //! Leaderboards: one row per finished run of a suite, selected, sorted and split into pages.
 
+use std::borrow::Cow;
 use std::collections::HashSet;
 use std::sync::Arc;
 
@@ -12,6 +13,7 @@ use crate::app::error::{AppError, AppResult};
 use crate::app::paging::page_items;
 use crate::app::runs::body::RunProvenance;
 use crate::clock::{DAY_MS, day_ms, milliseconds};
+use crate::store::boards::ActionRow;
 use plumbline_engine::grading::standings::Standing;
 use plumbline_engine::grading::statistics::ranks::RankRange;
 use plumbline_engine::grading::summary::ProblemRate;
@@ -69,6 +71,17 @@ pub enum CoverageFilter {
     Incomplete,
 }
 
+/// Runs that a board lists of each agent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum RunsListed {
+    /// All runs.
+    #[default]
+    All,
+    /// The best run of each agent, by the share of problems solved; of several, the one that finished first.
+    BestOfAgent,
+}
+
 /// Selection of rows: filters, order and page.
 #[derive(Debug, Clone, Default)]
 pub struct Selection {
@@ -84,6 +97,8 @@ pub struct Selection {
     pub track: Option<Track>,
     /// Runs to list, by their coverage.
     pub coverage: CoverageFilter,
+    /// Runs to list of each agent.
+    pub runs: RunsListed,
     /// Time at which to show the board (RFC 3339).
     pub as_of: Option<String>,
     /// Run after whose row the page begins.
@@ -124,11 +139,17 @@ pub struct BoardPage {
     pub rows: Vec<Row>,
     /// Run after whose row the next page begins; none on the last page.
     pub next_after: Option<String>,
+    /// Where the page before begins; none on the first page.
+    pub before: Option<PageStart>,
     /// Results on this suite that others report; they were not graded by this service.
     pub reported: Vec<ReportedRow>,
     /// Runs that match the filters and that their owners withdrew, latest first.
     pub withdrawn: Vec<Withdrawn>,
 }
+
+/// Beginning of a page: after the row of this run, or at the first row.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PageStart(pub Option<String>);
 
 /// A run that its owner withdrew.
 #[derive(Debug)]
@@ -143,6 +164,18 @@ pub struct Withdrawn {
     pub reason: String,
 }
 
+impl Board {
+    /// Describes the withdrawal of a run.
+    pub(super) fn withdrawal(&self, row: &Arc<Standing>, action: &ActionRow) -> Withdrawn {
+        Withdrawn {
+            standing: Arc::clone(row),
+            attempts: self.attempts(&row.agent),
+            at_ms: action.at_ms,
+            reason: action.reason.clone(),
+        }
+    }
+}
+
 /// Selects a page of a board.
 ///
 /// # Errors
@@ -152,16 +185,8 @@ pub fn page(board: &Arc<Board>, wanted: &Selection) -> AppResult<BoardPage> {
     if let Some(detail) = wanted.track.and_then(|track| board.entry.suite.lacks(track)) {
         return Err(AppError::wrong_parameter("track", detail));
     }
-    let as_of = match &wanted.as_of {
-        None => None,
-        // A date stands for its last moment, so that the board shows everything of that day.
-        Some(text) => Some(milliseconds(text).or_else(|| Some(day_ms(text)? + DAY_MS - 1)).ok_or_else(|| {
-            let detail = format!("{text:?} is neither an RFC 3339 time, such as 2026-11-22T00:00:00Z, nor a date");
-            AppError::wrong_parameter("as_of", detail)
-        })?),
-    };
-    let then = as_of.map(|at| board.as_of(at));
-    let compared = then.as_ref().unwrap_or(&board.rows);
+    let as_of = moment(wanted.as_of.as_deref())?;
+    let compared = &*rows_at(board, as_of);
     let all = match wanted.coverage {
         CoverageFilter::Complete => &compared.all,
         CoverageFilter::Incomplete => &compared.incomplete,
@@ -173,14 +198,11 @@ pub fn page(board: &Arc<Board>, wanted: &Selection) -> AppResult<BoardPage> {
             && wanted.track.is_none_or(|wanted| wanted == row.track)
     };
     let withdrawn = board.withdrawn(as_of.unwrap_or(i64::MAX)).into_iter().filter(|(row, _)| lets_through(row));
-    let withdrawn = withdrawn.map(|(row, action)| Withdrawn {
-        standing: Arc::clone(row),
-        attempts: board.attempts(&row.agent),
-        at_ms: action.at_ms,
-        reason: action.reason.clone(),
-    });
-    let withdrawn = withdrawn.collect();
+    let withdrawn = withdrawn.map(|(row, action)| board.withdrawal(row, action)).collect();
     let mut rows: Vec<&Arc<Standing>> = all.iter().filter(lets_through).collect();
+    if wanted.runs == RunsListed::BestOfAgent {
+        keep_best(&mut rows);
+    }
     if (wanted.sort, wanted.order) != (SortBy::Overall, Direction::Desc) {
         rows.sort_by(|a, b| by_value(value(a, wanted.sort), value(b, wanted.sort), wanted.order));
     }
@@ -197,6 +219,7 @@ pub fn page(board: &Arc<Board>, wanted: &Selection) -> AppResult<BoardPage> {
         total,
         incomplete: compared.incomplete.len(),
         rows: rows[begin..end].iter().map(|row| row_of(board, row, compared)).collect(),
+        before: (begin > 0).then(|| PageStart(begin.checked_sub(items + 1).map(|row| rows[row].run.clone()))),
         next_after: (end < total).then(|| rows[end - 1].run.clone()),
         // The paper's prompts are short, so its results stand beside runs with short prompts alone.
         reported: match wanted.track {
@@ -206,6 +229,30 @@ pub fn page(board: &Arc<Board>, wanted: &Selection) -> AppResult<BoardPage> {
         withdrawn,
         board: Arc::clone(board),
     })
+}
+
+/// Keeps the first of the rows of each agent and track, which are ordered from the best.
+fn keep_best(rows: &mut Vec<&Arc<Standing>>) {
+    let mut seen = HashSet::new();
+    rows.retain(|row| seen.insert((row.track, row.agent.as_str())));
+}
+
+/// Reads the time at which a board is to be shown: an RFC 3339 time, or a date, which stands for its last moment, so that the
+/// board shows everything of that day.
+///
+/// # Errors
+/// Returns an error (400) if it is neither.
+pub fn moment(as_of: Option<&str>) -> AppResult<Option<i64>> {
+    let Some(text) = as_of else { return Ok(None) };
+    let at = milliseconds(text).or_else(|| Some(day_ms(text)? + DAY_MS - 1));
+    let detail = || format!("{text:?} is neither an RFC 3339 time, such as 2026-11-22T00:00:00Z, nor a date");
+    at.map(Some).ok_or_else(|| AppError::wrong_parameter("as_of", detail()))
+}
+
+/// Returns the rows of a board at a time, or as they are now.
+#[must_use]
+pub fn rows_at(board: &Board, at_ms: Option<i64>) -> Cow<'_, Rows> {
+    at_ms.map_or(Cow::Borrowed(&board.rows), |at| Cow::Owned(board.as_of(at)))
 }
 
 /// Returns the best rows of the newest version of each suite, of one track, and the identifiers of the other versions.

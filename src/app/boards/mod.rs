@@ -1,6 +1,7 @@
 //! Boards: finished runs of a suite, ordered and compared, and what operators did to their rows.
 
 pub mod actions;
+pub mod agents;
 pub mod breakdown;
 pub mod cache;
 pub mod comparison;

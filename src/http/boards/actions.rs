@@ -3,17 +3,19 @@
 use askama::Template;
 use axum::Json;
 use axum::extract::{Path, State};
-use axum::http::{HeaderMap, header};
+use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
 
 use crate::app::access::Caller;
-use crate::app::boards::actions::{Action, HideOrRestore, act};
+use crate::app::boards::actions::{Action, HideOrRestore, act, past};
+use crate::app::boards::cache::Board;
 use crate::app::boards::news::{News, news};
 use crate::app::boards::read;
 use crate::app::error::{AppError, AppResult};
 use crate::clock::rfc3339;
 use crate::http::extract::body::{JsonBody, read_json};
+use crate::http::extract::origin::Origin;
 use crate::http::state::AppState;
 use crate::near::counted;
 use crate::store::board_actions::ActionKind;
@@ -151,13 +153,13 @@ struct Entry {
 #[template(path = "board.xml")]
 struct Feed {
     suite: String,
-    host: String,
+    origin: Origin,
     updated: String,
     entries: Vec<Entry>,
 }
 
-impl From<News> for Entry {
-    fn from(news: News) -> Self {
+impl Entry {
+    fn of(news: News, board: &Board) -> Self {
         let (id, at_ms) = (format!("urn:plumbline:{}", news.name()), news.at_ms());
         match news {
             News::Finished(row) => {
@@ -175,13 +177,19 @@ impl From<News> for Entry {
             }
             News::Acted(action) => Self {
                 id,
-                title: format!("{} by {}", action.action, action.actor),
+                title: title_of(&action, board),
                 link: format!("/runs/{}", action.run_id),
                 text: action.reason,
                 at_ms,
             },
         }
     }
+}
+
+/// Says what was done to the row of a run, and by whom.
+fn title_of(action: &ActionRow, board: &Board) -> String {
+    let agent = board.standing(&action.run_id).map_or("a run", |run| run.agent.as_str());
+    format!("{agent}: {} by {}", past(&action.action), action.actor)
 }
 
 impl Entry {
@@ -203,14 +211,13 @@ impl Entry {
 pub async fn get_board_feed(
     State(state): State<AppState>,
     Path(suite): Path<String>,
-    headers: HeaderMap,
+    origin: Origin,
 ) -> AppResult<Response> {
     let board = read::board(&state, &suite).await?;
-    let entries: Vec<Entry> = news(&board).into_iter().map(Entry::from).collect();
-    let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
+    let entries: Vec<Entry> = news(&board).into_iter().map(|it| Entry::of(it, &board)).collect();
     let feed = Feed {
         suite: board.entry.suite.id(),
-        host: named.unwrap_or("localhost").to_owned(),
+        origin,
         updated: rfc3339(entries.first().map_or(0, |entry| entry.at_ms)),
         entries,
     };

@@ -1,4 +1,4 @@
-//! Formats of a board page: JSON, CSV and NDJSON.
+//! Formats of a board page: JSON, CSV, NDJSON and Markdown.
 
 use std::borrow::Cow;
 
@@ -20,6 +20,8 @@ pub enum Format {
     Csv,
     /// One JSON object per row and line.
     Ndjson,
+    /// A table in Markdown.
+    Markdown,
 }
 
 /// Columns of the CSV table: the members of [`Line`].
@@ -151,12 +153,52 @@ pub fn render(body: &BoardBody, format: Format) -> AppResult<Document> {
             }
             Ok(Document { kind: "application/x-ndjson", bytes: Bytes::from(lines) })
         }
+        Format::Markdown => Ok(Document { kind: "text/markdown; charset=utf-8", bytes: markdown(body).into() }),
     }
+}
+
+/// Writes a page of a board as a table for READMEs and papers: what most readers compare.
+fn markdown(body: &BoardBody) -> String {
+    let mut table = format!(
+        "| Rank | Agent | {} | 95 % interval | Material | Shape | Size | Plausibility | Dependency | Finished |\n\
+         | ---: | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- |\n",
+        in_cell(&body.suite)
+    );
+    let percent = |rate: Option<f64>| rate.map_or_else(|| "n/a".to_owned(), |rate| format!("{:.1}", rate * 100.0));
+    for row in &body.rows {
+        let places = row.places.map_or_else(String::new, |places| match (places.first, places.last) {
+            (first, last) if first == last => first.to_string(),
+            (first, last) => format!("{first}–{last}"),
+        });
+        let interval = row
+            .interval
+            .map_or_else(String::new, |it| format!("{} to {}", percent(Some(it.low)), percent(Some(it.high))));
+        let per = &row.problems;
+        let rates = [per.material, per.shape, per.size, per.physical_plausibility, per.dependency];
+        let rates = rates.map(|rate| percent(rate.rate)).join(" | ");
+        let (agent, overall, day) = (in_cell(&row.agent), percent(row.overall.rate), &row.finished_at[..10]);
+        table.extend([format!("| {places} | {agent} | {overall} | {interval} | {rates} | {day} |\n")]);
+    }
+    table
+}
+
+/// Escapes a text for a cell of a Markdown table.
+fn in_cell(text: &str) -> String {
+    let is_special = |c: char| "\\`*_{}[]<>()#+-.!|&~".contains(c);
+    let escaped = text.chars().flat_map(|c| is_special(c).then_some('\\').into_iter().chain([c]));
+    escaped.map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_cannot_break_a_markdown_table() {
+        assert_eq!(in_cell("a|b"), "a\\|b");
+        assert_eq!(in_cell("<img>\n[x](y)"), "\\<img\\> \\[x\\]\\(y\\)");
+        assert_eq!(in_cell("агент 1"), "агент 1");
+    }
 
     #[test]
     fn names_are_no_formulas() {

@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use super::body::BoardBody;
 use super::formats::{Format, render};
-use crate::app::boards::leaderboard::{CoverageFilter, Direction, Selection, SortBy, page};
+use crate::app::boards::leaderboard::{CoverageFilter, Direction, RunsListed, Selection, SortBy, page};
 use crate::app::boards::read;
 use crate::app::error::AppResult;
 use crate::app::runs::body::RunProvenance;
@@ -40,6 +40,10 @@ pub struct BoardQuery {
     #[serde(default)]
     #[param(inline)]
     pub coverage: CoverageFilter,
+    /// Whether to list all runs, or the best run of each agent.
+    #[serde(default)]
+    #[param(inline)]
+    pub runs: RunsListed,
     /// Time at which to show the board: RFC 3339, or a date, which stands for the end of that day in UTC.
     pub as_of: Option<String>,
     /// Only rows after the row of this run, for paging.
@@ -48,7 +52,7 @@ pub struct BoardQuery {
     /// Maximum number of rows on the page.
     #[param(minimum = 1)]
     pub limit: Option<u32>,
-    /// Format of the page: `json`, `csv` or `ndjson`.
+    /// Format of the page: `json`, `csv`, `ndjson` or `markdown`.
     #[serde(default)]
     #[param(inline)]
     pub format: Format,
@@ -56,8 +60,9 @@ pub struct BoardQuery {
 
 impl From<BoardQuery> for Selection {
     fn from(query: BoardQuery) -> Self {
-        let BoardQuery { sort, order, agent, provenance, track, coverage, as_of, after, limit, format: _ } = query;
-        Self { sort, order, agent, provenance, track, coverage, as_of, after, limit }
+        let BoardQuery { sort, order, agent, provenance, track, coverage, runs, as_of, after, limit, format: _ } =
+            query;
+        Self { sort, order, agent, provenance, track, coverage, runs, as_of, after, limit }
     }
 }
 
@@ -70,7 +75,7 @@ impl From<BoardQuery> for Selection {
     responses(
         (status = 200, description = "A page of the board, in the requested format", content((BoardBody = "application/json",
          example = json!({ "suite": "mineceraft@3", "tasks": 723, "total": 0, "minimum_coverage": 1.0, "incomplete": 0, "rows": [], "next_after": null, "reported": [] })),
-         (String = "text/csv", example = "rank,first_place,last_place,run,agent\n"), (String = "application/x-ndjson", example = "{\"rank\":1}\n")),
+         (String = "text/csv", example = "rank,first_place,last_place,run,agent\n"), (String = "application/x-ndjson", example = "{\"rank\":1}\n"), (String = "text/markdown", example = "| Rank | Agent |\n")),
          headers(("ETag" = String, description = "Strong entity tag"))),
         (status = 304, description = "Not modified: If-None-Match names the current entity tag"),
     )

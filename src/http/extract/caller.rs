@@ -8,6 +8,7 @@ use std::sync::Arc;
 use axum::extract::{FromRequestParts, Request};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, header};
+use axum_extra::extract::CookieJar;
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 
@@ -38,6 +39,10 @@ pub struct Sender {
 
 /// Prefix of paths that contain a key.
 pub const KEY_PREFIX: &str = "/with-key/";
+/// Path of the page of operators, and the beginning of the paths of its forms.
+pub const MODERATION: &str = "/moderation";
+/// Cookie with the key of an operator; it counts only for that page.
+pub const KEY_COOKIE: &str = "plumbline_key";
 /// Paths for health probes and metrics collectors, which have no rate limit.
 pub const PROBES: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
 
@@ -60,7 +65,11 @@ pub async fn identify(state: &AppState, request: &mut Request) -> Result<Sender,
     }
     let peer = request.extensions().get::<Peer>().copied();
     let is_in_path = request.uri().path().starts_with(KEY_PREFIX);
-    let sent = if is_in_path { in_path(request.uri().path()) } else { in_headers(request.headers()) };
+    let sent = match request.uri().path() {
+        path if is_in_path => in_path(path),
+        path if path.starts_with(MODERATION) => in_cookie(request.headers()),
+        _ => in_headers(request.headers()),
+    };
     let (identified, left) = match sent {
         Sent::Nothing => (None, state.rates.without_key(peer, request.headers())?),
         Sent::Unreadable => {
@@ -173,6 +182,12 @@ fn in_headers(headers: &HeaderMap) -> Sent {
         }
         _ => Sent::Unreadable,
     }
+}
+
+/// Reads the key from the cookie of the page of operators.
+fn in_cookie(headers: &HeaderMap) -> Sent {
+    let jar = CookieJar::from_headers(headers);
+    jar.get(KEY_COOKIE).map_or(Sent::Nothing, |cookie| Sent::Key(cookie.value().to_owned()))
 }
 
 /// Reads the key from a path.

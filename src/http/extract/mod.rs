@@ -4,4 +4,5 @@ pub mod body;
 pub mod caller;
 pub mod conditional;
 pub mod idempotency;
+pub mod origin;
 pub mod params;

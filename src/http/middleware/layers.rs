@@ -20,7 +20,7 @@ use super::observe::{Owner, observe};
 use crate::app::error::{AppError, Kind};
 use crate::app::limits::LIMITS;
 use crate::http::error_page;
-use crate::http::extract::caller::{identify, without_key};
+use crate::http::extract::caller::{MODERATION, identify, without_key};
 use crate::http::problem::{PROBLEM_JSON, Problem};
 use crate::http::state::AppState;
 
@@ -110,7 +110,7 @@ fn must_be_text(request: &Request) -> Result<(), AppError> {
 pub async fn without_administration(request: Request, next: Next) -> Response {
     let path = request.uri().path();
     let is_board_action = request.method() == Method::POST && path.ends_with("/board-actions");
-    if path == "/metrics" || is_board_action {
+    if path == "/metrics" || path.starts_with(MODERATION) || is_board_action {
         return AppError::not_found("this is served on the administration listener only").into_response();
     }
     next.run(request).await

@@ -85,6 +85,12 @@ impl IntoResponse for RateLimited {
 }
 
 impl Rates {
+    /// Returns whether requests come through a proxy, whose headers are believed.
+    #[must_use]
+    pub const fn is_behind_proxy(&self) -> bool {
+        self.is_behind_proxy
+    }
+
     /// Creates the limiters.
     #[must_use]
     pub fn new(settings: RateSettings) -> Self {

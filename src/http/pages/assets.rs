@@ -15,8 +15,8 @@ use plumbline_engine::tasks::hex;
 pub const STYLE: &str = include_str!("assets/style.css");
 /// Script of the 3D view.
 pub const VIEWER: &str = include_str!("assets/viewer.js");
-/// Script that keeps countdowns running.
-pub const COUNTDOWN: &str = include_str!("assets/countdown.js");
+/// Script of all pages: countdowns, buttons that copy, and pages of what is under way.
+pub const PAGE: &str = include_str!("assets/page.js");
 /// Icon of all pages.
 pub const ICON: &str = include_str!("assets/icon.svg");
 /// Length of the version, in characters.
@@ -27,7 +27,7 @@ const VERSION_CHARS: usize = 16;
 #[must_use]
 pub fn version() -> &'static str {
     static VERSION: LazyLock<String> = LazyLock::new(|| {
-        let mut version = hex(&Sha256::digest([STYLE, VIEWER, COUNTDOWN, ICON].concat()));
+        let mut version = hex(&Sha256::digest([STYLE, VIEWER, PAGE, ICON].concat()));
         version.truncate(VERSION_CHARS);
         version
     });
@@ -41,7 +41,7 @@ pub fn version() -> &'static str {
 pub async fn get(Path(name): Path<String>, RawQuery(query): RawQuery, asked: HeaderMap) -> AppResult<Response> {
     let (kind, text) = match name.as_str() {
         "style.css" => ("text/css; charset=utf-8", STYLE),
-        "countdown.js" => ("text/javascript; charset=utf-8", COUNTDOWN),
+        "page.js" => ("text/javascript; charset=utf-8", PAGE),
         "icon.svg" => ("image/svg+xml", ICON),
         "viewer.js" => ("text/javascript; charset=utf-8", VIEWER),
         _ => return Err(AppError::not_found(format!("there is no asset {name:?}"))),

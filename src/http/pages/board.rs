@@ -1,21 +1,25 @@
-//! The page of a board and the page that compares two of its runs.
+//! The page of a board.
 
 use askama::Template;
 use axum::extract::{Path, RawQuery, State};
-use serde::Deserialize;
 
-use super::html::{self, PageResult};
+use super::html::{self, PageResult, Preview};
 use super::lines::{Line, lines, with_reported};
+use crate::app::boards::agents::telling;
 use crate::app::boards::breakdown::{GroupBy, of_rows};
-use crate::app::boards::comparison::compare;
-use crate::app::boards::leaderboard::{CoverageFilter, Direction, Selection, SortBy, page as rows_of};
+use crate::app::boards::cache::Board;
+use crate::app::boards::leaderboard::{
+    CoverageFilter, Direction, PageStart, RunsListed, Selection, SortBy, page as rows_of,
+};
 use crate::app::boards::read;
 use crate::app::boards::repeats::of_board;
 use crate::app::runs::body::RunProvenance;
+use crate::clock::{now_ms, rfc3339};
 use crate::http::boards::body::{BoardBody, BoardRow};
-use crate::http::boards::comparisons::{Breakdown, ComparedTask, Comparison};
+use crate::http::boards::comparisons::Breakdown;
 use crate::http::boards::leaderboard::BoardQuery;
 use crate::http::boards::repeats::RepeatGroup;
+use crate::http::extract::origin::Origin;
 use crate::http::extract::params;
 use crate::http::state::AppState;
 use plumbline_engine::grading::statistics::comparison::fisher;
@@ -62,6 +66,10 @@ struct Reported {
 
 #[derive(Template)]
 #[template(path = "board.html")]
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "each is an independent choice of the visitor, or says whether a part is shown"
+)]
 struct BoardPage {
     body: BoardBody,
     lines: Vec<Line>,
@@ -76,10 +84,18 @@ struct BoardPage {
     track: &'static str,
     tracks: &'static [Track],
     lists_incomplete: bool,
+    is_best_of_agent: bool,
     as_of: String,
     is_filtered: bool,
+    previous: Option<String>,
     next: Option<String>,
+    /// Query of the charts of the same runs.
+    charts: String,
+    /// Day of the page, for citations.
+    today: String,
+    preview: Preview,
     tables: Vec<Table>,
+    has_actions: bool,
     reported: Vec<Reported>,
     repeats: Vec<RepeatGroup>,
 }
@@ -104,14 +120,13 @@ impl BoardPage {
 ///
 /// # Errors
 /// Returns a 404 error if the suite does not exist and a 400 error if a parameter is invalid.
-pub async fn board(State(state): State<AppState>, Path(suite): Path<String>, RawQuery(raw): RawQuery) -> PageResult {
-    // An empty form field is an unset filter.
-    let set: Vec<(String, String)> = form_urlencoded::parse(raw.as_deref().unwrap_or_default().as_bytes())
-        .into_owned()
-        .filter(|(_, value)| !value.is_empty())
-        .collect();
-    let filled = form_urlencoded::Serializer::new(String::new()).extend_pairs(set).finish();
-    let query: BoardQuery = params::read(&filled)?;
+pub async fn board(
+    State(state): State<AppState>,
+    origin: Origin,
+    Path(suite): Path<String>,
+    RawQuery(raw): RawQuery,
+) -> PageResult {
+    let query: BoardQuery = params::read(&html::set_fields(raw.as_deref()))?;
     let links = Links::of(&suite, &query);
     let (is_ascending, provenance) = (query.order == Direction::Asc, query.provenance.map_or("", RunProvenance::name));
     let track = query.track.map_or("", Track::name);
@@ -134,6 +149,7 @@ pub async fn board(State(state): State<AppState>, Path(suite): Path<String>, Raw
     let is_first = wanted.after.is_none() && wanted.sort == SortBy::Overall && wanted.order == Direction::Desc;
     let shown = lines(&state, page.rows.clone()).await?;
     let shown = if is_first { with_reported(shown, &page.reported) } else { shown };
+    let previous = page.before.as_ref().map(|PageStart(after)| links.page(after.as_deref()));
     let body = BoardBody::from(page);
     let is_shown = |group: &RepeatGroup| wanted.track.is_none_or(|track| track == group.track);
     let repeats = of_board(&state, &board).await?.into_iter().map(RepeatGroup::from).filter(is_shown).collect();
@@ -150,9 +166,19 @@ pub async fn board(State(state): State<AppState>, Path(suite): Path<String>, Raw
     html::page(&BoardPage {
         lines: shown,
         versions: versions.into_iter().map(|(_, id)| id).collect(),
+        has_actions: !board.actions.is_empty(),
         repeats,
         reported: reported(&body.reported),
-        next: body.next_after.as_ref().map(|after| links.next_page(after)),
+        preview: Preview {
+            origin,
+            path: format!("/boards/{}", body.suite),
+            title: format!("Leaderboard of {}", body.suite),
+            image: image_of(&board),
+        },
+        charts: links.charts(),
+        today: rfc3339(now_ms())[..10].to_owned(),
+        previous,
+        next: body.next_after.as_ref().map(|after| links.page(Some(after))),
         columns: links.columns(),
         sort: links.sort(),
         is_ascending,
@@ -161,6 +187,7 @@ pub async fn board(State(state): State<AppState>, Path(suite): Path<String>, Raw
         provenance,
         track,
         tracks: board.entry.suite.tracks(),
+        is_best_of_agent: wanted.runs == RunsListed::BestOfAgent,
         lists_incomplete: wanted.coverage == CoverageFilter::Incomplete,
         agent: wanted.agent.unwrap_or_default(),
         as_of: wanted.as_of.unwrap_or_default(),
@@ -186,6 +213,7 @@ impl<'q> Links<'q> {
             ("provenance", query.provenance.map(|provenance| provenance.name().to_owned())),
             ("track", query.track.map(|track| track.name().to_owned())),
             ("coverage", (query.coverage == CoverageFilter::Incomplete).then(|| "incomplete".to_owned())),
+            ("runs", (query.runs == RunsListed::BestOfAgent).then(|| "best_of_agent".to_owned())),
             ("as_of", query.as_of.clone()),
         ];
         let filters = filters.into_iter().filter_map(|(name, value)| Some((name, value?))).collect();
@@ -212,8 +240,14 @@ impl<'q> Links<'q> {
         COLUMNS.map(column).into()
     }
 
-    fn next_page(&self, after: &str) -> String {
-        self.link(self.sort(), self.order, Some(after))
+    fn page(&self, after: Option<&str>) -> String {
+        self.link(self.sort(), self.order, after)
+    }
+
+    /// Returns the query of the charts of these runs: of the filters, those that charts have.
+    fn charts(&self) -> String {
+        let kept = self.filters.iter().filter(|(name, _)| ["track", "as_of"].contains(name));
+        form_urlencoded::Serializer::new(String::new()).extend_pairs(kept).finish()
     }
 
     fn link(&self, sort: &str, order: Direction, after: Option<&str>) -> String {
@@ -227,6 +261,13 @@ impl<'q> Links<'q> {
         query.extend_pairs(after.map(|after| ("after", after)));
         format!("/boards/{}?{}", self.suite, query.finish())
     }
+}
+
+/// Returns the path of a picture that stands for a board: the build of the best run that the fewest others match.
+fn image_of(board: &Board) -> Option<String> {
+    let best = board.rows.all.first()?;
+    let place = *telling(board, best).best.first()?;
+    Some(format!("/runs/{}/tasks/{}/preview.png", best.run, board.entry.suite.tasks[place].number))
 }
 
 /// Ranks the reported rows among each other and formats them for the page.
@@ -261,46 +302,6 @@ fn reported(rows: &[ReportedRow]) -> Vec<Reported> {
     rows.iter().enumerate().map(told).collect()
 }
 
-impl ComparePage {
-    fn p_value(&self) -> String {
-        html::probability(self.told.p_value)
-    }
-
-    /// Returns each agent with the tasks that it alone solves.
-    fn sides(&self) -> [(&str, &[ComparedTask]); 2] {
-        let Comparison { a, b, only_a, only_b, .. } = &self.told;
-        [(&a.agent, only_a), (&b.agent, only_b)]
-    }
-}
-
-/// The two runs to compare.
-#[derive(Debug, Deserialize)]
-pub struct Two {
-    a: String,
-    b: String,
-}
-
-#[derive(Template)]
-#[template(path = "compare.html")]
-struct ComparePage {
-    suite: String,
-    told: Comparison,
-}
-
-/// Serves the page that compares two runs of a board.
-///
-/// # Errors
-/// Returns a 404 error if the suite does not exist or its board has no such run.
-pub async fn compare_runs(
-    State(state): State<AppState>,
-    Path(suite): Path<String>,
-    RawQuery(raw): RawQuery,
-) -> PageResult {
-    let two: Two = params::read(raw.as_deref().unwrap_or_default())?;
-    let told = compare(&state, &suite, &two.a, &two.b).await?;
-    html::page(&ComparePage { suite: told.board.entry.suite.id(), told: told.into() })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -317,7 +318,7 @@ mod tests {
         let columns = links.columns();
         assert_eq!(columns[0].link, format!("/boards/lite?sort=overall&{filters}"));
         assert_eq!(columns[3].link, format!("/boards/lite?sort=shape&{filters}"), "the other direction");
-        assert_eq!(links.next_page("y"), format!("/boards/lite?sort=shape&order=asc&{filters}&after=y"));
+        assert_eq!(links.page(Some("y")), format!("/boards/lite?sort=shape&order=asc&{filters}&after=y"));
         assert!(links.is_filtered());
     }
 

@@ -2,13 +2,13 @@
 
 use askama::Template;
 use axum::extract::{Path, State};
-use axum::http::{HeaderMap, header};
 
 use super::html::{self, PageResult};
 use crate::app::error::AppResult;
 use crate::app::hidden::boards::{TierBoard, board_of};
 use crate::app::hidden::epochs;
 use crate::clock::{milliseconds, now_ms};
+use crate::http::extract::origin::Origin;
 use crate::http::hidden::epochs::EpochBody;
 use crate::http::state::AppState;
 use plumbline_engine::hidden::feedback::Tier;
@@ -85,7 +85,7 @@ fn span(ms: i64) -> String {
 #[template(path = "epochs.html")]
 struct EpochsPage {
     epochs: Vec<Shown>,
-    host: String,
+    origin: Origin,
     key: String,
 }
 
@@ -93,12 +93,11 @@ struct EpochsPage {
 ///
 /// # Errors
 /// Returns an error if the database fails.
-pub async fn epochs(State(state): State<AppState>, headers: HeaderMap) -> PageResult {
-    let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
+pub async fn epochs(State(state): State<AppState>, origin: Origin) -> PageResult {
     let epochs = epochs::epochs(&state).await?;
     html::page(&EpochsPage {
         epochs: epochs.into_iter().map(|epoch| Shown::of(epoch.into(), now_ms())).collect(),
-        host: named.unwrap_or("localhost:7586").to_owned(),
+        origin,
         key: state.receipt_key.clone(),
     })
 }

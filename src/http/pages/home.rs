@@ -2,7 +2,6 @@
 
 use askama::Template;
 use axum::extract::State;
-use axum::http::{HeaderMap, header};
 
 use super::epochs::{Next, next_of};
 use super::html::{self, PageResult};
@@ -11,6 +10,7 @@ use crate::app::access::Openness;
 use crate::app::boards::leaderboard::best_of_newest;
 use crate::app::boards::tasks::{Contrast, contrast};
 use crate::app::runs::read::answer;
+use crate::http::extract::origin::Origin;
 use crate::http::state::AppState;
 
 /// Number of rows of each board.
@@ -57,8 +57,7 @@ struct Home {
     others: Vec<String>,
     pair: Option<Pair>,
     epoch: Option<(String, Next)>,
-    /// Host of the service, from the `Host` header of the request.
-    host: String,
+    origin: Origin,
     is_open: bool,
 }
 
@@ -66,9 +65,7 @@ struct Home {
 ///
 /// # Errors
 /// Returns an error if the database fails.
-pub async fn home(State(state): State<AppState>, headers: HeaderMap) -> PageResult {
-    let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
-    let host = named.unwrap_or("localhost:7586").to_owned();
+pub async fn home(State(state): State<AppState>, origin: Origin) -> PageResult {
     let (newest, others) = best_of_newest(&state, ROWS).await?;
     let pair = match newest.first().and_then(|page| contrast(&page.board)) {
         Some(Contrast { place, solves, fails }) => {
@@ -104,5 +101,5 @@ pub async fn home(State(state): State<AppState>, headers: HeaderMap) -> PageResu
         });
     }
     let is_open = state.keys.open == Openness::Open;
-    html::page(&Home { boards, others, pair, epoch: next_of(&state).await?, host, is_open })
+    html::page(&Home { boards, others, pair, epoch: next_of(&state).await?, origin, is_open })
 }

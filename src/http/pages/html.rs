@@ -7,11 +7,24 @@ use axum::response::{IntoResponse, Response};
 
 use crate::app::error::AppError;
 use crate::http::error_page::{page_headers, page_of};
+use crate::http::extract::origin::Origin;
 use crate::http::problem::Problem;
 use plumbline_engine::grading::statistics::interval::Interval;
 use plumbline_engine::grading::statistics::ranks::RankRange;
 
 pub use crate::near::counted;
+
+/// What messengers and feeds show of a page.
+pub struct Preview {
+    /// Origin of the service.
+    pub origin: Origin,
+    /// Path of the page.
+    pub path: String,
+    /// Title.
+    pub title: String,
+    /// Path of a picture.
+    pub image: Option<String>,
+}
 
 /// Result of a page handler.
 pub type PageResult = Result<Response, PageError>;
@@ -36,6 +49,13 @@ impl IntoResponse for PageError {
 pub fn page(template: &impl Template) -> PageResult {
     let text = template.render().map_err(|error| AppError::internal(&error))?;
     Ok((page_headers(), text).into_response())
+}
+
+/// Returns a query without its empty fields: an empty field of a form is not set.
+#[must_use]
+pub fn set_fields(raw: Option<&str>) -> String {
+    let fields = form_urlencoded::parse(raw.unwrap_or_default().as_bytes()).filter(|(_, value)| !value.is_empty());
+    form_urlencoded::Serializer::new(String::new()).extend_pairs(fields).finish()
 }
 
 /// Formats a share as a percentage; `n/a` for `None`.

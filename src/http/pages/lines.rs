@@ -7,6 +7,7 @@ use crate::app::cards::card::{Card, Openness};
 use crate::app::cards::of_runs;
 use crate::app::error::AppResult;
 use crate::http::boards::body::BoardRow;
+use plumbline_engine::grading::summary::{Graded, PerCriterion, ProblemRate};
 use plumbline_engine::tasks::reported::ReportedRow;
 
 /// Line of a board: a run, or a result that others report.
@@ -47,17 +48,7 @@ pub struct Part {
 impl RunLine {
     /// Returns the seven criteria.
     pub fn parts(&self) -> [Part; 7] {
-        let (problems, graded) = (&self.row.problems, &self.row.graded);
-        let part = |name, value| Part { name, value };
-        [
-            part("material", problems.material.rate),
-            part("shape", problems.shape.rate),
-            part("size", problems.size.rate),
-            part("plausibility", problems.physical_plausibility.rate),
-            part("stability", graded.stress.mean),
-            part("efficiency", graded.efficiency.mean),
-            part("dependency", problems.dependency.rate),
-        ]
+        criteria(&self.row.problems, &self.row.graded)
     }
 
     /// Returns the bounds of the interval in percent; empty without one.
@@ -71,6 +62,20 @@ impl Part {
     pub fn percent(&self) -> String {
         self.value.map_or_else(|| "–".to_owned(), |value| format!("{:.0}", value * 100.0))
     }
+}
+
+/// Returns the seven criteria of a run: shares of problems that pass, and for stability and efficiency mean scores.
+pub fn criteria(problems: &PerCriterion<ProblemRate>, graded: &Graded) -> [Part; 7] {
+    let part = |name, value| Part { name, value };
+    [
+        part("material", problems.material.rate),
+        part("shape", problems.shape.rate),
+        part("size", problems.size.rate),
+        part("plausibility", problems.physical_plausibility.rate),
+        part("stability", graded.stress.mean),
+        part("efficiency", graded.efficiency.mean),
+        part("dependency", problems.dependency.rate),
+    ]
 }
 
 /// Puts what cards declare beside rows of a board.
@@ -88,7 +93,7 @@ pub async fn lines(app: &App, rows: Vec<Row>) -> AppResult<Vec<Line>> {
         let first = row.places.map(|places| places.first);
         let begins_group = before.zip(first).is_some_and(|(before, first)| first > before);
         before = first.or(before);
-        let cost = card.cost.as_ref().map(|cost| format!("{} {}", rounded(cost.amount), cost.currency));
+        let cost = card.cost.as_ref().map(|cost| format!("{} {}", money(cost.amount), cost.currency));
         let copied_from = row.copied_from;
         Line::Run(Box::new(RunLine { about: about(&card, owner), cost, copied_from, begins_group, row: row.into() }))
     };
@@ -125,7 +130,7 @@ fn about(card: &Card, owner: Option<String>) -> String {
 }
 
 /// Writes an amount of money: cents where they matter.
-fn rounded(amount: f64) -> String {
+pub fn money(amount: f64) -> String {
     match amount {
         amount if amount >= 100.0 => format!("{amount:.0}"),
         amount if amount >= 0.01 => format!("{amount:.2}"),
@@ -170,6 +175,6 @@ mod tests {
         let card: Card = serde_json::from_value(card).unwrap();
         assert_eq!(about(&card, Some("lab".to_owned())), "m-7b · lab · open weights");
         assert_eq!(about(&Card::default(), None), "");
-        assert_eq!([rounded(0.5), rounded(123.4), rounded(0.0004)], ["0.50", "123", "0.0004"]);
+        assert_eq!([money(0.5), money(123.4), money(0.0004)], ["0.50", "123", "0.0004"]);
     }
 }

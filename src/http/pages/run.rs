@@ -5,7 +5,8 @@ use axum::extract::{Path, RawQuery, State};
 use axum::response::{IntoResponse as _, Redirect};
 use serde::Deserialize;
 
-use super::html::{self, PageResult};
+use super::html::{self, PageResult, Preview};
+use crate::app::boards::agents::{Telling, telling};
 use crate::app::boards::breakdown::GroupBy;
 use crate::app::boards::tasks::TaskResult;
 use crate::app::cards::card::{Card, Link, Openness};
@@ -14,6 +15,7 @@ use crate::app::runs::results::{TasksOfRun, results};
 use crate::clock::rfc3339;
 use crate::http::boards::body::BoardRow;
 use crate::http::boards::comparisons::Breakdown;
+use crate::http::extract::origin::Origin;
 use crate::http::extract::params;
 use crate::http::state::AppState;
 use crate::store::run_rows::RunRow;
@@ -73,13 +75,19 @@ struct RunPage {
     metadata: String,
     card: Vec<(&'static str, String)>,
     links: Vec<Link>,
+    preview: Preview,
 }
 
 /// Serves the page of a run.
 ///
 /// # Errors
 /// Returns a 404 error if the run does not exist.
-pub async fn run(State(state): State<AppState>, Path(id): Path<String>, RawQuery(raw): RawQuery) -> PageResult {
+pub async fn run(
+    State(state): State<AppState>,
+    origin: Origin,
+    Path(id): Path<String>,
+    RawQuery(raw): RawQuery,
+) -> PageResult {
     let query: RunQuery = params::read(raw.as_deref().unwrap_or_default())?;
     let mut results = results(&state, &id).await?;
     let anonymous_until = results.run.embargo.as_ref().map(|embargo| rfc3339(embargo.until_ms));
@@ -102,7 +110,22 @@ pub async fn run(State(state): State<AppState>, Path(id): Path<String>, RawQuery
     let is_hidden = results.is_hidden();
     let card: Option<Card> = results.run.card.clone().and_then(|card| serde_json::from_value(card).ok());
     let card = card.unwrap_or_default();
+    let suite = &results.board.entry.suite;
+    let shown = results.row.as_ref().and_then(|row| {
+        let Telling { best, worst } = telling(&results.board, &row.standing);
+        best.first().or(worst.first()).map(|place| suite.tasks[*place].number)
+    });
+    let preview = Preview {
+        origin,
+        path: format!("/runs/{id}"),
+        title: match &results.row {
+            Some(row) => format!("{}: {} on {}", row.standing.agent, html::percent(row.standing.rate()), suite.id()),
+            None => format!("{} on {}", results.run.agent, suite.id()),
+        },
+        image: shown.map(|number| format!("/runs/{id}/tasks/{number}/preview.png")),
+    };
     html::page(&RunPage {
+        preview,
         begun: rfc3339(results.run.created_at_ms),
         anonymous_until,
         withdrawn: results.run.withdrawn.clone().map(|(at_ms, reason)| (rfc3339(at_ms), reason)),

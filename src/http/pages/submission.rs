@@ -12,15 +12,16 @@ use sha2::{Digest as _, Sha256};
 use super::assets;
 use super::claims;
 use super::findings;
-use super::html::{self, PageResult, json_in_markup};
+use super::html::{self, PageResult, Preview, json_in_markup};
 use crate::actions::CodeError;
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::error::AppError;
 use crate::app::runs::read::answer;
-use crate::app::submissions::read::{details, log, stored};
+use crate::app::submissions::read::{details, log, status, stored};
 use crate::app::submissions::stress::{StressedStructure, of_submission};
 use crate::clock::rfc3339;
 use crate::http::extract::caller::Reader;
+use crate::http::extract::origin::Origin;
 use crate::http::extract::params;
 use crate::http::state::AppState;
 use crate::http::submissions::stress::{StressFormat, write};
@@ -29,6 +30,7 @@ use crate::pictures::isometric;
 use crate::store::reports::ReportRow;
 use crate::store::states::SubmissionState;
 use crate::store::submissions::SubmissionRow;
+use plumbline_engine::builders::build;
 use plumbline_engine::elasticity::field::Method;
 use plumbline_engine::grading::Report;
 use plumbline_engine::grading::report::{CheckReport, TurnReport};
@@ -49,6 +51,8 @@ pub struct View {
     pub has_stress: bool,
     /// Whether failed checks have witness cells.
     pub has_witnesses: bool,
+    /// Whether the scene names the log of a reference build.
+    pub has_reference: bool,
 }
 
 /// A submission with everything that its page shows.
@@ -62,6 +66,8 @@ pub struct Shown {
     prompts: Vec<String>,
     created: String,
     graded: String,
+    /// Number of submissions ahead of it while it is queued, and the estimated seconds until its grading begins.
+    queued: Option<(i64, Option<f64>)>,
     view: View,
 }
 
@@ -92,7 +98,25 @@ impl Shown {
     }
 
     /// Says what follows for a submission without a report.
-    const fn what_next(&self) -> &'static str {
+    fn what_next(&self) -> String {
+        if let Some((ahead, seconds)) = self.queued {
+            let place = match ahead {
+                0 => "It is next in the queue".to_owned(),
+                ahead => format!("{} ahead of it in the queue", html::counted(ahead, "submission")),
+            };
+            let when = seconds.map(|s| format!(", about {}", html::duration(s.ceil() as i64))).unwrap_or_default();
+            return format!("{place}{when}. This page shows the verdict once it is graded.");
+        }
+        self.meaning().to_owned()
+    }
+
+    /// Returns whether it is still to be graded.
+    const fn is_under_way(&self) -> bool {
+        matches!(self.row.state, SubmissionState::Queued | SubmissionState::Grading)
+    }
+
+    /// Says what the state means.
+    const fn meaning(&self) -> &'static str {
         match self.row.state {
             SubmissionState::Queued => "It waits for its turn. This page shows the verdict once it is graded.",
             SubmissionState::Grading => "It is being graded. This page shows the verdict once it is.",
@@ -134,6 +158,7 @@ impl Shown {
 #[template(path = "submission.html")]
 struct SubmissionPage {
     one: Shown,
+    preview: Preview,
 }
 
 #[derive(Template)]
@@ -177,6 +202,11 @@ fn palette(json: &[u8]) -> Result<Vec<String>, AppError> {
 }
 
 async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Result<Shown, AppError> {
+    let mut queued = None;
+    if row.state == SubmissionState::Queued {
+        let waits = status(state, &row.id).await?;
+        queued = waits.queued_before.map(|ahead| (ahead, waits.estimated_seconds));
+    }
     let details = details(state, row).await?;
     let id = &details.row.id;
     let cells = witnesses(details.report.as_ref());
@@ -189,6 +219,7 @@ async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Re
         "looks": looks_of(names.iter().map(String::as_str)),
         "stress": { "sph": field("sph"), "fem": field("fem") },
         "witnesses": cells,
+        "reference": format!("/suites/{}/tasks/{}/reference.json", details.entry.suite.id(), details.row.task_number),
     });
     let task = details.task().map(|task| task.id.clone()).unwrap_or_default();
     let prompts = details.task().map(|task| task.turns.iter().map(|turn| turn.prompt.clone()).collect());
@@ -200,6 +231,7 @@ async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Re
             camera,
             has_stress: details.has_stress(),
             has_witnesses: !cells.is_empty(),
+            has_reference: details.task().is_some_and(|task| build(task).is_ok()),
         },
         task,
         prompts: prompts.unwrap_or_default(),
@@ -208,6 +240,7 @@ async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Re
         graded: details.report.as_ref().map(|report| rfc3339(report.graded_at_ms)).unwrap_or_default(),
         report: details.report,
         replays: details.row.replays.as_deref().and_then(|json| serde_json::from_str(json).ok()).unwrap_or_default(),
+        queued,
         row: details.row,
     })
 }
@@ -216,9 +249,18 @@ async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Re
 ///
 /// # Errors
 /// Returns a 404 error if the submission does not exist.
-pub async fn submission(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
+pub async fn submission(State(state): State<AppState>, origin: Origin, Path(id): Path<String>) -> PageResult {
     let row = stored(&state, &id).await?;
-    html::page(&SubmissionPage { one: shown(&state, row, "").await? })
+    let one = shown(&state, row, "").await?;
+    let verdict = one.graded_report().map(|report| if report.overall { "solved" } else { "not solved" });
+    let agent = one.agent.as_ref().map(|agent| format!(" by {agent}")).unwrap_or_default();
+    let preview = Preview {
+        origin,
+        path: format!("/submissions/{id}"),
+        title: format!("{}{agent}: {}", one.task, verdict.unwrap_or(one.row.state.name())),
+        image: Some(format!("/submissions/{id}/preview.png")),
+    };
+    html::page(&SubmissionPage { one, preview })
 }
 
 /// The pair to show: two submissions, or the submissions of two runs for one task.
@@ -312,6 +354,7 @@ pub async fn evidence(State(state): State<AppState>, Reader(who): Reader, Path(i
     let names = palette(log.to_string().as_bytes())?;
     let looks = looks_of(names.iter().map(String::as_str));
     let scene = json!({ "log": log, "looks": looks, "stress": stress, "witnesses": cells });
+    one.view.has_reference = false;
     one.view.scene = json_in_markup(&scene);
     "data:,".clone_into(&mut one.view.picture);
     let text = EvidencePage { one, style: assets::STYLE, viewer: assets::VIEWER }

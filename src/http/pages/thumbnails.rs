@@ -1,4 +1,4 @@
-//! Small pictures of builds, drawn once and kept.
+//! Pictures of builds as PNG, small ones for pages and larger ones for previews of messengers, drawn once and kept.
 
 use std::sync::Arc;
 
@@ -20,12 +20,15 @@ use plumbline_engine::voxel::BlockLog;
 use plumbline_engine::voxel::replay::Replay;
 
 /// Longer side of a thumbnail, in pixels: twice that on the page, for sharp screens.
-const SIDE: u32 = 320;
-/// Serves a thumbnail of the build of a submission.
+pub const THUMBNAIL: u32 = 320;
+/// Longer side of a preview for messengers, in pixels.
+pub const PREVIEW: u32 = 1_200;
+
+/// Serves a picture of the build of a submission.
 ///
 /// # Errors
 /// Returns a 404 error if the submission does not exist.
-pub async fn of_submission(
+pub async fn of_submission<const SIDE: u32>(
     State(state): State<AppState>,
     Reader(who): Reader,
     asked: HeaderMap,
@@ -36,28 +39,28 @@ pub async fn of_submission(
         let json = log(&state, &id).await?;
         BlockLog::from_canonical_json(&json).map_err(|error| AppError::internal(&error))
     };
-    Ok(drawn(&state, &who, &asked, format!("submission {id}"), read).await?)
+    Ok(drawn::<SIDE>(&state, &who, &asked, format!("submission {id}"), read).await?)
 }
 
-/// Serves a thumbnail of a run's build for a task.
+/// Serves a picture of a run's build for a task.
 ///
 /// # Errors
 /// Returns a 404 error if the run has no submission for the task.
-pub async fn of_run(
+pub async fn of_run<const SIDE: u32>(
     state: State<AppState>,
     reader: Reader,
     asked: HeaderMap,
     Path((run, number)): Path<(String, u32)>,
 ) -> PageResult {
     let row = answer(&state, &run, number).await?;
-    of_submission(state, reader, asked, Path(row.id)).await
+    of_submission::<SIDE>(state, reader, asked, Path(row.id)).await
 }
 
-/// Serves a thumbnail of the reference build of a task.
+/// Serves a picture of the reference build of a task.
 ///
 /// # Errors
 /// Returns a 404 error if the suite or the task does not exist, or no builder can build it.
-pub async fn of_task(
+pub async fn of_task<const SIDE: u32>(
     State(state): State<AppState>,
     Reader(who): Reader,
     asked: HeaderMap,
@@ -65,11 +68,11 @@ pub async fn of_task(
 ) -> PageResult {
     let suite = state.suite(&suite).await?.suite.id();
     let read = async || example(&state, &suite, number).await;
-    Ok(drawn(&state, &who, &asked, format!("task {suite} {number}"), read).await?)
+    Ok(drawn::<SIDE>(&state, &who, &asked, format!("task {suite} {number}"), read).await?)
 }
 
-/// Returns the thumbnail of a build; draws it if nobody has asked for it lately.
-async fn drawn(
+/// Returns the picture of a build; draws it if nobody has asked for it lately.
+async fn drawn<const SIDE: u32>(
     state: &AppState,
     who: &Arc<str>,
     asked: &HeaderMap,
@@ -77,7 +80,7 @@ async fn drawn(
     read: impl AsyncFnOnce() -> AppResult<BlockLog>,
 ) -> AppResult<Response> {
     // Another version of the program may draw otherwise.
-    let name = format!("thumbnail {} {what}", env!("CARGO_PKG_VERSION"));
+    let name = format!("thumbnail {} {SIDE} {what}", env!("CARGO_PKG_VERSION"));
     if let Some(response) = state.documents.known(asked, &name)? {
         return Ok(kept_for_a_day(response));
     }

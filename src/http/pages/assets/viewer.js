@@ -76,6 +76,28 @@ function matrix({ yaw, pitch, distance, centre }, aspect) {
   return new Float32Array(columns);
 }
 
+/* Returns the edges of what stands at the end of a log, as pairs of ends, moved so that its lowest layer is centred on
+   `centre`. Edges inside a plane side are left out. */
+function outline(log, centre) {
+  const blocks = new Map();
+  for (const [x, y, z, material] of log.turns.flat()) {
+    if (material === undefined) blocks.delete(key(x, y, z));
+    else blocks.set(key(x, y, z), [x, y, z]);
+  }
+  const cells = [...blocks.values()], ends = [0, 1, 2].map((i) => [Math.min(...cells.map((c) => c[i])), Math.max(...cells.map((c) => c[i])) + 1]);
+  const move = ends.map(([low, high], i) => (i === 1 ? centre[1] - low : Math.round(centre[i] - (low + high) / 2)));
+  const edges = new Map();
+  for (const cell of cells) SIDES.forEach(([way, , corners], side) => {
+    if (blocks.has(key(...cell.map((c, i) => c + way[i])))) return;
+    corners.forEach((corner, i) => {
+      const pair = [corner, corners[(i + 1) % 4]].map((at) => at.map((c, j) => c + cell[j] + move[j])).sort((a, b) => a[0] - b[0] || a[1] - b[1] || a[2] - b[2]);
+      const name = `${side} ${pair}`;
+      edges.has(name) ? edges.delete(name) : edges.set(name, pair);
+    });
+  });
+  return [...edges.values()];
+}
+
 class Viewer {
   constructor(root, scene, log) {
     this.root = root;
@@ -106,6 +128,8 @@ class Viewer {
     this.order = gl.createBuffer();
     this.path = gl.createBuffer();
     this.lines = gl.createBuffer();
+    this.ghostLines = gl.createBuffer();
+    this.ghostEnds = 0;
     this.bounds();
     const shared = this.root.dataset.camera;
     this.camera = (shared && cameras.get(shared)) || { yaw: 0.7, pitch: 0.55, distance: this.size * 1.1 + 5, views: [] };
@@ -248,6 +272,14 @@ class Viewer {
           gl.drawArrays(gl.LINES, 2 * i, 2);
         });
       }
+      if (this.ghost?.checked && this.ghostEnds) {
+        gl.uniform1f(edges, 0);
+        gl.disableVertexAttribArray(1);
+        gl.vertexAttrib4f(1, 0.75, 0.15, 0.75, 1);
+        gl.bindBuffer(gl.ARRAY_BUFFER, this.ghostLines);
+        gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
+        gl.drawArrays(gl.LINES, 0, this.ghostEnds);
+      }
       if (this.steps > 1) {
         gl.disable(gl.DEPTH_TEST);
         gl.uniform1f(edges, 0);
@@ -270,6 +302,8 @@ class Viewer {
     this.slice.addEventListener("input", () => this.rebuild());
     this.walk.addEventListener("input", () => this.rebuild());
     this.ground.addEventListener("input", () => this.rebuild());
+    this.ghost = find("ghost");
+    this.ghost?.addEventListener("input", () => this.haunt());
     this.names = AXES.map(([name]) => {
       const label = Object.assign(document.createElement("span"), { className: `axis ${name}`, ariaHidden: "true" });
       this.canvas.after(label);
@@ -310,6 +344,26 @@ class Viewer {
     const mode = check.open && this.witnesses.length ? "witness" : "material";
     // A check without flagged blocks leaves the colours as they are.
     if (mode === "witness" || (!check.open && this.mode === "witness")) this.colour(mode);
+  }
+
+  /* Draws the edges of the reference build where the agent built, to compare the two. */
+  async haunt() {
+    if (this.ghost.checked && !this.ghostEnds) {
+      const answer = await fetch(this.scene.reference);
+      if (!answer.ok) {
+        this.legend.textContent = "There is no reference build for this task.";
+        this.ghost.checked = false;
+        return;
+      }
+      const base = [this.centre[0], Math.max(0, -this.origin[1]), this.centre[2]];
+      const ends = outline(await answer.json(), base).flat(2), gl = this.gl;
+      gl.bindBuffer(gl.ARRAY_BUFFER, this.ghostLines);
+      gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(ends), gl.STATIC_DRAW);
+      this.ghostEnds = ends.length / 3;
+    }
+    this.canvas.dataset.ghost = this.ghost.checked ? this.ghostEnds : 0;
+    this.legend.textContent = this.ghost.checked ? "Purple lines: a reference build, moved to where this one stands" : "";
+    this.draw();
   }
 
   /* Returns the cells of the flat world's ground around the build, without those that the build touches. */

@@ -1,0 +1,60 @@
+//! The criteria of two runs, joined.
+
+use super::drawing::{Drawing, short};
+use super::figure::{Figure, FigureRow};
+use crate::http::pages::html;
+use crate::http::pages::lines::criteria;
+use plumbline_engine::grading::standings::Standing;
+
+/// Left end and width of the scale, its top, and the height of a criterion.
+const PLOT: [f64; 4] = [120.0, 560.0, 34.0, 34.0];
+/// Width of the chart.
+const WIDTH: f64 = 720.0;
+
+/// Draws the criteria of two runs.
+pub fn draw(a: &Standing, b: &Standing) -> Figure {
+    let of = |run: &Standing| criteria(&run.summary.problem_level.per, &run.summary.graded);
+    let (one, other) = (of(a), of(b));
+    let [left, width, top, row] = PLOT;
+    let height = top + row * one.len() as f64 + 24.0;
+    let mut drawing = Drawing::new(WIDTH, height);
+    for (i, run) in [a, b].into_iter().enumerate() {
+        let x = left + 290.0 * i as f64;
+        drawing.mark(&format!("s{i}"), i, [x, 12.0], &run.agent);
+        drawing.text("", [x + 12.0, 16.0], &short(&run.agent, 34));
+    }
+    for tick in 0..=4 {
+        let x = left + f64::from(tick) / 4.0 * width;
+        drawing.line("grid", [x, top], [x, height - 24.0]);
+        drawing.text("soft mid", [x, height - 6.0], &format!("{} %", 25 * tick));
+    }
+    let mut rows = Vec::new();
+    for (i, (one, other)) in one.iter().zip(&other).enumerate() {
+        let y = top + row * (i as f64 + 0.5);
+        drawing.text("end", [left - 14.0, y + 4.0], one.name);
+        if let (Some(from), Some(to)) = (one.value, other.value) {
+            drawing.line("rule", [left + from * width, y], [left + to * width, y]);
+        }
+        for (series, (run, part)) in [(a, one), (b, other)].into_iter().enumerate() {
+            if let Some(value) = part.value {
+                let told = format!("{}, {}: {}", run.agent, part.name, html::percent(part.value));
+                drawing.mark(&format!("s{series}"), series, [left + value * width, y], &told);
+            }
+        }
+        let difference = one.value.zip(other.value).map(|(one, other)| format!("{:+.1}", (other - one) * 100.0));
+        let cells = vec![html::percent(one.value), html::percent(other.value), difference.unwrap_or_default()];
+        rows.push(FigureRow { name: one.name.to_owned(), run: None, cells });
+    }
+    let title = "Criteria of both runs";
+    let about =
+        "Shares of all problems that pass; for stability and efficiency, mean scores over problems that have a build."
+            .to_owned();
+    Figure {
+        svg: drawing.finish(title, &about),
+        title,
+        about,
+        size: [WIDTH, height],
+        head: ["criterion", "first run", "second run", "difference, points"].map(ToOwned::to_owned).into(),
+        rows,
+    }
+}

@@ -1,0 +1,81 @@
+//! The page that compares two runs of a board.
+
+use askama::Template;
+use axum::extract::{Path, RawQuery, State};
+use serde::Deserialize;
+
+use super::charts::figure::Figure;
+use super::charts::{dumbbells, svg};
+use super::html::{self, PageResult};
+use crate::app::boards::comparison::compare;
+use crate::http::boards::comparisons::{ComparedTask, Comparison};
+use crate::http::extract::params;
+use crate::http::state::AppState;
+use plumbline_engine::grading::statistics::ALPHA;
+
+/// Number of tasks shown with both builds; the others are links.
+const WITH_BUILDS: usize = 12;
+
+/// The two runs to compare.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Two {
+    a: String,
+    b: String,
+}
+
+#[derive(Template)]
+#[template(path = "compare.html")]
+struct ComparePage {
+    suite: String,
+    told: Comparison,
+    figure: Figure,
+}
+
+impl ComparePage {
+    /// Says in one sentence what the test tells.
+    fn verdict(&self) -> String {
+        let Comparison { a, b, only_a, only_b, p_value, .. } = &self.told;
+        let p = html::probability(*p_value);
+        let p = if p.starts_with('<') { format!("p {p}") } else { format!("p = {p}") };
+        let better = if only_a.len() > only_b.len() { &a.agent } else { &b.agent };
+        match *p_value <= ALPHA {
+            true if a.agent == b.agent => format!("{p}: significant difference."),
+            true => format!("{p}: significant difference, in favour of {better}."),
+            false => format!("{p}: no significant difference."),
+        }
+    }
+
+    /// Returns each agent with the tasks that it alone solves: those that are shown with builds, and the others.
+    fn sides(&self) -> [(&str, &[ComparedTask], &[ComparedTask]); 2] {
+        let Comparison { a, b, only_a, only_b, .. } = &self.told;
+        let split = |tasks: &'_ [ComparedTask]| tasks.len().min(WITH_BUILDS);
+        let (at_a, at_b) = (split(only_a), split(only_b));
+        [(&a.agent, &only_a[..at_a], &only_a[at_a..]), (&b.agent, &only_b[..at_b], &only_b[at_b..])]
+    }
+}
+
+/// Serves the page that compares two runs of a board.
+///
+/// # Errors
+/// Returns a 404 error if the suite does not exist or its board has no such run.
+pub async fn compare_runs(
+    State(state): State<AppState>,
+    Path(suite): Path<String>,
+    RawQuery(raw): RawQuery,
+) -> PageResult {
+    let two: Two = params::read(raw.as_deref().unwrap_or_default())?;
+    let told = compare(&state, &suite, &two.a, &two.b).await?;
+    let figure = dumbbells::draw(&told.a, &told.b);
+    html::page(&ComparePage { suite: told.board.entry.suite.id(), figure, told: told.into() })
+}
+
+/// Serves the criteria of two runs as an SVG file.
+///
+/// # Errors
+/// Returns a 404 error if the suite does not exist or its board has no such run.
+pub async fn picture(State(state): State<AppState>, Path(suite): Path<String>, RawQuery(raw): RawQuery) -> PageResult {
+    let two: Two = params::read(raw.as_deref().unwrap_or_default())?;
+    let told = compare(&state, &suite, &two.a, &two.b).await?;
+    Ok(svg(dumbbells::draw(&told.a, &told.b).svg))
+}

@@ -1,0 +1,48 @@
+//! The moderation log of a board: what was done to its rows, by whom and why.
+
+use askama::Template;
+use axum::extract::{Path, State};
+
+use super::html::{self, PageResult};
+use crate::app::boards::actions::past;
+use crate::app::boards::read;
+use crate::clock::rfc3339;
+use crate::http::state::AppState;
+
+/// Greatest number of entries on the page; the API lists all.
+const MOST: usize = 500;
+
+/// Something that was done to a row.
+struct Entry {
+    at: String,
+    run: String,
+    agent: String,
+    what: String,
+    actor: String,
+    reason: String,
+}
+
+#[derive(Template)]
+#[template(path = "log.html")]
+struct LogPage {
+    suite: String,
+    all: usize,
+    entries: Vec<Entry>,
+}
+
+/// Serves the moderation log of a board, latest first.
+///
+/// # Errors
+/// Returns a 404 error if the suite does not exist.
+pub async fn page(State(state): State<AppState>, Path(suite): Path<String>) -> PageResult {
+    let board = read::board(&state, &suite).await?;
+    let entries = board.actions.iter().rev().take(MOST).map(|action| Entry {
+        at: rfc3339(action.at_ms),
+        run: action.run_id.clone(),
+        agent: board.standing(&action.run_id).map_or_else(|| "run".to_owned(), |run| run.agent.clone()),
+        what: past(&action.action).to_owned(),
+        actor: action.actor.clone(),
+        reason: action.reason.clone(),
+    });
+    html::page(&LogPage { suite: board.entry.suite.id(), all: board.actions.len(), entries: entries.collect() })
+}
