@@ -240,7 +240,7 @@ async fn empty_runs_spoil_no_places() {
         (Some(25), 5, 1)
     );
     let page = service.get(&format!("/boards/{SUITE}/{compared}")).await.text;
-    assert!(page.contains("Of the 25 problems"), "{page}");
+    assert!(page.contains("on the 25 problems"), "{page}");
 }
 
 #[tokio::test]

@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use super::prose;
-use super::schemas::{Kind, Member, kind_of, members_of};
+use super::schemas::{Kind, Member, kind_of, members_of, text};
 use crate::http::extract::origin::Origin;
 
 /// Methods, in the order in which the operations of a path are listed.
@@ -173,8 +173,4 @@ fn contents<'d>(content: &'d Value, document: &'d Value) -> Vec<Content<'d>> {
         }
     };
     content.as_object().into_iter().flatten().map(one).collect()
-}
-
-pub(super) fn text<'d>(of: &'d Value, name: &str) -> &'d str {
-    of[name].as_str().unwrap_or_default()
 }

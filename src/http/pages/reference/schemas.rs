@@ -3,7 +3,6 @@
 use askama::Template;
 use serde_json::Value;
 
-use super::operations::text;
 use super::prose;
 
 /// A type in words, with the schemas that it names.
@@ -161,6 +160,11 @@ fn bounds(schema: &Value) -> String {
         number("default").map(|default| format!("{default} by default")),
     ];
     parts.into_iter().flatten().collect::<Vec<_>>().join(", ")
+}
+
+/// Returns a text member; empty if there is none.
+pub fn text<'d>(of: &'d Value, name: &str) -> &'d str {
+    of[name].as_str().unwrap_or_default()
 }
 
 /// Writes a value without the quotes of JSON.
