@@ -8,10 +8,12 @@ use super::html::{self, PageResult};
 use super::lines::{Line, lines};
 use crate::app::access::Openness;
 use crate::app::boards::leaderboard::best_of_newest;
+use crate::app::error::{AppError, AppResult};
 use crate::app::boards::tasks::{Contrast, contrast};
 use crate::app::runs::read::answer;
 use crate::http::extract::origin::Origin;
 use crate::http::state::AppState;
+use plumbline_engine::tasks::reported;
 
 /// Number of rows of each board.
 const ROWS: u32 = 5;
@@ -21,6 +23,8 @@ struct Best {
     suite: String,
     tasks: usize,
     runs: usize,
+    /// What people reach according to the paper, in percent.
+    people: Option<f64>,
     lines: Vec<Line>,
 }
 
@@ -61,6 +65,15 @@ struct Home {
     is_open: bool,
 }
 
+/// Name of the row of people among the results that the paper reports.
+const PEOPLE: &str = "human participants";
+
+/// Returns the percentage that people reach on a suite according to the paper.
+fn people(suite: &str) -> AppResult<Option<f64>> {
+    let rows = reported::on(suite).map_err(|error| AppError::internal(&error))?;
+    Ok(rows.into_iter().find(|row| row.agent == PEOPLE).and_then(|row| row.overall))
+}
+
 /// Serves the home page.
 ///
 /// # Errors
@@ -97,6 +110,7 @@ pub async fn home(State(state): State<AppState>, origin: Origin) -> PageResult {
             suite: suite.id(),
             tasks: suite.tasks.len(),
             runs: page.total,
+            people: people(&suite.name)?,
             lines: lines(&state, page.rows).await?,
         });
     }

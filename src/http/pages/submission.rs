@@ -300,7 +300,7 @@ pub async fn beside(State(state): State<AppState>, RawQuery(raw): RawQuery) -> P
 pub async fn picture(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
     let json = log(&state, &id).await?;
     let drawn = tokio::task::spawn_blocking(move || {
-        BlockLog::from_canonical_json(&json).map(|log| Replay::new(&log).last().map(|end| picture_of(&end)))
+        BlockLog::from_canonical_json(&json).map(|log| Replay::new(&log).last().map(|end| picture_on_ground(&end)))
     });
     let drawn = drawn.await.map_err(|error| AppError::internal(&error))?;
     let svg = drawn.map_err(|error| AppError::internal(&error))?.unwrap_or_default();
@@ -317,12 +317,22 @@ pub fn image(svg: String) -> Response {
     (headers, svg).into_response()
 }
 
-/// Draws a structure without its ground.
+/// Draws a structure without its ground, as thumbnails show it.
 #[must_use]
 pub fn picture_of(structure: &Structure) -> String {
+    drawn(structure, false)
+}
+
+/// Draws a structure on its ground, as the 3D view shows it.
+#[must_use]
+pub fn picture_on_ground(structure: &Structure) -> String {
+    drawn(structure, true)
+}
+
+fn drawn(structure: &Structure, has_ground: bool) -> String {
     let blocks = (0..structure.len()).map(|i| (structure.cells()[i].into(), structure.material(i))).collect();
     let corner = isometric::Corner::default();
-    isometric::svg(&isometric::Scene { blocks, dug: Vec::new(), most: isometric::MOST, corner, has_ground: false })
+    isometric::svg(&isometric::Scene { blocks, dug: Vec::new(), most: isometric::MOST, corner, has_ground })
 }
 
 /// Serves a submission's evidence as a download: one self-contained file.

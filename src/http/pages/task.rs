@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use super::claims;
 use super::html::{self, PageResult, Preview, json_in_markup};
-use super::submission::{View, image, looks_of, picture_of};
+use super::submission::{View, image, looks_of, picture_on_ground};
 use crate::app::boards::tasks::{ResultsOnTask, SolvedTasks, TaskResult, results_on, search};
 use crate::app::catalogue::tasks::example;
 use crate::app::error::AppError;
@@ -221,7 +221,7 @@ pub async fn task(
 /// Returns a 404 error if the suite or the task does not exist, or no builder can build it.
 pub async fn picture(State(state): State<AppState>, Path((suite, number)): Path<(String, u32)>) -> PageResult {
     let log = example(&state, &suite, number).await?;
-    Ok(image(Replay::new(&log).last().map(|end| picture_of(&end)).unwrap_or_default()))
+    Ok(image(Replay::new(&log).last().map(|end| picture_on_ground(&end)).unwrap_or_default()))
 }
 
 /// Serves the log of the reference build of a task.
