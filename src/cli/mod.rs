@@ -18,6 +18,7 @@ pub mod serve;
 pub mod submit;
 pub mod tasks;
 pub mod validate;
+pub mod verify_draw;
 pub mod verify_epoch;
 pub mod webhooks;
 pub mod work;
@@ -71,6 +72,8 @@ pub enum Command {
     Regrade(regrade::RegradeArgs),
     /// Announce, list and close epochs of hidden evaluation.
     Epochs(epochs::EpochsArgs),
+    /// Check the proof of a draw of hidden instances against the commitment of its epoch.
+    VerifyDraw(verify_draw::VerifyDrawArgs),
     /// Verify the reveal of a closed epoch by recomputing its specifications, draws and grades from its key; exit 1 if
     /// anything does not match.
     VerifyEpoch(verify_epoch::VerifyEpochArgs),
@@ -131,6 +134,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Webhooks(args) => webhooks::run(&args),
         Command::Regrade(args) => regrade::run(&args),
         Command::Epochs(args) => epochs::run(&args),
+        Command::VerifyDraw(args) => verify_draw::run(&args),
         Command::VerifyEpoch(args) => verify_epoch::run(&args),
         Command::VerifyReceipt(args) => receipts::run(&args),
         Command::Migrate(args) => database::migrate(&args),

@@ -12,6 +12,7 @@ use super::locks::Lock;
 use super::secrets::EpochSecret;
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::hidden::evidence::{DrawFact, Fact};
+use plumbline_engine::hidden::issue::Lot;
 use plumbline_engine::tasks::{Task, hex};
 
 /// Draw of a run's instances.
@@ -115,10 +116,12 @@ impl Store {
             insert(&mut tx, new, facts.epoch.id(), ordinal, drawn, now_ms).await?;
         }
         let instances = of_run(&mut tx, new.entry_id, new.run).await?;
+        let lot = Lot::of(&facts.epoch.commitment, &new.secret.key, new.entry_id, new.run, new.nonce);
         let drawn = DrawFact {
             entry: new.entry_id.to_owned(),
             run: new.run,
             nonce: new.nonce.to_owned(),
+            proof: lot.proof().map(ToOwned::to_owned),
             instances: instances.iter().map(|own| own.id.clone()).collect(),
             drawn_at_ms: now_ms,
         };

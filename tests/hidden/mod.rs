@@ -1,5 +1,6 @@
 //! Hidden evaluation: entries, attacks and leaks.
 
 mod attacks;
+mod draws;
 mod evaluation;
 mod leaks;

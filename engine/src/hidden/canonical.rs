@@ -22,7 +22,7 @@ pub fn hash_of<T: Serialize>(value: &T) -> Hash {
 /// Decodes lower-case or upper-case hexadecimal; returns `None` for any other text or length.
 #[must_use]
 pub fn unhex<const N: usize>(text: &str) -> Option<[u8; N]> {
-    if text.len() != 2 * N || !text.is_ascii() {
+    if text.len() != 2 * N || !text.bytes().all(|byte| byte.is_ascii_hexdigit()) {
         return None;
     }
     let mut bytes = [0; N];

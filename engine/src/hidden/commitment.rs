@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::GENERATOR_VERSION;
 use super::canonical::{Hash, hash_of};
+use super::draw_proof::public_key;
 use super::feedback::Feedback;
 use super::merkle;
 use super::pool::{Specification, Stratum};
@@ -28,6 +29,11 @@ pub struct Commitment {
     pub checks_version: u32,
     /// SHA-256 over a label and the epoch's key.
     pub key_hash: String,
+    /// Public key of the epoch's draws: ECVRF-EDWARDS25519-SHA512-TAI (RFC 9381), in hex. Each draw carries a proof under it.
+    /// Absent for epochs whose draws can be checked only after the reveal.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(pattern = "^[0-9a-f]{64}$")]
+    pub draw_key: Option<String>,
     /// Root of the Merkle tree over the salted hashes of all specifications.
     pub root: String,
     /// Number of specifications in the pool for each instance of a draw.
@@ -106,6 +112,7 @@ impl Commitment {
             generator_version: GENERATOR_VERSION,
             checks_version: CHECKS_VERSION,
             key_hash: hex(&key.hash()),
+            draw_key: Some(public_key(key)),
             root: hex(&merkle::root(leaves)),
             per_instance: terms.per_instance,
             specifications: leaves.len() as u32,

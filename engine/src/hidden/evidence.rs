@@ -60,6 +60,9 @@ pub struct DrawFact {
     pub run: u32,
     /// The entrant's nonce.
     pub nonce: String,
+    /// Proof of the draw, in hex; absent in epochs without a key of draws.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub proof: Option<String>,
     /// Identifiers of the issued instances, in the order of issue.
     pub instances: Vec<String>,
     /// Time of the draw, milliseconds since 1970.

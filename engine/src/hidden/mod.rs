@@ -4,7 +4,7 @@
 //! The pool and the draws derive all their randomness from the epoch's secret key. The generator in `pool` makes
 //! specifications from it, each certified solvable by its reference builder. `commitment` publishes a hash of the key
 //! and the root of a Merkle tree over the salted hashes of the pool. `issue` selects the specification that an entry
-//! receives, from key, entry, the entrant's nonce, family, run and index. `evidence` records each step in a receipt
+//! receives, from key, entry, the entrant's nonce, family, run and index; `draw_proof` proves it at once. `evidence` records each step in a receipt
 //! that is signed immediately, and `receipts` signs the grades. `reveal` publishes everything afterwards, and `verify`
 //! checks it.
 //!
@@ -13,6 +13,7 @@
 pub mod board;
 pub mod canonical;
 pub mod commitment;
+pub mod draw_proof;
 pub mod evidence;
 pub mod feedback;
 pub mod issue;

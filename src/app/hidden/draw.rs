@@ -2,7 +2,7 @@
 
 use super::allocation::{NoRoom, Pool};
 use crate::store::draws::{DrawDecision, DrawFacts, DrawRefusal, DrawnLeaf, NewDraw};
-use plumbline_engine::hidden::issue::{Draw, leaf};
+use plumbline_engine::hidden::issue::Lot;
 
 /// Decides on a draw. A run is drawn once: the same nonce again counts as the same draw, a different nonce is refused.
 #[must_use]
@@ -33,12 +33,12 @@ pub fn decide_draw(new: &NewDraw<'_>, facts: &DrawFacts) -> DrawDecision {
 fn leaves(new: &NewDraw<'_>, facts: &DrawFacts) -> Option<Vec<DrawnLeaf>> {
     let DrawFacts { entry, epoch, issued_leaves, now_ms, .. } = facts;
     let expires_at_ms = (now_ms + epoch.rules.instance_ms).min(epoch.commitment.closes_at_ms);
+    let lot = Lot::of(&epoch.commitment, &new.secret.key, &entry.id, new.run, new.nonce);
     let mut gone = issued_leaves.clone();
     let mut drawn = Vec::new();
     for stratum in &new.secret.strata {
         for index in 0..stratum.instances {
-            let draw = Draw { entry: &entry.id, nonce: new.nonce, run: new.run, index };
-            let leaf = leaf(&new.secret.key, stratum, &draw, |leaf| gone.contains(&leaf))?;
+            let leaf = lot.leaf(stratum, index, |leaf| gone.contains(&leaf))?;
             gone.insert(leaf);
             drawn.push(DrawnLeaf { family: stratum.family.clone(), family_index: index, leaf, expires_at_ms });
         }

@@ -1,5 +1,7 @@
 //! Draws the instances of an entry's runs.
 
+use serde::{Deserialize, Serialize};
+
 use super::body::NewDrawBody;
 use super::draw::decide_draw;
 use super::entries::own_entry;
@@ -14,7 +16,40 @@ use crate::store::draws::{DrawRefusal, Issued, NewDraw};
 use crate::store::entries::EntryRow;
 use crate::store::epochs::EpochRow;
 use crate::store::keys::Scope;
+use plumbline_engine::hidden::issue::Lot;
 use plumbline_engine::intake::Faults;
+use plumbline_engine::tasks::hex;
+
+/// A drawn run.
+#[derive(Debug)]
+pub struct DrawnRun {
+    /// Its instances, in the order of issue.
+    pub instances: Vec<IssuedInstance>,
+    /// Proof that they were not chosen; none in an epoch without a key of draws.
+    pub proof: Option<DrawProof>,
+}
+
+/// Proof of a draw, with what it is about.
+#[derive(Debug, Clone, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct DrawProof {
+    /// Name of the epoch, whose commitment has the key of draws.
+    #[schema(example = "2026-11")]
+    pub epoch: String,
+    /// Identifier of the entry.
+    #[schema(format = Uuid)]
+    pub entry: String,
+    /// Number of the run within the entry, from 1.
+    #[schema(minimum = 1)]
+    pub run: u32,
+    /// Nonce that the entrant chose.
+    pub nonce: String,
+    /// The proof, in hex: ECVRF-EDWARDS25519-SHA512-TAI (RFC 9381) over the lines `plumbline draw`, epoch, entry, run and nonce.
+    #[schema(pattern = "^[0-9a-f]{160}$")]
+    pub proof: String,
+    /// The output that it proves, in hex. It decides which specifications the run draws.
+    #[schema(pattern = "^[0-9a-f]{128}$")]
+    pub output: String,
+}
 
 /// Draws the instances of a run, or returns the drawn ones if the nonce is the same. The draft is `None` if its body is
 /// no object; `faults` holds the faults of the body so far.
@@ -28,7 +63,7 @@ pub async fn draw_run(
     entry_id: &str,
     draft: Option<NewDrawBody>,
     mut faults: Faults,
-) -> AppResult<Vec<IssuedInstance>> {
+) -> AppResult<DrawnRun> {
     caller.require(Scope::Submit)?;
     let entry = own_entry(app, caller, entry_id).await?;
     let (given, nonce) = draft.map_or((None, None), |draw| (draw.run, draw.nonce));
@@ -49,10 +84,18 @@ pub async fn draw_run(
             for row in rows {
                 instances.push(with_prompts(app, row).await?);
             }
-            Ok(instances)
+            let lot = Lot::of(&epoch.commitment, &secret.key, entry_id, run, &nonce);
+            Ok(DrawnRun { instances, proof: proof_of(&lot, &epoch, entry_id, run, nonce.clone()) })
         }
         Issued::Refused(refusal) => Err(refused(refusal, &entry, &epoch)),
     }
+}
+
+/// Returns the proof of a lot, if it has one.
+fn proof_of(lot: &Lot<'_>, epoch: &EpochRow, entry: &str, run: u32, nonce: String) -> Option<DrawProof> {
+    let Lot::Proven { output, proof } = lot else { return None };
+    let (epoch, entry) = (epoch.id().to_owned(), entry.to_owned());
+    Some(DrawProof { epoch, entry, run, nonce, proof: proof.clone(), output: hex(output) })
 }
 
 /// Creates the failure for a run that cannot be drawn.

@@ -21,6 +21,7 @@ pub fn epoch() -> EpochRow {
             generator_version: 1,
             checks_version: 1,
             key_hash: String::new(),
+            draw_key: Some(String::new()),
             root: String::new(),
             per_instance: 8,
             specifications: 24,

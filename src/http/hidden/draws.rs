@@ -8,7 +8,7 @@ use super::instances::InstanceBody;
 use crate::app::access::Caller;
 use crate::app::error::AppResult;
 use crate::app::hidden::body::NewDrawBody;
-use crate::app::hidden::draws::draw_run;
+use crate::app::hidden::draws::{DrawProof, DrawnRun, draw_run};
 use crate::http::extract::body::{JsonBody, read_draft};
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
@@ -18,6 +18,10 @@ use crate::store::keys::Scope;
 pub struct InstanceList {
     /// Instances, in the order of issue.
     pub instances: Vec<InstanceBody>,
+    /// Proof that neither side chose them, which `plumbline verify-draw` checks against the commitment; absent in an epoch
+    /// without a key of draws.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub draw: Option<DrawProof>,
 }
 
 /// Draws the instances of a run. Repeating the request with the same nonce returns the same instances; a different
@@ -41,6 +45,6 @@ pub async fn create_instances(
 ) -> AppResult<Json<InstanceList>> {
     caller.require(Scope::Submit)?;
     let (draft, faults) = read_draft::<NewDrawBody>(&body, "draw one run per request")?;
-    let instances = draw_run(&state, &caller, &id, draft, faults).await?;
-    Ok(Json(InstanceList { instances: instances.into_iter().map(InstanceBody::from).collect() }))
+    let DrawnRun { instances, proof } = draw_run(&state, &caller, &id, draft, faults).await?;
+    Ok(Json(InstanceList { instances: instances.into_iter().map(InstanceBody::from).collect(), draw: proof }))
 }

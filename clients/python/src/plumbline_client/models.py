@@ -197,6 +197,40 @@ class CriterionCount(BaseModel):
     """
 
 
+class DrawProof(BaseModel):
+    """
+    Proof of a draw, with what it is about.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    epoch: Annotated[str, Field(examples=["2026-11"])]
+    """
+    Name of the epoch, whose commitment has the key of draws.
+    """
+    entry: UUID
+    """
+    Identifier of the entry.
+    """
+    run: Annotated[int, Field(ge=1)]
+    """
+    Number of the run within the entry, from 1.
+    """
+    nonce: str
+    """
+    Nonce that the entrant chose.
+    """
+    proof: Annotated[str, Field(pattern="^[0-9a-f]{160}$")]
+    """
+    The proof, in hex: ECVRF-EDWARDS25519-SHA512-TAI (RFC 9381) over the lines `plumbline draw`, epoch, entry, run and nonce.
+    """
+    output: Annotated[str, Field(pattern="^[0-9a-f]{128}$")]
+    """
+    The output that it proves, in hex. It decides which specifications the run draws.
+    """
+
+
 class DrawnTask(BaseModel):
     """
     A task in a Lite draw.
@@ -611,6 +645,7 @@ class InstanceList(BaseModel):
     """
     Instances, in the order of issue.
     """
+    draw: DrawProof | None = None
 
 
 class Interval(BaseModel):
@@ -3393,6 +3428,11 @@ class Commitment(BaseModel):
     key_hash: str
     """
     SHA-256 over a label and the epoch's key.
+    """
+    draw_key: Annotated[str | None, Field(pattern="^[0-9a-f]{64}$")] = None
+    """
+    Public key of the epoch's draws: ECVRF-EDWARDS25519-SHA512-TAI (RFC 9381), in hex. Each draw carries a proof under it.
+    Absent for epochs whose draws can be checked only after the reveal.
     """
     root: str
     """

@@ -16,8 +16,9 @@ use sha2::{Digest as _, Sha256};
 use super::GENERATOR_VERSION;
 use super::canonical::{Hash, hash_of};
 use super::commitment::{Commitment, salt};
+use super::draw_proof::public_key;
 use super::evidence::GivenReceipt;
-use super::issue::{Draw, leaf as drawn_leaf};
+use super::issue::Lot;
 use super::merkle;
 use super::pool::{Generator, PoolError, Specification};
 use super::receipts::{LogHead, ReceiptFile};
@@ -123,6 +124,9 @@ pub fn verify(reveal: &Reveal, kept: &Kept) -> Result<Verified, PoolError> {
         found.breach("key", format!("its hash is {}, the commitment has {}", hex(&key.hash()), commitment.key_hash));
         return Ok(found);
     }
+    if commitment.draw_key.as_ref().is_some_and(|committed| *committed != public_key(&key)) {
+        found.breach("draw key", "the committed key of draws does not follow from the epoch's key");
+    }
     specifications(reveal, commitment, &key, &mut found)?;
     draws(reveal, commitment, &key, &mut found)?;
     match &kept.logs {
@@ -183,6 +187,7 @@ fn specifications(
 fn draws(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, found: &mut Verified) -> Result<(), PoolError> {
     let strata = Generator::of(commitment.generator_version)?.strata(key, commitment.per_instance);
     let mut issued: BTreeSet<u32> = BTreeSet::new();
+    let mut lots: BTreeMap<(&str, u32, &str), Lot<'_>> = BTreeMap::new();
     let runs_of: BTreeMap<&str, u32> = reveal.entries.iter().map(|entry| (entry.id.as_str(), entry.runs)).collect();
     let mut drawn_for: BTreeMap<(&str, u32), BTreeSet<(&str, u32)>> = BTreeMap::new();
     let mut nonce_of: BTreeMap<(&str, u32), &str> = BTreeMap::new();
@@ -211,8 +216,10 @@ fn draws(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, found: &mut V
             found.breach(place(), format!("the epoch has no family {:?}", instance.family));
             continue;
         };
-        let draw = Draw { entry: &instance.entry, nonce: &instance.nonce, run: instance.run, index: instance.index };
-        let drawn = drawn_leaf(key, stratum, &draw, |leaf| issued.contains(&leaf));
+        let lot = lots
+            .entry((&instance.entry, instance.run, &instance.nonce))
+            .or_insert_with(|| Lot::of(commitment, key, &instance.entry, instance.run, &instance.nonce));
+        let drawn = lot.leaf(stratum, instance.index, |leaf| issued.contains(&leaf));
         if drawn == Some(instance.leaf) {
             found.draws += 1;
         } else {

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::stated::Stated;
 use super::{Kept, Verified, log, times};
 use crate::hidden::commitment::{Commitment, Rules};
+use crate::hidden::draw_proof::{DrawMessage, verify};
 use crate::hidden::evidence::{EntryFact, Fact, fact};
 use crate::hidden::feedback::Tier;
 use crate::hidden::receipts::ReceiptFile;
@@ -164,6 +165,11 @@ fn draws(reveal: &Reveal, commitment: &Commitment, stated: &Stated<'_>, found: &
         }
         if instances.iter().any(|own| own.nonce != fact.nonce) {
             found.breach(place(), format!("the nonce of run {} is not the one on its receipt", key.1));
+        }
+        let message = DrawMessage { epoch: &commitment.epoch, entry: &fact.entry, run: fact.run, nonce: &fact.nonce };
+        let proven = |key: &String| fact.proof.as_ref().is_some_and(|proof| verify(key, &message, proof).is_some());
+        if !commitment.draw_key.as_ref().map_or(fact.proof.is_none(), proven) {
+            found.breach(place(), format!("the proof of the draw of run {} does not hold", key.1));
         }
         if fact.drawn_at_ms < commitment.opens_at_ms || fact.drawn_at_ms >= commitment.closes_at_ms {
             found.breach(place(), format!("run {} was drawn while the epoch was not open", key.1));
