@@ -38,6 +38,8 @@ pub fn turns_text(name: &str) -> bool {
 pub fn agent_name(faults: &mut Faults) -> Parsed<'_, String> {
     let parse = |name: &str| match name.trim() {
         "" => Err("expected a name that does not only consist of spaces".to_owned()),
+        // In the address of a page, these lead elsewhere.
+        "." | ".." => Err("expected a name other than . and ..".to_owned()),
         _ if turns_text(name) => Err(TURNS_TEXT.to_owned()),
         _ => Ok(name.to_owned()),
     };

@@ -27,6 +27,8 @@ pub struct RunsWanted {
     pub suite_id: Option<String>,
     /// Part of the agent's name, case-insensitive.
     pub agent: Option<String>,
+    /// The agent's whole name.
+    pub exact_agent: Option<String>,
     /// Owner of the runs.
     pub owner: Option<String>,
     /// Earliest time of beginning, inclusive, in milliseconds since 1970.
@@ -152,6 +154,9 @@ impl Store {
                 .push(" AND lower(r.agent) LIKE ")
                 .push_bind(anywhere(&agent.to_ascii_lowercase()))
                 .push(r" ESCAPE '\'");
+        }
+        if let Some(agent) = &wanted.exact_agent {
+            query.push(" AND r.agent = ").push_bind(agent.clone());
         }
         if let Some(since) = wanted.since_ms {
             query.push(" AND r.created_at_ms >= ").push_bind(since);

@@ -62,7 +62,7 @@ async fn charts_show_the_runs_of_a_board_with_their_numbers() {
         assert!(page.contains(&format!("{charts}/{name}.svg").replace("lite/", "lite@3/")), "{name}");
     }
     let cost = service.get(&format!("{charts}/cost.csv")).await.text;
-    assert!(cost.contains("<b>hasty</b>,20.0 %,0.02 USD,yes"), "{cost}");
+    assert!(cost.contains("<b>hasty</b>,0.2,0.02,USD,true"), "{cost}");
     let alone = service.get(&format!("{charts}/progress.csv?agent=steady")).await.text;
     assert!(alone.contains(&good) && !alone.contains(&bad), "{alone}");
     for (wrong, status) in

@@ -17,6 +17,10 @@ use plumbline_engine::grading::standings::Standing;
 
 /// Number of tasks that are shown as an agent's best and worst.
 const TELLING: usize = 4;
+/// Greatest number of rows of a board that are listed: the best.
+const MAX_ROWS: usize = 50;
+/// Greatest number of names that a missing one is compared with.
+const MAX_COMPARED: usize = 500;
 /// Greatest number of runs under way that are listed.
 const MAX_OPEN: i64 = 100;
 
@@ -25,8 +29,10 @@ const MAX_OPEN: i64 = 100;
 pub struct OnBoard {
     /// The board.
     pub board: Arc<Board>,
-    /// Its rows, best first; then those that cover too little to be compared.
+    /// Its best rows, best first; then those that cover too little to be compared.
     pub rows: Vec<Row>,
+    /// Number of all its rows.
+    pub count: usize,
     /// Its withdrawn runs.
     pub withdrawn: Vec<Withdrawn>,
 }
@@ -65,21 +71,27 @@ pub struct KnownAgent {
 pub async fn agent(app: &App, name: &str) -> AppResult<Agent> {
     let mut boards = Vec::new();
     for board in all(app).await? {
-        let rows = board.rows.all.iter().chain(&board.rows.incomplete).filter(|row| row.agent == name);
-        let rows: Vec<Row> = rows.map(|row| row_of(&board, row, &board.rows)).collect();
-        let withdrawn = board.withdrawn(i64::MAX).into_iter().filter(|(row, _)| row.agent == name);
-        let withdrawn: Vec<Withdrawn> = withdrawn.map(|(row, action)| board.withdrawal(row, action)).collect();
+        let own = || board.rows.all.iter().chain(&board.rows.incomplete).filter(|row| row.agent == name);
+        let rows: Vec<Row> = own().take(MAX_ROWS).map(|row| row_of(&board, row, &board.rows)).collect();
+        let (count, withdrawn) = (own().count(), board.withdrawn(i64::MAX, |row| row.agent == name));
+        let withdrawn: Vec<Withdrawn> = withdrawn.into_iter().map(|(row, it)| board.withdrawal(row, it)).collect();
         if !(rows.is_empty() && withdrawn.is_empty()) {
-            boards.push(OnBoard { board, rows, withdrawn });
+            boards.push(OnBoard { board, rows, count, withdrawn });
         }
     }
-    let wanted = RunsWanted { state: Some(RunState::Open), agent: Some(name.to_owned()), ..RunsWanted::default() };
-    // The store finds parts of names.
-    let open: Vec<RunRow> =
-        app.store.runs(&wanted, MAX_OPEN).await?.into_iter().filter(|run| run.agent == name).collect();
+    let mut open = Vec::new();
+    for state in [RunState::Open, RunState::Finishing] {
+        let exact_agent = Some(name.to_owned());
+        let wanted = RunsWanted { state: Some(state), exact_agent, ..RunsWanted::default() };
+        open.extend(app.store.runs(&wanted, MAX_OPEN).await?);
+    }
     if boards.is_empty() && open.is_empty() {
         let known = agents(app, "").await?;
-        let near = did_you_mean(name, known.iter().map(|agent| agent.name.as_str()));
+        // Comparing names takes time, so only those of a similar length are compared.
+        let length = name.chars().count();
+        let is_similar = |known: &&str| known.chars().count().abs_diff(length) <= 1 + length / 3;
+        let names = known.iter().map(|agent| agent.name.as_str()).filter(is_similar).take(MAX_COMPARED);
+        let near = did_you_mean(name, names);
         return Err(AppError::not_found(format!("no public run has the agent {name:?}{near}")));
     }
     Ok(Agent { boards, open })
@@ -104,13 +116,8 @@ pub async fn agents(app: &App, text: &str) -> AppResult<Vec<KnownAgent>> {
 /// Returns the tasks that tell most about a run.
 #[must_use]
 pub fn telling(board: &Board, run: &Standing) -> Telling {
-    let others = board.rows.all.iter().filter(|other| other.run != run.run && other.track == run.track);
-    let mut solvers = vec![0_usize; run.outcomes.len()];
-    for other in others {
-        for (place, count) in solvers.iter_mut().enumerate() {
-            *count += usize::from(other.outcomes.is_solved(place));
-        }
-    }
+    let solvers = board.solvers(run.track);
+    // The run's own answer counts for every task that it solves and for none that it fails, so it changes no order.
     let outcomes = &run.outcomes;
     let mut best: Vec<usize> = (0..outcomes.len()).filter(|place| outcomes.is_solved(*place)).collect();
     let is_failed = |place: &usize| outcomes.is_answered(*place) && !outcomes.is_accurate(*place);

@@ -1,7 +1,7 @@
 //! Boards in memory: only new results are read after the first time; rows are sorted, filtered and compared on demand.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
-use std::sync::{Arc, LazyLock, PoisonError, RwLock};
+use std::sync::{Arc, LazyLock, OnceLock, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
 use uuid::Uuid;
@@ -11,6 +11,7 @@ use crate::store::Store;
 use crate::store::boards::{ActionRow, BoardCursor, BoardUpdate, Revealed};
 use plumbline_engine::grading::standings::{Field, Standing, order};
 use plumbline_engine::grading::statistics::ranks::{Comparisons, RankRange};
+use plumbline_engine::tasks::Track;
 use plumbline_engine::tasks::catalogue::Entry;
 
 /// Time for which a board counts as current if nothing in this process has changed it. Another process on the same file
@@ -97,6 +98,8 @@ pub struct Board {
     similar: HashMap<String, BTreeSet<String>>,
     /// Number of runs that each agent has begun.
     begun: HashMap<String, usize>,
+    /// Number of compared runs of each track that solve each task, counted when it is first asked for.
+    solvers: OnceLock<HashMap<Track, Vec<usize>>>,
     read: BoardCursor,
 }
 
@@ -129,21 +132,59 @@ impl Board {
         others.filter(|other| (other.finished_at_ms, &other.run) < (run.finished_at_ms, &run.run)).count()
     }
 
+    /// Returns the agent of a run, unless the operator has hidden its row: the name may be why.
+    #[must_use]
+    pub fn shown_name(&self, run: &str) -> Option<&str> {
+        let is_hidden =
+            self.actions.iter().rev().find(|it| it.run_id == run && ["hide", "restore"].contains(&it.action.as_str()));
+        let standing = self.standing(run).filter(|_| is_hidden.is_none_or(|it| it.action == "restore"))?;
+        Some(&standing.agent)
+    }
+
     /// Returns whether the row of a run is hidden now.
     #[must_use]
     pub fn is_hidden(&self, run: &str) -> bool {
         hidden(&self.actions, i64::MAX).contains(run)
     }
 
-    /// Returns the runs that were withdrawn by a time, latest first, with the action: at most [`MAX_WITHDRAWN`], without those
-    /// that the operator has hidden.
+    /// Returns the wanted runs that were withdrawn by a time, latest first, with the action: at most [`MAX_WITHDRAWN`], without
+    /// those that the operator has hidden.
     #[must_use]
-    pub fn withdrawn(&self, at_ms: i64) -> Vec<(&Arc<Standing>, &ActionRow)> {
+    pub fn withdrawn(&self, at_ms: i64, is_wanted: impl Fn(&Standing) -> bool) -> Vec<(&Arc<Standing>, &ActionRow)> {
         let hidden = hidden_by_operator(&self.actions, at_ms);
         let is_withdrawal = |it: &&ActionRow| it.action == "withdraw" && it.at_ms <= at_ms;
         let withdrawals = self.actions.iter().rev().filter(is_withdrawal);
         let shown = withdrawals.filter(|it| !hidden.contains(it.run_id.as_str()));
-        shown.filter_map(|action| Some((self.standing(&action.run_id)?, action))).take(MAX_WITHDRAWN).collect()
+        let rows = shown.filter_map(|action| Some((self.standing(&action.run_id)?, action)));
+        rows.filter(|(row, _)| is_wanted(row)).take(MAX_WITHDRAWN).collect()
+    }
+
+    /// Returns how many of the compared runs of a track solve each task of the suite.
+    #[must_use]
+    pub fn solvers(&self, track: Track) -> &[usize] {
+        let count = || {
+            let mut solvers: HashMap<Track, Vec<usize>> = HashMap::new();
+            for row in &self.rows.all {
+                let of_track = solvers.entry(row.track).or_insert_with(|| vec![0; row.outcomes.len()]);
+                for (place, count) in of_track.iter_mut().enumerate() {
+                    *count += usize::from(row.outcomes.is_solved(place));
+                }
+            }
+            for track in Track::ALL {
+                solvers.entry(track).or_insert_with(|| vec![0; self.entry.suite.tasks.len()]);
+            }
+            solvers
+        };
+        &self.solvers.get_or_init(count)[&track]
+    }
+
+    /// Returns the runs that were visible at a time and cover enough to be compared, best first, without comparing them.
+    #[must_use]
+    pub fn ordered_at(&self, at_ms: i64) -> Vec<Arc<Standing>> {
+        let mut rows = self.showing(at_ms);
+        rows.retain(|row| row.covers(self.least_coverage));
+        order(&mut rows);
+        rows
     }
 
     /// Returns the rows that were visible at a time, best first.
@@ -200,6 +241,7 @@ impl Board {
             results,
             similar,
             begun,
+            solvers: OnceLock::new(),
             read: news.read,
         };
         board.rows = self.rows.changed_to(board.showing(i64::MAX), &self.field, self.least_coverage);
@@ -299,6 +341,7 @@ fn empty(entry: &Arc<Entry>, least_coverage: f64) -> Board {
         results: HashMap::new(),
         similar: HashMap::new(),
         begun: HashMap::new(),
+        solvers: OnceLock::new(),
         read: BoardCursor::default(),
     }
 }

@@ -192,14 +192,14 @@ pub fn page(board: &Arc<Board>, wanted: &Selection) -> AppResult<BoardPage> {
         CoverageFilter::Incomplete => &compared.incomplete,
     };
     let agent = wanted.agent.as_ref().map(|agent| agent.to_lowercase());
-    let lets_through = |row: &&Arc<Standing>| {
+    let lets_through = |row: &Standing| {
         agent.as_ref().is_none_or(|text| row.agent.to_lowercase().contains(text))
             && wanted.provenance.is_none_or(|wanted| wanted.name() == row.provenance)
             && wanted.track.is_none_or(|wanted| wanted == row.track)
     };
-    let withdrawn = board.withdrawn(as_of.unwrap_or(i64::MAX)).into_iter().filter(|(row, _)| lets_through(row));
-    let withdrawn = withdrawn.map(|(row, action)| board.withdrawal(row, action)).collect();
-    let mut rows: Vec<&Arc<Standing>> = all.iter().filter(lets_through).collect();
+    let withdrawn = board.withdrawn(as_of.unwrap_or(i64::MAX), lets_through);
+    let withdrawn = withdrawn.into_iter().map(|(row, action)| board.withdrawal(row, action)).collect();
+    let mut rows: Vec<&Arc<Standing>> = all.iter().filter(|row| lets_through(row)).collect();
     if wanted.runs == RunsListed::BestOfAgent {
         keep_best(&mut rows);
     }

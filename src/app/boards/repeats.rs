@@ -49,7 +49,8 @@ pub async fn of_board(app: &App, board: &Board) -> AppResult<Vec<Group>> {
             groups.entry(key).or_default().push(Arc::clone(row));
         }
     }
-    let withdrawn: Vec<_> = board.withdrawn(i64::MAX).into_iter().filter_map(|(row, _)| key_of(row)).collect();
+    let withdrawn: Vec<_> =
+        board.withdrawn(i64::MAX, |_| true).into_iter().filter_map(|(row, _)| key_of(row)).collect();
     let group = |(key, mut runs): (_, Vec<Arc<Standing>>)| {
         runs.sort_by(|a, b| (a.finished_at_ms, &a.run).cmp(&(b.finished_at_ms, &b.run)));
         let figures = Repeats::of(&runs.iter().map(AsRef::as_ref).collect::<Vec<_>>(), &board.field)?;

@@ -98,6 +98,7 @@ pub async fn list(
         state: filter.state,
         suite_id: filter.suite,
         agent: filter.agent,
+        exact_agent: None,
         owner,
         since_ms,
         until_ms,

@@ -75,7 +75,7 @@ pub fn near_tasks(entry: &Entry, id: &str) -> String {
 request_body! {
     /// An agent's work on one task.
     #[schema(example = json!({
-        "run": "0198c0de-0000-7000-8000-000000000000", "task": "walls/5x1x5-raise",
+        "task": "walls/5x1x5-raise",
         "turns": [{ "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }] }]
     }))]
     pub struct NewSubmissionBody: "an object with \"task\", \"turns\" and, for a board, \"run\"" {

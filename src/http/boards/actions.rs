@@ -188,7 +188,7 @@ impl Entry {
 
 /// Says what was done to the row of a run, and by whom.
 fn title_of(action: &ActionRow, board: &Board) -> String {
-    let agent = board.standing(&action.run_id).map_or("a run", |run| run.agent.as_str());
+    let agent = board.shown_name(&action.run_id).unwrap_or("a run");
     format!("{agent}: {} by {}", past(&action.action), action.actor)
 }
 

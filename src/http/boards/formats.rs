@@ -122,7 +122,7 @@ impl<'a> From<&'a BoardRow> for Line<'a> {
 }
 
 /// Escapes a text for spreadsheets: prepends an apostrophe to a text that they would evaluate as a formula.
-fn as_text(text: &str) -> Cow<'_, str> {
+pub fn as_text(text: &str) -> Cow<'_, str> {
     if text.starts_with(['=', '+', '-', '@', '\t', '\r', '\n']) { format!("'{text}").into() } else { text.into() }
 }
 
@@ -184,9 +184,14 @@ fn markdown(body: &BoardBody) -> String {
 
 /// Escapes a text for a cell of a Markdown table.
 fn in_cell(text: &str) -> String {
-    let is_special = |c: char| "\\`*_{}[]<>()#+-.!|&~".contains(c);
-    let escaped = text.chars().flat_map(|c| is_special(c).then_some('\\').into_iter().chain([c]));
-    escaped.map(|c| if c.is_control() { ' ' } else { c }).collect()
+    let escaped = |c: char| match c {
+        // On code hosts these call people, begin formulas and pictures, or make links.
+        '@' | '$' | ':' | '/' => format!("&#{};", u32::from(c)),
+        c if c.is_control() => " ".to_owned(),
+        c if "\\`*_{}[]<>()#+-.!|&~".contains(c) => format!("\\{c}"),
+        c => c.to_string(),
+    };
+    text.chars().map(escaped).collect()
 }
 
 #[cfg(test)]
@@ -198,6 +203,7 @@ mod tests {
         assert_eq!(in_cell("a|b"), "a\\|b");
         assert_eq!(in_cell("<img>\n[x](y)"), "\\<img\\> \\[x\\]\\(y\\)");
         assert_eq!(in_cell("агент 1"), "агент 1");
+        assert_eq!(in_cell("@ada https://x"), "&#64;ada https&#58;&#47;&#47;x");
     }
 
     #[test]

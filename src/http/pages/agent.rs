@@ -15,6 +15,8 @@ use plumbline_engine::tasks::Track;
 /// Runs on one board.
 struct Section {
     suite: String,
+    /// Number of rows beyond those shown.
+    not_shown: usize,
     lines: Vec<Line>,
     withdrawn: Vec<WithdrawnRow>,
     /// Track of the best run, whose progress a chart shows if there are several.
@@ -50,7 +52,7 @@ struct AgentPage {
 pub async fn page(State(state): State<AppState>, Path(name): Path<String>) -> PageResult {
     let known = agent(&state, &name).await?;
     let mut sections = Vec::new();
-    for OnBoard { board, rows, withdrawn } in known.boards {
+    for OnBoard { board, rows, count, withdrawn } in known.boards {
         let tasks = &board.entry.suite.tasks;
         let first = rows.first().map(|row| std::sync::Arc::clone(&row.standing));
         let of_track = |track| rows.iter().filter(|row| row.standing.track == track && row.places.is_some()).count();
@@ -62,6 +64,7 @@ pub async fn page(State(state): State<AppState>, Path(name): Path<String>) -> Pa
         };
         sections.push(Section {
             suite: board.entry.suite.id(),
+            not_shown: count - rows.len(),
             track: first.as_ref().map(|run| run.track).filter(|track| of_track(*track) > 1),
             best: first.as_deref().map(told).filter(|it| !(it.best.is_empty() && it.worst.is_empty())),
             lines: lines(&state, rows).await?,

@@ -2,7 +2,9 @@
 
 use askama::Template;
 use axum::extract::{Path, RawQuery, State};
+use axum::response::{IntoResponse as _, Redirect};
 
+use super::board_links::{Column, Links};
 use super::html::{self, PageResult, Preview};
 use super::lines::{Line, lines, with_reported};
 use crate::app::boards::agents::telling;
@@ -17,6 +19,7 @@ use crate::app::runs::body::RunProvenance;
 use crate::clock::{now_ms, rfc3339};
 use crate::http::boards::body::{BoardBody, BoardRow};
 use crate::http::boards::comparisons::Breakdown;
+use crate::http::boards::formats::Format;
 use crate::http::boards::leaderboard::BoardQuery;
 use crate::http::boards::repeats::RepeatGroup;
 use crate::http::extract::origin::Origin;
@@ -27,30 +30,10 @@ use plumbline_engine::grading::statistics::ranks::{range, threshold};
 use plumbline_engine::tasks::Track;
 use plumbline_engine::tasks::reported::ReportedRow;
 
-/// Columns that a board can be sorted by: value, its name in queries, and displayed name.
-const COLUMNS: [(SortBy, &str, &str); 11] = [
-    (SortBy::Overall, "overall", "overall"),
-    (SortBy::Accuracy, "accuracy", "accuracy"),
-    (SortBy::Material, "material", "material"),
-    (SortBy::Shape, "shape", "shape"),
-    (SortBy::Size, "size", "size"),
-    (SortBy::PhysicalPlausibility, "physical_plausibility", "plausibility"),
-    (SortBy::Dependency, "dependency", "dependency"),
-    (SortBy::StructuralStability, "structural_stability", "mean stability"),
-    (SortBy::Efficiency, "efficiency", "mean efficiency"),
-    (SortBy::Coverage, "coverage", "coverage"),
-    (SortBy::Finished, "finished", "finished"),
-];
 /// Number of rows on a page.
 const ROWS: u32 = 50;
 /// Number of runs in the tables by group.
 const GROUPED_ROWS: usize = 8;
-
-struct Column {
-    key: &'static str,
-    name: &'static str,
-    link: String,
-}
 
 struct Table {
     title: &'static str,
@@ -82,7 +65,9 @@ struct BoardPage {
     agent: String,
     provenance: &'static str,
     track: &'static str,
-    tracks: &'static [Track],
+    tracks: Vec<(&'static str, String)>,
+    /// Link to the runs of all tracks.
+    any_track: String,
     lists_incomplete: bool,
     is_best_of_agent: bool,
     as_of: String,
@@ -91,8 +76,12 @@ struct BoardPage {
     next: Option<String>,
     /// Query of the charts of the same runs.
     charts: String,
-    /// Day of the page, for citations.
-    today: String,
+    /// Query of the same rows in the API.
+    rows: String,
+    /// Link that shows the rows as they are now, whatever is added later, without the origin.
+    lasting: String,
+    /// Time of the page.
+    now: String,
     preview: Preview,
     tables: Vec<Table>,
     has_actions: bool,
@@ -103,7 +92,7 @@ struct BoardPage {
 impl BoardPage {
     /// Returns whether the runs on the page are all prompted alike, so that they can be compared.
     fn is_one_track(&self) -> bool {
-        self.tracks.len() == 1 || !self.track.is_empty()
+        self.body.rows.windows(2).all(|two| two[0].track == two[1].track)
     }
 
     /// Returns whether a row begins a new group: its best possible rank is worse than that of the row before it.
@@ -126,7 +115,13 @@ pub async fn board(
     Path(suite): Path<String>,
     RawQuery(raw): RawQuery,
 ) -> PageResult {
-    let query: BoardQuery = params::read(&html::set_fields(raw.as_deref()))?;
+    let set = html::set_fields(raw.as_deref());
+    let query: BoardQuery = params::read(&set)?;
+    if query.format != Format::Json {
+        // Other formats are those of the API.
+        return Ok(Redirect::to(&format!("/v1/leaderboards/{suite}?{set}")).into_response());
+    }
+    let now = rfc3339(now_ms());
     let links = Links::of(&suite, &query);
     let (is_ascending, provenance) = (query.order == Direction::Asc, query.provenance.map_or("", RunProvenance::name));
     let track = query.track.map_or("", Track::name);
@@ -176,7 +171,9 @@ pub async fn board(
             image: image_of(&board),
         },
         charts: links.charts(),
-        today: rfc3339(now_ms())[..10].to_owned(),
+        rows: links.rows(),
+        lasting: links.lasting(&now),
+        now,
         previous,
         next: body.next_after.as_ref().map(|after| links.page(Some(after))),
         columns: links.columns(),
@@ -186,7 +183,8 @@ pub async fn board(
         is_filtered: links.is_filtered(),
         provenance,
         track,
-        tracks: board.entry.suite.tracks(),
+        tracks: board.entry.suite.tracks().iter().map(|track| (track.name(), links.of_track(Some(*track)))).collect(),
+        any_track: links.of_track(None),
         is_best_of_agent: wanted.runs == RunsListed::BestOfAgent,
         lists_incomplete: wanted.coverage == CoverageFilter::Incomplete,
         agent: wanted.agent.unwrap_or_default(),
@@ -195,72 +193,6 @@ pub async fn board(
         incomplete: incomplete.into_iter().map(BoardRow::from).collect(),
         body,
     })
-}
-
-/// Links of a board page to itself: they keep the filters and the number of rows.
-struct Links<'q> {
-    suite: &'q str,
-    sort: SortBy,
-    order: Direction,
-    filters: Vec<(&'static str, String)>,
-    limit: Option<u32>,
-}
-
-impl<'q> Links<'q> {
-    fn of(suite: &'q str, query: &BoardQuery) -> Self {
-        let filters = [
-            ("agent", query.agent.clone()),
-            ("provenance", query.provenance.map(|provenance| provenance.name().to_owned())),
-            ("track", query.track.map(|track| track.name().to_owned())),
-            ("coverage", (query.coverage == CoverageFilter::Incomplete).then(|| "incomplete".to_owned())),
-            ("runs", (query.runs == RunsListed::BestOfAgent).then(|| "best_of_agent".to_owned())),
-            ("as_of", query.as_of.clone()),
-        ];
-        let filters = filters.into_iter().filter_map(|(name, value)| Some((name, value?))).collect();
-        Self { suite, sort: query.sort, order: query.order, filters, limit: query.limit }
-    }
-
-    /// Returns whether the page lists only some of the runs. Order and page are no filters.
-    const fn is_filtered(&self) -> bool {
-        !self.filters.is_empty()
-    }
-
-    /// Returns the name of the value by which the page is sorted.
-    fn sort(&self) -> &'static str {
-        COLUMNS.iter().find(|(by, ..)| *by == self.sort).map_or("overall", |(_, key, _)| key)
-    }
-
-    /// Returns the columns; each links to the page sorted by it, or in the other direction if it is sorted by it.
-    fn columns(&self) -> Vec<Column> {
-        let column = |(by, key, name)| {
-            let turned =
-                if by == self.sort && self.order == Direction::Desc { Direction::Asc } else { Direction::Desc };
-            Column { key, name, link: self.link(key, turned, None) }
-        };
-        COLUMNS.map(column).into()
-    }
-
-    fn page(&self, after: Option<&str>) -> String {
-        self.link(self.sort(), self.order, after)
-    }
-
-    /// Returns the query of the charts of these runs: of the filters, those that charts have.
-    fn charts(&self) -> String {
-        let kept = self.filters.iter().filter(|(name, _)| ["track", "as_of"].contains(name));
-        form_urlencoded::Serializer::new(String::new()).extend_pairs(kept).finish()
-    }
-
-    fn link(&self, sort: &str, order: Direction, after: Option<&str>) -> String {
-        let mut query = form_urlencoded::Serializer::new(String::new());
-        query.append_pair("sort", sort);
-        if order == Direction::Asc {
-            query.append_pair("order", "asc");
-        }
-        query.extend_pairs(&self.filters);
-        query.extend_pairs(self.limit.map(|limit| ("limit", limit.to_string())));
-        query.extend_pairs(after.map(|after| ("after", after)));
-        format!("/boards/{}?{}", self.suite, query.finish())
-    }
 }
 
 /// Returns the path of a picture that stands for a board: the build of the best run that the fewest others match.
@@ -305,38 +237,6 @@ fn reported(rows: &[ReportedRow]) -> Vec<Reported> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn query(text: &str) -> BoardQuery {
-        params::read(text).unwrap()
-    }
-
-    #[test]
-    fn links_keep_filters_and_number_of_rows() {
-        let filters = "agent=a+b&provenance=re-run-by-host&coverage=incomplete&as_of=2026-11-21T00%3A00%3A00Z&limit=7";
-        let shown = query(&format!("{filters}&sort=shape&order=asc&after=x"));
-        let links = Links::of("lite", &shown);
-        let columns = links.columns();
-        assert_eq!(columns[0].link, format!("/boards/lite?sort=overall&{filters}"));
-        assert_eq!(columns[3].link, format!("/boards/lite?sort=shape&{filters}"), "the other direction");
-        assert_eq!(links.page(Some("y")), format!("/boards/lite?sort=shape&order=asc&{filters}&after=y"));
-        assert!(links.is_filtered());
-    }
-
-    #[test]
-    fn order_and_page_are_no_filters() {
-        let shown = query("sort=finished&order=desc&limit=5&after=x&coverage=complete");
-        let links = Links::of("lite", &shown);
-        assert!(!links.is_filtered());
-        assert_eq!(links.sort(), "finished");
-        assert_eq!(links.columns()[10].link, "/boards/lite?sort=finished&order=asc&limit=5");
-    }
-
-    #[test]
-    fn every_column_has_the_name_of_its_value() {
-        for (by, key, _) in COLUMNS {
-            assert_eq!(query(&format!("sort={key}")).sort, by);
-        }
-    }
 
     #[test]
     fn reported_rows_with_the_same_counts_share_their_ranks() {

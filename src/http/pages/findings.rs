@@ -16,6 +16,10 @@ pub fn found(check: &CheckReport) -> String {
         "material.is_made_of" => check.finding.measured.as_f64().map(|share| format!("{} % are", plain(share * 100.0))),
         _ => None,
     };
+    // What was built under the ground has no upper surface.
+    if check.finding.summary.ends_with("upper surface [] along x, [] along z") {
+        return "Nothing of it stands above the ground".to_owned();
+    }
     let summary = check.finding.summary.split("; required").next().unwrap_or_default();
     sentence(&told.unwrap_or_else(|| in_good_number(&summary.replace("y=", "y = "))))
 }

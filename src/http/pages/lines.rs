@@ -78,6 +78,11 @@ pub fn criteria(problems: &PerCriterion<ProblemRate>, graded: &Graded) -> [Part;
     ]
 }
 
+/// Returns whether any run on the lines declares its cost.
+pub fn has_cost(lines: &[Line]) -> bool {
+    lines.iter().any(|line| matches!(line, Line::Run(run) if run.cost.is_some()))
+}
+
 /// Puts what cards declare beside rows of a board.
 ///
 /// # Errors

@@ -10,7 +10,7 @@ use crate::clock::rfc3339;
 use crate::http::state::AppState;
 
 /// Greatest number of entries on the page; the API lists all.
-const MOST: usize = 500;
+const MOST: usize = 200;
 
 /// Something that was done to a row.
 struct Entry {
@@ -39,7 +39,7 @@ pub async fn page(State(state): State<AppState>, Path(suite): Path<String>) -> P
     let entries = board.actions.iter().rev().take(MOST).map(|action| Entry {
         at: rfc3339(action.at_ms),
         run: action.run_id.clone(),
-        agent: board.standing(&action.run_id).map_or_else(|| "run".to_owned(), |run| run.agent.clone()),
+        agent: board.shown_name(&action.run_id).unwrap_or("a run").to_owned(),
         what: past(&action.action).to_owned(),
         actor: action.actor.clone(),
         reason: action.reason.clone(),

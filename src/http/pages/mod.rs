@@ -1,9 +1,10 @@
-//! Web pages, rendered on the server. They load nothing from other hosts. Scripts only add the 3D view and running
-//! countdowns.
+//! Web pages, rendered on the server. They load nothing from other hosts. Scripts add the 3D view,
+//! running countdowns, buttons that copy, and updates of what is under way.
 
 mod agent;
 pub mod assets;
 mod board;
+mod board_links;
 mod charts;
 mod claims;
 mod compare;
@@ -22,6 +23,7 @@ mod task;
 pub mod thumbnails;
 
 use axum::Router;
+use axum::response::Redirect;
 use axum::routing::get;
 
 use self::thumbnails::{PREVIEW, THUMBNAIL};
@@ -51,6 +53,8 @@ pub fn routes() -> Router<AppState> {
         .route("/submissions/{id}/evidence.html", get(submission::evidence))
         .route("/agents/{*name}", get(agent::page))
         .route("/search", get(search::page))
+        .route("/boards", get(async || Redirect::permanent("/boards/mineceraft")))
+        .route("/agents", get(async || Redirect::permanent("/search")))
         .route("/epochs", get(epochs::epochs))
         .route("/epochs/{id}", get(epochs::epoch))
         .route("/compare", get(submission::beside))

@@ -3,8 +3,8 @@
 
 use askama::Template;
 use axum::Form;
-use axum::extract::{DefaultBodyLimit, State};
-use axum::http::{HeaderMap, header};
+use axum::extract::{DefaultBodyLimit, Query, State};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Redirect, Response};
 use axum::routing::{get, post};
 use axum::{Extension, Router};
@@ -40,6 +40,14 @@ pub fn routes() -> Router<AppState> {
         .layer(DefaultBodyLimit::max(MAX_FORM_BYTES))
 }
 
+/// What an operator filled in and why it was refused, to be shown again.
+#[derive(Default)]
+struct Draft {
+    run: String,
+    reason: String,
+    fault: String,
+}
+
 #[derive(Template)]
 #[template(path = "sign_in.html")]
 struct SignInPage {
@@ -54,6 +62,7 @@ struct ModerationPage {
     now_ms: i64,
     told: Overview,
     suites: Vec<String>,
+    draft: Draft,
 }
 
 impl ModerationPage {
@@ -78,27 +87,55 @@ impl ModerationPage {
     }
 }
 
+/// Query of the page: why signing in was refused.
+#[derive(Deserialize)]
+struct PageQuery {
+    refused: Option<Refused>,
+}
+
+/// Why signing in was refused.
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Refused {
+    Unknown,
+    Scope,
+}
+
 /// Serves the page to operators, and a form to sign in to everybody else.
-async fn page(State(state): State<AppState>, caller: AppResult<Caller>) -> PageResult {
+async fn page(State(state): State<AppState>, Query(query): Query<PageQuery>, caller: AppResult<Caller>) -> PageResult {
+    let why = match query.refused {
+        None => "",
+        Some(Refused::Unknown) => "This key is unknown, revoked or expired.",
+        Some(Refused::Scope) => "This key lacks the scope admin.",
+    };
+    shown(&state, caller, Draft::default(), why).await
+}
+
+/// Shows the page to operators, with what was filled in, and a form to sign in to everybody else.
+async fn shown(state: &AppState, caller: AppResult<Caller>, draft: Draft, why: &str) -> PageResult {
     let told = match &caller {
-        Ok(caller) => overview(&state, caller).await,
+        Ok(caller) => overview(state, caller).await,
         Err(error) => Err(error.clone()),
     };
     match (told, caller) {
         (Ok(told), Ok(caller)) => {
             let suites = state.catalogue().suites().iter().map(|entry| entry.suite.id()).collect();
             let actor = caller.owner().unwrap_or_default().to_owned();
-            let mut response = html::page(&ModerationPage { actor, now_ms: now_ms(), told, suites })?;
-            response.headers_mut().insert(header::CACHE_CONTROL, header::HeaderValue::from_static("no-store"));
-            Ok(response)
+            let status = if draft.fault.is_empty() { StatusCode::OK } else { StatusCode::UNPROCESSABLE_ENTITY };
+            Ok(unkept(status, html::page(&ModerationPage { actor, now_ms: now_ms(), told, suites, draft })?))
         }
-        (Err(error), caller) if matches!(error.kind(), Kind::Unauthorized | Kind::Forbidden) => {
-            let was_sent = caller.is_ok_and(|caller| caller.key.is_some());
-            let why = if was_sent { error.detail().to_owned() } else { String::new() };
-            html::page(&SignInPage { why })
+        (Err(error), _) if matches!(error.kind(), Kind::Unauthorized | Kind::Forbidden) => {
+            Ok(unkept(StatusCode::OK, html::page(&SignInPage { why: why.to_owned() })?))
         }
         (Err(error), _) | (_, Err(error)) => Err(error.into()),
     }
+}
+
+/// Gives a page a status, and forbids to keep it.
+fn unkept(status: StatusCode, mut page: Response) -> Response {
+    *page.status_mut() = status;
+    page.headers_mut().insert(header::CACHE_CONTROL, header::HeaderValue::from_static("no-store"));
+    page
 }
 
 /// Form to sign in.
@@ -124,7 +161,7 @@ async fn sign_in(
         state.rates.looking_up(peer, &headers).map_err(IntoResponse::into_response)?;
     }
     let found = state.live_key(sent).await.map_err(AppError::into_response)?;
-    let why = match found {
+    let refused = match found {
         Some(key) if key.allows(Scope::Admin) => {
             let lasts = format!("Max-Age={SIGNED_IN_SECONDS}; Path={MODERATION}; HttpOnly; SameSite=Strict");
             let cookie = Cookie::parse(format!("{KEY_COOKIE}={sent}; {lasts}"));
@@ -132,10 +169,10 @@ async fn sign_in(
             cookie.set_secure(origin.is_secure);
             return Ok((jar.add(cookie), Redirect::to(MODERATION)).into_response());
         }
-        Some(_) => "This key lacks the scope admin.",
-        None => "This key is unknown, revoked or expired.",
+        Some(_) => "scope",
+        None => "unknown",
     };
-    html::page(&SignInPage { why: why.to_owned() }).map_err(IntoResponse::into_response)
+    Ok(Redirect::to(&format!("{MODERATION}?refused={refused}")).into_response())
 }
 
 /// Removes the cookie.
@@ -164,13 +201,25 @@ async fn action(
 ) -> PageResult {
     must_be_own(&headers, &origin)?;
     // A run may be given by the address of its page.
-    let run = run.trim().trim_end_matches('/').rsplit('/').next().unwrap_or_default().to_owned();
-    let done = act(&state, &caller, run, action, &reason).await?;
-    Ok(Redirect::to(&format!("/runs/{}#moderation-log", done.run)).into_response())
+    let path = run.trim().split(['?', '#']).next().unwrap_or_default();
+    let id = path.trim_end_matches('/').rsplit('/').next().unwrap_or_default().to_owned();
+    match act(&state, &caller, id, action, &reason).await {
+        Ok(done) => Ok(Redirect::to(&format!("/runs/{}#moderation-log", done.run)).into_response()),
+        Err(error) if matches!(error.kind(), Kind::NotFound | Kind::Conflict(_) | Kind::InvalidBody) => {
+            let faults = error.faults().iter().map(|fault| fault.detail.clone()).collect::<Vec<_>>().join("; ");
+            let fault = if faults.is_empty() { error.detail().to_owned() } else { format!("reason: {faults}") };
+            shown(&state, Ok(caller), Draft { run, reason, fault }, "").await
+        }
+        Err(error) => Err(error.into()),
+    }
 }
 
-/// Refuses a form that another site sends. Browsers say where a form comes from, and the cookie is not sent from elsewhere.
+/// Refuses a form that another site sends. Browsers say where a form comes from, and do not send the cookie from elsewhere.
 fn must_be_own(headers: &HeaderMap, origin: &Origin) -> AppResult<()> {
+    // What browsers say of the site does not depend on the headers that a proxy changes.
+    if headers.get("sec-fetch-site").is_some_and(|site| site == "same-origin") {
+        return Ok(());
+    }
     let told = headers.get(header::ORIGIN).and_then(|value| value.to_str().ok());
     let host = told.map(|told| told.split_once("://").map_or(told, |(_, host)| host));
     if host.is_none_or(|host| host.eq_ignore_ascii_case(&origin.host)) {

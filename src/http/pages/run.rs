@@ -6,6 +6,7 @@ use axum::response::{IntoResponse as _, Redirect};
 use serde::Deserialize;
 
 use super::html::{self, PageResult, Preview};
+use crate::app::accounts::events::last;
 use crate::app::boards::agents::{Telling, telling};
 use crate::app::boards::breakdown::GroupBy;
 use crate::app::boards::tasks::TaskResult;
@@ -27,6 +28,7 @@ use plumbline_engine::tasks::catalogue::Entry;
 struct Family {
     name: String,
     solved: usize,
+    graded: usize,
     all: usize,
     squares: Vec<Square>,
 }
@@ -76,6 +78,10 @@ struct RunPage {
     card: Vec<(&'static str, String)>,
     links: Vec<Link>,
     preview: Preview,
+    /// Another run of the track to compare it with, and its agent: the best, or the second best.
+    best: Option<(String, String)>,
+    /// Number of the last event before the page was made: the page follows those after it.
+    last_event: i64,
 }
 
 /// Serves the page of a run.
@@ -89,6 +95,7 @@ pub async fn run(
     RawQuery(raw): RawQuery,
 ) -> PageResult {
     let query: RunQuery = params::read(raw.as_deref().unwrap_or_default())?;
+    let last_event = last(&state).await?;
     let mut results = results(&state, &id).await?;
     let anonymous_until = results.run.embargo.as_ref().map(|embargo| rfc3339(embargo.until_ms));
     if anonymous_until.is_some() {
@@ -115,6 +122,10 @@ pub async fn run(
         let Telling { best, worst } = telling(&results.board, &row.standing);
         best.first().or(worst.first()).map(|place| suite.tasks[*place].number)
     });
+    let best = results.row.as_ref().filter(|row| row.places.is_some()).and_then(|row| {
+        let others = results.board.rows.all.iter().filter(|other| other.run != id && other.track == row.standing.track);
+        others.map(|other| (other.run.clone(), other.agent.clone())).next()
+    });
     let preview = Preview {
         origin,
         path: format!("/runs/{id}"),
@@ -125,6 +136,8 @@ pub async fn run(
         image: shown.map(|number| format!("/runs/{id}/tasks/{number}/preview.png")),
     };
     html::page(&RunPage {
+        last_event,
+        best,
         preview,
         begun: rfc3339(results.run.created_at_ms),
         anonymous_until,
@@ -182,12 +195,13 @@ fn families(squares: Vec<Square>, show: Show) -> Vec<Family> {
     for square in squares {
         let name = square.task.split('/').next().unwrap_or_default();
         let at = families.iter().position(|family| family.name == name).unwrap_or_else(|| {
-            families.push(Family { name: name.to_owned(), solved: 0, all: 0, squares: Vec::new() });
+            families.push(Family { name: name.to_owned(), solved: 0, graded: 0, all: 0, squares: Vec::new() });
             families.len() - 1
         });
         let family = &mut families[at];
         let is_solved = square.class == "solved";
         family.all += 1;
+        family.graded += usize::from(!square.class.is_empty());
         family.solved += usize::from(is_solved);
         if show == Show::All || !is_solved {
             family.squares.push(square);

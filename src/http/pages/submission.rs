@@ -104,8 +104,8 @@ impl Shown {
                 0 => "It is next in the queue".to_owned(),
                 ahead => format!("{} ahead of it in the queue", html::counted(ahead, "submission")),
             };
-            let when = seconds.map(|s| format!(", about {}", html::duration(s.ceil() as i64))).unwrap_or_default();
-            return format!("{place}{when}. This page shows the verdict once it is graded.");
+            let when = seconds.map(|s| format!("; grading begins in about {}", html::duration(s.ceil() as i64)));
+            return format!("{place}{}. This page shows the verdict once it is graded.", when.unwrap_or_default());
         }
         self.meaning().to_owned()
     }

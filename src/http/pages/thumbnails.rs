@@ -53,7 +53,10 @@ pub async fn of_run<const SIDE: u32>(
     Path((run, number)): Path<(String, u32)>,
 ) -> PageResult {
     let row = answer(&state, &run, number).await?;
-    of_submission::<SIDE>(state, reader, asked, Path(row.id)).await
+    let mut response = of_submission::<SIDE>(state, reader, asked, Path(row.id)).await?;
+    // Until the run has ended, another submission may take the place of this one.
+    response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("public, no-cache"));
+    Ok(response)
 }
 
 /// Serves a picture of the reference build of a task.

@@ -36,30 +36,60 @@ for (const text of document.querySelectorAll("[data-copy]")) {
   text.after(button, told);
 }
 
-// A part marked with data-live follows the events of its URL: after an event, and every data-every seconds, it is taken
-// anew from the server. When the server no longer marks it, what was under way has ended, and the page is loaded again.
+// A part marked with data-live follows the events of its URL while the page is seen: after an event, and every data-every
+// seconds, it is taken anew from the server. When the server no longer marks it, what was under way has ended, and the page is
+// loaded again. Without a stream, the server is asked every half minute.
 const live = document.querySelector("[data-live]");
-const PAUSE = 2000;
-let due = null, last = 0;
-async function renew() {
-  due = null;
-  last = Date.now();
-  const answer = await fetch(location.href, { headers: { accept: "text/html" } });
-  if (!answer.ok) return;
-  const fresh = new DOMParser().parseFromString(await answer.text(), "text/html").querySelector("[data-live]");
-  if (!fresh) return location.reload();
-  if (fresh.innerHTML === live.dataset.shown) return;
-  live.dataset.shown = fresh.innerHTML;
+const PAUSE = 2000, SELDOM = 30000;
+let shown = live?.innerHTML, due = null, last = Date.now(), isBusy = false, isWanted = false, events = null;
+
+/* Says which link or family an element is, to find it again after the part was taken anew. */
+const nameOf = (element) => element?.getAttribute("href") ?? element?.querySelector(".name")?.textContent;
+
+function replace(fresh) {
+  if (fresh.innerHTML === shown) return;
+  shown = fresh.innerHTML;
   const open = new Set([...live.querySelectorAll("details[open] .name")].map((name) => name.textContent));
+  const focused = live.contains(document.activeElement) ? nameOf(document.activeElement) : null;
   live.replaceChildren(...fresh.childNodes);
   for (const name of live.querySelectorAll("details .name")) name.closest("details").open = open.has(name.textContent);
+  if (focused) [...live.querySelectorAll("a, summary")].find((element) => nameOf(element) === focused)?.focus({ preventScroll: true });
 }
-const soon = () => { due ??= setTimeout(() => renew().catch(() => {}), Math.max(0, last + PAUSE - Date.now())); };
+
+async function renew() {
+  due = null;
+  if (isBusy) {
+    isWanted = true;
+    return;
+  }
+  [isBusy, last] = [true, Date.now()];
+  try {
+    const answer = await fetch(location.href, { headers: { accept: "text/html" } });
+    if (!answer.ok) return;
+    const fresh = new DOMParser().parseFromString(await answer.text(), "text/html").querySelector("[data-live]");
+    if (fresh) replace(fresh);
+    else location.reload();
+  } catch { /* The network is away: the next event or the next turn asks again. */ } finally {
+    isBusy = false;
+    if (isWanted) [isWanted] = [false, soon()];
+  }
+}
+function soon() { due ??= setTimeout(renew, Math.max(0, last + PAUSE - Date.now())); }
+
+function follow() {
+  if (document.hidden) {
+    events?.close();
+    events = null;
+  } else if (!events || events.readyState === EventSource.CLOSED) {
+    events = new EventSource(live.dataset.live);
+    for (const name of ["submission", "run"]) events.addEventListener(name, soon);
+  }
+}
 if (live) {
-  const events = new EventSource(live.dataset.live);
-  for (const name of ["submission", "run", "message"]) events.addEventListener(name, soon);
-  // A stream that the service refuses, or has ended, is not opened again.
-  events.addEventListener("error", () => { if (events.readyState === EventSource.CLOSED) soon(); });
-  addEventListener("pagehide", () => events.close());
-  if (live.dataset.every) setInterval(soon, Number(live.dataset.every) * 1000);
+  follow();
+  document.addEventListener("visibilitychange", () => { follow(); if (!document.hidden) soon(); });
+  addEventListener("pagehide", () => { events?.close(); events = null; });
+  addEventListener("pageshow", (event) => { if (event.persisted) { follow(); soon(); } });
+  const every = Number(live.dataset.every) * 1000;
+  setInterval(() => { if (!document.hidden && (every || !events || events.readyState === EventSource.CLOSED)) soon(); }, every || SELDOM);
 }

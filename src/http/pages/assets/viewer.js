@@ -162,8 +162,11 @@ class Viewer {
     this.origin = [ox, oy, oz];
     [this.low, this.high] = [[0, 0, 0], near(high)];
     [low, high] = [this.low, this.high];
-    this.centre = low.map((l, i) => (l + high[i]) / 2);
-    this.size = Math.hypot(...low.map((l, i) => high[i] - l));
+    // The view reaches up to the surface of the ground, also where everything lies below it.
+    this.buried = Math.max(-oy - high[1], 0);
+    const ends = [high[0], this.buried <= GROUND_SPAN ? Math.max(high[1], -oy) : high[1], high[2]];
+    this.centre = low.map((l, i) => (l + ends[i]) / 2);
+    this.size = Math.hypot(...low.map((l, i) => ends[i] - l));
   }
 
   /* Returns the blocks after the first `at` events. Placing on a block keeps its position in the order; removing from
@@ -231,7 +234,7 @@ class Viewer {
     fill(this.lines, gl.ARRAY_BUFFER, new Float32Array(this.axes().flatMap(([from, to]) => [...from, ...to])));
     [this.faces, this.steps] = [drawn, way.length / 3];
     Object.assign(this.canvas.dataset, { blocks: shown, faces, mode: this.mode, step: this.at });
-    this.told.textContent = `${this.at} of ${counted(this.events.length, "event")}, ${counted(blocks.size, "block")}`;
+    this.told.textContent = `${this.at} of ${counted(this.events.length, "event")}, ${counted(blocks.size, "block")}${this.buried ? `, ${counted(this.buried, "block")} below the ground` : ""}`;
     // Whoever listens hears where the view rests, not each step on the way.
     clearTimeout(this.telling);
     if (!this.playing) this.telling = setTimeout(() => (this.status.textContent = this.told.textContent), 700);
@@ -348,10 +351,11 @@ class Viewer {
 
   /* Draws the edges of the reference build where the agent built, to compare the two. */
   async haunt() {
+    const told = this.root.querySelector("[data-control=ghost-told]");
     if (this.ghost.checked && !this.ghostEnds) {
-      const answer = await fetch(this.scene.reference);
-      if (!answer.ok) {
-        this.legend.textContent = "There is no reference build for this task.";
+      const answer = await fetch(this.scene.reference).catch(() => null);
+      if (!answer?.ok) {
+        told.textContent = "The reference build could not be loaded.";
         this.ghost.checked = false;
         return;
       }
@@ -362,7 +366,7 @@ class Viewer {
       this.ghostEnds = ends.length / 3;
     }
     this.canvas.dataset.ghost = this.ghost.checked ? this.ghostEnds : 0;
-    this.legend.textContent = this.ghost.checked ? "Purple lines: a reference build, moved to where this one stands" : "";
+    told.textContent = this.ghost.checked ? "Purple lines: a reference build, moved to where this one stands" : "";
     this.draw();
   }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::drawing::{Drawing, short};
-use super::figure::{Figure, FigureRow};
+use super::figure::{Figure, FigureRow, share};
 use super::runs::Charted;
 use crate::http::pages::html;
 use crate::http::pages::lines::money;
@@ -11,6 +11,8 @@ use plumbline_engine::grading::standings::Standing;
 
 /// Rectangle of the scales: left, top, width and height.
 const PLOT: [f64; 4] = [56.0, 14.0, 600.0, 300.0];
+/// Greatest number of powers of ten on the scale of costs.
+const MOST_POWERS: f64 = 8.0;
 /// Size of the chart.
 const SIZE: [f64; 2] = [720.0, 370.0];
 /// Width of a character of a label, in pixels, at most.
@@ -41,8 +43,10 @@ pub fn draw(charted: &Charted) -> Option<Figure> {
     let logs = runs.iter().map(|(_, amount)| amount.log10());
     let low = logs.clone().fold(f64::INFINITY, f64::min).floor();
     let high = logs.fold(f64::NEG_INFINITY, f64::max).ceil().max(low + 1.0);
+    // Amounts beyond eight powers of ten below the greatest stand at the left edge.
+    let low = low.max(high - MOST_POWERS);
     let at = |run: &Standing, amount: f64| {
-        [left + (amount.log10() - low) / (high - low) * width, top + (1.0 - rate(run)) * height]
+        [left + (amount.log10().max(low) - low) / (high - low) * width, top + (1.0 - rate(run)) * height]
     };
     let mut drawing = Drawing::new(SIZE[0], SIZE[1]);
     for tick in 0..=4 {
@@ -86,6 +90,7 @@ pub fn draw(charted: &Charted) -> Option<Figure> {
             format!("{} {currency}", money(*amount)),
             if *is_front { "yes" } else { "no" }.to_owned(),
         ],
+        values: vec![share(run.rate()), amount.to_string(), currency.to_owned(), is_front.to_string()],
     };
     let title = "Score against cost";
     let about =
@@ -96,6 +101,7 @@ pub fn draw(charted: &Charted) -> Option<Figure> {
         about,
         size: SIZE,
         head: ["agent", "score", "cost", "best at its price"].map(ToOwned::to_owned).into(),
+        columns: Some(["agent", "score", "cost", "currency", "best_at_its_price"].map(ToOwned::to_owned).into()),
         rows: runs.iter().zip(&is_front).map(row).collect(),
     })
 }

@@ -101,13 +101,24 @@ fn corners<const N: usize>(class: &str, points: [[f64; 2]; N]) -> String {
 /// Shortens a name to what fits beside a chart.
 #[must_use]
 pub fn short(name: &str, chars: usize) -> String {
-    if name.chars().count() <= chars {
+    // Other scripts have wide characters.
+    let width = |c: char| if c.is_ascii() || c.is_alphabetic() && (c as u32) < 0x1100 { 1 } else { 2 };
+    if name.chars().map(width).sum::<usize>() <= chars {
         return name.to_owned();
     }
-    name.chars().take(chars.saturating_sub(1)).chain(['…']).collect()
+    let mut left = chars.saturating_sub(1);
+    let fits = |c: &char| {
+        left.checked_sub(width(*c)).is_some_and(|rest| {
+            left = rest;
+            true
+        })
+    };
+    name.chars().take_while(fits).chain(['…']).collect()
 }
 
 fn escaped(text: &str) -> String {
+    // These two may stand in names, but not in XML.
+    let text = text.replace(['\u{fffe}', '\u{ffff}'], "");
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
@@ -131,5 +142,6 @@ mod tests {
     fn long_names_are_shortened_by_characters() {
         assert_eq!(short("строитель", 5), "стро…");
         assert_eq!(short("строитель", 9), "строитель");
+        assert_eq!(short("建築家のモデル", 9), "建築家の…");
     }
 }

@@ -1,7 +1,7 @@
 //! The criteria of two runs, joined.
 
 use super::drawing::{Drawing, short};
-use super::figure::{Figure, FigureRow};
+use super::figure::{Figure, FigureRow, share};
 use crate::http::pages::html;
 use crate::http::pages::lines::criteria;
 use plumbline_engine::grading::standings::Standing;
@@ -43,7 +43,8 @@ pub fn draw(a: &Standing, b: &Standing) -> Figure {
         }
         let difference = one.value.zip(other.value).map(|(one, other)| format!("{:+.1}", (other - one) * 100.0));
         let cells = vec![html::percent(one.value), html::percent(other.value), difference.unwrap_or_default()];
-        rows.push(FigureRow { name: one.name.to_owned(), run: None, cells });
+        let values = vec![share(one.value), share(other.value)];
+        rows.push(FigureRow { name: one.name.to_owned(), run: None, cells, values });
     }
     let title = "Criteria of both runs";
     let about =
@@ -55,6 +56,7 @@ pub fn draw(a: &Standing, b: &Standing) -> Figure {
         about,
         size: [WIDTH, height],
         head: ["criterion", "first run", "second run", "difference, points"].map(ToOwned::to_owned).into(),
+        columns: Some(["criterion", "first", "second"].map(ToOwned::to_owned).into()),
         rows,
     }
 }

@@ -1,6 +1,7 @@
 //! A chart with its numbers as a table.
 
 use crate::app::error::{AppError, AppResult};
+use crate::http::boards::formats::as_text;
 
 /// A chart with its numbers.
 pub struct Figure {
@@ -14,8 +15,16 @@ pub struct Figure {
     pub size: [f64; 2],
     /// Names of the columns.
     pub head: Vec<String>,
+    /// Columns of the CSV, if it has others than the table.
+    pub columns: Option<Vec<String>>,
     /// Rows of the table.
     pub rows: Vec<FigureRow>,
+}
+
+/// Writes a share for programs; empty if there is none.
+#[must_use]
+pub fn share(value: Option<f64>) -> String {
+    value.map(|value| value.to_string()).unwrap_or_default()
 }
 
 /// A row of the table of a chart.
@@ -26,6 +35,8 @@ pub struct FigureRow {
     pub run: Option<String>,
     /// Values under the columns after the first.
     pub cells: Vec<String>,
+    /// The same values for programs: shares from 0 to 1, times in RFC 3339.
+    pub values: Vec<String>,
 }
 
 impl Figure {
@@ -37,10 +48,10 @@ impl Figure {
         let mut writer = csv::Writer::from_writer(Vec::new());
         let has_runs = self.rows.iter().any(|row| row.run.is_some());
         let run = |run: &str| has_runs.then(|| run.to_owned());
-        let head = self.head.iter().cloned().chain(run("run"));
+        let head = self.columns.as_ref().unwrap_or(&self.head).iter().cloned().chain(run("run"));
         writer.write_record(head).map_err(|error| AppError::internal(&error))?;
         for row in &self.rows {
-            let cells = [row.name.clone()].into_iter().chain(row.cells.iter().cloned());
+            let cells = [as_text(&row.name).into_owned()].into_iter().chain(row.values.iter().cloned());
             let cells = cells.chain(run(row.run.as_deref().unwrap_or_default()));
             writer.write_record(cells).map_err(|error| AppError::internal(&error))?;
         }

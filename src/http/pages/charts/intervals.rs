@@ -1,7 +1,7 @@
 //! Scores of the best runs with their intervals.
 
 use super::drawing::{Drawing, short};
-use super::figure::{Figure, FigureRow};
+use super::figure::{Figure, FigureRow, share};
 use super::runs::Charted;
 use crate::http::pages::html;
 
@@ -42,16 +42,18 @@ pub fn draw(charted: &Charted) -> Option<Figure> {
             run.interval.map(|it| html::percent(Some(it.low))).unwrap_or_default(),
             run.interval.map(|it| html::percent(Some(it.high))).unwrap_or_default(),
         ],
+        values: vec![share(run.rate()), share(run.interval.map(|it| it.low)), share(run.interval.map(|it| it.high))],
     };
-    let title = "Scores and how far they may be chance";
+    let title = "Scores with 95 % intervals";
     let about =
-        "Each bar is the 95 % interval of a score. Where bars overlap widely, the order may be chance.".to_owned();
+        "Each bar is the 95 % interval of a score, of at most the 30 best runs. Where bars overlap widely, the order may be chance.".to_owned();
     Some(Figure {
         svg: drawing.finish(title, &about),
         title,
         about,
         size: [width, height],
         head: ["agent", "score", "low", "high"].map(ToOwned::to_owned).into(),
+        columns: None,
         rows: runs.iter().map(row).collect(),
     })
 }

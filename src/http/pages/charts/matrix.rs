@@ -15,7 +15,7 @@ const CELLS: [f64; 3] = [190.0, 520.0, 18.0];
 /// Room for the names of families below.
 const NAMES: f64 = 130.0;
 /// Least width of a family whose name is written, in pixels.
-const LEAST_NAMED: f64 = 11.0;
+const LEAST_NAMED: f64 = 14.0;
 /// Classes of the cells.
 const CLASSES: [&str; 4] = ["solved", "accurate", "failed", "none"];
 
@@ -60,6 +60,7 @@ pub fn draw(charted: &Charted) -> Option<Figure> {
     let counts = |run: &std::sync::Arc<plumbline_engine::grading::standings::Standing>| FigureRow {
         name: run.agent.clone(),
         run: Some(run.run.clone()),
+        values: order.iter().map(|place| code(TaskResult::of(&run.outcomes, *place)).to_owned()).collect(),
         cells: families
             .iter()
             .map(|(_, places)| {
@@ -69,7 +70,7 @@ pub fn draw(charted: &Charted) -> Option<Figure> {
             .collect(),
     };
     let title = "Which run solves which task";
-    let about = "A row for each run, a cell for each task, by family, easier tasks first. Green: solved. Yellow: accurate, but not \
+    let about = "A row for each of at most 20 runs, a cell for each task, by family, easier tasks first. Green: solved. Yellow: accurate, but not \
                  solved. Red: failed. Empty: no graded answer."
         .to_owned();
     Some(Figure {
@@ -78,8 +79,22 @@ pub fn draw(charted: &Charted) -> Option<Figure> {
         about,
         size: [720.0, height + NAMES],
         head: ["agent"].into_iter().chain(families.iter().map(|(name, _)| *name)).map(ToOwned::to_owned).collect(),
+        columns: Some(
+            ["agent".to_owned()].into_iter().chain(order.iter().map(|place| tasks[*place].id.clone())).collect(),
+        ),
         rows: runs.iter().map(counts).collect(),
     })
+}
+
+/// Returns the name of a result in the CSV.
+const fn code(result: TaskResult) -> &'static str {
+    match result {
+        TaskResult::Solved => "solved",
+        TaskResult::Accurate => "accurate",
+        TaskResult::Failed => "failed",
+        TaskResult::Skipped => "skipped",
+        TaskResult::NotAnswered => "",
+    }
 }
 
 /// Returns the stretches of equal results of a run: class, first cell and number of cells.

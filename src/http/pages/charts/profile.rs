@@ -1,7 +1,7 @@
 //! Criteria of the best runs side by side.
 
 use super::drawing::{Drawing, SERIES, short};
-use super::figure::{Figure, FigureRow};
+use super::figure::{Figure, FigureRow, share};
 use super::runs::Charted;
 use crate::http::pages::html;
 use crate::http::pages::lines::criteria;
@@ -56,6 +56,7 @@ pub fn draw(charted: &Charted) -> Option<Figure> {
     let table = |(run, profile): (&&plumbline_engine::grading::standings::Standing, &[_; 7])| FigureRow {
         name: run.agent.clone(),
         run: Some(run.run.clone()),
+        values: profile.iter().map(|part: &crate::http::pages::lines::Part| share(part.value)).collect(),
         cells: profile.iter().map(|part: &crate::http::pages::lines::Part| html::percent(part.value)).collect(),
     };
     let title = "Criteria of the best agents";
@@ -68,6 +69,7 @@ pub fn draw(charted: &Charted) -> Option<Figure> {
         about,
         size: [WIDTH, height],
         head: ["agent"].iter().chain(&names).map(|name| (*name).to_owned()).collect(),
+        columns: None,
         rows: runs.iter().zip(&profiles).map(table).collect(),
     })
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::drawing::{Drawing, short};
-use super::figure::{Figure, FigureRow};
+use super::figure::{Figure, FigureRow, share};
 use super::runs::Charted;
 use crate::clock::{DAY_MS, rfc3339};
 use crate::http::pages::html;
@@ -75,6 +75,7 @@ pub fn draw(charted: &Charted) -> Option<Figure> {
             html::percent(run.rate()),
             if *is_record { "yes" } else { "no" }.to_owned(),
         ],
+        values: vec![rfc3339(run.finished_at_ms), share(run.rate()), is_record.to_string()],
     };
     let title = "Progress over time";
     let about =
@@ -85,6 +86,7 @@ pub fn draw(charted: &Charted) -> Option<Figure> {
         about,
         size: SIZE,
         head: ["agent", "finished", "score", "best up to then"].map(ToOwned::to_owned).into(),
+        columns: Some(["agent", "finished", "score", "best_up_to_then"].map(ToOwned::to_owned).into()),
         rows: runs.iter().zip(&records).map(row).collect(),
     })
 }

@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use crate::app::App;
 use crate::app::boards::cache::Board;
-use crate::app::boards::leaderboard::{moment, rows_at};
+use crate::app::boards::leaderboard::moment;
 use crate::app::boards::read;
 use crate::app::cards::card::Cost;
 use crate::app::cards::of_runs;
@@ -63,11 +63,12 @@ impl Charted {
         if let Some(detail) = query.track.and_then(|track| board.entry.suite.lacks(track)) {
             return Err(AppError::wrong_parameter("track", detail));
         }
-        let rows = rows_at(&board, moment(query.as_of.as_deref())?);
+        let rows = moment(query.as_of.as_deref())?.map(|at| board.ordered_at(at));
+        let rows = rows.as_ref().unwrap_or(&board.rows.all);
         let is_wanted = |row: &&Arc<Standing>| query.agent.as_ref().is_none_or(|agent| *agent == row.agent);
-        let first = rows.all.iter().find(is_wanted).map(|row| row.track);
+        let first = rows.iter().find(is_wanted).map(|row| row.track);
         let track = query.track.or(first).or_else(|| board.entry.suite.tracks().first().copied()).unwrap_or_default();
-        let runs = rows.all.iter().filter(|row| row.track == track).filter(is_wanted).take(MAX_RUNS).cloned();
+        let runs = rows.iter().filter(|row| row.track == track).filter(is_wanted).take(MAX_RUNS).cloned();
         let runs: Vec<Arc<Standing>> = runs.collect();
         let names: Vec<&str> = runs.iter().map(|row| row.run.as_str()).collect();
         let costs = of_runs(app, &names).await?.into_iter().filter_map(|(run, card)| Some((run, card.cost?))).collect();

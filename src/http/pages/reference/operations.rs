@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use super::prose;
-use super::schemas::{Kind, Member, kind_of, members_of, text};
+use super::schemas::{Kind, Member, kind_of, members_of, plain, text};
 use crate::http::extract::origin::Origin;
 
 /// Methods, in the order in which the operations of a path are listed.
@@ -53,6 +53,15 @@ pub struct Parameter<'d> {
     pub kind: Kind<'d>,
     /// Description as markup.
     pub about: String,
+    /// An example of its value.
+    example: Option<String>,
+}
+
+impl Parameter<'_> {
+    /// Returns a value for a command: the example, or else the name in capitals.
+    fn value(&self) -> String {
+        self.example.clone().unwrap_or_else(|| self.name.to_uppercase())
+    }
 }
 
 /// A body in one media type.
@@ -115,6 +124,7 @@ impl<'d> Operation<'d> {
             is_required: it["required"] == true,
             kind: kind_of(&it["schema"]),
             about: prose(text(it, "description")),
+            example: it.get("example").or_else(|| it["schema"].get("example")).map(plain),
         });
         let responses = told["responses"].as_object().into_iter().flatten();
         let (fine, errors): (Vec<_>, Vec<_>) = responses.partition(|(status, _)| !status.starts_with(['4', '5']));
@@ -148,10 +158,17 @@ impl<'d> Operation<'d> {
         let kind = sent.map(|body| format!(" -H 'content-type: {}'", body.media)).unwrap_or_default();
         let body = match sent.map(|body| &body.example) {
             Some(Some(example)) => format!(" \\\n  -d '{}'", example.replace('\'', "'\\''")),
-            Some(None) => " -d @body.json".to_owned(),
+            Some(None) => " \\\n  --data-binary @FILE".to_owned(),
             None => String::new(),
         };
-        format!("curl -s{method}{key}{kind} \\\n  '{origin}{}'{body}", self.path)
+        let mut path = self.path.to_owned();
+        for it in self.parameters.iter().filter(|it| it.place == "path") {
+            path = path.replace(&format!("{{{}}}", it.name), &it.value());
+        }
+        let needed = self.parameters.iter().filter(|it| it.is_required && it.place == "query");
+        let needed: Vec<String> = needed.map(|it| format!("{}={}", it.name, it.value())).collect();
+        let query = if needed.is_empty() { String::new() } else { format!("?{}", needed.join("&")) };
+        format!("curl -s{method}{key}{kind} \\\n  '{origin}{path}{query}'{body}")
     }
 }
 

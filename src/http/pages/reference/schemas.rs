@@ -168,7 +168,7 @@ pub fn text<'d>(of: &'d Value, name: &str) -> &'d str {
 }
 
 /// Writes a value without the quotes of JSON.
-fn plain(value: &Value) -> String {
+pub fn plain(value: &Value) -> String {
     value.as_str().map_or_else(|| value.to_string(), ToOwned::to_owned)
 }
 
