@@ -96,6 +96,18 @@ pub fn tamperings(reveal: &Value) -> Vec<(String, Value)> {
     change("two entries that share their ids", &|changed| {
         changed["entries"][1]["id"] = changed["entries"][0]["id"].clone();
     });
+    change("the key of draws left out", &|changed| {
+        changed["commitment"].as_object_mut().unwrap().remove("draw_key").unwrap();
+    });
+    change("another key of draws", &|changed| changed["commitment"]["draw_key"] = "ab".repeat(32).into());
+    let of_draw = |own: &Value| own["receipt"].get("draw").is_some();
+    let drawn = reveal["receipts"].as_array().unwrap().iter().position(of_draw).unwrap();
+    change("the proof of a draw left out", &|changed| {
+        changed["receipts"][drawn]["receipt"]["draw"].as_object_mut().unwrap().remove("proof").unwrap();
+    });
+    change("the proof of a draw changed", &|changed| {
+        changed["receipts"][drawn]["receipt"]["draw"]["proof"] = "0".repeat(160).into();
+    });
     change("a run drawn with more than one nonce", &|changed| {
         changed["instances"][3]["nonce"] = "chosen afterwards".into();
     });

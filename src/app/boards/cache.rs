@@ -1,7 +1,7 @@
 //! Boards in memory: only new results are read after the first time; rows are sorted, filtered and compared on demand.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
-use std::sync::{Arc, LazyLock, OnceLock, PoisonError, RwLock};
+use std::sync::{Arc, LazyLock, Mutex, OnceLock, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
 use uuid::Uuid;
@@ -20,6 +20,9 @@ const CURRENT_FOR: Duration = Duration::from_secs(1);
 
 /// Greatest number of withdrawn runs that a board lists.
 pub const MAX_WITHDRAWN: usize = 100;
+
+/// Greatest number of earlier states of a board that are kept.
+const MAX_EARLIER: usize = 8;
 
 /// Cache of the requested boards.
 #[derive(Debug, Default)]
@@ -89,7 +92,7 @@ pub struct Board {
     /// Share of the suite that a run must have answered, or skipped on purpose, to be compared.
     pub least_coverage: f64,
     /// Visible rows, best first.
-    pub rows: Rows,
+    pub rows: Arc<Rows>,
     /// Actions of operators on rows, in order.
     pub actions: Vec<ActionRow>,
     /// Results of each run, in the order in which they took effect.
@@ -100,6 +103,8 @@ pub struct Board {
     begun: HashMap<String, usize>,
     /// Number of compared runs of each track that solve each task, counted when it is first asked for.
     solvers: OnceLock<HashMap<Track, Vec<usize>>>,
+    /// Rows at earlier times that were asked for, by the last change before the time, the latest asked for last.
+    earlier: Mutex<Vec<(i64, Arc<Rows>)>>,
     read: BoardCursor,
 }
 
@@ -187,10 +192,41 @@ impl Board {
         rows
     }
 
-    /// Returns the rows that were visible at a time, best first.
+    /// Returns the rows that were visible at a time, best first. Comparing thousands of runs anew takes a second, so the last
+    /// states that were asked for are kept.
     #[must_use]
-    pub fn as_of(&self, at_ms: i64) -> Rows {
-        Rows::default().changed_to(self.showing(at_ms), &self.field, self.least_coverage)
+    pub fn as_of(&self, at_ms: i64) -> Arc<Rows> {
+        let since = self.last_change(at_ms);
+        if since == self.last_change(i64::MAX) {
+            return Arc::clone(&self.rows);
+        }
+        if let Some(rows) = self.kept(since) {
+            return rows;
+        }
+        let rows = Arc::new(Rows::default().changed_to(self.showing(at_ms), &self.field, self.least_coverage));
+        let mut earlier = self.earlier.lock().unwrap_or_else(PoisonError::into_inner);
+        earlier.truncate(MAX_EARLIER - 1);
+        earlier.insert(0, (since, Arc::clone(&rows)));
+        rows
+    }
+
+    /// Returns whether the rows at a time are at hand.
+    #[must_use]
+    pub fn is_at_hand(&self, at_ms: i64) -> bool {
+        let since = self.last_change(at_ms);
+        since == self.last_change(i64::MAX) || self.kept(since).is_some()
+    }
+
+    fn kept(&self, since: i64) -> Option<Arc<Rows>> {
+        let earlier = self.earlier.lock().unwrap_or_else(PoisonError::into_inner);
+        earlier.iter().find(|(known, _)| *known == since).map(|(_, rows)| Arc::clone(rows))
+    }
+
+    /// Returns the time of the last change of the board up to a time.
+    fn last_change(&self, at_ms: i64) -> i64 {
+        let results = self.results.values().flatten().map(|result| result.since_ms);
+        let changes = results.chain(self.actions.iter().map(|action| action.at_ms));
+        changes.filter(|change| *change <= at_ms).max().unwrap_or(i64::MIN)
     }
 
     fn showing(&self, at_ms: i64) -> Vec<Arc<Standing>> {
@@ -236,15 +272,16 @@ impl Board {
             entry: Arc::clone(&self.entry),
             field: Arc::clone(&self.field),
             least_coverage: self.least_coverage,
-            rows: Rows::default(),
+            rows: Arc::default(),
             actions,
             results,
             similar,
             begun,
             solvers: OnceLock::new(),
+            earlier: Mutex::default(),
             read: news.read,
         };
-        board.rows = self.rows.changed_to(board.showing(i64::MAX), &self.field, self.least_coverage);
+        board.rows = Arc::new(self.rows.changed_to(board.showing(i64::MAX), &self.field, self.least_coverage));
         Arc::new(board)
     }
 }
@@ -336,12 +373,13 @@ fn empty(entry: &Arc<Entry>, least_coverage: f64) -> Board {
         field: Arc::new(Field::of(&entry.suite.tasks)),
         least_coverage,
         entry: Arc::clone(entry),
-        rows: Rows::default(),
+        rows: Arc::default(),
         actions: Vec::new(),
         results: HashMap::new(),
         similar: HashMap::new(),
         begun: HashMap::new(),
         solvers: OnceLock::new(),
+        earlier: Mutex::default(),
         read: BoardCursor::default(),
     }
 }

@@ -1,6 +1,5 @@
 //! Leaderboards: one row per finished run of a suite, selected, sorted and split into pages.
 
-use std::borrow::Cow;
 use std::collections::HashSet;
 use std::sync::Arc;
 
@@ -250,9 +249,19 @@ pub fn moment(as_of: Option<&str>) -> AppResult<Option<i64>> {
 }
 
 /// Returns the rows of a board at a time, or as they are now.
-#[must_use]
-pub fn rows_at(board: &Board, at_ms: Option<i64>) -> Cow<'_, Rows> {
-    at_ms.map_or(Cow::Borrowed(&board.rows), |at| Cow::Owned(board.as_of(at)))
+fn rows_at(board: &Board, at_ms: Option<i64>) -> Arc<Rows> {
+    at_ms.map_or_else(|| Arc::clone(&board.rows), |at| board.as_of(at))
+}
+
+/// Computes the rows of the wanted time where no request waits, if they are not at hand.
+///
+/// # Errors
+/// Returns an error if the time is invalid.
+pub async fn prepare(board: &Arc<Board>, wanted: Option<&str>) -> AppResult<()> {
+    let Some(at) = moment(wanted)?.filter(|at| !board.is_at_hand(*at)) else { return Ok(()) };
+    let board = Arc::clone(board);
+    let computing = tokio::task::spawn_blocking(move || drop(board.as_of(at)));
+    computing.await.map_err(|error| AppError::internal(&error))
 }
 
 /// Returns the best rows of the newest version of each suite, of one track, and the identifiers of the other versions.

@@ -10,7 +10,7 @@ use crate::app::error::AppResult;
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::grading::outcomes::Outcomes;
 use plumbline_engine::grading::standings::Standing;
-use plumbline_engine::tasks::Task;
+use plumbline_engine::tasks::{Task, Track};
 
 /// Greatest number of runs listed for a task.
 const MAX_RUNS: usize = 50;
@@ -128,5 +128,5 @@ pub async fn results_on(app: &App, suite: &str, number: u32) -> AppResult<Result
 }
 
 fn solved(board: &Board, place: usize) -> usize {
-    board.rows.all.iter().filter(|row| row.outcomes.is_solved(place)).count()
+    Track::ALL.into_iter().map(|track| board.solvers(track)[place]).sum()
 }

@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use super::body::BoardBody;
 use super::formats::{Format, render};
-use crate::app::boards::leaderboard::{CoverageFilter, Direction, RunsListed, Selection, SortBy, page};
+use crate::app::boards::leaderboard::{CoverageFilter, Direction, RunsListed, Selection, SortBy, page, prepare};
 use crate::app::boards::read;
 use crate::app::error::AppResult;
 use crate::app::runs::body::RunProvenance;
@@ -88,6 +88,7 @@ pub async fn get_leaderboard(
     asked: HeaderMap,
 ) -> AppResult<Response> {
     let board = read::board(&state, &suite).await?;
+    prepare(&board, query.as_of.as_deref()).await?;
     // The same version of a board and the same query always give the same document.
     let name = format!("board:{}:{}", board.version, raw.unwrap_or_default());
     state.documents.answer(&asked, name, || {

@@ -11,7 +11,7 @@ use crate::app::boards::agents::telling;
 use crate::app::boards::breakdown::{GroupBy, of_rows};
 use crate::app::boards::cache::Board;
 use crate::app::boards::leaderboard::{
-    CoverageFilter, Direction, PageStart, RunsListed, Selection, SortBy, page as rows_of,
+    CoverageFilter, Direction, PageStart, RunsListed, Selection, SortBy, page as rows_of, prepare,
 };
 use crate::app::boards::read;
 use crate::app::boards::repeats::of_board;
@@ -127,6 +127,7 @@ pub async fn board(
     let track = query.track.map_or("", Track::name);
     let wanted = Selection { limit: query.limit.or(Some(ROWS)), ..query.into() };
     let board = read::board(&state, &suite).await?;
+    prepare(&board, wanted.as_of.as_deref()).await?;
     let page = rows_of(&board, &wanted)?;
     let apart = Selection { coverage: CoverageFilter::Incomplete, after: None, ..wanted.clone() };
     let incomplete = match wanted.coverage {
