@@ -76,6 +76,21 @@ impl Service {
         self.send(request.header("content-type", kind).body(body)).await
     }
 
+    /// Requests a path, and returns the bytes of the answer.
+    ///
+    /// # Errors
+    /// Returns an error if the service cannot be reached, or refuses.
+    pub async fn get_bytes(&self, path: &str) -> anyhow::Result<Vec<u8>> {
+        let url = format!("{}{path}", self.base);
+        let answer = self.http.get(&url).send().await.with_context(|| url.clone())?;
+        let status = answer.status();
+        let bytes = answer.bytes().await.with_context(|| url.clone())?;
+        if !status.is_success() {
+            bail!("{url}: {status}: {}", String::from_utf8_lossy(&bytes).chars().take(500).collect::<String>());
+        }
+        Ok(bytes.into())
+    }
+
     /// Gets a JSON document from the service.
     ///
     /// # Errors

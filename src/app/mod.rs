@@ -40,6 +40,7 @@ use crate::store::{Store, StoreResult};
 use access::Keys;
 use boards::cache::Boards;
 use error::{AppError, AppResult};
+use hidden::log::TransparencyLog;
 use limits::Limits;
 use plumbline_engine::hidden::receipts::Signer;
 use plumbline_engine::tasks::catalogue::{Catalogue, Entry};
@@ -61,6 +62,7 @@ pub struct App {
     least_coverage: f64,
     /// Boards in memory.
     boards: Boards,
+    log: TransparencyLog,
     /// Latest result of probing the database.
     readiness: Readiness,
     /// Computes and caches stress fields.
@@ -122,6 +124,7 @@ impl App {
             keys,
             least_coverage,
             boards: Boards::default(),
+            log: TransparencyLog::default(),
             readiness: Readiness::default(),
             stress: StressFields::new()?,
             limits,

@@ -21,6 +21,7 @@ pub mod validate;
 pub mod verify_draw;
 pub mod verify_epoch;
 pub mod webhooks;
+pub mod witness;
 pub mod work;
 
 use std::io::Write as _;
@@ -72,6 +73,9 @@ pub enum Command {
     Regrade(regrade::RegradeArgs),
     /// Announce, list and close epochs of hidden evaluation.
     Epochs(epochs::EpochsArgs),
+    /// Follow the transparency log of a service, check that it only grows, and cosign its checkpoints; exit 1 if it is not
+    /// what it was.
+    Witness(witness::WitnessArgs),
     /// Check the proof of a draw of hidden instances against the commitment of its epoch.
     VerifyDraw(verify_draw::VerifyDrawArgs),
     /// Verify the reveal of a closed epoch by recomputing its specifications, draws and grades from its key; exit 1 if
@@ -134,6 +138,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Webhooks(args) => webhooks::run(&args),
         Command::Regrade(args) => regrade::run(&args),
         Command::Epochs(args) => epochs::run(&args),
+        Command::Witness(args) => witness::run(&args),
         Command::VerifyDraw(args) => verify_draw::run(&args),
         Command::VerifyEpoch(args) => verify_epoch::run(&args),
         Command::VerifyReceipt(args) => receipts::run(&args),

@@ -7,10 +7,11 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::Value;
 
-use crate::near::counted;
+use crate::near::{agreeing, counted};
 use plumbline_engine::hidden::receipts::{
     LogHead, LogPage, ReceiptFault, ReceiptFile, verify, verify_chain, verify_end, verify_keys,
 };
+use plumbline_engine::hidden::tlog::note::Checkpoint;
 
 /// Arguments of `verify-receipt`.
 #[derive(Debug, Args)]
@@ -97,6 +98,21 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
             Err(fault) => {
                 is_good = false;
                 println!("BROKEN  receipt {}: {fault}", receipt.seq);
+            }
+        }
+    }
+    for alone in given.alone.iter().filter(|receipt| receipt.inclusion.is_some()) {
+        match alone.verify_inclusion(&trusted) {
+            Ok(Checkpoint { origin, size, .. }) => {
+                println!(
+                    "NOTE    receipt {}: is in the log {origin} of {}",
+                    alone.seq,
+                    agreeing(size, "entry", "entries")
+                );
+            }
+            Err(fault) => {
+                is_good = false;
+                println!("BROKEN  receipt {}: {fault}", alone.seq);
             }
         }
     }

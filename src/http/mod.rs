@@ -77,7 +77,7 @@ pub fn routers(HttpParts { app, metrics, rates, role }: HttpParts, has_admin_lis
         metrics,
         openapi: openapi.to_json().expect("the document is JSON").into(),
     });
-    let routes = routes.merge(pages::routes()).merge(router::trainers_elsewhere());
+    let routes = routes.merge(pages::routes()).merge(hidden::log::routes()).merge(router::trainers_elsewhere());
     let mut router = routes.with_state(state.clone());
     if role != Role::Whole {
         let rest = axum::routing::any(|| async { axum::http::StatusCode::NOT_FOUND });

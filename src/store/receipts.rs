@@ -84,6 +84,7 @@ fn read(row: &Row) -> StoreResult<ReceiptFile> {
         previous: row.get("previous")?,
         link: row.get("link")?,
         place_signature: None,
+        inclusion: None,
     })
 }
 
@@ -99,6 +100,31 @@ impl Store {
             .fetch_all(&self.readers)
             .await?;
         rows.iter().map(read).collect()
+    }
+
+    /// Returns the hashes of at most `limit` receipts after number `after` of the log, in order.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails, or a hash cannot be read or is out of order.
+    pub async fn receipt_hashes(&self, after: i64, limit: i64) -> StoreResult<Vec<Hash>> {
+        let rows: Vec<(i64, String)> = query_as("SELECT seq, hash FROM receipts WHERE seq > $1 ORDER BY seq LIMIT $2")
+            .bind(after)
+            .bind(limit)
+            .fetch_all(&self.readers)
+            .await?;
+        let read = |(expected, (seq, hash)): (i64, (i64, String))| {
+            let is_next = expected == seq;
+            unhex(&hash).filter(|_| is_next).ok_or_else(|| StoreError::corrupt("receipts", format!("hash of {seq}")))
+        };
+        (after + 1..).zip(rows).map(read).collect()
+    }
+
+    /// Returns the public key that the first receipt was signed with; none if there is no receipt.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails.
+    pub async fn first_receipt_key(&self) -> StoreResult<Option<String>> {
+        query_scalar("SELECT public_key FROM receipts WHERE seq = 1").fetch_optional(&self.readers).await
     }
 
     /// Returns the length of the log and its last link.

@@ -163,6 +163,7 @@ fn the_log_is_not_believed_for_being_long(forged: &Reveal, downloaded: &Download
         previous: last.link,
         link: hex(&next),
         place_signature: None,
+        inclusion: None,
     };
     let mut kept = downloaded.kept();
     kept.heads = vec![LogHead::signed(file.seq, file.link.clone(), 8, &own)];

@@ -4,3 +4,4 @@ mod attacks;
 mod draws;
 mod evaluation;
 mod leaks;
+mod log;

@@ -23,6 +23,7 @@ pub mod pool;
 pub mod receipts;
 pub mod reveal;
 pub mod secret;
+pub mod tlog;
 pub mod verify;
 
 /// Latest version of the generator: its families, ranges, strata and draw procedure. Add a version with any change that makes

@@ -14,5 +14,6 @@ pub mod epochs;
 #[cfg(test)]
 mod fixtures;
 pub mod instances;
+pub mod log;
 pub mod receipts;
 pub mod registration;

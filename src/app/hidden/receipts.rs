@@ -1,5 +1,6 @@
 //! Receipts: the public log of grades, and the keys that verify it.
 
+use super::log::inclusion;
 use crate::app::App;
 use crate::app::error::{AppError, AppResult};
 use crate::clock::now_ms;
@@ -50,7 +51,12 @@ pub async fn receipt_of_submission(app: &App, id: &str) -> AppResult<ReceiptFile
     let receipt = app.store.receipt_of(id).await?.map(|receipt| receipt.with_place(app.signer.as_deref()));
     let missing =
         || AppError::not_found("the submission has no receipt: it is ungraded, or older than the log of receipts");
-    receipt.ok_or_else(missing)
+    let mut receipt = receipt.ok_or_else(missing)?;
+    // A node without secrets serves the receipt without the proof, as it does without the signature over its place.
+    if app.signer.is_some() {
+        receipt.inclusion = Some(inclusion(app, receipt.seq).await?);
+    }
+    Ok(receipt)
 }
 
 /// Returns the public keys that verify this service's receipts.

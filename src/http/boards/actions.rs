@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::app::access::Caller;
 use crate::app::boards::actions::{Action, HideOrRestore, act, past};
+use crate::app::boards::agents::telling;
 use crate::app::boards::cache::Board;
 use crate::app::boards::news::{News, news};
 use crate::app::boards::read;
@@ -21,6 +22,7 @@ use crate::near::counted;
 use crate::store::board_actions::ActionKind;
 use crate::store::boards::ActionRow;
 use crate::store::keys::Scope;
+use plumbline_engine::grading::standings::Standing;
 
 /// Kind of an action on a row.
 #[derive(Debug, utoipa::ToSchema, serde::Serialize)]
@@ -147,6 +149,8 @@ struct Entry {
     text: String,
     at_ms: i64,
     link: String,
+    /// Path of a picture of the run's build that the fewest others match.
+    picture: Option<String>,
 }
 
 #[derive(Template)]
@@ -173,6 +177,7 @@ impl Entry {
                     ),
                     at_ms,
                     link: format!("/runs/{}", row.run),
+                    picture: picture_of(&row, board),
                 }
             }
             News::Acted(action) => Self {
@@ -180,10 +185,17 @@ impl Entry {
                 title: title_of(&action, board),
                 link: format!("/runs/{}", action.run_id),
                 text: action.reason,
+                picture: None,
                 at_ms,
             },
         }
     }
+}
+
+/// Returns the path of a picture of a run's build for the task that the fewest others solve.
+fn picture_of(row: &Standing, board: &Board) -> Option<String> {
+    let place = *telling(board, row).best.first()?;
+    Some(format!("/runs/{}/tasks/{}/thumbnail.png", row.run, board.entry.suite.tasks[place].number))
 }
 
 /// Says what was done to the row of a run, and by whom.

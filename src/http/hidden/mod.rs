@@ -7,4 +7,5 @@ pub mod draws;
 pub mod entries;
 pub mod epochs;
 pub mod instances;
+pub mod log;
 pub mod receipts;

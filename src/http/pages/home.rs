@@ -6,6 +6,7 @@ use axum::extract::State;
 use super::epochs::{Next, next_of};
 use super::html::{self, PageResult};
 use super::lines::{Line, lines};
+use super::submission::{View, view_of};
 use crate::app::access::Openness;
 use crate::app::boards::leaderboard::best_of_newest;
 use crate::app::boards::tasks::{Contrast, contrast};
@@ -13,6 +14,7 @@ use crate::app::error::{AppError, AppResult};
 use crate::app::runs::read::answer;
 use crate::http::extract::origin::Origin;
 use crate::http::state::AppState;
+use crate::store::submissions::SubmissionRow;
 use plumbline_engine::tasks::reported;
 
 /// Number of rows of each board.
@@ -32,6 +34,7 @@ struct Best {
 struct Build {
     submission: String,
     agent: String,
+    view: View,
 }
 
 /// Two builds for one task: one that solves it and one that does not.
@@ -84,7 +87,10 @@ pub async fn home(State(state): State<AppState>, origin: Origin) -> PageResult {
         Some(Contrast { place, solves, fails }) => {
             let task = &newest[0].board.entry.suite.tasks[place];
             let (good, bad) = (answer(&state, &solves.run, task.number), answer(&state, &fails.run, task.number));
-            let build = |submission, agent: &str| Build { submission, agent: agent.to_owned() };
+            let build = async |row: SubmissionRow, agent: &str| {
+                let (submission, agent) = (row.id.clone(), agent.to_owned());
+                AppResult::Ok(Build { submission, agent, view: view_of(&state, row, "pair").await? })
+            };
             // What was withdrawn or deleted meanwhile is not shown.
             match (good.await, bad.await) {
                 (Ok(good), Ok(bad)) => Some(Pair {
@@ -95,8 +101,8 @@ pub async fn home(State(state): State<AppState>, origin: Origin) -> PageResult {
                         .first()
                         .map(|turn| turn.brief.clone().unwrap_or_else(|| turn.prompt.clone()))
                         .unwrap_or_default(),
-                    good: build(good.id, &solves.agent),
-                    bad: build(bad.id, &fails.agent),
+                    good: build(good, &solves.agent).await?,
+                    bad: build(bad, &fails.agent).await?,
                 }),
                 _ => None,
             }

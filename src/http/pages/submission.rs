@@ -201,6 +201,14 @@ fn palette(json: &[u8]) -> Result<Vec<String>, AppError> {
     serde_json::from_slice::<Head>(json).map(|head| head.palette).map_err(|error| AppError::internal(&error))
 }
 
+/// Returns the 3D view of a submission; views with the same camera rotate together.
+///
+/// # Errors
+/// Returns an error if the database fails.
+pub async fn view_of(state: &AppState, row: SubmissionRow, camera: &'static str) -> Result<View, AppError> {
+    Ok(shown(state, row, camera).await?.view)
+}
+
 async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Result<Shown, AppError> {
     let mut queued = None;
     if row.state == SubmissionState::Queued {

@@ -547,6 +547,28 @@ class Health(BaseModel):
     """
 
 
+class InclusionProof(BaseModel):
+    """
+    Proof that the transparency log has a receipt (RFC 6962).
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    size: Annotated[int, Field(examples=[1234], ge=0)]
+    """
+    Number of entries of the log that the proof is about.
+    """
+    path: list[str]
+    """
+    Hashes of the siblings from the leaf up, in hex. The leaf is SHA-256 over a zero byte and the receipt's hash.
+    """
+    checkpoint: str
+    """
+    Checkpoint of the log, as a signed note (C2SP tlog-checkpoint).
+    """
+
+
 class InlineCheck(BaseModel):
     """
     A check of an inline task.
@@ -2204,6 +2226,7 @@ class ReceiptFile(BaseModel):
     Ed25519 signature over position and link, in hex, for a receipt that is returned on its own. On a page of the
     log, the signed head covers all receipts instead.
     """
+    inclusion: InclusionProof | None = None
 
 
 class ReceiptKeys(BaseModel):

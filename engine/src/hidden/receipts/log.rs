@@ -6,6 +6,9 @@ use sha2::{Digest as _, Sha256};
 
 use super::{ReceiptFault, ReceiptFile, Signer, must_be_trusted, verify_signature};
 use crate::hidden::canonical::{Hash, unhex};
+use crate::hidden::tlog::note::Checkpoint;
+use crate::hidden::tlog::proof::is_included;
+use crate::hidden::tlog::tree::leaf;
 use crate::tasks::hex;
 
 /// The link before the first receipt: all zeros.
@@ -93,6 +96,25 @@ impl ReceiptFile {
         let text = place_text(self.seq, &self.link);
         let verifies = trusted.iter().any(|key| verify_signature(&text, key, signature).is_ok());
         if verifies { Ok(()) } else { Err(ReceiptFault::BadPlace(self.seq)) }
+    }
+}
+
+impl ReceiptFile {
+    /// Verifies the proof that the transparency log has the receipt at its place. Any of the trusted keys may have signed the
+    /// checkpoint. Returns the checkpoint.
+    ///
+    /// # Errors
+    /// Returns an error if the receipt has no proof, or if it does not hold.
+    pub fn verify_inclusion(&self, trusted: &[&str]) -> Result<Checkpoint, ReceiptFault> {
+        let bad = || ReceiptFault::BadInclusion(self.seq);
+        let proof = self.inclusion.as_ref().ok_or_else(bad)?;
+        let checkpoint = Checkpoint::verified(&proof.checkpoint, trusted).ok_or_else(bad)?;
+        let path: Option<Vec<Hash>> = proof.path.iter().map(|hash| unhex(hash)).collect();
+        let entry: Hash = unhex(&self.hash).ok_or(ReceiptFault::Unreadable("hash"))?;
+        let (Some(path), Ok(index)) = (path, u64::try_from(self.seq - 1)) else { return Err(bad()) };
+        let holds = proof.size == checkpoint.size
+            && is_included(&leaf(&entry), index, checkpoint.size, &path, &checkpoint.root);
+        if holds { Ok(checkpoint) } else { Err(bad()) }
     }
 }
 

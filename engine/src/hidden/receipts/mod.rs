@@ -121,6 +121,18 @@ impl Signer {
         hex(self.0.verifying_key().as_bytes())
     }
 
+    /// Returns the bytes of the public key.
+    #[must_use]
+    pub fn public_bytes(&self) -> [u8; 32] {
+        self.0.verifying_key().to_bytes()
+    }
+
+    /// Signs a text.
+    #[must_use]
+    pub fn sign_text(&self, text: &[u8]) -> [u8; 64] {
+        self.0.sign(text).to_bytes()
+    }
+
     /// Signs the canonical JSON of a receipt.
     #[must_use]
     pub fn sign(&self, receipt: &Value) -> Signed {
@@ -161,6 +173,21 @@ pub struct ReceiptFile {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(pattern = "^[0-9a-f]{128}$")]
     pub place_signature: Option<String>,
+    /// Proof that the transparency log has the receipt, for a receipt that is returned on its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub inclusion: Option<InclusionProof>,
+}
+
+/// Proof that the transparency log has a receipt (RFC 6962).
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct InclusionProof {
+    /// Number of entries of the log that the proof is about.
+    #[schema(example = 1234)]
+    pub size: u64,
+    /// Hashes of the siblings from the leaf up, in hex. The leaf is SHA-256 over a zero byte and the receipt's hash.
+    pub path: Vec<String>,
+    /// Checkpoint of the log, as a signed note (C2SP tlog-checkpoint).
+    pub checkpoint: String,
 }
 
 pub(super) fn must_be_trusted(public_key: &str, trusted: &[&str]) -> Result<(), ReceiptFault> {
@@ -216,6 +243,9 @@ pub enum ReceiptFault {
     /// The signature over position and link does not verify.
     #[error("the signature over position {0} in the log does not verify: the position or the link was changed")]
     BadPlace(i64),
+    /// The proof that the transparency log has the receipt does not hold.
+    #[error("the proof that the transparency log has the receipt at position {0} does not hold")]
+    BadInclusion(i64),
     /// The log has more or fewer receipts than its signed head states.
     #[error("the log ends at receipt {found}, but its signed head states {signed}: receipts were cut off or added")]
     OtherLength {
@@ -272,6 +302,7 @@ mod tests {
             previous: hex(previous),
             link: hex(&link(previous, &signed.hash)),
             place_signature: None,
+            inclusion: None,
         }
     }
 

@@ -16,6 +16,8 @@ const RED = [222, 48, 44];
 const GROUND = [[122, 168, 92], [114, 158, 86]];
 const WHOLE = [0, 0, 0, 16, 16, 16], SMALL = [5, 5, 5, 11, 11, 11];
 const MARGIN = 2, GROUND_SPAN = 128;
+// One turn takes less than the five seconds after which movement needs a button to stop it (WCAG 2.2.2).
+const TURN_MS = 4900;
 const AXES = [["x", [1, 0, 0], [226, 72, 62]], ["y", [0, 1, 0], [88, 178, 80]], ["z", [0, 0, 1], [72, 120, 226]]];
 const counted = (n, noun) => `${n} ${noun}${n === 1 ? "" : "s"}`;
 const isCalm = matchMedia("(prefers-reduced-motion: reduce)");
@@ -143,6 +145,7 @@ class Viewer {
     this.recall();
     this.rebuild();
     new ResizeObserver(() => this.draw()).observe(this.canvas);
+    if (this.root.closest("[data-turning]")) this.spin();
     return true;
   }
 
@@ -448,6 +451,21 @@ class Viewer {
     this.remember();
   }
 
+  /* Turns the view once around, until somebody takes hold of it; not for those who want little motion. */
+  spin() {
+    if (isCalm.matches || this.camera.isTurning) return;
+    this.camera.isTurning = true;
+    const begun = performance.now(), from = this.camera.yaw;
+    const step = (now) => {
+      const share = Math.min((now - begun) / TURN_MS, 1);
+      if (!this.camera.isTurning) return;
+      this.camera.yaw = from + 2 * Math.PI * share;
+      this.camera.views.forEach((view) => view.draw());
+      if (share < 1) requestAnimationFrame(step);
+    };
+    requestAnimationFrame(step);
+  }
+
   /* Stores camera, step and colouring in the URL, so that the view can be shared. */
   remember() {
     if (this.root.dataset.camera || this.playing) return;
@@ -473,6 +491,7 @@ class Viewer {
 
   turn(yaw, pitch, zoom) {
     const camera = this.camera;
+    camera.isTurning = false;
     camera.yaw += yaw;
     camera.pitch = Math.min(Math.max(camera.pitch + pitch, -1.55), 1.55);
     camera.distance = Math.min(Math.max(camera.distance * zoom, 2), 5000);

@@ -1,0 +1,111 @@
+//! The transparency log: the tree over all receipts, which grows with the log, and checkpoints of it.
+
+use tokio::sync::Mutex;
+
+use crate::app::App;
+use crate::app::error::{AppError, AppResult, Kind};
+use plumbline_engine::hidden::canonical::Hash;
+use plumbline_engine::hidden::receipts::{InclusionProof, Signer};
+use plumbline_engine::hidden::tlog::note::{Checkpoint, origin, verifier_key};
+use plumbline_engine::hidden::tlog::tiles::TileName;
+use plumbline_engine::hidden::tlog::tree::{Tree, leaf};
+use plumbline_engine::tasks::hex;
+
+/// Number of receipts that are read at once.
+const AT_ONCE: i64 = 10_000;
+
+/// The tree in memory, about 100 bytes a receipt. It is made when it is first asked for.
+#[derive(Debug, Default)]
+pub struct TransparencyLog(Mutex<Grown>);
+
+#[derive(Debug, Default)]
+struct Grown {
+    tree: Tree,
+    entries: Vec<Hash>,
+}
+
+impl Grown {
+    /// Takes in the receipts that were added since.
+    async fn grow(&mut self, app: &App) -> AppResult<()> {
+        loop {
+            let read = app.store.receipt_hashes(self.entries.len() as i64, AT_ONCE).await?;
+            let is_last = (read.len() as i64) < AT_ONCE;
+            for hash in read {
+                self.tree.push(leaf(&hash));
+                self.entries.push(hash);
+            }
+            if is_last {
+                return Ok(());
+            }
+        }
+    }
+}
+
+/// Returns a checkpoint of the log as it is now, as a signed note.
+///
+/// # Errors
+/// Returns an error if this node cannot sign, or if the database fails.
+pub async fn checkpoint(app: &App) -> AppResult<String> {
+    let mut grown = app.log.0.lock().await;
+    grown.grow(app).await?;
+    let (origin, signer) = (name(app).await?, signer(app)?);
+    let size = grown.tree.len();
+    let root = grown.tree.root(size).expect("a tree has its own root");
+    Ok(Checkpoint { origin, size, root }.signed(signer))
+}
+
+/// Returns the key that verifies checkpoints, in the form in which verifiers of notes take it.
+///
+/// # Errors
+/// Returns an error if this node cannot sign, or if the database fails.
+pub async fn key(app: &App) -> AppResult<String> {
+    Ok(verifier_key(&name(app).await?, signer(app)?))
+}
+
+/// Returns a tile of hashes or entries.
+///
+/// # Errors
+/// Returns an error (404) if the path names no tile, or one that the log does not fill yet, or if the database fails.
+pub async fn tile(app: &App, path: &str) -> AppResult<Vec<u8>> {
+    let wanted = TileName::parse(path).ok_or_else(|| {
+        AppError::not_found(format!("{path:?} names no tile: expected LEVEL/N or entries/N, such as 0/000.p/17"))
+    })?;
+    let mut grown = app.log.0.lock().await;
+    let read = |grown: &Grown| match wanted.level {
+        Some(_) => wanted.hashes(&grown.tree),
+        None => wanted.entries(&grown.entries),
+    };
+    if let Some(tile) = read(&grown) {
+        return Ok(tile);
+    }
+    grown.grow(app).await?;
+    let missing =
+        || AppError::not_found(format!("the log of {} entries does not fill the tile {path:?}", grown.tree.len()));
+    read(&grown).ok_or_else(missing)
+}
+
+/// Returns the proof that a receipt is in the log, with a checkpoint of the log that has it.
+///
+/// # Errors
+/// Returns an error (404) if there is no such receipt, or an error if this node cannot sign, or if the database fails.
+pub async fn inclusion(app: &App, seq: i64) -> AppResult<InclusionProof> {
+    let mut grown = app.log.0.lock().await;
+    grown.grow(app).await?;
+    let size = grown.tree.len();
+    let path = u64::try_from(seq - 1).ok().and_then(|index| grown.tree.inclusion(index, size));
+    let path = path.ok_or_else(|| AppError::not_found(format!("the log has no receipt {seq}")))?;
+    let root = grown.tree.root(size).expect("a tree has its own root");
+    let checkpoint = Checkpoint { origin: name(app).await?, size, root }.signed(signer(app)?);
+    Ok(InclusionProof { size, path: path.iter().map(|hash| hex(hash)).collect(), checkpoint })
+}
+
+/// Returns the name of the log: that of its first key, or of the key in use while it is empty.
+async fn name(app: &App) -> AppResult<String> {
+    let first = app.store.first_receipt_key().await?;
+    Ok(origin(first.as_deref().unwrap_or(&app.receipt_key)))
+}
+
+fn signer(app: &App) -> AppResult<&Signer> {
+    let lacks = || AppError::new(Kind::NotReady, "this node lacks the secrets of the service, so it cannot sign");
+    app.signer.as_deref().ok_or_else(lacks)
+}

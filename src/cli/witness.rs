@@ -1,0 +1,181 @@
+//! `plumbline witness`: follows the transparency log of a service, checks that it only grows, and cosigns its checkpoints.
+
+use std::io::{ErrorKind, Write as _};
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context as _, bail};
+use clap::Args;
+use serde::{Deserialize, Serialize};
+
+use crate::client::Service;
+use crate::clock::now_ms;
+use plumbline_engine::hidden::canonical::unhex;
+use plumbline_engine::hidden::receipts::Signer;
+use plumbline_engine::hidden::tlog::frontier::Frontier;
+use plumbline_engine::hidden::tlog::note::{Checkpoint, cosignature, read_verifier_key, witness_key};
+use plumbline_engine::hidden::tlog::tiles::TILE;
+use plumbline_engine::hidden::tlog::tree::leaf;
+use plumbline_engine::tasks::hex;
+
+/// Length of an entry in a tile of entries: its length in two bytes, and a hash.
+const ENTRY: usize = 2 + 32;
+
+/// Arguments of `witness`.
+#[derive(Debug, Args)]
+pub struct WitnessArgs {
+    /// Address of the service, such as `https://bench.example`.
+    url: String,
+    /// File in which the witness keeps what it has seen. It is made the first time.
+    #[arg(long, value_name = "FILE")]
+    state: PathBuf,
+    /// Key of the log, from `/log/key`: get it from somebody you trust. Needed the first time.
+    #[arg(long, value_name = "KEY")]
+    log_key: Option<String>,
+    /// Name of the witness, such as `example.org/witness`, to cosign under. Its key is FILE.key, made the first time.
+    #[arg(long, value_name = "NAME")]
+    name: Option<String>,
+}
+
+/// What a witness has seen of a log.
+#[derive(Debug, Serialize, Deserialize)]
+struct Seen {
+    log_key: String,
+    frontier: Frontier,
+    /// The last checkpoint, as it was signed.
+    note: Option<String>,
+}
+
+/// Runs the command, with exit code 1 if the log is not what it was.
+///
+/// # Errors
+/// Returns an error if the service cannot be reached or answers something else, or a file cannot be read or written.
+pub fn run(args: &WitnessArgs) -> anyhow::Result<ExitCode> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    runtime.block_on(follow(args))
+}
+
+async fn follow(args: &WitnessArgs) -> anyhow::Result<ExitCode> {
+    let mut seen = remembered(args)?;
+    let Some((origin, key)) = read_verifier_key(&seen.log_key) else {
+        bail!("--log-key: expected the key of a log as /log/key shows it: name+id+key");
+    };
+    let service = Service::at(&args.url, None)?;
+    let note = String::from_utf8(service.get_bytes("/log/checkpoint").await?).context("the checkpoint is not text")?;
+    let Some(checkpoint) = Checkpoint::verified(&note, &[&key]).filter(|checkpoint| checkpoint.origin == origin) else {
+        println!("BROKEN  the checkpoint is not signed with the key of {origin}:\n{note}");
+        return Ok(ExitCode::FAILURE);
+    };
+    let before = seen.frontier.size();
+    if checkpoint.size < before {
+        return Ok(other_history(&seen, &note, "it is shorter than the one seen before"));
+    }
+    let mut grown = seen.frontier.clone();
+    while grown.size() < checkpoint.size {
+        for entry in entries(&service, grown.size(), checkpoint.size).await? {
+            grown.push(leaf(&entry));
+        }
+    }
+    if grown.root() != checkpoint.root {
+        return Ok(other_history(&seen, &note, "its entries do not follow those seen before"));
+    }
+    eprintln!(
+        "{origin}: {} entries, {} of them new; the earlier ones are as they were",
+        checkpoint.size,
+        checkpoint.size - before
+    );
+    (seen.frontier, seen.note) = (grown, Some(note.clone()));
+    keep(&args.state, &seen)?;
+    print!("{note}");
+    if let Some(name) = &args.name {
+        let signer = own_key(&args.state)?;
+        eprintln!("cosigned as {}", witness_key(name, &signer));
+        print!("{}", cosignature(name, &signer, &checkpoint, u64::try_from(now_ms() / 1_000).unwrap_or_default()));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Reads what was seen before; nothing the first time.
+fn remembered(args: &WitnessArgs) -> anyhow::Result<Seen> {
+    let place = || args.state.display().to_string();
+    let seen: Seen = match std::fs::read(&args.state) {
+        Ok(text) => serde_json::from_slice(&text).with_context(place)?,
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            let log_key =
+                args.log_key.clone().context("--log-key: needed the first time, when nothing was seen yet")?;
+            Seen { log_key: log_key.trim().to_owned(), frontier: Frontier::default(), note: None }
+        }
+        Err(error) => return Err(error).with_context(place),
+    };
+    if args.log_key.as_ref().is_some_and(|key| key.trim() != seen.log_key) {
+        bail!("--log-key: {} follows the log with the key {}", args.state.display(), seen.log_key);
+    }
+    Ok(seen)
+}
+
+/// Writes what was seen so that a crash leaves the old file or the new one.
+fn keep(state: &Path, seen: &Seen) -> anyhow::Result<()> {
+    let mut name = state.as_os_str().to_owned();
+    name.push(".new");
+    let fresh = PathBuf::from(name);
+    let place = || fresh.display().to_string();
+    let mut file = std::fs::File::create(&fresh).with_context(place)?;
+    serde_json::to_writer_pretty(&mut file, seen)?;
+    file.sync_all().with_context(place)?;
+    std::fs::rename(&fresh, state).with_context(|| state.display().to_string())
+}
+
+/// Downloads the entries from a position on, up to the end of their tile or of the log.
+async fn entries(service: &Service, from: u64, size: u64) -> anyhow::Result<Vec<[u8; 32]>> {
+    let (index, width) = (from / TILE as u64, (size - from / TILE as u64 * TILE as u64).min(TILE as u64));
+    let part = if width < TILE as u64 { format!(".p/{width}") } else { String::new() };
+    let path = format!("/log/tile/entries/{}{part}", digits(index));
+    let bytes = service.get_bytes(&path).await?;
+    if bytes.len() as u64 != width * ENTRY as u64 || bytes.chunks(ENTRY).any(|entry| entry[..2] != [0, 32]) {
+        bail!("{path}: expected {width} entries of 32 bytes, found {} bytes", bytes.len());
+    }
+    let skipped = usize::try_from(from - index * TILE as u64).expect("a tile has 256 entries");
+    let entry = |chunk: &[u8]| chunk[2..].try_into().expect("an entry has 32 bytes after its length");
+    Ok(bytes.chunks(ENTRY).skip(skipped).map(entry).collect())
+}
+
+/// Writes the number of a tile in groups of three digits.
+fn digits(mut index: u64) -> String {
+    let mut text = format!("{:03}", index % 1_000);
+    while index >= 1_000 {
+        index /= 1_000;
+        text = format!("x{:03}/{text}", index % 1_000);
+    }
+    text
+}
+
+/// Shows both checkpoints: signed with one key, they prove that the service has shown two histories.
+fn other_history(seen: &Seen, note: &str, why: &str) -> ExitCode {
+    println!("BROKEN  the service shows another history: {why}.");
+    println!("Seen before:\n{}\nNow:\n{note}", seen.note.as_deref().unwrap_or("nothing"));
+    ExitCode::FAILURE
+}
+
+/// Loads the key of the witness; makes it the first time.
+fn own_key(state: &Path) -> anyhow::Result<Signer> {
+    let mut name = state.as_os_str().to_owned();
+    name.push(".key");
+    let path = PathBuf::from(name);
+    let place = || path.display().to_string();
+    match std::fs::OpenOptions::new().write(true).create_new(true).mode(0o600).open(&path) {
+        Ok(mut file) => {
+            let mut secret = [0; 32];
+            getrandom::fill(&mut secret).map_err(|error| anyhow::anyhow!("no random bytes: {error}"))?;
+            file.write_all(hex(&secret).as_bytes()).with_context(place)?;
+            file.sync_all().with_context(place)?;
+            Ok(Signer::new(&secret))
+        }
+        Err(error) if error.kind() == ErrorKind::AlreadyExists => {
+            let text = std::fs::read_to_string(&path).with_context(place)?;
+            let secret = unhex(text.trim()).with_context(|| format!("{}: is no key", path.display()))?;
+            Ok(Signer::new(&secret))
+        }
+        Err(error) => Err(error).with_context(place),
+    }
+}
