@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use crate::support::Service;
 use crate::support::commands::{refused, succeeded};
+use crate::support::database::is_postgres;
 use plumbline_engine::tasks::hex;
 use serde_json::Value;
 use sha2::{Digest as _, Sha256};
@@ -131,7 +132,10 @@ async fn another_implementation_reads_the_log_and_proves_what_is_in_it() {
         assert_eq!(service.get(&format!("/log/tile/{missing}")).await.status.as_u16(), 404, "{missing}");
     }
 
-    // The name of the log stays when its key changes.
+    // The name of the log stays when its key changes; nodes of one PostgreSQL database do not start with another key.
+    if is_postgres() {
+        return;
+    }
     drop(service);
     std::fs::remove_file(folder.path().join("p.db.secrets/receipts.key")).unwrap();
     let service = Service::start(&database, &[]);
@@ -142,6 +146,10 @@ async fn another_implementation_reads_the_log_and_proves_what_is_in_it() {
 
 #[tokio::test]
 async fn two_histories_are_found_by_whoever_saw_the_other() {
+    if is_postgres() {
+        // A server's database is not copied with a folder: what a witness sees is the same on both.
+        return;
+    }
     let folder = tempfile::tempdir().unwrap();
     let [ours, theirs] = ["a", "b"].map(|name| folder.path().join(name));
     std::fs::create_dir(&ours).unwrap();
