@@ -22,6 +22,8 @@ pub struct Limits {
     /// Bytes of all bodies that are being read at the same time; a request beyond that is refused with 503 and may be
     /// retried.
     pub bodies_in_memory_bytes: usize,
+    /// Bytes of a form of the pages.
+    pub form_bytes: usize,
     /// Levels of nested arrays and objects in a run's metadata; elsewhere the format bounds the depth.
     pub json_depth: u32,
     /// Submissions in one NDJSON body.
@@ -222,6 +224,7 @@ pub struct Limits {
 pub const LIMITS: Limits = Limits {
     body_bytes: 32 << 20,
     bodies_in_memory_bytes: 512 << 20,
+    form_bytes: 16 << 10,
     json_depth: 126,
     ndjson_lines: 1_000,
     turns: 64,

@@ -1,7 +1,6 @@
 //! `plumbline witness`: follows the transparency log of a service, checks that it only grows, and cosigns its checkpoints.
 
-use std::io::{ErrorKind, Write as _};
-use std::os::unix::fs::OpenOptionsExt as _;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -11,16 +10,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::client::Service;
 use crate::clock::now_ms;
-use plumbline_engine::hidden::canonical::unhex;
+use crate::store::secrets::Secrets;
+use plumbline_engine::hidden::canonical::Hash;
 use plumbline_engine::hidden::receipts::Signer;
 use plumbline_engine::hidden::tlog::frontier::Frontier;
 use plumbline_engine::hidden::tlog::note::{Checkpoint, cosignature, read_verifier_key, witness_key};
-use plumbline_engine::hidden::tlog::tiles::TILE;
+use plumbline_engine::hidden::tlog::tiles::{TILE, TileName, read_entries};
 use plumbline_engine::hidden::tlog::tree::leaf;
-use plumbline_engine::tasks::hex;
-
-/// Length of an entry in a tile of entries: its length in two bytes, and a hash.
-const ENTRY: usize = 2 + 32;
 
 /// Arguments of `witness`.
 #[derive(Debug, Args)]
@@ -123,31 +119,22 @@ fn keep(state: &Path, seen: &Seen) -> anyhow::Result<()> {
     let mut file = std::fs::File::create(&fresh).with_context(place)?;
     serde_json::to_writer_pretty(&mut file, seen)?;
     file.sync_all().with_context(place)?;
-    std::fs::rename(&fresh, state).with_context(|| state.display().to_string())
+    std::fs::rename(&fresh, state).with_context(|| state.display().to_string())?;
+    Ok(std::fs::File::open(folder_of(state))?.sync_all()?)
 }
 
 /// Downloads the entries from a position on, up to the end of their tile or of the log.
-async fn entries(service: &Service, from: u64, size: u64) -> anyhow::Result<Vec<[u8; 32]>> {
-    let (index, width) = (from / TILE as u64, (size - from / TILE as u64 * TILE as u64).min(TILE as u64));
-    let part = if width < TILE as u64 { format!(".p/{width}") } else { String::new() };
-    let path = format!("/log/tile/entries/{}{part}", digits(index));
+async fn entries(service: &Service, from: u64, size: u64) -> anyhow::Result<Vec<Hash>> {
+    const FULL: u64 = TILE as u64;
+    let index = from / FULL;
+    let width = (size - index * FULL).min(FULL) as usize;
+    let path = format!("/log/tile/{}", TileName { level: None, index, width });
     let bytes = service.get_bytes(&path).await?;
-    if bytes.len() as u64 != width * ENTRY as u64 || bytes.chunks(ENTRY).any(|entry| entry[..2] != [0, 32]) {
-        bail!("{path}: expected {width} entries of 32 bytes, found {} bytes", bytes.len());
-    }
-    let skipped = usize::try_from(from - index * TILE as u64).expect("a tile has 256 entries");
-    let entry = |chunk: &[u8]| chunk[2..].try_into().expect("an entry has 32 bytes after its length");
-    Ok(bytes.chunks(ENTRY).skip(skipped).map(entry).collect())
-}
-
-/// Writes the number of a tile in groups of three digits.
-fn digits(mut index: u64) -> String {
-    let mut text = format!("{:03}", index % 1_000);
-    while index >= 1_000 {
-        index /= 1_000;
-        text = format!("x{:03}/{text}", index % 1_000);
-    }
-    text
+    let mut entries = read_entries(&bytes, width).with_context(|| {
+        format!("{path}: expected {width} entries of 32 bytes, found something else, {} bytes long", bytes.len())
+    })?;
+    entries.drain(..(from % FULL) as usize);
+    Ok(entries)
 }
 
 /// Shows both checkpoints: signed with one key, they prove that the service has shown two histories.
@@ -159,23 +146,13 @@ fn other_history(seen: &Seen, note: &str, why: &str) -> ExitCode {
 
 /// Loads the key of the witness; makes it the first time.
 fn own_key(state: &Path) -> anyhow::Result<Signer> {
-    let mut name = state.as_os_str().to_owned();
+    let mut name = state.file_name().context("--state: expected the name of a file")?.to_owned();
     name.push(".key");
-    let path = PathBuf::from(name);
-    let place = || path.display().to_string();
-    match std::fs::OpenOptions::new().write(true).create_new(true).mode(0o600).open(&path) {
-        Ok(mut file) => {
-            let mut secret = [0; 32];
-            getrandom::fill(&mut secret).map_err(|error| anyhow::anyhow!("no random bytes: {error}"))?;
-            file.write_all(hex(&secret).as_bytes()).with_context(place)?;
-            file.sync_all().with_context(place)?;
-            Ok(Signer::new(&secret))
-        }
-        Err(error) if error.kind() == ErrorKind::AlreadyExists => {
-            let text = std::fs::read_to_string(&path).with_context(place)?;
-            let secret = unhex(text.trim()).with_context(|| format!("{}: is no key", path.display()))?;
-            Ok(Signer::new(&secret))
-        }
-        Err(error) => Err(error).with_context(place),
-    }
+    let name = name.to_str().context("--state: expected a name in UTF-8")?;
+    Ok(Secrets::in_folder(folder_of(state).to_owned()).signer_named(name)?)
+}
+
+/// Returns the folder of a file.
+fn folder_of(file: &Path) -> &Path {
+    file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }

@@ -26,6 +26,8 @@ pub struct NewDraw<'a> {
     pub nonce: &'a str,
     /// Secret of the entry's epoch.
     pub secret: &'a EpochSecret,
+    /// Lot of the run, from the same secret.
+    pub lot: &'a Lot<'a>,
 }
 
 /// Stored facts that decide on a draw.
@@ -116,12 +118,11 @@ impl Store {
             insert(&mut tx, new, facts.epoch.id(), ordinal, drawn, now_ms).await?;
         }
         let instances = of_run(&mut tx, new.entry_id, new.run).await?;
-        let lot = Lot::of(&facts.epoch.commitment, &new.secret.key, new.entry_id, new.run, new.nonce);
         let drawn = DrawFact {
             entry: new.entry_id.to_owned(),
             run: new.run,
             nonce: new.nonce.to_owned(),
-            proof: lot.proof().map(ToOwned::to_owned),
+            proof: new.lot.proof().map(ToOwned::to_owned),
             instances: instances.iter().map(|own| own.id.clone()).collect(),
             drawn_at_ms: now_ms,
         };

@@ -175,13 +175,21 @@ impl Secrets {
     /// # Errors
     /// Returns an error if the key cannot be read, written or created.
     pub fn signer(&self) -> StoreResult<Signer> {
-        if self.get(SIGNER)?.is_none() {
-            self.put(SIGNER, hex(&random_key()?).as_bytes())?;
+        self.signer_named(SIGNER)
+    }
+
+    /// Returns the signing key in the file of this name, and creates it if there is none.
+    ///
+    /// # Errors
+    /// Returns an error if the key cannot be read, written or created.
+    pub fn signer_named(&self, name: &str) -> StoreResult<Signer> {
+        if self.get(name)?.is_none() {
+            self.put(name, hex(&random_key()?).as_bytes())?;
         }
-        let kept = self.get(SIGNER)?.unwrap_or_default();
+        let kept = self.get(name)?.unwrap_or_default();
         let secret = std::str::from_utf8(&kept).ok().and_then(|text| unhex(text.trim()));
         let unreadable =
-            || StoreError::Secret { path: self.file(SIGNER), detail: "is not 32 bytes of hexadecimal".to_owned() };
+            || StoreError::Secret { path: self.file(name), detail: "is not 32 bytes of hexadecimal".to_owned() };
         Ok(Signer::new(&secret.ok_or_else(unreadable)?))
     }
 }

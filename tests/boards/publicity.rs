@@ -53,6 +53,7 @@ async fn look_at_every_door(service: &Service, run: &str, other: &str) {
         "/".to_owned(),
         "/boards/mineceraft-lite".to_owned(),
         format!("/boards/mineceraft-lite/compare?a={run}&b={other}"),
+        format!("/boards/mineceraft-lite/compare.csv?a={run}&b={other}"),
         format!("/runs/{run}"),
         "/agents/maple-7".to_owned(),
         "/search?text=e".to_owned(),

@@ -11,12 +11,14 @@ pub fn leaf(salt: &Hash, content: &Hash) -> Hash {
     Sha256::new().chain_update([0]).chain_update(salt).chain_update(content).finalize().into()
 }
 
-fn node(left: &Hash, right: &Hash) -> Hash {
+/// Computes the hash of a node: SHA-256 over a one byte and the hashes of its children.
+pub(super) fn node(left: &Hash, right: &Hash) -> Hash {
     Sha256::new().chain_update([1]).chain_update(left).chain_update(right).finalize().into()
 }
 
-const fn split(leaves: usize) -> usize {
-    leaves.next_power_of_two() / 2
+/// Returns the greatest power of two that is smaller than a number above 1.
+pub(super) const fn split(leaves: u64) -> u64 {
+    1 << (leaves - 1).ilog2()
 }
 
 /// Computes the root over the leaves in order; without leaves, the SHA-256 of the empty string.
@@ -26,7 +28,7 @@ pub fn root(leaves: &[Hash]) -> Hash {
         [] => Sha256::digest([]).into(),
         [only] => *only,
         _ => {
-            let (left, right) = leaves.split_at(split(leaves.len()));
+            let (left, right) = leaves.split_at(split(leaves.len() as u64) as usize);
             node(&root(left), &root(right))
         }
     }

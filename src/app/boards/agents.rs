@@ -8,6 +8,7 @@ use super::cache::Board;
 use super::leaderboard::{Row, Withdrawn, row_of};
 use super::read;
 use crate::app::App;
+use crate::app::catalogue::tasks::SearchText;
 use crate::app::error::{AppError, AppResult};
 use crate::near::did_you_mean;
 use crate::store::run_rows::RunRow;
@@ -102,11 +103,11 @@ pub async fn agent(app: &App, name: &str) -> AppResult<Agent> {
 /// # Errors
 /// Returns an error if the database fails.
 pub async fn agents(app: &App, text: &str) -> AppResult<Vec<KnownAgent>> {
-    let text = text.to_lowercase();
+    let text = SearchText::new(text);
     let mut found: BTreeMap<String, usize> = BTreeMap::new();
     for board in all(app).await? {
         let rows = board.rows.all.iter().chain(&board.rows.incomplete);
-        for row in rows.filter(|row| row.agent.to_lowercase().contains(&text)) {
+        for row in rows.filter(|row| text.is_in(&row.agent)) {
             *found.entry(row.agent.clone()).or_default() += 1;
         }
     }

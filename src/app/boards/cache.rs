@@ -140,10 +140,9 @@ impl Board {
     /// Returns the agent of a run, unless the operator has hidden its row: the name may be why.
     #[must_use]
     pub fn shown_name(&self, run: &str) -> Option<&str> {
-        let is_hidden =
-            self.actions.iter().rev().find(|it| it.run_id == run && ["hide", "restore"].contains(&it.action.as_str()));
-        let standing = self.standing(run).filter(|_| is_hidden.is_none_or(|it| it.action == "restore"))?;
-        Some(&standing.agent)
+        let standing = self.standing(run)?;
+        let is_shown = !hidden_by_operator(&self.actions, i64::MAX).contains(run);
+        is_shown.then_some(standing.agent.as_str())
     }
 
     /// Returns whether the row of a run is hidden now.

@@ -253,7 +253,7 @@ fn rows_at(board: &Board, at_ms: Option<i64>) -> Arc<Rows> {
     at_ms.map_or_else(|| Arc::clone(&board.rows), |at| board.as_of(at))
 }
 
-/// Computes the rows of the wanted time where no request waits, if they are not at hand.
+/// Computes the rows of the wanted time in a thread that no other request waits for, if they are not at hand.
 ///
 /// # Errors
 /// Returns an error if the time is invalid.

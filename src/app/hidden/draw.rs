@@ -2,7 +2,6 @@
 
 use super::allocation::{NoRoom, Pool};
 use crate::store::draws::{DrawDecision, DrawFacts, DrawRefusal, DrawnLeaf, NewDraw};
-use plumbline_engine::hidden::issue::Lot;
 
 /// Decides on a draw. A run is drawn once: the same nonce again counts as the same draw, a different nonce is refused.
 #[must_use]
@@ -31,14 +30,13 @@ pub fn decide_draw(new: &NewDraw<'_>, facts: &DrawFacts) -> DrawDecision {
 
 /// Draws the leaves of a run, or returns `None` if a stratum has none left.
 fn leaves(new: &NewDraw<'_>, facts: &DrawFacts) -> Option<Vec<DrawnLeaf>> {
-    let DrawFacts { entry, epoch, issued_leaves, now_ms, .. } = facts;
+    let DrawFacts { epoch, issued_leaves, now_ms, .. } = facts;
     let expires_at_ms = (now_ms + epoch.rules.instance_ms).min(epoch.commitment.closes_at_ms);
-    let lot = Lot::of(&epoch.commitment, &new.secret.key, &entry.id, new.run, new.nonce);
     let mut gone = issued_leaves.clone();
     let mut drawn = Vec::new();
     for stratum in &new.secret.strata {
         for index in 0..stratum.instances {
-            let leaf = lot.leaf(stratum, index, |leaf| gone.contains(&leaf))?;
+            let leaf = new.lot.leaf(stratum, index, |leaf| gone.contains(&leaf))?;
             gone.insert(leaf);
             drawn.push(DrawnLeaf { family: stratum.family.clone(), family_index: index, leaf, expires_at_ms });
         }
@@ -54,6 +52,7 @@ mod tests {
     use crate::app::hidden::fixtures::{CLOSES_AT_MS, OPENS_AT_MS, entry, epoch, holding};
     use crate::store::secrets::EpochSecret;
     use plumbline_engine::hidden::feedback::Tier::Official;
+    use plumbline_engine::hidden::issue::Lot;
     use plumbline_engine::hidden::pool::Stratum;
     use plumbline_engine::hidden::secret::EpochKey;
 
@@ -79,7 +78,9 @@ mod tests {
     }
 
     fn decide(run: u32, facts: &DrawFacts) -> DrawDecision {
-        decide_draw(&NewDraw { entry_id: "own", run, nonce: "nonce", secret: &secret() }, facts)
+        let (secret, nonce) = (secret(), "nonce");
+        let lot = Lot::of(&facts.epoch.commitment, &secret.key, "own", run, nonce);
+        decide_draw(&NewDraw { entry_id: "own", run, nonce, secret: &secret, lot: &lot }, facts)
     }
 
     fn issued(decision: DrawDecision) -> Vec<DrawnLeaf> {

@@ -77,14 +77,15 @@ pub async fn draw_run(
     let epoch = stored_epoch(app, &entry.epoch_id).await?;
     let now = now_ms();
     let secret = secret_of(app, &epoch, now).await?;
-    let new = NewDraw { entry_id, run, nonce: &nonce, secret: &secret };
+    // A proof takes a millisecond: it is computed before the transaction, in which others would wait for it.
+    let lot = Lot::of(&epoch.commitment, &secret.key, entry_id, run, &nonce);
+    let new = NewDraw { entry_id, run, nonce: &nonce, secret: &secret, lot: &lot };
     match app.store.issue_instances(&new, decide_draw, now).await? {
         Issued::Instances(rows) => {
             let mut instances = Vec::with_capacity(rows.len());
             for row in rows {
                 instances.push(with_prompts(app, row).await?);
             }
-            let lot = Lot::of(&epoch.commitment, &secret.key, entry_id, run, &nonce);
             Ok(DrawnRun { instances, proof: proof_of(&lot, &epoch, entry_id, run, nonce.clone()) })
         }
         Issued::Refused(refusal) => Err(refused(refusal, &entry, &epoch)),

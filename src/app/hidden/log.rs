@@ -22,6 +22,8 @@ pub struct TransparencyLog(Mutex<Grown>);
 struct Grown {
     tree: Tree,
     entries: Vec<Hash>,
+    /// Name of the log, once it has an entry.
+    name: Option<String>,
 }
 
 impl Grown {
@@ -39,6 +41,22 @@ impl Grown {
             }
         }
     }
+
+    /// Returns the name of the log: that of its first key, or of the key in use while it is empty.
+    async fn name(&mut self, app: &App) -> AppResult<String> {
+        if self.name.is_none() {
+            self.name = app.store.first_receipt_key().await?.as_deref().map(origin);
+        }
+        Ok(self.name.clone().unwrap_or_else(|| origin(&app.receipt_key)))
+    }
+
+    /// Returns a checkpoint of the log.
+    async fn checkpoint(&mut self, app: &App) -> AppResult<String> {
+        let (origin, signer) = (self.name(app).await?, signer(app)?);
+        let size = self.tree.len();
+        let root = self.tree.root(size).expect("a tree has its own root");
+        Ok(Checkpoint { origin, size, root }.signed(signer))
+    }
 }
 
 /// Returns a checkpoint of the log as it is now, as a signed note.
@@ -48,10 +66,7 @@ impl Grown {
 pub async fn checkpoint(app: &App) -> AppResult<String> {
     let mut grown = app.log.0.lock().await;
     grown.grow(app).await?;
-    let (origin, signer) = (name(app).await?, signer(app)?);
-    let size = grown.tree.len();
-    let root = grown.tree.root(size).expect("a tree has its own root");
-    Ok(Checkpoint { origin, size, root }.signed(signer))
+    grown.checkpoint(app).await
 }
 
 /// Returns the key that verifies checkpoints, in the form in which verifiers of notes take it.
@@ -59,7 +74,8 @@ pub async fn checkpoint(app: &App) -> AppResult<String> {
 /// # Errors
 /// Returns an error if this node cannot sign, or if the database fails.
 pub async fn key(app: &App) -> AppResult<String> {
-    Ok(verifier_key(&name(app).await?, signer(app)?))
+    let name = app.log.0.lock().await.name(app).await?;
+    Ok(verifier_key(&name, signer(app)?))
 }
 
 /// Returns a tile of hashes or entries.
@@ -94,15 +110,8 @@ pub async fn inclusion(app: &App, seq: i64) -> AppResult<InclusionProof> {
     let size = grown.tree.len();
     let path = u64::try_from(seq - 1).ok().and_then(|index| grown.tree.inclusion(index, size));
     let path = path.ok_or_else(|| AppError::not_found(format!("the log has no receipt {seq}")))?;
-    let root = grown.tree.root(size).expect("a tree has its own root");
-    let checkpoint = Checkpoint { origin: name(app).await?, size, root }.signed(signer(app)?);
+    let checkpoint = grown.checkpoint(app).await?;
     Ok(InclusionProof { size, path: path.iter().map(|hash| hex(hash)).collect(), checkpoint })
-}
-
-/// Returns the name of the log: that of its first key, or of the key in use while it is empty.
-async fn name(app: &App) -> AppResult<String> {
-    let first = app.store.first_receipt_key().await?;
-    Ok(origin(first.as_deref().unwrap_or(&app.receipt_key)))
 }
 
 fn signer(app: &App) -> AppResult<&Signer> {

@@ -117,16 +117,16 @@ pub async fn board(
 ) -> PageResult {
     let set = html::set_fields(raw.as_deref());
     let query: BoardQuery = params::read(&set)?;
+    let board = read::board(&state, &suite).await?;
     if query.format != Format::Json {
         // Other formats are those of the API.
-        return Ok(Redirect::to(&format!("/v1/leaderboards/{suite}?{set}")).into_response());
+        return Ok(Redirect::to(&format!("/v1/leaderboards/{}?{set}", board.entry.suite.id())).into_response());
     }
     let now = rfc3339(now_ms());
     let links = Links::of(&suite, &query);
     let (is_ascending, provenance) = (query.order == Direction::Asc, query.provenance.map_or("", RunProvenance::name));
     let track = query.track.map_or("", Track::name);
     let wanted = Selection { limit: query.limit.or(Some(ROWS)), ..query.into() };
-    let board = read::board(&state, &suite).await?;
     prepare(&board, wanted.as_of.as_deref()).await?;
     let page = rows_of(&board, &wanted)?;
     let apart = Selection { coverage: CoverageFilter::Incomplete, after: None, ..wanted.clone() };

@@ -5,7 +5,7 @@ use axum::extract::{Path, RawQuery, State};
 use serde::Deserialize;
 
 use super::charts::figure::Figure;
-use super::charts::{dumbbells, svg};
+use super::charts::{csv, dumbbells, svg};
 use super::html::{self, PageResult};
 use crate::app::boards::comparison::compare;
 use crate::http::boards::comparisons::{ComparedTask, Comparison};
@@ -68,6 +68,16 @@ pub async fn compare_runs(
     let told = compare(&state, &suite, &two.a, &two.b).await?;
     let figure = dumbbells::draw(&told.a, &told.b);
     html::page(&ComparePage { suite: told.board.entry.suite.id(), figure, told: told.into() })
+}
+
+/// Serves the criteria of two runs as CSV.
+///
+/// # Errors
+/// Returns a 404 error if the suite does not exist or its board has no such run.
+pub async fn table(State(state): State<AppState>, Path(suite): Path<String>, RawQuery(raw): RawQuery) -> PageResult {
+    let two: Two = params::read(raw.as_deref().unwrap_or_default())?;
+    let told = compare(&state, &suite, &two.a, &two.b).await?;
+    Ok(csv(&dumbbells::draw(&told.a, &told.b))?)
 }
 
 /// Serves the criteria of two runs as an SVG file.

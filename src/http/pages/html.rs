@@ -58,6 +58,13 @@ pub fn set_fields(raw: Option<&str>) -> String {
     form_urlencoded::Serializer::new(String::new()).extend_pairs(fields).finish()
 }
 
+/// Escapes text for markup, and for XML, in which two of the characters that names may have cannot stand.
+#[must_use]
+pub fn escaped(text: &str) -> String {
+    let text = text.replace(['\u{fffe}', '\u{ffff}'], "");
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
 /// Formats a share as a percentage; `n/a` for `None`.
 #[must_use]
 pub fn percent(rate: Option<f64>) -> String {

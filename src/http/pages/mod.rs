@@ -14,6 +14,7 @@ mod home;
 mod html;
 mod lines;
 mod log;
+mod looks;
 mod moderation;
 mod reference;
 mod run;
@@ -42,6 +43,7 @@ pub fn routes() -> Router<AppState> {
         .route("/boards/{suite}/log", get(log::page))
         .route("/boards/{suite}/compare", get(compare::compare_runs))
         .route("/boards/{suite}/compare.svg", get(compare::picture))
+        .route("/boards/{suite}/compare.csv", get(compare::table))
         .route("/runs/{id}", get(run::run))
         .route("/runs/{id}/tasks/{number}", get(run::task_of_run))
         .route("/runs/{id}/tasks/{number}/thumbnail.png", get(thumbnails::of_run::<THUMBNAIL>))

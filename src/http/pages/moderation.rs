@@ -17,6 +17,7 @@ use crate::app::access::Caller;
 use crate::app::accounts::operations::{Overview, overview};
 use crate::app::boards::actions::{HideOrRestore, act};
 use crate::app::error::{AppError, AppResult, Kind};
+use crate::app::limits::LIMITS;
 use crate::clock::{now_ms, rfc3339};
 use crate::http::extract::caller::{KEY_COOKIE, MODERATION};
 use crate::http::extract::origin::Origin;
@@ -27,8 +28,6 @@ use crate::store::overview::QueueRow;
 
 /// Time for which signing in lasts: eight hours, in seconds.
 const SIGNED_IN_SECONDS: u32 = 8 * 3_600;
-/// Maximum size of a form, in bytes.
-const MAX_FORM_BYTES: usize = 16 << 10;
 
 /// Returns the routes of the page.
 pub fn routes() -> Router<AppState> {
@@ -37,7 +36,7 @@ pub fn routes() -> Router<AppState> {
         .route("/moderation/sign-in", post(sign_in))
         .route("/moderation/sign-out", post(sign_out))
         .route("/moderation/actions", post(action))
-        .layer(DefaultBodyLimit::max(MAX_FORM_BYTES))
+        .layer(DefaultBodyLimit::max(LIMITS.form_bytes))
 }
 
 /// What an operator filled in and why it was refused, to be shown again.
@@ -216,13 +215,14 @@ async fn action(
 
 /// Refuses a form that another site sends. Browsers say where a form comes from, and do not send the cookie from elsewhere.
 fn must_be_own(headers: &HeaderMap, origin: &Origin) -> AppResult<()> {
-    // What browsers say of the site does not depend on the headers that a proxy changes.
-    if headers.get("sec-fetch-site").is_some_and(|site| site == "same-origin") {
-        return Ok(());
-    }
     let told = headers.get(header::ORIGIN).and_then(|value| value.to_str().ok());
     let host = told.map(|told| told.split_once("://").map_or(told, |(_, host)| host));
-    if host.is_none_or(|host| host.eq_ignore_ascii_case(&origin.host)) {
+    let is_own = match headers.get("sec-fetch-site") {
+        // What browsers say of the site does not depend on the headers that a proxy changes.
+        Some(site) => site == "same-origin" || site == "none",
+        None => host.is_none_or(|host| host.eq_ignore_ascii_case(&origin.host)),
+    };
+    if is_own {
         return Ok(());
     }
     Err(AppError::new(Kind::Forbidden, "this form must be sent from the page of this service"))

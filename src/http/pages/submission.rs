@@ -13,6 +13,7 @@ use super::assets;
 use super::claims;
 use super::findings;
 use super::html::{self, PageResult, Preview, json_in_markup};
+use super::looks::{looks_of, palette};
 use crate::actions::CodeError;
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::error::AppError;
@@ -25,7 +26,6 @@ use crate::http::extract::origin::Origin;
 use crate::http::extract::params;
 use crate::http::state::AppState;
 use crate::http::submissions::stress::{StressFormat, write};
-use crate::pictures::colours::{self, Look};
 use crate::pictures::isometric;
 use crate::store::reports::ReportRow;
 use crate::store::states::SubmissionState;
@@ -182,25 +182,6 @@ fn witnesses(report: Option<&ReportRow>) -> Vec<[i32; 3]> {
     failed.flat_map(|check| &check.finding.witnesses).map(|w| [w.cell.x, w.cell.y, w.cell.z]).collect()
 }
 
-/// Says how each material of a palette looks: the colours of its top and its sides, and its boxes, in sixteenths of a
-/// block, if it does not fill its cell.
-pub fn looks_of<'a>(palette: impl IntoIterator<Item = &'a str>) -> Value {
-    let look = |name: &str| {
-        let Look { top, side, boxes } = colours::look(name);
-        if boxes.is_empty() { json!([top, side]) } else { json!([top, side, boxes]) }
-    };
-    palette.into_iter().map(|name| (name.to_owned(), look(name))).collect::<serde_json::Map<_, _>>().into()
-}
-
-/// Reads the material names of a log's palette without building the rest of the log in memory.
-fn palette(json: &[u8]) -> Result<Vec<String>, AppError> {
-    #[derive(Deserialize)]
-    struct Head {
-        palette: Vec<String>,
-    }
-    serde_json::from_slice::<Head>(json).map(|head| head.palette).map_err(|error| AppError::internal(&error))
-}
-
 /// Returns the 3D view of a submission; views with the same camera rotate together.
 ///
 /// # Errors
@@ -220,8 +201,12 @@ async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Re
     let cells = witnesses(details.report.as_ref());
     let field = |method: &str| format!("/v1/submissions/{id}/stress?method={method}&format=arrays");
     let log = log(state, id).await?;
-    let names =
-        tokio::task::spawn_blocking(move || palette(&log)).await.map_err(|error| AppError::internal(&error))??;
+    let task = details.task().cloned();
+    let read = tokio::task::spawn_blocking(move || {
+        let has_reference = task.is_some_and(|task| build(&task).is_ok());
+        palette(&log).map(|names| (names, has_reference))
+    });
+    let (names, has_reference) = read.await.map_err(|error| AppError::internal(&error))??;
     let scene = json!({
         "log": format!("/v1/submissions/{id}/log"),
         "looks": looks_of(names.iter().map(String::as_str)),
@@ -239,7 +224,7 @@ async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Re
             camera,
             has_stress: details.has_stress(),
             has_witnesses: !cells.is_empty(),
-            has_reference: details.task().is_some_and(|task| build(task).is_ok()),
+            has_reference,
         },
         task,
         prompts: prompts.unwrap_or_default(),

@@ -12,7 +12,8 @@ use serde_json::{Value, json};
 
 use super::claims;
 use super::html::{self, PageResult, Preview, json_in_markup};
-use super::submission::{View, image, looks_of, picture_on_ground};
+use super::looks::looks_of;
+use super::submission::{View, image, picture_on_ground};
 use crate::app::boards::tasks::{ResultsOnTask, SolvedTasks, TaskResult, results_on, search};
 use crate::app::catalogue::tasks::example;
 use crate::app::error::AppError;

@@ -735,6 +735,10 @@ class Limits(BaseModel):
     Bytes of all bodies that are being read at the same time; a request beyond that is refused with 503 and may be
     retried.
     """
+    form_bytes: Annotated[int, Field(ge=0)]
+    """
+    Bytes of a form of the pages.
+    """
     json_depth: Annotated[int, Field(ge=0)]
     """
     Levels of nested arrays and objects in a run's metadata; elsewhere the format bounds the depth.

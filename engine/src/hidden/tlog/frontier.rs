@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
-use super::tree::node;
 use crate::hidden::canonical::{Hash, unhex};
+use crate::hidden::merkle::node;
 use crate::tasks::hex;
 
 /// The right edge of a tree, from which it can grow.

@@ -1,7 +1,7 @@
 //! Checking proofs of a tree without the tree (RFC 9162, sections 2.1.3.2 and 2.1.4.2).
 
-use super::tree::node;
 use crate::hidden::canonical::Hash;
+use crate::hidden::merkle::node;
 
 /// Returns whether a proof shows that a leaf is at a position in the tree of so many leaves with this root.
 #[must_use]

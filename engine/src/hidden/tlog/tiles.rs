@@ -1,5 +1,7 @@
 //! Tiles of a log and their names (C2SP tlog-tiles): 256 hashes of one level, or the entries below them.
 
+use std::fmt;
+
 use super::tree::Tree;
 use crate::hidden::canonical::Hash;
 
@@ -9,6 +11,10 @@ pub const TILE: usize = 256;
 const LEVELS: usize = 8;
 /// Greatest level of tiles.
 const MAX_LEVEL: u8 = 63;
+/// Length of an entry, as tiles tell it before each.
+const HASH_BYTES: u16 = 32;
+/// Numbers of tiles are written in groups of three digits.
+const GROUP: u64 = 1_000;
 /// Greatest number of groups of digits in the name of a tile.
 const MAX_GROUPS: usize = 7;
 
@@ -52,7 +58,7 @@ impl TileName {
             if !is_group || (i == 0 && last > 0 && digits == "000") {
                 return None;
             }
-            value = value.checked_mul(1_000)?.checked_add(digits.parse().ok()?)?;
+            value = value.checked_mul(GROUP)?.checked_add(digits.parse().ok()?)?;
         }
         Some(Self { level, index: value, width })
     }
@@ -74,9 +80,40 @@ impl TileName {
         }
         let from = usize::try_from(self.index).ok()?.checked_mul(TILE)?;
         let own = entries.get(from..from.checked_add(self.width)?)?;
-        let length = u16::try_from(size_of::<Hash>()).expect("a hash has 32 bytes").to_be_bytes();
-        Some(own.iter().flat_map(|entry| [&length[..], &entry[..]].concat()).collect())
+        Some(own.iter().flat_map(|entry| [&HASH_BYTES.to_be_bytes()[..], &entry[..]].concat()).collect())
     }
+}
+
+impl fmt::Display for TileName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.level {
+            Some(level) => write!(f, "{level}")?,
+            None => write!(f, "entries")?,
+        }
+        let mut groups = vec![self.index % GROUP];
+        let mut rest = self.index / GROUP;
+        while rest > 0 {
+            groups.push(rest % GROUP);
+            rest /= GROUP;
+        }
+        for (i, group) in groups.iter().enumerate().rev() {
+            write!(f, "/{}{group:03}", if i > 0 { "x" } else { "" })?;
+        }
+        if self.width < TILE { write!(f, ".p/{}", self.width) } else { Ok(()) }
+    }
+}
+
+/// Reads the entries of a tile; `None` if these are not so many hashes, each after its length.
+#[must_use]
+pub fn read_entries(tile: &[u8], width: usize) -> Option<Vec<Hash>> {
+    let entry = |chunk: &[u8]| {
+        let (length, hash) = chunk.split_at_checked(size_of_val(&HASH_BYTES))?;
+        (length == HASH_BYTES.to_be_bytes()).then_some(())?;
+        hash.try_into().ok()
+    };
+    let entries: Vec<Hash> =
+        tile.chunks(size_of_val(&HASH_BYTES) + size_of::<Hash>()).map(entry).collect::<Option<_>>()?;
+    (entries.len() == width).then_some(entries)
 }
 
 /// Reads a number without sign and leading zeros.
@@ -96,6 +133,9 @@ mod tests {
         assert_eq!(TileName::parse("0/000"), name(Some(0), 0, 256));
         assert_eq!(TileName::parse("3/x001/x234/067"), name(Some(3), 1_234_067, 256));
         assert_eq!(TileName::parse("entries/x123/456.p/7"), name(None, 123_456, 7));
+        for same in ["0/000", "3/x001/x234/067", "entries/x123/456.p/7", "63/999.p/255", "entries/x001/000"] {
+            assert_eq!(TileName::parse(same).unwrap().to_string(), same);
+        }
         for wrong in [
             "",
             "0",
@@ -137,5 +177,9 @@ mod tests {
         assert_eq!(hashes("9/000.p/1"), None);
         let told = TileName::parse("entries/002.p/3").unwrap().entries(&entries).unwrap();
         assert_eq!((told.len(), &told[..2], &told[2..34]), (3 * 34, &[0, 32][..], &entries[512][..]));
+        assert_eq!(read_entries(&told, 3).unwrap(), entries[512..515]);
+        assert_eq!(read_entries(&told, 2), None);
+        assert_eq!(read_entries(&told[..told.len() - 1], 3), None);
+        assert_eq!(read_entries(&[&[0, 31], &told[2..]].concat(), 3), None);
     }
 }

@@ -3,17 +3,12 @@
 use sha2::{Digest as _, Sha256};
 
 use crate::hidden::canonical::Hash;
+use crate::hidden::merkle::{node, split};
 
 /// Computes the hash of an entry's leaf.
 #[must_use]
 pub fn leaf(entry: &[u8]) -> Hash {
     Sha256::new().chain_update([0]).chain_update(entry).finalize().into()
-}
-
-/// Computes the hash of a node.
-#[must_use]
-pub fn node(left: &Hash, right: &Hash) -> Hash {
-    Sha256::new().chain_update([1]).chain_update(left).chain_update(right).finalize().into()
 }
 
 /// A tree that grows. It holds two hashes for each leaf.
@@ -134,11 +129,6 @@ impl Tree {
         let middle = low + split(length);
         node(&self.range(low, middle), &self.range(middle, high))
     }
-}
-
-/// Returns the greatest power of two that is smaller than a number above 1.
-pub(super) const fn split(length: u64) -> u64 {
-    1 << (u64::BITS - 1 - (length - 1).leading_zeros())
 }
 
 #[cfg(test)]

@@ -71,7 +71,10 @@ async function renew() {
     else location.reload();
   } catch { /* The network is away: the next event or the next turn asks again. */ } finally {
     isBusy = false;
-    if (isWanted) [isWanted] = [false, soon()];
+    if (isWanted) {
+      isWanted = false;
+      soon();
+    }
   }
 }
 function soon() { due ??= setTimeout(renew, Math.max(0, last + PAUSE - Date.now())); }

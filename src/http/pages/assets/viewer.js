@@ -12,7 +12,7 @@ const SIDES = [
 ];
 const RAMP = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
 const GREY = [150, 155, 162];
-const RED = [222, 48, 44];
+const RED = [222, 48, 44], PURPLE = [191, 38, 191], ORANGE = [230, 64, 26];
 const GROUND = [[122, 168, 92], [114, 158, 86]];
 const WHOLE = [0, 0, 0, 16, 16, 16], SMALL = [5, 5, 5, 11, 11, 11];
 const MARGIN = 2, GROUND_SPAN = 128;
@@ -268,32 +268,19 @@ class Viewer {
       gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.order);
       gl.drawElements(gl.TRIANGLES, this.faces * 6, gl.UNSIGNED_INT, 0);
       this.label(view);
-      if (this.ground.checked) {
-        gl.uniform1f(edges, 0);
-        gl.disableVertexAttribArray(1);
-        gl.bindBuffer(gl.ARRAY_BUFFER, this.lines);
+      gl.uniform1f(edges, 0);
+      gl.disableVertexAttribArray(1);
+      const lines = (ends, kind, from, count, colour) => {
+        gl.bindBuffer(gl.ARRAY_BUFFER, ends);
         gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
-        AXES.forEach(([, , [r, g, b]], i) => {
-          gl.vertexAttrib4f(1, r / 255, g / 255, b / 255, 1);
-          gl.drawArrays(gl.LINES, 2 * i, 2);
-        });
-      }
-      if (this.ghost?.checked && this.ghostEnds) {
-        gl.uniform1f(edges, 0);
-        gl.disableVertexAttribArray(1);
-        gl.vertexAttrib4f(1, 0.75, 0.15, 0.75, 1);
-        gl.bindBuffer(gl.ARRAY_BUFFER, this.ghostLines);
-        gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
-        gl.drawArrays(gl.LINES, 0, this.ghostEnds);
-      }
+        gl.vertexAttrib4f(1, ...colour.map((c) => c / 255), 1);
+        gl.drawArrays(kind, from, count);
+      };
+      if (this.ground.checked) AXES.forEach(([, , colour], i) => lines(this.lines, gl.LINES, 2 * i, 2, colour));
+      if (this.ghost?.checked && this.ghostEnds) lines(this.ghostLines, gl.LINES, 0, this.ghostEnds, PURPLE);
       if (this.steps > 1) {
         gl.disable(gl.DEPTH_TEST);
-        gl.uniform1f(edges, 0);
-        gl.disableVertexAttribArray(1);
-        gl.vertexAttrib4f(1, 0.9, 0.25, 0.1, 1);
-        gl.bindBuffer(gl.ARRAY_BUFFER, this.path);
-        gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
-        gl.drawArrays(gl.LINE_STRIP, 0, this.steps);
+        lines(this.path, gl.LINE_STRIP, 0, this.steps, ORANGE);
         gl.enable(gl.DEPTH_TEST);
       }
     });
@@ -309,7 +296,7 @@ class Viewer {
     this.walk.addEventListener("input", () => this.rebuild());
     this.ground.addEventListener("input", () => this.rebuild());
     this.ghost = find("ghost");
-    this.ghost?.addEventListener("input", () => this.haunt());
+    this.ghost?.addEventListener("input", () => this.showReference());
     this.names = AXES.map(([name]) => {
       const label = Object.assign(document.createElement("span"), { className: `axis ${name}`, ariaHidden: "true" });
       this.canvas.after(label);
@@ -353,7 +340,7 @@ class Viewer {
   }
 
   /* Draws the edges of the reference build where the agent built, to compare the two. */
-  async haunt() {
+  async showReference() {
     const told = this.root.querySelector("[data-control=ghost-told]");
     if (this.ghost.checked && !this.ghostEnds) {
       const answer = await fetch(this.scene.reference).catch(() => null);

@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use crate::http::pages::html::escaped;
+
 /// Number of series that have a colour and a shape of their own.
 pub const SERIES: usize = 5;
 
@@ -56,15 +58,15 @@ impl Drawing {
 
     /// Draws the mark of a series around a point: each has its own shape. Its title appears under the pointer.
     pub fn mark(&mut self, class: &str, series: usize, [x, y]: [f64; 2], title: &str) {
-        let shape = match series % SERIES {
-            0 => format!(r#"<circle class="{class}" cx="{x:.1}" cy="{y:.1}" r="5">"#),
-            1 => format!(r#"<rect class="{class}" x="{:.1}" y="{:.1}" width="9" height="9">"#, x - 4.5, y - 4.5),
-            2 => corners(class, [[x, y - 6.0], [x + 6.0, y + 4.5], [x - 6.0, y + 4.5]]),
-            3 => corners(class, [[x, y - 6.5], [x + 6.5, y], [x, y + 6.5], [x - 6.5, y]]),
-            _ => corners(class, [[x, y + 6.0], [x + 6.0, y - 4.5], [x - 6.0, y - 4.5]]),
+        let (element, place) = match series % SERIES {
+            0 => ("circle", format!(r#"cx="{x:.1}" cy="{y:.1}" r="5""#)),
+            1 => ("rect", format!(r#"x="{:.1}" y="{:.1}" width="9" height="9""#, x - 4.5, y - 4.5)),
+            2 => ("polygon", corners([[x, y - 6.0], [x + 6.0, y + 4.5], [x - 6.0, y + 4.5]])),
+            3 => ("polygon", corners([[x, y - 6.5], [x + 6.5, y], [x, y + 6.5], [x - 6.5, y]])),
+            _ => ("polygon", corners([[x, y + 6.0], [x + 6.0, y - 4.5], [x - 6.0, y - 4.5]])),
         };
-        let element = shape[1..].split(' ').next().unwrap_or_default();
-        self.add(format_args!("{shape}<title>{}</title></{element}>", escaped(title)));
+        let title = escaped(title);
+        self.add(format_args!(r#"<{element} class="{class}" {place}><title>{title}</title></{element}>"#));
     }
 
     /// Draws cells of one height in rows: `path` has units of cells, which fill the given rectangle.
@@ -93,9 +95,8 @@ impl Drawing {
     }
 }
 
-fn corners<const N: usize>(class: &str, points: [[f64; 2]; N]) -> String {
-    let told = points.map(|[x, y]| format!("{x:.1},{y:.1}"));
-    format!(r#"<polygon class="{class}" points="{}">"#, told.join(" "))
+fn corners<const N: usize>(points: [[f64; 2]; N]) -> String {
+    format!(r#"points="{}""#, points.map(|[x, y]| format!("{x:.1},{y:.1}")).join(" "))
 }
 
 /// Shortens a name to what fits beside a chart.
@@ -114,12 +115,6 @@ pub fn short(name: &str, chars: usize) -> String {
         })
     };
     name.chars().take_while(fits).chain(['…']).collect()
-}
-
-fn escaped(text: &str) -> String {
-    // These two may stand in names, but not in XML.
-    let text = text.replace(['\u{fffe}', '\u{ffff}'], "");
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]

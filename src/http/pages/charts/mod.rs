@@ -18,7 +18,7 @@ use axum::response::{IntoResponse as _, Response};
 use self::figure::Figure;
 use self::runs::{Charted, ChartsQuery};
 use super::html::{self, PageResult};
-use crate::app::error::AppError;
+use crate::app::error::{AppError, AppResult};
 use crate::http::extract::params;
 use crate::http::state::AppState;
 use plumbline_engine::tasks::Track;
@@ -96,8 +96,16 @@ pub async fn file(
         drawn.ok_or_else(|| AppError::not_found(format!("no run of {suite} has what the chart {name} shows")))?;
     Ok(match kind {
         "svg" => svg(figure.svg),
-        _ => ([(header::CONTENT_TYPE, "text/csv; charset=utf-8")], figure.csv()?).into_response(),
+        _ => csv(&figure)?,
     })
+}
+
+/// Builds the response for the numbers of a chart.
+///
+/// # Errors
+/// Returns an error if the table cannot be written.
+pub fn csv(figure: &Figure) -> AppResult<Response> {
+    Ok(([(header::CONTENT_TYPE, "text/csv; charset=utf-8")], figure.csv()?).into_response())
 }
 
 /// Builds the response for a chart. Its policy lets it have the style that it carries, and load nothing.
