@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 
 use crate::near::counted;
 use crate::tls::use_tls;
+use plumbline_engine::hidden::beacon::{Beacon, Round};
 use plumbline_engine::voxel::BlockLog;
 
 /// Maximum number of submissions in one body.
@@ -17,6 +18,18 @@ const BATCH_LINES: usize = 100;
 const BATCH_BYTES: usize = 8 << 20;
 /// Interval between two requests for the state of a run.
 const LOOK: Duration = Duration::from_millis(200);
+
+/// Address of the servers of the public randomness beacon.
+pub const DRAND: &str = "https://api.drand.sh";
+
+/// Downloads a round from a server of the beacon.
+///
+/// # Errors
+/// Returns an error if the server cannot be reached or answers something else.
+pub async fn fetch_round(server: &str, beacon: &Beacon) -> anyhow::Result<Round> {
+    let round = Service::at(server, None)?.get(&format!("/{}/public/{}", beacon.chain_hash, beacon.round)).await?;
+    Ok(serde_json::from_value(round)?)
+}
 
 /// Returns the builder of a client without TLS, which needs no certificates of the system.
 pub fn without_tls() -> ClientBuilder {
@@ -74,6 +87,21 @@ impl Service {
             request = request.bearer_auth(key);
         }
         self.send(request.header("content-type", kind).body(body)).await
+    }
+
+    /// Posts plain text.
+    ///
+    /// # Errors
+    /// Returns an error if the service cannot be reached, or refuses.
+    pub async fn post_text(&self, path: &str, body: String) -> anyhow::Result<()> {
+        let url = format!("{}{path}", self.base);
+        let request = self.http.post(&url).header("content-type", "text/plain; charset=utf-8").body(body);
+        let answer = request.send().await.with_context(|| url.clone())?;
+        let status = answer.status();
+        if !status.is_success() {
+            bail!("{url}: {status}: {}", answer.text().await.unwrap_or_default());
+        }
+        Ok(())
     }
 
     /// Requests a path, and returns the bytes of the answer.

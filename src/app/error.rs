@@ -4,6 +4,8 @@
 //! failure of ours is logged once with its cause; the caller learns only that the same request may be sent again. Only
 //! `http/problem.rs` turns a failure into a response.
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 
 use crate::near::counted;
@@ -110,6 +112,15 @@ kinds! {
 #[derive(Debug, Clone)]
 pub struct AppError(Box<Failure>);
 
+impl fmt::Display for AppError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.detail())?;
+        self.faults().iter().try_for_each(|fault| write!(f, "; {}: {}", fault.pointer, fault.detail))
+    }
+}
+
+impl std::error::Error for AppError {}
+
 #[derive(Debug, Clone)]
 struct Failure {
     kind: Kind,
@@ -174,7 +185,7 @@ impl AppError {
     }
 
     /// Creates a failure of ours, and logs its cause.
-    pub fn internal(cause: &dyn std::fmt::Display) -> Self {
+    pub fn internal(cause: &dyn fmt::Display) -> Self {
         tracing::error!(%cause, "request failed");
         Self::new(Kind::Internal, "The service failed. The request may be sent again.").retry_after(1)
     }

@@ -22,7 +22,7 @@ pub struct Limits {
     /// Bytes of all bodies that are being read at the same time; a request beyond that is refused with 503 and may be
     /// retried.
     pub bodies_in_memory_bytes: usize,
-    /// Bytes of a form of the pages.
+    /// Bytes of a form of the pages, and of a note with cosignatures.
     pub form_bytes: usize,
     /// Levels of nested arrays and objects in a run's metadata; elsewhere the format bounds the depth.
     pub json_depth: u32,

@@ -43,6 +43,7 @@ use error::{AppError, AppResult};
 use hidden::log::TransparencyLog;
 use limits::Limits;
 use plumbline_engine::hidden::receipts::Signer;
+use plumbline_engine::hidden::tlog::cosignature::Witness;
 use plumbline_engine::tasks::catalogue::{Catalogue, Entry};
 use readiness::Readiness;
 use rewards::grader::Grader;
@@ -79,6 +80,8 @@ pub struct App {
     pub signer: Option<Arc<Signer>>,
     /// Public key that verifies what the service signs.
     pub receipt_key: String,
+    /// Witnesses of the log whose cosignatures are taken.
+    pub witnesses: Vec<Witness>,
     /// Settings of webhooks.
     pub webhooks: WebhookSettings,
     /// Cancelled when the service stops.
@@ -104,6 +107,8 @@ pub struct AppParts {
     pub signer: Option<Arc<Signer>>,
     /// Public key that verifies what the service signs.
     pub receipt_key: String,
+    /// Witnesses of the log whose cosignatures are taken.
+    pub witnesses: Vec<Witness>,
     /// Settings of webhooks.
     pub webhooks: WebhookSettings,
     /// Cancelled when the service stops.
@@ -116,8 +121,19 @@ impl App {
     /// # Errors
     /// Returns an error if the threads that compute stress fields cannot be started.
     pub fn new(parts: AppParts) -> anyhow::Result<Self> {
-        let AppParts { store, grader, keys, least_coverage, limits, actions, signer, receipt_key, webhooks, stop } =
-            parts;
+        let AppParts {
+            store,
+            grader,
+            keys,
+            least_coverage,
+            limits,
+            actions,
+            signer,
+            receipt_key,
+            witnesses,
+            webhooks,
+            stop,
+        } = parts;
         Ok(Self {
             store,
             grader: Arc::new(grader),
@@ -133,6 +149,7 @@ impl App {
             action_requests: PermitPool::new(limits.action_requests, limits.action_requests_per_sender),
             signer,
             receipt_key,
+            witnesses,
             webhooks,
             stop,
         })

@@ -1,21 +1,25 @@
 //! `plumbline epochs`: announces, lists and closes epochs.
 
+use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::bail;
+use anyhow::{Context as _, bail};
 use clap::{Args, Subcommand, ValueEnum};
-use rayon::prelude::*;
 
 use super::database::DatabaseArgs;
 use super::progress;
+use crate::app::hidden::pools::publish_pool;
 use crate::app::signing::signing;
+use crate::client::{DRAND, fetch_round};
 use crate::clock::{DAY_MS, day_ms, milliseconds, now_ms, rfc3339};
 use crate::store::Store;
 use crate::store::epochs::EpochRules;
-use crate::store::secrets::{EpochSecret, random_key};
-use plumbline_engine::hidden::commitment::{Commitment, Rules, Terms, leaf_hash};
+use crate::store::secrets::{EpochSecret, PoolFile, random_key};
+use plumbline_engine::hidden::GENERATOR_VERSION;
+use plumbline_engine::hidden::beacon::{Beacon, Chain};
+use plumbline_engine::hidden::commitment::{Commitment, Rules, Terms, root_of};
 use plumbline_engine::hidden::feedback::Feedback;
-use plumbline_engine::hidden::pool::{Generator, PoolError, Specification};
+use plumbline_engine::hidden::pool::Generator;
 use plumbline_engine::hidden::secret::EpochKey;
 use plumbline_engine::voxel::Profile;
 
@@ -34,6 +38,14 @@ enum EpochsCommand {
     Create(CreateArgs),
     /// List epochs.
     List,
+    /// Bring the round of the beacon that an epoch is bound to, from which its pool is made. `serve --beacon-url` does so by itself.
+    Beacon {
+        /// Name of the epoch.
+        name: String,
+        /// File with the round as the beacon's servers publish it (`/CHAIN-HASH/public/ROUND`), or the address of such a server.
+        #[arg(long, value_name = "FILE|URL", default_value = DRAND)]
+        from: String,
+    },
     /// Close an epoch early; the reason is published.
     Close {
         /// Name of the epoch.
@@ -88,6 +100,13 @@ struct CreateArgs {
     /// the pool has room.
     #[arg(long, default_value_t = 259_200, value_parser = clap::value_parser!(u32).range(1..=31_536_000))]
     reservation_seconds: u32,
+    /// Bind the pool to a public randomness beacon (drand): nobody, the operator included, knows a specification before the first
+    /// round at or after --opens. Official entries are registered until then.
+    #[arg(long, requires = "opens")]
+    beacon: bool,
+    /// File that describes another chain than quicknet, as its servers do (`/CHAIN-HASH/info`).
+    #[arg(long, value_name = "FILE", requires = "beacon")]
+    beacon_chain: Option<PathBuf>,
     /// Bits of information that may be released before the epoch closes automatically.
     #[arg(long, default_value_t = 2_000)]
     budget_bits: u32,
@@ -128,6 +147,7 @@ pub fn run(args: &EpochsArgs) -> anyhow::Result<ExitCode> {
                 }
                 println!("closed {name}");
             }
+            EpochsCommand::Beacon { name, from } => bring_round(&store, name, from).await?,
         }
         store.close().await;
         Ok(ExitCode::SUCCESS)
@@ -153,19 +173,24 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
     if signing.signer.is_none() {
         bail!("{}", signing.notice.unwrap_or_default());
     }
+    let beacon = new.opens.filter(|_| new.beacon).map(|opens| bound_to(new, opens)).transpose()?;
     let key = EpochKey::new(random_key()?);
-    let generator = Generator::new()?;
-    let strata = generator.strata(&key, new.per_instance);
-    let total: u32 = strata.iter().map(|stratum| stratum.size).sum();
-    let bar = progress::bar(total as usize, "drawing and certifying");
-    let drawn: Result<Vec<Vec<Specification>>, PoolError> =
-        strata.par_iter().map(|stratum| generator.specifications(&key, stratum, &|| bar.inc(1))).collect();
-    bar.finish_and_clear();
-    let specifications = drawn?.concat();
+    let strata = Generator::new()?.strata(&key, new.per_instance);
+    let (pool, root) = if beacon.is_some() {
+        // Its specifications, and the held-out family among them, are known only after the round.
+        (PoolFile::default(), None)
+    } else {
+        let total: u32 = strata.iter().map(|stratum| stratum.size).sum();
+        let bar = progress::bar(total as usize, "drawing and certifying");
+        let pool = PoolFile::draw(GENERATOR_VERSION, &key, new.per_instance, &|| bar.inc(1));
+        bar.finish_and_clear();
+        let pool = pool?;
+        let root = root_of(&key, &pool.specifications);
+        (pool, Some(root))
+    };
     // Drawing takes time; the epoch opens once it is done, even if an earlier time was requested.
     let now = now_ms();
     let opens_at_ms = new.opens.unwrap_or(now).max(now);
-    let hashes: Vec<_> = specifications.iter().map(|own| leaf_hash(&key, own)).collect();
     let rules = Rules {
         instance_seconds: new.instance_seconds,
         dev_entries_per_owner: new.dev_entries,
@@ -187,9 +212,10 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
             DevFeedback::AfterEpoch => Feedback::AfterEpoch,
         },
         rules: rules.clone(),
+        beacon,
     };
-    let commitment = Commitment::to(&terms, &key, &strata, &hashes);
-    let secret = EpochSecret { key, strata, specifications };
+    let commitment = Commitment::to(&terms, &key, &strata, root);
+    let secret = EpochSecret { pool_key: key.clone(), key, pool };
     if !store.create_epoch(&commitment, &EpochRules::from(&rules), &secret, now).await? {
         bail!("a key of an epoch {:?} already exists in {}", new.name, store.secrets().folder().display());
     }
@@ -200,6 +226,47 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
         new.name,
         store.secrets().folder().display()
     );
+    if let Some(beacon) = &commitment.beacon {
+        eprintln!(
+            "its pool is made from round {} of the beacon, due at {}: start the service with --beacon-url {DRAND}, or bring the \
+             round with `plumbline epochs beacon {}`",
+            beacon.round,
+            rfc3339(beacon.emitted_at_ms()),
+            new.name
+        );
+    }
+    Ok(())
+}
+
+/// Returns the round that the epoch is bound to: the first at or after its opening.
+fn bound_to(new: &CreateArgs, opens_at_ms: i64) -> anyhow::Result<Beacon> {
+    let chain = match &new.beacon_chain {
+        None => Chain::quicknet(),
+        Some(file) => {
+            let place = || format!("--beacon-chain: {}", file.display());
+            let text = std::fs::read(file).with_context(place)?;
+            serde_json::from_slice(&text).with_context(place)?
+        }
+    };
+    let beacon = chain.first_round_from(opens_at_ms).map_err(|why| anyhow::anyhow!("--beacon-chain: {why}"))?;
+    if beacon.emitted_at_ms() >= new.closes {
+        bail!("--closes: round {} of the beacon is due at {}, later", beacon.round, rfc3339(beacon.emitted_at_ms()));
+    }
+    Ok(beacon)
+}
+
+/// Makes the pool of an epoch from the round in a file, or from a server.
+async fn bring_round(store: &Store, name: &str, from: &str) -> anyhow::Result<()> {
+    let Some(epoch) = store.epoch(name).await? else { bail!("there is no epoch {name:?}") };
+    let Some(beacon) = &epoch.commitment.beacon else { bail!("the epoch {name:?} is bound to no beacon") };
+    let round = if from.starts_with("http://") || from.starts_with("https://") {
+        fetch_round(from, beacon).await?
+    } else {
+        let text = std::fs::read(from).with_context(|| format!("--from: {from}"))?;
+        serde_json::from_slice(&text).with_context(|| format!("--from: {from}"))?
+    };
+    let pool = publish_pool(store, &epoch, &round, now_ms()).await?;
+    println!("{}", serde_json::to_string_pretty(&pool)?);
     Ok(())
 }
 

@@ -16,6 +16,7 @@ use crate::http::role::Role;
 use crate::startup::{Config, RunningService, ServiceSettings};
 use crate::store::location::Location;
 use crate::telemetry::LogFormat;
+use plumbline_engine::hidden::tlog::cosignature::Witness;
 
 /// Arguments of `serve`; each but `--demo` can also be set in the environment.
 #[derive(Debug, Args)]
@@ -51,6 +52,14 @@ pub struct ServeArgs {
     /// grade.
     #[arg(long, env = "PLUMBLINE_HIDDEN_PUBLISH_SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     hidden_publish_seconds: u64,
+    /// Server of the public randomness beacon, such as <https://api.drand.sh>, from which the rounds that epochs are bound to are
+    /// fetched. Without it, `plumbline epochs beacon` or anybody with `POST /v1/epochs/NAME/beacon` brings them.
+    #[arg(long, env = "PLUMBLINE_BEACON_URL", value_name = "URL")]
+    beacon_url: Option<String>,
+    /// Key of a witness of the transparency log, as `plumbline witness --name` prints it, whose cosignatures are taken and shown.
+    /// May be given more than once.
+    #[arg(long = "witness", env = "PLUMBLINE_WITNESSES", value_delimiter = ',', value_name = "KEY", value_parser = witness)]
+    witnesses: Vec<Witness>,
     /// Memory in MiB to cache results of /v1/grade for the same log and task; 0 disables the cache.
     #[arg(long, env = "PLUMBLINE_GRADE_CACHE_MIB", default_value_t = LIMITS.grade_cache_bytes >> 20, value_name = "MIB")]
     grade_cache_mib: usize,
@@ -132,6 +141,8 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
         new_receipt_key: args.new_receipt_key,
         lease: Duration::from_secs(args.lease_seconds),
         hidden_publish: Duration::from_secs(args.hidden_publish_seconds),
+        beacon_url: args.beacon_url.clone(),
+        witnesses: args.witnesses.clone(),
         webhooks: WebhookSettings {
             allows_private: args.webhooks_to_private_addresses,
             retries: args.webhook_retry_seconds.iter().copied().map(Duration::from_secs).collect(),
@@ -163,4 +174,9 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
         let key = if args.open { None } else { Some(app.demo_key().await?) };
         Ok(Some(tokio::spawn(super::demo::run(format!("http://{}", app.address), key))))
     })
+}
+
+/// Parses the key of a witness.
+fn witness(text: &str) -> Result<Witness, &'static str> {
+    Witness::read(text).ok_or("expected the key of a witness as `plumbline witness --name` prints it: name+id+key")
 }

@@ -82,6 +82,8 @@ fn read_kept(args: &VerifyEpochArgs) -> anyhow::Result<Kept> {
     let mut kept = Kept { keys: args.keys.iter().map(|key| key.trim().to_owned()).collect(), ..Kept::default() };
     if let Some(path) = &args.commitment {
         let value = read_json(path)?;
+        let pool = value.get("pool").filter(|pool| !pool.is_null()).cloned();
+        kept.pool = pool.map(serde_json::from_value).transpose().with_context(|| path.display().to_string())?;
         // Either the epoch document or the commitment alone.
         let commitment: Value = value.get("commitment").cloned().unwrap_or(value);
         let commitment: Commitment = serde_json::from_value(commitment).with_context(|| path.display().to_string())?;

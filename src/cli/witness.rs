@@ -13,8 +13,9 @@ use crate::clock::now_ms;
 use crate::store::secrets::Secrets;
 use plumbline_engine::hidden::canonical::Hash;
 use plumbline_engine::hidden::receipts::Signer;
+use plumbline_engine::hidden::tlog::cosignature::{cosignature, witness_key};
 use plumbline_engine::hidden::tlog::frontier::Frontier;
-use plumbline_engine::hidden::tlog::note::{Checkpoint, cosignature, read_verifier_key, witness_key};
+use plumbline_engine::hidden::tlog::note::{Checkpoint, read_verifier_key};
 use plumbline_engine::hidden::tlog::tiles::{TILE, TileName, read_entries};
 use plumbline_engine::hidden::tlog::tree::leaf;
 
@@ -32,6 +33,9 @@ pub struct WitnessArgs {
     /// Name of the witness, such as `example.org/witness`, to cosign under. Its key is FILE.key, made the first time.
     #[arg(long, value_name = "NAME")]
     name: Option<String>,
+    /// Send the cosignature to the service too, which shows it if its operator knows the key of the witness.
+    #[arg(long, requires = "name")]
+    publish: bool,
 }
 
 /// What a witness has seen of a log.
@@ -87,7 +91,13 @@ async fn follow(args: &WitnessArgs) -> anyhow::Result<ExitCode> {
     if let Some(name) = &args.name {
         let signer = own_key(&args.state)?;
         eprintln!("cosigned as {}", witness_key(name, &signer));
-        print!("{}", cosignature(name, &signer, &checkpoint, u64::try_from(now_ms() / 1_000).unwrap_or_default()));
+        let at_s = u64::try_from(now_ms() / 1_000).context("the clock is before 1970")?;
+        let line = cosignature(name, &signer, &checkpoint, at_s);
+        print!("{line}");
+        if args.publish {
+            service.post_text("/log/cosignatures", note + &line).await?;
+            eprintln!("the service has the cosignature");
+        }
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -56,6 +56,8 @@ pub fn run(args: &WorkArgs) -> anyhow::Result<ExitCode> {
         new_receipt_key: false,
         lease: Duration::from_secs(args.lease_seconds),
         hidden_publish: Duration::from_secs(args.hidden_publish_seconds),
+        beacon_url: None,
+        witnesses: Vec::new(),
         webhooks: WebhookSettings::default(),
         settings: ServiceSettings {
             grade_cache_bytes: 0,

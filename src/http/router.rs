@@ -91,6 +91,7 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(boards::actions::get_board_feed))
         .routes(routes!(hidden::epochs::list_epochs))
         .routes(routes!(hidden::epochs::get_epoch))
+        .routes(routes!(hidden::epochs::create_epoch_pool))
         .routes(routes!(hidden::epochs::get_epoch_reveal))
         .routes(routes!(hidden::epochs::get_epoch_answers))
         .routes(routes!(hidden::boards::get_epoch_leaderboard))

@@ -8,6 +8,8 @@ use tokio_util::sync::CancellationToken;
 
 use crate::app::App;
 use crate::app::hidden::completion;
+use crate::app::hidden::pools::publish_pool;
+use crate::client::fetch_round;
 use crate::clock::now_ms;
 use crate::http::middleware::rates::Rates;
 use crate::store::Store;
@@ -103,4 +105,35 @@ pub(super) async fn keep_hidden(store: Store, every: Duration, stop: Cancellatio
     if let Err(error) = store.stop_leading(HIDDEN, &node).await {
         tracing::debug!(%error, "another node leads only when this node's lease has ended");
     }
+}
+
+/// Fetches the rounds that epochs are bound to from a server of the beacon, as soon as they are emitted, and makes their pools.
+pub(super) async fn follow_beacons(store: Store, server: String, stop: CancellationToken) {
+    const LOOK: Duration = Duration::from_secs(1);
+    // A server that fails is asked again later.
+    const AFTER_FAILURE: Duration = Duration::from_secs(10);
+    let mut pause = LOOK;
+    while stop.run_until_cancelled(tokio::time::sleep(pause)).await.is_some() {
+        pause = match bring_rounds(&store, &server).await {
+            Ok(()) => LOOK,
+            Err(error) => {
+                tracing::warn!(%error, server, "could not make the pool of an epoch from its beacon's round");
+                AFTER_FAILURE
+            }
+        };
+    }
+}
+
+async fn bring_rounds(store: &Store, server: &str) -> anyhow::Result<()> {
+    let now = now_ms();
+    for epoch in store.epochs().await? {
+        let Some(beacon) = &epoch.commitment.beacon else { continue };
+        if epoch.pool.is_some() || epoch.is_over(now) || now < beacon.emitted_at_ms() {
+            continue;
+        }
+        let round = fetch_round(server, beacon).await?;
+        let pool = publish_pool(store, &epoch, &round, now_ms()).await?;
+        tracing::info!(epoch = epoch.id(), round = pool.round, root = pool.root, "made the pool of an epoch");
+    }
+    Ok(())
 }

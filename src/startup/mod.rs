@@ -33,6 +33,7 @@ use crate::store::location::Location;
 use crate::store::serving::Serving;
 use crate::store::suites::SuiteStored;
 use crate::worker::{WorkerSettings, Workers};
+use plumbline_engine::hidden::tlog::cosignature::Witness;
 use plumbline_engine::tasks::embedded;
 
 /// Notice of a node that only grades within requests.
@@ -77,6 +78,10 @@ pub struct Config {
     pub lease: Duration,
     /// Interval at which entries of open epochs are completed and receipts of hidden evaluation are published.
     pub hidden_publish: Duration,
+    /// Server of the randomness beacon from which rounds are fetched; without one, they are brought.
+    pub beacon_url: Option<String>,
+    /// Witnesses of the log whose cosignatures are taken.
+    pub witnesses: Vec<Witness>,
     /// Settings of webhooks.
     pub webhooks: WebhookSettings,
     /// Settings of the use cases and of HTTP.
@@ -155,6 +160,9 @@ impl RunningService {
         crate::telemetry::describe_metrics();
         if signer.is_some() && config.role != Role::GradeOnly {
             tokio::spawn(background::keep_hidden(store.clone(), config.hidden_publish, stop.clone()));
+            if let Some(server) = config.beacon_url.clone() {
+                tokio::spawn(background::follow_beacons(store.clone(), server, stop.clone()));
+            }
         }
         let actions = Pool::new(config.cores, ACTION_LIMITS);
         if config.role != Role::WorkOnly {
@@ -176,6 +184,7 @@ impl RunningService {
             actions,
             signer,
             receipt_key: public_key,
+            witnesses: config.witnesses.clone(),
             webhooks: config.webhooks.clone(),
             stop: stop.clone(),
         })?;

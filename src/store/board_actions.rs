@@ -3,7 +3,10 @@
 use super::db::{Tx, query, query_scalar};
 use super::locks::Lock;
 use super::postgres::notices::Notice;
+use super::receipts::announce;
 use super::{Store, StoreResult, commit};
+use plumbline_engine::hidden::announcements::{Announcement, BoardActionFact};
+use plumbline_engine::hidden::receipts::Signer;
 
 /// Action on a row, to be recorded.
 #[derive(Debug, Clone, Copy)]
@@ -54,8 +57,9 @@ impl Store {
     /// Acts on the row of a finished run, and records publicly who did it and why.
     ///
     /// # Errors
-    /// Returns an error if the database fails.
+    /// Returns an error if the database fails, or this node cannot sign.
     pub async fn act_on_row(&self, run_id: &str, new: &NewAction<'_>, now_ms: i64) -> StoreResult<Acted> {
+        let signer = self.signer()?;
         let mut tx = self.begin().await?;
         tx.lock([Lock::Run(run_id)]).await?;
         let is_finished: bool = query_scalar("SELECT EXISTS (SELECT 1 FROM runs WHERE id = $1 AND state = 'finished')")
@@ -79,7 +83,7 @@ impl Store {
         if is_already {
             return Ok(Acted::Already);
         }
-        enter_action(&mut tx, run_id, new.kind.name(), new.actor, new.reason, now_ms).await?;
+        enter_action(&mut tx, &signer, run_id, new.kind.name(), new.actor, new.reason, now_ms).await?;
         tx.notify(Notice::Ended { changes_board: true }).await?;
         commit(tx, "act_on_row").await?;
         self.note_ends(true);
@@ -87,9 +91,10 @@ impl Store {
     }
 }
 
-/// Records an action on a row.
+/// Records an action on a row, also in the public log.
 pub(super) async fn enter_action(
     tx: &mut Tx,
+    signer: &Signer,
     run_id: &str,
     action: &str,
     actor: &str,
@@ -103,7 +108,8 @@ pub(super) async fn enter_action(
         .bind(actor)
         .bind(reason)
         .bind(now_ms)
-        .execute(tx)
+        .execute(&mut *tx)
         .await?;
-    Ok(())
+    let fact = BoardActionFact::of(run_id, action, reason, now_ms);
+    announce(tx, signer, &Announcement::BoardAction(fact)).await
 }

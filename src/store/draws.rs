@@ -69,6 +69,8 @@ pub enum DrawRefusal {
     NoSuchRun,
     /// The entry is finalized, or its epoch is not open.
     Closed,
+    /// The round of the beacon that the pool derives from has not come.
+    NoPool,
     /// The reservation of the run has ended, and the pool has no room left for it.
     Exhausted,
     /// The reservation of the run has ended, and the owner holds the maximum number of runs, which is given.
@@ -152,7 +154,7 @@ async fn insert(
     drawn: &DrawnLeaf,
     now_ms: i64,
 ) -> StoreResult<()> {
-    let Some(specification) = new.secret.specifications.get(drawn.leaf as usize) else {
+    let Some(specification) = new.secret.pool.specifications.get(drawn.leaf as usize) else {
         return Err(StoreError::corrupt("secrets", format!("the pool has no leaf {}", drawn.leaf)));
     };
     let hash = put_task(tx, &specification.task).await?;

@@ -106,6 +106,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn lift_embargo(&self, run_id: &str, actor: &str, now_ms: i64) -> StoreResult<bool> {
+        let signer = self.signer()?;
         let mut tx = self.begin().await?;
         tx.lock([Lock::Run(run_id)]).await?;
         let due: Option<Due> = query_as(
@@ -125,7 +126,7 @@ impl Store {
             .await?;
         let when = if now_ms < until_ms { "its embargo was lifted early" } else { "its embargo ended" };
         let reason = format!("{when}; the run was shown as {alias:?}");
-        enter_action(&mut tx, run_id, "reveal", actor, &reason, now_ms).await?;
+        enter_action(&mut tx, &signer, run_id, "reveal", actor, &reason, now_ms).await?;
         tx.notify(Notice::Ended { changes_board: true }).await?;
         commit(tx, "lift_embargo").await?;
         self.note_ends(true);

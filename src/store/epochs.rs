@@ -5,8 +5,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::db::{Row, Tx, query};
 use super::locks::Lock;
+use super::receipts::announce;
 use super::secrets::EpochSecret;
 use super::{Store, StoreError, StoreResult, commit};
+use plumbline_engine::hidden::announcements::{Announcement, EpochFact};
+use plumbline_engine::hidden::beacon::BoundPool;
 use plumbline_engine::hidden::commitment::{Commitment, Rules};
 
 /// Suite under which answers to hidden instances are stored. It has no tasks of its own, so no catalogue lists it.
@@ -56,6 +59,8 @@ pub struct EpochRow {
     pub created_at_ms: i64,
     /// Time and reason of closing; a closed epoch stays closed, whatever the clock says.
     pub closed: Option<(i64, String)>,
+    /// The pool, once it is made, if the epoch is bound to a beacon.
+    pub pool: Option<BoundPool>,
     /// Time at which it was settled: all answers graded, all receipts published.
     pub settled_at_ms: Option<i64>,
 }
@@ -98,7 +103,7 @@ macro_rules! select_epoch {
     ($rest:literal) => {
         concat!(
             "SELECT commitment, instance_ms, dev_entries, official_entries, budget_bits, released_bits, created_at_ms,
-                    closed_at_ms, closed_reason, owner_runs, reservation_ms, settled_at_ms FROM epochs ",
+                    closed_at_ms, closed_reason, owner_runs, reservation_ms, settled_at_ms, pool FROM epochs ",
             $rest
         )
     };
@@ -106,6 +111,8 @@ macro_rules! select_epoch {
 
 fn read(row: &Row) -> StoreResult<EpochRow> {
     let closed_at_ms: Option<i64> = row.get("closed_at_ms")?;
+    let pool: Option<&str> = row.get("pool")?;
+    let pool = pool.map(serde_json::from_str).transpose().map_err(|error| StoreError::corrupt("epochs", error))?;
     let reason: Option<String> = row.get("closed_reason")?;
     Ok(EpochRow {
         commitment: serde_json::from_str(row.get("commitment")?)
@@ -121,6 +128,7 @@ fn read(row: &Row) -> StoreResult<EpochRow> {
         released_bits: row.get("released_bits")?,
         created_at_ms: row.get("created_at_ms")?,
         closed: closed_at_ms.zip(reason),
+        pool,
         settled_at_ms: row.get("settled_at_ms")?,
     })
 }
@@ -173,8 +181,9 @@ impl Store {
             return Ok(false);
         }
         let text = serde_json::to_string(commitment).map_err(|error| StoreError::corrupt("epochs", error))?;
+        let signer = self.signer()?;
         let mut tx = self.begin().await?;
-        tx.lock([Lock::Epoch(&commitment.epoch), Lock::Suites]).await?;
+        tx.lock([Lock::Epoch(&commitment.epoch), Lock::Suites, Lock::Order]).await?;
         query(
             "INSERT INTO suites (id, name, version, task_count, content_hash, created_at_ms)
              VALUES ($1, 'hidden', 1, 0, '', $2) ON CONFLICT (id) DO NOTHING",
@@ -201,8 +210,31 @@ impl Store {
         .bind(rules.reservation_ms)
         .execute(&mut tx)
         .await?;
+        let fact = EpochFact { commitment: commitment.clone(), committed_at_ms: now_ms };
+        announce(&mut tx, &signer, &Announcement::Epoch(fact)).await?;
         commit(tx, "create_epoch").await?;
         Ok(true)
+    }
+
+    /// Publishes the pool of an epoch that is bound to a beacon, unless it has one. Returns the published one.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails, or this node cannot sign.
+    pub async fn publish_pool(&self, pool: &BoundPool) -> StoreResult<BoundPool> {
+        let signer = self.signer()?;
+        let text = serde_json::to_string(pool).map_err(|error| StoreError::corrupt("epochs", error))?;
+        let mut tx = self.begin().await?;
+        tx.lock([Lock::Epoch(&pool.epoch), Lock::Order]).await?;
+        let epoch = epoch_in(&mut tx, &pool.epoch).await?.ok_or_else(|| StoreError::corrupt("epochs", "gone"))?;
+        if let Some(published) = epoch.pool {
+            return Ok(published);
+        }
+        query("UPDATE epochs SET pool = $2 WHERE id = $1").bind(&pool.epoch).bind(text).execute(&mut tx).await?;
+        announce(&mut tx, &signer, &Announcement::Pool(pool.clone())).await?;
+        commit(tx, "publish_pool").await?;
+        // What is known of the secret has no pool.
+        self.secrets_read.0.lock().unwrap_or_else(PoisonError::into_inner).remove(&pool.epoch);
+        Ok(pool.clone())
     }
 
     /// Returns the epoch of this name.
@@ -241,14 +273,17 @@ impl Store {
     /// Returns an error if the file cannot be read.
     pub async fn epoch_secret(&self, epoch: &EpochRow) -> StoreResult<Option<Arc<EpochSecret>>> {
         let held = || self.secrets_read.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(secret) = held().get(epoch.id()) {
+        // Another node may have published the pool since the secret was read.
+        let is_whole = |secret: &&Arc<EpochSecret>| epoch.pool.is_none() || !secret.pool.specifications.is_empty();
+        if let Some(secret) = held().get(epoch.id()).filter(is_whole) {
             return Ok(Some(Arc::clone(secret)));
         }
-        let (secrets, commitment) = (self.secrets.clone(), epoch.commitment.clone());
-        let read = tokio::task::spawn_blocking(move || secrets.epoch(&commitment.epoch, &commitment));
+        let (secrets, epoch) = (self.secrets.clone(), epoch.clone());
+        let id = epoch.id().to_owned();
+        let read = tokio::task::spawn_blocking(move || secrets.epoch(&epoch.commitment, epoch.pool.as_ref()));
         let read = read.await.map_err(|error| StoreError::corrupt("secrets", error))??;
         let Some(secret) = read.map(Arc::new) else { return Ok(None) };
-        held().insert(epoch.id().to_owned(), Arc::clone(&secret));
+        held().insert(id, Arc::clone(&secret));
         Ok(Some(secret))
     }
 }

@@ -10,6 +10,7 @@ pub mod boards;
 pub mod cards;
 pub mod claims;
 pub mod completion;
+pub mod cosignatures;
 mod crash_points;
 pub mod db;
 pub mod deliveries;

@@ -13,7 +13,7 @@ use plumbline_engine::hidden::canonical::{Hash, unhex};
 use plumbline_engine::hidden::receipts::{FIRST_LINK, link};
 
 /// Table to move: its name, and the columns that order its rows. Each table comes after those that it refers to.
-const TABLES: [(&str, &str); 28] = [
+const TABLES: [(&str, &str); 29] = [
     ("suites", "id"),
     ("tasks", "hash"),
     ("suite_tasks", "suite_id, number"),
@@ -22,6 +22,7 @@ const TABLES: [(&str, &str); 28] = [
     ("skipped_tasks", "run_id, task_number"),
     ("embargoes", "run_id"),
     ("epochs", "id"),
+    ("cosignatures", "witness"),
     ("entries", "id"),
     ("cards", "id"),
     ("instances", "id"),

@@ -3,8 +3,9 @@
 use super::db::{Builder, Row, Tx, query, query_as, query_scalar};
 use super::locks::Lock;
 use super::{Store, StoreError, StoreResult};
+use plumbline_engine::hidden::announcements::{Announcement, receipt};
 use plumbline_engine::hidden::canonical::{Hash, unhex};
-use plumbline_engine::hidden::receipts::{FIRST_LINK, ReceiptFile, Signed, link};
+use plumbline_engine::hidden::receipts::{FIRST_LINK, ReceiptFile, Signed, Signer, link};
 use plumbline_engine::tasks::hex;
 
 /// Receipt to append.
@@ -55,6 +56,12 @@ pub(super) async fn enter(tx: &mut Tx, receipts: &[NewReceipt<'_>]) -> StoreResu
     });
     query.build().execute(tx).await?;
     Ok(())
+}
+
+/// Signs an announcement and appends it to the log.
+pub(super) async fn announce(tx: &mut Tx, signer: &Signer, told: &Announcement) -> StoreResult<()> {
+    let signed = signer.sign(&receipt(told));
+    enter(tx, &[NewReceipt { of: None, epoch_id: None, signed: &signed }]).await
 }
 
 macro_rules! select_receipt {

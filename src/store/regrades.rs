@@ -242,6 +242,7 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails; then nothing is changed.
     pub async fn apply_regrade(&self, id: &str, tasks: &[Task], now_ms: i64) -> StoreResult<Option<usize>> {
+        let signer = self.signer()?;
         let mut tx = self.begin().await?;
         tx.lock([Lock::Boards]).await?;
         let found: Option<(String, String)> =
@@ -276,7 +277,7 @@ impl Store {
         .await?;
         for run_id in &runs {
             set_result(&mut tx, run_id, tasks, now_ms).await?;
-            enter_action(&mut tx, run_id, "regrade", &actor, &reason, now_ms).await?;
+            enter_action(&mut tx, &signer, run_id, "regrade", &actor, &reason, now_ms).await?;
         }
         query("UPDATE regrades SET state = 'applied', ended_at_ms = $2 WHERE id = $1")
             .bind(id)

@@ -5,14 +5,15 @@ use std::io::{ErrorKind, Write as _};
 use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::location::Location;
 use super::{StoreError, StoreResult};
+use plumbline_engine::hidden::beacon::BoundPool;
 use plumbline_engine::hidden::canonical::unhex;
-use plumbline_engine::hidden::commitment::{Commitment, leaf_hash};
-use plumbline_engine::hidden::merkle;
-use plumbline_engine::hidden::pool::{Specification, Stratum};
+use plumbline_engine::hidden::commitment::{Commitment, root_of};
+use plumbline_engine::hidden::pool::{Generator, PoolError, Specification, Stratum};
 use plumbline_engine::hidden::receipts::Signer;
 use plumbline_engine::hidden::secret::EpochKey;
 use plumbline_engine::tasks::hex;
@@ -22,30 +23,49 @@ use plumbline_engine::tasks::hex;
 pub struct EpochSecret {
     /// Key of the epoch.
     pub key: EpochKey,
+    /// Key that the pool derives from: that of the epoch, or one that a beacon has its part in.
+    pub pool_key: EpochKey,
+    /// The pool; empty until the round of the epoch's beacon.
+    pub pool: PoolFile,
+}
+
+/// Strata and specifications of a pool.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub struct PoolFile {
     /// Strata of the pool.
     pub strata: Vec<Stratum>,
     /// Specifications of the pool, by leaf.
     pub specifications: Vec<Specification>,
 }
 
+impl PoolFile {
+    /// Draws a pool on all cores, and calls `drawn` after each specification.
+    ///
+    /// # Errors
+    /// Returns an error if this program lacks the version of the generator, or its families are faulty.
+    pub fn draw(version: u32, key: &EpochKey, per_instance: u32, drawn: &(dyn Fn() + Sync)) -> Result<Self, PoolError> {
+        let generator = Generator::of(version)?;
+        let strata = generator.strata(key, per_instance);
+        let made: Result<Vec<Vec<Specification>>, PoolError> =
+            strata.par_iter().map(|stratum| generator.specifications(key, stratum, drawn)).collect();
+        Ok(Self { specifications: made?.concat(), strata })
+    }
+}
+
 #[derive(Serialize, Deserialize)]
 struct SecretFile {
     key: String,
-    strata: Vec<Stratum>,
-    specifications: Vec<Specification>,
-}
-
-impl EpochSecret {
-    /// Returns whether it matches the commitment of the epoch.
-    #[must_use]
-    pub fn keeps(&self, commitment: &Commitment) -> bool {
-        let leaves: Vec<_> = self.specifications.iter().map(|own| leaf_hash(&self.key, own)).collect();
-        hex(&self.key.hash()) == commitment.key_hash && hex(&merkle::root(&leaves)) == commitment.root
-    }
+    #[serde(flatten)]
+    pool: PoolFile,
 }
 
 /// File of the key that signs receipts.
 const SIGNER: &str = "receipts.key";
+
+/// Returns the name of the file with a pool that is bound to a beacon.
+fn pool_file(epoch: &str) -> String {
+    format!("epoch-{epoch}.pool.json")
+}
 
 /// Folder that holds the secrets of a database.
 #[derive(Debug, Clone)]
@@ -117,11 +137,7 @@ impl Secrets {
     /// # Errors
     /// Returns an error if the file cannot be written.
     pub fn put_epoch(&self, id: &str, secret: &EpochSecret) -> StoreResult<bool> {
-        let file = SecretFile {
-            key: secret.key.expose(),
-            strata: secret.strata.clone(),
-            specifications: secret.specifications.clone(),
-        };
+        let file = SecretFile { key: secret.key.expose(), pool: secret.pool.clone() };
         let content = serde_json::to_vec(&file).map_err(|error| StoreError::corrupt("secrets", error))?;
         self.put(&format!("epoch-{id}.json"), &content)
     }
@@ -132,16 +148,52 @@ impl Secrets {
         self.file(&format!("epoch-{id}.json")).is_file()
     }
 
-    /// Returns the secret of an epoch; none if it is lost, or does not match the commitment.
+    /// Returns the secret of an epoch; none if it is lost, or does not match the commitment. A pool that is bound to a beacon is
+    /// drawn again if its file is missing.
     ///
     /// # Errors
-    /// Returns an error if the file exists but cannot be read.
-    pub fn epoch(&self, id: &str, commitment: &Commitment) -> StoreResult<Option<EpochSecret>> {
+    /// Returns an error if a file exists but cannot be read, or a pool cannot be drawn.
+    pub fn epoch(&self, commitment: &Commitment, made: Option<&BoundPool>) -> StoreResult<Option<EpochSecret>> {
+        let id = &commitment.epoch;
         let Some(content) = self.get(&format!("epoch-{id}.json"))? else { return Ok(None) };
-        let Ok(file) = serde_json::from_slice::<SecretFile>(&content) else { return Ok(None) };
-        let Some(key) = EpochKey::from_hex(&file.key) else { return Ok(None) };
-        let secret = EpochSecret { key, strata: file.strata, specifications: file.specifications };
-        Ok(Some(secret).filter(|secret| secret.keeps(commitment)))
+        let Ok(SecretFile { key, pool }) = serde_json::from_slice::<SecretFile>(&content) else { return Ok(None) };
+        let Some(key) = EpochKey::from_hex(&key).filter(|key| hex(&key.hash()) == commitment.key_hash) else {
+            return Ok(None);
+        };
+        let Some(beacon) = &commitment.beacon else {
+            let holds = commitment.root.as_ref() == Some(&root_of(&key, &pool.specifications));
+            return Ok(holds.then(|| EpochSecret { pool_key: key.clone(), key, pool }));
+        };
+        let Some(made) = made else {
+            return Ok(Some(EpochSecret { pool_key: key.clone(), key, pool: PoolFile::default() }));
+        };
+        let Ok(randomness) = beacon.randomness(&made.round()) else { return Ok(None) };
+        let pool_key = beacon.pool_key(&key, &randomness);
+        let pool = self.bound_pool(commitment, &pool_key, &made.root)?;
+        Ok(pool.map(|pool| EpochSecret { key, pool_key, pool }))
+    }
+
+    /// Returns the pool with this root that derives from a key; `None` if the key gives another.
+    fn bound_pool(&self, commitment: &Commitment, key: &EpochKey, root: &str) -> StoreResult<Option<PoolFile>> {
+        let kept = self.get(&pool_file(&commitment.epoch))?;
+        let kept = kept.and_then(|content| serde_json::from_slice::<PoolFile>(&content).ok());
+        if let Some(pool) = kept.filter(|pool| root_of(key, &pool.specifications) == root) {
+            return Ok(Some(pool));
+        }
+        let pool = self.put_pool(commitment, key)?;
+        Ok(Some(pool).filter(|pool| root_of(key, &pool.specifications) == root))
+    }
+
+    /// Draws the pool of an epoch that is bound to a beacon, and stores it.
+    ///
+    /// # Errors
+    /// Returns an error if the pool cannot be drawn, or the file cannot be written.
+    pub fn put_pool(&self, commitment: &Commitment, key: &EpochKey) -> StoreResult<PoolFile> {
+        let pool = PoolFile::draw(commitment.generator_version, key, commitment.per_instance, &|| ())
+            .map_err(|error| StoreError::corrupt("secrets", error))?;
+        let content = serde_json::to_vec(&pool).map_err(|error| StoreError::corrupt("secrets", error))?;
+        self.put(&pool_file(&commitment.epoch), &content)?;
+        Ok(pool)
     }
 
     /// Copies every secret to another folder; existing files stay unchanged.

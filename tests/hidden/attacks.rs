@@ -40,6 +40,7 @@ impl Downloaded {
             given: self.given.iter().map(|given| serde_json::from_value(given.clone()).unwrap()).collect(),
             boards: self.boards.clone(),
             keys: Vec::new(),
+            pool: serde_json::from_value(self.reveal["pool"].clone()).unwrap(),
         }
     }
 

@@ -118,7 +118,7 @@ fn verify_offline(scene: &Scene, key: &str) {
     let checked = run(&["verify-receipt", scene.file("log.json").to_str().unwrap(), "--key", key], None);
     assert!(checked.status.success(), "{}", said(&checked));
     assert!(
-        said(&checked).contains("162 receipts, each log entry linked to the one before; 0 of them"),
+        said(&checked).contains("163 receipts, each log entry linked to the one before; 0 of them"),
         "{}",
         said(&checked)
     );
@@ -320,7 +320,7 @@ async fn whenever_the_service_dies_nothing_is_drawn_or_answered_twice_and_the_bo
             let log = scene.file("log.json");
             let checked = run(&["verify-receipt", log.to_str().unwrap(), "--key", key.as_str().unwrap()], None);
             assert!(
-                checked.status.success() && said(&checked).starts_with("55 receipts"),
+                checked.status.success() && said(&checked).starts_with("56 receipts"),
                 "{what}: {}",
                 said(&checked)
             );

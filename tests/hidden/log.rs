@@ -193,3 +193,65 @@ async fn two_histories_are_found_by_whoever_saw_the_other() {
     succeeded(&witness("one", &services[0].url, &[]));
     succeeded(&witness("two", &services[1].url, &[]));
 }
+
+#[tokio::test]
+async fn cosignatures_of_witnesses_that_the_operator_knows_are_shown() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = folder.path().join("p.db");
+    let service = Service::start(&database, &[]);
+    service.finished_run("first", 0).await;
+    let log_key = service.get("/log/key").await.text;
+    let witness = |name: &str, url: &str, more: &[&str]| {
+        let mut command = std::process::Command::new(crate::support::PROGRAM);
+        let state = folder.path().join(name);
+        command.args(["witness", url, "--log-key", &log_key, "--name", &format!("w.example/{name}"), "--state"]);
+        command.arg(state).args(more).output().unwrap()
+    };
+    let key_of = |name: &str| {
+        let told = String::from_utf8(witness(name, &service.url, &[]).stderr).unwrap();
+        told.lines().find_map(|line| line.strip_prefix("cosigned as ")).unwrap().to_owned()
+    };
+    let [one, two] = ["one", "two"].map(key_of);
+    let told = refused(&witness("one", &service.url, &["--publish"]));
+    assert!(told.contains("--witness KEY"), "{told}");
+    assert_eq!(service.get("/log/cosigned").await.status.as_u16(), 404);
+    drop(service);
+
+    let service = Service::start(&database, &["--witness", &one, "--witness", &two]);
+    let early = succeeded(&witness("one", &service.url, &["--publish"]));
+    let witnesses = service.get("/log/witnesses").await.json();
+    assert_eq!((&witnesses["witnesses"][0]["key"], &witnesses["witnesses"][1]["size"]), (&one.into(), &Value::Null));
+    let size = witnesses["witnesses"][0]["size"].as_i64().unwrap();
+    service.finished_run("second", 0).await;
+    for name in ["one", "two"] {
+        succeeded(&witness(name, &service.url, &["--publish"]));
+    }
+    let cosigned = service.get("/log/cosigned").await.text;
+    let lines = ["— plumbline.log/", "— w.example/one ", "— w.example/two "];
+    assert!(lines.iter().all(|line| cosigned.matches(line).count() == 1), "{cosigned}");
+
+    // An old cosignature that is sent again changes nothing; what is none is refused with its reason.
+    let send = |body: Vec<u8>| service.send(service.http.post(format!("{}/log/cosignatures", service.url)).body(body));
+    assert_eq!(send(early.clone().into_bytes()).await.status.as_u16(), 204);
+    let witnesses = service.get("/log/witnesses").await.json();
+    assert!(witnesses["witnesses"][0]["size"].as_i64().unwrap() > size, "{witnesses}");
+    let unsigned = early.rsplit_once("— w.example").unwrap().0.to_owned();
+    for (body, status, told) in [
+        (Vec::new(), 400, "no checkpoint"),
+        (b"\xff\xfe".to_vec(), 400, "no text"),
+        (early.replacen(&format!("\n{size}\n"), "\n999\n", 1).into_bytes(), 400, "no checkpoint"),
+        (unsigned.into_bytes(), 400, "--witness KEY"),
+        (early.replace("/one", "/six").into_bytes(), 400, "--witness KEY"),
+        (vec![b'x'; 20_000], 413, "more than 16384 bytes"),
+    ] {
+        let answer = send(body).await;
+        assert_eq!(answer.status.as_u16(), status, "{told}: {}", answer.text);
+        assert!(
+            answer.text.contains(told) && answer.text.contains("urn:plumbline:problem:"),
+            "{told}: {}",
+            answer.text
+        );
+    }
+    let wrong = std::process::Command::new(crate::support::PROGRAM).args(["serve", "--witness", "x"]).output().unwrap();
+    assert!(refused(&wrong).contains("name+id+key"));
+}

@@ -1,7 +1,9 @@
 //! Hidden evaluation: entries, attacks and leaks.
 
 mod attacks;
+mod beacons;
 mod draws;
 mod evaluation;
+mod fields;
 mod leaks;
 mod log;

@@ -19,6 +19,8 @@ pub struct Scene {
     pub service: Service,
     /// Seconds between two times at which what hidden evaluation came to is told; for the next start.
     pub publish_every: u64,
+    /// More options of `serve`, for the next start.
+    pub options: Vec<String>,
 }
 
 pub fn run(arguments: &[&str], database: Option<&Path>) -> Output {
@@ -50,27 +52,26 @@ impl Scene {
         let made = run(&[&create, options].concat(), Some(&database));
         assert!(made.status.success(), "{}", said(&made));
         std::fs::write(folder.path().join("clock"), "0").unwrap();
-        let service = Self::serve(folder.path(), None, 1);
-        Self { folder, service, publish_every: 1 }
+        let service = Self::serve(folder.path(), None, 1, &[]);
+        Self { folder, service, publish_every: 1, options: Vec::new() }
     }
 
     /// Starts the service in a scene's folder; at a crash point it shall die.
-    fn serve(folder: &Path, dies_at: Option<&str>, publish_every: u64) -> Service {
+    fn serve(folder: &Path, dies_at: Option<&str>, publish_every: u64, options: &[String]) -> Service {
         let mut command = Command::new(PROGRAM);
         command.env("PLUMBLINE_TEST_CLOCK", folder.join("clock"));
         if let Some(point) = dies_at {
             command.env("PLUMBLINE_TEST_KILL", point);
         }
-        Service::start_by(
-            command,
-            &folder.join("p.db"),
-            &["--lease-seconds", "1", "--hidden-publish-seconds", &publish_every.to_string()],
-        )
+        let every = publish_every.to_string();
+        let mut arguments = vec!["--lease-seconds", "1", "--hidden-publish-seconds", &every];
+        arguments.extend(options.iter().map(String::as_str));
+        Service::start_by(command, &folder.join("p.db"), &arguments)
     }
 
     /// Ends the service and starts it again.
     pub fn restart(&mut self, dies_at: Option<&str>) {
-        self.service = Self::serve(self.folder.path(), dies_at, self.publish_every);
+        self.service = Self::serve(self.folder.path(), dies_at, self.publish_every, &self.options);
     }
 
     pub fn file(&self, name: &str) -> PathBuf {
@@ -99,7 +100,8 @@ impl Scene {
     }
 
     pub async fn post(&self, key: &str, path: &str, body: &Value) -> Answer {
-        let request = self.service.http.post(format!("{}{path}", self.service.url)).bearer_auth(key);
+        let request = self.service.http.post(format!("{}{path}", self.service.url));
+        let request = if key.is_empty() { request } else { request.bearer_auth(key) };
         self.service.send(request.json(body)).await
     }
 
@@ -133,7 +135,9 @@ impl Scene {
 
     /// The tasks of the pool by their prompts: what the operator could look up, and a lab cannot.
     pub fn pool(&self) -> BTreeMap<Vec<String>, Task> {
-        let text = std::fs::read(self.file("p.db.secrets/epoch-autumn.json")).unwrap();
+        let bound = self.file("p.db.secrets/epoch-autumn.pool.json");
+        let file = if bound.is_file() { bound } else { self.file("p.db.secrets/epoch-autumn.json") };
+        let text = std::fs::read(file).unwrap();
         let secret: Value = serde_json::from_slice(&text).unwrap();
         let tasks = secret["specifications"].as_array().unwrap().iter();
         let task = |own: &Value| serde_json::from_value::<Task>(own["task"].clone()).unwrap();

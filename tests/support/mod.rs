@@ -1,6 +1,7 @@
 //! The real program for tests: started as a process on a free port with a database file of its own.
 
 pub mod audit;
+pub mod beacon;
 pub mod cluster;
 pub mod commands;
 pub mod database;

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::GENERATOR_VERSION;
+use super::beacon::Beacon;
 use super::canonical::{Hash, hash_of};
 use super::draw_proof::public_key;
 use super::feedback::Feedback;
@@ -34,8 +35,15 @@ pub struct Commitment {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub draw_key: Option<String>,
-    /// Root of the Merkle tree over the salted hashes of all specifications.
-    pub root: String,
+    /// Root of the Merkle tree over the salted hashes of all specifications. Absent for an epoch that is bound to a beacon, whose
+    /// specifications nobody knows yet: the root is published with the pool, right after the round.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(pattern = "^[0-9a-f]{64}$")]
+    pub root: Option<String>,
+    /// The round of a public randomness beacon that the pool derives from, with the epoch's key. Absent for epochs whose
+    /// operator knows the pool in advance.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub beacon: Option<Beacon>,
     /// Number of specifications in the pool for each instance of a draw.
     pub per_instance: u32,
     /// Total number of specifications in the pool.
@@ -87,6 +95,8 @@ pub struct Terms {
     pub dev_feedback: Feedback,
     /// The rules.
     pub rules: Rules,
+    /// The beacon that the pool is bound to, if any.
+    pub beacon: Option<Beacon>,
 }
 
 /// Derives the salt of a leaf, which prevents anyone from guessing a specification and confirming it by its hash.
@@ -101,10 +111,18 @@ pub fn leaf_hash(key: &EpochKey, specification: &Specification) -> Hash {
     merkle::leaf(&salt(key, specification.leaf), &hash_of(specification))
 }
 
+/// Returns the root of the Merkle tree over the salted hashes of a pool's specifications, in hexadecimal.
+#[must_use]
+pub fn root_of(key: &EpochKey, specifications: &[Specification]) -> String {
+    let leaves: Vec<Hash> = specifications.iter().map(|own| leaf_hash(key, own)).collect();
+    hex(&merkle::root(&leaves))
+}
+
 impl Commitment {
-    /// Creates the commitment to a pool.
+    /// Creates the commitment to a key and to a pool of these strata. The root is that of its specifications, unless they derive
+    /// from a beacon as well.
     #[must_use]
-    pub fn to(terms: &Terms, key: &EpochKey, strata: &[Stratum], leaves: &[Hash]) -> Self {
+    pub fn to(terms: &Terms, key: &EpochKey, strata: &[Stratum], root: Option<String>) -> Self {
         Self {
             epoch: terms.epoch.clone(),
             opens_at_ms: terms.opens_at_ms,
@@ -113,9 +131,10 @@ impl Commitment {
             checks_version: CHECKS_VERSION,
             key_hash: hex(&key.hash()),
             draw_key: Some(public_key(key)),
-            root: hex(&merkle::root(leaves)),
+            root,
+            beacon: terms.beacon.clone(),
             per_instance: terms.per_instance,
-            specifications: leaves.len() as u32,
+            specifications: strata.iter().map(|stratum| stratum.size).sum(),
             instances_per_run: strata.iter().map(|stratum| stratum.instances).sum(),
             dev_feedback: terms.dev_feedback,
             rules: Some(terms.rules.clone()),

@@ -10,6 +10,8 @@
 //!
 //! This module is pure: callers pass in keys and times, and it never creates them.
 
+pub mod announcements;
+pub mod beacon;
 pub mod board;
 pub mod canonical;
 pub mod commitment;

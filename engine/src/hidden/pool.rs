@@ -7,6 +7,7 @@
 //! instance returns.
 
 use std::collections::{BTreeMap, HashSet};
+use std::sync::OnceLock;
 
 use serde::{Deserialize, Serialize};
 
@@ -97,18 +98,27 @@ impl Generator {
     ///
     /// # Errors
     /// Returns an error if the embedded files are faulty; a test shows that they are not.
-    pub fn new() -> Result<Self, PoolError> {
+    pub fn new() -> Result<&'static Self, PoolError> {
         Self::of(GENERATOR_VERSION)
     }
 
-    /// Creates a version of the generator. Version 1 stands beside version 2 of the public suite, version 2 beside version 3.
+    /// Returns a version of the generator. Version 1 stands beside version 2 of the public suite, version 2 beside version 3. A
+    /// program creates each once: that builds the public suites.
     ///
     /// # Errors
     /// Returns an error if there is no such version, or the embedded files are faulty; a test shows that they are not.
-    pub fn of(version: u32) -> Result<Self, PoolError> {
-        if !(1..=GENERATOR_VERSION).contains(&version) {
-            return Err(PoolError::Files(format!("there is no version {version} of the generator")));
+    pub fn of(version: u32) -> Result<&'static Self, PoolError> {
+        static CREATED: [OnceLock<Generator>; GENERATOR_VERSION as usize] = [const { OnceLock::new() }; _];
+        let place = version.checked_sub(1).and_then(|place| CREATED.get(place as usize));
+        let place = place.ok_or_else(|| PoolError::Files(format!("there is no version {version} of the generator")))?;
+        if let Some(created) = place.get() {
+            return Ok(created);
         }
+        let created = Self::create(version)?;
+        Ok(place.get_or_init(|| created))
+    }
+
+    fn create(version: u32) -> Result<Self, PoolError> {
         let source = hidden::source(version).map_err(|faults| faulty(&faults))?;
         let mut volumes: BTreeMap<String, Volume> = BTreeMap::new();
         let mut public_builds = HashSet::default();

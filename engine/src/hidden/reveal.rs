@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::beacon::BoundPool;
 use super::commitment::{Commitment, leaf_hash, salt};
 use super::feedback::Tier;
 use super::pool::Specification;
@@ -88,6 +89,9 @@ pub struct Reveal {
     pub commitment: Commitment,
     /// The epoch's secret key, in hex.
     pub key: String,
+    /// The pool as it was published right after the round, if the epoch is bound to a beacon and the round came.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pool: Option<BoundPool>,
     /// All specifications of the pool, by leaf.
     pub specifications: Vec<RevealedSpecification>,
     /// All entries.
@@ -99,7 +103,7 @@ pub struct Reveal {
     pub receipts: Option<Vec<ReceiptFile>>,
 }
 
-/// Returns a specification with the salt and hash of its leaf, as in the reveal.
+/// Returns a specification with the salt and hash of its leaf, as in the reveal. The key is that of the pool.
 #[must_use]
 pub fn revealed(key: &EpochKey, specification: Specification) -> RevealedSpecification {
     let (salt, hash) = (salt(key, specification.leaf), leaf_hash(key, &specification));

@@ -29,7 +29,9 @@ impl Pool<'_> {
     /// entry is finalized or the reservation ends.
     fn reserved(&self, holding: &Holding) -> i64 {
         let limit = self.epoch.rules.reservation_ms;
-        let has_ended = limit.is_some_and(|limit| holding.registered_at_ms + limit <= self.now_ms);
+        // What is registered in advance can be drawn from the opening on.
+        let from_ms = holding.registered_at_ms.max(self.epoch.commitment.opens_at_ms);
+        let has_ended = limit.is_some_and(|limit| from_ms + limit <= self.now_ms);
         if holding.is_finalized || has_ended { 0 } else { holding.runs - holding.drawn }
     }
 

@@ -64,6 +64,28 @@ request_body! {
     unknown: |_| "unknown field; a draw has run and nonce"
 }
 
+request_body! {
+    /// Request that brings the round of a beacon, as its servers publish it.
+    #[schema(as = NewRound, example = json!({ "round": 123, "signature": "b75c69d0b72a5d906e854e808ba7e2accb1542ac355ae486d591aa9d43765482e26cd02df835d3546d23c4b13e0dfc92" }))]
+    pub struct NewRoundBody: "an object with \"round\" and \"signature\"" {
+        /// Number of the round, which is in the commitment.
+        #[schema(value_type = u64, minimum = 1)]
+        round: i64 = required(|faults| Integer { faults, min: 1, max: i64::MAX }),
+        /// Signature of the chain, in hex.
+        #[schema(value_type = String, pattern = "^[0-9a-fA-F]{96}$")]
+        signature: String = required(|faults| Parsed { text: Text { faults, min_chars: 0, max_chars: usize::MAX }, parse: round_signature }),
+        /// Follows from the signature.
+        #[schema(value_type = Option<String>)]
+        randomness: String = optional(|faults| Text { faults, min_chars: 0, max_chars: usize::MAX }),
+    }
+    unknown: |_| "unknown field; a round has round and signature"
+}
+
+fn round_signature(text: &str) -> Result<String, String> {
+    let is_signature = text.len() == 96 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
+    is_signature.then(|| text.to_owned()).ok_or_else(|| "expected 96 hexadecimal digits".to_owned())
+}
+
 const fn nonce(faults: &mut Faults) -> Text<'_> {
     Text { faults, min_chars: LIMITS.nonce_min_chars, max_chars: LIMITS.nonce_max_chars }
 }

@@ -17,6 +17,9 @@ pub fn decide_draw(new: &NewDraw<'_>, facts: &DrawFacts) -> DrawDecision {
     if entry.finalized_at_ms.is_some() || !epoch.is_open(*now_ms) {
         return DrawDecision::Refuse(DrawRefusal::Closed);
     }
+    if epoch.commitment.beacon.is_some() && epoch.pool.is_none() {
+        return DrawDecision::Refuse(DrawRefusal::NoPool);
+    }
     let pool = Pool { epoch, holdings, now_ms: *now_ms };
     if !pool.has_reserved(&entry.id) {
         match pool.room_for(&entry.owner, entry.tier, 1) {
@@ -34,7 +37,7 @@ fn leaves(new: &NewDraw<'_>, facts: &DrawFacts) -> Option<Vec<DrawnLeaf>> {
     let expires_at_ms = (now_ms + epoch.rules.instance_ms).min(epoch.commitment.closes_at_ms);
     let mut gone = issued_leaves.clone();
     let mut drawn = Vec::new();
-    for stratum in &new.secret.strata {
+    for stratum in &new.secret.pool.strata {
         for index in 0..stratum.instances {
             let leaf = new.lot.leaf(stratum, index, |leaf| gone.contains(&leaf))?;
             gone.insert(leaf);
@@ -50,7 +53,7 @@ mod tests {
 
     use super::*;
     use crate::app::hidden::fixtures::{CLOSES_AT_MS, OPENS_AT_MS, entry, epoch, holding};
-    use crate::store::secrets::EpochSecret;
+    use crate::store::secrets::{EpochSecret, PoolFile};
     use plumbline_engine::hidden::feedback::Tier::Official;
     use plumbline_engine::hidden::issue::Lot;
     use plumbline_engine::hidden::pool::Stratum;
@@ -59,11 +62,9 @@ mod tests {
     fn secret() -> EpochSecret {
         let stratum =
             |family: &str, instances, first, size| Stratum { family: family.to_owned(), instances, first, size };
-        EpochSecret {
-            key: EpochKey::new([3; 32]),
-            strata: vec![stratum("slabs", 2, 0, 16), stratum("domes", 1, 16, 8)],
-            specifications: Vec::new(),
-        }
+        let strata = vec![stratum("slabs", 2, 0, 16), stratum("domes", 1, 16, 8)];
+        let key = EpochKey::new([3; 32]);
+        EpochSecret { pool_key: key.clone(), key, pool: PoolFile { strata, specifications: Vec::new() } }
     }
 
     fn facts() -> DrawFacts {

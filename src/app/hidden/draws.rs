@@ -10,7 +10,7 @@ use super::instances::{IssuedInstance, with_prompts};
 use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
-use crate::clock::now_ms;
+use crate::clock::{now_ms, rfc3339};
 use crate::near::counted;
 use crate::store::draws::{DrawRefusal, Issued, NewDraw};
 use crate::store::entries::EntryRow;
@@ -76,7 +76,7 @@ pub async fn draw_run(
     };
     let epoch = stored_epoch(app, &entry.epoch_id).await?;
     let now = now_ms();
-    let secret = secret_of(app, &epoch, now).await?;
+    let secret = secret_of(&app.store, &epoch, now).await?;
     // A proof takes a millisecond: it is computed before the transaction, in which others would wait for it.
     let lot = Lot::of(&epoch.commitment, &secret.key, entry_id, run, &nonce);
     let new = NewDraw { entry_id, run, nonce: &nonce, secret: &secret, lot: &lot };
@@ -114,6 +114,7 @@ fn refused(refusal: DrawRefusal, entry: &EntryRow, epoch: &EpochRow) -> AppError
             AppError::conflict("finalized", "the entry is finalized")
         }
         DrawRefusal::Closed => not_open(epoch),
+        DrawRefusal::NoPool => no_pool(epoch),
         DrawRefusal::Exhausted => {
             let detail =
                 "the reservation of this run has ended, and the epoch's pool has no room for it; nothing was issued";
@@ -127,6 +128,21 @@ fn refused(refusal: DrawRefusal, entry: &EntryRow, epoch: &EpochRow) -> AppError
             AppError::conflict("share-used-up", detail)
         }
     }
+}
+
+/// Creates the conflict for an epoch whose pool is not made.
+fn no_pool(epoch: &EpochRow) -> AppError {
+    let detail = epoch.commitment.beacon.as_ref().map_or_else(String::new, |beacon| {
+        format!(
+            "the pool derives from round {} of the beacon {}, emitted at {}, which this service has not got yet; anybody may \
+             bring it: POST /v1/epochs/{}/beacon",
+            beacon.round,
+            beacon.chain_hash,
+            rfc3339(beacon.emitted_at_ms()),
+            epoch.id()
+        )
+    });
+    AppError::conflict("no-pool", detail).retry_after(3)
 }
 
 fn no_such_run(entry: &EntryRow) -> String {

@@ -11,7 +11,7 @@ use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
 use crate::app::submissions::accept::key_reused;
-use crate::clock::now_ms;
+use crate::clock::{now_ms, rfc3339};
 use crate::store::entries::EntryRow;
 use crate::store::epochs::EpochRow;
 use crate::store::idempotency::IdempotencyKey;
@@ -99,6 +99,13 @@ pub async fn register_entry(
 fn refused(refusal: &RegistrationRefusal, tier: Tier, epoch: &EpochRow) -> AppError {
     match refusal {
         RegistrationRefusal::NotOpen => not_open(epoch),
+        RegistrationRefusal::AfterBeacon(at_ms) => {
+            let detail = format!(
+                "official entries of this epoch were registered until {}, when the beacon's round was emitted; the dev tier is open",
+                rfc3339(*at_ms)
+            );
+            AppError::conflict("registration-over", detail)
+        }
         RegistrationRefusal::TooMany(most) => {
             let tier = tier.name();
             let detail =

@@ -8,12 +8,12 @@ use futures_util::stream::{self, BoxStream};
 use crate::app::App;
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::clock::{now_ms, rfc3339};
-use crate::store::StoreResult;
 use crate::store::entries::EntryRow;
 use crate::store::epochs::EpochRow;
 use crate::store::instances::{EpochCounts, InstanceRow};
 use crate::store::location::Location;
 use crate::store::secrets::EpochSecret;
+use crate::store::{Store, StoreResult};
 use plumbline_engine::hidden::feedback::Outcome;
 use plumbline_engine::hidden::reveal::{Reveal, RevealedEntry, RevealedInstance, revealed};
 
@@ -92,16 +92,16 @@ pub(super) fn not_open(epoch: &EpochRow) -> AppError {
 ///
 /// # Errors
 /// Returns a conflict if the secret is lost.
-pub(super) async fn secret_of(app: &App, epoch: &EpochRow, now_ms: i64) -> AppResult<Arc<EpochSecret>> {
-    if let Some(secret) = app.store.epoch_secret(epoch).await? {
+pub(super) async fn secret_of(store: &Store, epoch: &EpochRow, now_ms: i64) -> AppResult<Arc<EpochSecret>> {
+    if let Some(secret) = store.epoch_secret(epoch).await? {
         return Ok(secret);
     }
     // Another node may have the key that this one lacks.
-    if matches!(app.store.location(), Location::Server(_)) {
+    if matches!(store.location(), Location::Server(_)) {
         let detail = "this node lacks the key of the epoch; send the request again, to another node";
         return Err(AppError::new(Kind::NotReady, detail).retry_after(1));
     }
-    if epoch.closed.is_none() && app.store.close_epoch(epoch.id(), LOST_KEY, now_ms).await? {
+    if epoch.closed.is_none() && store.close_epoch(epoch.id(), LOST_KEY, now_ms).await? {
         tracing::error!(epoch = epoch.id(), "the key of an epoch is lost, or not the one committed to: closed");
     }
     Err(AppError::conflict("key-lost", LOST_KEY))
@@ -120,7 +120,7 @@ async fn sealed_epoch(app: &App, id: &str) -> AppResult<(EpochRow, Arc<EpochSecr
         let detail = "the epoch is over; its last answers are being graded, and then its results are sealed";
         return Err(AppError::conflict("still-grading", detail).retry_after(1));
     }
-    let secret = secret_of(app, &row, now).await?;
+    let secret = secret_of(&app.store, &row, now).await?;
     Ok((row, secret))
 }
 
@@ -145,10 +145,12 @@ pub async fn reveal(app: &App, id: &str) -> AppResult<Vec<u8>> {
     let entries = entries.into_iter().map(revealed_entry).collect();
     let receipts = Some(app.store.receipts_of_epoch(row.id()).await?);
     let made = tokio::task::spawn_blocking(move || {
-        let specifications = secret.specifications.iter().map(|own| revealed(&secret.key, own.clone())).collect();
+        let drawn = secret.pool.specifications.iter();
+        let specifications = drawn.map(|own| revealed(&secret.pool_key, own.clone())).collect();
         let reveal = Reveal {
             commitment: row.commitment,
             key: secret.key.expose(),
+            pool: row.pool,
             specifications,
             entries,
             instances,

@@ -22,7 +22,8 @@ pub fn epoch() -> EpochRow {
             checks_version: 1,
             key_hash: String::new(),
             draw_key: Some(String::new()),
-            root: String::new(),
+            root: None,
+            beacon: None,
             per_instance: 8,
             specifications: 24,
             instances_per_run: 3,
@@ -40,6 +41,7 @@ pub fn epoch() -> EpochRow {
         released_bits: 0.0,
         created_at_ms: 0,
         closed: None,
+        pool: None,
         settled_at_ms: None,
     }
 }

@@ -69,6 +69,17 @@ pub async fn checkpoint(app: &App) -> AppResult<String> {
     grown.checkpoint(app).await
 }
 
+/// Returns the root of the log as it was with so many entries; `None` if it has another name, or fewer.
+///
+/// # Errors
+/// Returns an error if the database fails.
+pub(super) async fn root_at(app: &App, origin: &str, size: u64) -> AppResult<Option<Hash>> {
+    let mut grown = app.log.0.lock().await;
+    grown.grow(app).await?;
+    let is_own = grown.name(app).await? == origin;
+    Ok(grown.tree.root(size).filter(|_| is_own))
+}
+
 /// Returns the key that verifies checkpoints, in the form in which verifiers of notes take it.
 ///
 /// # Errors

@@ -10,8 +10,14 @@ use plumbline_engine::hidden::feedback::Tier;
 /// Returns the reason if the entry may not be registered.
 pub fn decide_registration(new: &NewEntry<'_>, facts: &RegistrationFacts) -> Result<(), RegistrationRefusal> {
     let RegistrationFacts { epoch, own, holdings, configuration_holder, now_ms } = facts;
-    if !epoch.is_open(*now_ms) {
-        return Err(RegistrationRefusal::NotOpen);
+    match (&epoch.commitment.beacon, new.tier) {
+        _ if epoch.is_over(*now_ms) => return Err(RegistrationRefusal::NotOpen),
+        (None, _) if !epoch.is_open(*now_ms) => return Err(RegistrationRefusal::NotOpen),
+        // Official entries are registered before anybody can know a specification.
+        (Some(beacon), Tier::Official) if *now_ms >= beacon.emitted_at_ms() => {
+            return Err(RegistrationRefusal::AfterBeacon(beacon.emitted_at_ms()));
+        }
+        _ => {}
     }
     let most = match new.tier {
         Tier::Dev => epoch.rules.dev_entries,

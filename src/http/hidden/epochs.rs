@@ -9,9 +9,13 @@ use futures_util::TryStreamExt as _;
 use serde::Serialize;
 
 use crate::app::error::AppResult;
+use crate::app::hidden::body::NewRoundBody;
 use crate::app::hidden::epochs::{self, EpochStatus, RevealedAnswer};
-use crate::clock::rfc3339;
+use crate::app::hidden::pools::take_round;
+use crate::clock::{now_ms, rfc3339};
+use crate::http::extract::body::{JsonBody, read_draft};
 use crate::http::state::AppState;
+use plumbline_engine::hidden::beacon::BoundPool;
 use plumbline_engine::hidden::commitment::Commitment;
 use plumbline_engine::hidden::feedback::{Feedback, Tier};
 
@@ -44,6 +48,13 @@ pub struct EpochBody {
     pub closes_at: String,
     /// Commitment published before the epoch opened. Keep it to verify the reveal.
     pub commitment: Commitment,
+    /// The pool, published right after the beacon's round; null before it, and for an epoch without a beacon, whose root is in the
+    /// commitment.
+    pub pool: Option<BoundPool>,
+    /// Time until which official entries are registered, the time of the beacon's round; null for an epoch without a beacon,
+    /// which takes entries as long as it is open.
+    #[schema(format = DateTime)]
+    pub registration_closes_at: Option<String>,
     /// Time at which the commitment was published.
     #[schema(format = DateTime)]
     pub committed_at: String,
@@ -108,6 +119,8 @@ impl From<EpochStatus> for EpochBody {
             state,
             opens_at: rfc3339(commitment.opens_at_ms),
             closes_at: rfc3339(commitment.closes_at_ms),
+            pool: row.pool.clone(),
+            registration_closes_at: commitment.beacon.as_ref().map(|beacon| rfc3339(beacon.emitted_at_ms())),
             committed_at: rfc3339(row.created_at_ms),
             closed_early_at: early.map(|(at, _)| rfc3339(*at)),
             closed_reason: early.map(|(_, reason)| reason.clone()),
@@ -152,6 +165,28 @@ pub async fn list_epochs(State(state): State<AppState>) -> AppResult<Json<EpochL
 )]
 pub async fn get_epoch(State(state): State<AppState>, Path(epoch): Path<String>) -> AppResult<Json<EpochBody>> {
     Ok(Json(epochs::epoch(&state, &epoch).await?.into()))
+}
+
+/// Takes the round of the beacon that an epoch is bound to, and makes its pool. Anybody may bring it, without a key: the round is
+/// public, and its signature says that it is the right one. Repeating the request changes nothing.
+#[utoipa::path(
+    post, path = "/v1/epochs/{epoch}/beacon", operation_id = "create_epoch_pool", tag = "hidden evaluation",
+    summary = "Bring a beacon's round",
+    params(("epoch" = String, Path, description = "The epoch's name", example = "2026-11")),
+    request_body(content = NewRoundBody, content_type = "application/json"),
+    responses(
+        (status = 200, description = "The epoch, with its pool", body = EpochBody,
+         example = json!({ "id": "2026-11", "state": "open", "pool": { "round": 123, "root": "e258d248…" } })),
+        (status = 409, description = "It is bound to no beacon, the round is not due yet, or the epoch is over"),
+    )
+)]
+pub async fn create_epoch_pool(
+    State(state): State<AppState>,
+    Path(epoch): Path<String>,
+    body: JsonBody,
+) -> AppResult<Json<EpochBody>> {
+    let (draft, faults) = read_draft::<NewRoundBody>(&body, "bring one round per request")?;
+    Ok(Json(take_round(&state, &epoch, draft, faults, now_ms()).await?.into()))
 }
 
 /// Returns everything that a closed epoch kept secret: key, salts, specifications, entries, draws and grades.

@@ -49,6 +49,36 @@ class AggregateMetrics(BaseModel):
     """
 
 
+class Beacon(BaseModel):
+    """
+    The round of a chain that an epoch is bound to.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    chain_hash: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    """
+    Hash that identifies the chain.
+    """
+    public_key: Annotated[str, Field(pattern="^[0-9a-f]{192}$")]
+    """
+    Public key of the chain, in hex: scheme `bls-unchained-g1-rfc9380`.
+    """
+    genesis_time: int
+    """
+    Time of the chain's first round, seconds since 1970.
+    """
+    period_seconds: Annotated[int, Field(ge=1)]
+    """
+    Seconds between two rounds.
+    """
+    round: Annotated[int, Field(ge=1)]
+    """
+    Number of the round, from 1.
+    """
+
+
 class BoardAction(BaseModel):
     """
     An action on a row.
@@ -91,6 +121,36 @@ class BoardActions(BaseModel):
     actions: list[BoardAction]
     """
     Actions, latest first.
+    """
+
+
+class BoundPool(BaseModel):
+    """
+    The pool of an epoch that is bound to a beacon, as it is published right after the round.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    epoch: str
+    """
+    Name of the epoch.
+    """
+    round: Annotated[int, Field(ge=0)]
+    """
+    Number of the round.
+    """
+    signature: Annotated[str, Field(pattern="^[0-9a-f]{96}$")]
+    """
+    Signature of the round, in hex. Its SHA-256 is the randomness that the pool derives from, with the epoch's key.
+    """
+    root: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    """
+    Root of the Merkle tree over the salted hashes of all specifications.
+    """
+    made_at_ms: int
+    """
+    Time at which the pool was made, milliseconds since 1970.
     """
 
 
@@ -737,7 +797,7 @@ class Limits(BaseModel):
     """
     form_bytes: Annotated[int, Field(ge=0)]
     """
-    Bytes of a form of the pages.
+    Bytes of a form of the pages, and of a note with cosignatures.
     """
     json_depth: Annotated[int, Field(ge=0)]
     """
@@ -1279,6 +1339,29 @@ class NewKey(BaseModel):
     expires_days: Annotated[int | None, Field(ge=1)] = None
     """
     Lifetime of the key in days; by default, and at most, that of the key of the request.
+    """
+
+
+class NewRound(BaseModel):
+    """
+    Request that brings the round of a beacon, as its servers publish it.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid",
+        populate_by_name=True,
+    )
+    round: Annotated[int, Field(ge=1)]
+    """
+    Number of the round, which is in the commitment.
+    """
+    signature: Annotated[str, Field(pattern="^[0-9a-fA-F]{96}$")]
+    """
+    Signature of the chain, in hex.
+    """
+    randomness: str | None = None
+    """
+    Follows from the signature.
     """
 
 
@@ -3461,10 +3544,12 @@ class Commitment(BaseModel):
     Public key of the epoch's draws: ECVRF-EDWARDS25519-SHA512-TAI (RFC 9381), in hex. Each draw carries a proof under it.
     Absent for epochs whose draws can be checked only after the reveal.
     """
-    root: str
+    root: Annotated[str | None, Field(pattern="^[0-9a-f]{64}$")] = None
     """
-    Root of the Merkle tree over the salted hashes of all specifications.
+    Root of the Merkle tree over the salted hashes of all specifications. Absent for an epoch that is bound to a beacon, whose
+    specifications nobody knows yet: the root is published with the pool, right after the round.
     """
+    beacon: Beacon | None = None
     per_instance: Annotated[int, Field(ge=0)]
     """
     Number of specifications in the pool for each instance of a draw.
@@ -3830,6 +3915,12 @@ class EpochBody(BaseModel):
     commitment: Commitment
     """
     Commitment published before the epoch opened. Keep it to verify the reveal.
+    """
+    pool: BoundPool | None = None
+    registration_closes_at: AwareDatetime | None = None
+    """
+    Time until which official entries are registered, the time of the beacon's round; null for an epoch without a beacon,
+    which takes entries as long as it is open.
     """
     committed_at: AwareDatetime
     """

@@ -132,6 +132,10 @@ class Epochs:
         """Download a closed epoch's answers."""
         return self._client._call(str, "GET", f"/v1/epochs/{quoted(epoch)}/answers")
 
+    def bring_round(self, epoch: str, *, round: int, signature: str, randomness: str | None = None) -> models.EpochBody:
+        """Bring a beacon's round."""
+        return self._client._call(models.EpochBody, "POST", f"/v1/epochs/{quoted(epoch)}/beacon", json=given({"round": round, "signature": signature, "randomness": randomness}))
+
     def get(self, epoch: str) -> models.EpochBody:
         """Get an epoch."""
         return self._client._call(models.EpochBody, "GET", f"/v1/epochs/{quoted(epoch)}")

@@ -4,6 +4,7 @@
 //! An entry of the log is the SHA-256 of a receipt, in the order of the receipts. So the log begins with the first receipt
 //! that the service ever signed, and a receipt that is withheld until its epoch closes is in it by its hash alone.
 
+pub mod cosignature;
 pub mod frontier;
 pub mod note;
 pub mod proof;

@@ -10,8 +10,6 @@ use crate::hidden::receipts::Signer;
 
 /// Type of Ed25519 signatures of notes.
 const ED25519: u8 = 1;
-/// Type of cosignatures of witnesses.
-const COSIGNATURE: u8 = 4;
 
 /// A checkpoint: a log that has so many entries has this root.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -31,12 +29,18 @@ impl Checkpoint {
         format!("{}\n{}\n{}\n", self.origin, self.size, BASE64_STANDARD.encode(self.root))
     }
 
+    /// Splits a note into its text and its lines of signatures.
+    #[must_use]
+    pub fn parts(note: &str) -> Option<(String, Vec<&str>)> {
+        let (text, signatures) = note.split_once("\n\n")?;
+        Some((format!("{text}\n"), signatures.lines().collect()))
+    }
+
     /// Reads a note that one of the trusted Ed25519 keys, in hexadecimal, has signed under the name of the log; `None` if it is
     /// no checkpoint or none of them has.
     #[must_use]
     pub fn verified(note: &str, trusted: &[&str]) -> Option<Self> {
-        let (text, signatures) = note.split_once("\n\n")?;
-        let text = format!("{text}\n");
+        let (text, signatures) = Self::parts(note)?;
         let mut lines = text.lines();
         let (origin, size, root) = (lines.next()?.to_owned(), lines.next()?, lines.next()?);
         let read = Self { origin, size: size.parse().ok()?, root: BASE64_STANDARD.decode(root).ok()?.try_into().ok()? };
@@ -57,7 +61,7 @@ impl Checkpoint {
         };
         // What is not exactly the text of a checkpoint would be signed as something else.
         let is_exact = read.text() == text;
-        (is_exact && signatures.lines().any(|line| signed(line).is_some())).then_some(read)
+        (is_exact && signatures.iter().any(|line| signed(line).is_some())).then_some(read)
     }
 
     /// Signs the checkpoint, and returns the note.
@@ -89,23 +93,6 @@ pub fn read_verifier_key(text: &str) -> Option<(String, String)> {
     is_own.then(|| (name.to_owned(), crate::tasks::hex(&key[1..])))
 }
 
-/// Returns the key that verifies the cosignatures of a witness.
-#[must_use]
-pub fn witness_key(name: &str, signer: &Signer) -> String {
-    let key = [&[COSIGNATURE][..], &signer.public_bytes()].concat();
-    let id = u32::from_be_bytes(key_id(name, &key));
-    format!("{name}+{id:08x}+{}", BASE64_STANDARD.encode(key))
-}
-
-/// Returns the line with which a witness cosigns a checkpoint at a time, in seconds since 1970 (C2SP tlog-cosignature).
-#[must_use]
-pub fn cosignature(name: &str, signer: &Signer, checkpoint: &Checkpoint, at_s: u64) -> String {
-    let signed = format!("cosignature/v1\ntime {at_s}\n{}", checkpoint.text());
-    let key = [&[COSIGNATURE][..], &signer.public_bytes()].concat();
-    let signature = [&key_id(name, &key)[..], &at_s.to_be_bytes(), &signer.sign_text(signed.as_bytes())].concat();
-    format!("— {name} {}\n", BASE64_STANDARD.encode(signature))
-}
-
 /// Returns the name of the log whose first receipt was signed with this key, in hexadecimal: it stays when the key changes.
 #[must_use]
 pub fn origin(first_key: &str) -> String {
@@ -117,7 +104,7 @@ fn key_bytes(signer: &Signer) -> Vec<u8> {
     [&[ED25519][..], &signer.public_bytes()].concat()
 }
 
-fn key_id(name: &str, key: &[u8]) -> [u8; 4] {
+pub(super) fn key_id(name: &str, key: &[u8]) -> [u8; 4] {
     let digest = Sha256::new().chain_update(name).chain_update(b"\n").chain_update(key).finalize();
     [digest[0], digest[1], digest[2], digest[3]]
 }
@@ -149,16 +136,6 @@ mod tests {
         assert_eq!(Checkpoint::verified(&changed, &[&own]), None);
         assert_eq!(read_verifier_key(&verifier_key(&origin, &signer)), Some((origin.clone(), own.clone())));
         assert_eq!(read_verifier_key(&verifier_key(&origin, &signer).replacen("log/", "log/0", 1)), None);
-        // A cosignature covers the time and the text; its key has an identifier of its own.
-        let checkpoint = Checkpoint::verified(&note, &[&own]).unwrap();
-        let line = cosignature("w.example/1", &signer, &checkpoint, 1_000);
-        let bytes = BASE64_STANDARD.decode(line.trim().strip_prefix("— w.example/1 ").unwrap()).unwrap();
-        let witness = witness_key("w.example/1", &signer);
-        assert!(witness.starts_with(&format!("w.example/1+{}+", crate::tasks::hex(&bytes[..4]))), "{witness}");
-        assert_eq!(bytes[4..12], 1_000_u64.to_be_bytes());
-        let signed = format!("cosignature/v1\ntime 1000\n{}", checkpoint.text());
-        let signature = Signature::from_bytes(&bytes[12..].try_into().unwrap());
-        VerifyingKey::from_bytes(&signer.public_bytes()).unwrap().verify_strict(signed.as_bytes(), &signature).unwrap();
         assert_eq!(Checkpoint::verified(&note.replace("plumbline.log", "another.log"), &[&own]), None);
     }
 }

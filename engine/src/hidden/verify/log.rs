@@ -6,6 +6,7 @@ use super::{Kept, Verified};
 use crate::hidden::canonical::canonical_json;
 use crate::hidden::receipts::{ReceiptFile, verify, verify_chain, verify_end, verify_keys, verify_signature};
 use crate::tasks::hex;
+use crate::text::counted;
 use sha2::{Digest as _, Sha256};
 
 /// Returns the public keys to trust: the key in the epoch's commitment and the keys given to the verifier. A change of
@@ -38,7 +39,18 @@ pub(super) fn signatures(epoch: &str, receipts: &[ReceiptFile], trusted: &[&str]
 /// the epoch.
 pub(super) fn against_log(epoch: &str, receipts: &[ReceiptFile], kept: &Kept, trusted: &[&str], found: &mut Verified) {
     if kept.log.is_empty() {
-        found.unchecked.push("receipts against the public log: no log pages were given (--receipts)".to_owned());
+        match kept.heads.iter().map(|head| head.size).max() {
+            Some(size) if size > 0 => {
+                found.breach(
+                    "log",
+                    format!("its signed end states {}, but the pages have none", counted(size, "receipt")),
+                );
+            }
+            _ => {
+                let why = "receipts against the public log: no log pages were given (--receipts)";
+                found.unchecked.push(why.to_owned());
+            }
+        }
         return;
     }
     let mut log: BTreeMap<i64, &ReceiptFile> = BTreeMap::new();

@@ -3,6 +3,7 @@
 
 mod board;
 mod log;
+mod pool;
 mod stated;
 mod steps;
 mod times;
@@ -14,6 +15,7 @@ use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 
 use super::GENERATOR_VERSION;
+use super::beacon::BoundPool;
 use super::canonical::{Hash, hash_of};
 use super::commitment::{Commitment, salt};
 use super::draw_proof::public_key;
@@ -78,6 +80,8 @@ impl Verified {
 pub struct Kept {
     /// Commitment as published before the epoch opened; the one in the reveal is used if this is `None`.
     pub commitment: Option<Commitment>,
+    /// Pool as published right after the round of the epoch's beacon.
+    pub pool: Option<BoundPool>,
     /// Answers by instance; `None` if grades are not to be checked.
     pub logs: Option<BTreeMap<String, BlockLog>>,
     /// Receipts of the public log, or of parts of it.
@@ -127,8 +131,12 @@ pub fn verify(reveal: &Reveal, kept: &Kept) -> Result<Verified, PoolError> {
     if commitment.draw_key.as_ref().is_some_and(|committed| *committed != public_key(&key)) {
         found.breach("draw key", "the committed key of draws does not follow from the epoch's key");
     }
-    specifications(reveal, commitment, &key, &mut found)?;
-    draws(reveal, commitment, &key, &mut found)?;
+    if let Some(pool_key) = pool::key_of(reveal, commitment, kept, &key, &mut found) {
+        specifications(reveal, commitment, &pool_key, &mut found)?;
+        draws(reveal, commitment, &key, &pool_key, &mut found)?;
+    } else if !reveal.instances.is_empty() {
+        found.breach("draws", "instances were issued from a pool that cannot be recomputed");
+    }
     match &kept.logs {
         Some(logs) => grades(reveal, logs, &mut found),
         None => found.unchecked.push("grades: no answers were given (--answers)".to_owned()),
@@ -145,28 +153,30 @@ fn specifications(
     key: &EpochKey,
     found: &mut Verified,
 ) -> Result<(), PoolError> {
-    let generator = Generator::of(commitment.generator_version)?;
     let mut leaves: Vec<Hash> = Vec::new();
     let by_leaf: BTreeMap<u32, &RevealedSpecification> =
         reveal.specifications.iter().map(|revealed| (revealed.specification.leaf, revealed)).collect();
+    let generator = Generator::of(commitment.generator_version)?;
+    let mut drawn = Vec::new();
     for stratum in generator.strata(key, commitment.per_instance) {
-        for made in generator.specifications(key, &stratum, &|| ())? {
-            let leaf = made.leaf;
-            let place = || format!("leaf {leaf} ({})", made.task.id);
-            let Some(revealed) = by_leaf.get(&leaf) else {
-                found.breach(place(), "is missing from the reveal");
-                continue;
-            };
-            let hash = merkle::leaf(&salt(key, leaf), &hash_of(&revealed.specification));
-            if revealed.specification != made {
-                found.breach(place(), "the revealed specification is not the one that the key draws");
-            } else if hex(&hash) != revealed.hash || revealed.salt != hex(&salt(key, leaf)) {
-                found.breach(place(), "the salt or the hash does not match the specification");
-            } else {
-                found.specifications += 1;
-            }
-            leaves.push(hash);
+        drawn.extend(generator.specifications(key, &stratum, &|| ())?);
+    }
+    for made in drawn {
+        let leaf = made.leaf;
+        let place = || format!("leaf {leaf} ({})", made.task.id);
+        let Some(revealed) = by_leaf.get(&leaf) else {
+            found.breach(place(), "is missing from the reveal");
+            continue;
+        };
+        let hash = merkle::leaf(&salt(key, leaf), &hash_of(&revealed.specification));
+        if revealed.specification != made {
+            found.breach(place(), "the revealed specification is not the one that the key draws");
+        } else if hex(&hash) != revealed.hash || revealed.salt != hex(&salt(key, leaf)) {
+            found.breach(place(), "the salt or the hash does not match the specification");
+        } else {
+            found.specifications += 1;
         }
+        leaves.push(hash);
     }
     if by_leaf.len() != leaves.len() || reveal.specifications.len() != leaves.len() {
         let count = reveal.specifications.len();
@@ -177,15 +187,24 @@ fn specifications(
         found.breach("specifications", detail);
     }
     let root = hex(&merkle::root(&leaves));
-    if root != commitment.root {
-        found.breach("root", format!("the specifications give {root}, the commitment has {}", commitment.root));
+    // A beacon's epoch commits to its root when the pool is made.
+    let committed = commitment.root.as_ref().or(reveal.pool.as_ref().map(|pool| &pool.root));
+    if committed != Some(&root) {
+        let committed = committed.map_or("none", String::as_str);
+        found.breach("root", format!("the specifications give {root}, the commitment has {committed}"));
     }
     Ok(())
 }
 
 /// Checks that every instance is the one that key, entry and nonce draw, and that none was issued twice.
-fn draws(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, found: &mut Verified) -> Result<(), PoolError> {
-    let strata = Generator::of(commitment.generator_version)?.strata(key, commitment.per_instance);
+fn draws(
+    reveal: &Reveal,
+    commitment: &Commitment,
+    key: &EpochKey,
+    pool_key: &EpochKey,
+    found: &mut Verified,
+) -> Result<(), PoolError> {
+    let strata = Generator::of(commitment.generator_version)?.strata(pool_key, commitment.per_instance);
     let mut issued: BTreeSet<u32> = BTreeSet::new();
     let mut lots: BTreeMap<(&str, u32, &str), Lot<'_>> = BTreeMap::new();
     let runs_of: BTreeMap<&str, u32> = reveal.entries.iter().map(|entry| (entry.id.as_str(), entry.runs)).collect();

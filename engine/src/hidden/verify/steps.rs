@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::stated::Stated;
-use super::{Kept, Verified, log, times};
+use super::{Kept, Verified, log, pool, times};
 use crate::hidden::commitment::{Commitment, Rules};
 use crate::hidden::draw_proof::{DrawMessage, verify};
 use crate::hidden::evidence::{EntryFact, Fact, fact};
@@ -38,6 +38,7 @@ pub(super) fn check(reveal: &Reveal, commitment: &Commitment, kept: &Kept, found
     log::signatures(&commitment.epoch, receipts, &trusted, found);
     log::against_log(&commitment.epoch, receipts, kept, &trusted, found);
     log::given(&commitment.epoch, receipts, kept, &trusted, found);
+    pool::announced(reveal, commitment, kept, &trusted, found);
     let stated = stated(receipts, found);
     entries(reveal, commitment, rules, &stated, found);
     draws(reveal, commitment, &stated, found);
@@ -111,8 +112,14 @@ fn entries(reveal: &Reveal, commitment: &Commitment, rules: &Rules, stated: &Sta
         } else if ended != entry.finalized_at_ms.zip(entry.completed_at_ms) {
             found.breach(place(), "has other times of finalization or completion than its receipt");
         }
-        if entry.registered_at_ms < commitment.opens_at_ms || entry.registered_at_ms >= commitment.closes_at_ms {
-            found.breach(place(), "was registered while the epoch was not open");
+        let is_in_time = match (&commitment.beacon, entry.tier) {
+            (None, _) => (commitment.opens_at_ms..commitment.closes_at_ms).contains(&entry.registered_at_ms),
+            // An official entry is registered before anybody can know a specification.
+            (Some(beacon), Tier::Official) => entry.registered_at_ms < beacon.emitted_at_ms(),
+            (Some(_), Tier::Dev) => entry.registered_at_ms < commitment.closes_at_ms,
+        };
+        if !is_in_time {
+            found.breach(place(), "was registered while the epoch took no entries of its tier");
         }
         let owner = entry.owner.as_deref().unwrap_or_default();
         *of_owner.entry((owner, entry.tier.name())).or_default() += 1;
@@ -171,7 +178,11 @@ fn draws(reveal: &Reveal, commitment: &Commitment, stated: &Stated<'_>, found: &
         if !commitment.draw_key.as_ref().map_or(fact.proof.is_none(), proven) {
             found.breach(place(), format!("the proof of the draw of run {} does not hold", key.1));
         }
-        if fact.drawn_at_ms < commitment.opens_at_ms || fact.drawn_at_ms >= commitment.closes_at_ms {
+        let opens_at_ms = reveal.pool.as_ref().map_or(commitment.opens_at_ms, |pool| {
+            // Clocks of several nodes differ.
+            commitment.opens_at_ms.max(pool.made_at_ms - times::SLACK_MS)
+        });
+        if fact.drawn_at_ms < opens_at_ms || fact.drawn_at_ms >= commitment.closes_at_ms {
             found.breach(place(), format!("run {} was drawn while the epoch was not open", key.1));
         }
     }

@@ -9,7 +9,7 @@ use crate::hidden::feedback::released_bits;
 use crate::hidden::reveal::Reveal;
 
 /// Tolerance in the order of two times, because clocks are sometimes adjusted.
-const SLACK_MS: i64 = 60_000;
+pub(super) const SLACK_MS: i64 = 60_000;
 
 /// Checks that each step comes after the steps that it requires and before the end of the epoch.
 pub(super) fn check(stated: &Stated<'_>, found: &mut Verified) {

@@ -1,0 +1,114 @@
+//! Checks the pool of an epoch that is bound to a beacon: it derives from the committed round, and was published once.
+
+use super::times::SLACK_MS;
+use super::{Kept, Verified};
+use crate::hidden::announcements::{Announcement, EpochFact, announcement};
+use crate::hidden::beacon::{Beacon, BoundPool};
+use crate::hidden::commitment::Commitment;
+use crate::hidden::receipts::ReceiptFile;
+use crate::hidden::reveal::Reveal;
+use crate::hidden::secret::EpochKey;
+
+/// Returns the key that the pool derives from; `None` if the reveal has no pool, or one of another round.
+pub(super) fn key_of(
+    reveal: &Reveal,
+    commitment: &Commitment,
+    kept: &Kept,
+    key: &EpochKey,
+    found: &mut Verified,
+) -> Option<EpochKey> {
+    if kept.pool.is_some() && kept.pool != reveal.pool {
+        found.breach("pool", "the revealed one is not the one that was published after the round");
+    }
+    let (beacon, pool) = match (&commitment.beacon, &reveal.pool) {
+        (None, None) => return Some(key.clone()),
+        (None, Some(_)) => {
+            found.breach("pool", "the epoch is bound to no beacon, but the reveal has a pool of one");
+            return Some(key.clone());
+        }
+        (Some(_), None) => {
+            if !reveal.specifications.is_empty() {
+                found.breach("pool", "the reveal has specifications, but not the round that they derive from");
+            }
+            return None;
+        }
+        (Some(beacon), Some(pool)) => (beacon, pool),
+    };
+    if commitment.root.is_some() {
+        found.breach("root", "was committed to before the round, from which it derives");
+    }
+    if pool.epoch != commitment.epoch {
+        found.breach("pool", format!("belongs to the epoch {:?}", pool.epoch));
+    }
+    if pool.made_at_ms.saturating_add(SLACK_MS) < beacon.emitted_at_ms() {
+        found.breach("pool", "was made before the round was emitted");
+    }
+    match beacon.randomness(&pool.round()) {
+        Ok(randomness) => Some(beacon.pool_key(key, &randomness)),
+        Err(fault) => {
+            found.breach("pool", fault.to_string());
+            None
+        }
+    }
+}
+
+/// Checks that the log announces the epoch as committed, and the pool of a beacon before the epoch's own receipts.
+pub(super) fn announced(reveal: &Reveal, commitment: &Commitment, kept: &Kept, trusted: &[&str], found: &mut Verified) {
+    let own = |file: &ReceiptFile| {
+        let told = announcement(file.receipt.as_ref()?)?;
+        let is_own = match &told {
+            Announcement::Epoch(EpochFact { commitment: told, .. }) => told.epoch == commitment.epoch,
+            Announcement::Pool(pool) => pool.epoch == commitment.epoch,
+            Announcement::BoardAction(_) => false,
+        };
+        is_own.then_some((file.seq, told))
+    };
+    for file in kept.log.iter().filter(|file| own(file).is_some() && !trusted.contains(&file.public_key.as_str())) {
+        found.breach(format!("receipt {} of the log", file.seq), "announces the epoch with a key that is not trusted");
+    }
+    let told: Vec<(i64, Announcement)> = kept.log.iter().filter_map(own).collect();
+    for (seq, announcement) in &told {
+        let is_same = match announcement {
+            Announcement::Epoch(fact) => fact.commitment == *commitment,
+            Announcement::Pool(pool) => Some(pool) == reveal.pool.as_ref(),
+            Announcement::BoardAction(_) => true,
+        };
+        if !is_same {
+            found.breach(format!("receipt {seq} of the log"), "announces something other than the reveal has");
+        }
+    }
+    let (Some(beacon), false) = (&commitment.beacon, kept.log.is_empty()) else { return };
+    let place = |is_it: fn(&Announcement) -> bool| told.iter().find(|(_, told)| is_it(told)).map(|(seq, _)| *seq);
+    let epoch = place(|told| matches!(told, Announcement::Epoch(_)));
+    let pool = place(|told| matches!(told, Announcement::Pool(_)));
+    in_order(epoch, pool, beacon, reveal.pool.as_ref(), &told, found);
+}
+
+/// Checks that the epoch was announced before the round, and the pool after it.
+fn in_order(
+    epoch: Option<i64>,
+    pool: Option<i64>,
+    beacon: &Beacon,
+    made: Option<&BoundPool>,
+    told: &[(i64, Announcement)],
+    found: &mut Verified,
+) {
+    let Some(epoch) = epoch else {
+        found.breach("log", "does not announce the epoch");
+        return;
+    };
+    let late = told.iter().any(|(_, told)| match told {
+        Announcement::Epoch(fact) => fact.committed_at_ms >= beacon.emitted_at_ms(),
+        _ => false,
+    });
+    if late {
+        found.breach(format!("receipt {epoch} of the log"), "announces the epoch after the round was emitted");
+    }
+    match (pool, made) {
+        (None, Some(_)) => found.breach("log", "does not announce the pool"),
+        (Some(pool), _) if pool < epoch => {
+            found.breach(format!("receipt {pool} of the log"), "announces the pool before the epoch");
+        }
+        _ => {}
+    }
+}
