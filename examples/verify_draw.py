@@ -37,8 +37,10 @@ def sha(*parts):
 
 
 def verify(key, alpha, pi):
+    if len(key) != 32 or len(pi) != 80:
+        return None
     Y, Gamma, c, s = to_point(key), to_point(pi[:32]), int.from_bytes(pi[32:48], "little"), int.from_bytes(pi[48:], "little")
-    if len(pi) != 80 or not Y or not Gamma or s >= q or times(8, Y) == (0, 1):
+    if not Y or not Gamma or s >= q or times(8, Y) == (0, 1):
         return None
     tries = (to_point(sha(b"\x03\x01", key, alpha, bytes([n]), b"\x00")[:32]) for n in range(256))
     H = times(8, next(point for point in tries if point))
@@ -50,10 +52,18 @@ def verify(key, alpha, pi):
     return sha(b"\x03\x03", to_string(times(8, Gamma)), b"\x00")
 
 
-draw, epoch = (json.load(open(path, encoding="utf-8")) for path in sys.argv[1:3])
-draw, commitment = draw.get("draw", draw), epoch.get("commitment", epoch)
-alpha = "\n".join(["plumbline draw", commitment["epoch"], draw["entry"], str(draw["run"]), draw["nonce"]]).encode()
-output = verify(bytes.fromhex(commitment["draw_key"]), alpha, bytes.fromhex(draw["proof"]))
-holds = output is not None and output.hex() == draw["output"]
+def check(draw, epoch):
+    draw, commitment = draw.get("draw", draw), epoch.get("commitment", epoch)
+    if draw["epoch"] != commitment["epoch"] or type(draw["run"]) is not int:
+        return False
+    alpha = "\n".join(["plumbline draw", draw["epoch"], draw["entry"], str(draw["run"]), draw["nonce"]]).encode()
+    output = verify(bytes.fromhex(commitment["draw_key"]), alpha, bytes.fromhex(draw["proof"]))
+    return output is not None and output.hex() == draw["output"]
+
+
+try:
+    holds = check(*(json.load(open(path, encoding="utf-8")) for path in sys.argv[1:3]))
+except (AttributeError, KeyError, TypeError, ValueError) as error:
+    sys.exit(f"these are not a draw and an epoch with a key of draws: {error!r}")
 print("the draw is as committed" if holds else "the proof does NOT hold")
 sys.exit(0 if holds else 1)

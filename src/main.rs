@@ -19,7 +19,7 @@ fn main() -> ExitCode {
     if !cli.command.outlives_its_readers() {
         sigpipe::reset();
     }
-    let is_json = cli.command.logs_json();
+    let (is_json, failure) = (cli.command.logs_json(), cli.command.failure());
     run(cli).unwrap_or_else(|error| {
         if is_json {
             let time = plumbline::clock::rfc3339(plumbline::clock::now_ms());
@@ -27,7 +27,7 @@ fn main() -> ExitCode {
         } else {
             eprintln!("plumbline: {}", told(&error));
         }
-        ExitCode::FAILURE
+        ExitCode::from(failure)
     })
 }
 

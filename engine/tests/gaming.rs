@@ -105,6 +105,10 @@ fn official_scores_are_true_and_the_ladder_resists_400_queries() {
             (0..EPOCHS / 4).map(|_| ladder(random, TRUTH + 0.05)).collect(),
         ),
         ("official: three entries, taken together", (0..25 * EPOCHS).map(|_| official(random)).collect()),
+        (
+            "official: the best of four owners who are one lab under four names",
+            (0..EPOCHS).map(|_| (0..4).map(|_| official(random)).fold(0.0, f64::max)).collect(),
+        ),
     ]
     .into_iter()
     .map(|(name, shown)| {

@@ -221,19 +221,26 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
     }
     println!("{}", serde_json::to_string_pretty(&commitment)?);
     eprintln!(
-        "epoch {} is announced; its key and pool are in {}. Copies of the database do not contain them: keep a \
+        "epoch {} is announced; {} in {}. Copies of the database do not contain them: keep a \
          backup that only you can read",
         new.name,
+        if commitment.beacon.is_some() { "its key is" } else { "its key and pool are" },
         store.secrets().folder().display()
     );
     if let Some(beacon) = &commitment.beacon {
+        let server = if beacon.is_public() { DRAND } else { "URL" };
         eprintln!(
-            "its pool is made from round {} of the beacon, due at {}: start the service with --beacon-url {DRAND}, or bring the \
-             round with `plumbline epochs beacon {}`",
+            "its pool is made from round {} of the beacon, due at {}: start the service with --beacon-url {server}, or bring the \
+             round with `plumbline epochs beacon {} --from {server}`",
             beacon.round,
             rfc3339(beacon.emitted_at_ms()),
             new.name
         );
+        if !beacon.is_public() {
+            eprintln!(
+                "the beacon is not quicknet: whoever does not trust its servers does not trust the pool, and its page says so"
+            );
+        }
     }
     Ok(())
 }
@@ -245,7 +252,8 @@ fn bound_to(new: &CreateArgs, opens_at_ms: i64) -> anyhow::Result<Beacon> {
         Some(file) => {
             let place = || format!("--beacon-chain: {}", file.display());
             let text = std::fs::read(file).with_context(place)?;
-            serde_json::from_slice(&text).with_context(place)?
+            let what = || format!("{}: expected what the beacon's servers answer to /CHAIN-HASH/info", place());
+            serde_json::from_slice(&text).with_context(what)?
         }
     };
     let beacon = chain.first_round_from(opens_at_ms).map_err(|why| anyhow::anyhow!("--beacon-chain: {why}"))?;
@@ -259,11 +267,25 @@ fn bound_to(new: &CreateArgs, opens_at_ms: i64) -> anyhow::Result<Beacon> {
 async fn bring_round(store: &Store, name: &str, from: &str) -> anyhow::Result<()> {
     let Some(epoch) = store.epoch(name).await? else { bail!("there is no epoch {name:?}") };
     let Some(beacon) = &epoch.commitment.beacon else { bail!("the epoch {name:?} is bound to no beacon") };
+    if epoch.pool.is_none() && now_ms() < beacon.emitted_at_ms() {
+        bail!("round {} of the beacon is due at {}, which is not yet", beacon.round, rfc3339(beacon.emitted_at_ms()));
+    }
+    let elsewhere = || {
+        format!(
+            "cannot get the round; where there is a way out, save /{}/public/{} of a server of the beacon, and give it with --from FILE",
+            beacon.chain_hash, beacon.round
+        )
+    };
     let round = if from.starts_with("http://") || from.starts_with("https://") {
-        fetch_round(from, beacon).await?
+        fetch_round(from, beacon).await.with_context(elsewhere)?
     } else {
-        let text = std::fs::read(from).with_context(|| format!("--from: {from}"))?;
-        serde_json::from_slice(&text).with_context(|| format!("--from: {from}"))?
+        let text = std::fs::read(from).with_context(|| format!("--from: {from:?}"))?;
+        let what = || {
+            format!(
+                "--from: {from:?}: expected a round as the beacon's servers publish it, with \"round\" and \"signature\""
+            )
+        };
+        serde_json::from_slice(&text).with_context(what)?
     };
     let pool = publish_pool(store, &epoch, &round, now_ms()).await?;
     println!("{}", serde_json::to_string_pretty(&pool)?);
@@ -285,7 +307,12 @@ async fn list(store: &Store) -> anyhow::Result<()> {
             epoch.commitment.specifications,
             epoch.released_bits,
             epoch.rules.budget_bits,
-            epoch.closed.as_ref().map_or_else(String::new, |(_, reason)| format!("  closed: {reason}")),
+            epoch.closed.as_ref().map_or_else(
+                || epoch
+                    .lacks_round(now_ms())
+                    .map_or_else(String::new, |round| format!("  round {round} of its beacon is missing")),
+                |(_, reason)| format!("  closed: {reason}")
+            ),
         );
     }
     Ok(())

@@ -1,5 +1,6 @@
 //! The command line: the commands, their arguments and what they do.
 
+pub mod archive;
 pub mod build;
 pub mod conformance;
 pub mod copies;
@@ -74,14 +75,21 @@ pub enum Command {
     /// Announce, list and close epochs of hidden evaluation.
     Epochs(epochs::EpochsArgs),
     /// Follow the transparency log of a service, check that it only grows, and cosign its checkpoints; exit 1 if it is not
-    /// what it was.
+    /// what it was, 2 if that cannot be told.
     Witness(witness::WitnessArgs),
-    /// Check the proof of a draw of hidden instances against the commitment of its epoch.
+    /// Check the proof of a draw of hidden instances against the commitment of its epoch; exit 1 if it does not hold, 2 if that
+    /// cannot be told.
     VerifyDraw(verify_draw::VerifyDrawArgs),
     /// Verify the reveal of a closed epoch by recomputing its specifications, draws and grades from its key; exit 1 if
-    /// anything does not match.
+    /// anything does not match, 2 if that cannot be told.
     VerifyEpoch(verify_epoch::VerifyEpochArgs),
-    /// Verify signed receipts and the log that chains them; exit 1 if anything does not verify.
+    /// Download everything that a closed epoch published as one file, which can be verified when the service is gone.
+    ArchiveEpoch(archive::ArchiveArgs),
+    /// Verify the archive of an epoch as verify-epoch does, with the transparency log and its witnesses; exit 1 if anything does not
+    /// match, 2 if that cannot be told.
+    VerifyArchive(archive::VerifyArchiveArgs),
+    /// Verify signed receipts and the log that chains them; exit 1 if anything does not verify, 2 if that
+    /// cannot be told.
     VerifyReceipt(receipts::VerifyReceiptArgs),
     /// Bring a database's schema up to date, after making a copy.
     Migrate(database::MigrateArgs),
@@ -107,6 +115,20 @@ impl Command {
     #[must_use]
     pub const fn outlives_its_readers(&self) -> bool {
         matches!(self, Self::Serve(_) | Self::Work(_) | Self::Submit(_) | Self::Replay(_) | Self::RunActionCode)
+    }
+
+    /// Returns the exit code of a command that fails. Commands that verify exit with 1 for what does not hold, so that it can be told
+    /// from what could not be checked.
+    #[must_use]
+    pub const fn failure(&self) -> u8 {
+        match self {
+            Self::Witness(_)
+            | Self::VerifyDraw(_)
+            | Self::VerifyEpoch(_)
+            | Self::VerifyArchive(_)
+            | Self::VerifyReceipt(_) => 2,
+            _ => 1,
+        }
     }
 
     /// Returns whether log lines, and so the final error message, are JSON.
@@ -141,6 +163,8 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Witness(args) => witness::run(&args),
         Command::VerifyDraw(args) => verify_draw::run(&args),
         Command::VerifyEpoch(args) => verify_epoch::run(&args),
+        Command::ArchiveEpoch(args) => archive::run(&args),
+        Command::VerifyArchive(args) => archive::verify(&args),
         Command::VerifyReceipt(args) => receipts::run(&args),
         Command::Migrate(args) => database::migrate(&args),
         Command::Backup(args) => copies::back_up(&args),

@@ -6,12 +6,17 @@ use std::process::ExitCode;
 use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::Value;
+use sha2::{Digest as _, Sha256};
 
+use super::verify_epoch::read_given;
 use crate::near::{agreeing, counted};
+use plumbline_engine::hidden::canonical::{canonical_json, unhex};
+use plumbline_engine::hidden::evidence::GivenReceipt;
 use plumbline_engine::hidden::receipts::{
-    LogHead, LogPage, ReceiptFault, ReceiptFile, verify, verify_chain, verify_end, verify_keys,
+    LogHead, LogPage, ReceiptFault, ReceiptFile, verify, verify_chain, verify_end, verify_keys, verify_signature,
 };
 use plumbline_engine::hidden::tlog::note::Checkpoint;
+use plumbline_engine::tasks::hex;
 
 /// Arguments of `verify-receipt`.
 #[derive(Debug, Args)]
@@ -21,7 +26,7 @@ pub struct VerifyReceiptArgs {
     files: Vec<PathBuf>,
     /// Public key to trust, in hex: `public_key` in `/.well-known/plumbline-receipts.json`. If the key changed, give
     /// every key.
-    #[arg(long = "key", required = true, value_name = "HEX")]
+    #[arg(long = "key", required = true, value_name = "HEX", value_parser = key)]
     keys: Vec<String>,
     /// Accept pages that do not reach the signed end of the log, and receipts whose position in it is not signed.
     /// Receipts that were cut off or moved are then not detected.
@@ -29,10 +34,18 @@ pub struct VerifyReceiptArgs {
     part: bool,
 }
 
+/// Parses a public key.
+fn key(text: &str) -> Result<String, &'static str> {
+    let is_key = unhex::<32>(text.trim()).is_some();
+    is_key.then(|| text.trim().to_ascii_lowercase()).ok_or("expected 64 hexadecimal digits")
+}
+
 /// Contents of the files.
 #[derive(Default)]
 struct Given {
     alone: Vec<ReceiptFile>,
+    /// Receipts of hidden evaluation, as they were handed out before the log has them.
+    handed: Vec<GivenReceipt>,
     log: Vec<ReceiptFile>,
     heads: Vec<LogHead>,
 }
@@ -42,6 +55,12 @@ impl Given {
         let place = || path.display().to_string();
         let text = std::fs::read(path).with_context(place)?;
         let value: Value = serde_json::from_slice(&text).with_context(place)?;
+        if value.get("receipts").is_none() && value.get("seq").is_none() {
+            let told =
+                || format!("{}: expected a receipt, a page of the log, or a response with a receipt", path.display());
+            self.handed.push(read_given(&value).with_context(told)?);
+            return Ok(());
+        }
         if value.get("receipts").is_none() {
             self.alone.push(serde_json::from_value(value).with_context(place)?);
             return Ok(());
@@ -85,10 +104,10 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
     // Pages of the log form one chain without gaps.
     chains.push(log.iter().collect());
     let all: Vec<&ReceiptFile> = chains.concat();
-    if all.is_empty() && given.heads.is_empty() {
+    if all.is_empty() && given.heads.is_empty() && given.handed.is_empty() {
         bail!("no receipts in these files");
     }
-    let trusted: Vec<&str> = args.keys.iter().map(|key| key.trim()).collect();
+    let trusted: Vec<&str> = args.keys.iter().map(String::as_str).collect();
     let mut is_good = true;
     let mut withheld = 0;
     for receipt in &all {
@@ -100,6 +119,22 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
                 println!("BROKEN  receipt {}: {fault}", receipt.seq);
             }
         }
+    }
+    for handed in &given.handed {
+        let hash = hex(&Sha256::digest(canonical_json(&handed.receipt)));
+        let is_own = hash == handed.hash && trusted.contains(&handed.public_key.as_str());
+        if is_own && verify_signature(&handed.receipt, &handed.public_key, &handed.signature).is_ok() {
+            println!(
+                "NOTE    receipt {}…: is signed; the log has it by its hash from the next full minute on",
+                &hash[..12]
+            );
+        } else {
+            is_good = false;
+            println!("BROKEN  receipt {}…: its hash, its key or its signature does not verify", &hash[..12]);
+        }
+    }
+    for alone in given.alone.iter().filter(|receipt| receipt.inclusion.is_none()) {
+        println!("NOTE    receipt {}: has no proof of inclusion, so whether the log has it was not checked", alone.seq);
     }
     for alone in given.alone.iter().filter(|receipt| receipt.inclusion.is_some()) {
         match alone.verify_inclusion(&trusted) {
@@ -126,7 +161,7 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
             println!("BROKEN  receipt {}: the log has a different receipt at this position", alone.seq);
         }
     }
-    let has_log = given.alone.len() < args.files.len();
+    let has_log = given.alone.len() + given.handed.len() < args.files.len();
     for fault in given.places(&trusted, has_log).iter().filter(|_| !args.part) {
         is_good = false;
         println!("BROKEN  {fault}");
@@ -142,6 +177,6 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
         }
     }
     let chain = if log.is_empty() { "" } else { ", each log entry linked to the one before" };
-    println!("{}{chain}; {withheld} of them not released yet", counted(all.len(), "receipt"));
+    println!("{}{chain}; {withheld} of them not released yet", counted(all.len() + given.handed.len(), "receipt"));
     Ok(if is_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -8,6 +8,7 @@ use clap::builder::BoolishValueParser;
 
 use super::database::{DatabaseArgs, NoticeArgs};
 use super::process::{processors, run_until_stopped};
+use super::witness::witness_key;
 use crate::app::access::Openness;
 use crate::app::limits::LIMITS;
 use crate::app::webhooks::WebhookSettings;
@@ -58,7 +59,7 @@ pub struct ServeArgs {
     beacon_url: Option<String>,
     /// Key of a witness of the transparency log, as `plumbline witness --name` prints it, whose cosignatures are taken and shown.
     /// May be given more than once.
-    #[arg(long = "witness", env = "PLUMBLINE_WITNESSES", value_delimiter = ',', value_name = "KEY", value_parser = witness)]
+    #[arg(long = "witness", env = "PLUMBLINE_WITNESSES", value_delimiter = ',', value_name = "KEY", value_parser = witness_key)]
     witnesses: Vec<Witness>,
     /// Memory in MiB to cache results of /v1/grade for the same log and task; 0 disables the cache.
     #[arg(long, env = "PLUMBLINE_GRADE_CACHE_MIB", default_value_t = LIMITS.grade_cache_bytes >> 20, value_name = "MIB")]
@@ -174,9 +175,4 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
         let key = if args.open { None } else { Some(app.demo_key().await?) };
         Ok(Some(tokio::spawn(super::demo::run(format!("http://{}", app.address), key))))
     })
-}
-
-/// Parses the key of a witness.
-fn witness(text: &str) -> Result<Witness, &'static str> {
-    Witness::read(text).ok_or("expected the key of a witness as `plumbline witness --name` prints it: name+id+key")
 }

@@ -36,10 +36,16 @@ pub fn run(args: &VerifyDrawArgs) -> anyhow::Result<ExitCode> {
     };
     let (response, epoch) = (read(&args.draw)?, read(&args.commitment)?);
     let draw = response.get("draw").cloned().unwrap_or(response);
-    let not_a_draw = || format!("{}: has no proof of a draw", args.draw.display());
+    let not_a_draw = || {
+        format!(
+            "{}: has no proof of a draw; expected the response to POST /v1/entries/ID/instances",
+            args.draw.display()
+        )
+    };
     let draw: DrawProof = serde_json::from_value(draw).with_context(not_a_draw)?;
     let commitment = epoch.get("commitment").cloned().unwrap_or(epoch);
-    let not_an_epoch = || format!("{}: is no epoch", args.commitment.display());
+    let not_an_epoch =
+        || format!("{}: is no epoch; expected the response to GET /v1/epochs/NAME", args.commitment.display());
     let commitment: Commitment = serde_json::from_value(commitment).with_context(not_an_epoch)?;
     let Some(key) = &commitment.draw_key else {
         bail!("the epoch {} committed to no key of draws: its draws are checked after the reveal", commitment.epoch);
@@ -62,7 +68,8 @@ pub fn run(args: &VerifyDrawArgs) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::FAILURE);
     }
     println!(
-        "run {} of entry {} was drawn as epoch {} committed to: neither side chose",
+        "what run {} of entry {} draws with is as epoch {} committed to: neither side chose it. Which instances that gives is checked \
+         after the reveal",
         draw.run, draw.entry, draw.epoch
     );
     Ok(ExitCode::SUCCESS)

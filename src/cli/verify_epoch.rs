@@ -28,8 +28,8 @@ pub struct VerifyEpochArgs {
     /// its own copy of the commitment.
     #[arg(long, value_name = "FILE")]
     commitment: Option<PathBuf>,
-    /// Pages of the public log (`GET /v1/receipts`), from the first to the last. Pages saved earlier show whether the
-    /// log was rewritten.
+    /// Pages of the public log (`GET /v1/receipts`), from the first to the last. Pages saved earlier, given beside them, show whether
+    /// the log was rewritten.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     receipts: Vec<PathBuf>,
     /// Responses of the service that contain a receipt, to the registration of an entry or the answer to an instance.
@@ -43,7 +43,7 @@ pub struct VerifyEpochArgs {
     keys: Vec<String>,
 }
 
-fn read_json(path: &Path) -> anyhow::Result<Value> {
+pub(super) fn read_json(path: &Path) -> anyhow::Result<Value> {
     let text = std::fs::read(path).with_context(|| path.display().to_string())?;
     serde_json::from_slice(&text).with_context(|| path.display().to_string())
 }
@@ -58,9 +58,14 @@ fn read_values(path: &Path) -> anyhow::Result<Vec<Value>> {
 /// Reads answers, one JSON object per line with the instance and its log.
 fn read_answers(path: &Path) -> anyhow::Result<BTreeMap<String, BlockLog>> {
     let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    answers_in(&text, &path.display().to_string())
+}
+
+/// Reads answers, one JSON object per line with the instance and its log; `name` says where they are from.
+pub(super) fn answers_in(text: &str, name: &str) -> anyhow::Result<BTreeMap<String, BlockLog>> {
     let mut logs = BTreeMap::new();
     for (number, line) in (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty()) {
-        let place = || format!("{}: line {number}", path.display());
+        let place = || format!("{name}: line {number}");
         let answer: Value = serde_json::from_str(line).with_context(place)?;
         let instance = answer["instance"].as_str().with_context(place)?.to_owned();
         let log = BlockLog::from_canonical_json(answer["log"].to_string().as_bytes());
@@ -73,21 +78,24 @@ fn read_answers(path: &Path) -> anyhow::Result<BTreeMap<String, BlockLog>> {
 }
 
 /// Reads a receipt as the service returned it: alone, or inside the response to the step that it confirms.
-fn read_given(value: &Value) -> Option<GivenReceipt> {
+pub(super) fn read_given(value: &Value) -> Option<GivenReceipt> {
     let inner = value.get("receipt").filter(|inner| inner.get("signature").is_some());
     serde_json::from_value(inner.unwrap_or(value).clone()).ok()
+}
+
+/// Takes the commitment, and the pool if it has one, from an epoch as it was published, or from a commitment alone.
+pub(super) fn take_epoch(kept: &mut Kept, epoch: Value) -> anyhow::Result<()> {
+    let pool = epoch.get("pool").filter(|pool| !pool.is_null()).cloned();
+    kept.pool = pool.map(serde_json::from_value).transpose()?;
+    let commitment: Commitment = serde_json::from_value(epoch.get("commitment").cloned().unwrap_or(epoch))?;
+    kept.commitment = Some(commitment);
+    Ok(())
 }
 
 fn read_kept(args: &VerifyEpochArgs) -> anyhow::Result<Kept> {
     let mut kept = Kept { keys: args.keys.iter().map(|key| key.trim().to_owned()).collect(), ..Kept::default() };
     if let Some(path) = &args.commitment {
-        let value = read_json(path)?;
-        let pool = value.get("pool").filter(|pool| !pool.is_null()).cloned();
-        kept.pool = pool.map(serde_json::from_value).transpose().with_context(|| path.display().to_string())?;
-        // Either the epoch document or the commitment alone.
-        let commitment: Value = value.get("commitment").cloned().unwrap_or(value);
-        let commitment: Commitment = serde_json::from_value(commitment).with_context(|| path.display().to_string())?;
-        kept.commitment = Some(commitment);
+        take_epoch(&mut kept, read_json(path)?).with_context(|| path.display().to_string())?;
     }
     kept.logs = args.answers.as_deref().map(read_answers).transpose()?;
     for path in &args.receipts {
@@ -114,10 +122,19 @@ fn read_kept(args: &VerifyEpochArgs) -> anyhow::Result<Kept> {
 /// # Errors
 /// Returns an error if a file cannot be read or parsed.
 pub fn run(args: &VerifyEpochArgs) -> anyhow::Result<ExitCode> {
-    let place = || args.reveal.display().to_string();
+    let place = || format!("{}: expected the response to GET /v1/epochs/NAME/reveal", args.reveal.display());
     let reveal: Reveal = serde_json::from_value(read_json(&args.reveal)?).with_context(place)?;
     let kept = read_kept(args)?;
-    let found = verify(&reveal, &kept)?;
+    let is_good = verified(&reveal, &kept)?;
+    Ok(if is_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// Verifies a reveal, and prints what was found. Returns whether nothing is broken.
+///
+/// # Errors
+/// Returns an error if this program's own families are faulty.
+pub(super) fn verified(reveal: &Reveal, kept: &Kept) -> anyhow::Result<bool> {
+    let found = verify(reveal, kept)?;
     let graded = reveal.instances.iter().filter(|instance| instance.log_sha256.is_some()).count();
     println!(
         "epoch {}: {} of {} specifications, {} of {} draws and {} of {graded} grades recomputed and identical",
@@ -149,5 +166,5 @@ pub fn run(args: &VerifyEpochArgs) -> anyhow::Result<ExitCode> {
     for breach in &found.breaches {
         println!("BROKEN  {breach}");
     }
-    Ok(if found.breaches.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(found.breaches.is_empty())
 }

@@ -13,7 +13,7 @@ use crate::clock::now_ms;
 use crate::store::secrets::Secrets;
 use plumbline_engine::hidden::canonical::Hash;
 use plumbline_engine::hidden::receipts::Signer;
-use plumbline_engine::hidden::tlog::cosignature::{cosignature, witness_key};
+use plumbline_engine::hidden::tlog::cosignature::{Witness, cosignature, witness_key as key_of};
 use plumbline_engine::hidden::tlog::frontier::Frontier;
 use plumbline_engine::hidden::tlog::note::{Checkpoint, read_verifier_key};
 use plumbline_engine::hidden::tlog::tiles::{TILE, TileName, read_entries};
@@ -31,11 +31,17 @@ pub struct WitnessArgs {
     #[arg(long, value_name = "KEY")]
     log_key: Option<String>,
     /// Name of the witness, such as `example.org/witness`, to cosign under. Its key is FILE.key, made the first time.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = witness_name)]
     name: Option<String>,
     /// Send the cosignature to the service too, which shows it if its operator knows the key of the witness.
     #[arg(long, requires = "name")]
     publish: bool,
+}
+
+/// Parses the name of a witness: it is part of a line, before a space, and of a key, before a plus.
+fn witness_name(text: &str) -> Result<String, &'static str> {
+    let is_name = !text.is_empty() && !text.contains(|c: char| c.is_whitespace() || c.is_control() || c == '+');
+    is_name.then(|| text.to_owned()).ok_or("expected a name without spaces and plus signs, such as example.org/witness")
 }
 
 /// What a witness has seen of a log.
@@ -64,10 +70,22 @@ async fn follow(args: &WitnessArgs) -> anyhow::Result<ExitCode> {
     let service = Service::at(&args.url, None)?;
     let note = String::from_utf8(service.get_bytes("/log/checkpoint").await?).context("the checkpoint is not text")?;
     let Some(checkpoint) = Checkpoint::verified(&note, &[&key]).filter(|checkpoint| checkpoint.origin == origin) else {
-        println!("BROKEN  the checkpoint is not signed with the key of {origin}:\n{note}");
+        println!(
+            "BROKEN  the checkpoint is not signed with the key of {origin}; does --log-key come from /log/key of this service?\n{note}"
+        );
         return Ok(ExitCode::FAILURE);
     };
     let before = seen.frontier.size();
+    if before > 0 {
+        // Only a state that its own signed note proves can accuse the service.
+        let own = seen.note.as_deref().and_then(|note| Checkpoint::verified(note, &[&key]));
+        if own.is_none_or(|own| own.size != before || own.root != seen.frontier.root()) {
+            bail!(
+                "--state: {} is damaged: what it keeps of the log is not what its signed checkpoint says; put a copy of it back",
+                args.state.display()
+            );
+        }
+    }
     if checkpoint.size < before {
         return Ok(other_history(&seen, &note, "it is shorter than the one seen before"));
     }
@@ -80,17 +98,20 @@ async fn follow(args: &WitnessArgs) -> anyhow::Result<ExitCode> {
     if grown.root() != checkpoint.root {
         return Ok(other_history(&seen, &note, "its entries do not follow those seen before"));
     }
-    eprintln!(
-        "{origin}: {} entries, {} of them new; the earlier ones are as they were",
-        checkpoint.size,
-        checkpoint.size - before
-    );
+    match before {
+        0 => eprintln!("{origin}: {} entries, seen for the first time", checkpoint.size),
+        _ => eprintln!(
+            "{origin}: {} entries, {} of them new; the earlier ones are as they were",
+            checkpoint.size,
+            checkpoint.size - before
+        ),
+    }
     (seen.frontier, seen.note) = (grown, Some(note.clone()));
     keep(&args.state, &seen)?;
     print!("{note}");
     if let Some(name) = &args.name {
         let signer = own_key(&args.state)?;
-        eprintln!("cosigned as {}", witness_key(name, &signer));
+        eprintln!("cosigned as {}", key_of(name, &signer));
         let at_s = u64::try_from(now_ms() / 1_000).context("the clock is before 1970")?;
         let line = cosignature(name, &signer, &checkpoint, at_s);
         print!("{line}");
@@ -106,7 +127,8 @@ async fn follow(args: &WitnessArgs) -> anyhow::Result<ExitCode> {
 fn remembered(args: &WitnessArgs) -> anyhow::Result<Seen> {
     let place = || args.state.display().to_string();
     let seen: Seen = match std::fs::read(&args.state) {
-        Ok(text) => serde_json::from_slice(&text).with_context(place)?,
+        Ok(text) => serde_json::from_slice(&text)
+            .with_context(|| format!("--state: {} is not what `plumbline witness` writes", args.state.display()))?,
         Err(error) if error.kind() == ErrorKind::NotFound => {
             let log_key =
                 args.log_key.clone().context("--log-key: needed the first time, when nothing was seen yet")?;
@@ -125,7 +147,7 @@ fn keep(state: &Path, seen: &Seen) -> anyhow::Result<()> {
     let mut name = state.as_os_str().to_owned();
     name.push(".new");
     let fresh = PathBuf::from(name);
-    let place = || fresh.display().to_string();
+    let place = || format!("--state: cannot write {}", fresh.display());
     let mut file = std::fs::File::create(&fresh).with_context(place)?;
     serde_json::to_writer_pretty(&mut file, seen)?;
     file.sync_all().with_context(place)?;
@@ -163,6 +185,11 @@ fn own_key(state: &Path) -> anyhow::Result<Signer> {
 }
 
 /// Returns the folder of a file.
-fn folder_of(file: &Path) -> &Path {
+pub(super) fn folder_of(file: &Path) -> &Path {
     file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Parses the key of a witness.
+pub(super) fn witness_key(text: &str) -> Result<Witness, &'static str> {
+    Witness::read(text).ok_or("expected the key of a witness as `plumbline witness --name` prints it: name+id+key")
 }

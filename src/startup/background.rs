@@ -13,6 +13,7 @@ use crate::client::fetch_round;
 use crate::clock::now_ms;
 use crate::http::middleware::rates::Rates;
 use crate::store::Store;
+use crate::store::epochs::EpochRow;
 
 /// Task that one node does for all: settling epochs and publishing what they came to.
 const HIDDEN: &str = "hidden evaluation";
@@ -108,32 +109,45 @@ pub(super) async fn keep_hidden(store: Store, every: Duration, stop: Cancellatio
 }
 
 /// Fetches the rounds that epochs are bound to from a server of the beacon, as soon as they are emitted, and makes their pools.
-pub(super) async fn follow_beacons(store: Store, server: String, stop: CancellationToken) {
+/// Without a server, says which rounds are missing.
+pub(super) async fn follow_beacons(store: Store, server: Option<String>, stop: CancellationToken) {
     const LOOK: Duration = Duration::from_secs(1);
-    // A server that fails is asked again later.
+    // A server that fails is asked again later, and what is missing is said again.
     const AFTER_FAILURE: Duration = Duration::from_secs(10);
+    const SAID: Duration = Duration::from_mins(1);
     let mut pause = LOOK;
     while stop.run_until_cancelled(tokio::time::sleep(pause)).await.is_some() {
-        pause = match bring_rounds(&store, &server).await {
-            Ok(()) => LOOK,
-            Err(error) => {
-                tracing::warn!(%error, server, "could not make the pool of an epoch from its beacon's round");
-                AFTER_FAILURE
+        pause = LOOK;
+        let lacking = store.epochs().await.unwrap_or_default();
+        for (epoch, round) in lacking.iter().filter_map(|epoch| Some((epoch, epoch.lacks_round(now_ms())?))) {
+            let Some(server) = &server else {
+                tracing::warn!(
+                    epoch = epoch.id(),
+                    round,
+                    "the round of the beacon is due, so draws wait for it: bring it with `plumbline epochs beacon`, or start with --beacon-url"
+                );
+                pause = SAID;
+                continue;
+            };
+            match bring_round(&store, server, epoch).await {
+                Ok(root) => tracing::info!(epoch = epoch.id(), round, root, "made the pool of an epoch"),
+                Err(error) => {
+                    tracing::warn!(
+                        epoch = epoch.id(),
+                        round,
+                        server,
+                        error = format!("{error:#}"),
+                        "could not make the pool of an epoch"
+                    );
+                    pause = AFTER_FAILURE;
+                }
             }
-        };
+        }
     }
 }
 
-async fn bring_rounds(store: &Store, server: &str) -> anyhow::Result<()> {
-    let now = now_ms();
-    for epoch in store.epochs().await? {
-        let Some(beacon) = &epoch.commitment.beacon else { continue };
-        if epoch.pool.is_some() || epoch.is_over(now) || now < beacon.emitted_at_ms() {
-            continue;
-        }
-        let round = fetch_round(server, beacon).await?;
-        let pool = publish_pool(store, &epoch, &round, now_ms()).await?;
-        tracing::info!(epoch = epoch.id(), round = pool.round, root = pool.root, "made the pool of an epoch");
-    }
-    Ok(())
+async fn bring_round(store: &Store, server: &str, epoch: &EpochRow) -> anyhow::Result<String> {
+    let beacon = epoch.commitment.beacon.as_ref().expect("an epoch that lacks a round is bound to a beacon");
+    let round = fetch_round(server, beacon).await?;
+    Ok(publish_pool(store, epoch, &round, now_ms()).await?.root)
 }

@@ -160,9 +160,7 @@ impl RunningService {
         crate::telemetry::describe_metrics();
         if signer.is_some() && config.role != Role::GradeOnly {
             tokio::spawn(background::keep_hidden(store.clone(), config.hidden_publish, stop.clone()));
-            if let Some(server) = config.beacon_url.clone() {
-                tokio::spawn(background::follow_beacons(store.clone(), server, stop.clone()));
-            }
+            tokio::spawn(background::follow_beacons(store.clone(), config.beacon_url.clone(), stop.clone()));
         }
         let actions = Pool::new(config.cores, ACTION_LIMITS);
         if config.role != Role::WorkOnly {

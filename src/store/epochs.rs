@@ -84,6 +84,13 @@ impl EpochRow {
         now_ms >= self.commitment.opens_at_ms && !self.is_over(now_ms)
     }
 
+    /// Returns the number of the beacon's round that is due, but nobody has brought; `None` if there is none.
+    #[must_use]
+    pub fn lacks_round(&self, now_ms: i64) -> Option<u64> {
+        let beacon = self.commitment.beacon.as_ref().filter(|_| self.pool.is_none() && !self.is_over(now_ms))?;
+        (now_ms >= beacon.emitted_at_ms()).then_some(beacon.round)
+    }
+
     /// Returns the state: `committed`, `open` or `closed`.
     #[must_use]
     pub fn state(&self, now_ms: i64) -> &'static str {
@@ -210,7 +217,7 @@ impl Store {
         .bind(rules.reservation_ms)
         .execute(&mut tx)
         .await?;
-        let fact = EpochFact { commitment: commitment.clone(), committed_at_ms: now_ms };
+        let fact = EpochFact { commitment: Box::new(commitment.clone()), committed_at_ms: now_ms };
         announce(&mut tx, &signer, &Announcement::Epoch(fact)).await?;
         commit(tx, "create_epoch").await?;
         Ok(true)

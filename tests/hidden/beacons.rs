@@ -1,6 +1,7 @@
 //! Epochs whose pool is bound to a public randomness beacon: nobody knows a specification before the round.
 
-use crate::support::beacon::{CHAIN_HASH, info, round};
+use crate::support::beacon::{chain_hash, info, round};
+use crate::support::database::named;
 use crate::support::epoch::{CONFIGURATION, Scene, id, run, said};
 use axum::Router;
 use axum::extract::Path;
@@ -45,6 +46,8 @@ async fn a_pool_is_made_from_the_committed_round_and_no_other() {
     scene.refused("", "/v1/epochs/autumn/beacon", &round(number), "round-not-due").await;
     scene.set_clock(OPENS_IN_MS + 5_000);
     scene.refused(&lab, &format!("/v1/entries/{entry}/instances"), &draw, "no-pool").await;
+    let page = scene.service.get("/epochs/autumn").await.text;
+    assert!(page.contains(&format!("/public/{number}")) && page.contains("not the public one"), "{page}");
     let new = json!({ "agent": "late", "configuration_sha256": CONFIGURATION, "tier": "official", "runs": 1 });
     scene.refused(&lab, "/v1/epochs/autumn/entries", &new, "registration-over").await;
     scene.register(&lab, "dev", 1).await;
@@ -90,7 +93,7 @@ async fn a_pool_is_made_from_the_committed_round_and_no_other() {
     assert!(!scene.draw(&lab, &entry, 2).await.is_empty());
     assert!(scene.file("p.db.secrets/epoch-autumn.pool.json").exists());
     let page = scene.service.get("/epochs/autumn").await.text;
-    assert!(page.contains(CHAIN_HASH) && page.contains(pool["root"].as_str().unwrap()), "{page}");
+    assert!(page.contains(&chain_hash()) && page.contains(pool["root"].as_str().unwrap()), "{page}");
 }
 
 #[tokio::test]
@@ -98,6 +101,7 @@ async fn an_epoch_whose_round_never_came_is_revealed_without_a_pool() {
     let scene = bound_scene(&[]);
     let lab = scene.key("lab");
     scene.register(&lab, "official", 1).await;
+    scene.register(&lab, "dev", 1).await;
     std::fs::write(scene.file("kept.json"), epoch(&scene).await.to_string()).unwrap();
     let number = committed_round(&epoch(&scene).await);
     scene.end_epoch().await;
@@ -106,13 +110,20 @@ async fn an_epoch_whose_round_never_came_is_revealed_without_a_pool() {
     std::fs::write(scene.file("reveal.json"), &reveal).unwrap();
     let [reveal, kept] = ["reveal.json", "kept.json"].map(|name| scene.file(name).to_str().unwrap().to_owned());
     let verified = run(&["verify-epoch", &reveal, "--commitment", &kept], None);
-    assert!(verified.status.success(), "{}", said(&verified));
+    assert!(verified.status.success() && said(&verified).contains("nothing was drawn"), "{}", said(&verified));
+    // Nobody could draw, so nobody failed.
+    for tier in ["official", "dev"] {
+        let board = scene.service.get(&format!("/v1/epochs/autumn/leaderboard?tier={tier}")).await.json();
+        assert_eq!((&board["is_released"], &board["rows"]), (&json!(true), &json!([])), "{board}");
+    }
+    let page = scene.service.get("/epochs/autumn").await.text;
+    assert!(page.contains("nobody brought the round"), "{page}");
 }
 
 #[tokio::test]
 async fn the_service_fetches_the_round_itself_and_the_command_takes_a_file() {
     let answer = async |Path((chain, number)): Path<(String, u64)>| {
-        assert_eq!(chain, CHAIN_HASH);
+        assert_eq!(chain, chain_hash());
         round(number).to_string()
     };
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
@@ -127,18 +138,31 @@ async fn the_service_fetches_the_round_itself_and_the_command_takes_a_file() {
     scene.set_clock(OPENS_IN_MS + 5_000);
     scene.service.wait_for("/v1/epochs/autumn", |found| !found["pool"].is_null()).await;
 
-    // The command compares with the same time as everybody, so an epoch that is not open yet gets no pool.
+    // The command has a clock of its own.
     let other = bound_scene(&[]);
     let number = committed_round(&epoch(&other).await);
     std::fs::write(other.file("round.json"), round(number).to_string()).unwrap();
-    let from = other.file("round.json").to_str().unwrap().to_owned();
-    let database = other.file("p.db");
-    let early = run(&["epochs", "beacon", "autumn", "--from", &from], Some(&database));
-    assert!(!early.status.success() && said(&early).contains("not yet"), "{}", said(&early));
-    let missing = run(&["epochs", "beacon", "autumn", "--from", "nowhere.json"], Some(&database));
-    assert!(said(&missing).contains("--from: nowhere.json"), "{}", said(&missing));
-    let unknown = run(&["epochs", "beacon", "winter"], Some(&database));
-    assert!(said(&unknown).contains("there is no epoch"), "{}", said(&unknown));
+    std::fs::write(other.file("page.html"), "<!doctype html>").unwrap();
+    let epochs = |arguments: &[&str]| {
+        let mut command = std::process::Command::new(crate::support::PROGRAM);
+        command.env("PLUMBLINE_TEST_CLOCK", other.file("clock")).current_dir(other.folder.path()).arg("epochs");
+        said(&command.args(arguments).args(named(&other.file("p.db"))).output().unwrap())
+    };
+    assert!(epochs(&["beacon", "autumn", "--from", "round.json"]).contains("not yet"));
+    other.set_clock(OPENS_IN_MS + 5_000);
+    let listed = epochs(&["list"]);
+    assert!(listed.contains(&format!("round {number} of its beacon is missing")), "{listed}");
+    let closed = "http://127.0.0.1:9";
+    for (from, told) in
+        [("nowhere", "--from"), ("page.html", "expected a round"), ("", "--from"), (closed, "--from FILE")]
+    {
+        let refused = epochs(&["beacon", "autumn", "--from", from]);
+        assert!(refused.contains(told), "{from:?}: {refused}");
+    }
+    assert!(epochs(&["beacon", "winter"]).contains("there is no epoch"));
+    let made = epochs(&["beacon", "autumn", "--from", "round.json"]);
+    let pool = epoch(&other).await["pool"].clone();
+    assert!(made.contains(pool["root"].as_str().unwrap()), "{made}");
 }
 
 #[test]

@@ -189,6 +189,23 @@ async fn two_histories_are_found_by_whoever_saw_the_other() {
             "{told}"
         );
     }
+    // A damaged state accuses nobody, and a name cannot write lines of its own.
+    let kept = std::fs::read_to_string(folder.path().join("one")).unwrap();
+    for damaged in [
+        kept.replacen("\"roots\": [\n      \"", "\"roots\": [\n      \"00", 1),
+        kept.replace("\"note\": \"plumbline", "\"note\": \"x"),
+        "{}".to_owned(),
+    ] {
+        assert_ne!(damaged, kept);
+        std::fs::write(folder.path().join("damaged"), damaged).unwrap();
+        let output = witness("damaged", &services[0].url, &[]);
+        assert_eq!(output.status.code(), Some(2), "could not be told");
+        let told = refused(&output);
+        assert!(!told.contains("BROKEN") && told.contains("--state"), "{told}");
+    }
+    for name in ["", "two words", "a\n— evil AAAA", "a+b"] {
+        assert!(refused(&witness("three", &services[0].url, &["--log-key", &key, "--name", name])).contains("--name"));
+    }
     // Each still follows its own.
     succeeded(&witness("one", &services[0].url, &[]));
     succeeded(&witness("two", &services[1].url, &[]));

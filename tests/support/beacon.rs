@@ -10,18 +10,29 @@ use sha2::{Digest as _, Sha256};
 const DOMAIN: &[u8] = b"BLS_SIG_BLS12381G1_XMD:SHA-256_SSWU_RO_NUL_";
 /// Secret key of the chain; a real one is shared by servers that do not trust each other.
 const SECRET: u64 = 0x706c_756d_626c_696e;
-/// Hash that names the chain.
-pub const CHAIN_HASH: &str = "70e5a1b1c0ffee00112233445566778899aabbccddeeff00112233445566aa55";
+/// Seed of the group, which no test needs to be real.
+const SEED: [u8; 32] = [7; 32];
+const PERIOD: u32 = 3;
+const GENESIS: i64 = 1_600_000_000;
+
+fn key() -> [u8; 96] {
+    G2Affine::from(G2Affine::generator() * Scalar::from(SECRET)).to_compressed()
+}
+
+/// Returns the hash that names the chain.
+pub fn chain_hash() -> String {
+    let facts = Sha256::new().chain_update(PERIOD.to_be_bytes()).chain_update(GENESIS.to_be_bytes());
+    hex(&facts.chain_update(key()).chain_update(SEED).chain_update("test").finalize())
+}
 
 /// Returns what servers say of the chain.
 pub fn info() -> Value {
-    let key = G2Affine::from(G2Affine::generator() * Scalar::from(SECRET));
     json!({
-        "public_key": hex(&key.to_compressed()),
-        "period": 3,
-        "genesis_time": 1_600_000_000,
-        "hash": CHAIN_HASH,
-        "groupHash": "00",
+        "public_key": hex(&key()),
+        "period": PERIOD,
+        "genesis_time": GENESIS,
+        "hash": chain_hash(),
+        "groupHash": hex(&SEED),
         "schemeID": "bls-unchained-g1-rfc9380",
         "metadata": { "beaconID": "test" },
     })

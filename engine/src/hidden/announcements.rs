@@ -3,9 +3,9 @@
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use sha2::{Digest as _, Sha256};
 
 use super::beacon::BoundPool;
-use super::canonical::hash_of;
 use super::commitment::Commitment;
 use crate::tasks::hex;
 
@@ -25,7 +25,7 @@ pub enum Announcement {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EpochFact {
     /// The commitment.
-    pub commitment: Commitment,
+    pub commitment: Box<Commitment>,
     /// Time of the announcement, milliseconds since 1970.
     pub committed_at_ms: i64,
 }
@@ -38,7 +38,7 @@ pub struct BoardActionFact {
     pub run: String,
     /// Kind of the action.
     pub action: String,
-    /// SHA-256 of the reason that was given.
+    /// SHA-256 of the reason that was given, of its characters in UTF-8.
     pub reason_sha256: String,
     /// Time of the action, milliseconds since 1970.
     pub at_ms: i64,
@@ -48,7 +48,7 @@ impl BoardActionFact {
     /// Creates the entry for an action.
     #[must_use]
     pub fn of(run: &str, action: &str, reason: &str, at_ms: i64) -> Self {
-        Self { run: run.to_owned(), action: action.to_owned(), reason_sha256: hex(&hash_of(&reason)), at_ms }
+        Self { run: run.to_owned(), action: action.to_owned(), reason_sha256: hex(&Sha256::digest(reason)), at_ms }
     }
 }
 

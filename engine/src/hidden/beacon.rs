@@ -7,9 +7,11 @@
 
 use drand_verify::{G2PubkeyRfc, Pubkey as _, derive_randomness};
 use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
 
 use super::canonical::Hash;
 use super::secret::EpochKey;
+use crate::tasks::hex;
 
 /// Scheme of the chains that this program verifies.
 pub const SCHEME: &str = "bls-unchained-g1-rfc9380";
@@ -19,6 +21,8 @@ const QUICKNET: &str = "52db9ba70e0cc0f6eaf7803dd07447a1f5477735fd3f661792ba9460
 const QUICKNET_KEY: &str = "83cf0f2896adee7eb8b5f01fcad3912212c437e0073e911fb90022d3e760183c\
                             8c4b450b6a0a6c3ac6a5776a2d1064510d1fec758c921cc22b0e17e63aaf4bcb\
                             5ed66304de9cf809bd274ca73bab4af5a6e9c76a4bc09e76eae8991ef5ece45a";
+/// Hash of the group of servers that began quicknet.
+const QUICKNET_SEED: &str = "f477d5c89f21a17c863a7f937c6a6d15859414d2be09cd448d4279af331c5d3e";
 /// Time of the first round of quicknet, in seconds since 1970.
 const QUICKNET_GENESIS: i64 = 1_692_803_367;
 /// Seconds between two rounds of quicknet.
@@ -34,10 +38,25 @@ pub struct Chain {
     /// Time of the first round, in seconds since 1970.
     pub genesis_time: i64,
     /// Hash that identifies the chain.
+    #[serde(alias = "chain_hash")]
     pub hash: String,
+    /// Hash of the group of servers that began the chain.
+    #[serde(rename = "groupHash", alias = "genesis_seed")]
+    pub genesis_seed: String,
     /// Name of the scheme.
-    #[serde(rename = "schemeID")]
+    #[serde(rename = "schemeID", alias = "scheme")]
     pub scheme: String,
+    /// Facts that do not change its rounds.
+    #[serde(default)]
+    pub metadata: Metadata,
+}
+
+/// Facts about a chain that do not change its rounds.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
+pub struct Metadata {
+    /// Name of the chain among those of the same servers.
+    #[serde(rename = "beaconID", default)]
+    pub beacon_id: String,
 }
 
 /// The round of a chain that an epoch is bound to.
@@ -49,6 +68,11 @@ pub struct Beacon {
     /// Public key of the chain, in hex: scheme `bls-unchained-g1-rfc9380`.
     #[schema(pattern = "^[0-9a-f]{192}$")]
     pub public_key: String,
+    /// Hash of the group of servers that began the chain.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
+    pub genesis_seed: String,
+    /// Name of the chain among those of the same servers; the chain hash covers it with the other facts.
+    pub beacon_id: String,
     /// Time of the chain's first round, seconds since 1970.
     pub genesis_time: i64,
     /// Seconds between two rounds.
@@ -79,6 +103,9 @@ pub enum BeaconFault {
         /// The committed round.
         committed: u64,
     },
+    /// The hash of the chain is not that of its facts.
+    #[error("the chain hash {0} is not that of its key, times, group and name")]
+    OtherChain(String),
     /// The signature is no signature of the chain for the round.
     #[error("the signature is not that of round {round} of the chain {chain}")]
     BadSignature {
@@ -98,7 +125,9 @@ impl Chain {
             period: QUICKNET_PERIOD,
             genesis_time: QUICKNET_GENESIS,
             hash: QUICKNET.to_owned(),
+            genesis_seed: QUICKNET_SEED.to_owned(),
             scheme: SCHEME.to_owned(),
+            metadata: Metadata { beacon_id: "quicknet".to_owned() },
         }
     }
 
@@ -111,18 +140,27 @@ impl Chain {
             return Err(format!("the chain has the scheme {:?}: expected {SCHEME:?}", self.scheme));
         }
         let is_key = bytes(&self.public_key).is_some_and(|key| G2PubkeyRfc::from_variable(&key).is_ok());
-        if !is_key || self.period == 0 || bytes(&self.hash).is_none_or(|hash| hash.len() != size_of::<Hash>()) {
-            return Err("the chain has no valid public key, hash or period".to_owned());
+        if !is_key || self.period == 0 {
+            return Err("the chain has no valid public key or period".to_owned());
         }
         let since = (at_ms - self.genesis_time.saturating_mul(1_000)).max(0);
         let round = since.cast_unsigned().div_ceil(u64::from(self.period) * 1_000) + 1;
-        Ok(Beacon {
+        let beacon = Beacon {
             chain_hash: self.hash.to_ascii_lowercase(),
             public_key: self.public_key.to_ascii_lowercase(),
+            genesis_seed: self.genesis_seed.to_ascii_lowercase(),
+            beacon_id: self.metadata.beacon_id.clone(),
             genesis_time: self.genesis_time,
             period_seconds: self.period,
             round,
-        })
+        };
+        if !beacon.has_own_hash() {
+            return Err(BeaconFault::OtherChain(beacon.chain_hash).to_string());
+        }
+        if beacon.public_key == QUICKNET_KEY && !beacon.is_public() {
+            return Err("the chain has the key of quicknet, but other facts".to_owned());
+        }
+        Ok(beacon)
     }
 }
 
@@ -130,9 +168,21 @@ impl Beacon {
     /// Returns whether the chain is the public one of the League of Entropy.
     #[must_use]
     pub fn is_public(&self) -> bool {
-        let Chain { public_key, period, genesis_time, hash, .. } = Chain::quicknet();
-        (&self.chain_hash, &self.public_key) == (&hash, &public_key)
-            && (self.genesis_time, self.period_seconds) == (genesis_time, period)
+        self.chain_hash == QUICKNET && self.has_own_hash()
+    }
+
+    /// Returns whether the chain hash is that of the other facts, as drand computes it.
+    #[must_use]
+    pub fn has_own_hash(&self) -> bool {
+        let (Some(key), Some(seed)) = (bytes(&self.public_key), bytes(&self.genesis_seed)) else { return false };
+        let facts = Sha256::new()
+            .chain_update(self.period_seconds.to_be_bytes())
+            .chain_update(self.genesis_time.to_be_bytes())
+            .chain_update(key)
+            .chain_update(seed);
+        // The first chain had no name.
+        let name = if self.beacon_id == "default" { "" } else { &self.beacon_id };
+        hex(&facts.chain_update(name).finalize()) == self.chain_hash
     }
 
     /// Returns the time at which the round is emitted, in milliseconds since 1970.
@@ -150,6 +200,9 @@ impl Beacon {
     pub fn randomness(&self, round: &Round) -> Result<Hash, BeaconFault> {
         if round.round != self.round {
             return Err(BeaconFault::OtherRound { found: round.round, committed: self.round });
+        }
+        if !self.has_own_hash() {
+            return Err(BeaconFault::OtherChain(self.chain_hash.clone()));
         }
         let bad = || BeaconFault::BadSignature { round: self.round, chain: self.chain_hash.clone() };
         let (Some(key), Some(signature)) = (bytes(&self.public_key), bytes(&round.signature)) else {
@@ -207,10 +260,7 @@ fn bytes(text: &str) -> Option<Vec<u8>> {
 
 #[cfg(test)]
 mod tests {
-    use sha2::{Digest as _, Sha256};
-
     use super::*;
-    use crate::tasks::hex;
 
     /// Rounds of the public chain: 123 from the documentation of `drand-verify`.
     const ROUND_123: &str = "b75c69d0b72a5d906e854e808ba7e2accb1542ac355ae486d591aa9d43765482\
@@ -221,14 +271,29 @@ mod tests {
     }
 
     #[test]
-    fn the_hash_of_the_public_chain_is_that_of_its_facts() {
-        // As drand computes it: period, time, key, seed of the group and name.
-        let seed = bytes("f477d5c89f21a17c863a7f937c6a6d15859414d2be09cd448d4279af331c5d3e").unwrap();
-        let facts = Sha256::new().chain_update(QUICKNET_PERIOD.to_be_bytes());
-        let facts = facts.chain_update(QUICKNET_GENESIS.to_be_bytes()).chain_update(bytes(QUICKNET_KEY).unwrap());
-        let hash: Hash = facts.chain_update(seed).chain_update(b"quicknet").finalize().into();
-        assert_eq!(hex(&hash), QUICKNET);
-        assert!(quicknet(1).is_public() && !Beacon { genesis_time: 0, ..quicknet(1) }.is_public());
+    fn a_chain_hash_covers_all_facts() {
+        assert!(quicknet(1).is_public());
+        for changed in [
+            Beacon { genesis_time: 0, ..quicknet(1) },
+            Beacon { period_seconds: 30, ..quicknet(1) },
+            Beacon { beacon_id: "default".to_owned(), ..quicknet(1) },
+            Beacon { genesis_seed: QUICKNET.to_owned(), ..quicknet(1) },
+            Beacon { public_key: QUICKNET_KEY.replace('8', "9"), ..quicknet(1) },
+        ] {
+            assert!(!changed.is_public() && !changed.has_own_hash(), "{changed:?}");
+            assert!(matches!(
+                changed.randomness(&Round { round: 1, signature: ROUND_123.to_owned() }),
+                Err(BeaconFault::OtherChain(_))
+            ));
+        }
+        // The same servers at other times, with a hash that fits.
+        let mut moved = Chain { genesis_time: 0, ..Chain::quicknet() };
+        assert!(moved.first_round_from(0).unwrap_err().contains("chain hash"));
+        let beacon = Beacon { genesis_time: 0, ..quicknet(1) };
+        let facts = Sha256::new().chain_update(3_u32.to_be_bytes()).chain_update(0_i64.to_be_bytes());
+        let facts = facts.chain_update(bytes(QUICKNET_KEY).unwrap()).chain_update(bytes(QUICKNET_SEED).unwrap());
+        moved.hash = hex(&facts.chain_update(beacon.beacon_id).finalize());
+        assert!(moved.first_round_from(0).unwrap_err().contains("the key of quicknet"));
     }
 
     #[test]

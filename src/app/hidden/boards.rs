@@ -47,7 +47,9 @@ pub async fn board_of(app: &App, epoch: &EpochRow, tier: Tier) -> AppResult<Tier
         app.store.entries(epoch.id()).await?.into_iter().filter(|entry| entry.tier == tier).collect();
     let registered = entries.len();
     let mut rows = Vec::new();
-    if is_released {
+    // Nobody could draw from a pool that was never made.
+    let had_pool = epoch.commitment.beacon.is_none() || epoch.pool.is_some();
+    if is_released && had_pool {
         rows = rows_of(epoch, tier, entries, app.store.board_outcomes(epoch.id(), tier).await?);
     }
     Ok(TierBoard { epoch: epoch.id().to_owned(), tier, is_released, registered, rows })

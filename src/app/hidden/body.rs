@@ -77,6 +77,9 @@ request_body! {
         /// Follows from the signature.
         #[schema(value_type = Option<String>)]
         randomness: String = optional(|faults| Text { faults, min_chars: 0, max_chars: usize::MAX }),
+        /// Of chains whose rounds sign the one before; empty or null.
+        #[schema(value_type = Option<String>)]
+        previous_signature: String = optional(|faults| Text { faults, min_chars: 0, max_chars: usize::MAX }),
     }
     unknown: |_| "unknown field; a round has round and signature"
 }

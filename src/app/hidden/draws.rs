@@ -135,14 +135,16 @@ fn no_pool(epoch: &EpochRow) -> AppError {
     let detail = epoch.commitment.beacon.as_ref().map_or_else(String::new, |beacon| {
         format!(
             "the pool derives from round {} of the beacon {}, emitted at {}, which this service has not got yet; anybody may \
-             bring it: POST /v1/epochs/{}/beacon",
+             bring it: POST /v1/epochs/{}/beacon with \"round\" and \"signature\", from /{}/public/{} of a server of the beacon",
             beacon.round,
             beacon.chain_hash,
             rfc3339(beacon.emitted_at_ms()),
-            epoch.id()
+            epoch.id(),
+            beacon.chain_hash,
+            beacon.round
         )
     });
-    AppError::conflict("no-pool", detail).retry_after(3)
+    AppError::conflict("no-pool", detail).retry_after(5)
 }
 
 fn no_such_run(entry: &EntryRow) -> String {

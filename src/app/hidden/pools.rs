@@ -49,12 +49,15 @@ pub async fn publish_pool(store: &Store, epoch: &EpochRow, round: &Round, now_ms
         let detail = "the epoch is bound to no beacon: its pool was made before it was announced";
         return Err(AppError::conflict("no-beacon", detail));
     };
+    if epoch.pool.is_none() && epoch.is_over(now_ms) {
+        return Err(not_open(epoch));
+    }
     let (bound, given) = (beacon.clone(), round.clone());
     let verified = tokio::task::spawn_blocking(move || bound.randomness(&given));
     let randomness = verified.await.map_err(|error| AppError::internal(&error))?.map_err(|fault| {
         let place = match fault {
             BeaconFault::OtherRound { .. } => "round",
-            BeaconFault::BadSignature { .. } => "signature",
+            BeaconFault::OtherChain(_) | BeaconFault::BadSignature { .. } => "signature",
         };
         let mut faults = Faults::new();
         faults.add_at(place, fault.to_string());
@@ -66,9 +69,6 @@ pub async fn publish_pool(store: &Store, epoch: &EpochRow, round: &Round, now_ms
     if now_ms < beacon.emitted_at_ms() {
         let detail = format!("the round is due at {}, which is not yet", rfc3339(beacon.emitted_at_ms()));
         return Err(AppError::conflict("round-not-due", detail));
-    }
-    if epoch.is_over(now_ms) {
-        return Err(not_open(epoch));
     }
     let _alone = DRAWING.lock().await;
     if let Some(published) = store.epoch(epoch.id()).await?.and_then(|epoch| epoch.pool) {

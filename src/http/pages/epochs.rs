@@ -11,6 +11,7 @@ use crate::clock::{milliseconds, now_ms};
 use crate::http::extract::origin::Origin;
 use crate::http::hidden::epochs::EpochBody;
 use crate::http::state::AppState;
+use plumbline_engine::hidden::beacon::Beacon;
 use plumbline_engine::hidden::feedback::Tier;
 
 /// An epoch with the derived values that pages show.
@@ -66,6 +67,13 @@ impl Shown {
         }
     }
 
+    /// Returns the beacon whose round is due, but has not been brought.
+    fn missing(&self) -> Option<&Beacon> {
+        let due = self.body.registration_closes_at.as_deref().and_then(milliseconds)?;
+        let is_missing = self.body.pool.is_none() && self.body.state != "closed" && due <= now_ms();
+        self.body.commitment.beacon.as_ref().filter(|_| is_missing)
+    }
+
     /// Returns the spent share of the information budget, at most 1.
     fn spent(&self) -> f64 {
         (self.body.released_bits / self.body.budget_bits.max(1.0)).min(1.0)
@@ -106,6 +114,7 @@ pub async fn epochs(State(state): State<AppState>, origin: Origin) -> PageResult
 #[template(path = "epoch.html")]
 struct EpochPage {
     epoch: Shown,
+    origin: Origin,
     boards: [(&'static str, TierBoard); 2],
 }
 
@@ -113,13 +122,13 @@ struct EpochPage {
 ///
 /// # Errors
 /// Returns a 404 error if no epoch has this name.
-pub async fn epoch(State(state): State<AppState>, Path(id): Path<String>) -> PageResult {
+pub async fn epoch(State(state): State<AppState>, origin: Origin, Path(id): Path<String>) -> PageResult {
     let epoch = epochs::epoch(&state, &id).await?;
     let boards = [
         ("Official board", board_of(&state, &epoch.row, Tier::Official).await?),
         ("Development board", board_of(&state, &epoch.row, Tier::Dev).await?),
     ];
-    html::page(&EpochPage { epoch: Shown::of(epoch.into(), now_ms()), boards })
+    html::page(&EpochPage { epoch: Shown::of(epoch.into(), now_ms()), origin, boards })
 }
 
 #[cfg(test)]

@@ -65,6 +65,14 @@ class Beacon(BaseModel):
     """
     Public key of the chain, in hex: scheme `bls-unchained-g1-rfc9380`.
     """
+    genesis_seed: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    """
+    Hash of the group of servers that began the chain.
+    """
+    beacon_id: str
+    """
+    Name of the chain among those of the same servers; the chain hash covers it with the other facts.
+    """
     genesis_time: int
     """
     Time of the chain's first round, seconds since 1970.
@@ -1362,6 +1370,10 @@ class NewRound(BaseModel):
     randomness: str | None = None
     """
     Follows from the signature.
+    """
+    previous_signature: str | None = None
+    """
+    Of chains whose rounds sign the one before; empty or null.
     """
 
 

@@ -132,9 +132,9 @@ class Epochs:
         """Download a closed epoch's answers."""
         return self._client._call(str, "GET", f"/v1/epochs/{quoted(epoch)}/answers")
 
-    def bring_round(self, epoch: str, *, round: int, signature: str, randomness: str | None = None) -> models.EpochBody:
+    def bring_round(self, epoch: str, *, round: int, signature: str, randomness: str | None = None, previous_signature: str | None = None) -> models.EpochBody:
         """Bring a beacon's round."""
-        return self._client._call(models.EpochBody, "POST", f"/v1/epochs/{quoted(epoch)}/beacon", json=given({"round": round, "signature": signature, "randomness": randomness}))
+        return self._client._call(models.EpochBody, "POST", f"/v1/epochs/{quoted(epoch)}/beacon", json=given({"round": round, "signature": signature, "randomness": randomness, "previous_signature": previous_signature}))
 
     def get(self, epoch: str) -> models.EpochBody:
         """Get an epoch."""

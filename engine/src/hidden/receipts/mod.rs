@@ -215,6 +215,9 @@ pub enum ReceiptFault {
     /// The receipt has not been released.
     #[error("the receipt is withheld until its epoch closes; until then the log has only its hash and link")]
     Withheld,
+    /// The receipt has either no body or no signature.
+    #[error("the receipt has its body or its signature, but not both: one was removed")]
+    Halved,
     /// A member cannot be decoded.
     #[error("{0} is not hexadecimal of the right length")]
     Unreadable(&'static str),
@@ -247,7 +250,10 @@ pub enum ReceiptFault {
     #[error("the proof that the transparency log has the receipt at position {0} does not hold")]
     BadInclusion(i64),
     /// The log has more or fewer receipts than its signed head states.
-    #[error("the log ends at receipt {found}, but its signed head states {signed}: receipts were cut off or added")]
+    #[error(
+        "the log ends at receipt {found}, but its signed head states {signed}: receipts were cut off or added, \
+             or more pages follow (`GET /v1/receipts?after={found}&limit=1000`)"
+    )]
     OtherLength {
         /// Position of the last receipt present.
         found: i64,
@@ -273,7 +279,12 @@ pub enum ReceiptFault {
 /// Returns the first fault.
 pub fn verify(file: &ReceiptFile, trusted: &[&str]) -> Result<(), ReceiptFault> {
     must_be_trusted(&file.public_key, trusted)?;
-    let (Some(receipt), Some(signature)) = (&file.receipt, &file.signature) else { return Err(ReceiptFault::Withheld) };
+    let (receipt, signature) = match (&file.receipt, &file.signature) {
+        (Some(receipt), Some(signature)) => (receipt, signature),
+        // A body that nobody has signed is no receipt; only both together are withheld.
+        (None, None) => return Err(ReceiptFault::Withheld),
+        _ => return Err(ReceiptFault::Halved),
+    };
     let body = canonical_json(receipt);
     let hash: Hash = Sha256::digest(&body).into();
     if hex(&hash) != file.hash {
@@ -318,6 +329,12 @@ mod tests {
         changed.hash = hex(&Sha256::digest(canonical_json(&changed.receipt)));
         assert_eq!(verify(&changed, &[&signer.public_key()]), Err(ReceiptFault::BadSignature));
         assert!(matches!(verify(&good, &[&other]), Err(ReceiptFault::OtherKey { .. })));
+        for (receipt, signature) in [(good.receipt.clone(), None), (None, good.signature.clone())] {
+            let halved = ReceiptFile { receipt, signature, ..good.clone() };
+            assert_eq!(verify(&halved, &[&signer.public_key()]), Err(ReceiptFault::Halved));
+        }
+        let withheld = ReceiptFile { receipt: None, signature: None, ..good.clone() };
+        assert_eq!(verify(&withheld, &[&signer.public_key()]), Err(ReceiptFault::Withheld));
         let mut cut = good.clone();
         cut.previous = hex(&[1; 32]);
         assert_eq!(verify(&cut, &[&signer.public_key()]), Err(ReceiptFault::BrokenLink(1)));

@@ -25,6 +25,9 @@ fn made(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, tier: Tier) ->
             is_checked: instance.transcript_checked,
         });
     }
+    if commitment.beacon.is_some() && reveal.pool.is_none() {
+        return Vec::new();
+    }
     let own = reveal.entries.iter().filter(|entry| entry.tier == tier);
     let entrants = own.map(|entry| Entrant {
         id: entry.id.clone(),

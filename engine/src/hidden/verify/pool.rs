@@ -27,6 +27,7 @@ pub(super) fn key_of(
             return Some(key.clone());
         }
         (Some(_), None) => {
+            found.unchecked.push("the pool: nobody brought the beacon's round, so nothing was drawn".to_owned());
             if !reveal.specifications.is_empty() {
                 found.breach("pool", "the reveal has specifications, but not the round that they derive from");
             }
@@ -42,6 +43,13 @@ pub(super) fn key_of(
     }
     if pool.made_at_ms.saturating_add(SLACK_MS) < beacon.emitted_at_ms() {
         found.breach("pool", "was made before the round was emitted");
+    }
+    if !beacon.is_public() {
+        let why = format!(
+            "the beacon: {} is not quicknet; whether its servers told a round before its time",
+            beacon.chain_hash
+        );
+        found.unchecked.push(why);
     }
     match beacon.randomness(&pool.round()) {
         Ok(randomness) => Some(beacon.pool_key(key, &randomness)),
@@ -69,7 +77,7 @@ pub(super) fn announced(reveal: &Reveal, commitment: &Commitment, kept: &Kept, t
     let told: Vec<(i64, Announcement)> = kept.log.iter().filter_map(own).collect();
     for (seq, announcement) in &told {
         let is_same = match announcement {
-            Announcement::Epoch(fact) => fact.commitment == *commitment,
+            Announcement::Epoch(fact) => *fact.commitment == *commitment,
             Announcement::Pool(pool) => Some(pool) == reveal.pool.as_ref(),
             Announcement::BoardAction(_) => true,
         };

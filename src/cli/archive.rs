@@ -1,0 +1,216 @@
+//! `plumbline archive-epoch` and `verify-archive`: everything that an epoch published as one file, which anybody may keep and verify
+//! after the service is gone.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context as _, bail};
+use clap::Args;
+use flate2::Compression;
+use flate2::read::GzDecoder;
+use flate2::write::GzEncoder;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::verify_epoch::{answers_in, read_json, take_epoch, verified};
+use super::witness::{folder_of, witness_key};
+use crate::client::Service;
+use crate::near::agreeing;
+use plumbline_engine::hidden::canonical::unhex;
+use plumbline_engine::hidden::receipts::LogPage;
+use plumbline_engine::hidden::reveal::Reveal;
+use plumbline_engine::hidden::tlog::cosignature::Witness;
+use plumbline_engine::hidden::tlog::note::{Checkpoint, read_verifier_key};
+use plumbline_engine::hidden::tlog::tree::{Tree, leaf};
+use plumbline_engine::hidden::verify::Kept;
+
+/// Receipts on a page of the log.
+const PAGE: usize = 1_000;
+/// Version of the format.
+const FORMAT: u32 = 1;
+
+/// Arguments of `archive-epoch`.
+#[derive(Debug, Args)]
+pub struct ArchiveArgs {
+    /// Address of the service, such as `https://bench.example`.
+    url: String,
+    /// Name of the epoch, which must be over.
+    epoch: String,
+    /// File to write: compressed JSON.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+}
+
+/// Arguments of `verify-archive`.
+#[derive(Debug, Args)]
+pub struct VerifyArchiveArgs {
+    /// Archive that `archive-epoch` wrote.
+    archive: PathBuf,
+    /// Epoch as published before it opened, saved from `GET /v1/epochs/NAME`. Without it, the archive is compared with its own copy of
+    /// the commitment.
+    #[arg(long, value_name = "FILE")]
+    commitment: Option<PathBuf>,
+    /// Key of a witness that you trust, as `plumbline witness --name` prints it: the archive must have its cosignature.
+    #[arg(long = "witness", value_name = "KEY", value_parser = witness_key)]
+    witnesses: Vec<Witness>,
+    /// Additional public key to trust, in hex, besides the one that the epoch committed to; needed if the key changed.
+    #[arg(long = "key", value_name = "HEX")]
+    keys: Vec<String>,
+}
+
+/// Everything that an epoch published.
+#[derive(Debug, Serialize, Deserialize)]
+struct Archive {
+    plumbline_archive: u32,
+    /// `GET /v1/epochs/NAME`.
+    epoch: Value,
+    /// `GET /v1/epochs/NAME/reveal`.
+    reveal: Value,
+    /// `GET /v1/epochs/NAME/answers`, line by line.
+    answers: Vec<Value>,
+    /// `GET /v1/receipts`, all pages.
+    log: Vec<LogPage>,
+    /// `GET /v1/epochs/NAME/leaderboard` of both tiers.
+    boards: Vec<Value>,
+    /// `GET /log/key`.
+    log_key: String,
+    /// `GET /log/checkpoint`, from before the pages were read.
+    checkpoint: String,
+    /// `GET /log/cosigned`; null if no witness has cosigned the log.
+    cosigned: Option<String>,
+}
+
+/// Runs `archive-epoch`.
+///
+/// # Errors
+/// Returns an error if the service cannot be reached, the epoch is not over, or the file cannot be written.
+pub fn run(args: &ArchiveArgs) -> anyhow::Result<ExitCode> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let archive = runtime.block_on(download(&Service::at(&args.url, None)?, &args.epoch))?;
+    if args.out.exists() {
+        bail!("--out: {} already exists", args.out.display());
+    }
+    let place = || format!("--out: cannot write {}", args.out.display());
+    let file = File::create_new(&args.out).with_context(place)?;
+    let mut packed = GzEncoder::new(file, Compression::default());
+    serde_json::to_writer(&mut packed, &archive).with_context(place)?;
+    packed.finish().with_context(place)?.sync_all().with_context(place)?;
+    File::open(folder_of(&args.out))?.sync_all()?;
+    println!("{}", args.out.display());
+    Ok(ExitCode::SUCCESS)
+}
+
+async fn download(service: &Service, name: &str) -> anyhow::Result<Archive> {
+    let text = async |path: &str| -> anyhow::Result<String> { Ok(String::from_utf8(service.get_bytes(path).await?)?) };
+    let of_epoch = format!("/v1/epochs/{name}");
+    let reveal = service.get(&format!("{of_epoch}/reveal")).await?;
+    let answers = text(&format!("{of_epoch}/answers")).await?;
+    let answers: Result<Vec<Value>, _> = answers.lines().map(serde_json::from_str).collect();
+    let checkpoint = text("/log/checkpoint").await?;
+    let mut log: Vec<LogPage> = Vec::new();
+    let mut after = Some(0);
+    while let Some(last) = after {
+        let page: LogPage =
+            serde_json::from_value(service.get(&format!("/v1/receipts?after={last}&limit={PAGE}")).await?)?;
+        after = page.next_after;
+        log.push(page);
+    }
+    let mut boards = Vec::new();
+    for tier in ["official", "dev"] {
+        boards.push(service.get(&format!("{of_epoch}/leaderboard?tier={tier}")).await?);
+    }
+    Ok(Archive {
+        plumbline_archive: FORMAT,
+        epoch: service.get(&of_epoch).await?,
+        reveal,
+        answers: answers?,
+        log,
+        boards,
+        log_key: text("/log/key").await?,
+        checkpoint,
+        cosigned: text("/log/cosigned").await.ok(),
+    })
+}
+
+/// Runs `verify-archive`, with exit code 1 if anything does not match.
+///
+/// # Errors
+/// Returns an error if a file cannot be read or is something else.
+pub fn verify(args: &VerifyArchiveArgs) -> anyhow::Result<ExitCode> {
+    let place = || format!("{}: is no archive of an epoch", args.archive.display());
+    let archive = read(&args.archive).with_context(place)?;
+    let reveal: Reveal = serde_json::from_value(archive.reveal.clone()).with_context(place)?;
+    let answers: Vec<String> = archive.answers.iter().map(Value::to_string).collect();
+    let mut kept = Kept {
+        logs: Some(answers_in(&answers.join("\n"), "answers")?),
+        heads: archive.log.iter().filter_map(|page| page.head.clone()).collect(),
+        boards: archive.boards.clone(),
+        keys: args.keys.iter().map(|key| key.trim().to_owned()).collect(),
+        ..Kept::default()
+    };
+    take_epoch(&mut kept, archive.epoch.clone()).with_context(place)?;
+    // The archive's own copy of the commitment proves no more than the reveal's.
+    kept.commitment = None;
+    if let Some(path) = &args.commitment {
+        let pool = kept.pool.take();
+        take_epoch(&mut kept, read_json(path)?).with_context(|| path.display().to_string())?;
+        kept.pool = kept.pool.or(pool);
+    }
+    let tree = tree_of(&archive)?;
+    kept.log = archive.log.into_iter().flat_map(|page| page.receipts).collect();
+    // Pages are read one after the other: each has the end of the log as it was then.
+    let size = kept.log.last().map_or(0, |last| last.seq);
+    kept.heads.retain(|head| head.size == size);
+    let mut is_good = verified(&reveal, &kept)?;
+    let committed = reveal.commitment.rules.as_ref().map(|rules| rules.receipt_key.as_str());
+    let trusted: Vec<&str> = kept.keys.iter().map(String::as_str).chain(committed).collect();
+    let notes = [("checkpoint", Some(&archive.checkpoint)), ("cosigned checkpoint", archive.cosigned.as_ref())];
+    let mut cosigned_by: Vec<&str> = Vec::new();
+    for (what, note) in notes.into_iter().filter_map(|(what, note)| Some((what, note?))) {
+        let checkpoint = Checkpoint::verified(note, &trusted);
+        let Some(checkpoint) = checkpoint.filter(|own| tree.root(own.size) == Some(own.root)) else {
+            println!("BROKEN  {what}: is not signed with a trusted key, or not of the log in the archive");
+            is_good = false;
+            continue;
+        };
+        println!("{what} of {}: is of the log in the archive", agreeing(checkpoint.size, "entry", "entries"));
+        let lines = Checkpoint::parts(note).map(|(_, lines)| lines).unwrap_or_default();
+        let has = |witness: &&Witness| lines.iter().any(|line| witness.cosigned(line, &checkpoint).is_some());
+        cosigned_by.extend(args.witnesses.iter().filter(has).map(|witness| witness.name.as_str()));
+    }
+    for witness in &args.witnesses {
+        if cosigned_by.contains(&witness.name.as_str()) {
+            println!("{} has cosigned it", witness.name);
+        } else {
+            println!("BROKEN  witness {}: has not cosigned the log in the archive", witness.name);
+            is_good = false;
+        }
+    }
+    if args.witnesses.is_empty() {
+        println!("NOT CHECKED  cosignatures: no witness to trust was named (--witness)");
+    }
+    Ok(if is_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+fn read(path: &Path) -> anyhow::Result<Archive> {
+    let archive: Archive = serde_json::from_reader(BufReader::new(GzDecoder::new(File::open(path)?)))?;
+    if archive.plumbline_archive != FORMAT {
+        bail!("it has format {}, this program reads format {FORMAT}", archive.plumbline_archive);
+    }
+    if read_verifier_key(&archive.log_key).is_none() {
+        bail!("its log_key is no key of a log");
+    }
+    Ok(archive)
+}
+
+/// Builds the tree of the transparency log from the pages.
+fn tree_of(archive: &Archive) -> anyhow::Result<Tree> {
+    let mut tree = Tree::default();
+    for receipt in archive.log.iter().flat_map(|page| &page.receipts) {
+        let hash = unhex::<32>(&receipt.hash).with_context(|| format!("receipt {}: its hash is none", receipt.seq))?;
+        tree.push(leaf(&hash));
+    }
+    Ok(tree)
+}

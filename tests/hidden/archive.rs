@@ -1,0 +1,93 @@
+//! The archive of an epoch: one file that is verified without the service.
+
+use std::io::{Read as _, Write as _};
+use std::process::Output;
+
+use crate::support::commands::{refused, succeeded};
+use crate::support::epoch::{Scene, run};
+use flate2::read::GzDecoder;
+use flate2::write::GzEncoder;
+use serde_json::{Value, json};
+
+/// A change of an archive.
+type Change = (&'static str, fn(&mut Value));
+
+fn unpacked(scene: &Scene) -> Value {
+    let mut text = String::new();
+    GzDecoder::new(std::fs::File::open(scene.file("autumn.archive")).unwrap()).read_to_string(&mut text).unwrap();
+    serde_json::from_str(&text).unwrap()
+}
+
+fn pack(scene: &Scene, name: &str, archive: &Value) -> String {
+    let mut packed = GzEncoder::new(std::fs::File::create(scene.file(name)).unwrap(), flate2::Compression::fast());
+    packed.write_all(archive.to_string().as_bytes()).unwrap();
+    packed.finish().unwrap();
+    scene.file(name).to_str().unwrap().to_owned()
+}
+
+#[tokio::test]
+async fn an_epoch_is_verified_from_one_file() {
+    let mut scene = Scene::new(&["--per-instance", "1"]);
+    let lab = scene.key("lab");
+    let (url, out) = (scene.service.url.clone(), scene.file("autumn.archive").to_str().unwrap().to_owned());
+    let early = run(&["archive-epoch", &url, "autumn", "--out", &out], None);
+    assert!(refused(&early).contains("epoch-not-over") && !scene.file("autumn.archive").exists());
+    let log_key = scene.service.get("/log/key").await.text;
+    let state = scene.file("seen.json").to_str().unwrap().to_owned();
+    let witness = |url: &str, more: &[&str]| {
+        let arguments = ["witness", url, "--state", &state, "--log-key", &log_key, "--name", "w.example"];
+        run(&[&arguments[..], more].concat(), None)
+    };
+    let told = String::from_utf8(witness(&url, &[]).stderr).unwrap();
+    let key = told.lines().find_map(|line| line.strip_prefix("cosigned as ")).unwrap().to_owned();
+    scene.options = vec!["--witness".to_owned(), key.clone()];
+    scene.restart(None);
+
+    std::fs::write(scene.file("kept.json"), scene.service.get("/v1/epochs/autumn").await.text).unwrap();
+    let entry = scene.register(&lab, "official", 1).await;
+    let instances = scene.draw(&lab, &entry, 1).await;
+    scene.answer(&lab, &instances, 2).await;
+    scene.made(&lab, &format!("/v1/entries/{entry}/finalize"), &json!({})).await;
+    scene.end_epoch().await;
+    succeeded(&witness(&scene.service.url, &["--publish"]));
+    let url = scene.service.url.clone();
+    succeeded(&run(&["archive-epoch", &url, "autumn", "--out", &out], None));
+    assert!(refused(&run(&["archive-epoch", &url, "autumn", "--out", &out], None)).contains("already exists"));
+
+    // The service is gone.
+    let archive = unpacked(&scene);
+    let kept = scene.file("kept.json").to_str().unwrap().to_owned();
+    let verified = |file: &str, more: &[&str]| -> Output { run(&[&["verify-archive", file], more].concat(), None) };
+    let told = succeeded(&verified(&out, &["--commitment", &kept, "--witness", &key]));
+    for part in ["26 of 26 grades", "2 boards", "checkpoint of", "w.example has cosigned it"] {
+        assert!(told.contains(part), "{part}: {told}");
+    }
+    assert!(!told.contains("BROKEN"), "{told}");
+    let changes: [Change; 7] = [
+        ("a verdict", |it| it["reveal"]["instances"][0]["overall"] = json!(true)),
+        ("an answer", |it| drop(it["answers"].as_array_mut().unwrap().pop())),
+        ("a receipt", |it| drop(it["log"][0]["receipts"].as_array_mut().unwrap().remove(3))),
+        ("the last receipt", |it| drop(it["log"][0]["receipts"].as_array_mut().unwrap().pop())),
+        ("a board", |it| it["boards"][0]["rows"][0]["passed"] = json!(26)),
+        ("the checkpoint", |it| it["checkpoint"] = json!("plumbline.log/1\n3\nAAAA\n\n— plumbline.log/1 AAAA\n")),
+        ("the cosignature", |it| it["cosigned"] = Value::Null),
+    ];
+    for (what, change) in changes {
+        let mut changed = archive.clone();
+        change(&mut changed);
+        let file = pack(&scene, "changed", &changed);
+        let output = verified(&file, &["--commitment", &kept, "--witness", &key]);
+        assert_eq!(output.status.code(), Some(1), "{what}: {}", refused(&output));
+        assert!(refused(&output).contains("BROKEN"), "{what}");
+    }
+    // What is no archive is no breach.
+    let whole = std::fs::read(&out).unwrap();
+    std::fs::write(scene.file("cut"), &whole[..whole.len() / 2]).unwrap();
+    std::fs::write(scene.file("text"), "<!doctype html>").unwrap();
+    let newer = pack(&scene, "newer", &json!({ "plumbline_archive": 2 }));
+    for file in [scene.file("cut").to_str().unwrap(), scene.file("text").to_str().unwrap(), "missing", &newer] {
+        let output = verified(file, &[]);
+        assert_eq!(output.status.code(), Some(2), "{file}");
+        assert!(refused(&output).contains("is no archive of an epoch"), "{file}: {}", refused(&output));
+    }
+}
