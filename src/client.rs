@@ -1,4 +1,4 @@
-//! HTTP client of the service, which `submit` and the demo agents use.
+//! HTTP client of services, which commands and the demo agents use.
 
 use std::collections::HashSet;
 use std::time::Duration;
@@ -16,6 +16,8 @@ use plumbline_engine::voxel::BlockLog;
 const BATCH_LINES: usize = 100;
 /// Size in bytes at which a body is sent.
 const BATCH_BYTES: usize = 8 << 20;
+/// Characters of a refusal that are shown.
+const MAX_TOLD: usize = 2_000;
 /// Interval between two requests for the state of a run.
 const LOOK: Duration = Duration::from_millis(200);
 
@@ -71,14 +73,19 @@ impl Service {
         Ok(Self { http, base: base.trim_end_matches('/').to_owned(), key: key.map(str::to_owned) })
     }
 
-    async fn send(&self, request: RequestBuilder) -> anyhow::Result<Value> {
+    /// Sends a request, and returns the bytes of the answer.
+    async fn answer(&self, request: RequestBuilder) -> anyhow::Result<Vec<u8>> {
         let response = request.send().await.with_context(|| format!("cannot reach {}", self.base))?;
-        let status = response.status();
-        let text = response.text().await?;
+        let (status, url) = (response.status(), response.url().clone());
+        let bytes = response.bytes().await.with_context(|| url.to_string())?;
         if !status.is_success() {
-            bail!("{status}: {text}");
+            bail!("{url}: {status}: {}", String::from_utf8_lossy(&bytes).chars().take(MAX_TOLD).collect::<String>());
         }
-        Ok(serde_json::from_str(&text)?)
+        Ok(bytes.into())
+    }
+
+    async fn send(&self, request: RequestBuilder) -> anyhow::Result<Value> {
+        Ok(serde_json::from_slice(&self.answer(request).await?)?)
     }
 
     async fn post(&self, path: &str, kind: &'static str, body: String) -> anyhow::Result<Value> {
@@ -94,14 +101,8 @@ impl Service {
     /// # Errors
     /// Returns an error if the service cannot be reached, or refuses.
     pub async fn post_text(&self, path: &str, body: String) -> anyhow::Result<()> {
-        let url = format!("{}{path}", self.base);
-        let request = self.http.post(&url).header("content-type", "text/plain; charset=utf-8").body(body);
-        let answer = request.send().await.with_context(|| url.clone())?;
-        let status = answer.status();
-        if !status.is_success() {
-            bail!("{url}: {status}: {}", answer.text().await.unwrap_or_default());
-        }
-        Ok(())
+        let request = self.http.post(format!("{}{path}", self.base));
+        self.answer(request.header("content-type", "text/plain; charset=utf-8").body(body)).await.map(drop)
     }
 
     /// Requests a path, and returns the bytes of the answer.
@@ -109,14 +110,7 @@ impl Service {
     /// # Errors
     /// Returns an error if the service cannot be reached, or refuses.
     pub async fn get_bytes(&self, path: &str) -> anyhow::Result<Vec<u8>> {
-        let url = format!("{}{path}", self.base);
-        let answer = self.http.get(&url).send().await.with_context(|| url.clone())?;
-        let status = answer.status();
-        let bytes = answer.bytes().await.with_context(|| url.clone())?;
-        if !status.is_success() {
-            bail!("{url}: {status}: {}", String::from_utf8_lossy(&bytes).chars().take(500).collect::<String>());
-        }
-        Ok(bytes.into())
+        self.answer(self.http.get(format!("{}{path}", self.base))).await
     }
 
     /// Gets a JSON document from the service.

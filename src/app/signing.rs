@@ -32,8 +32,8 @@ pub async fn signing(store: &Store, replaces: bool) -> anyhow::Result<Signing> {
         if !store.secrets().has_signer()? {
             if let Some(public_key) = held.filter(|_| !replaces) {
                 let notice = format!(
-                    "this node lacks the secrets of the service: it grades no submissions and issues no hidden \
-                     instances. Share the folder of another node, which holds receipts.key, as {folder} (--secrets). If no \
+                    "this node lacks the secrets of the service: it grades no submissions, issues no hidden \
+                     instances, and takes no actions on boards. Share the folder of another node, which holds receipts.key, as {folder} (--secrets). If no \
                      node has it any more, start one with --new-receipt-key"
                 );
                 return Ok(Signing { signer: None, public_key, notice: Some(notice) });

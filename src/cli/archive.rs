@@ -63,7 +63,9 @@ pub struct VerifyArchiveArgs {
 /// Everything that an epoch published.
 #[derive(Debug, Serialize, Deserialize)]
 struct Archive {
-    plumbline_archive: u32,
+    /// Version of the format.
+    #[serde(rename = "plumbline_archive")]
+    format: u32,
     /// `GET /v1/epochs/NAME`.
     epoch: Value,
     /// `GET /v1/epochs/NAME/reveal`.
@@ -78,8 +80,8 @@ struct Archive {
     log_key: String,
     /// `GET /log/checkpoint`, from before the pages were read.
     checkpoint: String,
-    /// `GET /log/cosigned`; null if no witness has cosigned the log.
-    cosigned: Option<String>,
+    /// `GET /log/witnesses`: checkpoints that witnesses have cosigned, from before the pages were read.
+    witnesses: Value,
 }
 
 /// Runs `archive-epoch`.
@@ -109,6 +111,7 @@ async fn download(service: &Service, name: &str) -> anyhow::Result<Archive> {
     let answers = text(&format!("{of_epoch}/answers")).await?;
     let answers: Result<Vec<Value>, _> = answers.lines().map(serde_json::from_str).collect();
     let checkpoint = text("/log/checkpoint").await?;
+    let witnesses = service.get("/log/witnesses").await?;
     let mut log: Vec<LogPage> = Vec::new();
     let mut after = Some(0);
     while let Some(last) = after {
@@ -122,7 +125,7 @@ async fn download(service: &Service, name: &str) -> anyhow::Result<Archive> {
         boards.push(service.get(&format!("{of_epoch}/leaderboard?tier={tier}")).await?);
     }
     Ok(Archive {
-        plumbline_archive: FORMAT,
+        format: FORMAT,
         epoch: service.get(&of_epoch).await?,
         reveal,
         answers: answers?,
@@ -130,7 +133,7 @@ async fn download(service: &Service, name: &str) -> anyhow::Result<Archive> {
         boards,
         log_key: text("/log/key").await?,
         checkpoint,
-        cosigned: text("/log/cosigned").await.ok(),
+        witnesses,
     })
 }
 
@@ -166,9 +169,12 @@ pub fn verify(args: &VerifyArchiveArgs) -> anyhow::Result<ExitCode> {
     let mut is_good = verified(&reveal, &kept)?;
     let committed = reveal.commitment.rules.as_ref().map(|rules| rules.receipt_key.as_str());
     let trusted: Vec<&str> = kept.keys.iter().map(String::as_str).chain(committed).collect();
-    let notes = [("checkpoint", Some(&archive.checkpoint)), ("cosigned checkpoint", archive.cosigned.as_ref())];
+    // A witness vouches for the epoch only if it has seen the log with all of its receipts.
+    let needed = reveal.receipts.iter().flatten().map(|file| file.seq.unsigned_abs()).max().unwrap_or(0);
+    let told = archive.witnesses["witnesses"].as_array().map(Vec::as_slice).unwrap_or_default();
+    let cosigned = told.iter().filter_map(|witness| Some(("cosigned checkpoint", witness["note"].as_str()?)));
     let mut cosigned_by: Vec<&str> = Vec::new();
-    for (what, note) in notes.into_iter().filter_map(|(what, note)| Some((what, note?))) {
+    for (what, note) in [("checkpoint", archive.checkpoint.as_str())].into_iter().chain(cosigned) {
         let checkpoint = Checkpoint::verified(note, &trusted);
         let Some(checkpoint) = checkpoint.filter(|own| tree.root(own.size) == Some(own.root)) else {
             println!("BROKEN  {what}: is not signed with a trusted key, or not of the log in the archive");
@@ -176,6 +182,10 @@ pub fn verify(args: &VerifyArchiveArgs) -> anyhow::Result<ExitCode> {
             continue;
         };
         println!("{what} of {}: is of the log in the archive", agreeing(checkpoint.size, "entry", "entries"));
+        if checkpoint.size < needed {
+            println!("NOTE    {what}: is from before the epoch's last receipt, {needed}");
+            continue;
+        }
         let lines = Checkpoint::parts(note).map(|(_, lines)| lines).unwrap_or_default();
         let has = |witness: &&Witness| lines.iter().any(|line| witness.cosigned(line, &checkpoint).is_some());
         cosigned_by.extend(args.witnesses.iter().filter(has).map(|witness| witness.name.as_str()));
@@ -184,7 +194,7 @@ pub fn verify(args: &VerifyArchiveArgs) -> anyhow::Result<ExitCode> {
         if cosigned_by.contains(&witness.name.as_str()) {
             println!("{} has cosigned it", witness.name);
         } else {
-            println!("BROKEN  witness {}: has not cosigned the log in the archive", witness.name);
+            println!("BROKEN  witness {}: has not cosigned the log with all receipts of the epoch", witness.name);
             is_good = false;
         }
     }
@@ -196,8 +206,8 @@ pub fn verify(args: &VerifyArchiveArgs) -> anyhow::Result<ExitCode> {
 
 fn read(path: &Path) -> anyhow::Result<Archive> {
     let archive: Archive = serde_json::from_reader(BufReader::new(GzDecoder::new(File::open(path)?)))?;
-    if archive.plumbline_archive != FORMAT {
-        bail!("it has format {}, this program reads format {FORMAT}", archive.plumbline_archive);
+    if archive.format != FORMAT {
+        bail!("it has format {}, this program reads format {FORMAT}", archive.format);
     }
     if read_verifier_key(&archive.log_key).is_none() {
         bail!("its log_key is no key of a log");

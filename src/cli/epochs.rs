@@ -112,6 +112,9 @@ struct CreateArgs {
     budget_bits: u32,
 }
 
+/// Least time from the announcement of an epoch that is bound to a beacon to its round.
+const LEAD_MS: i64 = 60_000;
+
 /// Parses an opening time into milliseconds since 1970.
 fn opening_ms(text: &str) -> Result<i64, &'static str> {
     milliseconds(text).or_else(|| day_ms(text)).ok_or(NO_TIME)
@@ -177,6 +180,9 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
     let key = EpochKey::new(random_key()?);
     let strata = Generator::new()?.strata(&key, new.per_instance);
     let (pool, root) = if beacon.is_some() {
+        // A pool like it must be possible: what cannot be drawn would show only after the round.
+        let trial = EpochKey::new(random_key()?);
+        PoolFile::draw(GENERATOR_VERSION, &trial, new.per_instance, &|| ())?;
         // Its specifications, and the held-out family among them, are known only after the round.
         (PoolFile::default(), None)
     } else {
@@ -191,6 +197,9 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
     // Drawing takes time; the epoch opens once it is done, even if an earlier time was requested.
     let now = now_ms();
     let opens_at_ms = new.opens.unwrap_or(now).max(now);
+    if beacon.as_ref().is_some_and(|beacon| beacon.emitted_at_ms() <= now + LEAD_MS) {
+        bail!("--opens: with a beacon, at least a minute from now: official entries are registered until then");
+    }
     let rules = Rules {
         instance_seconds: new.instance_seconds,
         dev_entries_per_owner: new.dev_entries,
@@ -287,6 +296,7 @@ async fn bring_round(store: &Store, name: &str, from: &str) -> anyhow::Result<()
         };
         serde_json::from_slice(&text).with_context(what)?
     };
+    signing(store, false).await?;
     let pool = publish_pool(store, &epoch, &round, now_ms()).await?;
     println!("{}", serde_json::to_string_pretty(&pool)?);
     Ok(())

@@ -1,5 +1,6 @@
 //! `plumbline witness`: follows the transparency log of a service, checks that it only grows, and cosigns its checkpoints.
 
+use std::fs::File;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -63,6 +64,7 @@ pub fn run(args: &WitnessArgs) -> anyhow::Result<ExitCode> {
 }
 
 async fn follow(args: &WitnessArgs) -> anyhow::Result<ExitCode> {
+    let _alone = alone(&args.state)?;
     let mut seen = remembered(args)?;
     let Some((origin, key)) = read_verifier_key(&seen.log_key) else {
         bail!("--log-key: expected the key of a log as /log/key shows it: name+id+key");
@@ -123,6 +125,16 @@ async fn follow(args: &WitnessArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
+/// Waits for other commands that use the same state: of two at once, each could cosign a history of its own.
+fn alone(state: &Path) -> anyhow::Result<File> {
+    let mut name = state.as_os_str().to_owned();
+    name.push(".lock");
+    let place = || format!("--state: cannot lock {}", Path::new(&name).display());
+    let file = File::create(&name).with_context(place)?;
+    file.lock().with_context(place)?;
+    Ok(file)
+}
+
 /// Reads what was seen before; nothing the first time.
 fn remembered(args: &WitnessArgs) -> anyhow::Result<Seen> {
     let place = || args.state.display().to_string();
@@ -148,11 +160,11 @@ fn keep(state: &Path, seen: &Seen) -> anyhow::Result<()> {
     name.push(".new");
     let fresh = PathBuf::from(name);
     let place = || format!("--state: cannot write {}", fresh.display());
-    let mut file = std::fs::File::create(&fresh).with_context(place)?;
+    let mut file = File::create(&fresh).with_context(place)?;
     serde_json::to_writer_pretty(&mut file, seen)?;
     file.sync_all().with_context(place)?;
     std::fs::rename(&fresh, state).with_context(|| state.display().to_string())?;
-    Ok(std::fs::File::open(folder_of(state))?.sync_all()?)
+    Ok(File::open(folder_of(state))?.sync_all()?)
 }
 
 /// Downloads the entries from a position on, up to the end of their tile or of the log.

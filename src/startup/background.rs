@@ -17,6 +17,8 @@ use crate::store::epochs::EpochRow;
 
 /// Task that one node does for all: settling epochs and publishing what they came to.
 const HIDDEN: &str = "hidden evaluation";
+/// Task that one node does for all: fetching the rounds of beacons.
+const BEACONS: &str = "beacons";
 
 /// Runs upkeep every few seconds: forgets idle clients in the rate limits, folds samples of histograms together, which
 /// would pile up if nobody reads the metrics, loads suites that another process has added, lifts embargoes that are over,
@@ -35,7 +37,10 @@ pub(super) async fn keep_up(
         if let Err(error) = app.current_catalogue().await {
             tracing::warn!(%error, "could not look for new suites");
         }
-        if let Err(error) = store.lift_embargoes(now_ms()).await {
+        // Lifting one is signed.
+        if app.signer.is_some()
+            && let Err(error) = store.lift_embargoes(now_ms()).await
+        {
             tracing::warn!(%error, "could not lift embargoes that are over");
         }
         if let Err(error) = store.forget_old_requests(now_ms()).await {
@@ -115,10 +120,24 @@ pub(super) async fn follow_beacons(store: Store, server: Option<String>, stop: C
     // A server that fails is asked again later, and what is missing is said again.
     const AFTER_FAILURE: Duration = Duration::from_secs(10);
     const SAID: Duration = Duration::from_mins(1);
+    const LEASE_MS: i64 = 15_000;
+    let node = uuid::Uuid::new_v4().to_string();
     let mut pause = LOOK;
     while stop.run_until_cancelled(tokio::time::sleep(pause)).await.is_some() {
         pause = LOOK;
-        let lacking = store.epochs().await.unwrap_or_default();
+        let lacking = match store.lead(BEACONS, &node, LEASE_MS).await {
+            Ok(true) => store.epochs().await,
+            Ok(false) => continue,
+            Err(error) => Err(error),
+        };
+        let lacking = match lacking {
+            Ok(lacking) => lacking,
+            Err(error) => {
+                tracing::warn!(%error, "could not find out which epochs wait for their beacon's round");
+                pause = AFTER_FAILURE;
+                continue;
+            }
+        };
         for (epoch, round) in lacking.iter().filter_map(|epoch| Some((epoch, epoch.lacks_round(now_ms())?))) {
             let Some(server) = &server else {
                 tracing::warn!(
@@ -143,6 +162,9 @@ pub(super) async fn follow_beacons(store: Store, server: Option<String>, stop: C
                 }
             }
         }
+    }
+    if let Err(error) = store.stop_leading(BEACONS, &node).await {
+        tracing::debug!(%error, "another node leads only when this node's lease has ended");
     }
 }
 

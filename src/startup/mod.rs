@@ -160,7 +160,9 @@ impl RunningService {
         crate::telemetry::describe_metrics();
         if signer.is_some() && config.role != Role::GradeOnly {
             tokio::spawn(background::keep_hidden(store.clone(), config.hidden_publish, stop.clone()));
-            tokio::spawn(background::follow_beacons(store.clone(), config.beacon_url.clone(), stop.clone()));
+            if config.role != Role::WorkOnly {
+                tokio::spawn(background::follow_beacons(store.clone(), config.beacon_url.clone(), stop.clone()));
+            }
         }
         let actions = Pool::new(config.cores, ACTION_LIMITS);
         if config.role != Role::WorkOnly {

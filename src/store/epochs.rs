@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::db::{Row, Tx, query};
+use super::evidence::publish;
 use super::locks::Lock;
 use super::receipts::announce;
 use super::secrets::EpochSecret;
@@ -104,7 +105,11 @@ impl EpochRow {
 
 /// Cache of the secrets that epochs draw from.
 #[derive(Debug, Default)]
-pub(super) struct SecretsRead(Mutex<HashMap<String, Arc<EpochSecret>>>);
+pub(super) struct SecretsRead {
+    known: Mutex<HashMap<String, Arc<EpochSecret>>>,
+    /// Held while a secret is read, which may draw a pool.
+    reading: tokio::sync::Mutex<()>,
+}
 
 macro_rules! select_epoch {
     ($rest:literal) => {
@@ -223,25 +228,27 @@ impl Store {
         Ok(true)
     }
 
-    /// Publishes the pool of an epoch that is bound to a beacon, unless it has one. Returns the published one.
+    /// Publishes the pool of an epoch that is bound to a beacon, unless it has one. Returns the published one; `None` if the epoch
+    /// is over. The receipts of registrations enter the log before the pool, which shows that they came before it.
     ///
     /// # Errors
     /// Returns an error if the database fails, or this node cannot sign.
-    pub async fn publish_pool(&self, pool: &BoundPool) -> StoreResult<BoundPool> {
+    pub async fn publish_pool(&self, pool: &BoundPool) -> StoreResult<Option<BoundPool>> {
         let signer = self.signer()?;
         let text = serde_json::to_string(pool).map_err(|error| StoreError::corrupt("epochs", error))?;
         let mut tx = self.begin().await?;
         tx.lock([Lock::Epoch(&pool.epoch), Lock::Order]).await?;
         let epoch = epoch_in(&mut tx, &pool.epoch).await?.ok_or_else(|| StoreError::corrupt("epochs", "gone"))?;
-        if let Some(published) = epoch.pool {
-            return Ok(published);
+        if epoch.pool.is_some() || epoch.is_over(pool.made_at_ms) {
+            return Ok(epoch.pool);
         }
+        publish(&mut tx, Some(&pool.epoch)).await?;
         query("UPDATE epochs SET pool = $2 WHERE id = $1").bind(&pool.epoch).bind(text).execute(&mut tx).await?;
         announce(&mut tx, &signer, &Announcement::Pool(pool.clone())).await?;
         commit(tx, "publish_pool").await?;
         // What is known of the secret has no pool.
-        self.secrets_read.0.lock().unwrap_or_else(PoisonError::into_inner).remove(&pool.epoch);
-        Ok(pool.clone())
+        self.secrets_read.known.lock().unwrap_or_else(PoisonError::into_inner).remove(&pool.epoch);
+        Ok(Some(pool.clone()))
     }
 
     /// Returns the epoch of this name.
@@ -279,9 +286,13 @@ impl Store {
     /// # Errors
     /// Returns an error if the file cannot be read.
     pub async fn epoch_secret(&self, epoch: &EpochRow) -> StoreResult<Option<Arc<EpochSecret>>> {
-        let held = || self.secrets_read.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let held = || self.secrets_read.known.lock().unwrap_or_else(PoisonError::into_inner);
         // Another node may have published the pool since the secret was read.
         let is_whole = |secret: &&Arc<EpochSecret>| epoch.pool.is_none() || !secret.pool.specifications.is_empty();
+        if let Some(secret) = held().get(epoch.id()).filter(is_whole) {
+            return Ok(Some(Arc::clone(secret)));
+        }
+        let _alone = self.secrets_read.reading.lock().await;
         if let Some(secret) = held().get(epoch.id()).filter(is_whole) {
             return Ok(Some(Arc::clone(secret)));
         }

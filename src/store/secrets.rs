@@ -105,7 +105,7 @@ impl Secrets {
         let path = self.file(name);
         let write = || -> std::io::Result<bool> {
             std::fs::DirBuilder::new().recursive(true).mode(0o700).create(&self.folder)?;
-            let draft = self.file(&format!(".{name}.{}", std::process::id()));
+            let draft = self.file(&format!(".{name}.{}", uuid::Uuid::new_v4()));
             let _ = std::fs::remove_file(&draft);
             let mut file = std::fs::OpenOptions::new().write(true).create_new(true).mode(0o600).open(&draft)?;
             file.write_all(content)?;

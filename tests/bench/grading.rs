@@ -9,6 +9,8 @@ use plumbline_engine::builders::build;
 use plumbline_engine::checks::{Check, Subject};
 use plumbline_engine::elasticity::{Control, fem, sph};
 use plumbline_engine::grading::grade_log;
+use plumbline_engine::hidden::tlog::tiles::{TILE, TileName};
+use plumbline_engine::hidden::tlog::tree::{Tree, leaf};
 use plumbline_engine::tasks::{Task, embedded};
 use plumbline_engine::voxel::replay::Replay;
 use plumbline_engine::voxel::{Cell, Structure};
@@ -28,6 +30,29 @@ fn grade(bencher: Bencher<'_, '_>, id: &str) {
     let task = task(id);
     let log = build(&task).unwrap_or_default();
     bencher.counter(ItemsCount::new(1usize)).bench(|| grade_log(&task, &log, &Control::unhurried()));
+}
+
+/// The transparency log with a million entries.
+fn log_of_a_million() -> Tree {
+    let mut tree = Tree::default();
+    (0..1_000_000_u32).for_each(|i| tree.push(leaf(&i.to_be_bytes())));
+    tree
+}
+
+/// A proof that an entry is in the log, and that the log began with half of it; the root is computed for the checkpoint.
+#[divan::bench]
+fn proofs_in_a_log_of_a_million(bencher: Bencher<'_, '_>) {
+    let tree = log_of_a_million();
+    let size = tree.len() - 1;
+    bencher.bench(|| (tree.inclusion(123_456, size), tree.consistency(size / 2, size), tree.root(size)));
+}
+
+/// A tile of hashes of the log.
+#[divan::bench]
+fn tile_of_a_log_of_a_million(bencher: Bencher<'_, '_>) {
+    let tree = log_of_a_million();
+    let tile = TileName { level: Some(0), index: 1_000, width: TILE };
+    bencher.bench(|| tile.hashes(&tree));
 }
 
 fn roof() -> Vec<Cell> {

@@ -38,7 +38,9 @@ async fn an_epoch_is_verified_from_one_file() {
         let arguments = ["witness", url, "--state", &state, "--log-key", &log_key, "--name", "w.example"];
         run(&[&arguments[..], more].concat(), None)
     };
-    let told = String::from_utf8(witness(&url, &[]).stderr).unwrap();
+    let first = witness(&url, &[]);
+    let early_note = String::from_utf8(first.stdout).unwrap();
+    let told = String::from_utf8(first.stderr).unwrap();
     let key = told.lines().find_map(|line| line.strip_prefix("cosigned as ")).unwrap().to_owned();
     scene.options = vec!["--witness".to_owned(), key.clone()];
     scene.restart(None);
@@ -59,6 +61,11 @@ async fn an_epoch_is_verified_from_one_file() {
     let kept = scene.file("kept.json").to_str().unwrap().to_owned();
     let verified = |file: &str, more: &[&str]| -> Output { run(&[&["verify-archive", file], more].concat(), None) };
     let told = succeeded(&verified(&out, &["--commitment", &kept, "--witness", &key]));
+    // A genuine cosignature from before the epoch says nothing of it.
+    let mut older = archive.clone();
+    older["witnesses"]["witnesses"][0]["note"] = json!(early_note);
+    let output = verified(&pack(&scene, "older", &older), &["--commitment", &kept, "--witness", &key]);
+    assert!(refused(&output).contains("has not cosigned the log with all receipts"), "{}", refused(&output));
     for part in ["26 of 26 grades", "2 boards", "checkpoint of", "w.example has cosigned it"] {
         assert!(told.contains(part), "{part}: {told}");
     }
@@ -70,7 +77,7 @@ async fn an_epoch_is_verified_from_one_file() {
         ("the last receipt", |it| drop(it["log"][0]["receipts"].as_array_mut().unwrap().pop())),
         ("a board", |it| it["boards"][0]["rows"][0]["passed"] = json!(26)),
         ("the checkpoint", |it| it["checkpoint"] = json!("plumbline.log/1\n3\nAAAA\n\n— plumbline.log/1 AAAA\n")),
-        ("the cosignature", |it| it["cosigned"] = Value::Null),
+        ("the cosignature", |it| it["witnesses"]["witnesses"][0]["note"] = Value::Null),
     ];
     for (what, change) in changes {
         let mut changed = archive.clone();

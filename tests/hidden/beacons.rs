@@ -117,7 +117,7 @@ async fn an_epoch_whose_round_never_came_is_revealed_without_a_pool() {
         assert_eq!((&board["is_released"], &board["rows"]), (&json!(true), &json!([])), "{board}");
     }
     let page = scene.service.get("/epochs/autumn").await.text;
-    assert!(page.contains("nobody brought the round"), "{page}");
+    assert!(page.contains("the round was not brought before the end"), "{page}");
 }
 
 #[tokio::test]

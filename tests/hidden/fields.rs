@@ -24,7 +24,6 @@ const SILENT: &[(&str, &str)] = &[
     ("reveal", "/receipts/*/place_signature"),
     ("reveal", "/receipts/*/inclusion"),
     ("log", "/next_after"),
-    ("log", "/head"),
     ("log", "/receipts/*/place_signature"),
     ("log", "/receipts/*/inclusion"),
 ];
@@ -33,6 +32,8 @@ const SILENT: &[(&str, &str)] = &[
 /// the log.
 const UNORDERED: &[&str] = &[
     "answers/*: exchanged with the next",
+    // Pages that begin later are told as not checked.
+    "log/receipts/*: removed",
     "log/receipts/*: exchanged with the next",
     "log/receipts/*: replayed",
     "reveal/receipts/*: exchanged with the next",
@@ -71,7 +72,7 @@ impl Published {
         };
         let missed = changes.par_iter().filter(|change| is_missed(change)).map(|(told, ..)| told.as_str());
         let missed: Vec<&str> = missed.filter(|told| !UNORDERED.contains(told)).collect();
-        assert!(changes.len() > 200, "{}", changes.len());
+        assert!(changes.len() > 800, "{}", changes.len());
         assert_eq!(missed, Vec::<&str>::new(), "{} of {}", missed.len(), changes.len());
     }
 }

@@ -112,6 +112,7 @@ fn is_chance(line: &str) -> bool {
 }
 
 /// Everything that an entrant and everybody else can look at, while one goes through a dev entry and an official one.
+#[expect(clippy::too_many_lines, reason = "a list of what can be observed")]
 async fn observe(solves: bool) -> Observed {
     let scene = Scene::new(&["--dev-feedback", "score-only"]);
     let mut seen = Observed::default();

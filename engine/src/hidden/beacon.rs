@@ -9,12 +9,16 @@ use drand_verify::{G2PubkeyRfc, Pubkey as _, derive_randomness};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
-use super::canonical::Hash;
+use super::canonical::{Hash, unhex};
 use super::secret::EpochKey;
 use crate::tasks::hex;
 
 /// Scheme of the chains that this program verifies.
 pub const SCHEME: &str = "bls-unchained-g1-rfc9380";
+/// Length of a public key, a point of the second group.
+const KEY_BYTES: usize = 96;
+/// Length of a signature, a point of the first group.
+const SIGNATURE_BYTES: usize = 48;
 /// Chain hash of quicknet, the chain of the League of Entropy with a round every three seconds.
 const QUICKNET: &str = "52db9ba70e0cc0f6eaf7803dd07447a1f5477735fd3f661792ba94600c84e971";
 /// Public key of quicknet.
@@ -139,7 +143,7 @@ impl Chain {
         if self.scheme != SCHEME {
             return Err(format!("the chain has the scheme {:?}: expected {SCHEME:?}", self.scheme));
         }
-        let is_key = bytes(&self.public_key).is_some_and(|key| G2PubkeyRfc::from_variable(&key).is_ok());
+        let is_key = unhex::<KEY_BYTES>(&self.public_key).is_some_and(|key| G2PubkeyRfc::from_variable(&key).is_ok());
         if !is_key || self.period == 0 {
             return Err("the chain has no valid public key or period".to_owned());
         }
@@ -174,7 +178,9 @@ impl Beacon {
     /// Returns whether the chain hash is that of the other facts, as drand computes it.
     #[must_use]
     pub fn has_own_hash(&self) -> bool {
-        let (Some(key), Some(seed)) = (bytes(&self.public_key), bytes(&self.genesis_seed)) else { return false };
+        let (Some(key), Some(seed)) = (unhex::<KEY_BYTES>(&self.public_key), unhex::<32>(&self.genesis_seed)) else {
+            return false;
+        };
         let facts = Sha256::new()
             .chain_update(self.period_seconds.to_be_bytes())
             .chain_update(self.genesis_time.to_be_bytes())
@@ -193,6 +199,14 @@ impl Beacon {
         seconds.saturating_mul(1_000)
     }
 
+    /// Returns whether the round is the first at a time or later, in milliseconds since 1970.
+    #[must_use]
+    pub fn is_first_from(&self, at_ms: i64) -> bool {
+        let emitted_at_ms = self.emitted_at_ms();
+        let before_ms = emitted_at_ms.saturating_sub(i64::from(self.period_seconds) * 1_000);
+        emitted_at_ms >= at_ms && (before_ms < at_ms || self.round <= 1)
+    }
+
     /// Verifies a round, and returns its randomness: SHA-256 over the signature.
     ///
     /// # Errors
@@ -205,7 +219,9 @@ impl Beacon {
             return Err(BeaconFault::OtherChain(self.chain_hash.clone()));
         }
         let bad = || BeaconFault::BadSignature { round: self.round, chain: self.chain_hash.clone() };
-        let (Some(key), Some(signature)) = (bytes(&self.public_key), bytes(&round.signature)) else {
+        let (Some(key), Some(signature)) =
+            (unhex::<KEY_BYTES>(&self.public_key), unhex::<SIGNATURE_BYTES>(&round.signature))
+        else {
             return Err(bad());
         };
         let key = G2PubkeyRfc::from_variable(&key).map_err(|_invalid| bad())?;
@@ -241,21 +257,17 @@ pub struct BoundPool {
 }
 
 impl BoundPool {
+    /// Returns whether this is the round that the pool derives from.
+    #[must_use]
+    pub fn is_from(&self, round: &Round) -> bool {
+        self.round == round.round && self.signature.eq_ignore_ascii_case(&round.signature)
+    }
+
     /// Returns the round that the pool derives from.
     #[must_use]
     pub fn round(&self) -> Round {
         Round { round: self.round, signature: self.signature.clone() }
     }
-}
-
-/// Reads hexadecimal of even length.
-fn bytes(text: &str) -> Option<Vec<u8>> {
-    let digits = text.as_bytes();
-    if !digits.len().is_multiple_of(2) || !digits.iter().all(u8::is_ascii_hexdigit) {
-        return None;
-    }
-    let digit = |byte: u8| char::from(byte).to_digit(16).expect("all digits were checked");
-    Some(digits.chunks(2).map(|two| (digit(two[0]) * 16 + digit(two[1])) as u8).collect())
 }
 
 #[cfg(test)]
@@ -291,7 +303,8 @@ mod tests {
         assert!(moved.first_round_from(0).unwrap_err().contains("chain hash"));
         let beacon = Beacon { genesis_time: 0, ..quicknet(1) };
         let facts = Sha256::new().chain_update(3_u32.to_be_bytes()).chain_update(0_i64.to_be_bytes());
-        let facts = facts.chain_update(bytes(QUICKNET_KEY).unwrap()).chain_update(bytes(QUICKNET_SEED).unwrap());
+        let facts =
+            facts.chain_update(unhex::<96>(QUICKNET_KEY).unwrap()).chain_update(unhex::<32>(QUICKNET_SEED).unwrap());
         moved.hash = hex(&facts.chain_update(beacon.beacon_id).finalize());
         assert!(moved.first_round_from(0).unwrap_err().contains("the key of quicknet"));
     }
@@ -300,7 +313,7 @@ mod tests {
     fn a_round_of_the_public_chain_verifies_and_no_other() {
         let given = Round { round: 123, signature: ROUND_123.to_owned() };
         let randomness = quicknet(123).randomness(&given).unwrap();
-        assert_eq!(hex(&randomness), hex(&Sha256::digest(bytes(ROUND_123).unwrap())));
+        assert_eq!(hex(&randomness), hex(&Sha256::digest(unhex::<48>(ROUND_123).unwrap())));
         let other = BeaconFault::OtherRound { found: 123, committed: 124 };
         assert_eq!(quicknet(124).randomness(&given), Err(other));
         let moved = Round { round: 124, ..given.clone() };
@@ -324,7 +337,10 @@ mod tests {
             (genesis + 366_000, 123),
         ] {
             assert_eq!(round(at_ms).round, number, "{at_ms}");
-            assert!(round(at_ms).emitted_at_ms() >= at_ms);
+            assert!(round(at_ms).emitted_at_ms() >= at_ms && round(at_ms).is_first_from(at_ms));
+            let next = Beacon { round: number + 1, ..round(at_ms) };
+            assert!(!next.is_first_from(at_ms), "{at_ms}");
+            assert!(number == 1 || !round(at_ms).is_first_from(at_ms + 3_000), "{at_ms}");
         }
         assert_eq!(quicknet(123).emitted_at_ms(), genesis + 366_000);
         assert_eq!(quicknet(u64::MAX).emitted_at_ms(), i64::MAX);

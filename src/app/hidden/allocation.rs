@@ -30,8 +30,11 @@ impl Pool<'_> {
     fn reserved(&self, holding: &Holding) -> i64 {
         let limit = self.epoch.rules.reservation_ms;
         // What is registered in advance can be drawn from the opening on.
-        let from_ms = holding.registered_at_ms.max(self.epoch.commitment.opens_at_ms);
-        let has_ended = limit.is_some_and(|limit| from_ms + limit <= self.now_ms);
+        let EpochRow { commitment, pool, .. } = self.epoch;
+        let pool_ms = pool.as_ref().map_or(i64::MIN, |pool| pool.made_at_ms);
+        let from_ms = holding.registered_at_ms.max(commitment.opens_at_ms).max(pool_ms);
+        let can_draw = commitment.beacon.is_none() || pool.is_some();
+        let has_ended = can_draw && limit.is_some_and(|limit| from_ms + limit <= self.now_ms);
         if holding.is_finalized || has_ended { 0 } else { holding.runs - holding.drawn }
     }
 

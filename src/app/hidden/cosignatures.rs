@@ -40,9 +40,12 @@ pub async fn take(app: &App, note: &str) -> AppResult<()> {
         ));
     }
     let (text, lines) = Checkpoint::parts(note).expect("a verified note has its parts");
-    let own = lines.iter().find(|line| line.starts_with(&format!("— {} ", checkpoint.origin)));
-    let signed = format!("{text}\n{}\n", own.expect("a verified note has the signature of the log"));
+    // Other lines may have the name of the log.
+    let mut notes = lines.iter().map(|line| format!("{text}\n{line}\n"));
+    let signed = notes.find(|note| Checkpoint::verified(note, &trusted).is_some());
+    let signed = signed.expect("a verified note has the signature of the log");
     let now_s = now_ms() / 1_000;
+    let stored = app.store.cosignatures().await?;
     let mut is_known = false;
     for witness in &app.witnesses {
         let Some((line, at_s)) = lines.iter().find_map(|line| Some((*line, witness.cosigned(line, &checkpoint)?)))
@@ -53,7 +56,11 @@ pub async fn take(app: &App, note: &str) -> AppResult<()> {
         let at_s = at_s.ok_or_else(|| fault("the cosignature is from the future: set the clock of the witness"))?;
         let (size, checkpoint) = (checkpoint.size.cast_signed(), signed.clone());
         let row = CosignatureRow { witness: witness.key.clone(), size, checkpoint, line: line.to_owned(), at_s };
-        app.store.put_cosignature(&row).await?;
+        // What is sent again need not wait for the writer.
+        let is_later = |known: &CosignatureRow| (row.size, row.at_s) > (known.size, known.at_s);
+        if stored.iter().find(|known| known.witness == row.witness).is_none_or(is_later) {
+            app.store.put_cosignature(&row).await?;
+        }
         is_known = true;
     }
     if is_known {

@@ -17,7 +17,8 @@ pub fn decide_draw(new: &NewDraw<'_>, facts: &DrawFacts) -> DrawDecision {
     if entry.finalized_at_ms.is_some() || !epoch.is_open(*now_ms) {
         return DrawDecision::Refuse(DrawRefusal::Closed);
     }
-    if epoch.commitment.beacon.is_some() && epoch.pool.is_none() {
+    // The secret may have been read before another request published the pool.
+    if epoch.commitment.beacon.is_some() && (epoch.pool.is_none() || new.secret.pool.strata.is_empty()) {
         return DrawDecision::Refuse(DrawRefusal::NoPool);
     }
     let pool = Pool { epoch, holdings, now_ms: *now_ms };
@@ -54,6 +55,7 @@ mod tests {
     use super::*;
     use crate::app::hidden::fixtures::{CLOSES_AT_MS, OPENS_AT_MS, entry, epoch, holding};
     use crate::store::secrets::{EpochSecret, PoolFile};
+    use plumbline_engine::hidden::beacon::{BoundPool, Chain};
     use plumbline_engine::hidden::feedback::Tier::Official;
     use plumbline_engine::hidden::issue::Lot;
     use plumbline_engine::hidden::pool::Stratum;
@@ -138,6 +140,21 @@ mod tests {
             facts.entry.finalized_at_ms = is_finalized.then_some(OPENS_AT_MS);
             assert_eq!(decide(run, &facts), expected, "{run} {earlier:?} {is_finalized} {now_ms}");
         }
+    }
+
+    #[test]
+    fn a_draw_waits_for_the_pool_of_the_beacon() {
+        let mut facts = facts();
+        facts.epoch.commitment.beacon = Chain::quicknet().first_round_from(OPENS_AT_MS).ok();
+        assert_eq!(decide(1, &facts), DrawDecision::Refuse(DrawRefusal::NoPool));
+        let (epoch, signature, root) = ("epoch".to_owned(), String::new(), String::new());
+        facts.epoch.pool = Some(BoundPool { epoch, round: 1, signature, root, made_at_ms: OPENS_AT_MS });
+        assert_eq!(issued(decide(1, &facts)).len(), 3);
+        // The pool was published after the secret was read.
+        let secret = EpochSecret { pool: PoolFile::default(), ..secret() };
+        let lot = Lot::of(&facts.epoch.commitment, &secret.key, "own", 1, "nonce");
+        let new = NewDraw { entry_id: "own", run: 1, nonce: "nonce", secret: &secret, lot: &lot };
+        assert_eq!(decide_draw(&new, &facts), DrawDecision::Refuse(DrawRefusal::NoPool));
     }
 
     #[test]

@@ -14,7 +14,7 @@ pub fn decide_registration(new: &NewEntry<'_>, facts: &RegistrationFacts) -> Res
         _ if epoch.is_over(*now_ms) => return Err(RegistrationRefusal::NotOpen),
         (None, _) if !epoch.is_open(*now_ms) => return Err(RegistrationRefusal::NotOpen),
         // Official entries are registered before anybody can know a specification.
-        (Some(beacon), Tier::Official) if *now_ms >= beacon.emitted_at_ms() => {
+        (Some(beacon), Tier::Official) if *now_ms >= beacon.emitted_at_ms() || epoch.pool.is_some() => {
             return Err(RegistrationRefusal::AfterBeacon(beacon.emitted_at_ms()));
         }
         _ => {}

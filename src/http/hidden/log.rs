@@ -39,12 +39,15 @@ struct WitnessBody {
     size: Option<i64>,
     /// Time of that cosignature.
     cosigned_at: Option<String>,
+    /// The checkpoint with that cosignature, as a signed note.
+    note: Option<String>,
 }
 
 /// Returns the witnesses that the operator knows, with what each cosigned last.
 async fn witnesses(State(state): State<AppState>) -> AppResult<Response> {
     let body = |Witnessed { witness, latest }: Witnessed| WitnessBody {
         size: latest.as_ref().map(|row| row.size),
+        note: latest.as_ref().map(|row| format!("{}{}\n", row.checkpoint, row.line)),
         cosigned_at: latest.map(|row| rfc3339(row.at_s.saturating_mul(1_000))),
         name: witness.name,
         key: witness.key,

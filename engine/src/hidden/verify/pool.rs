@@ -5,9 +5,14 @@ use super::{Kept, Verified};
 use crate::hidden::announcements::{Announcement, EpochFact, announcement};
 use crate::hidden::beacon::{Beacon, BoundPool};
 use crate::hidden::commitment::Commitment;
+use crate::hidden::evidence::{Fact, fact};
+use crate::hidden::feedback::Tier;
 use crate::hidden::receipts::ReceiptFile;
 use crate::hidden::reveal::Reveal;
 use crate::hidden::secret::EpochKey;
+
+/// Time after the round at which a pool should be published.
+const LATE_MS: i64 = 10 * 60_000;
 
 /// Returns the key that the pool derives from; `None` if the reveal has no pool, or one of another round.
 pub(super) fn key_of(
@@ -27,7 +32,9 @@ pub(super) fn key_of(
             return Some(key.clone());
         }
         (Some(_), None) => {
-            found.unchecked.push("the pool: nobody brought the beacon's round, so nothing was drawn".to_owned());
+            found
+                .unchecked
+                .push("the pool: the beacon's round was not brought before the end, so nothing was drawn".to_owned());
             if !reveal.specifications.is_empty() {
                 found.breach("pool", "the reveal has specifications, but not the round that they derive from");
             }
@@ -35,6 +42,16 @@ pub(super) fn key_of(
         }
         (Some(beacon), Some(pool)) => (beacon, pool),
     };
+    if !beacon.is_first_from(commitment.opens_at_ms) {
+        found.breach("pool", "the committed round is not the first from the opening of the epoch on");
+    }
+    let late_ms = pool.made_at_ms.saturating_sub(beacon.emitted_at_ms());
+    if late_ms > LATE_MS {
+        let minutes = late_ms / 60_000;
+        found.unchecked.push(format!(
+            "the pool: it was published {minutes} minutes after its round, so who has the key could know it for as long"
+        ));
+    }
     if commitment.root.is_some() {
         found.breach("root", "was committed to before the round, from which it derives");
     }
@@ -85,11 +102,26 @@ pub(super) fn announced(reveal: &Reveal, commitment: &Commitment, kept: &Kept, t
             found.breach(format!("receipt {seq} of the log"), "announces something other than the reveal has");
         }
     }
-    let (Some(beacon), false) = (&commitment.beacon, kept.log.is_empty()) else { return };
+    let (Some(beacon), Some(first)) = (&commitment.beacon, kept.log.iter().map(|file| file.seq).min()) else { return };
+    if first > 1 {
+        let why = format!("announcements in the log: the pages that were given begin with receipt {first}");
+        found.unchecked.push(why);
+        return;
+    }
     let place = |is_it: fn(&Announcement) -> bool| told.iter().find(|(_, told)| is_it(told)).map(|(seq, _)| *seq);
     let epoch = place(|told| matches!(told, Announcement::Epoch(_)));
     let pool = place(|told| matches!(told, Announcement::Pool(_)));
     in_order(epoch, pool, beacon, reveal.pool.as_ref(), &told, found);
+    // An official entry is in the log before the pool: its time alone could be written back.
+    let is_official = |file: &&ReceiptFile| {
+        let told = file.receipt.as_ref().and_then(fact);
+        matches!(told, Some(Fact::Entry(entry)) if entry.tier == Tier::Official)
+    };
+    let late = reveal.receipts.iter().flatten().filter(|file| pool.is_some_and(|pool| file.seq > pool));
+    for file in late.filter(is_official) {
+        found
+            .breach(format!("receipt {}", file.seq), "registers an official entry, but entered the log after the pool");
+    }
 }
 
 /// Checks that the epoch was announced before the round, and the pool after it.
