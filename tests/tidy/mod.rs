@@ -1,6 +1,7 @@
 //! The order of the house: imports run downwards, no files form a ring, files are short and say what they are for.
 
 mod imports;
+mod supply;
 
 use std::path::{Path, PathBuf};
 

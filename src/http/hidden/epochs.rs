@@ -48,11 +48,13 @@ pub struct EpochBody {
     pub closes_at: String,
     /// Commitment published before the epoch opened. Keep it to verify the reveal.
     pub commitment: Commitment,
-    /// The pool, published right after the beacon's round; null before it, and for an epoch without a beacon, whose root is in the
+    /// The pool, published right after the beacon's round; absent before it, and for an epoch without a beacon, whose root is in the
     /// commitment.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub pool: Option<BoundPool>,
-    /// Time until which official entries are registered, the time of the beacon's round; null for an epoch without a beacon,
+    /// Time until which official entries are registered, the time of the beacon's round; absent for an epoch without a beacon,
     /// which takes entries as long as it is open.
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(format = DateTime)]
     pub registration_closes_at: Option<String>,
     /// Time at which the commitment was published.

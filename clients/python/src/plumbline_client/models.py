@@ -3931,7 +3931,7 @@ class EpochBody(BaseModel):
     pool: BoundPool | None = None
     registration_closes_at: AwareDatetime | None = None
     """
-    Time until which official entries are registered, the time of the beacon's round; null for an epoch without a beacon,
+    Time until which official entries are registered, the time of the beacon's round; absent for an epoch without a beacon,
     which takes entries as long as it is open.
     """
     committed_at: AwareDatetime

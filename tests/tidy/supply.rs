@@ -1,0 +1,95 @@
+//! The crates that the program is built from are those that docs/supply-chain.md lists and that were read.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::process::Command;
+
+use crate::support::repository;
+use serde_json::Value;
+
+/// What cargo knows of the crates of the program on Linux.
+fn metadata() -> Value {
+    let mut command = Command::new(env!("CARGO"));
+    command.args(["metadata", "--locked", "--format-version", "1", "--filter-platform", "x86_64-unknown-linux-gnu"]);
+    let output = command.current_dir(repository("")).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// The crates that are part of the program, without those that only tests use.
+fn of_program(metadata: &Value) -> Vec<&Value> {
+    let packages: BTreeMap<&str, &Value> =
+        metadata["packages"].as_array().unwrap().iter().map(|own| (own["id"].as_str().unwrap(), own)).collect();
+    let nodes: BTreeMap<&str, &Value> =
+        metadata["resolve"]["nodes"].as_array().unwrap().iter().map(|own| (own["id"].as_str().unwrap(), own)).collect();
+    let root = metadata["resolve"]["root"].as_str().unwrap();
+    let (mut seen, mut next) = (BTreeSet::new(), vec![root]);
+    while let Some(id) = next.pop() {
+        if !seen.insert(id) {
+            continue;
+        }
+        for dependency in nodes[id]["deps"].as_array().unwrap() {
+            let kinds = dependency["dep_kinds"].as_array().unwrap();
+            if kinds.iter().any(|kind| kind["kind"] != "dev") {
+                next.push(dependency["pkg"].as_str().unwrap());
+            }
+        }
+    }
+    seen.into_iter().map(|id| packages[id]).collect()
+}
+
+#[test]
+fn crates_come_from_one_registry_and_their_build_scripts_were_read() {
+    let metadata = metadata();
+    let program = of_program(&metadata);
+    assert!(program.len() > 300, "{}", program.len());
+    let foreign: Vec<&Value> = program
+        .iter()
+        .map(|own| &own["source"])
+        .filter(|source| !source.is_null() && *source != "registry+https://github.com/rust-lang/crates.io-index")
+        .collect();
+    assert_eq!(foreign, Vec::<&Value>::new());
+
+    let has_script = |own: &&&Value| {
+        let mut targets = own["targets"].as_array().unwrap().iter();
+        !own["source"].is_null() && targets.any(|target| target["kind"][0] == "custom-build")
+    };
+    let with_script: BTreeSet<&str> =
+        program.iter().filter(has_script).map(|own| own["name"].as_str().unwrap()).collect();
+    let text = std::fs::read_to_string(repository("docs/supply-chain.md")).unwrap();
+    let table = text.split_once("## Build scripts").unwrap().1.split_once("## Reproducible").unwrap().0;
+    let rows = table.lines().filter(|line| line.starts_with("| ") && !line.starts_with("| what"));
+    let listed: BTreeSet<&str> =
+        rows.flat_map(|row| row.trim_end_matches(" |").rsplit('|').next().unwrap().split(',').map(str::trim)).collect();
+    assert_eq!(with_script, listed, "read the build scripts, and correct docs/supply-chain.md");
+}
+
+#[test]
+fn the_documented_versions_of_native_code_are_those_that_are_built() {
+    let metadata = metadata();
+    let text = std::fs::read_to_string(repository("docs/supply-chain.md")).unwrap();
+    for (name, file, begins) in [
+        ("libsqlite3-sys", "sqlite3/sqlite3.h", &["#define SQLITE_VERSION "][..]),
+        (
+            "rquickjs-sys",
+            "quickjs/quickjs.h",
+            &["#define QJS_VERSION_MAJOR", "#define QJS_VERSION_MINOR", "#define QJS_VERSION_PATCH"],
+        ),
+        (
+            "zstd-sys",
+            "zstd/lib/zstd.h",
+            &["#define ZSTD_VERSION_MAJOR", "#define ZSTD_VERSION_MINOR", "#define ZSTD_VERSION_RELEASE"],
+        ),
+    ] {
+        let program = of_program(&metadata);
+        let package = program.into_iter().find(|own| own["name"] == name).unwrap();
+        let folder = std::path::Path::new(package["manifest_path"].as_str().unwrap()).parent().unwrap().to_owned();
+        let header = std::fs::read_to_string(folder.join(file)).unwrap();
+        let of_line = |begin: &&str| {
+            let line = header.lines().find(|line| line.starts_with(begin)).unwrap_or_else(|| panic!("{name}: {begin}"));
+            line.split_whitespace().nth(2).unwrap().trim_matches('"').to_owned()
+        };
+        let version = begins.iter().map(of_line).collect::<Vec<_>>().join(".");
+        let row = text.lines().find(|line| line.contains(&format!("| {name} |"))).unwrap();
+        assert!(row.contains(&format!("| {version} |")), "{name} carries {version}: {row}");
+    }
+}
