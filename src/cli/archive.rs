@@ -76,7 +76,7 @@ struct Archive {
     log: Vec<LogPage>,
     /// `GET /v1/epochs/NAME/leaderboard` of both tiers.
     boards: Vec<Value>,
-    /// `GET /log/key`.
+    /// `GET /log/key`, with which other tools verify the checkpoints.
     log_key: String,
     /// `GET /log/checkpoint`, from before the pages were read.
     checkpoint: String,

@@ -12,8 +12,8 @@ use crate::app::hidden::pools::publish_pool;
 use crate::client::fetch_round;
 use crate::clock::now_ms;
 use crate::http::middleware::rates::Rates;
-use crate::store::Store;
 use crate::store::epochs::EpochRow;
+use crate::store::{Store, StoreResult};
 
 /// Task that one node does for all: settling epochs and publishing what they came to.
 const HIDDEN: &str = "hidden evaluation";
@@ -120,17 +120,11 @@ pub(super) async fn follow_beacons(store: Store, server: Option<String>, stop: C
     // A server that fails is asked again later, and what is missing is said again.
     const AFTER_FAILURE: Duration = Duration::from_secs(10);
     const SAID: Duration = Duration::from_mins(1);
-    const LEASE_MS: i64 = 15_000;
     let node = uuid::Uuid::new_v4().to_string();
     let mut pause = LOOK;
     while stop.run_until_cancelled(tokio::time::sleep(pause)).await.is_some() {
         pause = LOOK;
-        let lacking = match store.lead(BEACONS, &node, LEASE_MS).await {
-            Ok(true) => store.epochs().await,
-            Ok(false) => continue,
-            Err(error) => Err(error),
-        };
-        let lacking = match lacking {
+        let lacking = match rounds_to_bring(&store, &node).await {
             Ok(lacking) => lacking,
             Err(error) => {
                 tracing::warn!(%error, "could not find out which epochs wait for their beacon's round");
@@ -138,7 +132,7 @@ pub(super) async fn follow_beacons(store: Store, server: Option<String>, stop: C
                 continue;
             }
         };
-        for (epoch, round) in lacking.iter().filter_map(|epoch| Some((epoch, epoch.lacks_round(now_ms())?))) {
+        for (epoch, round) in &lacking {
             let Some(server) = &server else {
                 tracing::warn!(
                     epoch = epoch.id(),
@@ -166,6 +160,18 @@ pub(super) async fn follow_beacons(store: Store, server: Option<String>, stop: C
     if let Err(error) = store.stop_leading(BEACONS, &node).await {
         tracing::debug!(%error, "another node leads only when this node's lease has ended");
     }
+}
+
+/// Returns the epochs that lack the round of their beacon, with its number; none if another node brings them. Nearly always there
+/// are none, and nothing is written.
+async fn rounds_to_bring(store: &Store, node: &str) -> StoreResult<Vec<(EpochRow, u64)>> {
+    const LEASE_MS: i64 = 15_000;
+    let epochs = store.epochs().await?.into_iter();
+    let lacking: Vec<_> = epochs.filter_map(|epoch| epoch.lacks_round(now_ms()).map(|round| (epoch, round))).collect();
+    if lacking.is_empty() || !store.lead(BEACONS, node, LEASE_MS).await? {
+        return Ok(Vec::new());
+    }
+    Ok(lacking)
 }
 
 async fn bring_round(store: &Store, server: &str, epoch: &EpochRow) -> anyhow::Result<String> {

@@ -22,13 +22,13 @@ pub struct CosignatureRow {
 from_row!(CosignatureRow { witness, size, checkpoint, line, at_s });
 
 impl Store {
-    /// Stores the cosignature of a witness, unless a later one is stored. Returns whether it was.
+    /// Stores the cosignature of a witness, unless a later one is stored.
     ///
     /// # Errors
     /// Returns an error if the database fails.
-    pub async fn put_cosignature(&self, new: &CosignatureRow) -> StoreResult<bool> {
+    pub async fn put_cosignature(&self, new: &CosignatureRow) -> StoreResult<()> {
         let mut tx = self.begin().await?;
-        let stored = query(
+        query(
             "INSERT INTO cosignatures (witness, size, checkpoint, line, at_s) VALUES ($1, $2, $3, $4, $5)
              ON CONFLICT (witness) DO UPDATE SET size = excluded.size, checkpoint = excluded.checkpoint,
                 line = excluded.line, at_s = excluded.at_s
@@ -41,8 +41,7 @@ impl Store {
         .bind(new.at_s)
         .execute(&mut tx)
         .await?;
-        commit(tx, "put_cosignature").await?;
-        Ok(stored > 0)
+        commit(tx, "put_cosignature").await
     }
 
     /// Returns the latest cosignature of each witness, those of the longest log first.

@@ -42,13 +42,12 @@ pub struct Chain {
     /// Time of the first round, in seconds since 1970.
     pub genesis_time: i64,
     /// Hash that identifies the chain.
-    #[serde(alias = "chain_hash")]
     pub hash: String,
     /// Hash of the group of servers that began the chain.
-    #[serde(rename = "groupHash", alias = "genesis_seed")]
+    #[serde(rename = "groupHash")]
     pub genesis_seed: String,
     /// Name of the scheme.
-    #[serde(rename = "schemeID", alias = "scheme")]
+    #[serde(rename = "schemeID")]
     pub scheme: String,
     /// Facts that do not change its rounds.
     #[serde(default)]
@@ -274,7 +273,7 @@ impl BoundPool {
 mod tests {
     use super::*;
 
-    /// Rounds of the public chain: 123 from the documentation of `drand-verify`.
+    /// Round 123 of the public chain, from the documentation of `drand-verify`.
     const ROUND_123: &str = "b75c69d0b72a5d906e854e808ba7e2accb1542ac355ae486d591aa9d43765482\
                              e26cd02df835d3546d23c4b13e0dfc92";
 
