@@ -6,6 +6,7 @@ mod degenerate;
 mod draws;
 mod fair;
 mod gaming;
+mod gauge;
 mod hidden_checks;
 mod panel;
 mod scale;

@@ -15,12 +15,13 @@ use crate::clock::{DAY_MS, day_ms, milliseconds, now_ms, rfc3339};
 use crate::store::Store;
 use crate::store::epochs::EpochRules;
 use crate::store::secrets::{EpochSecret, PoolFile, random_key};
-use plumbline_engine::hidden::GENERATOR_VERSION;
 use plumbline_engine::hidden::beacon::{Beacon, Chain};
 use plumbline_engine::hidden::commitment::{Commitment, Rules, Terms, root_of};
 use plumbline_engine::hidden::feedback::Feedback;
-use plumbline_engine::hidden::pool::Generator;
+use plumbline_engine::hidden::pool::{Generator, PoolError};
 use plumbline_engine::hidden::secret::EpochKey;
+use plumbline_engine::hidden::siblings::Siblings;
+use plumbline_engine::hidden::{GENERATOR_VERSION, PROTOCOL};
 use plumbline_engine::voxel::Profile;
 
 /// Arguments of `epochs`.
@@ -107,6 +108,10 @@ struct CreateArgs {
     /// File that describes another chain than quicknet, as its servers do (`/CHAIN-HASH/info`).
     #[arg(long, value_name = "FILE", requires = "beacon")]
     beacon_chain: Option<PathBuf>,
+    /// Leave out the public siblings that official runs draw beside each instance, which twice as many answers are for. Without
+    /// them the board cannot tell whether an agent knows public builds by heart.
+    #[arg(long)]
+    no_siblings: bool,
     /// Bits of information that may be released before the epoch closes automatically.
     #[arg(long, default_value_t = 2_000)]
     budget_bits: u32,
@@ -209,7 +214,10 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
         budget_bits: new.budget_bits,
         receipt_key: signing.public_key,
         profile: Profile::Mindcraft,
+        protocol: PROTOCOL,
     };
+    let siblings =
+        (!new.no_siblings).then(|| Ok::<_, PoolError>(Siblings::of(GENERATOR_VERSION)?.list().clone())).transpose()?;
     let terms = Terms {
         epoch: new.name.clone(),
         opens_at_ms,
@@ -222,6 +230,7 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
         },
         rules: rules.clone(),
         beacon,
+        siblings,
     };
     let commitment = Commitment::to(&terms, &key, &strata, root);
     let secret = EpochSecret { pool_key: key.clone(), key, pool };

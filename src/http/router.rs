@@ -95,6 +95,7 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(hidden::epochs::get_epoch_reveal))
         .routes(routes!(hidden::epochs::get_epoch_answers))
         .routes(routes!(hidden::boards::get_epoch_leaderboard))
+        .routes(routes!(hidden::siblings::list_siblings))
         .routes(routes!(hidden::entries::create_entry))
         .routes(routes!(hidden::entries::get_entry))
         .routes(routes!(hidden::draws::create_instances))

@@ -14,6 +14,7 @@ use crate::clock::now_ms;
 use crate::http::middleware::rates::Rates;
 use crate::store::epochs::EpochRow;
 use crate::store::{Store, StoreResult};
+use plumbline_engine::hidden::pool::Generator;
 
 /// Task that one node does for all: settling epochs and publishing what they came to.
 const HIDDEN: &str = "hidden evaluation";
@@ -159,6 +160,22 @@ pub(super) async fn follow_beacons(store: Store, server: Option<String>, stop: C
     }
     if let Err(error) = store.stop_leading(BEACONS, &node).await {
         tracing::debug!(%error, "another node leads only when this node's lease has ended");
+    }
+}
+
+/// Makes the public list of siblings, and the generator that knows it, if an epoch needs them: the first draw and the pool of a beacon
+/// shall not wait for them.
+pub(super) async fn prepare_siblings(store: Store) {
+    let needs = |epoch: &EpochRow| epoch.commitment.siblings.is_some() && epoch.settled_at_ms.is_none();
+    match store.epochs().await {
+        Ok(epochs) if epochs.iter().any(needs) => {
+            let made = tokio::task::spawn_blocking(|| Generator::new().map(drop)).await;
+            if !matches!(made, Ok(Ok(()))) {
+                tracing::error!("could not make the list of siblings; draws will try again");
+            }
+        }
+        Ok(_) => {}
+        Err(error) => tracing::warn!(%error, "could not find out which epochs have siblings"),
     }
 }
 

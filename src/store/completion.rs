@@ -3,8 +3,9 @@
 use super::db::{Tx, query, query_as};
 use super::entries::{EntryRow, entry_in};
 use super::epochs::{EpochRow, close_in, epoch_in};
-use super::evidence::{publish, witness};
+use super::evidence::witness;
 use super::locks::Lock;
+use super::padding::publish_due;
 use super::{Store, StoreError, StoreResult, commit, quota};
 use plumbline_engine::hidden::evidence::{CompletedFact, Fact};
 use plumbline_engine::hidden::receipts::Signer;
@@ -125,7 +126,7 @@ impl Store {
         for (entry, _, _) in &waiting {
             complete(&mut tx, &signer, entry, decide, now_ms).await?;
         }
-        publish(&mut tx, None).await?;
+        publish_due(&mut tx, &signer).await?;
         commit(tx, "publish_hidden").await
     }
 }

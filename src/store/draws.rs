@@ -11,8 +11,11 @@ use super::instances::{InstanceRow, of_run};
 use super::locks::Lock;
 use super::secrets::EpochSecret;
 use super::{Store, StoreError, StoreResult, commit};
+use plumbline_engine::hidden::commitment::Commitment;
 use plumbline_engine::hidden::evidence::{DrawFact, Fact};
 use plumbline_engine::hidden::issue::Lot;
+use plumbline_engine::hidden::pool::Specification;
+use plumbline_engine::hidden::siblings::Siblings;
 use plumbline_engine::tasks::{Task, hex};
 
 /// Draw of a run's instances.
@@ -28,6 +31,19 @@ pub struct NewDraw<'a> {
     pub secret: &'a EpochSecret,
     /// Lot of the run, from the same secret.
     pub lot: &'a Lot<'a>,
+    /// The public list of siblings, if the epoch has any.
+    pub siblings: Option<&'static Siblings>,
+}
+
+impl NewDraw<'_> {
+    /// Returns the specification behind a leaf of the pool, or of the list of siblings.
+    fn specification(&self, commitment: &Commitment, leaf: u32) -> Option<&Specification> {
+        let pool = &self.secret.pool;
+        if commitment.is_sibling(leaf) {
+            return self.siblings?.specification(commitment, &pool.strata, leaf);
+        }
+        pool.specifications.get(leaf as usize)
+    }
 }
 
 /// Stored facts that decide on a draw.
@@ -117,7 +133,7 @@ impl Store {
             DrawDecision::Refuse(refusal) => return Ok(Issued::Refused(refusal)),
         };
         for (ordinal, drawn) in (facts.issued_leaves.len() as i64 + 1..).zip(&leaves) {
-            insert(&mut tx, new, facts.epoch.id(), ordinal, drawn, now_ms).await?;
+            insert(&mut tx, new, &facts.epoch.commitment, ordinal, drawn, now_ms).await?;
         }
         let instances = of_run(&mut tx, new.entry_id, new.run).await?;
         let drawn = DrawFact {
@@ -149,12 +165,12 @@ async fn facts_of(tx: &mut Tx, entry_id: &str, before: &[InstanceRow], now_ms: i
 async fn insert(
     tx: &mut Tx,
     new: &NewDraw<'_>,
-    epoch_id: &str,
+    commitment: &Commitment,
     ordinal: i64,
     drawn: &DrawnLeaf,
     now_ms: i64,
 ) -> StoreResult<()> {
-    let Some(specification) = new.secret.pool.specifications.get(drawn.leaf as usize) else {
+    let Some(specification) = new.specification(commitment, drawn.leaf) else {
         return Err(StoreError::corrupt("secrets", format!("the pool has no leaf {}", drawn.leaf)));
     };
     let hash = put_task(tx, &specification.task).await?;
@@ -167,7 +183,7 @@ async fn insert(
     )
     .bind(id)
     .bind(new.entry_id)
-    .bind(epoch_id)
+    .bind(&commitment.epoch)
     .bind(ordinal)
     .bind(i64::from(new.run))
     .bind(&drawn.family)

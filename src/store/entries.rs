@@ -4,7 +4,8 @@ use super::db::{Row, Tx, query, query_as};
 use super::locks::Lock;
 use super::rows::from_row;
 use super::{Store, StoreError, StoreResult, commit};
-use plumbline_engine::hidden::feedback::{Outcome, Tier};
+use plumbline_engine::grading::ProblemScores;
+use plumbline_engine::hidden::feedback::Tier;
 
 /// Row of an entry.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -39,6 +40,12 @@ pub struct BoardOutcome {
     pub entry_id: String,
     /// Salt of the instance.
     pub salt: String,
+    /// Name of its family.
+    pub family: String,
+    /// Number of its run within the entry, from 1.
+    pub run: i64,
+    /// Its leaf.
+    pub leaf: i64,
     /// Whether the answer passes.
     pub passes: bool,
     /// Whether the instance has an answer.
@@ -49,7 +56,7 @@ pub struct BoardOutcome {
     pub is_checked: bool,
 }
 
-from_row!(BoardOutcome { entry_id, salt, passes, is_answered, has_transcript, is_checked });
+from_row!(BoardOutcome { entry_id, salt, family, run, leaf, passes, is_answered, has_transcript, is_checked });
 
 macro_rules! select_entry {
     ($rest:literal) => {
@@ -96,10 +103,23 @@ pub(super) async fn own_entries_in(tx: &mut Tx, epoch_id: &str, tier: Tier, owne
     rows.iter().map(read).collect()
 }
 
+/// Outcome of an instance of an entry.
+#[derive(Debug, Clone, PartialEq)]
+pub struct InstanceOutcome {
+    /// Identifier of the instance.
+    pub instance: String,
+    /// Salt of the instance.
+    pub salt: String,
+    /// Its leaf.
+    pub leaf: i64,
+    /// Scores of the checks; none without a graded answer.
+    pub scores: Option<ProblemScores>,
+}
+
 /// Returns the outcome of each instance of an entry, in order of issue.
-async fn outcomes_in(connection: &mut Tx, entry_id: &str) -> StoreResult<Vec<Outcome>> {
-    let rows: Vec<(String, Option<String>)> = query_as(
-        "SELECT i.id, r.scores FROM instances i
+async fn outcomes_in(connection: &mut Tx, entry_id: &str) -> StoreResult<Vec<InstanceOutcome>> {
+    let rows: Vec<(String, String, i64, Option<String>)> = query_as(
+        "SELECT i.id, i.salt, i.leaf, r.scores FROM instances i
          LEFT JOIN submissions s ON s.instance_id = i.id AND s.superseded = FALSE
          LEFT JOIN latest_reports r ON r.submission_id = s.id
          WHERE i.entry_id = $1 ORDER BY i.ordinal",
@@ -107,9 +127,14 @@ async fn outcomes_in(connection: &mut Tx, entry_id: &str) -> StoreResult<Vec<Out
     .bind(entry_id)
     .fetch_all(connection)
     .await?;
-    let outcome = |(instance, scores): (String, Option<String>)| {
+    let outcome = |(instance, salt, leaf, scores): (String, String, i64, Option<String>)| {
         let scores = scores.as_deref().map(serde_json::from_str).transpose();
-        Ok(Outcome { instance, scores: scores.map_err(|error| StoreError::corrupt("reports", error))? })
+        Ok(InstanceOutcome {
+            instance,
+            salt,
+            leaf,
+            scores: scores.map_err(|error| StoreError::corrupt("reports", error))?,
+        })
     };
     rows.into_iter().map(outcome).collect()
 }
@@ -160,7 +185,7 @@ impl Store {
     ///
     /// # Errors
     /// Returns an error if the database fails or scores cannot be read.
-    pub async fn outcomes_of_entry(&self, id: &str) -> StoreResult<Vec<Outcome>> {
+    pub async fn outcomes_of_entry(&self, id: &str) -> StoreResult<Vec<InstanceOutcome>> {
         outcomes_in(&mut self.readers.begin_reading().await?, id).await
     }
 
@@ -170,7 +195,7 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn board_outcomes(&self, epoch_id: &str, tier: Tier) -> StoreResult<Vec<BoardOutcome>> {
         query_as(
-            "SELECT e.id AS entry_id, i.salt, COALESCE(r.overall, FALSE) AS passes, s.id IS NOT NULL AS is_answered,
+            "SELECT e.id AS entry_id, i.salt, i.family, i.run, i.leaf, COALESCE(r.overall, FALSE) AS passes, s.id IS NOT NULL AS is_answered,
                     i.transcript_hash IS NOT NULL AS has_transcript, i.transcript_checked_ms IS NOT NULL AS is_checked
              FROM entries e JOIN instances i ON i.entry_id = e.id
              LEFT JOIN submissions s ON s.instance_id = i.id AND s.superseded = FALSE

@@ -4,8 +4,8 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::db::{Row, Tx, query};
-use super::evidence::publish;
 use super::locks::Lock;
+use super::pending::publish;
 use super::receipts::announce;
 use super::secrets::EpochSecret;
 use super::{Store, StoreError, StoreResult, commit};

@@ -38,6 +38,8 @@ mod migrations;
 pub mod moving;
 pub mod overview;
 mod pace;
+mod padding;
+mod pending;
 mod postgres;
 pub mod queue;
 pub mod quota;

@@ -3,8 +3,8 @@
 use sqlx::AssertSqlSafe;
 
 use super::db::{query, query_scalar};
-use super::evidence::publish;
 use super::locks::Lock;
+use super::pending::publish;
 use super::receipts::{NewReceipt, enter};
 use super::{Store, StoreResult, commit};
 use plumbline_engine::hidden::receipts::{Signer, key_change};

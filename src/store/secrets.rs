@@ -175,10 +175,15 @@ impl Secrets {
 
     /// Returns the pool with this root that derives from a key; `None` if the key gives another.
     fn bound_pool(&self, commitment: &Commitment, key: &EpochKey, root: &str) -> StoreResult<Option<PoolFile>> {
-        let kept = self.get(&pool_file(&commitment.epoch))?;
-        let kept = kept.and_then(|content| serde_json::from_slice::<PoolFile>(&content).ok());
-        if let Some(pool) = kept.filter(|pool| root_of(key, &pool.specifications) == root) {
-            return Ok(Some(pool));
+        let name = pool_file(&commitment.epoch);
+        if let Some(content) = self.get(&name)? {
+            let kept = serde_json::from_slice::<PoolFile>(&content).ok();
+            if let Some(pool) = kept.filter(|pool| root_of(key, &pool.specifications) == root) {
+                return Ok(Some(pool));
+            }
+            // A damaged file must not have the pool drawn again at each start. It is not lost: key and round give it.
+            let path = self.file(&name);
+            std::fs::remove_file(&path).map_err(|error| failed(&path, &error))?;
         }
         let pool = self.put_pool(commitment, key)?;
         Ok(Some(pool).filter(|pool| root_of(key, &pool.specifications) == root))

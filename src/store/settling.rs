@@ -4,8 +4,9 @@
 use super::completion::{DecideCompletion, complete};
 use super::db::{Tx, query, query_scalar};
 use super::epochs::{epoch_in, seal_in};
-use super::evidence::{count_of, publish, witness};
+use super::evidence::{count_of, witness};
 use super::locks::Lock;
+use super::pending::publish;
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::hidden::evidence::{ClosedFact, Fact};
 use plumbline_engine::hidden::receipts::Signer;

@@ -86,12 +86,18 @@ async fn a_pool_is_made_from_the_committed_round_and_no_other() {
     assert!(announced.iter().any(|own| own["pool"] == pool), "and the pool: {announced:?}");
 
     let drawn = scene.draw(&lab, &entry, 1).await;
-    // The pool follows from key and round, so a lost file of it loses nothing.
-    std::fs::remove_file(scene.file("p.db.secrets/epoch-autumn.pool.json")).unwrap();
+    // The pool follows from key and round, so a damaged or lost file of it loses nothing, and is written again.
+    let file = scene.file("p.db.secrets/epoch-autumn.pool.json");
+    let whole = std::fs::read(&file).unwrap();
+    std::fs::write(&file, &whole[..whole.len() / 2]).unwrap();
     scene.restart(None);
     assert_eq!(scene.draw(&lab, &entry, 1).await, drawn);
     assert!(!scene.draw(&lab, &entry, 2).await.is_empty());
-    assert!(scene.file("p.db.secrets/epoch-autumn.pool.json").exists());
+    assert_eq!(std::fs::read(&file).unwrap(), whole);
+    std::fs::remove_file(&file).unwrap();
+    scene.restart(None);
+    assert_eq!(scene.draw(&lab, &entry, 1).await, drawn);
+    assert_eq!(std::fs::read(&file).unwrap(), whole);
     let page = scene.service.get("/epochs/autumn").await.text;
     assert!(page.contains(&chain_hash()) && page.contains(pool["root"].as_str().unwrap()), "{page}");
 }
@@ -200,7 +206,7 @@ fn an_epoch_is_bound_to_a_chain_that_can_be_verified() {
 /// An epoch from its announcement to its end, with everything that is published.
 #[tokio::test]
 async fn every_field_of_what_is_published_is_verified() {
-    let scene = bound_scene(&["--per-instance", "1"]);
+    let scene = bound_scene(&["--per-instance", "1", "--siblings"]);
     let lab = scene.key("lab");
     let early = epoch(&scene).await;
     let entry = scene.register(&lab, "official", 1).await;

@@ -71,10 +71,11 @@ async fn a_lab_goes_through_an_epoch_and_checks_what_it_revealed() {
     assert_eq!(service.get(&format!("/v1/entries/{dev}")).await.json()["result"], Value::Null);
     scene.made(&other, &format!("/v1/entries/{dev}/finalize"), &json!({})).await;
     let told = service.wait_for(&format!("/v1/entries/{dev}"), |entry| entry["state"] == "complete").await;
-    assert_eq!(told["result"], json!({ "passed": 20, "of": 26, "overall": 20.0 / 26.0 }));
-    let board = service.get("/v1/epochs/autumn/leaderboard?tier=dev").await.json();
+    is_told_in_part(&told["result"]);
+    let open = service.get("/v1/epochs/autumn/leaderboard?tier=dev").await.json();
+    let board = &open;
     assert_eq!((board["rows"][0]["owner"].as_str(), board["rows"][0]["attempts"].as_u64()), (Some("other"), Some(1)));
-    assert!(board["rows"][0]["of"].as_u64().unwrap() < 26, "the Ladder shows the half that did not decide: {board}");
+    assert!(board["rows"][0]["of"].as_u64().unwrap() < 26, "the Ladder shows the part that did not decide: {board}");
 
     // The official entry is finalized; nothing is told before the epoch is over.
     scene.made(&lab, &format!("/v1/entries/{entry}/finalize"), &json!({})).await;
@@ -95,6 +96,11 @@ async fn a_lab_goes_through_an_epoch_and_checks_what_it_revealed() {
     scene.end_epoch().await;
     let told = service.get(&format!("/v1/entries/{entry}")).await.json();
     assert_eq!((&told["result"]["passed"], &told["result"]["of"]), (&json!(48), &json!(52)), "{told}");
+    let told = service.get(&format!("/v1/entries/{dev}")).await.json()["result"].clone();
+    assert_eq!((&told["passed"], &told["of"], &told["told_later"]), (&json!(20), &json!(26), &Value::Null));
+    let last = service.get("/v1/epochs/autumn/leaderboard?tier=dev").await.json();
+    assert_eq!((&open["is_final"], &last["is_final"]), (&json!(false), &json!(true)));
+    assert!(last["rows"][0]["of"].as_u64().unwrap() < 26 - open["rows"][0]["of"].as_u64().unwrap(), "{last}");
     let board = service.get("/v1/epochs/autumn/leaderboard").await.json();
     assert_eq!(
         (&board["rows"][0]["passed"], &board["rows"][0]["provenance"]),
@@ -113,12 +119,25 @@ async fn a_lab_goes_through_an_epoch_and_checks_what_it_revealed() {
     verify_offline(&scene, &key);
 }
 
+fn first_number(text: &str) -> u32 {
+    text.split(|c: char| !c.is_ascii_digit()).find_map(|own| own.parse().ok()).unwrap()
+}
+
+/// Of a dev entry with 20 of 26 solved, a part is told before the end: a third on average is kept for the final board.
+fn is_told_in_part(result: &Value) {
+    let [passed, of, later] = ["passed", "of", "told_later"].map(|name| result[name].as_u64().unwrap());
+    assert_eq!(of + later, 26, "{result}");
+    assert!(later > 0 && passed <= 20 && of - passed <= 6, "{result}");
+}
+
 /// What the downloaded files alone show, and what changed ones do.
 fn verify_offline(scene: &Scene, key: &str) {
     let checked = run(&["verify-receipt", scene.file("log.json").to_str().unwrap(), "--key", key], None);
     assert!(checked.status.success(), "{}", said(&checked));
     assert!(
-        said(&checked).contains("163 receipts, each log entry linked to the one before; 0 of them"),
+        // 162 steps and the announcement, and as many more as grades came later than their answers were published.
+        said(&checked).contains(" receipts, each log entry linked to the one before; 0 of them")
+            && first_number(&said(&checked)) >= 163,
         "{}",
         said(&checked)
     );
@@ -308,7 +327,7 @@ async fn whenever_the_service_dies_nothing_is_drawn_or_answered_twice_and_the_bo
                 tokio::time::sleep(std::time::Duration::from_millis(50)).await;
             }
             let what = format!("{side} {commit}");
-            assert_eq!(result["result"], json!({ "passed": 20, "of": 26, "overall": 20.0 / 26.0 }), "{what}: {result}");
+            is_told_in_part(&result["result"]);
             let epoch = scene.service.get("/v1/epochs/autumn").await.json();
             assert_eq!(
                 (&epoch["issued"], &epoch["answered"], &epoch["released_bits"]),

@@ -8,3 +8,4 @@ mod evaluation;
 mod fields;
 mod leaks;
 mod log;
+mod siblings;

@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use plumbline::store::db::query_scalar;
+use plumbline_engine::hidden::GENERATOR_VERSION;
+use plumbline_engine::hidden::siblings::Siblings;
 use plumbline_engine::tasks::Task;
 use reqwest::StatusCode;
 use serde_json::{Value, json};
@@ -49,7 +51,11 @@ impl Scene {
                 create.extend([option, value]);
             }
         }
-        let made = run(&[&create, options].concat(), Some(&database));
+        // Siblings double the answers; the tests that are about them ask for them.
+        let (asked, options): (Vec<&str>, Vec<&str>) = options.iter().partition(|option| **option == "--siblings");
+        create.extend(options);
+        create.extend(asked.is_empty().then_some("--no-siblings"));
+        let made = run(&create, Some(&database));
         assert!(made.status.success(), "{}", said(&made));
         std::fs::write(folder.path().join("clock"), "0").unwrap();
         let service = Self::serve(folder.path(), None, 1, &[]);
@@ -96,7 +102,9 @@ impl Scene {
     }
 
     pub fn set_clock(&self, ms: i64) {
-        std::fs::write(self.file("clock"), ms.to_string()).unwrap();
+        // At once: the service must not read a file that is half written.
+        std::fs::write(self.file("clock.new"), ms.to_string()).unwrap();
+        std::fs::rename(self.file("clock.new"), self.file("clock")).unwrap();
     }
 
     pub async fn post(&self, key: &str, path: &str, body: &Value) -> Answer {
@@ -133,7 +141,7 @@ impl Scene {
         drawn["instances"].as_array().unwrap().clone()
     }
 
-    /// The tasks of the pool by their prompts: what the operator could look up, and a lab cannot.
+    /// The tasks of the pool by their prompts, which the operator could look up and a lab cannot, and the public siblings.
     pub fn pool(&self) -> BTreeMap<Vec<String>, Task> {
         let bound = self.file("p.db.secrets/epoch-autumn.pool.json");
         let file = if bound.is_file() { bound } else { self.file("p.db.secrets/epoch-autumn.json") };
@@ -141,7 +149,12 @@ impl Scene {
         let secret: Value = serde_json::from_slice(&text).unwrap();
         let tasks = secret["specifications"].as_array().unwrap().iter();
         let task = |own: &Value| serde_json::from_value::<Task>(own["task"].clone()).unwrap();
-        tasks.map(task).map(|task| (task.turns.iter().map(|turn| turn.prompt.clone()).collect(), task)).collect()
+        let siblings = Siblings::of(GENERATOR_VERSION).unwrap().specifications().iter().map(|own| own.task.clone());
+        tasks
+            .map(task)
+            .chain(siblings)
+            .map(|task| (task.turns.iter().map(|turn| turn.prompt.clone()).collect(), task))
+            .collect()
     }
 
     /// Answers instances with the reference builds, but for the first so many, which are answered with nothing.

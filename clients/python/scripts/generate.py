@@ -99,6 +99,7 @@ PLACES = {
     "get_epoch_leaderboard": "epochs.leaderboard",
     "get_epoch_reveal": "epochs.reveal",
     "create_epoch_pool": "epochs.bring_round",
+    "list_siblings": "epochs.siblings",
     "create_entry": "entries.create",
     "get_entry": "entries.get",
     "finalize_entry": "entries.finalize",

@@ -5,9 +5,14 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::commitment::Commitment;
 use super::feedback::Tier;
+use super::gauge::{Gauge, Place};
 use super::ladder::{Attempt, Tally, climb};
-use crate::grading::statistics::interval::{Interval, wilson};
+use crate::grading::statistics::interval::{Interval, anytime, wilson};
+
+/// Probability that a board which is looked at again and again is ever misleading.
+const ERROR: f64 = 0.05;
 
 /// An entry as a board sees it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -35,6 +40,12 @@ pub struct Entrant {
 pub struct Answered {
     /// Secret salt of the instance, in hex.
     pub salt: String,
+    /// Name of its family.
+    pub family: String,
+    /// Number of its run within the entry, from 1.
+    pub run: u32,
+    /// Whether it is a public sibling, which the gauge alone counts.
+    pub is_sibling: bool,
     /// Whether the answer passes.
     pub passes: bool,
     /// Whether the instance has an answer.
@@ -60,7 +71,8 @@ pub struct Row {
     pub configuration_sha256: String,
     /// Share of instances that pass.
     pub overall: f64,
-    /// Wilson interval of that share at 95 % confidence.
+    /// Interval of that share at 95 % confidence: Wilson's. On a dev board that may still move it holds at all looks together, since
+    /// version 2 of the protocol.
     pub interval: Option<Interval>,
     /// Number of instances that pass.
     pub passed: u32,
@@ -74,6 +86,27 @@ pub struct Row {
     pub transcripts_checked: usize,
     /// Identifiers of the entries behind the row.
     pub entries: Vec<String>,
+    /// How much better the agent solves public siblings than hidden instances; absent without siblings.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gauge: Option<Gauge>,
+}
+
+/// The rules that a board is made by.
+#[derive(Debug, Clone, Copy)]
+pub struct BoardRules {
+    tier: Tier,
+    per_run: u32,
+    protocol: u32,
+    is_final: bool,
+}
+
+impl BoardRules {
+    /// Returns the rules of a tier's board. `is_over`: the epoch is over, and its outcomes no longer change.
+    #[must_use]
+    pub fn of(commitment: &Commitment, tier: Tier, is_over: bool) -> Self {
+        let protocol = commitment.protocol();
+        Self { tier, per_run: commitment.instances_per_run, protocol, is_final: is_over && protocol >= 2 }
+    }
 }
 
 impl Entrant {
@@ -87,21 +120,25 @@ impl Entrant {
         answered.peek().is_some() && answered.all(|instance| instance.has_transcript)
     }
 
-    /// Returns the entry as an attempt on the Ladder. Undrawn instances count as failed, half of them as deciding and
-    /// half as shown.
-    fn attempt(&self, per_run: u32) -> Attempt<'_> {
+    /// Returns the entry as an attempt on the Ladder. Undrawn instances count as failed.
+    fn attempt(&self, rules: &BoardRules) -> Attempt<'_> {
         let outcomes = self.instances.iter().map(|instance| (instance.salt.as_str(), instance.passes));
-        let mut attempt = Attempt::of(&self.configuration_sha256, outcomes);
-        let undrawn = self.all(per_run).saturating_sub(self.instances.len() as u32);
-        attempt.deciding.of += undrawn.div_ceil(2);
-        attempt.shown.of += undrawn / 2;
-        attempt
+        let undrawn = self.all(rules.per_run).saturating_sub(self.instances.len() as u32);
+        Attempt::of(rules.protocol, &self.configuration_sha256, outcomes, undrawn)
+    }
+
+    /// Returns the outcomes that the gauge is made of.
+    fn outcomes(&self) -> impl Iterator<Item = (Place<'_>, bool, bool)> {
+        self.instances.iter().map(|own| {
+            let place = Place { entry: &self.id, run: own.run, family: &own.family };
+            (place, own.is_sibling, own.passes)
+        })
     }
 }
 
-/// Computes the rows of a tier's entries, best first; `per_run` is the number of instances in a run.
+/// Computes the rows of a tier's entries, best first.
 #[must_use]
-pub fn rows(tier: Tier, per_run: u32, entrants: Vec<Entrant>) -> Vec<Row> {
+pub fn rows(rules: &BoardRules, entrants: Vec<Entrant>) -> Vec<Row> {
     let mut by_owner: BTreeMap<String, (usize, Vec<Entrant>)> = BTreeMap::new();
     for entrant in entrants {
         let own = by_owner.entry(entrant.owner.clone()).or_default();
@@ -114,7 +151,7 @@ pub fn rows(tier: Tier, per_run: u32, entrants: Vec<Entrant>) -> Vec<Row> {
         .into_values()
         .filter_map(|(attempts, mut own)| {
             own.sort_by(|a, b| (a.completed_at_ms, &a.id).cmp(&(b.completed_at_ms, &b.id)));
-            row(tier, per_run, &own, attempts)
+            row(rules, &own, attempts)
         })
         .collect();
     rows.sort_by(|a, b| b.overall.total_cmp(&a.overall).then_with(|| a.owner.cmp(&b.owner)));
@@ -126,17 +163,28 @@ pub fn rows(tier: Tier, per_run: u32, entrants: Vec<Entrant>) -> Vec<Row> {
 }
 
 /// Computes the row of an owner from its complete entries, which are in the order of their completion.
-fn row(tier: Tier, per_run: u32, own: &[Entrant], attempts: usize) -> Option<Row> {
+fn row(rules: &BoardRules, own: &[Entrant], attempts: usize) -> Option<Row> {
     let first = own.first()?;
-    let (shown, named) = match tier {
+    let at_once = |tally: Tally| (tally, wilson(tally.rate(), f64::from(tally.of)));
+    let ((shown, interval), named) = match rules.tier {
         Tier::Official => {
-            let passed = own.iter().flat_map(|own| &own.instances).filter(|instance| instance.passes).count() as u32;
-            (Tally { passed, of: own.iter().map(|own| own.all(per_run)).sum() }, first)
+            let hidden = own.iter().flat_map(|own| &own.instances).filter(|instance| !instance.is_sibling);
+            let passed = hidden.filter(|instance| instance.passes).count() as u32;
+            (at_once(Tally { passed, of: own.iter().map(|own| own.all(rules.per_run)).sum() }), first)
         }
         Tier::Dev => {
-            let attempts: Vec<Attempt<'_>> = own.iter().map(|own| own.attempt(per_run)).collect();
+            let attempts: Vec<Attempt<'_>> = own.iter().map(|own| own.attempt(rules)).collect();
             let rung = climb(&attempts)?;
-            (rung.shown, own.get(rung.attempt)?)
+            let shown = match rules {
+                BoardRules { is_final: true, .. } => at_once(rung.kept),
+                BoardRules { protocol: ..2, .. } => at_once(rung.shown),
+                // Each move of the board begins a new series, and gets a smaller part of the error: their sum is the error.
+                _ => {
+                    let part = ERROR / f64::from(rung.moves * (rung.moves + 1));
+                    (rung.shown, anytime(rung.shown.passed, rung.shown.of, part))
+                }
+            };
+            (shown, own.get(rung.attempt)?)
         }
     };
     let is_bound = own.iter().all(Entrant::has_transcripts);
@@ -146,12 +194,13 @@ fn row(tier: Tier, per_run: u32, own: &[Entrant], attempts: usize) -> Option<Row
         agent: named.agent.clone(),
         configuration_sha256: named.configuration_sha256.clone(),
         overall: shown.rate(),
-        interval: wilson(shown.rate(), f64::from(shown.of)),
+        interval,
         passed: shown.passed,
         of: shown.of,
         attempts,
         provenance: if is_bound { "transcript-committed" } else { "nonce-bound" }.to_owned(),
         transcripts_checked: own.iter().flat_map(|own| &own.instances).filter(|instance| instance.is_checked).count(),
         entries: own.iter().map(|own| own.id.clone()).collect(),
+        gauge: Gauge::of(own.iter().flat_map(Entrant::outcomes)),
     })
 }

@@ -6,7 +6,8 @@ use super::GENERATOR_VERSION;
 use super::beacon::Beacon;
 use super::canonical::{Hash, hash_of};
 use super::draw_proof::public_key;
-use super::feedback::Feedback;
+use super::feedback::{Counts, Feedback, Tier};
+use super::ladder::Part;
 use super::merkle;
 use super::pool::{Specification, Stratum};
 use super::secret::EpochKey;
@@ -55,6 +56,20 @@ pub struct Commitment {
     /// The rules; null for epochs from before commitments included rules.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rules: Option<Rules>,
+    /// The list of public specifications from which each instance of the official tier has a sibling; absent for epochs without
+    /// siblings.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub siblings: Option<SiblingList>,
+}
+
+/// The public specifications that an epoch draws siblings from.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct SiblingList {
+    /// Number of specifications in the list.
+    pub specifications: u32,
+    /// Root of the Merkle tree over their salted hashes.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
+    pub root: String,
 }
 
 /// The rules that an epoch commits to.
@@ -78,6 +93,18 @@ pub struct Rules {
     /// Profile of answers that name none; absent for `published`, which it was before profiles.
     #[serde(default, skip_serializing_if = "Profile::is_published")]
     pub profile: Profile,
+    /// Version of the protocol. Since 2 a third of the instances of a dev entry is kept for the final board; absent for 1.
+    #[serde(default = "first_protocol", skip_serializing_if = "is_first_protocol")]
+    pub protocol: u32,
+}
+
+const fn first_protocol() -> u32 {
+    1
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+const fn is_first_protocol(protocol: &u32) -> bool {
+    *protocol == first_protocol()
 }
 
 /// The choices made when an epoch is created.
@@ -97,6 +124,8 @@ pub struct Terms {
     pub rules: Rules,
     /// The beacon that the pool is bound to, if any.
     pub beacon: Option<Beacon>,
+    /// The list that siblings are drawn from, if any.
+    pub siblings: Option<SiblingList>,
 }
 
 /// Derives the salt of a leaf, which prevents anyone from guessing a specification and confirming it by its hash.
@@ -138,6 +167,45 @@ impl Commitment {
             instances_per_run: strata.iter().map(|stratum| stratum.instances).sum(),
             dev_feedback: terms.dev_feedback,
             rules: Some(terms.rules.clone()),
+            siblings: terms.siblings.clone(),
         }
+    }
+
+    /// Returns the version of the epoch's protocol.
+    #[must_use]
+    pub fn protocol(&self) -> u32 {
+        self.rules.as_ref().map_or(first_protocol(), |rules| rules.protocol)
+    }
+
+    /// Returns whether a leaf is one of the public list: those follow the leaves of the pool.
+    #[must_use]
+    pub const fn is_sibling(&self, leaf: u32) -> bool {
+        leaf >= self.specifications
+    }
+
+    /// Returns what the outcome of an instance with this salt and leaf counts for in a tier.
+    #[must_use]
+    pub fn counts(&self, tier: Tier, salt: &str, leaf: u32) -> Counts {
+        if self.is_sibling(leaf) {
+            Counts::Sibling
+        } else if tier == Tier::Dev && Part::of(self.protocol(), salt) == Part::Kept {
+            Counts::Kept
+        } else {
+            Counts::Told
+        }
+    }
+
+    /// Returns what a run of a tier draws, in order: for each family the stratum and index of its instances and, in the official
+    /// tier, those of their siblings. A sibling has the index of its instance plus the family's number of instances.
+    #[must_use]
+    pub fn places(&self, strata: &[Stratum], tier: Tier) -> Vec<(Stratum, u32)> {
+        let with_siblings = self.siblings.is_some() && tier == Tier::Official;
+        let of_family = |own: &Stratum| {
+            let public = Stratum { first: self.specifications + own.first, ..own.clone() };
+            let places = (0..own.instances).map(|index| (own.clone(), index));
+            let siblings = (own.instances..2 * own.instances).map(|index| (public.clone(), index));
+            places.chain(siblings.filter(|_| with_siblings)).collect::<Vec<_>>()
+        };
+        strata.iter().flat_map(of_family).collect()
     }
 }

@@ -28,6 +28,8 @@ pub enum Fact {
     Failure(FailureFact),
     /// An entry was finalized, and each of its answers was graded or could not be graded.
     Completed(CompletedFact),
+    /// Nothing: it fills a place in the log that the grade of an answer may take, so that its growth tells nothing.
+    Padding(PaddingFact),
     /// The epoch is over; this is its last receipt.
     Closed(ClosedFact),
 }
@@ -119,6 +121,10 @@ pub struct CompletedFact {
     pub completed_at_ms: i64,
 }
 
+/// A place in the log that states nothing. Its receipt has a salt, so its hash is like any other.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PaddingFact {}
+
 /// The end of an epoch.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ClosedFact {
@@ -144,7 +150,7 @@ pub fn receipt(epoch: &str, salt: &[u8; 32], fact: &Fact) -> Value {
 /// Reads the fact that a receipt of an epoch states; returns `None` for a grade or any other kind of receipt.
 #[must_use]
 pub fn fact(receipt: &Value) -> Option<Fact> {
-    const NAMES: [&str; 7] = ["entry", "draw", "answer", "transcript", "failure", "completed", "closed"];
+    const NAMES: [&str; 8] = ["entry", "draw", "answer", "transcript", "failure", "completed", "padding", "closed"];
     let name = NAMES.into_iter().find(|name| receipt.get(name).is_some())?;
     serde_json::from_value(json!({ name: receipt[name] })).ok()
 }

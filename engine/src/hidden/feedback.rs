@@ -54,9 +54,22 @@ impl Tier {
     }
 }
 
+/// What the outcome of an instance counts for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Counts {
+    /// For the score, which is told as the tier's feedback says.
+    Told,
+    /// For the final board of the dev tier: it is told only when the epoch is over.
+    Kept,
+    /// For the gauge alone.
+    Sibling,
+}
+
 /// The outcome of one instance of a finalized entry. An unanswered instance has no scores and counts as failed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
+    /// What it counts for.
+    pub counts: Counts,
     /// Identifier of the instance.
     pub instance: String,
     /// Scores of the checks; `None` without a graded answer.
@@ -78,13 +91,24 @@ pub fn told(feedback: Feedback, is_epoch_over: bool, outcomes: &[Outcome]) -> Va
     if level == Feedback::AfterEpoch {
         return Value::Null;
     }
-    let passed = outcomes.iter().filter(|outcome| outcome.passes()).count();
-    let mut told = json!({ "passed": passed, "of": outcomes.len(),
-                           "overall": passed as f64 / outcomes.len().max(1) as f64 });
+    let (siblings, hidden): (Vec<&Outcome>, Vec<&Outcome>) =
+        outcomes.iter().partition(|own| own.counts == Counts::Sibling);
+    let (kept, hidden): (Vec<&Outcome>, Vec<&Outcome>) =
+        hidden.into_iter().partition(|own| own.counts == Counts::Kept && !is_epoch_over);
+    let passed = hidden.iter().filter(|outcome| outcome.passes()).count();
+    let mut told =
+        json!({ "passed": passed, "of": hidden.len(), "overall": passed as f64 / hidden.len().max(1) as f64 });
+    if !kept.is_empty() {
+        told["told_later"] = kept.len().into();
+    }
+    if !siblings.is_empty() {
+        let passed = siblings.iter().filter(|outcome| outcome.passes()).count();
+        told["siblings"] = json!({ "passed": passed, "of": siblings.len() });
+    }
     if level >= Feedback::Criteria {
         // The criteria of unanswered instances are unknown, so these instances count in the score only.
         let per_criterion = Criterion::ALL.into_iter().map(|criterion| {
-            let answered = outcomes.iter().filter_map(|outcome| outcome.scores.as_ref());
+            let answered = hidden.iter().filter_map(|outcome| outcome.scores.as_ref());
             let holds: Vec<bool> = answered.filter_map(|scores| scores.holds(|own| own == criterion)).collect();
             let passed = holds.iter().filter(|holds| **holds).count();
             (criterion.name().to_owned(), json!({ "passed": passed, "of": holds.len() }))
@@ -92,11 +116,15 @@ pub fn told(feedback: Feedback, is_epoch_over: bool, outcomes: &[Outcome]) -> Va
         told["criteria"] = Value::Object(per_criterion.collect());
     }
     if level == Feedback::Full {
-        let each = |outcome: &Outcome| {
-            json!({ "instance": outcome.instance, "passes": outcome.passes(),
-                                               "answered": outcome.scores.is_some() })
+        let each = |outcome: &&Outcome| {
+            let mut own = json!({ "instance": outcome.instance, "passes": outcome.passes(),
+                                  "answered": outcome.scores.is_some() });
+            if outcome.counts == Counts::Sibling {
+                own["sibling"] = true.into();
+            }
+            own
         };
-        told["instances"] = outcomes.iter().map(each).collect();
+        told["instances"] = hidden.iter().chain(&siblings).map(each).collect();
     }
     told
 }
@@ -122,7 +150,7 @@ mod tests {
 
     fn outcomes() -> Vec<Outcome> {
         let scores = |score: f64| Some(ProblemScores { number: 1, rows: vec![(Criterion::Shape, score)] });
-        let outcome = |scores| Outcome { instance: "i".to_owned(), scores };
+        let outcome = |scores| Outcome { counts: Counts::Told, instance: "i".to_owned(), scores };
         vec![outcome(scores(1.0)), outcome(scores(0.5)), outcome(None)]
     }
 
@@ -134,6 +162,19 @@ mod tests {
         assert_eq!(told(Feedback::Criteria)["criteria"]["shape"], json!({ "passed": 1, "of": 2 }));
         assert!(told(Feedback::Criteria).get("instances").is_none());
         assert_eq!(told(Feedback::Full)["instances"].as_array().unwrap().len(), 3);
+    }
+
+    #[test]
+    fn what_is_kept_is_told_after_the_epoch_alone_and_siblings_apart() {
+        let [mut kept, mut sibling, told_now] = <[Outcome; 3]>::try_from(outcomes()).unwrap();
+        (kept.counts, sibling.counts) = (Counts::Kept, Counts::Sibling);
+        let all = [kept, sibling, told_now];
+        let open = told(Feedback::ScoreOnly, false, &all);
+        let siblings = json!({ "passed": 0, "of": 1 });
+        assert_eq!(open, json!({ "passed": 0, "of": 1, "overall": 0.0, "told_later": 1, "siblings": siblings }));
+        let over = told(Feedback::ScoreOnly, true, &all);
+        assert_eq!((&over["passed"], &over["of"], &over["told_later"]), (&json!(1), &json!(2), &Value::Null));
+        assert_eq!(over["instances"][2]["sibling"], json!(true));
     }
 
     #[test]

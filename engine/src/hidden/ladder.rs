@@ -6,14 +6,40 @@
 //! instances, selected by secret salts derived from the epoch's key, decide whether the entry moves the board; the
 //! board then shows the other half. The shown half plays no part in the selection, so the best of many entries is not
 //! shown better than it is.
+//!
+//! Whoever stops at a lucky moment would still keep that luck. So since version 2 of the protocol a third part of the instances is
+//! kept: nobody is told of it before the epoch is over, and then the board is made of it alone.
 
 use sha2::{Digest as _, Sha256};
 
-/// Returns whether the instance with this salt belongs to the deciding half; the others are shown. Salts are secret
-/// until the epoch is over, so no entrant can answer one half better than the other on purpose.
-#[must_use]
-pub fn decides(salt: &str) -> bool {
-    Sha256::digest(salt)[0] & 1 == 0
+use super::secret::first_number;
+
+/// What the outcome of a dev instance is used for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// It decides whether the entry moves the board.
+    Deciding,
+    /// The board shows it while the epoch is open.
+    Shown,
+    /// It is kept for the final board.
+    Kept,
+}
+
+impl Part {
+    /// Returns the part of the instance with this salt. Salts are secret until the epoch is over, so no entrant can answer one part
+    /// better than another on purpose. Version 1 of the protocol keeps none.
+    #[must_use]
+    pub fn of(protocol: u32, salt: &str) -> Self {
+        let hash = Sha256::digest(salt);
+        if protocol < 2 {
+            return if hash[0] & 1 == 0 { Self::Deciding } else { Self::Shown };
+        }
+        match first_number(&hash.into()) % 3 {
+            0 => Self::Deciding,
+            1 => Self::Shown,
+            _ => Self::Kept,
+        }
+    }
 }
 
 /// The number of passing instances and their total number.
@@ -30,6 +56,12 @@ impl Tally {
     pub const fn add(&mut self, passes: bool) {
         self.passed += passes as u32;
         self.of += 1;
+    }
+
+    /// Counts the instances of another tally as well.
+    const fn join(&mut self, other: Self) {
+        self.passed += other.passed;
+        self.of += other.of;
     }
 
     /// Returns the share that passes, or 0 if the tally is empty.
@@ -54,17 +86,39 @@ pub struct Attempt<'a> {
     pub deciding: Tally,
     /// Tally of the shown instances.
     pub shown: Tally,
+    /// Tally of the instances that are kept for the final board; empty in version 1 of the protocol.
+    pub kept: Tally,
 }
 
 impl<'a> Attempt<'a> {
-    /// Creates an attempt from the instances of an entry, each given by its salt and whether it passes.
+    /// Creates an attempt from the instances of an entry, each given by its salt and whether it passes. `undrawn` more instances
+    /// count as failed, as many in each part as in any other.
     #[must_use]
-    pub fn of<'i>(configuration: &'a str, outcomes: impl IntoIterator<Item = (&'i str, bool)>) -> Self {
-        let (mut deciding, mut shown) = (Tally::default(), Tally::default());
+    pub fn of<'i>(
+        protocol: u32,
+        configuration: &'a str,
+        outcomes: impl IntoIterator<Item = (&'i str, bool)>,
+        undrawn: u32,
+    ) -> Self {
+        let mut own =
+            Self { configuration, deciding: Tally::default(), shown: Tally::default(), kept: Tally::default() };
         for (salt, passes) in outcomes {
-            if decides(salt) { deciding.add(passes) } else { shown.add(passes) }
+            own.part(Part::of(protocol, salt)).add(passes);
         }
-        Self { configuration, deciding, shown }
+        let parts = [Part::Deciding, Part::Shown, Part::Kept];
+        let parts = if protocol < 2 { &parts[..2] } else { &parts };
+        for (_, part) in (0..undrawn).zip(parts.iter().cycle()) {
+            own.part(*part).add(false);
+        }
+        own
+    }
+
+    const fn part(&mut self, part: Part) -> &mut Tally {
+        match part {
+            Part::Deciding => &mut self.deciding,
+            Part::Shown => &mut self.shown,
+            Part::Kept => &mut self.kept,
+        }
     }
 }
 
@@ -75,6 +129,10 @@ pub struct Rung {
     pub attempt: usize,
     /// Tally that the board shows: the shown halves of that attempt and of later ones with the same configuration.
     pub shown: Tally,
+    /// Tally of the kept instances of the same attempts.
+    pub kept: Tally,
+    /// Number of attempts that have moved the board.
+    pub moves: u32,
     deciding: Tally,
 }
 
@@ -90,11 +148,15 @@ pub fn climb(attempts: &[Attempt<'_>]) -> Option<Rung> {
         match &mut rung {
             Some(rung) if !moves => {
                 if attempts[rung.attempt].configuration == attempt.configuration {
-                    rung.shown.passed += attempt.shown.passed;
-                    rung.shown.of += attempt.shown.of;
+                    rung.shown.join(attempt.shown);
+                    rung.kept.join(attempt.kept);
                 }
             }
-            _ => rung = Some(Rung { attempt: i, shown: attempt.shown, deciding: attempt.deciding }),
+            _ => {
+                let moves = rung.map_or(0, |before| before.moves) + 1;
+                let Attempt { deciding, shown, kept, .. } = *attempt;
+                rung = Some(Rung { attempt: i, shown, kept, moves, deciding });
+            }
         }
     }
     rung
@@ -106,7 +168,7 @@ mod tests {
 
     fn attempt(configuration: &str, deciding: u32, shown: u32) -> Attempt<'_> {
         let tally = |passed| Tally { passed, of: 100 };
-        Attempt { configuration, deciding: tally(deciding), shown: tally(shown) }
+        Attempt { configuration, deciding: tally(deciding), shown: tally(shown), kept: tally(shown / 2) }
     }
 
     #[test]
@@ -120,8 +182,21 @@ mod tests {
     }
 
     #[test]
+    fn salts_divide_instances_into_parts_of_the_same_size() {
+        let salts: Vec<String> = (0..3_000).map(|i| i.to_string()).collect();
+        let outcomes = || salts.iter().map(|salt| (salt.as_str(), true));
+        let old = Attempt::of(1, "a", outcomes(), 3);
+        assert_eq!((old.deciding.of + old.shown.of, old.kept.of), (3_003, 0));
+        let new = Attempt::of(2, "a", outcomes(), 4);
+        let parts = [new.deciding, new.shown, new.kept];
+        assert!(parts.iter().all(|part| (900..1_100).contains(&part.of)), "{parts:?}");
+        assert_eq!(parts.map(|part| part.of - part.passed), [2, 1, 1], "instances that were not drawn");
+    }
+
+    #[test]
     fn what_was_tried_again_is_taken_together() {
         let rung = climb(&[attempt("a", 50, 60), attempt("a", 50, 40), attempt("b", 50, 99)]).unwrap();
         assert_eq!(rung.shown, Tally { passed: 100, of: 200 });
+        assert_eq!((rung.kept, rung.moves), (Tally { passed: 50, of: 200 }, 1));
     }
 }

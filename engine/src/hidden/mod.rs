@@ -18,6 +18,7 @@ pub mod commitment;
 pub mod draw_proof;
 pub mod evidence;
 pub mod feedback;
+pub mod gauge;
 pub mod issue;
 pub mod ladder;
 pub mod merkle;
@@ -25,9 +26,15 @@ pub mod pool;
 pub mod receipts;
 pub mod reveal;
 pub mod secret;
+pub mod siblings;
 pub mod tlog;
 pub mod verify;
 
-/// Latest version of the generator: its families, ranges, strata and draw procedure. Add a version with any change that makes
+/// Latest version of the generator: its families, ranges, strata and draw procedure. Version 3 has the families of version 2, and
+/// draws no build that is on the public list of siblings. Add a version with any change that makes
 /// the same key draw different specifications; earlier versions stay, because their epochs are verified with them.
-pub const GENERATOR_VERSION: u32 = 2;
+pub const GENERATOR_VERSION: u32 = 3;
+
+/// Latest version of the protocol of an epoch, which its rules name. Since version 2 a third of the instances of a dev entry is
+/// kept for the final board, and the public log grows by what is public anyway.
+pub const PROTOCOL: u32 = 2;

@@ -2,14 +2,15 @@
 //! build.
 //!
 //! Each specification is redrawn until it fits: the size of its reference build is in the range of the public families
-//! that it stands for (half of the smallest to one and a half times the largest), the public suite does not contain
-//! that build, and the build passes every check. The difficulty therefore stays that of the public suite, and no public
+//! that it stands for (half of the smallest to one and a half times the largest), neither the public suite nor the list of siblings
+//! contains that build, and the build passes every check. The difficulty therefore stays that of the public suite, and no public
 //! instance returns.
 
 use std::collections::{BTreeMap, HashSet};
 use std::sync::OnceLock;
 
 use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
 
 use super::GENERATOR_VERSION;
 use super::canonical::{Hash, hash_of};
@@ -23,6 +24,8 @@ use crate::voxel::{BlockLog, Cell, Event};
 
 /// Name of the hidden suites.
 pub const HIDDEN: &str = "hidden";
+/// Version of the generator that came with the second version of the hidden suite, the latest.
+pub const SECOND_SUITE: u32 = 2;
 /// Number of draws after which the generator gives up on a family; needing that many is a fault of the family's rules.
 const MAX_DRAWS: u64 = 2_000;
 
@@ -76,17 +79,73 @@ pub struct Volume {
 /// Generates the specifications of a pool.
 #[derive(Debug)]
 pub struct Generator {
-    /// Version of the generator, which is that of the hidden suite.
-    version: u32,
+    /// Version of the hidden suite.
+    families: u32,
     source: SuiteSource,
     volumes: BTreeMap<String, Volume>,
     public_builds: HashSet<Hash, foldhash::fast::RandomState>,
+    /// Parameters and prompts of the siblings of each family, which are not drawn either.
+    public: BTreeMap<String, Vec<Hash>>,
 }
 
 /// Returns the size of a build: the number of events in its log.
 #[must_use]
 pub fn volume(log: &BlockLog) -> usize {
     log.event_count()
+}
+
+/// Number of specifications in the list of siblings for each instance of a family in a draw.
+const SIBLINGS_PER_INSTANCE: u32 = 64;
+
+/// Returns the key that the list of siblings derives from, which is no secret.
+#[must_use]
+pub fn siblings_key() -> EpochKey {
+    EpochKey::new(Sha256::digest(b"plumbline public siblings").into())
+}
+
+/// Returns the strata of the list of siblings of a version of the generator: all families.
+///
+/// # Errors
+/// Returns an error if there is no such version, or the embedded files are faulty; a test shows that they are not.
+pub fn siblings_strata(version: u32) -> Result<Vec<Stratum>, PoolError> {
+    Ok(strata_of(Generator::of(version)?.families().iter(), SIBLINGS_PER_INSTANCE))
+}
+
+/// Returns the public list of siblings of a version of the generator. A program makes it once, which takes seconds.
+///
+/// # Errors
+/// Returns an error if there is no such version, or the embedded files are faulty; a test shows that they are not.
+pub fn siblings_of(version: u32) -> Result<&'static [Specification], PoolError> {
+    static MADE: [OnceLock<Vec<Specification>>; SECOND_SUITE as usize] = [const { OnceLock::new() }; _];
+    // Later versions have the list of the one whose families they have.
+    let version = version.min(SECOND_SUITE);
+    let generator = Generator::of(version)?;
+    let place = &MADE[version as usize - 1];
+    if let Some(made) = place.get() {
+        return Ok(made);
+    }
+    let (key, mut made) = (siblings_key(), Vec::new());
+    for stratum in siblings_strata(version)? {
+        made.extend(generator.specifications(&key, &stratum, &|| ())?);
+    }
+    Ok(place.get_or_init(|| made))
+}
+
+/// Returns the number of public families that a family stands for: 0 for a held-out one.
+fn weight(family: &Family) -> u32 {
+    family.content.draw.as_ref().map_or(0, |rules| rules.stands_for.len() as u32)
+}
+
+/// Returns a stratum for each family, one behind the other.
+fn strata_of<'a>(families: impl Iterator<Item = &'a Family>, per_instance: u32) -> Vec<Stratum> {
+    let mut first = 0;
+    let stratum = |family: &Family| {
+        let instances = weight(family).max(1);
+        let own = Stratum { family: family.name().to_owned(), instances, first, size: instances * per_instance };
+        first += own.size;
+        own
+    };
+    families.map(stratum).collect()
 }
 
 fn faulty(faults: &impl std::fmt::Debug) -> PoolError {
@@ -102,8 +161,8 @@ impl Generator {
         Self::of(GENERATOR_VERSION)
     }
 
-    /// Returns a version of the generator. Version 1 stands beside version 2 of the public suite, version 2 beside version 3. A
-    /// program creates each once: that builds the public suites.
+    /// Returns a version of the generator. Version 1 stands beside version 2 of the public suite, later ones beside version 3. A
+    /// program creates each once: that builds the public suites, and the list of siblings for version 3.
     ///
     /// # Errors
     /// Returns an error if there is no such version, or the embedded files are faulty; a test shows that they are not.
@@ -119,15 +178,16 @@ impl Generator {
     }
 
     fn create(version: u32) -> Result<Self, PoolError> {
-        let source = hidden::source(version).map_err(|faults| faulty(&faults))?;
+        let families = version.min(SECOND_SUITE);
+        let source = hidden::source(families).map_err(|faults| faulty(&faults))?;
         let mut volumes: BTreeMap<String, Volume> = BTreeMap::new();
         let mut public_builds = HashSet::default();
         // Builds of earlier versions of the public suite are known as well; sizes are compared with the latest alone.
-        for public in 2..=version + 1 {
+        for public in 2..=families + 1 {
             for task in embedded::suite(public).map_err(|faults| faulty(&faults))?.tasks {
                 let log = build(&task).map_err(|error| PoolError::Files(error.to_string()))?;
                 public_builds.insert(hash_of_build(&log));
-                if public == version + 1 {
+                if public == families + 1 {
                     let blocks = volume(&log);
                     let fresh = Volume { least: blocks, greatest: blocks };
                     let own = volumes.entry(task.family().to_owned()).or_insert(fresh);
@@ -135,7 +195,15 @@ impl Generator {
                 }
             }
         }
-        Ok(Self { version, source, volumes, public_builds })
+        // No sibling returns as a hidden instance either.
+        let siblings = if version > SECOND_SUITE { siblings_of(version)? } else { &[] };
+        let mut public: BTreeMap<String, Vec<Hash>> = BTreeMap::new();
+        for own in siblings {
+            public.entry(own.task.family().to_owned()).or_default().extend(marks_of(&own.task));
+            let log = build(&own.task).map_err(|error| PoolError::Files(error.to_string()))?;
+            public_builds.insert(hash_of_build(&log));
+        }
+        Ok(Self { families, source, volumes, public_builds, public })
     }
 
     /// Returns the hidden families, in order.
@@ -156,21 +224,11 @@ impl Generator {
     /// family that stands for public families, and one for the held-out family that the key selects.
     #[must_use]
     pub fn strata(&self, key: &EpochKey, per_instance: u32) -> Vec<Stratum> {
-        let weight = |family: &Family| family.content.draw.as_ref().map_or(0, |rules| rules.stands_for.len() as u32);
         let held_out: Vec<&Family> = self.families().iter().filter(|family| weight(family) == 0).collect();
         let picked = first_number(&key.derive("held-out", &[])) % held_out.len().max(1) as u64;
         let picked = held_out.get(picked as usize).map(|family| family.name());
-        let mut first = 0;
         let taking = self.families().iter().filter(|family| weight(family) > 0 || picked == Some(family.name()));
-        taking
-            .map(|family| {
-                let instances = weight(family).max(1);
-                let stratum =
-                    Stratum { family: family.name().to_owned(), instances, first, size: instances * per_instance };
-                first += stratum.size;
-                stratum
-            })
-            .collect()
+        strata_of(taking, per_instance)
     }
 
     /// Generates the specifications of a stratum, by leaf; no two have the same parameters or the same prompts. Calls
@@ -187,7 +245,8 @@ impl Generator {
     ) -> Result<Vec<Specification>, PoolError> {
         let unknown = || PoolError::Files(format!("there is no hidden family {:?}", stratum.family));
         let family = self.source.family(&stratum.family).ok_or_else(unknown)?;
-        let mut taken = HashSet::default();
+        let mut taken: HashSet<Hash, foldhash::fast::RandomState> = HashSet::default();
+        taken.extend(self.public.get(&stratum.family).into_iter().flatten());
         let mut specifications = Vec::with_capacity(stratum.size as usize);
         for leaf in stratum.first..stratum.first + stratum.size {
             specifications.push(self.specification(key, family, leaf, &mut taken)?);
@@ -210,13 +269,12 @@ impl Generator {
             let mut choices = Choices::new(key, "specification", &parts);
             match self.drawn(family, leaf, &mut choices) {
                 Ok(task) => {
-                    let prompts: Vec<&str> = task.turns.iter().map(|turn| turn.prompt.as_str()).collect();
-                    let own = [hash_of(&task.parameters), hash_of(&prompts)];
+                    let own = marks_of(&task);
                     if own.iter().all(|hash| !taken.contains(hash)) {
                         taken.extend(own);
                         return Ok(Specification { leaf, task });
                     }
-                    "the pool already has its parameters or its prompts".clone_into(&mut last);
+                    "the pool or the list of siblings already has its parameters or its prompts".clone_into(&mut last);
                 }
                 Err(Unfit::Again(why)) => last = why,
                 Err(Unfit::Broken(error)) => return Err(error),
@@ -241,7 +299,7 @@ impl Generator {
             // Rounded to a hundredth of a pascal, so that the value prints the same everywhere.
             parameters.insert("reference_pa".to_owned(), ((stress * 100.0).round() / 100.0).into());
         }
-        let edition = self.source.edition(self.version).map_err(broken)?;
+        let edition = self.source.edition(self.families).map_err(broken)?;
         let mut worded = family.tasks(&[parameters], &edition).map_err(broken)?;
         if worded.is_empty() {
             return Err(again("no wording fits"));
@@ -256,7 +314,7 @@ impl Generator {
             return Err(again("the build is too small or too large beside the public ones"));
         }
         if self.public_builds.contains(&hash_of_build(&log)) {
-            return Err(again("the public suite already has this build"));
+            return Err(again("the build is public"));
         }
         certify(&task, &log).map_err(Unfit::Again)?;
         Ok(task)
@@ -267,6 +325,12 @@ impl Generator {
 enum Unfit {
     Again(String),
     Broken(PoolError),
+}
+
+/// Computes the hashes that no two tasks of a family share: of the parameters, and of the prompts.
+fn marks_of(task: &Task) -> [Hash; 2] {
+    let prompts: Vec<&str> = task.turns.iter().map(|turn| turn.prompt.as_str()).collect();
+    [hash_of(&task.parameters), hash_of(&prompts)]
 }
 
 /// Computes the hash that identifies a build: over the blocks of every turn, regardless of their order.

@@ -8,7 +8,7 @@ use crate::app::error::AppResult;
 use crate::store::entries::{BoardOutcome, EntryRow};
 use crate::store::epochs::EpochRow;
 use plumbline_engine::hidden::board;
-use plumbline_engine::hidden::board::{Answered, Entrant, Row};
+use plumbline_engine::hidden::board::{Answered, BoardRules, Entrant, Row};
 use plumbline_engine::hidden::feedback::{Feedback, Tier};
 
 /// The board of one tier of an epoch.
@@ -20,6 +20,8 @@ pub struct TierBoard {
     pub tier: Tier,
     /// Whether scores are released.
     pub is_released: bool,
+    /// Whether the rows are final; none in epochs of the first protocol, which do not tell.
+    pub is_final: Option<bool>,
     /// Number of entries registered in this tier.
     pub registered: usize,
     /// Rows, best first; empty until scores are released.
@@ -52,7 +54,8 @@ pub async fn board_of(app: &App, epoch: &EpochRow, tier: Tier) -> AppResult<Tier
     if is_released && had_pool {
         rows = rows_of(epoch, tier, entries, app.store.board_outcomes(epoch.id(), tier).await?);
     }
-    Ok(TierBoard { epoch: epoch.id().to_owned(), tier, is_released, registered, rows })
+    let is_final = (epoch.commitment.protocol() >= 2).then_some(epoch.settled_at_ms.is_some());
+    Ok(TierBoard { epoch: epoch.id().to_owned(), tier, is_released, is_final, registered, rows })
 }
 
 /// Returns whether the scores of a tier are released. Scores that are told only after the epoch are released once it is
@@ -64,8 +67,11 @@ fn is_released(epoch: &EpochRow, tier: Tier) -> bool {
 fn rows_of(epoch: &EpochRow, tier: Tier, entries: Vec<EntryRow>, outcomes: Vec<BoardOutcome>) -> Vec<Row> {
     let mut of_entry: BTreeMap<String, Vec<Answered>> = BTreeMap::new();
     for outcome in outcomes {
-        let BoardOutcome { entry_id, salt, passes, is_answered, has_transcript, is_checked } = outcome;
-        let answered = Answered { salt, passes, is_answered, has_transcript, is_checked };
+        let BoardOutcome { entry_id, salt, family, run, leaf, passes, is_answered, has_transcript, is_checked } =
+            outcome;
+        let [run, leaf] = [run, leaf].map(|own| u32::try_from(own).expect("stored from a number of 32 bits"));
+        let is_sibling = epoch.commitment.is_sibling(leaf);
+        let answered = Answered { salt, family, run, is_sibling, passes, is_answered, has_transcript, is_checked };
         of_entry.entry(entry_id).or_default().push(answered);
     }
     let entrants = entries.into_iter().map(|entry| Entrant {
@@ -77,7 +83,7 @@ fn rows_of(epoch: &EpochRow, tier: Tier, entries: Vec<EntryRow>, outcomes: Vec<B
         runs: entry.runs,
         completed_at_ms: entry.completed_at_ms,
     });
-    board::rows(tier, epoch.commitment.instances_per_run, entrants.collect())
+    board::rows(&BoardRules::of(&epoch.commitment, tier, epoch.settled_at_ms.is_some()), entrants.collect())
 }
 
 #[cfg(test)]

@@ -34,16 +34,14 @@ pub fn decide_draw(new: &NewDraw<'_>, facts: &DrawFacts) -> DrawDecision {
 
 /// Draws the leaves of a run, or returns `None` if a stratum has none left.
 fn leaves(new: &NewDraw<'_>, facts: &DrawFacts) -> Option<Vec<DrawnLeaf>> {
-    let DrawFacts { epoch, issued_leaves, now_ms, .. } = facts;
+    let DrawFacts { entry, epoch, issued_leaves, now_ms, .. } = facts;
     let expires_at_ms = (now_ms + epoch.rules.instance_ms).min(epoch.commitment.closes_at_ms);
     let mut gone = issued_leaves.clone();
     let mut drawn = Vec::new();
-    for stratum in &new.secret.pool.strata {
-        for index in 0..stratum.instances {
-            let leaf = new.lot.leaf(stratum, index, |leaf| gone.contains(&leaf))?;
-            gone.insert(leaf);
-            drawn.push(DrawnLeaf { family: stratum.family.clone(), family_index: index, leaf, expires_at_ms });
-        }
+    for (stratum, index) in epoch.commitment.places(&new.secret.pool.strata, entry.tier) {
+        let leaf = new.lot.leaf(&stratum, index, |leaf| gone.contains(&leaf))?;
+        gone.insert(leaf);
+        drawn.push(DrawnLeaf { family: stratum.family, family_index: index, leaf, expires_at_ms });
     }
     Some(drawn)
 }
@@ -56,7 +54,8 @@ mod tests {
     use crate::app::hidden::fixtures::{CLOSES_AT_MS, OPENS_AT_MS, entry, epoch, holding};
     use crate::store::secrets::{EpochSecret, PoolFile};
     use plumbline_engine::hidden::beacon::{BoundPool, Chain};
-    use plumbline_engine::hidden::feedback::Tier::Official;
+    use plumbline_engine::hidden::commitment::SiblingList;
+    use plumbline_engine::hidden::feedback::Tier::{Dev, Official};
     use plumbline_engine::hidden::issue::Lot;
     use plumbline_engine::hidden::pool::Stratum;
     use plumbline_engine::hidden::secret::EpochKey;
@@ -83,7 +82,7 @@ mod tests {
     fn decide(run: u32, facts: &DrawFacts) -> DrawDecision {
         let (secret, nonce) = (secret(), "nonce");
         let lot = Lot::of(&facts.epoch.commitment, &secret.key, "own", run, nonce);
-        decide_draw(&NewDraw { entry_id: "own", run, nonce, secret: &secret, lot: &lot }, facts)
+        decide_draw(&NewDraw { entry_id: "own", run, nonce, secret: &secret, lot: &lot, siblings: None }, facts)
     }
 
     fn issued(decision: DrawDecision) -> Vec<DrawnLeaf> {
@@ -104,6 +103,20 @@ mod tests {
         let issued_leaves: HashSet<u32> = first.iter().map(|own| own.leaf).collect();
         let again = issued(decide(1, &DrawFacts { issued_leaves: issued_leaves.clone(), ..facts() }));
         assert!(again.iter().all(|own| !issued_leaves.contains(&own.leaf)));
+    }
+
+    #[test]
+    fn official_runs_draw_a_sibling_with_each_instance() {
+        let mut facts = facts();
+        facts.epoch.commitment.siblings = Some(SiblingList { specifications: 9, root: String::new() });
+        let drawn = issued(decide(1, &facts));
+        let families: Vec<_> =
+            drawn.iter().map(|own| (own.family.as_str(), own.family_index, own.leaf >= 24)).collect();
+        let hidden = [("slabs", 0, false), ("slabs", 1, false)];
+        let of_slabs = [hidden, [("slabs", 2, true), ("slabs", 3, true)]].concat();
+        assert_eq!(families, [of_slabs, vec![("domes", 0, false), ("domes", 1, true)]].concat());
+        facts.entry.tier = Dev;
+        assert!(issued(decide(1, &facts)).iter().all(|own| own.leaf < 24));
     }
 
     #[test]
@@ -153,7 +166,7 @@ mod tests {
         // The pool was published after the secret was read.
         let secret = EpochSecret { pool: PoolFile::default(), ..secret() };
         let lot = Lot::of(&facts.epoch.commitment, &secret.key, "own", 1, "nonce");
-        let new = NewDraw { entry_id: "own", run: 1, nonce: "nonce", secret: &secret, lot: &lot };
+        let new = NewDraw { entry_id: "own", run: 1, nonce: "nonce", secret: &secret, lot: &lot, siblings: None };
         assert_eq!(decide_draw(&new, &facts), DrawDecision::Refuse(DrawRefusal::NoPool));
     }
 

@@ -7,6 +7,7 @@ use super::draw::decide_draw;
 use super::entries::own_entry;
 use super::epochs::{not_open, secret_of, stored_epoch};
 use super::instances::{IssuedInstance, with_prompts};
+use super::siblings::siblings;
 use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
@@ -79,7 +80,11 @@ pub async fn draw_run(
     let secret = secret_of(&app.store, &epoch, now).await?;
     // A proof takes a millisecond: it is computed before the transaction, in which others would wait for it.
     let lot = Lot::of(&epoch.commitment, &secret.key, entry_id, run, &nonce);
-    let new = NewDraw { entry_id, run, nonce: &nonce, secret: &secret, lot: &lot };
+    let siblings = match epoch.commitment.siblings {
+        Some(_) => Some(siblings(epoch.commitment.generator_version).await?),
+        None => None,
+    };
+    let new = NewDraw { entry_id, run, nonce: &nonce, secret: &secret, lot: &lot, siblings };
     match app.store.issue_instances(&new, decide_draw, now).await? {
         Issued::Instances(rows) => {
             let mut instances = Vec::with_capacity(rows.len());

@@ -12,13 +12,14 @@ use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
 use crate::app::submissions::accept::key_reused;
 use crate::clock::{now_ms, rfc3339};
-use crate::store::entries::EntryRow;
+use crate::store::entries::{EntryRow, InstanceOutcome};
 use crate::store::epochs::EpochRow;
 use crate::store::idempotency::IdempotencyKey;
 use crate::store::keys::Scope;
 use crate::store::registration::{NewEntry, Registered, RegistrationRefusal};
+use plumbline_engine::hidden::commitment::Commitment;
 use plumbline_engine::hidden::evidence::GivenReceipt;
-use plumbline_engine::hidden::feedback::{Outcome, Tier, told};
+use plumbline_engine::hidden::feedback::{Counts, Outcome, Tier, told};
 use plumbline_engine::intake::Faults;
 
 /// An entry as it is now, with as much of its result as the feedback of its tier allows.
@@ -149,7 +150,7 @@ pub async fn entry(app: &App, id: &str) -> AppResult<EntryStatus> {
     let instances = app.store.instances_of_entry(id).await?;
     let mut result = Value::Null;
     if row.completed_at_ms.is_some() {
-        let outcomes = with_undrawn(app.store.outcomes_of_entry(id).await?, &row, &epoch);
+        let outcomes = outcomes_of(app.store.outcomes_of_entry(id).await?, &row, &epoch.commitment);
         result = told(row.tier.feedback(epoch.commitment.dev_feedback), epoch.closed.is_some(), &outcomes);
     }
     Ok(EntryStatus {
@@ -165,12 +166,18 @@ pub async fn entry(app: &App, id: &str) -> AppResult<EntryStatus> {
     })
 }
 
-/// Adds a failed outcome for each instance of the runs that were never drawn.
-fn with_undrawn(mut outcomes: Vec<Outcome>, entry: &EntryRow, epoch: &EpochRow) -> Vec<Outcome> {
-    let all = entry.runs as usize * epoch.commitment.instances_per_run as usize;
-    while outcomes.len() < all {
-        outcomes.push(Outcome { instance: String::new(), scores: None });
-    }
+/// Returns the outcomes of an entry, with a failed one for each instance of the runs that were never drawn.
+fn outcomes_of(stored: Vec<InstanceOutcome>, entry: &EntryRow, commitment: &Commitment) -> Vec<Outcome> {
+    let outcome = |own: InstanceOutcome| {
+        let leaf = u32::try_from(own.leaf).expect("a leaf was stored from a number of 32 bits");
+        let counts = commitment.counts(entry.tier, &own.salt, leaf);
+        Outcome { counts, instance: own.instance, scores: own.scores }
+    };
+    let mut outcomes: Vec<Outcome> = stored.into_iter().map(outcome).collect();
+    let hidden = outcomes.iter().filter(|own| own.counts != Counts::Sibling).count();
+    let all = entry.runs as usize * commitment.instances_per_run as usize;
+    let undrawn = Outcome { counts: Counts::Told, instance: String::new(), scores: None };
+    outcomes.resize(outcomes.len() + all.saturating_sub(hidden), undrawn);
     outcomes
 }
 

@@ -14,7 +14,7 @@ use crate::store::instances::{EpochCounts, InstanceRow};
 use crate::store::location::Location;
 use crate::store::secrets::EpochSecret;
 use crate::store::{Store, StoreResult};
-use plumbline_engine::hidden::feedback::Outcome;
+use plumbline_engine::grading::ProblemScores;
 use plumbline_engine::hidden::reveal::{Reveal, RevealedEntry, RevealedInstance, revealed};
 
 /// Published reason for closing an epoch whose key is lost.
@@ -131,15 +131,15 @@ async fn sealed_epoch(app: &App, id: &str) -> AppResult<(EpochRow, Arc<EpochSecr
 pub async fn reveal(app: &App, id: &str) -> AppResult<Vec<u8>> {
     let (row, secret) = sealed_epoch(app, id).await?;
     let entries = app.store.entries(row.id()).await?;
-    let mut grades: BTreeMap<String, Outcome> = BTreeMap::new();
+    let mut grades: BTreeMap<String, Option<ProblemScores>> = BTreeMap::new();
     for entry in &entries {
         let outcomes = app.store.outcomes_of_entry(&entry.id).await?;
-        grades.extend(outcomes.into_iter().map(|outcome| (outcome.instance.clone(), outcome)));
+        grades.extend(outcomes.into_iter().map(|outcome| (outcome.instance, outcome.scores)));
     }
     let rows = app.store.instances_of_epoch(row.id()).await?;
     let instances = rows.into_iter().map(|own| {
-        let grade = grades.remove(&own.id);
-        revealed_instance(own, grade)
+        let scores = grades.remove(&own.id).flatten();
+        revealed_instance(own, scores)
     });
     let instances: Vec<RevealedInstance> = instances.collect();
     let entries = entries.into_iter().map(revealed_entry).collect();
@@ -175,8 +175,7 @@ fn revealed_entry(row: EntryRow) -> RevealedEntry {
     }
 }
 
-fn revealed_instance(own: InstanceRow, grade: Option<Outcome>) -> RevealedInstance {
-    let scores = grade.and_then(|outcome| outcome.scores);
+fn revealed_instance(own: InstanceRow, scores: Option<ProblemScores>) -> RevealedInstance {
     RevealedInstance {
         ordinal: own.ordinal,
         entry: own.entry_id,
@@ -186,7 +185,7 @@ fn revealed_instance(own: InstanceRow, grade: Option<Outcome>) -> RevealedInstan
         index: own.family_index,
         leaf: own.leaf,
         log_sha256: own.log_hash,
-        overall: scores.as_ref().map(plumbline_engine::grading::ProblemScores::overall),
+        overall: scores.as_ref().map(ProblemScores::overall),
         scores: scores.map(|scores| scores.rows),
         transcript_sha256: own.transcript_hash,
         transcript_checked: own.transcript_checked_ms.is_some(),

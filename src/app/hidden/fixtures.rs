@@ -29,6 +29,7 @@ pub fn epoch() -> EpochRow {
             instances_per_run: 3,
             dev_feedback: Feedback::ScoreOnly,
             rules: None,
+            siblings: None,
         },
         rules: EpochRules {
             instance_ms: 10_000,

@@ -19,3 +19,4 @@ pub mod log;
 pub mod pools;
 pub mod receipts;
 pub mod registration;
+pub mod siblings;

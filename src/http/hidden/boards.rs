@@ -31,6 +31,9 @@ pub struct EpochBoard {
     pub tier: Tier,
     /// Whether scores are released; for the official tier, only after the epoch has closed.
     pub is_released: bool,
+    /// Whether the epoch is over and the rows no longer change. Absent for epochs of version 1 of the protocol.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub is_final: Option<bool>,
     /// Number of entries registered in this tier.
     pub registered: usize,
     /// Rows, best first; empty until scores are released.
@@ -38,8 +41,8 @@ pub struct EpochBoard {
 }
 
 impl From<TierBoard> for EpochBoard {
-    fn from(TierBoard { epoch, tier, is_released, registered, rows }: TierBoard) -> Self {
-        Self { epoch, tier, is_released, registered, rows }
+    fn from(TierBoard { epoch, tier, is_released, is_final, registered, rows }: TierBoard) -> Self {
+        Self { epoch, tier, is_released, is_final, registered, rows }
     }
 }
 

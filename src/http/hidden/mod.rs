@@ -9,3 +9,4 @@ pub mod epochs;
 pub mod instances;
 pub mod log;
 pub mod receipts;
+pub mod siblings;

@@ -11,6 +11,7 @@ use crate::http::extract::origin::Origin;
 use crate::http::problem::Problem;
 use plumbline_engine::grading::statistics::interval::Interval;
 use plumbline_engine::grading::statistics::ranks::RankRange;
+use plumbline_engine::hidden::gauge::Gauge;
 
 pub use crate::near::counted;
 
@@ -102,6 +103,16 @@ pub fn duration(seconds: i64) -> String {
 #[must_use]
 pub fn bounds(interval: Option<Interval>) -> String {
     interval.map_or_else(String::new, |i| format!("{:.1} to {:.1}", i.low * 100.0, i.high * 100.0))
+}
+
+/// Formats how much better an agent solves public siblings than hidden instances, in points with their interval; a dash for `None`.
+#[must_use]
+pub fn gap(gauge: Option<Gauge>) -> String {
+    let points = |share: f64| format!("{:+.0}", share * 100.0).replace('-', "−");
+    gauge.map_or_else(
+        || "–".to_owned(),
+        |own| format!("{} ({} to {})", points(own.gap), points(own.interval.low), points(own.interval.high)),
+    )
 }
 
 /// Formats a rank or a range of ranks; a dash for `None`, which stands for a run that is not compared.

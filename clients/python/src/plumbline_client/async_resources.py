@@ -152,6 +152,10 @@ class AsyncEpochs:
         """Reveal a closed epoch."""
         return await self._client._call(ANY, "GET", f"/v1/epochs/{quoted(epoch)}/reveal")
 
+    async def siblings(self, *, generator_version: int | None = None) -> str:
+        """List public siblings."""
+        return await self._client._call(str, "GET", "/v1/siblings", params={"generator_version": generator_version})
+
 
 class AsyncInstances:
     """`client.instances`."""

@@ -522,6 +522,54 @@ class FemFigures(BaseModel):
     """
 
 
+class GapInterval(BaseModel):
+    """
+    Bounds of the 95 % confidence interval of a gap.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    low: Annotated[float, Field(examples=[0.08], ge=-1.0, le=1.0)]
+    """
+    Lower bound. Above 0, the agent solves public builds better than hidden ones.
+    """
+    high: Annotated[float, Field(examples=[0.49], ge=-1.0, le=1.0)]
+    """
+    Upper bound.
+    """
+
+
+class Gauge(BaseModel):
+    """
+    The gap between public siblings and hidden instances of an agent.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    pairs: Annotated[int, Field(ge=0)]
+    """
+    Number of pairs: drawn instances, each with a sibling of its family. What was not answered counts as failed.
+    """
+    public_passed: Annotated[int, Field(ge=0)]
+    """
+    Number of siblings that pass.
+    """
+    hidden_passed: Annotated[int, Field(ge=0)]
+    """
+    Number of hidden instances that pass.
+    """
+    gap: Annotated[float, Field(ge=-1.0, le=1.0)]
+    """
+    Share of siblings that pass minus share of hidden instances that pass.
+    """
+    interval: GapInterval
+    """
+    95 % confidence interval of the gap.
+    """
+
+
 class GivenReceipt(BaseModel):
     """
     A receipt as the client receives it, to be kept and later compared with the public log and the reveal.
@@ -2556,6 +2604,10 @@ class Rules(BaseModel):
     """
     Profile of answers that name none; absent for `published`, which it was before profiles.
     """
+    protocol: Annotated[int | None, Field(ge=0)] = None
+    """
+    Version of the protocol. Since 2 a third of the instances of a dev entry is kept for the final board; absent for 1.
+    """
 
 
 class SampleProblem(BaseModel):
@@ -2636,6 +2688,24 @@ class SessionRequest(BaseModel):
     resources_session_id: str | None = None
     """
     Identifier of the session, which newer versions of the framework send.
+    """
+
+
+class SiblingList(BaseModel):
+    """
+    The public specifications that an epoch draws siblings from.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    specifications: Annotated[int, Field(ge=0)]
+    """
+    Number of specifications in the list.
+    """
+    root: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    """
+    Root of the Merkle tree over their salted hashes.
     """
 
 
@@ -3579,6 +3649,7 @@ class Commitment(BaseModel):
     Feedback on entries of the dev tier after they are finalized.
     """
     rules: Rules | None = None
+    siblings: SiblingList | None = None
 
 
 class Compared(BaseModel):
@@ -4051,6 +4122,7 @@ class EpochRowBody(BaseModel):
     """
     Identifiers of the entries behind the row.
     """
+    gauge: Gauge | None = None
 
 
 class Finding(BaseModel):
@@ -5301,6 +5373,10 @@ class EpochBoard(BaseModel):
     is_released: bool
     """
     Whether scores are released; for the official tier, only after the epoch has closed.
+    """
+    is_final: bool | None = None
+    """
+    Whether the epoch is over and the rows no longer change. Absent for epochs of version 1 of the protocol.
     """
     registered: Annotated[int, Field(ge=0)]
     """

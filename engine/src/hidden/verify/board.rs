@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 
 use super::Verified;
-use crate::hidden::board::{Answered, Entrant, Row, rows};
+use crate::hidden::board::{Answered, BoardRules, Entrant, Row, rows};
 use crate::hidden::commitment::Commitment;
 use crate::hidden::feedback::Tier;
 use crate::hidden::reveal::Reveal;
@@ -19,6 +19,9 @@ fn made(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, tier: Tier) ->
     for instance in &reveal.instances {
         instances.entry(&instance.entry).or_default().push(Answered {
             salt: hex(&key.derive("receipt", &[instance.id.as_bytes()])),
+            family: instance.family.clone(),
+            run: instance.run,
+            is_sibling: commitment.is_sibling(instance.leaf),
             passes: instance.overall == Some(true),
             is_answered: instance.log_sha256.is_some(),
             has_transcript: instance.transcript_sha256.is_some(),
@@ -38,7 +41,7 @@ fn made(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, tier: Tier) ->
         completed_at_ms: entry.completed_at_ms,
         instances: instances.remove(entry.id.as_str()).unwrap_or_default(),
     });
-    rows(tier, commitment.instances_per_run, entrants.collect())
+    rows(&BoardRules::of(commitment, tier, true), entrants.collect())
 }
 
 /// Recomputes the boards that the service shows and compares them.
@@ -69,6 +72,10 @@ pub(super) fn check(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, sh
         }
         if board["is_released"] != true {
             found.breach(place, "was fetched before its scores were released; fetch it again when the epoch is over");
+            continue;
+        }
+        if commitment.protocol() >= 2 && board["is_final"] != true {
+            found.breach(place, "was fetched before it was final; fetch it again when the epoch is over");
             continue;
         }
         if rows.len() != made.len() {

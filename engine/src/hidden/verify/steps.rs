@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::issued::Issued;
 use super::stated::Stated;
 use super::{Kept, Verified, log, pool, times};
 use crate::hidden::commitment::{Commitment, Rules};
@@ -13,7 +14,7 @@ use crate::hidden::reveal::{Reveal, RevealedEntry, RevealedInstance};
 use crate::text::{agreeing, counted};
 
 /// Compares a reveal with its receipts.
-pub(super) fn check(reveal: &Reveal, commitment: &Commitment, kept: &Kept, found: &mut Verified) {
+pub(super) fn check(reveal: &Reveal, commitment: &Commitment, kept: &Kept, issued: &Issued<'_>, found: &mut Verified) {
     let receipts = reveal.receipts.as_deref().unwrap_or_default();
     let Some(rules) = &commitment.rules else {
         let why = "steps against receipts: an older program announced the epoch, and it issued no receipts";
@@ -43,7 +44,7 @@ pub(super) fn check(reveal: &Reveal, commitment: &Commitment, kept: &Kept, found
     entries(reveal, commitment, rules, &stated, found);
     draws(reveal, commitment, &stated, found);
     answers(reveal, commitment, rules, &stated, found);
-    grades(reveal, &stated, found);
+    grades(reveal, issued, &stated, found);
     end(receipts, commitment, &stated, found);
     times::check(&stated, found);
     times::budget(reveal, commitment, rules, &stated, found);
@@ -68,6 +69,7 @@ fn stated<'a>(receipts: &'a [ReceiptFile], found: &mut Verified) -> Stated<'a> {
                 stated.failed.insert(fact.instance);
                 true
             }
+            Some(Fact::Padding(_)) => true,
             Some(Fact::Closed(fact)) => {
                 stated.closed.push((file.seq, fact));
                 true
@@ -246,12 +248,7 @@ fn answers(reveal: &Reveal, commitment: &Commitment, rules: &Rules, stated: &Sta
 
 /// Checks that every verdict is the one that was signed at grading, and that a receipt explains each answer without a
 /// verdict.
-fn grades(reveal: &Reveal, stated: &Stated<'_>, found: &mut Verified) {
-    let tasks: BTreeMap<u32, String> = reveal
-        .specifications
-        .iter()
-        .map(|revealed| (revealed.specification.leaf, revealed.specification.task.content_hash()))
-        .collect();
+fn grades(reveal: &Reveal, issued: &Issued<'_>, stated: &Stated<'_>, found: &mut Verified) {
     let mut known: BTreeSet<&str> = BTreeSet::new();
     for instance in &reveal.instances {
         known.insert(&instance.id);
@@ -271,10 +268,11 @@ fn grades(reveal: &Reveal, stated: &Stated<'_>, found: &mut Verified) {
         if grades.is_empty() {
             found.breach(place(), "has a grade but no receipt for it");
         }
+        let task = issued.specification(instance.leaf).map(|own| own.task.content_hash());
         for receipt in grades {
             let is_same = receipt["overall"].as_bool() == instance.overall
                 && receipt["log_sha256"].as_str() == instance.log_sha256.as_deref()
-                && receipt["specification_sha256"].as_str() == tasks.get(&instance.leaf).map(String::as_str);
+                && receipt["specification_sha256"].as_str() == task.as_deref();
             if !is_same {
                 found.breach(place(), "its verdict, log or specification differs from the receipt of its grade");
             }

@@ -1,0 +1,108 @@
+//! Public siblings of hidden instances: specifications of the same families with parameters from the same ranges, which anybody
+//! can list from this program alone, and could before any epoch was announced.
+//!
+//! An agent that has learned public builds by heart solves siblings and fails their hidden counterparts; one that can build
+//! solves both alike. The difference is the [`gauge`](super::gauge).
+
+use std::collections::BTreeMap;
+use std::sync::OnceLock;
+
+use super::GENERATOR_VERSION;
+use super::commitment::{Commitment, SiblingList, root_of};
+use super::pool::{PoolError, Specification, Stratum, siblings_key, siblings_of, siblings_strata};
+
+/// The list of siblings of one version of the generator.
+#[derive(Debug)]
+pub struct Siblings {
+    specifications: &'static [Specification],
+    strata: BTreeMap<String, Stratum>,
+    list: SiblingList,
+}
+
+impl Siblings {
+    /// Returns the list of a version of the generator. A program makes it once, which takes seconds.
+    ///
+    /// # Errors
+    /// Returns an error if there is no such version, or the embedded files are faulty; a test shows that they are not.
+    pub fn of(version: u32) -> Result<&'static Self, PoolError> {
+        static MADE: [OnceLock<Siblings>; GENERATOR_VERSION as usize] = [const { OnceLock::new() }; _];
+        let specifications = siblings_of(version)?;
+        let strata = siblings_strata(version)?.into_iter().map(|own| (own.family.clone(), own)).collect();
+        Ok(MADE[version as usize - 1].get_or_init(|| {
+            let root = root_of(&siblings_key(), specifications);
+            let list = SiblingList { specifications: specifications.len() as u32, root };
+            Self { specifications, strata, list }
+        }))
+    }
+
+    /// Returns all specifications, by leaf of the list.
+    #[must_use]
+    pub const fn specifications(&self) -> &'static [Specification] {
+        self.specifications
+    }
+
+    /// Returns the list as lines of JSON.
+    #[must_use]
+    pub fn lines(&self) -> String {
+        let line = |own| serde_json::to_string(own).expect("a specification has text keys alone") + "\n";
+        self.specifications.iter().map(line).collect()
+    }
+
+    /// Returns what a commitment says of the list.
+    #[must_use]
+    pub const fn list(&self) -> &SiblingList {
+        &self.list
+    }
+
+    /// Returns the specification behind a leaf that a draw has taken from the stratum of siblings of a family, or `None` if it is
+    /// of none. An epoch may have more leaves than the list: several then have the same specification.
+    #[must_use]
+    pub fn specification(&self, commitment: &Commitment, strata: &[Stratum], leaf: u32) -> Option<&Specification> {
+        let place = leaf.checked_sub(commitment.specifications)?;
+        let drawn = strata.iter().find(|own| (own.first..own.first + own.size).contains(&place))?;
+        let own = self.strata.get(&drawn.family)?;
+        self.specifications.get((own.first + (place - drawn.first) % own.size) as usize)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+    use crate::hidden::pool::{Generator, SECOND_SUITE};
+    use crate::hidden::secret::EpochKey;
+
+    #[test]
+    fn no_sibling_returns_as_a_hidden_instance() {
+        let named = |own: &Specification| {
+            [format!("{}{:?}", own.task.family(), own.task.parameters), format!("{:?}", own.task.turns)]
+        };
+        let list = Siblings::of(GENERATOR_VERSION).unwrap().specifications.iter();
+        let known: BTreeSet<String> = list.flat_map(named).collect();
+        let key = EpochKey::new([9; 32]);
+        let known_in = |version| {
+            let generator = Generator::of(version).unwrap();
+            let strata = generator.strata(&key, 16).into_iter();
+            let drawn = strata.flat_map(|stratum| generator.specifications(&key, &stratum, &|| ()).unwrap());
+            drawn.filter(|own| named(own).iter().any(|mark| known.contains(mark))).count()
+        };
+        assert!(known_in(SECOND_SUITE) > 0, "the generator before does not know the list");
+        assert_eq!(known_in(GENERATOR_VERSION), 0);
+    }
+
+    #[test]
+    fn the_list_has_every_family_and_no_specification_twice() {
+        let generator = Generator::new().unwrap();
+        let siblings = Siblings::of(GENERATOR_VERSION).unwrap();
+        for family in generator.families() {
+            let own = &siblings.strata[family.name()];
+            let of_family = &siblings.specifications[own.first as usize..(own.first + own.size) as usize];
+            assert!(own.size >= 64 && of_family.iter().all(|one| one.task.family() == family.name()));
+        }
+        let prompts: BTreeSet<String> =
+            siblings.specifications.iter().map(|own| format!("{:?}", own.task.turns)).collect();
+        assert_eq!(prompts.len(), siblings.specifications.len());
+        assert_eq!(siblings.list.specifications as usize, siblings.specifications.len());
+    }
+}

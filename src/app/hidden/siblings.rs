@@ -1,0 +1,19 @@
+//! The public list of siblings: what official runs draw beside each hidden instance.
+
+use crate::app::error::{AppError, AppResult};
+use plumbline_engine::hidden::GENERATOR_VERSION;
+use plumbline_engine::hidden::siblings::Siblings;
+
+/// Returns the list of siblings of a version of the generator. A process makes it once.
+///
+/// # Errors
+/// Returns an error (404) if this program has no such version.
+pub async fn siblings(version: u32) -> AppResult<&'static Siblings> {
+    if !(1..=GENERATOR_VERSION).contains(&version) {
+        let detail =
+            format!("there is no version {version} of the generator; this service has 1 to {GENERATOR_VERSION}");
+        return Err(AppError::not_found(detail));
+    }
+    let made = tokio::task::spawn_blocking(move || Siblings::of(version)).await;
+    made.map_err(|error| AppError::internal(&error))?.map_err(|error| AppError::internal(&error))
+}

@@ -1,0 +1,38 @@
+//! The public list that siblings are drawn from.
+
+use axum::http::header;
+use axum::response::{IntoResponse as _, Response};
+use serde::Deserialize;
+
+use crate::app::error::{AppError, AppResult};
+use crate::app::hidden::siblings::siblings;
+use crate::http::extract::params::Params;
+use plumbline_engine::hidden::GENERATOR_VERSION;
+
+/// Query of the list of siblings.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct SiblingsQuery {
+    /// Version of the generator, as in an epoch's commitment; the latest by default.
+    #[param(minimum = 1)]
+    generator_version: Option<u32>,
+}
+
+/// Returns the public specifications from which official runs draw a sibling for each hidden instance, one per line: prompts,
+/// parameters and checks. The list is the same for all epochs of a version, and anybody may train on it; the epoch's commitment has its
+/// root.
+#[utoipa::path(
+    get, path = "/v1/siblings", operation_id = "list_siblings", tag = "hidden evaluation", summary = "List public siblings",
+    params(SiblingsQuery),
+    responses(
+        (status = 200, description = "One JSON object per line, with leaf and task", body = String, content_type = "application/x-ndjson",
+         example = "{\"leaf\":0,\"task\":{\"id\":\"slabs/00000\",\"turns\":[{\"prompt\":\"Build a slab …\"}]}}\n"),
+        (status = 404, description = "The service has no such version of the generator"),
+    )
+)]
+pub async fn list_siblings(Params(query): Params<SiblingsQuery>) -> AppResult<Response> {
+    let list = siblings(query.generator_version.unwrap_or(GENERATOR_VERSION)).await?;
+    let lines = tokio::task::spawn_blocking(|| list.lines()).await.map_err(|error| AppError::internal(&error))?;
+    Ok(([(header::CONTENT_TYPE, "application/x-ndjson")], lines).into_response())
+}

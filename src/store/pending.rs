@@ -1,0 +1,73 @@
+//! Receipts of hidden evaluation that are signed and wait for their publication in the log.
+
+use super::db::{Tx, query_as};
+use super::receipts::{NewReceipt, enter};
+use super::rows::from_row;
+use super::{StoreError, StoreResult};
+use plumbline_engine::hidden::canonical::unhex;
+use plumbline_engine::hidden::receipts::Signed;
+
+/// Number of receipts that one statement inserts.
+const AT_ONCE: usize = 500;
+
+/// A receipt that waits for its publication.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Pending {
+    pub epoch_id: String,
+    pub submission_id: Option<String>,
+    pub attempt: Option<i64>,
+    pub body: String,
+    pub hash: String,
+    pub signature: String,
+    pub public_key: String,
+}
+
+from_row!(Pending { epoch_id, submission_id, attempt, body, hash, signature, public_key });
+
+impl Pending {
+    pub fn signed(&self) -> StoreResult<Signed> {
+        let hash = unhex(&self.hash).ok_or_else(|| StoreError::corrupt("pending_receipts", "hash"))?;
+        let (body, signature, public_key) = (self.body.clone(), self.signature.clone(), self.public_key.clone());
+        Ok(Signed { body, hash, signature, public_key })
+    }
+
+    pub const fn of(&self) -> Option<(&str, i64)> {
+        match (&self.submission_id, self.attempt) {
+            (Some(submission), Some(attempt)) => Some((submission.as_str(), attempt)),
+            _ => None,
+        }
+    }
+}
+
+/// Takes all pending receipts of one epoch, or of all.
+pub(super) async fn take(tx: &mut Tx, epoch_id: Option<&str>) -> StoreResult<Vec<Pending>> {
+    // What is deleted is what is published: another node may sign more meanwhile.
+    query_as(
+        "DELETE FROM pending_receipts WHERE $1 IS NULL OR epoch_id = $1
+         RETURNING epoch_id, submission_id, attempt, body, hash, signature, public_key",
+    )
+    .bind(epoch_id)
+    .fetch_all(tx)
+    .await
+}
+
+/// Publishes all pending receipts of one epoch, or of all, in the log.
+pub(super) async fn publish(tx: &mut Tx, epoch_id: Option<&str>) -> StoreResult<()> {
+    let pending = take(tx, epoch_id).await?;
+    enter_all(tx, pending).await
+}
+
+/// Enters receipts in the log. They are ordered by hash, so that the order reveals nothing.
+pub(super) async fn enter_all(tx: &mut Tx, mut pending: Vec<Pending>) -> StoreResult<()> {
+    pending.sort_by(|one, other| one.hash.cmp(&other.hash));
+    let signed = pending.iter().map(Pending::signed).collect::<StoreResult<Vec<Signed>>>()?;
+    let new: Vec<NewReceipt<'_>> = pending
+        .iter()
+        .zip(&signed)
+        .map(|(row, signed)| NewReceipt { of: row.of(), epoch_id: Some(&row.epoch_id), signed })
+        .collect();
+    for part in new.chunks(AT_ONCE) {
+        enter(tx, part).await?;
+    }
+    Ok(())
+}
