@@ -1,4 +1,4 @@
-//! The contamination gauge, simulated with a fixed seed: an agent that knows public builds by heart, and one that does not.
+//! The contamination gauge, simulated with a fixed seed: an agent that knows the public list by heart, and one that does not.
 //! `cargo test --package plumbline-engine --test engine gauge -- --nocapture` prints the table in docs/hidden-evaluation.md.
 
 use plumbline_engine::hidden::gauge::Gauge;
@@ -14,7 +14,7 @@ fn passes(random: &mut Mt64, probability: f64) -> bool {
 }
 
 /// The gauge of an entry with so many runs. The agent solves families with rates that differ by up to 30 points around `skill`, alike in
-/// public and in hidden; of the public builds it knows the share `memorised` by heart.
+/// public and in hidden; of the siblings it knows the share `memorised` by heart.
 fn gauge(random: &mut Mt64, runs: usize, skill: f64, memorised: f64) -> Gauge {
     let pair = |i: usize, random: &mut Mt64| {
         let rate = (skill + 0.3 * (2.0 * (i % PER_RUN) as f64 / (PER_RUN - 1) as f64 - 1.0)).clamp(0.0, 1.0);
@@ -40,7 +40,7 @@ fn the_gauge_tells_an_agent_that_memorised_from_one_that_did_not() {
     let mut rows = Vec::new();
     for skill in [0.3, 0.6] {
         for (name, memorised) in
-            [("learned nothing by heart", 0.0), ("knows half of the public builds", 0.5), ("knows all", 1.0)]
+            [("learned nothing by heart", 0.0), ("knows half of the list", 0.5), ("knows all of it", 1.0)]
         {
             let row = [1, 4].map(|runs| alarms(random, runs, skill, memorised));
             println!("| {name}, {:.0} % | {:.1} % | {:.1} % |", 100.0 * skill, row[0], row[1]);

@@ -17,6 +17,8 @@ mod published;
 mod sandbox;
 pub mod turn_replay;
 
+pub use mindcraft::{AFTERWARDS_MS, MOST_ERRORS, MOST_NOTES, NOTE_CHARS, STACK_BYTES};
+
 use serde::{Deserialize, Serialize};
 
 pub use plumbline_engine::voxel::Profile;

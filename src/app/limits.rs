@@ -2,12 +2,15 @@
 
 use serde::Serialize;
 
-use crate::actions::ACTION_LIMITS;
-use crate::formats::{MAX_BYTES, MAX_CELLS, MAX_DEPTH, MAX_TEXTS, MAX_VALUES};
+use crate::actions::{ACTION_LIMITS, AFTERWARDS_MS, MOST_ERRORS, MOST_NOTES, NOTE_CHARS, STACK_BYTES};
+use crate::formats::{MAX_AXIS, MAX_AXIS_WRITTEN, MAX_BYTES, MAX_CELLS, MAX_DEPTH, MAX_NAME, MAX_TEXTS, MAX_VALUES};
+use crate::pictures::isometric::MOST as MOST_SHOWN;
+use crate::store::episodes::KEPT_DAYS;
 use crate::store::job_ends::MAX_ATTEMPTS;
 use crate::store::keys::LIVE_KEYS;
 use plumbline_engine::checks::evidence::{MAX_CHARS, MAX_ITEMS};
-use plumbline_engine::game::world::BLOCK_LIMIT;
+use plumbline_engine::game::world::{BLOCK_LIMIT, MAX_VOLUME};
+use plumbline_engine::game::{MAX_COMMAND_CHARS, MAX_DISTANCE, MAX_FOUND};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::text::WASTE_BYTES;
 use plumbline_engine::intake::{LogLimits, MAX_FILES};
@@ -156,12 +159,36 @@ pub struct Limits {
     pub action_log_bytes: usize,
     /// Virtual milliseconds that action code may wait for, under the profile `mindcraft`.
     pub action_virtual_ms: u64,
+    /// Virtual milliseconds for which timers go on after action code has ended.
+    pub action_timers_ms: u64,
+    /// Errors of a turn's action code that are told; how many more there were is a note.
+    pub action_errors: usize,
+    /// Notes on a turn's action code, and reasons of calls without effect, that are told.
+    pub action_notes: usize,
+    /// Characters of such a note or reason.
+    pub action_note_chars: usize,
+    /// Bytes of the stack of action code under the profile `published`.
+    pub action_stack_bytes: usize,
+    /// Bytes of the stack of action code under the profile `mindcraft`.
+    pub action_stack_bytes_mindcraft: usize,
+    /// Blocks that a search of action code reaches.
+    pub action_search_blocks: u32,
+    /// Blocks that a search of action code finds.
+    pub action_search_found: usize,
+    /// Characters of a command.
+    pub action_command_chars: usize,
     /// Blocks that one `/fill` or `/clone` may change, unless the code sets the game rule.
     pub action_fill_blocks: usize,
+    /// Blocks that one `/fill` or `/clone` may visit, whatever the game rule says.
+    pub action_fill_visited: i64,
+    /// Bytes of a response of `/v1/replay`, about; what was recorded beyond it is an error.
+    pub replay_bytes: usize,
     /// Episodes that one owner has open at the same time.
     pub episodes_per_owner: i64,
     /// Seconds after which an episode takes no more steps.
     pub episode_seconds: i64,
+    /// Days for which an episode is kept after that.
+    pub episode_kept_days: i64,
     /// Steps of an episode.
     pub episode_steps: i64,
     /// Bytes that the state of an episode takes as JSON.
@@ -172,6 +199,8 @@ pub struct Limits {
     pub episode_view_cells: u64,
     /// Blocks that a picture shows; of a larger build the first ones.
     pub picture_blocks: usize,
+    /// Blocks that a thumbnail, and the picture of a whole build on a page, shows.
+    pub page_picture_blocks: usize,
     /// Pixels of the longer side of a picture.
     pub picture_pixels: u32,
     /// Bytes of a structure file after decompression.
@@ -182,6 +211,12 @@ pub struct Limits {
     pub structure_values: usize,
     /// Structure files in a body, over all its turns and lines.
     pub structures_in_body: usize,
+    /// Cells along an axis of a `.schem` file that is read.
+    pub structure_axis_cells: u64,
+    /// Cells along an axis of a structure file that is written in a format that lists every cell.
+    pub structure_axis_cells_written: u64,
+    /// Bytes of a block's name with its state in a structure file.
+    pub structure_name_bytes: usize,
     /// Levels of nested lists and compounds in a structure file.
     pub structure_depth: usize,
     /// Texts in a structure file, such as names and properties of its palette, and members of a compound.
@@ -290,19 +325,35 @@ pub const LIMITS: Limits = Limits {
     action_log_lines: ACTION_LIMITS.log_lines,
     action_log_bytes: ACTION_LIMITS.log_bytes,
     action_virtual_ms: ACTION_LIMITS.virtual_ms,
+    action_timers_ms: AFTERWARDS_MS,
+    action_errors: MOST_ERRORS,
+    action_notes: MOST_NOTES,
+    action_note_chars: NOTE_CHARS,
+    action_stack_bytes: ACTION_LIMITS.stack_bytes,
+    action_stack_bytes_mindcraft: STACK_BYTES,
+    action_search_blocks: MAX_DISTANCE as u32,
+    action_search_found: MAX_FOUND,
+    action_command_chars: MAX_COMMAND_CHARS,
     action_fill_blocks: BLOCK_LIMIT as usize,
+    action_fill_visited: MAX_VOLUME,
+    replay_bytes: 32 << 20,
     episodes_per_owner: 1_000,
     episode_seconds: 24 * 60 * 60,
+    episode_kept_days: KEPT_DAYS,
     episode_steps: 1_000,
     episode_bytes: 16 << 20,
     episode_events: 2_000,
     episode_view_cells: 32_768,
     picture_blocks: 10_000,
+    page_picture_blocks: MOST_SHOWN,
     picture_pixels: 768,
     structure_bytes: MAX_BYTES,
     structure_cells: MAX_CELLS,
     structure_values: MAX_VALUES,
     structures_in_body: 64,
+    structure_axis_cells: MAX_AXIS,
+    structure_axis_cells_written: MAX_AXIS_WRITTEN,
+    structure_name_bytes: MAX_NAME,
     structure_depth: MAX_DEPTH,
     structure_texts: MAX_TEXTS,
     structures_at_once: 2,

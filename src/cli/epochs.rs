@@ -313,7 +313,7 @@ async fn bring_round(store: &Store, name: &str, from: &str) -> anyhow::Result<()
 
 async fn list(store: &Store) -> anyhow::Result<()> {
     for epoch in store.epochs().await? {
-        let counts = store.epoch_counts(epoch.id()).await?;
+        let counts = store.epoch_counts(epoch.id(), epoch.commitment.specifications).await?;
         println!(
             "{}  {}  {} to {}  {} dev and {} official entries, {} of {} specifications issued, {:.0} of {:.0} bits released{}",
             epoch.id(),

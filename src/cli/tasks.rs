@@ -53,11 +53,7 @@ pub enum TasksCommand {
     /// Print a table of the phrases that ask for each check, for the public and the hidden suite.
     Entailment,
     /// Print the public specifications from which official runs of hidden evaluation draw siblings, one JSON object per line.
-    Siblings {
-        /// Version of the generator, as in an epoch's commitment.
-        #[arg(long, default_value_t = GENERATOR_VERSION, value_parser = clap::value_parser!(u32).range(1..=i64::from(GENERATOR_VERSION)))]
-        generator_version: u32,
-    },
+    Siblings,
     /// Print a table of the criteria that each saboteur makes fail, by family.
     Saboteurs,
     /// Check task files in the published format (JSON) or a folder of family files (TOML), and add them to a database
@@ -88,7 +84,7 @@ pub fn run(command: TasksCommand) -> anyhow::Result<ExitCode> {
         TasksCommand::Validate(args) => validate::run(&args),
         TasksCommand::Schema => print(&format!("{}\n", serde_json::to_string_pretty(&json_schema())?)),
         TasksCommand::Entailment => print(&entailment()?),
-        TasksCommand::Siblings { generator_version } => print(&Siblings::of(generator_version)?.lines()),
+        TasksCommand::Siblings => print(&Siblings::of(GENERATOR_VERSION)?.lines()),
         TasksCommand::Saboteurs => print(&saboteur_table::markdown(&suite()?)),
         TasksCommand::Import { files, suite, database } => import(&files, suite.as_deref(), database),
     }

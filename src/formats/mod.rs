@@ -9,6 +9,8 @@ mod schematic;
 mod states;
 mod structure;
 
+pub use states::MAX_NAME;
+
 use std::collections::HashMap;
 use std::fmt;
 
@@ -18,6 +20,10 @@ use serde::{Deserialize, Serialize};
 const DATA_VERSION: i32 = 4189;
 /// Greatest number of cells in the box of a file whose format lists every cell.
 pub const MAX_CELLS: u64 = 1 << 23;
+/// Greatest number of cells along an axis of a schematic, whose lengths are shorts without a sign.
+pub const MAX_AXIS: u64 = 65_535;
+/// Greatest number of cells along an axis of a file that lists every cell and is written: other programs read shorts with a sign.
+pub const MAX_AXIS_WRITTEN: u64 = 32_767;
 /// Greatest size of a file in bytes after decompression.
 pub const MAX_BYTES: u64 = 32 << 20;
 /// Greatest number of values in a file. A block of a `.nbt` takes six.
@@ -114,12 +120,11 @@ impl Build {
     fn dense_frame(&self) -> FileResult<([i32; 3], [u64; 3])> {
         let (least, size) = self.frame();
         let cells = size.iter().product::<u64>();
-        if cells > MAX_CELLS || size.iter().any(|size| *size > i16::MAX as u64) {
+        if cells > MAX_CELLS || size.iter().any(|size| *size > MAX_AXIS_WRITTEN) {
             let [x, y, z] = size;
             return Err(FileError::new(format!(
                 "the build spans {x} × {y} × {z} cells; this format lists every cell, and at most {MAX_CELLS} cells and \
-                 {} on an axis are written; nbt lists only blocks",
-                i16::MAX
+                 {MAX_AXIS_WRITTEN} on an axis are written; nbt lists only blocks"
             )));
         }
         Ok((least, size))

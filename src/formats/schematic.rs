@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::nbt::{pack, parse};
 use super::states::State;
-use super::{Build, Builder, DATA_VERSION, FileError, FileResult, MAX_CELLS, shifted};
+use super::{Build, Builder, DATA_VERSION, FileError, FileResult, MAX_AXIS, MAX_CELLS, shifted};
 
 /// Palette of a schematic: a number for each block state.
 type Palette = BTreeMap<String, i32>;
@@ -93,8 +93,8 @@ fn cells(
         let length = if size[axis] < 0 { size[axis] + (1 << 16) } else { size[axis] };
         lengths[axis] = u64::try_from(length)
             .ok()
-            .filter(|length| (1..1 << 16).contains(length))
-            .ok_or_else(|| FileError::new(format!("{name}: {}, expected 1 to 65535", size[axis])))?;
+            .filter(|length| (1..=MAX_AXIS).contains(length))
+            .ok_or_else(|| FileError::new(format!("{name}: {}, expected 1 to {MAX_AXIS}", size[axis])))?;
     }
     let [width, height, length] = lengths;
     let volume = width * height * length;

@@ -9,7 +9,7 @@ use super::{FileError, FileResult};
 use plumbline_engine::game::registry::Look;
 
 /// Longest name of a block with its state, in bytes.
-const MAX_NAME: usize = 1024;
+pub const MAX_NAME: usize = 1024;
 
 /// Entry of a palette that is a list: a block with its state.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

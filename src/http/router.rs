@@ -128,6 +128,7 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(accounts::team::revoke_team_key))
         .routes(routes!(service::limits::get_limits))
         .routes(routes!(service::profiles::list_profiles))
+        .routes(routes!(service::blocks::list_blocks))
         .routes(routes!(service::agent_guide::get_agent_guide))
         .routes(routes!(service::health::get_health))
         .routes(routes!(service::health::get_readiness))

@@ -1,5 +1,6 @@
 //! Background tasks: upkeep, the use of keys, and what hidden evaluation does at fixed times.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -163,19 +164,28 @@ pub(super) async fn follow_beacons(store: Store, server: Option<String>, stop: C
     }
 }
 
-/// Makes the public list of siblings, and the generator that knows it, if an epoch needs them: the first draw and the pool of a beacon
-/// shall not wait for them.
-pub(super) async fn prepare_siblings(store: Store) {
-    let needs = |epoch: &EpochRow| epoch.commitment.siblings.is_some() && epoch.settled_at_ms.is_none();
-    match store.epochs().await {
-        Ok(epochs) if epochs.iter().any(needs) => {
-            let made = tokio::task::spawn_blocking(|| Generator::new().map(drop)).await;
-            if !matches!(made, Ok(Ok(()))) {
-                tracing::error!("could not make the list of siblings; draws will try again");
+/// Makes the generators that epochs need, with the list of siblings: the first draw and the pool of a beacon shall not wait for them.
+pub(super) async fn prepare_generators(store: Store, stop: CancellationToken) {
+    const LOOK: Duration = Duration::from_secs(10);
+    let mut made: BTreeSet<u32> = BTreeSet::new();
+    loop {
+        let epochs = store.epochs().await.unwrap_or_else(|error| {
+            tracing::warn!(%error, "could not find out which generators are needed");
+            Vec::new()
+        });
+        let needs = |epoch: &&EpochRow| epoch.commitment.siblings.is_some() || epoch.commitment.beacon.is_some();
+        let open = epochs.iter().filter(|epoch| epoch.settled_at_ms.is_none());
+        for version in open.filter(needs).map(|epoch| epoch.commitment.generator_version) {
+            if made.insert(version) {
+                let done = tokio::task::spawn_blocking(move || Generator::of(version).map(drop)).await;
+                if !matches!(done, Ok(Ok(()))) {
+                    tracing::error!(version, "could not make the generator of an epoch; draws will try again");
+                }
             }
         }
-        Ok(_) => {}
-        Err(error) => tracing::warn!(%error, "could not find out which epochs have siblings"),
+        if stop.run_until_cancelled(tokio::time::sleep(LOOK)).await.is_none() {
+            return;
+        }
     }
 }
 

@@ -161,7 +161,7 @@ impl RunningService {
         if signer.is_some() && config.role != Role::GradeOnly {
             tokio::spawn(background::keep_hidden(store.clone(), config.hidden_publish, stop.clone()));
             if config.role != Role::WorkOnly {
-                tokio::spawn(background::prepare_siblings(store.clone()));
+                tokio::spawn(background::prepare_generators(store.clone(), stop.clone()));
                 tokio::spawn(background::follow_beacons(store.clone(), config.beacon_url.clone(), stop.clone()));
             }
         }

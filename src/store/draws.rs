@@ -1,8 +1,6 @@
 //! Draws: the instances of an entry's run, issued together, with the facts that decide on them.
 
-use std::collections::HashSet;
-
-use super::db::{Tx, query, query_scalar};
+use super::db::{Tx, query, query_as};
 use super::entries::{EntryRow, entry_in};
 use super::epochs::{EpochRow, epoch_in};
 use super::evidence::witness;
@@ -13,7 +11,7 @@ use super::secrets::EpochSecret;
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::hidden::commitment::Commitment;
 use plumbline_engine::hidden::evidence::{DrawFact, Fact};
-use plumbline_engine::hidden::issue::Lot;
+use plumbline_engine::hidden::issue::{IssuedLeaves, Lot};
 use plumbline_engine::hidden::pool::Specification;
 use plumbline_engine::hidden::siblings::Siblings;
 use plumbline_engine::tasks::{Task, hex};
@@ -40,7 +38,7 @@ impl NewDraw<'_> {
     fn specification(&self, commitment: &Commitment, leaf: u32) -> Option<&Specification> {
         let pool = &self.secret.pool;
         if commitment.is_sibling(leaf) {
-            return self.siblings?.specification(commitment, &pool.strata, leaf);
+            return self.siblings?.specification(commitment, leaf);
         }
         pool.specifications.get(leaf as usize)
     }
@@ -57,8 +55,8 @@ pub struct DrawFacts {
     pub earlier_nonce: Option<String>,
     /// Runs that the entries of the epoch hold.
     pub holdings: Vec<Holding>,
-    /// Leaves of the pool that are issued.
-    pub issued_leaves: HashSet<u32>,
+    /// Leaves that are issued.
+    pub issued: IssuedLeaves,
     /// Time of the decision, in milliseconds since 1970.
     pub now_ms: i64,
 }
@@ -132,7 +130,7 @@ impl Store {
             DrawDecision::Repeat => return Ok(Issued::Instances(before)),
             DrawDecision::Refuse(refusal) => return Ok(Issued::Refused(refusal)),
         };
-        for (ordinal, drawn) in (facts.issued_leaves.len() as i64 + 1..).zip(&leaves) {
+        for (ordinal, drawn) in (facts.issued.all.len() as i64 + 1..).zip(&leaves) {
             insert(&mut tx, new, &facts.epoch.commitment, ordinal, drawn, now_ms).await?;
         }
         let instances = of_run(&mut tx, new.entry_id, new.run).await?;
@@ -155,10 +153,15 @@ async fn facts_of(tx: &mut Tx, entry_id: &str, before: &[InstanceRow], now_ms: i
     let entry = entry_in(tx, entry_id).await?.ok_or_else(|| StoreError::corrupt("entries", "gone"))?;
     let epoch = epoch_in(tx, &entry.epoch_id).await?.ok_or_else(|| StoreError::corrupt("epochs", "gone"))?;
     let holdings = holdings_in(tx, epoch.id()).await?;
-    let issued: Vec<u32> =
-        query_scalar("SELECT leaf FROM instances WHERE epoch_id = $1").bind(epoch.id()).fetch_all(tx).await?;
+    let issued: Vec<(u32, bool)> = query_as("SELECT leaf, entry_id = $2 FROM instances WHERE epoch_id = $1")
+        .bind(epoch.id())
+        .bind(entry_id)
+        .fetch_all(tx)
+        .await?;
+    let of_entry = issued.iter().filter(|(_, is_own)| *is_own).map(|(leaf, _)| *leaf).collect();
+    let issued = IssuedLeaves { all: issued.into_iter().map(|(leaf, _)| leaf).collect(), of_entry };
     let earlier_nonce = before.first().map(|first| first.nonce.clone());
-    Ok(DrawFacts { entry, epoch, earlier_nonce, holdings, issued_leaves: issued.into_iter().collect(), now_ms })
+    Ok(DrawFacts { entry, epoch, earlier_nonce, holdings, issued, now_ms })
 }
 
 /// Stores an instance and its task.

@@ -4,8 +4,10 @@ use super::db::{Row, query, query_scalar};
 use super::locks::Lock;
 use super::{Store, StoreError, StoreResult, commit, compress, decompress};
 
-/// Time for which an episode is kept after it expired, in milliseconds.
-pub const KEPT_MS: i64 = 7 * 24 * 60 * 60 * 1_000;
+/// Days for which an episode is kept after it expired.
+pub const KEPT_DAYS: i64 = 7;
+/// The same time in milliseconds.
+pub const KEPT_MS: i64 = KEPT_DAYS * 24 * 60 * 60 * 1_000;
 
 /// What an episode is an attempt at.
 #[derive(Debug, Clone, PartialEq, Eq)]

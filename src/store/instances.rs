@@ -185,32 +185,41 @@ impl Store {
         rows.into_iter().map(unpack).collect()
     }
 
-    /// Counts the issued and answered instances of an epoch, and its entries in each tier.
+    /// Counts the issued and answered instances of an epoch, and its entries in each tier. `specifications` is the size of its pool: leaves from
+    /// there on are siblings.
     ///
     /// # Errors
     /// Returns an error if the database fails.
-    pub async fn epoch_counts(&self, epoch_id: &str) -> StoreResult<EpochCounts> {
-        let (issued, answered, dev, official): (i64, i64, i64, i64) = query_as(
-            "SELECT (SELECT COUNT(*) FROM instances WHERE epoch_id = $1),
+    pub async fn epoch_counts(&self, epoch_id: &str, specifications: u32) -> StoreResult<EpochCounts> {
+        let (issued, answered, siblings, siblings_answered, dev, official): (i64, i64, i64, i64, i64, i64) = query_as(
+            "SELECT (SELECT COUNT(*) FROM instances WHERE epoch_id = $1 AND leaf < $2),
                     (SELECT COUNT(*) FROM instances i JOIN submissions s ON s.instance_id = i.id AND s.superseded = FALSE
-                     WHERE i.epoch_id = $1),
+                     WHERE i.epoch_id = $1 AND i.leaf < $2),
+                    (SELECT COUNT(*) FROM instances WHERE epoch_id = $1 AND leaf >= $2),
+                    (SELECT COUNT(*) FROM instances i JOIN submissions s ON s.instance_id = i.id AND s.superseded = FALSE
+                     WHERE i.epoch_id = $1 AND i.leaf >= $2),
                     (SELECT COUNT(*) FROM entries WHERE epoch_id = $1 AND tier = 'dev'),
                     (SELECT COUNT(*) FROM entries WHERE epoch_id = $1 AND tier = 'official')",
         )
         .bind(epoch_id)
+        .bind(i64::from(specifications))
         .fetch_one(&self.readers)
         .await?;
-        Ok(EpochCounts { issued, answered, dev, official })
+        Ok(EpochCounts { issued, answered, siblings, siblings_answered, dev, official })
     }
 }
 
 /// Counts of an epoch so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EpochCounts {
-    /// Number of issued instances.
+    /// Number of issued instances, without siblings.
     pub issued: i64,
-    /// Number of answered instances.
+    /// Number of answered instances, without siblings.
     pub answered: i64,
+    /// Number of issued siblings.
+    pub siblings: i64,
+    /// Number of answered siblings.
+    pub siblings_answered: i64,
     /// Number of entries in the dev tier.
     pub dev: i64,
     /// Number of entries in the official tier.

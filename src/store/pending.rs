@@ -51,15 +51,58 @@ pub(super) async fn take(tx: &mut Tx, epoch_id: Option<&str>) -> StoreResult<Vec
     .await
 }
 
+/// Matches receipts that are neither grades nor failures. A quotation mark within a text of canonical JSON has a backslash before it, so the
+/// pattern matches nothing else.
+macro_rules! taking {
+    ($which:literal) => {
+        concat!(
+            "DELETE FROM pending_receipts WHERE epoch_id = $1 AND ",
+            $which,
+            " RETURNING epoch_id, submission_id, attempt, body, hash, signature, public_key"
+        )
+    };
+}
+
+/// Takes the pending receipts of an epoch that are neither grades nor failures.
+pub(super) async fn take_others(tx: &mut Tx, epoch_id: &str) -> StoreResult<Vec<Pending>> {
+    query_as(taking!("submission_id IS NULL AND body NOT LIKE '%\"failure\":{%'")).bind(epoch_id).fetch_all(tx).await
+}
+
+/// Takes the pending grades of an entry.
+pub(super) async fn take_grades_of(tx: &mut Tx, epoch_id: &str, entry_id: &str) -> StoreResult<Vec<Pending>> {
+    query_as(taking!(
+        "submission_id IN (SELECT s.id FROM submissions s JOIN instances i ON i.id = s.instance_id WHERE i.entry_id = $2)"
+    ))
+    .bind(epoch_id)
+    .bind(entry_id)
+    .fetch_all(tx)
+    .await
+}
+
+/// Takes at most so many pending grades and failures of an epoch: failures first, grades in the order of their hashes, which says
+/// nothing of their age.
+pub(super) async fn take_grades(tx: &mut Tx, epoch_id: &str, most: usize) -> StoreResult<Vec<Pending>> {
+    query_as(taking!(
+        "id IN (SELECT id FROM pending_receipts
+                WHERE epoch_id = $1 AND (submission_id IS NOT NULL OR body LIKE '%\"failure\":{%') ORDER BY submission_id IS NOT NULL, hash LIMIT $2)"
+    ))
+    .bind(epoch_id)
+    .bind(most as i64)
+    .fetch_all(tx)
+    .await
+}
+
 /// Publishes all pending receipts of one epoch, or of all, in the log.
 pub(super) async fn publish(tx: &mut Tx, epoch_id: Option<&str>) -> StoreResult<()> {
     let pending = take(tx, epoch_id).await?;
     enter_all(tx, pending).await
 }
 
-/// Enters receipts in the log. They are ordered by hash, so that the order reveals nothing.
+/// Enters receipts in the log. They are ordered by hash, so that the order reveals nothing, but completions of entries come last: the
+/// grades of an entry stand before its completion.
 pub(super) async fn enter_all(tx: &mut Tx, mut pending: Vec<Pending>) -> StoreResult<()> {
-    pending.sort_by(|one, other| one.hash.cmp(&other.hash));
+    let is_completion = |own: &Pending| own.body.starts_with("{\"completed\":{");
+    pending.sort_by_cached_key(|own| (is_completion(own), own.hash.clone()));
     let signed = pending.iter().map(Pending::signed).collect::<StoreResult<Vec<Signed>>>()?;
     let new: Vec<NewReceipt<'_>> = pending
         .iter()

@@ -126,7 +126,10 @@ async fn an_agent_gets_instructions_and_a_guide_whose_example_works() {
         );
         let replay = json!({ "profile": profile, "action_code": guide["example"] });
         let replayed = service.post_json("/v1/replay", &replay).await.json();
-        assert_eq!((&replayed["error"], &replayed["notes"]), (&Value::Null, &json!([])), "{replayed}");
+        // Nothing is amiss; only that the commands of the second guide are nothing to the first profile.
+        let mut notes = replayed["notes"].as_array().unwrap().iter();
+        let is_expected = notes.all(|note| note.as_str().unwrap().contains("under published"));
+        assert!(replayed["error"].is_null() && is_expected, "{replayed}");
         assert_eq!(replayed["events"].as_array().unwrap().len(), events, "{replayed}");
         // A model that answers with the whole guide has answered with its example.
         let answer =

@@ -1,5 +1,7 @@
 //! Episodes over HTTP: an attempt at a task, turn by turn, in a world that the service keeps.
 
+mod limits;
+
 use std::path::Path;
 
 use crate::support::epoch::{Scene, id};

@@ -132,7 +132,7 @@ fn version(id: &str) -> String {
 /// Everything that an entrant and everybody else can look at, while one goes through a dev entry and an official one.
 #[expect(clippy::too_many_lines, reason = "a list of what can be observed")]
 async fn observe(solves: bool) -> Observed {
-    let scene = Scene::new(&["--dev-feedback", "score-only"]);
+    let scene = Scene::new(&["--dev-feedback", "score-only", "--siblings"]);
     let mut seen = Observed::default();
     let (lab, other) = (scene.key("lab"), scene.key("other"));
     let service = &scene.service;
@@ -174,6 +174,12 @@ async fn observe(solves: bool) -> Observed {
         service.wait_for(&format!("/v1/entries/{entry}"), |entry| entry["state"] == "complete").await;
         let complete = service.get(&format!("/v1/entries/{entry}")).await;
         seen.note("entries", &format!("{tier} complete"), &complete);
+        for (i, instance) in drawn.iter().enumerate() {
+            for part in ["report", "receipt"] {
+                let path = format!("/v1/instances/{}/{part}", id(instance));
+                seen.note("errors", &format!("{tier} {i} {part} of a complete entry"), &service.get(&path).await);
+            }
+        }
         if tier == "official" {
             // Of an official entry not even the score is told.
             assert_eq!(complete.json()["result"], Value::Null);
@@ -207,7 +213,7 @@ async fn observe(solves: bool) -> Observed {
     // Hidden answers are submissions inside; outside there are none.
     let database = crate::support::database::pool(&scene.file("p.db")).await;
     let ids: Vec<String> = query_scalar("SELECT id FROM submissions ORDER BY id").fetch_all(&database).await.unwrap();
-    assert_eq!(ids.len(), 52);
+    assert_eq!(ids.len(), 26 + 52);
     // The root is a hash of hashes; the size is what an observer can read.
     let checkpoint = service.get("/log/checkpoint").await.text;
     seen.say("public_log", "size", checkpoint.lines().nth(1).unwrap().to_owned());

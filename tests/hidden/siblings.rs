@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use crate::support::epoch::{Scene, answer_to, id, run, said};
+use plumbline_engine::hidden::tlog::tree::{Tree, leaf};
 use plumbline_engine::tasks::hex;
 use serde_json::{Value, json};
 
@@ -17,7 +18,7 @@ async fn an_agent_that_knows_the_public_list_shows_on_the_board() {
     // Anybody can have the list, from the service and from the program.
     let list = service.get(&format!("/v1/siblings?generator_version={version}")).await;
     assert_eq!(list.headers["content-type"], "application/x-ndjson");
-    let printed = run(&["tasks", "siblings", "--generator-version", &version.to_string()], None);
+    let printed = run(&["tasks", "siblings"], None);
     assert_eq!(String::from_utf8(printed.stdout).unwrap(), list.text);
     let specifications: Vec<Value> = list.text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert_eq!(epoch["commitment"]["siblings"]["specifications"], specifications.len());
@@ -27,8 +28,17 @@ async fn an_agent_that_knows_the_public_list_shows_on_the_board() {
     let known: BTreeSet<String> =
         specifications.iter().map(|own| json!(prompts_of(&own["task"])).to_string()).collect();
     let is_sibling = |instance: &Value| known.contains(&instance["prompts"].to_string());
-    let missing = service.get("/v1/siblings?generator_version=9").await;
-    assert_eq!(missing.status, 404, "{}", missing.text);
+    for unknown in ["1", "9"] {
+        let missing = service.get(&format!("/v1/siblings?generator_version={unknown}")).await;
+        assert_eq!(missing.status, 404, "{}", missing.text);
+        assert!(missing.text.contains("version 3 does"), "{}", missing.text);
+    }
+    let known = service.http.get(format!("{}/v1/siblings", service.url)).header("if-none-match", &list.headers["etag"]);
+    assert_eq!(service.send(known).await.status, 304);
+    // The root is that of a Merkle tree over the lines.
+    let mut tree = Tree::default();
+    list.text.lines().for_each(|line| tree.push(leaf(line.as_bytes())));
+    assert_eq!(epoch["commitment"]["siblings"]["root"], hex(&tree.root(tree.len()).unwrap()));
 
     // An official run has a sibling beside each instance, and does not mark it; a dev run has none.
     let pool = scene.pool();
@@ -67,6 +77,10 @@ async fn an_agent_that_knows_the_public_list_shows_on_the_board() {
     assert!(page.contains("public − hidden") && page.contains("+100 ("), "the page shows the gauge");
     let result = service.get(&format!("/v1/entries/{}", learned["entries"][0].as_str().unwrap())).await.json();
     assert_eq!(result["result"]["siblings"], json!({ "passed": per_run, "of": per_run }), "{result}");
+    let told = result["result"]["instances"].as_array().unwrap();
+    assert_eq!(told.iter().filter(|own| own["sibling"] == true).count(), per_run, "{result}");
+    let epoch_now = service.get("/v1/epochs/autumn").await.json();
+    assert_eq!((&epoch_now["issued"], &epoch_now["siblings_answered"]), (&json!(3 * per_run), &json!(2 * per_run)));
 
     // A reader checks draws, grades and gauge with the files alone, and finds a gauge that was made up.
     for (name, path) in [("reveal.json", "reveal"), ("answers.ndjson", "answers")] {
@@ -88,7 +102,9 @@ async fn an_agent_that_knows_the_public_list_shows_on_the_board() {
     for row in changed["rows"].as_array_mut().unwrap() {
         row["gauge"]["gap"] = json!(0.0);
     }
-    assert_eq!(verify(&changed).status.code(), Some(1));
+    let bad = verify(&changed);
+    assert_eq!(bad.status.code(), Some(1));
+    assert!(said(&bad).contains("gauge is {"), "the member is named: {}", said(&bad));
 }
 
 /// A hash that stands for the configuration of an owner's agent.

@@ -38,6 +38,7 @@ PLACES = {
     "get_openapi": "service.openapi",
     "get_limits": "service.limits",
     "list_profiles": "service.profiles",
+    "list_blocks": "service.blocks",
     "get_quota": "service.quota",
     "get_agent_guide": "tasks.agent_guide",
     "list_tasks": "tasks.list",

@@ -20,6 +20,9 @@ mod tags;
 mod words;
 pub mod world;
 
+pub use reading::MAX_CHARS as MAX_COMMAND_CHARS;
+pub use search::{MAX_DISTANCE, MAX_FOUND};
+
 pub use refusal::Refusal;
 pub use registry::{Block, Look, StateId};
 pub use side::Side;

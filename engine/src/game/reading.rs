@@ -5,7 +5,7 @@ use super::refusal::Refusal;
 use super::words::Words;
 
 /// Greatest length of a command.
-const MAX_CHARS: usize = 32_500;
+pub const MAX_CHARS: usize = 32_500;
 
 /// Commands of the game that neither change a block nor move the body of the one who gives them.
 const HARMLESS: &[&str] = &[

@@ -8,9 +8,9 @@ use super::world::World;
 use crate::voxel::cell::Cell;
 
 /// Greatest distance of a search, in blocks.
-const MAX_DISTANCE: f64 = 128.0;
+pub const MAX_DISTANCE: f64 = 128.0;
 /// Greatest number of blocks that a search finds.
-const MAX_FOUND: usize = 100_000;
+pub const MAX_FOUND: usize = 100_000;
 
 impl World {
     /// Finds the nearest blocks of some kinds, given as numbers of blocks: at most `count` within `distance`, nearest first.

@@ -16,7 +16,7 @@ pub const BLOCK_LIMIT: i32 = 32_768;
 /// Length of a tick of the game.
 const TICK_MS: u64 = 50;
 /// Greatest number of blocks that `/fill` and `/clone` may visit, whatever the game rule says.
-const MAX_VOLUME: i64 = 1_000_000;
+pub const MAX_VOLUME: i64 = 1_000_000;
 
 /// A change of one cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -82,8 +82,11 @@ pub fn advise(structure: &Structure, instruction: &Instruction, report: &TurnRep
 pub fn advise_on_removals(log: &BlockLog, advisories: &mut Vec<Advisory>) {
     // Cells that a turn both places and removes. Most logs have none, and need no replay.
     let both: Vec<CellSet> = log.turns.iter().map(|events| placed_and_removed(events)).collect();
-    if !log.profile.is_published() || both.iter().all(CellSet::is_empty) {
+    if both.iter().all(CellSet::is_empty) {
         return;
+    }
+    if !log.profile.is_published() {
+        return advise_on_published(log, advisories);
     }
     let mut before: Option<Structure> = None;
     for ((turn, both), after) in (1..).zip(both).zip(Replay::new(log)) {
@@ -97,6 +100,30 @@ pub fn advise_on_removals(log: &BlockLog, advisories: &mut Vec<Advisory>) {
             advisories.push(Advisory { code: AdvisoryCode::RemovalWithoutEffect, turn, check: None, detail });
         }
         before = Some(after);
+    }
+}
+
+/// Adds an advisory for each turn that ends without blocks which it placed: under `published` they would stand.
+fn advise_on_published(log: &BlockLog, advisories: &mut Vec<Advisory>) {
+    for (turn, events) in (1..).zip(&log.turns) {
+        let (mut placed, mut gone) = (CellSet::default(), CellSet::default());
+        for event in events {
+            let cell = event.cell();
+            if matches!(event, Event::Place { .. }) {
+                placed.insert(cell);
+                gone.remove(&cell);
+            } else if placed.contains(&cell) {
+                gone.insert(cell);
+            }
+        }
+        if !gone.is_empty() {
+            let blocks = agreeing(gone.len(), "block is", "blocks are");
+            let detail = format!(
+                "{blocks} gone because the turn that placed them removed them; under published, where a removal reaches only \
+                 blocks of earlier turns, they would stand"
+            );
+            advisories.push(Advisory { code: AdvisoryCode::DiffersFromPublished, turn, check: None, detail });
+        }
     }
 }
 
@@ -133,5 +160,33 @@ fn wants_as_part_of_a_name(check: &Check, word: &str) -> bool {
         Check::Adjacent(c) => c.substring_match && c.materials.iter().any(|m| m == word),
         Check::MaterialSequenceOrder(c) => c.use_substring_match && c.material_sequence.iter().any(|m| m == word),
         _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::voxel::Profile;
+
+    #[test]
+    fn a_turn_that_removes_what_it_placed_is_told_under_both_profiles() {
+        let mut log = BlockLog::default();
+        let [kept, gone] = [Cell::new(0, 0, 0), Cell::new(1, 0, 0)];
+        log.place(kept, "stone");
+        log.place(gone, "stone");
+        log.remove(gone);
+        // Placed again, it stands under both.
+        log.remove(kept);
+        log.place(kept, "stone");
+        let told = |log: &BlockLog| {
+            let mut advisories = Vec::new();
+            advise_on_removals(log, &mut advisories);
+            advisories.into_iter().map(|own| (own.code, own.turn)).collect::<Vec<_>>()
+        };
+        assert_eq!(told(&log), [(AdvisoryCode::RemovalWithoutEffect, 1)]);
+        log.profile = Profile::Mindcraft;
+        assert_eq!(told(&log), [(AdvisoryCode::DiffersFromPublished, 1)]);
+        log.place(gone, "dirt");
+        assert_eq!(told(&log), []);
     }
 }

@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::commitment::Commitment;
-use super::feedback::Tier;
-use super::gauge::{Gauge, Place};
+use super::feedback::{Feedback, Tier};
+use super::gauge::{Gauge, Place, Tried};
 use super::ladder::{Attempt, Tally, climb};
 use crate::grading::statistics::interval::{Interval, anytime, wilson};
 
@@ -71,8 +71,8 @@ pub struct Row {
     pub configuration_sha256: String,
     /// Share of instances that pass.
     pub overall: f64,
-    /// Interval of that share at 95 % confidence: Wilson's. On a dev board that may still move it holds at all looks together, since
-    /// version 2 of the protocol.
+    /// Interval of that share at 95 % confidence: Wilson's. On a dev board since version 2 of the protocol it holds at all looks
+    /// together, whenever the entrant stopped.
     pub interval: Option<Interval>,
     /// Number of instances that pass.
     pub passed: u32,
@@ -97,7 +97,10 @@ pub struct BoardRules {
     tier: Tier,
     per_run: u32,
     protocol: u32,
+    /// Whether the epoch is over, in protocols whose last board differs.
     is_final: bool,
+    /// Whether nothing was told of a dev entry before the epoch was over.
+    is_untold: bool,
 }
 
 impl BoardRules {
@@ -105,14 +108,15 @@ impl BoardRules {
     #[must_use]
     pub fn of(commitment: &Commitment, tier: Tier, is_over: bool) -> Self {
         let protocol = commitment.protocol();
-        Self { tier, per_run: commitment.instances_per_run, protocol, is_final: is_over && protocol >= 2 }
+        let is_untold = commitment.dev_feedback == Feedback::AfterEpoch;
+        Self { tier, per_run: commitment.instances_per_run, protocol, is_final: is_over && protocol >= 2, is_untold }
     }
 }
 
 impl Entrant {
     /// Returns the number of instances of the entry, including those of runs that were never drawn.
     const fn all(&self, per_run: u32) -> u32 {
-        self.runs * per_run
+        self.runs.saturating_mul(per_run)
     }
 
     fn has_transcripts(&self) -> bool {
@@ -128,10 +132,10 @@ impl Entrant {
     }
 
     /// Returns the outcomes that the gauge is made of.
-    fn outcomes(&self) -> impl Iterator<Item = (Place<'_>, bool, bool)> {
+    fn outcomes(&self) -> impl Iterator<Item = (Place<'_>, Tried)> {
         self.instances.iter().map(|own| {
             let place = Place { entry: &self.id, run: own.run, family: &own.family };
-            (place, own.is_sibling, own.passes)
+            (place, Tried { is_sibling: own.is_sibling, is_answered: own.is_answered, passes: own.passes })
         })
     }
 }
@@ -170,19 +174,23 @@ fn row(rules: &BoardRules, own: &[Entrant], attempts: usize) -> Option<Row> {
         Tier::Official => {
             let hidden = own.iter().flat_map(|own| &own.instances).filter(|instance| !instance.is_sibling);
             let passed = hidden.filter(|instance| instance.passes).count() as u32;
-            (at_once(Tally { passed, of: own.iter().map(|own| own.all(rules.per_run)).sum() }), first)
+            let of = own.iter().fold(0_u32, |of, own| of.saturating_add(own.all(rules.per_run)));
+            (at_once(Tally { passed, of }), first)
         }
         Tier::Dev => {
             let attempts: Vec<Attempt<'_>> = own.iter().map(|own| own.attempt(rules)).collect();
-            let rung = climb(&attempts)?;
-            let shown = match rules {
-                BoardRules { is_final: true, .. } => at_once(rung.kept),
-                BoardRules { protocol: ..2, .. } => at_once(rung.shown),
-                // Each move of the board begins a new series, and gets a smaller part of the error: their sum is the error.
-                _ => {
-                    let part = ERROR / f64::from(rung.moves * (rung.moves + 1));
-                    (rung.shown, anytime(rung.shown.passed, rung.shown.of, part))
-                }
+            let rung = climb(rules.protocol, &attempts)?;
+            let mut tally = if rules.is_final { rung.kept } else { rung.shown };
+            if rules.is_final && rules.is_untold {
+                // Nothing was told, so nobody could wait for what would be shown either.
+                tally.join(rung.shown);
+            }
+            // Each move of the board begins a new series, and gets a smaller part of the error: their sum is the error.
+            let series = f64::from(rung.moves);
+            let part = ERROR / (series * (series + 1.0));
+            let shown = match rules.protocol {
+                ..2 => at_once(tally),
+                _ => (tally, anytime(tally.passed, tally.of, part)),
             };
             (shown, own.get(rung.attempt)?)
         }

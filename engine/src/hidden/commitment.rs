@@ -67,7 +67,7 @@ pub struct Commitment {
 pub struct SiblingList {
     /// Number of specifications in the list.
     pub specifications: u32,
-    /// Root of the Merkle tree over their salted hashes.
+    /// Root of the Merkle tree (RFC 6962) whose entries are the lines of the list, canonical JSON (RFC 8785) without line ends.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub root: String,
 }
@@ -193,19 +193,5 @@ impl Commitment {
         } else {
             Counts::Told
         }
-    }
-
-    /// Returns what a run of a tier draws, in order: for each family the stratum and index of its instances and, in the official
-    /// tier, those of their siblings. A sibling has the index of its instance plus the family's number of instances.
-    #[must_use]
-    pub fn places(&self, strata: &[Stratum], tier: Tier) -> Vec<(Stratum, u32)> {
-        let with_siblings = self.siblings.is_some() && tier == Tier::Official;
-        let of_family = |own: &Stratum| {
-            let public = Stratum { first: self.specifications + own.first, ..own.clone() };
-            let places = (0..own.instances).map(|index| (own.clone(), index));
-            let siblings = (own.instances..2 * own.instances).map(|index| (public.clone(), index));
-            places.chain(siblings.filter(|_| with_siblings)).collect::<Vec<_>>()
-        };
-        strata.iter().flat_map(of_family).collect()
     }
 }

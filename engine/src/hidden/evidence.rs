@@ -123,6 +123,7 @@ pub struct CompletedFact {
 
 /// A place in the log that states nothing. Its receipt has a salt, so its hash is like any other.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct PaddingFact {}
 
 /// The end of an epoch.
@@ -151,7 +152,12 @@ pub fn receipt(epoch: &str, salt: &[u8; 32], fact: &Fact) -> Value {
 #[must_use]
 pub fn fact(receipt: &Value) -> Option<Fact> {
     const NAMES: [&str; 8] = ["entry", "draw", "answer", "transcript", "failure", "completed", "padding", "closed"];
-    let name = NAMES.into_iter().find(|name| receipt.get(name).is_some())?;
+    let mut named = NAMES.into_iter().filter(|name| receipt.get(name).is_some());
+    // A receipt states one fact, and one that fills a place nothing else.
+    let name = named.next().filter(|_| named.next().is_none())?;
+    if name == "padding" && receipt.as_object()?.len() != 4 {
+        return None;
+    }
     serde_json::from_value(json!({ name: receipt[name] })).ok()
 }
 
@@ -196,5 +202,11 @@ mod tests {
         assert_eq!(receipt["epoch"], "2026-11");
         assert_eq!(fact(&receipt), Some(closed));
         assert_eq!(fact(&json!({ "plumbline_receipt": 1, "overall": true, "submission": "s" })), None);
+        let padding = Fact::Padding(PaddingFact {});
+        let mut receipt = super::receipt("2026-11", &[1; 32], &padding);
+        assert_eq!(fact(&receipt), Some(padding));
+        // Nothing hides behind a padding.
+        receipt["overall"] = true.into();
+        assert_eq!(fact(&receipt), None);
     }
 }

@@ -15,6 +15,10 @@ const Z: f64 = 1.959_963_984_540_054;
 pub struct Gauge {
     /// Number of pairs: drawn instances, each with a sibling of its family. What was not answered counts as failed.
     pub pairs: u32,
+    /// Number of siblings that were answered.
+    pub public_answered: u32,
+    /// Number of hidden instances that were answered.
+    pub hidden_answered: u32,
     /// Number of siblings that pass.
     pub public_passed: u32,
     /// Number of hidden instances that pass.
@@ -29,7 +33,7 @@ pub struct Gauge {
 /// Bounds of the 95 % confidence interval of a gap.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct GapInterval {
-    /// Lower bound. Above 0, the agent solves public builds better than hidden ones.
+    /// Lower bound. Above 0, the agent solves siblings better than hidden instances.
     #[schema(minimum = -1, maximum = 1, example = 0.08)]
     pub low: f64,
     /// Upper bound.
@@ -48,29 +52,35 @@ pub struct Place<'a> {
     pub family: &'a str,
 }
 
-/// Outcomes of the hidden instances and siblings of one family in one run.
-#[derive(Debug, Default)]
-struct Family {
-    hidden: Vec<bool>,
-    public: Vec<bool>,
+/// The outcome of an instance.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Tried {
+    /// Whether it is a sibling.
+    pub is_sibling: bool,
+    /// Whether it has an answer.
+    pub is_answered: bool,
+    /// Whether the answer passes.
+    pub passes: bool,
 }
 
 impl Gauge {
-    /// Computes the gauge from outcomes in the order of issue, each with its place, whether it is a sibling, and whether it passes.
-    /// Returns `None` without pairs.
+    /// Computes the gauge from outcomes in the order of issue, each with its place. Returns `None` without pairs.
     #[must_use]
-    pub fn of<'a>(outcomes: impl IntoIterator<Item = (Place<'a>, bool, bool)>) -> Option<Self> {
-        let mut families: BTreeMap<Place<'a>, Family> = BTreeMap::new();
-        for (place, is_sibling, passes) in outcomes {
-            let own = families.entry(place).or_default();
-            if is_sibling { own.public.push(passes) } else { own.hidden.push(passes) }
+    pub fn of<'a>(outcomes: impl IntoIterator<Item = (Place<'a>, Tried)>) -> Option<Self> {
+        let mut families: BTreeMap<Place<'a>, (Vec<Tried>, Vec<Tried>)> = BTreeMap::new();
+        for (place, tried) in outcomes {
+            let (public, hidden) = families.entry(place).or_default();
+            if tried.is_sibling { public.push(tried) } else { hidden.push(tried) }
         }
-        let pairs: Vec<(bool, bool)> =
-            families.into_values().flat_map(|own| own.public.into_iter().zip(own.hidden)).collect();
-        Self::of_pairs(&pairs)
+        let pairs = || families.values().flat_map(|(public, hidden)| public.iter().zip(hidden));
+        let passes: Vec<(bool, bool)> = pairs().map(|(public, hidden)| (public.passes, hidden.passes)).collect();
+        let gauge = Self::of_pairs(&passes)?;
+        let public_answered = pairs().filter(|(public, _)| public.is_answered).count() as u32;
+        let hidden_answered = pairs().filter(|(_, hidden)| hidden.is_answered).count() as u32;
+        Some(Self { public_answered, hidden_answered, ..gauge })
     }
 
-    /// Computes the gauge from pairs: whether the sibling passes, and whether the hidden instance does.
+    /// Computes the gauge from pairs that are all answered: whether the sibling passes, and whether the hidden instance does.
     #[must_use]
     pub fn of_pairs(pairs: &[(bool, bool)]) -> Option<Self> {
         let count =
@@ -89,6 +99,8 @@ impl Gauge {
         let interval = GapInterval { low: (difference / of - half).max(-1.0), high: (difference / of + half).min(1.0) };
         Some(Self {
             pairs: pairs.len() as u32,
+            public_answered: pairs.len() as u32,
+            hidden_answered: pairs.len() as u32,
             public_passed: public_passed as u32,
             hidden_passed: hidden_passed as u32,
             gap,
@@ -117,16 +129,18 @@ mod tests {
     #[test]
     fn instances_are_paired_within_run_and_family() {
         let place = |run, family| Place { entry: "e", run, family };
+        let tried = |is_sibling, passes| Tried { is_sibling, is_answered: true, passes };
         let outcomes = [
-            (place(1, "slabs"), false, true),
-            (place(1, "slabs"), true, true),
-            (place(1, "domes"), false, false),
-            (place(1, "domes"), true, true),
+            (place(1, "slabs"), tried(false, true)),
+            (place(1, "slabs"), tried(true, true)),
+            (place(1, "domes"), Tried { is_answered: false, ..tried(false, false) }),
+            (place(1, "domes"), tried(true, true)),
             // Without a sibling there is no pair.
-            (place(2, "slabs"), false, true),
+            (place(2, "slabs"), tried(false, true)),
         ];
         let found = Gauge::of(outcomes).unwrap();
         assert_eq!((found.pairs, found.public_passed, found.hidden_passed), (2, 2, 1));
+        assert_eq!((found.public_answered, found.hidden_answered), (2, 1));
         assert_eq!(Gauge::of([]), None);
     }
 }

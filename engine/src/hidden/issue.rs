@@ -5,13 +5,17 @@
 //! the family's stratum of the pool. The draw takes the first specification from that position on (wrapping around) that was
 //! not issued yet, so each is issued at most once in an epoch.
 
+use std::collections::HashSet;
+
 use sha2::{Digest as _, Sha256};
 
 use super::canonical::Hash;
 use super::commitment::Commitment;
 use super::draw_proof::{DrawMessage, OUTPUT_BYTES, Output, prove};
+use super::feedback::Tier;
 use super::pool::Stratum;
 use super::secret::{EpochKey, first_number};
+use super::siblings::Siblings;
 
 /// What a run draws with.
 #[derive(Debug, Clone)]
@@ -83,6 +87,75 @@ impl<'a> Lot<'a> {
 fn ticket(output: &[u8; OUTPUT_BYTES], family: &str, index: u32) -> Hash {
     let label = Sha256::new().chain_update(b"plumbline position\0").chain_update(output);
     label.chain_update(index.to_be_bytes()).chain_update(family.as_bytes()).finalize().into()
+}
+
+/// What a run draws for one instance.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Place {
+    /// Stratum of the pool, or of the list of siblings.
+    pub stratum: Stratum,
+    /// Index among the family's instances in the run, from 0; a sibling has that of its instance plus their number.
+    pub index: u32,
+    /// Whether a sibling is drawn.
+    pub is_sibling: bool,
+}
+
+/// What an epoch draws from.
+#[derive(Debug, Clone, Copy)]
+pub struct Drawing<'a> {
+    /// Commitment of the epoch.
+    pub commitment: &'a Commitment,
+    /// Strata of its pool.
+    pub strata: &'a [Stratum],
+    /// Its list of siblings, if it has one.
+    pub siblings: Option<&'static Siblings>,
+}
+
+/// Leaves that were issued before.
+#[derive(Debug, Clone, Default)]
+pub struct IssuedLeaves {
+    /// All leaves of the epoch.
+    pub all: HashSet<u32>,
+    /// Those of the same entry.
+    pub of_entry: HashSet<u32>,
+}
+
+impl Drawing<'_> {
+    /// Returns what a run of a tier draws, in order: for each family its instances and, in the official tier, their siblings.
+    #[must_use]
+    pub fn places(&self, tier: Tier) -> Vec<Place> {
+        let siblings = self.siblings.filter(|_| tier == Tier::Official);
+        let of_family = |own: &Stratum| {
+            let place = |stratum: &Stratum, index, is_sibling| Place { stratum: stratum.clone(), index, is_sibling };
+            let mut places: Vec<Place> = (0..own.instances).map(|index| place(own, index, false)).collect();
+            if let Some(public) = siblings.and_then(|list| list.stratum(&own.family)) {
+                places.extend((own.instances..2 * own.instances).map(|index| place(public, index, true)));
+            }
+            places
+        };
+        self.strata.iter().flat_map(of_family).collect()
+    }
+
+    /// Returns the leaf that a lot takes for a place, or `None` if all are issued.
+    ///
+    /// A sibling is public, and more than one entry may have it. Its leaf is the number of specifications in the pool, plus its leaf in
+    /// the list, plus the length of the list for each time that it was issued before. So which sibling an entry gets does not tell
+    /// what others have.
+    #[must_use]
+    pub fn leaf(&self, lot: &Lot<'_>, place: &Place, issued: &IssuedLeaves) -> Option<u32> {
+        if !place.is_sibling {
+            return lot.leaf(&place.stratum, place.index, |leaf| issued.all.contains(&leaf));
+        }
+        let (first, length) = (self.commitment.specifications, self.siblings?.list().specifications);
+        let listed = |leaf: &u32| leaf.checked_sub(first).map(|own| own % length);
+        let of_entry: HashSet<u32> = issued.of_entry.iter().filter_map(listed).collect();
+        let own = lot.leaf(&place.stratum, place.index, |leaf| of_entry.contains(&leaf))?;
+        let mut leaf = first.checked_add(own)?;
+        while issued.all.contains(&leaf) {
+            leaf = leaf.checked_add(length)?;
+        }
+        Some(leaf)
+    }
 }
 
 #[cfg(test)]

@@ -2,13 +2,13 @@
 //! machine learning competitions", 2015), with fresh draws for every entry.
 //!
 //! The Ladder moves a board only if an entry beats the best entry before it by more than the standard error of the
-//! difference, so small random gains reveal nothing. Lucky results cannot accumulate here either. Half of an entry's
-//! instances, selected by secret salts derived from the epoch's key, decide whether the entry moves the board; the
-//! board then shows the other half. The shown half plays no part in the selection, so the best of many entries is not
-//! shown better than it is.
+//! difference, so small random gains reveal nothing. Lucky results cannot accumulate here either: secret salts derived from
+//! the epoch's key divide an entry's instances into parts. One part decides whether the entry moves the board, and another
+//! is shown. The shown part plays no role in the selection, so the best of many entries is not shown better than it is.
 //!
-//! Whoever stops at a lucky moment would still keep that luck. So since version 2 of the protocol a third part of the instances is
-//! kept: nobody is told of it before the epoch is over, and then the board is made of it alone.
+//! Whoever stops at a lucky moment would still keep that luck. So since version 2 of the protocol there are three parts, each of a
+//! third on average: the third one is kept, the service tells nobody of it before the epoch is over, and then the board is made of it alone.
+//! Version 1 has two parts, and keeps none.
 
 use sha2::{Digest as _, Sha256};
 
@@ -59,9 +59,9 @@ impl Tally {
     }
 
     /// Counts the instances of another tally as well.
-    const fn join(&mut self, other: Self) {
-        self.passed += other.passed;
-        self.of += other.of;
+    pub const fn join(&mut self, other: Self) {
+        self.passed = self.passed.saturating_add(other.passed);
+        self.of = self.of.saturating_add(other.of);
     }
 
     /// Returns the share that passes, or 0 if the tally is empty.
@@ -107,8 +107,9 @@ impl<'a> Attempt<'a> {
         }
         let parts = [Part::Deciding, Part::Shown, Part::Kept];
         let parts = if protocol < 2 { &parts[..2] } else { &parts };
-        for (_, part) in (0..undrawn).zip(parts.iter().cycle()) {
-            own.part(*part).add(false);
+        let (each, more) = (undrawn / parts.len() as u32, undrawn as usize % parts.len());
+        for (i, part) in parts.iter().enumerate() {
+            own.part(*part).join(Tally { passed: 0, of: each + u32::from(i < more) });
         }
         own
     }
@@ -127,7 +128,7 @@ impl<'a> Attempt<'a> {
 pub struct Rung {
     /// Index of the attempt that moved the board last, from 0.
     pub attempt: usize,
-    /// Tally that the board shows: the shown halves of that attempt and of later ones with the same configuration.
+    /// Tally that the board shows: the shown parts of that attempt and of others with the same configuration.
     pub shown: Tally,
     /// Tally of the kept instances of the same attempts.
     pub kept: Tally,
@@ -137,19 +138,26 @@ pub struct Rung {
 }
 
 /// Returns the rung after all attempts of one owner, in the order of their completion, or `None` without attempts.
+///
+/// Attempts with the configuration of the rung are taken together with it. In version 1 of the protocol one that moves the board
+/// begins anew instead, which drops what the configuration had before.
 #[must_use]
-pub fn climb(attempts: &[Attempt<'_>]) -> Option<Rung> {
+pub fn climb(protocol: u32, attempts: &[Attempt<'_>]) -> Option<Rung> {
     let mut rung: Option<Rung> = None;
     for (i, attempt) in attempts.iter().enumerate() {
         let moves = rung.is_none_or(|rung| {
             let step = (attempt.deciding.variance() + rung.deciding.variance()).sqrt();
             attempt.deciding.rate() > rung.deciding.rate() + step
         });
+        let is_same = rung.is_some_and(|rung| attempts[rung.attempt].configuration == attempt.configuration);
         match &mut rung {
-            Some(rung) if !moves => {
-                if attempts[rung.attempt].configuration == attempt.configuration {
+            Some(rung) if !moves || (is_same && protocol >= 2) => {
+                if is_same {
                     rung.shown.join(attempt.shown);
                     rung.kept.join(attempt.kept);
+                }
+                if moves {
+                    (rung.attempt, rung.deciding) = (i, attempt.deciding);
                 }
             }
             _ => {
@@ -173,11 +181,11 @@ mod tests {
 
     #[test]
     fn the_board_moves_by_more_than_the_standard_error_only() {
-        assert_eq!(climb(&[]), None);
+        assert_eq!(climb(2, &[]), None);
         // The standard error of the difference between 50 of 100 and 55 of 100 is 7 percentage points.
-        let rung = climb(&[attempt("a", 50, 40), attempt("b", 55, 90)]).unwrap();
+        let rung = climb(2, &[attempt("a", 50, 40), attempt("b", 55, 90)]).unwrap();
         assert_eq!((rung.attempt, rung.shown), (0, Tally { passed: 40, of: 100 }));
-        let rung = climb(&[attempt("a", 50, 40), attempt("b", 60, 52)]).unwrap();
+        let rung = climb(2, &[attempt("a", 50, 40), attempt("b", 60, 52)]).unwrap();
         assert_eq!((rung.attempt, rung.shown), (1, Tally { passed: 52, of: 100 }));
     }
 
@@ -195,8 +203,12 @@ mod tests {
 
     #[test]
     fn what_was_tried_again_is_taken_together() {
-        let rung = climb(&[attempt("a", 50, 60), attempt("a", 50, 40), attempt("b", 50, 99)]).unwrap();
+        let rung = climb(2, &[attempt("a", 50, 60), attempt("a", 50, 40), attempt("b", 50, 99)]).unwrap();
         assert_eq!(rung.shown, Tally { passed: 100, of: 200 });
         assert_eq!((rung.kept, rung.moves), (Tally { passed: 50, of: 200 }, 1));
+        // Also where the same configuration moves the board; version 1 began anew.
+        let again = [attempt("a", 50, 60), attempt("a", 70, 40)];
+        let of = |protocol| climb(protocol, &again).map(|rung| (rung.attempt, rung.shown.of, rung.moves));
+        assert_eq!((of(2), of(1)), (Some((1, 200, 1)), Some((1, 100, 2))));
     }
 }

@@ -2,12 +2,12 @@
 //! build.
 //!
 //! Each specification is redrawn until it fits: the size of its reference build is in the range of the public families
-//! that it stands for (half of the smallest to one and a half times the largest), neither the public suite nor the list of siblings
-//! contains that build, and the build passes every check. The difficulty therefore stays that of the public suite, and no public
+//! that it stands for (half of the smallest to one and a half times the largest), the public suite does not contain
+//! that build, the list of siblings has neither its parameters nor its prompts, and the build passes every check. The difficulty therefore stays that of the public suite, and no public
 //! instance returns.
 
 use std::collections::{BTreeMap, HashSet};
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
@@ -24,7 +24,7 @@ use crate::voxel::{BlockLog, Cell, Event};
 
 /// Name of the hidden suites.
 pub const HIDDEN: &str = "hidden";
-/// Version of the generator that came with the second version of the hidden suite, the latest.
+/// Latest version of the hidden suite, and of the generator that came with it.
 pub const SECOND_SUITE: u32 = 2;
 /// Number of draws after which the generator gives up on a family; needing that many is a fault of the family's rules.
 const MAX_DRAWS: u64 = 2_000;
@@ -98,8 +98,7 @@ pub fn volume(log: &BlockLog) -> usize {
 const SIBLINGS_PER_INSTANCE: u32 = 64;
 
 /// Returns the key that the list of siblings derives from, which is no secret.
-#[must_use]
-pub fn siblings_key() -> EpochKey {
+fn siblings_key() -> EpochKey {
     EpochKey::new(Sha256::digest(b"plumbline public siblings").into())
 }
 
@@ -116,17 +115,24 @@ pub fn siblings_strata(version: u32) -> Result<Vec<Stratum>, PoolError> {
 /// # Errors
 /// Returns an error if there is no such version, or the embedded files are faulty; a test shows that they are not.
 pub fn siblings_of(version: u32) -> Result<&'static [Specification], PoolError> {
+    static MAKING: Mutex<()> = Mutex::new(());
     static MADE: [OnceLock<Vec<Specification>>; SECOND_SUITE as usize] = [const { OnceLock::new() }; _];
     // Later versions have the list of the one whose families they have.
     let version = version.min(SECOND_SUITE);
     let generator = Generator::of(version)?;
     let place = &MADE[version as usize - 1];
+    // One makes it, and all others wait for it.
+    let _alone = MAKING.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some(made) = place.get() {
         return Ok(made);
     }
     let (key, mut made) = (siblings_key(), Vec::new());
     for stratum in siblings_strata(version)? {
         made.extend(generator.specifications(&key, &stratum, &|| ())?);
+    }
+    for own in &mut made {
+        // So that nobody takes it for a hidden one, which has the same numbers.
+        own.task.id = format!("{}/sibling-{:05}", own.task.family(), own.leaf);
     }
     Ok(place.get_or_init(|| made))
 }
@@ -195,13 +201,11 @@ impl Generator {
                 }
             }
         }
-        // No sibling returns as a hidden instance either.
+        // No sibling returns as a hidden instance either. Both are then drawn alike, without replacement.
         let siblings = if version > SECOND_SUITE { siblings_of(version)? } else { &[] };
         let mut public: BTreeMap<String, Vec<Hash>> = BTreeMap::new();
         for own in siblings {
             public.entry(own.task.family().to_owned()).or_default().extend(marks_of(&own.task));
-            let log = build(&own.task).map_err(|error| PoolError::Files(error.to_string()))?;
-            public_builds.insert(hash_of_build(&log));
         }
         Ok(Self { families, source, volumes, public_builds, public })
     }
@@ -314,7 +318,7 @@ impl Generator {
             return Err(again("the build is too small or too large beside the public ones"));
         }
         if self.public_builds.contains(&hash_of_build(&log)) {
-            return Err(again("the build is public"));
+            return Err(again("the public suite already has this build"));
         }
         certify(&task, &log).map_err(Unfit::Again)?;
         Ok(task)

@@ -1,15 +1,19 @@
 //! Public siblings of hidden instances: specifications of the same families with parameters from the same ranges, which anybody
-//! can list from this program alone, and could before any epoch was announced.
+//! can list from this program alone, whatever epochs there are.
 //!
-//! An agent that has learned public builds by heart solves siblings and fails their hidden counterparts; one that can build
-//! solves both alike. The difference is the [`gauge`](super::gauge).
+//! An agent that has learned the list by heart solves siblings and fails their hidden counterparts; one that can build solves
+//! both alike. The difference is the [`gauge`](super::gauge).
 
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
 use super::GENERATOR_VERSION;
-use super::commitment::{Commitment, SiblingList, root_of};
-use super::pool::{PoolError, Specification, Stratum, siblings_key, siblings_of, siblings_strata};
+use super::canonical::{Hash, canonical_json};
+use super::commitment::{Commitment, SiblingList};
+use super::merkle;
+use super::pool::{PoolError, Specification, Stratum, siblings_of, siblings_strata};
+use super::tlog::tree::leaf;
+use crate::tasks::hex;
 
 /// The list of siblings of one version of the generator.
 #[derive(Debug)]
@@ -29,7 +33,8 @@ impl Siblings {
         let specifications = siblings_of(version)?;
         let strata = siblings_strata(version)?.into_iter().map(|own| (own.family.clone(), own)).collect();
         Ok(MADE[version as usize - 1].get_or_init(|| {
-            let root = root_of(&siblings_key(), specifications);
+            let lines = specifications.iter().map(|own| leaf(&canonical_json(own)));
+            let root = hex(&merkle::root(&lines.collect::<Vec<Hash>>()));
             let list = SiblingList { specifications: specifications.len() as u32, root };
             Self { specifications, strata, list }
         }))
@@ -41,10 +46,10 @@ impl Siblings {
         self.specifications
     }
 
-    /// Returns the list as lines of JSON.
+    /// Returns the list as lines of canonical JSON (RFC 8785), whose hashes give the root.
     #[must_use]
     pub fn lines(&self) -> String {
-        let line = |own| serde_json::to_string(own).expect("a specification has text keys alone") + "\n";
+        let line = |own| String::from_utf8(canonical_json(own)).expect("JSON is text") + "\n";
         self.specifications.iter().map(line).collect()
     }
 
@@ -54,14 +59,17 @@ impl Siblings {
         &self.list
     }
 
-    /// Returns the specification behind a leaf that a draw has taken from the stratum of siblings of a family, or `None` if it is
-    /// of none. An epoch may have more leaves than the list: several then have the same specification.
+    /// Returns the part of the list that belongs to a family.
     #[must_use]
-    pub fn specification(&self, commitment: &Commitment, strata: &[Stratum], leaf: u32) -> Option<&Specification> {
-        let place = leaf.checked_sub(commitment.specifications)?;
-        let drawn = strata.iter().find(|own| (own.first..own.first + own.size).contains(&place))?;
-        let own = self.strata.get(&drawn.family)?;
-        self.specifications.get((own.first + (place - drawn.first) % own.size) as usize)
+    pub fn stratum(&self, family: &str) -> Option<&Stratum> {
+        self.strata.get(family)
+    }
+
+    /// Returns the specification behind a leaf that an epoch has issued, or `None` if it is one of the pool.
+    #[must_use]
+    pub fn specification(&self, commitment: &Commitment, leaf: u32) -> Option<&'static Specification> {
+        let leaf = leaf.checked_sub(commitment.specifications)? % self.list.specifications;
+        self.specifications.get(leaf as usize)
     }
 }
 

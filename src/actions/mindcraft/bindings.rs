@@ -8,6 +8,7 @@ use rquickjs::{Array, Ctx, Exception, Object};
 
 use super::host::Host;
 use crate::actions::sandbox::Watch;
+use plumbline_engine::game::MAX_DISTANCE;
 use plumbline_engine::game::registry::{Block, StateId, item_number, items};
 use plumbline_engine::game::{Look, Side};
 use plumbline_engine::voxel::cell::Cell;
@@ -139,6 +140,8 @@ fn look(object: &Object<'_>, shared: &Shared) -> rquickjs::Result<()> {
         }),
     )?;
     let to = shared.clone();
+    object.set("changes", Func::from(move || to.with(|host| host.world.changes().len() as f64)))?;
+    let to = shared.clone();
     object.set("view", Func::from(move || to.with(|host| vec![host.world.body.yaw, host.world.body.pitch])))?;
     let to = shared.clone();
     object.set("position", Func::from(move || to.with(|host| host.world.body.position.to_vec())))?;
@@ -148,7 +151,10 @@ fn look(object: &Object<'_>, shared: &Shared) -> rquickjs::Result<()> {
         Func::from(move |x: f64, y: f64, z: f64, distance: f64, count: f64, kinds: Vec<f64>| {
             let Some(from) = cell(x, y, z) else { return Vec::new() };
             let kinds: Vec<u16> = kinds.iter().map(|kind| *kind as u16).collect();
-            let found = to.with(|host| host.world.find(from, distance, count.max(0.0) as usize, &kinds));
+            let found = to.with(|host| {
+                note_reach(host, distance);
+                host.world.find(from, distance, count.max(0.0) as usize, &kinds)
+            });
             found.iter().flat_map(|Cell { x, y, z }| [*x, *y, *z]).collect::<Vec<i32>>()
         }),
     )?;
@@ -162,7 +168,10 @@ fn look(object: &Object<'_>, shared: &Shared) -> rquickjs::Result<()> {
         "kindsWithin",
         Func::from(move |x: f64, y: f64, z: f64, distance: f64| {
             let Some(from) = cell(x, y, z) else { return Vec::new() };
-            to.with(|host| host.world.kinds_within(from, distance))
+            to.with(|host| {
+                note_reach(host, distance);
+                host.world.kinds_within(from, distance)
+            })
         }),
     )?;
     let to = shared.clone();
@@ -228,6 +237,8 @@ fn act(object: &Object<'_>, shared: &Shared) -> rquickjs::Result<()> {
             to.with(|host| {
                 if host.world.state(cell).is_air() {
                     host.world.set(cell, liquid);
+                } else {
+                    host.drop_call("skills.useToolOn: the cell above the block is not free, so nothing was poured");
                 }
             });
         }),
@@ -240,6 +251,8 @@ fn act(object: &Object<'_>, shared: &Shared) -> rquickjs::Result<()> {
             to.with(|host| {
                 if matches!(host.world.state(cell).block().name, "water" | "lava") {
                     host.world.set(cell, Look::AIR);
+                } else {
+                    host.drop_call("skills.useToolOn: the block is no liquid, so the bucket stayed empty");
                 }
             });
         }),
@@ -253,10 +266,19 @@ fn act(object: &Object<'_>, shared: &Shared) -> rquickjs::Result<()> {
                 let is_earth = matches!(host.world.state(cell).block().name, "dirt" | "grass_block" | "dirt_path");
                 if is_earth && host.world.state(cell.offset(0, 1, 0)).is_air() {
                     host.world.set(cell, farmland);
+                } else {
+                    host.drop_call("a hoe tills only dirt, grass and paths with air above");
                 }
             });
         }),
     )
+}
+
+/// Tells that a search does not reach as far as it was asked to.
+fn note_reach(host: &mut Host, distance: f64) {
+    if distance > MAX_DISTANCE {
+        host.note(&format!("searches reach {MAX_DISTANCE} blocks; what is further away was not found"));
+    }
 }
 
 fn finite(value: f64) -> f64 {

@@ -1,5 +1,6 @@
 //! The world behind action code, and what is told of the run.
 
+use std::cmp::Ordering;
 use std::collections::{BTreeMap, HashMap};
 
 use crate::actions::ACTION_LIMITS;
@@ -9,11 +10,11 @@ use plumbline_engine::game::coordinates::{Coordinate, Coordinates};
 use plumbline_engine::game::{Look, World};
 
 /// Greatest number of different notes, and of reasons of dropped calls, of a turn.
-const MOST_NOTES: usize = 50;
+pub const MOST_NOTES: usize = 50;
 /// Virtual time for which timers go on after the code has ended, in milliseconds.
-const AFTERWARDS_MS: u64 = 60_000;
+pub const AFTERWARDS_MS: u64 = 60_000;
 /// Greatest length of a note or reason, in characters.
-const NOTE_CHARS: usize = 300;
+pub const NOTE_CHARS: usize = 300;
 /// Greatest number of names that are remembered.
 const MOST_LOOKS: usize = 2_000;
 
@@ -60,8 +61,12 @@ impl Host {
     /// Adds a note unless it is there already.
     pub fn note(&mut self, text: &str) {
         let text = shortened(text);
-        if self.told.notes.len() < MOST_NOTES && !self.told.notes.contains(&text) {
-            self.told.notes.push(text);
+        let notes = &mut self.told.notes;
+        match notes.len().cmp(&MOST_NOTES) {
+            _ if notes.contains(&text) => {}
+            Ordering::Less => notes.push(text),
+            Ordering::Equal => notes.push("… there was more to tell, which is left out".to_owned()),
+            Ordering::Greater => {}
         }
     }
 

@@ -12,6 +12,8 @@ mod modules;
 mod naming;
 mod recording;
 
+pub use host::{AFTERWARDS_MS, MOST_NOTES, NOTE_CHARS};
+
 use std::cell::RefCell;
 use std::rc::Rc;
 
@@ -29,10 +31,10 @@ use plumbline_engine::text::counted;
 use recording::{apply, record, state_of, world_of};
 
 /// Greatest number of errors that a turn tells.
-const MOST_ERRORS: usize = 20;
+pub const MOST_ERRORS: usize = 20;
 
 /// Stack of the engine, in bytes: models write recursive functions.
-const STACK_BYTES: usize = 4 << 20;
+pub const STACK_BYTES: usize = 4 << 20;
 
 /// The JavaScript of the profile, by the name under which `main.js` finds it.
 const PARTS: [(&str, &str); 5] = [
@@ -143,6 +145,10 @@ fn run_files(
             replayed.stopped = Some(LimitReached::of(limit, limits, &counted(built, "event")));
             break;
         }
+    }
+    if errors.len() > MOST_ERRORS {
+        let more = counted(errors.len() - MOST_ERRORS, "further error");
+        host.borrow_mut().note(&format!("{more} left out"));
     }
     errors.truncate(MOST_ERRORS);
     let mut errors = errors.into_iter();

@@ -93,16 +93,16 @@ pub fn record(changes: &[Change], replayed: &mut Replayed) {
 /// Tells when the two profiles make different builds of a turn: only under this one a removal reaches what the same turn
 /// placed.
 fn difference(changes: &[Change]) -> Option<String> {
-    let mut placed = CellSet::default();
-    let mut removed = 0_usize;
+    let (mut placed, mut gone) = (CellSet::default(), CellSet::default());
     for change in changes {
         if change.look.is_some() {
             placed.insert(change.cell);
-        } else {
-            removed += usize::from(placed.remove(&change.cell));
+            gone.remove(&change.cell);
+        } else if placed.contains(&change.cell) {
+            gone.insert(change.cell);
         }
     }
-    let removed = (removed > 0).then(|| agreeing(removed, "block was", "blocks were"))?;
+    let removed = (!gone.is_empty()).then(|| agreeing(gone.len(), "block was", "blocks were"))?;
     Some(format!(
         "{removed} removed in the turn in which they were placed: gone under mindcraft, under published they would stay"
     ))

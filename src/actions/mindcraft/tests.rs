@@ -147,11 +147,59 @@ fn the_documented_functions_are_those_that_code_finds() {
     };
     let done = ran("for (const of of [skills, world]) log(bot, Object.keys(of).sort().join(''));");
     assert_eq!(done.log, [documented("skills"), documented("world")]);
-    let found = ran(&format!(
-        "log(bot, [{}].filter((name) => typeof bot[name] !== 'function').join());",
-        ["chat", "placeBlock", "dig", "equip", "lookAt", "blockAt", "findBlock", "findBlocks", "waitForTicks"]
-            .map(|name| format!("'{name}'"))
-            .join(",")
-    ));
-    assert_eq!(found.log, [""]);
+    let mut named: Vec<&str> = functions_of(Profile::Mindcraft)
+        .iter()
+        .flat_map(|function| function.call.split("bot.").skip(1))
+        .filter_map(|rest| rest.split_once('(').map(|(name, _)| name))
+        .filter(|name| !name.contains('.'))
+        .collect();
+    named.sort_unstable();
+    named.dedup();
+    let found = ran(
+        "log(bot, Object.keys(bot).filter((name) => typeof bot[name] === 'function' && !name.startsWith('_')).sort().join());",
+    );
+    assert_eq!(found.log, [named.join(",")]);
+}
+
+#[test]
+fn what_published_would_build_otherwise_is_told() {
+    let differs = |code: &str| ran(code).notes.iter().any(|note| note.contains("under published"));
+    for (code, expected) in [
+        ("await skills.placeBlock(bot, 'stone', 0, 0, 0);", false),
+        ("await skills.placeBlock(bot, 'stone', 0, 0, 0); await skills.breakBlockAt(bot, 0, 0, 0);", true),
+        // The block stands under both.
+        ("for (const name of ['stone', 'air', 'dirt']) await skills.placeBlock(bot, name, 0, 0, 0);", false),
+        ("bot.chat('/fill 0 0 0 2 0 0 stone');", true),
+        ("bot.chat('hello');\nbot.chat('/fill 0 0 0 2 0 0 nothing_known');", false),
+    ] {
+        assert_eq!(differs(code), expected, "{code}");
+    }
+}
+
+#[test]
+fn tools_and_searches_without_effect_are_told() {
+    let done = ran(
+        "await skills.placeBlock(bot, 'stone', 0, 0, 0);\nawait skills.placeBlock(bot, 'stone', 0, 1, 0);\n\
+                    const under = bot.blockAt(new Vec3(0, 0, 0));\nawait skills.useToolOnBlock(bot, 'water_bucket', under);\n\
+                    await skills.useToolOnBlock(bot, 'bucket', under);\nawait skills.useToolOnBlock(bot, 'iron_hoe', under);\n\
+                    await skills.useToolOnBlock(bot, 'flint_and_steel', under);\nworld.getNearestBlock(bot, 'gold_block', 300);",
+    );
+    assert_eq!(done.error, None);
+    let reasons: Vec<&str> = done.dropped.iter().map(|dropped| dropped.reason.as_str()).collect();
+    for part in ["nothing was poured", "bucket stayed empty", "a hoe tills only"] {
+        assert!(reasons.iter().any(|reason| reason.contains(part)), "{part}: {reasons:?}");
+    }
+    for part in ["flint_and_steel is not simulated", "searches reach 128 blocks"] {
+        assert!(done.notes.iter().any(|note| note.contains(part)), "{part}: {:?}", done.notes);
+    }
+}
+
+#[test]
+fn what_is_too_much_to_tell_is_counted() {
+    let done = ran("for (let i = 0; i < 60; i++) try { bot['name' + i](); } catch {}");
+    assert_eq!(done.notes.len(), MOST_NOTES + 1, "{:?}", done.notes);
+    assert!(done.notes[MOST_NOTES].contains("left out"), "{:?}", done.notes);
+    let done = ran("for (let i = 0; i < 30; i++) Promise.reject(new Error('no ' + i));");
+    assert_eq!(done.more_errors.len() + 1, MOST_ERRORS);
+    assert!(done.notes.iter().any(|note| note == "10 further errors left out"), "{:?}", done.notes);
 }

@@ -2,6 +2,7 @@
 
 use super::allocation::{NoRoom, Pool};
 use crate::store::draws::{DrawDecision, DrawFacts, DrawRefusal, DrawnLeaf, NewDraw};
+use plumbline_engine::hidden::issue::Drawing;
 
 /// Decides on a draw. A run is drawn once: the same nonce again counts as the same draw, a different nonce is refused.
 #[must_use]
@@ -34,31 +35,33 @@ pub fn decide_draw(new: &NewDraw<'_>, facts: &DrawFacts) -> DrawDecision {
 
 /// Draws the leaves of a run, or returns `None` if a stratum has none left.
 fn leaves(new: &NewDraw<'_>, facts: &DrawFacts) -> Option<Vec<DrawnLeaf>> {
-    let DrawFacts { entry, epoch, issued_leaves, now_ms, .. } = facts;
+    let DrawFacts { entry, epoch, issued, now_ms, .. } = facts;
     let expires_at_ms = (now_ms + epoch.rules.instance_ms).min(epoch.commitment.closes_at_ms);
-    let mut gone = issued_leaves.clone();
+    let (strata, siblings) = (new.secret.pool.strata.as_slice(), new.siblings);
+    let drawing = Drawing { commitment: &epoch.commitment, strata, siblings };
+    let mut issued = issued.clone();
     let mut drawn = Vec::new();
-    for (stratum, index) in epoch.commitment.places(&new.secret.pool.strata, entry.tier) {
-        let leaf = new.lot.leaf(&stratum, index, |leaf| gone.contains(&leaf))?;
-        gone.insert(leaf);
-        drawn.push(DrawnLeaf { family: stratum.family, family_index: index, leaf, expires_at_ms });
+    for place in drawing.places(entry.tier) {
+        let leaf = drawing.leaf(new.lot, &place, &issued)?;
+        issued.all.insert(leaf);
+        issued.of_entry.insert(leaf);
+        drawn.push(DrawnLeaf { family: place.stratum.family, family_index: place.index, leaf, expires_at_ms });
     }
     Some(drawn)
 }
 
 #[cfg(test)]
 mod tests {
-    use std::collections::HashSet;
-
     use super::*;
     use crate::app::hidden::fixtures::{CLOSES_AT_MS, OPENS_AT_MS, entry, epoch, holding};
     use crate::store::secrets::{EpochSecret, PoolFile};
+    use plumbline_engine::hidden::GENERATOR_VERSION;
     use plumbline_engine::hidden::beacon::{BoundPool, Chain};
-    use plumbline_engine::hidden::commitment::SiblingList;
     use plumbline_engine::hidden::feedback::Tier::{Dev, Official};
-    use plumbline_engine::hidden::issue::Lot;
+    use plumbline_engine::hidden::issue::{IssuedLeaves, Lot};
     use plumbline_engine::hidden::pool::Stratum;
     use plumbline_engine::hidden::secret::EpochKey;
+    use plumbline_engine::hidden::siblings::Siblings;
 
     fn secret() -> EpochSecret {
         let stratum =
@@ -74,7 +77,7 @@ mod tests {
             epoch: epoch(),
             earlier_nonce: None,
             holdings: vec![holding("own", "a", Official, 2, 0)],
-            issued_leaves: HashSet::new(),
+            issued: IssuedLeaves::default(),
             now_ms: OPENS_AT_MS,
         }
     }
@@ -100,23 +103,44 @@ mod tests {
         assert!(first[0].leaf != first[1].leaf && first[..2].iter().all(|own| own.leaf < 16));
         assert!((16..24).contains(&first[2].leaf));
         assert_eq!(issued(decide(1, &facts())), first, "the same facts give the same leaves");
-        let issued_leaves: HashSet<u32> = first.iter().map(|own| own.leaf).collect();
-        let again = issued(decide(1, &DrawFacts { issued_leaves: issued_leaves.clone(), ..facts() }));
-        assert!(again.iter().all(|own| !issued_leaves.contains(&own.leaf)));
+        let gone = IssuedLeaves { all: first.iter().map(|own| own.leaf).collect(), ..IssuedLeaves::default() };
+        let again = issued(decide(1, &DrawFacts { issued: gone.clone(), ..facts() }));
+        assert!(again.iter().all(|own| !gone.all.contains(&own.leaf)));
     }
 
     #[test]
-    fn official_runs_draw_a_sibling_with_each_instance() {
+    fn official_runs_draw_siblings_that_do_not_tell_what_others_have() {
+        let list = Siblings::of(GENERATOR_VERSION).unwrap();
         let mut facts = facts();
-        facts.epoch.commitment.siblings = Some(SiblingList { specifications: 9, root: String::new() });
-        let drawn = issued(decide(1, &facts));
+        facts.epoch.commitment.siblings = Some(list.list().clone());
+        let (secret, nonce) = (secret(), "nonce");
+        let lot = Lot::of(&facts.epoch.commitment, &secret.key, "own", 1, nonce);
+        let new = NewDraw { entry_id: "own", run: 1, nonce, secret: &secret, lot: &lot, siblings: Some(list) };
+        let drawn = issued(decide_draw(&new, &facts));
         let families: Vec<_> =
             drawn.iter().map(|own| (own.family.as_str(), own.family_index, own.leaf >= 24)).collect();
-        let hidden = [("slabs", 0, false), ("slabs", 1, false)];
-        let of_slabs = [hidden, [("slabs", 2, true), ("slabs", 3, true)]].concat();
-        assert_eq!(families, [of_slabs, vec![("domes", 0, false), ("domes", 1, true)]].concat());
+        // There are no domes on the list.
+        let expected =
+            [("slabs", 0, false), ("slabs", 1, false), ("slabs", 2, true), ("slabs", 3, true), ("domes", 0, false)];
+        assert_eq!(families, expected);
+        let named = |leaf| list.specification(&facts.epoch.commitment, leaf).unwrap().task.id.clone();
+        let siblings: Vec<u32> = drawn[2..4].iter().map(|own| own.leaf).collect();
+        assert_ne!(named(siblings[0]), named(siblings[1]));
+        assert!(named(siblings[0]).starts_with("slabs/sibling-"));
+        // Others have them already: the same are drawn, under other leaves. The entry itself gets others.
+        facts.issued.all = siblings.iter().copied().collect();
+        let again = issued(decide_draw(&new, &facts));
+        assert!(
+            again[2..4]
+                .iter()
+                .zip(&siblings)
+                .all(|(own, before)| own.leaf != *before && named(own.leaf) == named(*before))
+        );
+        facts.issued.of_entry = facts.issued.all.clone();
+        let others = issued(decide_draw(&new, &facts));
+        assert!(others[2..4].iter().all(|own| siblings.iter().all(|before| named(own.leaf) != named(*before))));
         facts.entry.tier = Dev;
-        assert!(issued(decide(1, &facts)).iter().all(|own| own.leaf < 24));
+        assert!(issued(decide_draw(&new, &facts)).iter().all(|own| own.leaf < 24));
     }
 
     #[test]
@@ -130,8 +154,8 @@ mod tests {
 
     #[test]
     fn a_stratum_without_leaves_refuses_the_whole_draw() {
-        let issued_leaves = (16..24).collect();
-        let decision = decide(1, &DrawFacts { issued_leaves, ..facts() });
+        let issued = IssuedLeaves { all: (16..24).collect(), ..IssuedLeaves::default() };
+        let decision = decide(1, &DrawFacts { issued, ..facts() });
         assert_eq!(decision, DrawDecision::Refuse(DrawRefusal::Exhausted));
     }
 

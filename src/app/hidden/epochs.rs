@@ -61,7 +61,7 @@ pub async fn epoch(app: &App, id: &str) -> AppResult<EpochStatus> {
 }
 
 async fn status(app: &App, row: EpochRow) -> AppResult<EpochStatus> {
-    let counts = app.store.epoch_counts(row.id()).await?;
+    let counts = app.store.epoch_counts(row.id(), row.commitment.specifications).await?;
     Ok(EpochStatus { state: row.state(now_ms()), counts, row })
 }
 

@@ -286,11 +286,15 @@ pub async fn revealed_grade(app: &App, id: &str) -> AppResult<RevealedGrade> {
 /// Returns the receipt of an instance's grade, with as much of it as is released.
 ///
 /// # Errors
-/// Returns an error (404) until the entry is complete.
+/// Returns an error (404) until the epoch is over; in epochs of the first protocol until the entry is complete.
 pub async fn receipt_of_instance(app: &App, id: &str) -> AppResult<ReceiptFile> {
     let missing = || AppError::not_found(format!("the instance {id:?} has no receipt yet"));
     let row = app.store.instance(id).await?.ok_or_else(missing)?;
-    // The receipt would reveal when the instance was graded, so it is withheld until the entry is complete.
+    // Its place in the log tells when the instance was graded.
+    let epoch = stored_epoch(app, &row.epoch_id).await?;
+    if epoch.commitment.protocol() >= 2 && epoch.settled_at_ms.is_none() {
+        return Err(missing());
+    }
     let entry = app.store.entry(&row.entry_id).await?.filter(|entry| entry.completed_at_ms.is_some());
     let submission = entry.and(row.submission_id).ok_or_else(missing)?;
     Ok(app.store.receipt_of(&submission).await?.ok_or_else(missing)?.with_place(app.signer.as_deref()))

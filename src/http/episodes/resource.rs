@@ -98,7 +98,7 @@ const WORLD: WorldGuide = WorldGuide {
     axes: "x grows to the east, y upwards, z to the south; coordinates are integers",
     ground: "flat: grass_block at y = -1, dirt below it, air from y = 0 on",
     start: "you stand at (0, 0, 0) in creative mode, with enough of every block",
-    blocks: "the blocks of Minecraft Java Edition 1.21.4 by their ids, such as oak_planks",
+    blocks: "the blocks of Minecraft Java Edition 1.21.4 by their ids, such as oak_planks; /v1/blocks lists them",
     profile: "mindcraft",
     functions: "/v1/profiles",
     limits: "/v1/limits",

@@ -77,10 +77,16 @@ pub struct EpochBody {
     pub released_bits: f64,
     /// Number of registered entries, by tier.
     pub entries: EntryCounts,
-    /// Number of issued instances.
+    /// Number of issued instances, without siblings.
     pub issued: i64,
-    /// Number of answered instances.
+    /// Number of answered instances, without siblings.
     pub answered: i64,
+    /// Number of issued siblings; absent for epochs without them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub siblings_issued: Option<i64>,
+    /// Number of answered siblings; absent for epochs without them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub siblings_answered: Option<i64>,
     /// Feedback on entries while the epoch is open, by tier.
     pub feedback: TierFeedback,
 }
@@ -116,6 +122,7 @@ impl From<EpochStatus> for EpochBody {
     fn from(EpochStatus { row, counts, state }: EpochStatus) -> Self {
         let commitment = &row.commitment;
         let early = row.closed.as_ref().filter(|(at, _)| *at < commitment.closes_at_ms);
+        let has_siblings = commitment.siblings.is_some();
         Self {
             id: row.id().to_owned(),
             state,
@@ -134,6 +141,8 @@ impl From<EpochStatus> for EpochBody {
             entries: EntryCounts { dev: counts.dev, official: counts.official },
             issued: counts.issued,
             answered: counts.answered,
+            siblings_issued: has_siblings.then_some(counts.siblings),
+            siblings_answered: has_siblings.then_some(counts.siblings_answered),
             feedback: TierFeedback {
                 open: Feedback::Full,
                 dev: Tier::Dev.feedback(commitment.dev_feedback),

@@ -1,8 +1,10 @@
 //! The public list that siblings are drawn from.
 
-use axum::http::header;
+use axum::body::Bytes;
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use serde::Deserialize;
+use tokio::sync::OnceCell;
 
 use crate::app::error::{AppError, AppResult};
 use crate::app::hidden::siblings::siblings;
@@ -28,11 +30,26 @@ pub struct SiblingsQuery {
     responses(
         (status = 200, description = "One JSON object per line, with leaf and task", body = String, content_type = "application/x-ndjson",
          example = "{\"leaf\":0,\"task\":{\"id\":\"slabs/00000\",\"turns\":[{\"prompt\":\"Build a slab …\"}]}}\n"),
-        (status = 404, description = "The service has no such version of the generator"),
+        (status = 304, description = "Not changed"),
+        (status = 404, description = "No such version of the generator draws siblings"),
     )
 )]
-pub async fn list_siblings(Params(query): Params<SiblingsQuery>) -> AppResult<Response> {
+pub async fn list_siblings(Params(query): Params<SiblingsQuery>, headers: HeaderMap) -> AppResult<Response> {
+    static LINES: OnceCell<Bytes> = OnceCell::const_new();
     let list = siblings(query.generator_version.unwrap_or(GENERATOR_VERSION)).await?;
-    let lines = tokio::task::spawn_blocking(|| list.lines()).await.map_err(|error| AppError::internal(&error))?;
-    Ok(([(header::CONTENT_TYPE, "application/x-ndjson")], lines).into_response())
+    // All versions of the generator that draw siblings have the same list.
+    let lines = LINES
+        .get_or_try_init(|| async { tokio::task::spawn_blocking(|| Bytes::from(list.lines())).await })
+        .await
+        .map_err(|error| AppError::internal(&error))?;
+    let etag = format!("\"{}\"", list.list().root);
+    let kept = [
+        (header::CONTENT_TYPE, "application/x-ndjson".to_owned()),
+        (header::CACHE_CONTROL, "public, max-age=86400".to_owned()),
+        (header::ETAG, etag.clone()),
+    ];
+    if headers.get(header::IF_NONE_MATCH).is_some_and(|known| known.as_bytes() == etag.as_bytes()) {
+        return Ok((StatusCode::NOT_MODIFIED, kept).into_response());
+    }
+    Ok((kept, lines.clone()).into_response())
 }

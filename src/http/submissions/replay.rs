@@ -10,6 +10,7 @@ use crate::app::access::Caller;
 use crate::app::body::{profile, request_body};
 use crate::app::error::{AppError, AppResult};
 use crate::app::event_budget::EventBudget;
+use crate::app::limits::LIMITS;
 use crate::app::replay::{ReplayedEvent, StandingBlock, job_of_all, replay, standing, told};
 use crate::app::structure_files::open_files;
 use crate::app::submissions::log_member::turns;
@@ -24,7 +25,7 @@ use plumbline_engine::intake::{Faults, MAX_FILES};
 /// Approximate size of an event in the response, in bytes, without the material's name.
 const EVENT_BYTES: usize = 60;
 /// Maximum size of a response, in bytes.
-const ANSWER_BYTES: usize = 32 << 20;
+const ANSWER_BYTES: usize = LIMITS.replay_bytes;
 
 request_body! {
     /// Action code to run: of one turn as `action_code`, or of several as `turns`.

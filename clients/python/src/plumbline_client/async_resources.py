@@ -302,6 +302,10 @@ class AsyncService:
     def __init__(self, client: AsyncCaller) -> None:
         self._client = client
 
+    async def blocks(self) -> models.BlockList:
+        """List blocks."""
+        return await self._client._call(models.BlockList, "GET", "/v1/blocks")
+
     async def health(self) -> models.Health:
         """Check liveness."""
         return await self._client._call(models.Health, "GET", "/healthz")

@@ -532,7 +532,7 @@ class GapInterval(BaseModel):
     )
     low: Annotated[float, Field(examples=[0.08], ge=-1.0, le=1.0)]
     """
-    Lower bound. Above 0, the agent solves public builds better than hidden ones.
+    Lower bound. Above 0, the agent solves siblings better than hidden instances.
     """
     high: Annotated[float, Field(examples=[0.49], ge=-1.0, le=1.0)]
     """
@@ -551,6 +551,14 @@ class Gauge(BaseModel):
     pairs: Annotated[int, Field(ge=0)]
     """
     Number of pairs: drawn instances, each with a sibling of its family. What was not answered counts as failed.
+    """
+    public_answered: Annotated[int, Field(ge=0)]
+    """
+    Number of siblings that were answered.
+    """
+    hidden_answered: Annotated[int, Field(ge=0)]
+    """
+    Number of hidden instances that were answered.
     """
     public_passed: Annotated[int, Field(ge=0)]
     """
@@ -1117,9 +1125,53 @@ class Limits(BaseModel):
     """
     Virtual milliseconds that action code may wait for, under the profile `mindcraft`.
     """
+    action_timers_ms: Annotated[int, Field(ge=0)]
+    """
+    Virtual milliseconds for which timers go on after action code has ended.
+    """
+    action_errors: Annotated[int, Field(ge=0)]
+    """
+    Errors of a turn's action code that are told; how many more there were is a note.
+    """
+    action_notes: Annotated[int, Field(ge=0)]
+    """
+    Notes on a turn's action code, and reasons of calls without effect, that are told.
+    """
+    action_note_chars: Annotated[int, Field(ge=0)]
+    """
+    Characters of such a note or reason.
+    """
+    action_stack_bytes: Annotated[int, Field(ge=0)]
+    """
+    Bytes of the stack of action code under the profile `published`.
+    """
+    action_stack_bytes_mindcraft: Annotated[int, Field(ge=0)]
+    """
+    Bytes of the stack of action code under the profile `mindcraft`.
+    """
+    action_search_blocks: Annotated[int, Field(ge=0)]
+    """
+    Blocks that a search of action code reaches.
+    """
+    action_search_found: Annotated[int, Field(ge=0)]
+    """
+    Blocks that a search of action code finds.
+    """
+    action_command_chars: Annotated[int, Field(ge=0)]
+    """
+    Characters of a command.
+    """
     action_fill_blocks: Annotated[int, Field(ge=0)]
     """
     Blocks that one `/fill` or `/clone` may change, unless the code sets the game rule.
+    """
+    action_fill_visited: int
+    """
+    Blocks that one `/fill` or `/clone` may visit, whatever the game rule says.
+    """
+    replay_bytes: Annotated[int, Field(ge=0)]
+    """
+    Bytes of a response of `/v1/replay`, about; what was recorded beyond it is an error.
     """
     episodes_per_owner: int
     """
@@ -1128,6 +1180,10 @@ class Limits(BaseModel):
     episode_seconds: int
     """
     Seconds after which an episode takes no more steps.
+    """
+    episode_kept_days: int
+    """
+    Days for which an episode is kept after that.
     """
     episode_steps: int
     """
@@ -1149,6 +1205,10 @@ class Limits(BaseModel):
     """
     Blocks that a picture shows; of a larger build the first ones.
     """
+    page_picture_blocks: Annotated[int, Field(ge=0)]
+    """
+    Blocks that a thumbnail, and the picture of a whole build on a page, shows.
+    """
     picture_pixels: Annotated[int, Field(ge=0)]
     """
     Pixels of the longer side of a picture.
@@ -1168,6 +1228,18 @@ class Limits(BaseModel):
     structures_in_body: Annotated[int, Field(ge=0)]
     """
     Structure files in a body, over all its turns and lines.
+    """
+    structure_axis_cells: Annotated[int, Field(ge=0)]
+    """
+    Cells along an axis of a `.schem` file that is read.
+    """
+    structure_axis_cells_written: Annotated[int, Field(ge=0)]
+    """
+    Cells along an axis of a structure file that is written in a format that lists every cell.
+    """
+    structure_name_bytes: Annotated[int, Field(ge=0)]
+    """
+    Bytes of a block's name with its state in a structure file.
     """
     structure_depth: Annotated[int, Field(ge=0)]
     """
@@ -2246,6 +2318,24 @@ class ProfileList(BaseModel):
     """
 
 
+class PropertyBody(BaseModel):
+    """
+    A property of a block.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    name: Annotated[str, Field(examples=["half"])]
+    """
+    Name of the property.
+    """
+    values: Annotated[list[str], Field(examples=[["upper", "lower"]])]
+    """
+    Possible values.
+    """
+
+
 class Provenance(BaseModel):
     """
     Provenance of a report.
@@ -2705,7 +2795,7 @@ class SiblingList(BaseModel):
     """
     root: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
     """
-    Root of the Merkle tree over their salted hashes.
+    Root of the Merkle tree (RFC 6962) whose entries are the lines of the list, canonical JSON (RFC 8785) without line ends.
     """
 
 
@@ -3407,7 +3497,7 @@ class Advisory(BaseModel):
     model_config = ConfigDict(
         populate_by_name=True,
     )
-    code: Literal["empty-structure", "held-vacuously", "unreliable-stress", "incomplete-equilibrium", "repeated-cell", "air-placed", "namespaced-names", "entirely-in-ground", "lookalike-material", "unknown-block", "removal-without-effect"] | str
+    code: Literal["empty-structure", "held-vacuously", "unreliable-stress", "incomplete-equilibrium", "repeated-cell", "air-placed", "namespaced-names", "entirely-in-ground", "lookalike-material", "unknown-block", "removal-without-effect", "differs-from-published"] | str
     """
     Kind of the advisory: a stable code, for programs.
     """
@@ -3487,6 +3577,42 @@ class AnswerTaken(BaseModel):
     action_code: list[TurnReplay] | None = None
     """
     Results of running the action code, if a turn contains any.
+    """
+
+
+class BlockBody(BaseModel):
+    """
+    A kind of block.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    name: Annotated[str, Field(examples=["oak_door"])]
+    """
+    Name without a namespace.
+    """
+    properties: list[PropertyBody]
+    """
+    Properties of its states with their values, each in the game's order, as in `oak_door[half=upper]`.
+    """
+
+
+class BlockList(BaseModel):
+    """
+    List of blocks.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    game_version: Annotated[str, Field(examples=["1.21.4"])]
+    """
+    Version of the game whose blocks they are.
+    """
+    blocks: list[BlockBody]
+    """
+    The blocks, in the game's order.
     """
 
 
@@ -3864,16 +3990,18 @@ class EntryBody(BaseModel):
     """
     issued: Annotated[int, Field(ge=0)]
     """
-    Number of issued instances.
+    Number of issued instances, with siblings.
     """
     answered: Annotated[int, Field(ge=0)]
     """
-    Number of answered instances.
+    Number of answered instances, with siblings.
     """
     result: dict[str, Any] | None = None
     """
     Result, as far as it is released; null until the entry is complete, and until the epoch closes if its tier gives
-    no feedback before.
+    no feedback before. `passed` of `of` instances, their share as `overall`, and `told_later`: how many more are told when the
+    epoch is over. Then also `siblings` with its `passed` and `of`, and `instances`, with `sibling` where one is; `criteria`
+    counts answered instances alone, without siblings.
     """
     receipt: GivenReceipt | None = None
 
@@ -4043,11 +4171,19 @@ class EpochBody(BaseModel):
     """
     issued: int
     """
-    Number of issued instances.
+    Number of issued instances, without siblings.
     """
     answered: int
     """
-    Number of answered instances.
+    Number of answered instances, without siblings.
+    """
+    siblings_issued: int | None = None
+    """
+    Number of issued siblings; absent for epochs without them.
+    """
+    siblings_answered: int | None = None
+    """
+    Number of answered siblings; absent for epochs without them.
     """
     feedback: TierFeedback
     """

@@ -302,6 +302,10 @@ class Service:
     def __init__(self, client: Caller) -> None:
         self._client = client
 
+    def blocks(self) -> models.BlockList:
+        """List blocks."""
+        return self._client._call(models.BlockList, "GET", "/v1/blocks")
+
     def health(self) -> models.Health:
         """Check liveness."""
         return self._client._call(models.Health, "GET", "/healthz")

@@ -1,6 +1,6 @@
 //! Recomputes the boards of an epoch from its reveal.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::Value;
 
@@ -86,20 +86,25 @@ pub(super) fn check(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, sh
             None => found.boards += 1,
             Some((shown, made)) => {
                 let detail = format!(
-                    "its first differing row shows agent {:?} of {:?}, {} of {} passed, rank {}; \
-                     the reveal gives agent {:?}, {} of {} passed, rank {}",
+                    "its first differing row is that of agent {:?} of {:?}: {}",
                     shown.agent,
                     shown.owner,
-                    shown.passed,
-                    shown.of,
-                    shown.rank,
-                    made.agent,
-                    made.passed,
-                    made.of,
-                    made.rank
+                    differences(shown, made)
                 );
                 found.breach(place, detail);
             }
         }
     }
+}
+
+/// Lists the members in which a shown row differs from the one that the reveal gives.
+fn differences(shown: &Row, made: &Row) -> String {
+    let value = |row: &Row| serde_json::to_value(row).expect("a row has text keys alone");
+    let (shown, made) = (value(shown), value(made));
+    let names = shown.as_object().into_iter().chain(made.as_object()).flat_map(serde_json::Map::keys);
+    let names: BTreeSet<&String> = names.collect();
+    let differing = names.into_iter().filter(|name| shown[name.as_str()] != made[name.as_str()]);
+    let told: Vec<String> =
+        differing.map(|name| format!("{name} is {}, the reveal gives {}", shown[name], made[name])).collect();
+    told.join("; ")
 }

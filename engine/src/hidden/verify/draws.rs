@@ -1,27 +1,24 @@
 //! Checks the draws of a reveal: what each run was issued follows from key, entry and nonce.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 
 use super::Verified;
-use crate::hidden::commitment::Commitment;
 use crate::hidden::feedback::Tier;
-use crate::hidden::issue::Lot;
-use crate::hidden::pool::Stratum;
+use crate::hidden::issue::{Drawing, IssuedLeaves, Lot, Place};
 use crate::hidden::reveal::{Reveal, RevealedEntry};
 use crate::hidden::secret::EpochKey;
 use crate::text::counted;
 
 /// Checks that every instance is the one that key, entry and nonce draw, and that none was issued twice.
-pub(super) fn check(
-    reveal: &Reveal,
-    commitment: &Commitment,
-    key: &EpochKey,
-    strata: &[Stratum],
-    found: &mut Verified,
-) {
-    let mut issued: BTreeSet<u32> = BTreeSet::new();
+pub(super) fn check(reveal: &Reveal, drawing: &Drawing<'_>, key: &EpochKey, found: &mut Verified) {
+    let commitment = drawing.commitment;
+    if commitment.siblings.is_none() && reveal.instances.iter().any(|own| commitment.is_sibling(own.leaf)) {
+        found.breach("siblings", "were drawn, though the commitment has no list of them");
+    }
+    let mut all: HashSet<u32> = HashSet::new();
+    let mut of_entries: BTreeMap<&str, HashSet<u32>> = BTreeMap::new();
     let mut lots: BTreeMap<(&str, u32, &str), Lot<'_>> = BTreeMap::new();
-    let places = Tier::ALL.map(|tier| (tier, commitment.places(strata, tier)));
+    let places = Tier::ALL.map(|tier| (tier, drawing.places(tier)));
     let places_of = |tier| places.iter().find(|(own, _)| *own == tier).map_or(&[][..], |(_, places)| places);
     let entry_of: BTreeMap<&str, &RevealedEntry> =
         reveal.entries.iter().map(|entry| (entry.id.as_str(), entry)).collect();
@@ -53,8 +50,8 @@ pub(super) fn check(
             found.breach(place(), format!("has the ordinal {}, but {ordinal} is next", instance.ordinal));
         }
         let drawn_as = (instance.family.as_str(), instance.index);
-        let is_of = |(own, index): &&(Stratum, u32)| (own.family.as_str(), *index) == drawn_as;
-        let Some((stratum, _)) = places_of(entry.tier).iter().find(is_of) else {
+        let is_of = |own: &&Place| (own.stratum.family.as_str(), own.index) == drawn_as;
+        let Some(drawn_place) = places_of(entry.tier).iter().find(is_of) else {
             let tier = entry.tier.name();
             found.breach(place(), format!("no run of the {tier} tier has instance {} of {:?}", drawn_as.1, drawn_as.0));
             continue;
@@ -62,18 +59,23 @@ pub(super) fn check(
         let lot = lots
             .entry((&instance.entry, instance.run, &instance.nonce))
             .or_insert_with(|| Lot::of(commitment, key, &instance.entry, instance.run, &instance.nonce));
-        let drawn = lot.leaf(stratum, instance.index, |leaf| issued.contains(&leaf));
+        let of_entry = of_entries.entry(&instance.entry).or_default();
+        let issued = IssuedLeaves { all: std::mem::take(&mut all), of_entry: std::mem::take(of_entry) };
+        let drawn = drawing.leaf(lot, drawn_place, &issued);
+        (all, *of_entry) = (issued.all, issued.of_entry);
         if drawn == Some(instance.leaf) {
             found.draws += 1;
         } else {
-            found.breach(place(), format!("leaf {} was issued, but key and nonce draw {drawn:?}", instance.leaf));
+            let leaf = drawn.map_or_else(|| "none".to_owned(), |leaf| format!("leaf {leaf}"));
+            found.breach(place(), format!("leaf {} was issued, but key and nonce draw {leaf}", instance.leaf));
         }
-        issued.insert(instance.leaf);
+        all.insert(instance.leaf);
+        of_entry.insert(instance.leaf);
     }
     // A draw always issues all instances of a run.
     for ((entry, run), of_run) in &drawn_for {
         let tier = entry_of.get(entry).map(|entry| entry.tier);
-        let all = tier.map_or(&[][..], places_of).iter().map(|(own, index)| (own.family.as_str(), *index));
+        let all = tier.map_or(&[][..], places_of).iter().map(|own| (own.stratum.family.as_str(), own.index));
         for (family, index) in all.filter(|place| !of_run.contains(place)) {
             found.breach(format!("entry {entry}"), format!("run {run} lacks instance {index} of the family {family}"));
         }

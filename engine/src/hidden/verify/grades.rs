@@ -47,8 +47,9 @@ pub(super) fn check(reveal: &Reveal, logs: &BTreeMap<String, BlockLog>, issued: 
             found.grades += 1;
         } else {
             let detail = format!(
-                "its verdict ({:?}) or a score differs from what this program finds ({})",
-                instance.overall, report.overall
+                "its verdict ({}) or a score differs from what this program finds ({})",
+                instance.overall.map_or("none", |passes| if passes { "passes" } else { "fails" }),
+                if report.overall { "passes" } else { "fails" }
             );
             found.breach(place, detail);
         }

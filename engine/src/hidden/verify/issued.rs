@@ -3,34 +3,33 @@
 use std::collections::BTreeMap;
 
 use crate::hidden::commitment::Commitment;
-use crate::hidden::pool::{PoolError, Specification, Stratum};
+use crate::hidden::pool::{PoolError, Specification};
 use crate::hidden::reveal::Reveal;
 use crate::hidden::siblings::Siblings;
 
 /// The specifications behind the leaves of an epoch: the revealed ones, and the public list of siblings.
 pub(super) struct Issued<'a> {
     commitment: &'a Commitment,
-    strata: Vec<Stratum>,
     revealed: BTreeMap<u32, &'a Specification>,
     /// The list of siblings, if the epoch has any.
     pub siblings: Option<&'static Siblings>,
 }
 
 impl<'a> Issued<'a> {
-    /// Collects the specifications. The strata are those of the epoch's pool, empty if it was never made.
+    /// Collects the specifications.
     ///
     /// # Errors
     /// Returns an error if this program's own families are faulty.
-    pub fn of(reveal: &'a Reveal, commitment: &'a Commitment, strata: Vec<Stratum>) -> Result<Self, PoolError> {
+    pub fn of(reveal: &'a Reveal, commitment: &'a Commitment) -> Result<Self, PoolError> {
         let siblings = commitment.siblings.as_ref().map(|_| Siblings::of(commitment.generator_version)).transpose()?;
         let own = reveal.specifications.iter().map(|own| (own.specification.leaf, &own.specification));
-        Ok(Self { commitment, strata, revealed: own.collect(), siblings })
+        Ok(Self { commitment, revealed: own.collect(), siblings })
     }
 
     /// Returns the specification behind a leaf.
     pub fn specification(&self, leaf: u32) -> Option<&Specification> {
         if self.commitment.is_sibling(leaf) {
-            return self.siblings?.specification(self.commitment, &self.strata, leaf);
+            return self.siblings?.specification(self.commitment, leaf);
         }
         self.revealed.get(&leaf).copied()
     }

@@ -21,8 +21,9 @@ use super::canonical::{Hash, hash_of};
 use super::commitment::{Commitment, salt};
 use super::draw_proof::public_key;
 use super::evidence::GivenReceipt;
+use super::issue::Drawing;
 use super::merkle;
-use super::pool::{Generator, PoolError};
+use super::pool::{Generator, PoolError, SECOND_SUITE};
 use super::receipts::{LogHead, ReceiptFile};
 use super::reveal::{Reveal, RevealedSpecification};
 use super::secret::EpochKey;
@@ -96,6 +97,9 @@ pub struct Kept {
     pub keys: Vec<String>,
 }
 
+/// Most specifications for each instance of a draw; no program has announced more.
+const MOST_PER_INSTANCE: u32 = 1_000;
+
 /// Verifies a reveal: recomputes everything from the key, and compares every step with its receipt.
 ///
 /// # Errors
@@ -121,6 +125,14 @@ pub fn verify(reveal: &Reveal, kept: &Kept) -> Result<Verified, PoolError> {
             return Ok(found);
         }
     }
+    if !(1..=MOST_PER_INSTANCE).contains(&commitment.per_instance) {
+        let theirs = commitment.per_instance;
+        found.breach(
+            "commitment",
+            format!("{theirs} specifications for each instance; 1 to {MOST_PER_INSTANCE} are possible"),
+        );
+        return Ok(found);
+    }
     let Some(key) = EpochKey::from_hex(&reveal.key) else {
         found.breach("key", "is not 32 bytes of hexadecimal");
         return Ok(found);
@@ -132,17 +144,27 @@ pub fn verify(reveal: &Reveal, kept: &Kept) -> Result<Verified, PoolError> {
     if commitment.draw_key.as_ref().is_some_and(|committed| *committed != public_key(&key)) {
         found.breach("draw key", "the committed key of draws does not follow from the epoch's key");
     }
-    let mut strata = Vec::new();
+    let issued = Issued::of(reveal, commitment)?;
     if let Some(pool_key) = pool::key_of(reveal, commitment, kept, &key, &mut found) {
         specifications(reveal, commitment, &pool_key, &mut found)?;
-        strata = Generator::of(commitment.generator_version)?.strata(&pool_key, commitment.per_instance);
-        draws::check(reveal, commitment, &key, &strata, &mut found);
+        let strata = Generator::of(commitment.generator_version)?.strata(&pool_key, commitment.per_instance);
+        let drawing = Drawing { commitment, strata: &strata, siblings: issued.siblings };
+        draws::check(reveal, &drawing, &key, &mut found);
     } else if !reveal.instances.is_empty() {
         found.breach("draws", "instances were issued from a pool that cannot be recomputed");
     }
-    let issued = Issued::of(reveal, commitment, strata)?;
     if commitment.siblings.as_ref() != issued.siblings.map(Siblings::list) {
         found.breach("siblings", "the committed list is not the public one of this version of the generator");
+    }
+    if commitment.siblings.is_some() && commitment.generator_version <= SECOND_SUITE {
+        found.breach("siblings", "this version of the generator may draw siblings as hidden instances");
+    }
+    if commitment.generator_version > SECOND_SUITE && commitment.protocol() < PROTOCOL {
+        let why = format!(
+            "the protocol: the epoch has version {}, though this program announces epochs with {PROTOCOL}",
+            commitment.protocol()
+        );
+        found.unchecked.push(why);
     }
     match &kept.logs {
         Some(logs) => grades::check(reveal, logs, &issued, &mut found),
@@ -188,6 +210,11 @@ fn specifications(
     if by_leaf.len() != leaves.len() || reveal.specifications.len() != leaves.len() {
         let count = reveal.specifications.len();
         found.breach("specifications", format!("the reveal has {count}, the key draws {}", leaves.len()));
+    }
+    let per_run: u32 = generator.strata(key, commitment.per_instance).iter().map(|own| own.instances).sum();
+    if commitment.instances_per_run != per_run {
+        let theirs = commitment.instances_per_run;
+        found.breach("commitment", format!("states {theirs} instances in a run, the key draws {per_run}"));
     }
     if commitment.specifications as usize != leaves.len() {
         let detail = format!("the commitment states {}, the key draws {}", commitment.specifications, leaves.len());

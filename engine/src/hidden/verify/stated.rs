@@ -17,4 +17,10 @@ pub(super) struct Stated<'a> {
     pub transcripts: BTreeMap<String, TranscriptFact>,
     pub grades: BTreeMap<&'a str, Vec<&'a Value>>,
     pub closed: Vec<(i64, ClosedFact)>,
+    /// Number of receipts that fill places.
+    pub padding: usize,
+    /// Places in the log of grades, by instance.
+    pub graded_at: BTreeMap<String, Vec<i64>>,
+    /// Places in the log of completions, by entry.
+    pub completed_at: BTreeMap<String, i64>,
 }

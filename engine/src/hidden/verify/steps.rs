@@ -46,6 +46,9 @@ pub(super) fn check(reveal: &Reveal, commitment: &Commitment, kept: &Kept, issue
     answers(reveal, commitment, rules, &stated, found);
     grades(reveal, issued, &stated, found);
     end(receipts, commitment, &stated, found);
+    if commitment.protocol() >= 2 {
+        places(reveal, &stated, found);
+    }
     times::check(&stated, found);
     times::budget(reveal, commitment, rules, &stated, found);
     if found.breaches.len() == before {
@@ -63,20 +66,29 @@ fn stated<'a>(receipts: &'a [ReceiptFile], found: &mut Verified) -> Stated<'a> {
             Some(Fact::Draw(fact)) => stated.draws.insert((fact.entry.clone(), fact.run), fact).is_none(),
             Some(Fact::Answer(fact)) => stated.answers.insert(fact.instance.clone(), fact).is_none(),
             Some(Fact::Transcript(fact)) => stated.transcripts.insert(fact.instance.clone(), fact).is_none(),
-            Some(Fact::Completed(fact)) => stated.completed.insert(fact.entry.clone(), fact).is_none(),
+            Some(Fact::Completed(fact)) => {
+                stated.completed_at.insert(fact.entry.clone(), file.seq);
+                stated.completed.insert(fact.entry.clone(), fact).is_none()
+            }
             // A failure may repeat if the same log was sent again.
             Some(Fact::Failure(fact)) => {
                 stated.failed.insert(fact.instance);
                 true
             }
-            Some(Fact::Padding(_)) => true,
+            Some(Fact::Padding(_)) => {
+                stated.padding += 1;
+                true
+            }
             Some(Fact::Closed(fact)) => {
                 stated.closed.push((file.seq, fact));
                 true
             }
             None => {
                 match receipt["instance"].as_str().filter(|_| receipt.get("overall").is_some()) {
-                    Some(instance) => stated.grades.entry(instance).or_default().push(receipt),
+                    Some(instance) => {
+                        stated.graded_at.entry(instance.to_owned()).or_default().push(file.seq);
+                        stated.grades.entry(instance).or_default().push(receipt);
+                    }
                     None => found.breach(place(), "states no fact that this program knows"),
                 }
                 true
@@ -243,6 +255,31 @@ fn answers(reveal: &Reveal, commitment: &Commitment, rules: &Rules, stated: &Sta
     let known: BTreeSet<&str> = reveal.instances.iter().map(|instance| instance.id.as_str()).collect();
     for id in stated.answers.keys().filter(|id| !known.contains(id.as_str())) {
         found.breach(format!("instance {id}"), "was answered but is missing from the reveal");
+    }
+}
+
+/// Checks that grades were in the log when their entry was completed, and not made up later, behind receipts that fill places.
+fn places(reveal: &Reveal, stated: &Stated<'_>, found: &mut Verified) {
+    for instance in &reveal.instances {
+        let (graded, completed) = (stated.graded_at.get(&instance.id), stated.completed_at.get(&instance.entry));
+        if let (Some(graded), Some(completed)) = (graded, completed)
+            && graded.iter().any(|graded| graded > completed)
+        {
+            found
+                .breach(format!("instance {}", instance.id), "its grade entered the log after its entry was completed");
+        }
+        // Who could fail answers after seeing all grades could choose whom.
+        if stated.failed.contains(&instance.id) && instance.overall.is_none() {
+            found.unchecked.push(format!(
+                "instance {}: the service failed to grade its answer, so it counts as failed",
+                instance.id
+            ));
+        }
+    }
+    // An answer brings a place for its grade, and the completion of its entry another one.
+    let most = 2 * stated.answers.len();
+    if stated.padding > most {
+        found.breach("receipts", format!("{} fill places; {most} are possible", stated.padding));
     }
 }
 

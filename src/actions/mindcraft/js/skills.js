@@ -3,7 +3,7 @@
 // lines. Called with the host, the bot, the world functions, the data and the clock.
 (function (host, log, bot, hold, world, mc, { Vec3, vec3 }, clock) {
   const floor = Math.floor;
-  const command = (text) => bot.chat(`/${text}`);
+  const command = (text) => bot.chat(`/${text}`, true);
   const at = (x, y, z) => `${floor(x)} ${floor(y)} ${floor(z)}`;
   // A text that shows one decimal, as the skills do, which fails for what is no number.
   const shown = (...parts) => {
@@ -200,6 +200,7 @@
     if (toolName === "water_bucket" || toolName === "lava_bucket") host.pour(toolName, x, y, z);
     else if (toolName === "bucket") host.scoop(x, y, z);
     else if (toolName.endsWith("_hoe")) host.till(x, y, z);
+    else host.note(`skills.useToolOn with ${toolName} is not simulated`);
     return true;
   }
 
