@@ -17,9 +17,9 @@ use plumbline_engine::checks::Dimension;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::{SentLog, TurnFile};
 use plumbline_engine::tasks::Task;
-use plumbline_engine::voxel::cell::CellSet;
+use plumbline_engine::voxel::cell::{CellMap, CellSet};
 use plumbline_engine::voxel::replay::{Replay, events_between};
-use plumbline_engine::voxel::{BlockLog, Cell, Structure, cell};
+use plumbline_engine::voxel::{BlockLog, Cell, Profile, Structure, cell};
 
 /// Told where a file cannot be accepted because its task checks the order of blocks.
 pub const ORDER_IS_CHECKED: &str = "a structure file does not tell in which order its blocks were placed, and the task \
@@ -175,19 +175,31 @@ pub fn written(log: &BlockLog, turn: Option<usize>, format: FileFormat) -> AppRe
         .checked_sub(1)
         .and_then(|index| Replay::new(log).nth(index))
         .ok_or_else(|| AppError::not_found(format!("the log has no turn {turn}; it has {}", counted(turns, "turn"))))?;
-    let build = build_of(&structure);
+    let build = build_of(&structure, log.profile);
     let file = formats::write(format, &build);
     let file = file.map_err(|error| AppError::conflict("structure-too-wide", error.to_string()))?;
     Ok((build.corner, file))
 }
 
-/// Returns the blocks of a structure. A door on a door is its upper half: logs name materials, not halves.
-fn build_of(structure: &Structure) -> Build {
+/// Returns the blocks of a structure. Logs name materials, not halves: of equal doors on one another the upper one is an upper half.
+/// Under `mindcraft`, of equal beds side by side, listed one after the other, the second one is the head; under `published` every bed
+/// block is a bed (`docs/rules.md#replay`).
+fn build_of(structure: &Structure, profile: Profile) -> Build {
     let material = |i: usize| structure.material(i).strip_prefix("minecraft:").unwrap_or(structure.material(i));
-    let mut doors: Vec<(Cell, &str)> = (0..structure.len())
-        .map(|i| (structure.cells()[i], material(i)))
-        .filter(|(_, name)| name.ends_with("_door"))
-        .collect();
+    let listed: Vec<(Cell, &str)> = (0..structure.len()).map(|i| (structure.cells()[i], material(i))).collect();
+    let upper = upper_halves(&listed);
+    let beds = if profile.is_published() { CellMap::default() } else { bed_halves(&listed) };
+    let is_block = |(_, name): &(Cell, &str)| !matches!(*name, "air" | "cave_air" | "void_air");
+    Build::of(listed.into_iter().filter(is_block).map(|(cell, name)| {
+        let bed = beds.get(&cell).map(String::as_str);
+        let state = bed.unwrap_or(if upper.contains(&cell) { "[half=upper]" } else { "" });
+        (cell.into(), format!("{name}{state}"))
+    }))
+}
+
+/// Returns the cells of the upper halves of doors.
+fn upper_halves(listed: &[(Cell, &str)]) -> CellSet {
+    let mut doors: Vec<(Cell, &str)> = listed.iter().copied().filter(|(_, name)| name.ends_with("_door")).collect();
     // Column by column, from below: of equal doors on one another every other one is an upper half.
     doors.sort_unstable_by_key(|(cell, _)| (cell.x, cell.z, cell.y));
     let mut upper = CellSet::default();
@@ -198,9 +210,54 @@ fn build_of(structure: &Structure) -> Build {
             upper.insert(*cell);
         }
     }
-    let blocks = (0..structure.len()).map(|i| (structure.cells()[i], material(i)));
-    Build::of(blocks.filter(|(_, name)| !matches!(*name, "air" | "cave_air" | "void_air")).map(|(cell, name)| {
-        let state = if upper.contains(&cell) { "[half=upper]" } else { "" };
-        (cell.into(), format!("{name}{state}"))
-    }))
+    upper
+}
+
+/// Returns the states of both halves of beds.
+fn bed_halves(listed: &[(Cell, &str)]) -> CellMap<String> {
+    let mut halves: CellMap<String> = CellMap::default();
+    for pair in listed.windows(2) {
+        let [(foot, name), (head, same)] = pair else { continue };
+        let facing = match (head.x - foot.x, head.y - foot.y, head.z - foot.z) {
+            (0, 0, -1) => "north",
+            (0, 0, 1) => "south",
+            (-1, 0, 0) => "west",
+            (1, 0, 0) => "east",
+            _ => continue,
+        };
+        if name.ends_with("_bed") && name == same && !halves.contains_key(foot) {
+            halves.insert(*foot, format!("[facing={facing},part=foot]"));
+            halves.insert(*head, format!("[facing={facing},part=head]"));
+        }
+    }
+    halves
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn halves_of_doors_and_beds_are_told_apart() {
+        let structure = Structure::from_named([
+            (Cell::new(0, 0, 0), "oak_door"),
+            (Cell::new(0, 1, 0), "oak_door"),
+            (Cell::new(3, 0, 3), "red_bed"),
+            (Cell::new(3, 0, 2), "red_bed"),
+            (Cell::new(3, 0, 1), "red_bed"),
+            (Cell::new(9, 0, 9), "red_bed"),
+        ]);
+        let build = build_of(&structure, Profile::Mindcraft);
+        let state = |cell: [i32; 3]| {
+            let at = build.blocks.iter().find(|(own, _)| *own == cell);
+            at.map(|(_, index)| build.palette[*index as usize].as_str()).unwrap_or_default()
+        };
+        assert!(state([0, 1, 0]).contains("half=upper") && !state([0, 0, 0]).contains("half=upper"));
+        let is_half =
+            |cell, part: &str| state(cell).contains(&format!("part={part}")) && state(cell).contains("facing=north");
+        assert!(is_half([3, 0, 3], "foot") && is_half([3, 0, 2], "head"), "{build:?}");
+        assert!(build_of(&structure, Profile::Published).palette.iter().all(|state| !state.contains("part=")));
+        // A bed alone, and one whose partner has another already, stay as they are named.
+        assert!([[3, 0, 1], [9, 0, 9]].iter().all(|cell| !state(*cell).contains("part=head")), "{build:?}");
+    }
 }

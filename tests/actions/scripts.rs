@@ -36,6 +36,10 @@ async fn replay(service: &Service, code: &str) -> crate::support::Answer {
     service.post_json("/v1/replay", &json!({ "action_code": code })).await
 }
 
+async fn replay_under(service: &Service, profile: &str, code: &str) -> crate::support::Answer {
+    service.post_json("/v1/replay", &json!({ "profile": profile, "action_code": code })).await
+}
+
 fn service() -> (tempfile::TempDir, Service) {
     let folder = tempfile::tempdir().unwrap();
     let service = Service::start(&folder.path().join("p.db"), &["--workers", "2"]);
@@ -245,6 +249,21 @@ const HOSTILE: [(&str, &str); 26] = [
     ),
 ];
 
+/// What there is to harm only where code has a world.
+const HOSTILE_WORLD: &[(&str, &str)] = &[
+    (
+        "queries of a large world without end",
+        "for (let i = 0; i < 10; i++) bot.chat(`/fill 0 ${3 * i} 0 103 ${3 * i + 2} 103 stone`);
+         while (true) world.getNearestBlocks(bot, ['stone', 'grass_block'], 128, 100000);",
+    ),
+    (
+        "a fill of a billion cells",
+        "while (true) bot.chat('/gamerule commandModificationBlockLimit 2000000000'), bot.chat('/fill -500 0 -500 500 300 500 stone');",
+    ),
+    ("a log without end", "while (true) log(bot, 'x'.repeat(100000));"),
+    ("timers without end", "const again = () => setTimeout(again, 0); again(); again(); await skills.wait(bot, 1e12);"),
+];
+
 /// Processes of action code that belong to a process.
 fn children(of: u32) -> Vec<u32> {
     let numbers =
@@ -264,11 +283,15 @@ async fn code_that_means_harm_harms_nobody() {
     let (_folder, service) = service();
     let limits = service.get("/v1/limits").await.json();
     let deadline = Duration::from_millis(limits["action_wall_ms"].as_u64().unwrap());
-    for pair in HOSTILE.chunks(2) {
+    let under = |profile: &'static str| move |(name, code): &(&'static str, &'static str)| (profile, *name, *code);
+    let published = HOSTILE.iter().map(under("published"));
+    let mindcraft = HOSTILE.iter().chain(HOSTILE_WORLD).map(under("mindcraft"));
+    let all: Vec<_> = published.chain(mindcraft).collect();
+    for pair in all.chunks(2) {
         let service = &service;
-        let both = pair.iter().map(|(name, code)| async move {
+        let both = pair.iter().map(|(profile, name, code)| async move {
             let begun = Instant::now();
-            let answer = replay(service, code).await;
+            let answer = replay_under(service, profile, code).await;
             let took = begun.elapsed();
             assert!(took < deadline + deadline / 2, "{name} took {took:?}");
             // It did nothing, failed by itself, or was stopped; it is never a failure of ours.
@@ -277,7 +300,8 @@ async fn code_that_means_harm_harms_nobody() {
                     let events = answer.json()["events"].clone();
                     let is_clean = events.as_array().unwrap().iter().all(|event| event["x"] != 666);
                     assert!(is_clean, "{name}: {events}");
-                    if *name == "pollution" {
+                    // The skills of mindcraft are JavaScript too, and the code harms itself.
+                    if *name == "pollution" && *profile == "published" {
                         assert_eq!(events, json!([{ "action": "place", "x": 1, "y": 0, "z": 0, "material": "stone" }]));
                     }
                 }
