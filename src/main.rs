@@ -5,7 +5,8 @@ use std::process::ExitCode;
 use clap::Parser as _;
 use plumbline::cli::{Cli, run};
 
-/// Requests are taken up on one thread and dropped on another; the allocator of glibc makes these threads wait for each other.
+/// Requests are taken up on one thread and dropped on another; the allocator of glibc makes these threads wait for each
+/// other.
 #[cfg(feature = "jemalloc")]
 #[global_allocator]
 static ALLOCATOR: tikv_jemallocator::Jemalloc = tikv_jemallocator::Jemalloc;

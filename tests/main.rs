@@ -1,4 +1,5 @@
-//! The integration tests, in one binary. Its folders mirror those of `src/http`; beside them stand `durability`, `conformance`,
+//! The integration tests, in one binary. Its folders mirror those of `src/http`; beside them stand `durability`,
+//! `conformance`,
 //! `browser`, `cli`, `load` and `tidy`.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests fail by panicking")]

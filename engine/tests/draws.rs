@@ -1,4 +1,5 @@
-//! Draws of hidden specifications: what ten thousand of them have in common, and how they compare with the public suite.
+//! Draws of hidden specifications: what ten thousand of them have in common, and how they compare with the public
+//! suite.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -131,8 +132,8 @@ fn the_first_version_draws_what_it_drew() {
     assert_eq!(hex(&merkle::root(&leaves)), "c9e9a7ae9225123f986f70ab3e59c3124403786fbef5fa76761e49500cc61d1e");
 }
 
-/// Every value that a family's rules allow is drawn at least half as often as the rules alone would draw it: what else rejects
-/// a draw, such as its size beside the public builds, makes no value rare.
+/// Every value that a family's rules allow is drawn at least half as often as the rules alone would draw it: what else
+/// rejects a draw, such as its size beside the public builds, makes no value rare.
 #[test]
 fn no_value_that_a_family_allows_is_rare() {
     const WANTED: u32 = 240;

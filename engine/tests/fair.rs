@@ -1,5 +1,5 @@
-//! What the third version of the suite mends: honest builds that version 2 fails and cheap ones that it passes. Each does the
-//! opposite now.
+//! What the third version of the suite mends: honest builds that version 2 fails and cheap ones that it passes. Each
+//! does the opposite now.
 
 use plumbline_engine::builders::build;
 use plumbline_engine::checks::Criterion;

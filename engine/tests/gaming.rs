@@ -1,4 +1,5 @@
-//! Gaming the boards: what the best of many entries, and a probing attack, gain on each tier. A simulation with a fixed seed;
+//! Gaming the boards: what the best of many entries, and a probing attack, gain on each tier. A simulation with a fixed
+//! seed;
 //! `cargo test --package plumbline-engine --test engine gaming -- --nocapture` prints the table in docs/hidden-evaluation.md.
 //!
 //! An agent passes an instance with a probability that is its true score; what a board shows beyond that is bias.
@@ -58,12 +59,13 @@ enum Until {
     TheEnd,
     /// That the board shows 5 points too much.
     Shown,
-    /// That what is kept is 5 points too much: an entrant who grades its own answers, and subtracts what it is told, knows it.
+    /// That what is kept is 5 points too much: an entrant who grades its own answers, and subtracts what it is told,
+    /// knows it.
     Kept,
 }
 
-/// The dev board after the attacker's entries, each of its own configuration, so that none are taken together: what is shown then,
-/// and the final one, which is made of what was kept.
+/// The dev board after the attacker's entries, each of its own configuration, so that none are taken together: what is
+/// shown then, and the final one, which is made of what was kept.
 fn ladder(random: &mut Mt64, protocol: u32, until: Until) -> Rung {
     let names: Vec<String> = (0..QUERIES).map(|i| i.to_string()).collect();
     let mut attempts: Vec<Attempt<'_>> = Vec::new();
@@ -83,9 +85,9 @@ fn ladder(random: &mut Mt64, protocol: u32, until: Until) -> Rung {
     climb(protocol, &attempts).unwrap()
 }
 
-/// The attack of Blum and Hardt: of random answers those that score above chance are taken together by majority, instance by
-/// instance. `is_fixed`: the same instances are asked again and again; else each entry has fresh ones. What the attacker
-/// learns is the score. The truth of random answers is one half.
+/// The attack of Blum and Hardt: of random answers those that score above chance are taken together by majority,
+/// instance by instance. `is_fixed`: the same instances are asked again and again; else each entry has fresh ones. What
+/// the attacker learns is the score. The truth of random answers is one half.
 fn probe(random: &mut Mt64, is_fixed: bool) -> f64 {
     let instances = PER_RUN * DEV_RUNS;
     let mut labels = sample(random, instances, 0.5);
@@ -173,8 +175,8 @@ fn official(random: &mut Mt64) -> f64 {
     all.rate()
 }
 
-/// An agent that is watched while its dev board grows, on what is shown and on what is kept: however it stops, the interval is wrong in
-/// one of twenty epochs at most.
+/// An agent that is watched while its dev board grows, on what is shown and on what is kept: however it stops, the
+/// interval is wrong in one of twenty epochs at most.
 #[test]
 fn the_intervals_of_a_dev_board_hold_at_every_look() {
     let mut random = Mt64::new(20_261_123);

@@ -1,4 +1,5 @@
-//! The contamination gauge, simulated with a fixed seed: an agent that knows the public list by heart, and one that does not.
+//! The contamination gauge, simulated with a fixed seed: an agent that knows the public list by heart, and one that
+//! does not.
 //! `cargo test --package plumbline-engine --test engine gauge -- --nocapture` prints the table in docs/hidden-evaluation.md.
 
 use plumbline_engine::hidden::gauge::Gauge;
@@ -13,8 +14,8 @@ fn passes(random: &mut Mt64, probability: f64) -> bool {
     ((random.next_u64() >> 11) as f64 / (1_u64 << 53) as f64) < probability
 }
 
-/// The gauge of an entry with so many runs. The agent solves families with rates that differ by up to 30 points around `skill`, alike in
-/// public and in hidden; of the siblings it knows the share `memorised` by heart.
+/// The gauge of an entry with so many runs. The agent solves families with rates that differ by up to 30 points around
+/// `skill`, alike in public and in hidden; of the siblings it knows the share `memorised` by heart.
 fn gauge(random: &mut Mt64, runs: usize, skill: f64, memorised: f64) -> Gauge {
     let pair = |i: usize, random: &mut Mt64| {
         let rate = (skill + 0.3 * (2.0 * (i % PER_RUN) as f64 / (PER_RUN - 1) as f64 - 1.0)).clamp(0.0, 1.0);

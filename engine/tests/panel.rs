@@ -1,5 +1,5 @@
-//! Difficulty of hidden families beside the public ones that they stand for, by the pass rates of a panel: a good builder whom
-//! each saboteur spoils, and three agents of graded carelessness.
+//! Difficulty of hidden families beside the public ones that they stand for, by the pass rates of a panel: a good
+//! builder whom each saboteur spoils, and three agents of graded carelessness.
 //!
 //! `cargo test --package plumbline-engine --test engine panel:: -- --nocapture` prints the table in `tasks/README.md`.
 

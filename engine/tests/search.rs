@@ -1,6 +1,6 @@
-//! A search for degenerate builds that pass: for each family the smallest build found that still passes a task, beside the
-//! good one. Starts are the good build, its smaller siblings, and random cheap shapes; from what passes, blocks are left out
-//! while it still passes.
+//! A search for degenerate builds that pass: for each family the smallest build found that still passes a task, beside
+//! the good one. Starts are the good build, its smaller siblings, and random cheap shapes; from what passes, blocks are
+//! left out while it still passes.
 //!
 //! `cargo test --package plumbline-engine --test engine search:: -- --nocapture` prints the table in `tasks/README.md`.
 

@@ -94,8 +94,8 @@ fn a_part_that_blows_up_takes_no_other_with_it() {
     assert!(both.diagnostics.non_finite.iter().all(|&entry| (entry as usize) < arch.len()));
 }
 
-/// Parts scattered over the world are moved together in the lattice, and have the values of one of them: bits may differ,
-/// because positions are rounded where they are.
+/// Parts scattered over the world are moved together in the lattice, and have the values of one of them: bits may
+/// differ, because positions are rounded where they are.
 #[test]
 fn scattered_parts_have_the_values_of_one() {
     let pair = [Cell::new(0, 0, 0), Cell::new(1, 1, 1), Cell::new(1, 0, 1), Cell::new(0, 1, 1)];
@@ -157,8 +157,8 @@ fn named_structures() -> Vec<(String, Vec<Cell>)> {
     items.iter().map(read).collect()
 }
 
-/// The paper's two comparisons (section 4.2): an arch is less stressed than a flat bridge, balanced columns carry a roof
-/// better than biased ones.
+/// The paper's two comparisons (section 4.2): an arch is less stressed than a flat bridge, balanced columns carry a
+/// roof better than biased ones.
 #[test]
 fn the_papers_comparisons_hold_by_both_methods() {
     let structures = named_structures();

@@ -1,4 +1,5 @@
-//! The stress simulation against `docs/rules.md#the-published-simulation` computed plainly: particle by particle, pair by pair, as the formulas stand.
+//! The stress simulation against `docs/rules.md#the-published-simulation` computed plainly: particle by particle, pair
+//! by pair, as the formulas stand.
 
 use nalgebra::{Matrix3, Vector3};
 use plumbline_engine::elasticity::small_matrix::{inverse_or_pseudo_inverse, pseudo_inverse};
@@ -92,8 +93,8 @@ fn von_mises(p: &Matrix3<f64>, f: &Matrix3<f64>) -> f64 {
 fn agrees(cells: &[Cell]) -> Result<bool, TestCaseError> {
     let found = sph::simulate(cells, &Control::unhurried()).unwrap();
     let expected = plainly(cells);
-    // What flails about amplifies rounding: then even the plain computation depends on the order of its sums and on where
-    // the structure stands. What blows up wherever it stands is 0 for both.
+    // What flails about amplifies rounding: then even the plain computation depends on the order of its sums and on
+    // where the structure stands. What blows up wherever it stands is 0 for both.
     let elsewhere: Vec<Cell> = cells.iter().rev().map(|cell| cell.offset(7, 3, 1)).collect();
     let is_steady = plainly(&elsewhere).iter().rev().zip(&expected).all(|(a, b)| (a - b).abs() <= 2e-7 * b + 5e-4);
     if !is_steady || found.diagnostics.sloped {

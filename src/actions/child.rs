@@ -14,8 +14,8 @@ use plumbline_engine::intake::code::without_fences;
 /// Name of the command that runs as this process.
 pub const COMMAND: &str = "run-action-code";
 
-/// Replays one job, read from standard input: the length of an `Order` in bytes as a little-endian `u32`, then the order
-/// as JSON. The answer is written in the same form.
+/// Replays one job, read from standard input: the length of an `Order` in bytes as a little-endian `u32`, then the
+/// order as JSON. The answer is written in the same form.
 ///
 /// # Errors
 /// Returns an error if the process cannot be confined, or its input is not a job.

@@ -1,5 +1,5 @@
-//! Functions and objects that action code finds under each profile, as they are documented. Tests compare the lists with
-//! what code really finds.
+//! Functions and objects that action code finds under each profile, as they are documented. Tests compare the lists
+//! with what code really finds.
 
 use serde::Serialize;
 

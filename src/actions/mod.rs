@@ -2,9 +2,9 @@
 //! removes (`docs/rules.md#formats`).
 //!
 //! The code is not trusted. It runs in a process of its own (`child`), which the operating system confines (`confine`)
-//! and which is taken from a few ready ones (`pool`). `sandbox` is the engine there. What code finds and what becomes of
-//! its calls is the matter of a profile: `published` records them as the published pipeline does, `mindcraft` carries
-//! them out in a world.
+//! and which is taken from a few ready ones (`pool`). `sandbox` is the engine there. What code finds and what becomes
+//! of its calls is the matter of a profile: `published` records them as the published pipeline does, `mindcraft`
+//! carries them out in a world.
 
 pub mod child;
 mod confine;

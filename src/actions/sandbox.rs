@@ -87,7 +87,8 @@ impl Sandbox {
                         watch.unheard.push((identity, told));
                     }
                 } else if let Some(at) = watch.unheard.iter().rposition(|(of, _)| *of == identity) {
-                    // A promise that is gone may have had the same identity before, but nothing can handle that one now.
+                    // A promise that is gone may have had the same identity before, but nothing can handle that one
+                    // now.
                     watch.unheard.remove(at);
                 }
             }

@@ -95,8 +95,8 @@ impl Caller {
         is_admin || (owner.is_some() && self.owner() == owner)
     }
 
-    /// Returns whether the caller sees what is kept from others about something of this owner. Keys that only grade and read
-    /// may stand in URLs, so they do not.
+    /// Returns whether the caller sees what is kept from others about something of this owner. Keys that only grade and
+    /// read may stand in URLs, so they do not.
     #[must_use]
     pub fn sees_all_of(&self, owner: Option<&str>) -> bool {
         self.owns(owner) && self.key.as_ref().is_some_and(|key| key.allows(Scope::Submit))

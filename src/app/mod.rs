@@ -174,7 +174,8 @@ impl App {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn find_suite(&self, name: &str) -> AppResult<Option<Arc<Entry>>> {
-        // The catalogue is read again every few seconds, so a version that another process adds soon becomes the latest.
+        // The catalogue is read again every few seconds, so a version that another process adds soon becomes the
+        // latest.
         if let Some(entry) = self.catalogue().suite(name) {
             return Ok(Some(Arc::clone(entry)));
         }

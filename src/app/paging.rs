@@ -25,7 +25,8 @@ pub struct Page<T> {
 }
 
 impl<T> Page<T> {
-    /// Makes a page of at most `items` rows. One more row than that was asked for, to see whether there is another page.
+    /// Makes a page of at most `items` rows. One more row than that was asked for, to see whether there is another
+    /// page.
     #[must_use]
     pub fn of(mut rows: Vec<T>, items: usize) -> Self {
         let has_more = rows.len() > items;

@@ -187,8 +187,8 @@ pub async fn run_sent(
     Ok(replays)
 }
 
-/// Makes the job of a log's code. With it come the indices of the turns that hold code; none for a turn of events, which
-/// is only there because later code sees what it built.
+/// Makes the job of a log's code. With it come the indices of the turns that hold code; none for a turn of events,
+/// which is only there because later code sees what it built.
 fn job_of(log: &BlockLog, codes: Vec<(usize, Vec<String>)>) -> (Job, Vec<Option<usize>>) {
     let profile = log.profile;
     if profile.is_published() {

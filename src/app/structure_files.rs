@@ -181,9 +181,9 @@ pub fn written(log: &BlockLog, turn: Option<usize>, format: FileFormat) -> AppRe
     Ok((build.corner, file))
 }
 
-/// Returns the blocks of a structure. Logs name materials, not halves: of equal doors on one another the upper one is an upper half.
-/// Under `mindcraft`, of equal beds side by side, listed one after the other, the second one is the head; under `published` every bed
-/// block is a bed (`docs/rules.md#replay`).
+/// Returns the blocks of a structure. Logs name materials, not halves: of equal doors on one another the upper one is
+/// an upper half. Under `mindcraft`, of equal beds side by side, listed one after the other, the second one is the
+/// head; under `published` every bed block is a bed (`docs/rules.md#replay`).
 fn build_of(structure: &Structure, profile: Profile) -> Build {
     let material = |i: usize| structure.material(i).strip_prefix("minecraft:").unwrap_or(structure.material(i));
     let listed: Vec<(Cell, &str)> = (0..structure.len()).map(|i| (structure.cells()[i], material(i))).collect();

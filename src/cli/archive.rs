@@ -48,8 +48,8 @@ pub struct ArchiveArgs {
 pub struct VerifyArchiveArgs {
     /// Archive that `archive-epoch` wrote.
     archive: PathBuf,
-    /// Epoch as published before it opened, saved from `GET /v1/epochs/NAME`. Without it, the archive is compared with its own copy of
-    /// the commitment.
+    /// Epoch as published before it opened, saved from `GET /v1/epochs/NAME`. Without it, the archive is compared with
+    /// its own copy of the commitment.
     #[arg(long, value_name = "FILE")]
     commitment: Option<PathBuf>,
     /// Key of a witness that you trust, as `plumbline witness --name` prints it: the archive must have its cosignature.

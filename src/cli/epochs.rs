@@ -18,7 +18,7 @@ use crate::store::secrets::{EpochSecret, PoolFile, random_key};
 use plumbline_engine::hidden::beacon::{Beacon, Chain};
 use plumbline_engine::hidden::commitment::{Commitment, Rules, Terms, root_of};
 use plumbline_engine::hidden::feedback::Feedback;
-use plumbline_engine::hidden::pool::{Generator, PoolError};
+use plumbline_engine::hidden::pool::Generator;
 use plumbline_engine::hidden::secret::EpochKey;
 use plumbline_engine::hidden::siblings::Siblings;
 use plumbline_engine::hidden::{GENERATOR_VERSION, PROTOCOL};
@@ -39,11 +39,13 @@ enum EpochsCommand {
     Create(CreateArgs),
     /// List epochs.
     List,
-    /// Bring the round of the beacon that an epoch is bound to, from which its pool is made. `serve --beacon-url` does so by itself.
+    /// Bring the round of the beacon that an epoch is bound to, from which its pool is made. `serve --beacon-url` does
+    /// so by itself.
     Beacon {
         /// Name of the epoch.
         name: String,
-        /// File with the round as the beacon's servers publish it (`/CHAIN-HASH/public/ROUND`), or the address of such a server.
+        /// File with the round as the beacon's servers publish it (`/CHAIN-HASH/public/ROUND`), or the address of such
+        /// a server.
         #[arg(long, value_name = "FILE|URL", default_value = DRAND)]
         from: String,
     },
@@ -101,15 +103,15 @@ struct CreateArgs {
     /// the pool has room.
     #[arg(long, default_value_t = 259_200, value_parser = clap::value_parser!(u32).range(1..=31_536_000))]
     reservation_seconds: u32,
-    /// Bind the pool to a public randomness beacon (drand): nobody, the operator included, knows a specification before the first
-    /// round at or after --opens. Official entries are registered until then.
+    /// Bind the pool to a public randomness beacon (drand): nobody, the operator included, knows a specification before
+    /// the first round at or after --opens. Official entries are registered until then.
     #[arg(long, requires = "opens")]
     beacon: bool,
     /// File that describes another chain than quicknet, as its servers do (`/CHAIN-HASH/info`).
     #[arg(long, value_name = "FILE", requires = "beacon")]
     beacon_chain: Option<PathBuf>,
-    /// Leave out the public siblings that official runs draw beside each instance, which twice as many answers are for. Without
-    /// them the board cannot tell whether an agent knows public builds by heart.
+    /// Leave out the public siblings that official runs draw beside each instance, which twice as many answers are for.
+    /// Without them the board cannot tell whether an agent knows public builds by heart.
     #[arg(long)]
     no_siblings: bool,
     /// Bits of information that may be released before the epoch closes automatically.
@@ -216,8 +218,7 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
         profile: Profile::Mindcraft,
         protocol: PROTOCOL,
     };
-    let siblings =
-        (!new.no_siblings).then(|| Ok::<_, PoolError>(Siblings::of(GENERATOR_VERSION)?.list().clone())).transpose()?;
+    let siblings = if new.no_siblings { None } else { Some(Siblings::of(GENERATOR_VERSION)?.list().clone()) };
     let terms = Terms {
         epoch: new.name.clone(),
         opens_at_ms,

@@ -37,7 +37,8 @@ enum KeysCommand {
         /// Role of the member: reader, submitter or manager. A member that exists gets it too.
         #[arg(long, requires = "member")]
         role: Option<String>,
-        /// Scopes of the key: submit, grade, read, admin. By default submit, grade and read, or what the role allows of them.
+        /// Scopes of the key: submit, grade, read, admin. By default submit, grade and read, or what the role allows of
+        /// them.
         #[arg(long, value_delimiter = ',')]
         scopes: Vec<String>,
         /// Lifetime in days (30, 30d) or hours (12h); without it, the key does not expire.

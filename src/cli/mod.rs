@@ -74,19 +74,19 @@ pub enum Command {
     Regrade(regrade::RegradeArgs),
     /// Announce, list and close epochs of hidden evaluation.
     Epochs(epochs::EpochsArgs),
-    /// Follow the transparency log of a service, check that it only grows, and cosign its checkpoints; exit 1 if it is not
-    /// what it was, 2 if that cannot be told.
+    /// Follow the transparency log of a service, check that it only grows, and cosign its checkpoints; exit 1 if it is
+    /// not what it was, 2 if that cannot be told.
     Witness(witness::WitnessArgs),
-    /// Check the proof of a draw of hidden instances against the commitment of its epoch; exit 1 if it does not hold, 2 if that
-    /// cannot be told.
+    /// Check the proof of a draw of hidden instances against the commitment of its epoch; exit 1 if it does not hold, 2
+    /// if that cannot be told.
     VerifyDraw(verify_draw::VerifyDrawArgs),
     /// Verify the reveal of a closed epoch by recomputing its specifications, draws and grades from its key; exit 1 if
     /// anything does not match, 2 if that cannot be told.
     VerifyEpoch(verify_epoch::VerifyEpochArgs),
     /// Download everything that a closed epoch published as one file, which can be verified when the service is gone.
     ArchiveEpoch(archive::ArchiveArgs),
-    /// Verify the archive of an epoch as verify-epoch does, with the transparency log and its witnesses; exit 1 if anything does not
-    /// match, 2 if that cannot be told.
+    /// Verify the archive of an epoch as verify-epoch does, with the transparency log and its witnesses; exit 1 if
+    /// anything does not match, 2 if that cannot be told.
     VerifyArchive(archive::VerifyArchiveArgs),
     /// Verify signed receipts and the log that chains them; exit 1 if anything does not verify, 2 if that
     /// cannot be told.
@@ -117,8 +117,8 @@ impl Command {
         matches!(self, Self::Serve(_) | Self::Work(_) | Self::Submit(_) | Self::Replay(_) | Self::RunActionCode)
     }
 
-    /// Returns the exit code of a command that fails. Commands that verify exit with 1 for what does not hold, so that it can be told
-    /// from what could not be checked.
+    /// Returns the exit code of a command that fails. Commands that verify exit with 1 for what does not hold, so that
+    /// it can be told from what could not be checked.
     #[must_use]
     pub const fn failure(&self) -> u8 {
         match self {

@@ -33,8 +33,8 @@ pub struct ReplayArgs {
     /// Print the blocks that stand at the end and were not there before, instead of the events.
     #[arg(long)]
     structure: bool,
-    /// Files of a turn in their order, each an answer of a model as it came, or code; `-` reads standard input. `--turn`
-    /// between files begins the next turn. Without `--profile` each file is run on its own.
+    /// Files of a turn in their order, each an answer of a model as it came, or code; `-` reads standard input.
+    /// `--turn` between files begins the next turn. Without `--profile` each file is run on its own.
     #[arg(required = true, value_name = "FILE", allow_hyphen_values = true, num_args = 1..)]
     files: Vec<String>,
 }
@@ -51,8 +51,8 @@ struct File {
 
 /// Runs the command. Events or blocks go to standard output; dropped calls, notes and errors go to standard error.
 ///
-/// The exit code is 0 if all code ran, 3 if some ended early, and 1 if none of it could be read. Without `--profile` it is
-/// 1 if code was stopped at a limit or is not JavaScript, and 0 otherwise.
+/// The exit code is 0 if all code ran, 3 if some ended early, and 1 if none of it could be read. Without `--profile` it
+/// is 1 if code was stopped at a limit or is not JavaScript, and 0 otherwise.
 ///
 /// # Errors
 /// Returns an error if a file cannot be read or is too large, or code cannot be run in a process.

@@ -37,8 +37,9 @@ pub struct ServeArgs {
     /// (`plumbline work`).
     #[arg(long, env = "PLUMBLINE_WORKERS", value_parser = clap::value_parser!(u16).range(0..=1024))]
     workers: Option<u16>,
-    /// Only grade within requests, without a database, also if one is named: for trainers behind a load balancer. Serves /v1/grade,
-    /// /v1/grade:structure, /v1/grade:batch, /v1/replay, the trainers' routes and the catalogue, and asks for no key.
+    /// Only grade within requests, without a database, also if one is named: for trainers behind a load balancer.
+    /// Serves /v1/grade, /v1/grade:structure, /v1/grade:batch, /v1/replay, the trainers' routes and the catalogue, and
+    /// asks for no key.
     #[arg(long, env = "PLUMBLINE_GRADE_ONLY", conflicts_with = "demo")]
     grade_only: bool,
     /// Sign receipts with the key in the folder of secrets although the nodes of this PostgreSQL database signed with
@@ -53,12 +54,13 @@ pub struct ServeArgs {
     /// grade.
     #[arg(long, env = "PLUMBLINE_HIDDEN_PUBLISH_SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     hidden_publish_seconds: u64,
-    /// Server of the public randomness beacon, such as <https://api.drand.sh>, from which the rounds that epochs are bound to are
-    /// fetched. Without it, `plumbline epochs beacon` or anybody with `POST /v1/epochs/NAME/beacon` brings them.
+    /// Server of the public randomness beacon, such as <https://api.drand.sh>, from which the rounds that epochs are
+    /// bound to are fetched. Without it, `plumbline epochs beacon` or anybody with `POST /v1/epochs/NAME/beacon` brings
+    /// them.
     #[arg(long, env = "PLUMBLINE_BEACON_URL", value_name = "URL")]
     beacon_url: Option<String>,
-    /// Key of a witness of the transparency log, as `plumbline witness --name` prints it, whose cosignatures are taken and shown.
-    /// May be given more than once.
+    /// Key of a witness of the transparency log, as `plumbline witness --name` prints it, whose cosignatures are taken
+    /// and shown. May be given more than once.
     #[arg(long = "witness", env = "PLUMBLINE_WITNESSES", value_delimiter = ',', value_name = "KEY", value_parser = witness_key)]
     witnesses: Vec<Witness>,
     /// Memory in MiB to cache results of /v1/grade for the same log and task; 0 disables the cache.

@@ -52,7 +52,8 @@ pub enum TasksCommand {
     Schema,
     /// Print a table of the phrases that ask for each check, for the public and the hidden suite.
     Entailment,
-    /// Print the public specifications from which official runs of hidden evaluation draw siblings, one JSON object per line.
+    /// Print the public specifications from which official runs of hidden evaluation draw siblings, one JSON object per
+    /// line.
     Siblings,
     /// Print a table of the criteria that each saboteur makes fail, by family.
     Saboteurs,

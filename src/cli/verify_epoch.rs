@@ -28,8 +28,8 @@ pub struct VerifyEpochArgs {
     /// its own copy of the commitment.
     #[arg(long, value_name = "FILE")]
     commitment: Option<PathBuf>,
-    /// Pages of the public log (`GET /v1/receipts`), from the first to the last. Pages saved earlier, given beside them, show whether
-    /// the log was rewritten.
+    /// Pages of the public log (`GET /v1/receipts`), from the first to the last. Pages saved earlier, given beside
+    /// them, show whether the log was rewritten.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     receipts: Vec<PathBuf>,
     /// Responses of the service that contain a receipt, to the registration of an entry or the answer to an instance.

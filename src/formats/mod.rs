@@ -22,7 +22,8 @@ const DATA_VERSION: i32 = 4189;
 pub const MAX_CELLS: u64 = 1 << 23;
 /// Greatest number of cells along an axis of a schematic, whose lengths are shorts without a sign.
 pub const MAX_AXIS: u64 = 65_535;
-/// Greatest number of cells along an axis of a file that lists every cell and is written: other programs read shorts with a sign.
+/// Greatest number of cells along an axis of a file that lists every cell and is written: other programs read shorts
+/// with a sign.
 pub const MAX_AXIS_WRITTEN: u64 = 32_767;
 /// Greatest size of a file in bytes after decompression.
 pub const MAX_BYTES: u64 = 32 << 20;

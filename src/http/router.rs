@@ -156,8 +156,8 @@ pub fn trainers_elsewhere() -> Router<AppState> {
     Router::new().nest("/ng-rollout/{rollout}", gym()).nest("/with-key/{key}", all)
 }
 
-/// Completes the document with everything that holds for operations of a kind: the errors that they may answer with, and the
-/// key that writing needs. Sets the bounds that are limits of the service.
+/// Completes the document with everything that holds for operations of a kind: the errors that they may answer with,
+/// and the key that writing needs. Sets the bounds that are limits of the service.
 ///
 /// An operation declares only the errors that are its own, without a body: every error is a problem.
 pub fn complete(document: &mut utoipa::openapi::OpenApi) {

@@ -43,8 +43,8 @@ fn read(line: &str) -> Option<(&str, Look)> {
     Some((name, Look { top: colour(top)?, side: colour(side)?, boxes: boxes? }))
 }
 
-/// Returns how a block looks, by its name with or without `minecraft:` and a state. A name that is not the game's gets a
-/// colour of its own, the same everywhere.
+/// Returns how a block looks, by its name with or without `minecraft:` and a state. A name that is not the game's gets
+/// a colour of its own, the same everywhere.
 #[must_use]
 pub fn look(name: &str) -> Look {
     let plain = name.strip_prefix("minecraft:").unwrap_or(name);

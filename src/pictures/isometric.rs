@@ -93,8 +93,8 @@ struct Cube {
 }
 
 impl Scene<'_> {
-    /// Returns the cells to draw, from the farthest to the nearest, so that nearer ones cover those behind them, and the
-    /// number of blocks that could be seen but are left out.
+    /// Returns the cells to draw, from the farthest to the nearest, so that nearer ones cover those behind them, and
+    /// the number of blocks that could be seen but are left out.
     fn cubes(&self) -> (Vec<Cube>, usize) {
         // Near the origin all numbers are exact, also in programs that read the picture.
         let [west, _, north] = self.least();
@@ -131,8 +131,8 @@ impl Scene<'_> {
     }
 }
 
-/// Returns the cells of natural ground below and around some cells, without those that were dug out. Where the uppermost
-/// layer was dug out, the one below shows.
+/// Returns the cells of natural ground below and around some cells, without those that were dug out. Where the
+/// uppermost layer was dug out, the one below shows.
 fn ground_around(cubes: &[Cube], dug: &HashSet<[i32; 3]>) -> Vec<Cube> {
     let filled: HashSet<[i32; 3]> = cubes.iter().map(|cube| cube.at).collect();
     let range = |axis: usize| {
@@ -210,8 +210,8 @@ impl Default for Drawing {
 }
 
 impl Drawing {
-    /// Draws a box in a cell: its top, and the sides towards the south and the east. `shown` says for each whether it can
-    /// be seen where it is at the side of the cell.
+    /// Draws a box in a cell: its top, and the sides towards the south and the east. `shown` says for each whether it
+    /// can be seen where it is at the side of the cell.
     fn add(&mut self, at: [i32; 3], [x, y, z, dx, dy, dz]: Box3, look: &Look, shown: [bool; 3]) {
         let is_shown = [shown[0] || dy < 16, shown[1] || dz < 16, shown[2] || dx < 16];
         let sides = [

@@ -23,8 +23,8 @@ const HIDDEN: &str = "hidden evaluation";
 const BEACONS: &str = "beacons";
 
 /// Runs upkeep every few seconds: forgets idle clients in the rate limits, folds samples of histograms together, which
-/// would pile up if nobody reads the metrics, loads suites that another process has added, lifts embargoes that are over,
-/// and forgets old requests and episodes.
+/// would pile up if nobody reads the metrics, loads suites that another process has added, lifts embargoes that are
+/// over, and forgets old requests and episodes.
 pub(super) async fn keep_up(
     metrics: PrometheusHandle,
     app: Arc<App>,
@@ -115,8 +115,8 @@ pub(super) async fn keep_hidden(store: Store, every: Duration, stop: Cancellatio
     }
 }
 
-/// Fetches the rounds that epochs are bound to from a server of the beacon, as soon as they are emitted, and makes their pools.
-/// Without a server, says which rounds are missing.
+/// Fetches the rounds that epochs are bound to from a server of the beacon, as soon as they are emitted, and makes
+/// their pools. Without a server, says which rounds are missing.
 pub(super) async fn follow_beacons(store: Store, server: Option<String>, stop: CancellationToken) {
     const LOOK: Duration = Duration::from_secs(1);
     // A server that fails is asked again later, and what is missing is said again.
@@ -164,7 +164,8 @@ pub(super) async fn follow_beacons(store: Store, server: Option<String>, stop: C
     }
 }
 
-/// Makes the generators that epochs need, with the list of siblings: the first draw and the pool of a beacon shall not wait for them.
+/// Makes the generators that epochs need, with the list of siblings: the first draw and the pool of a beacon shall not
+/// wait for them.
 pub(super) async fn prepare_generators(store: Store, stop: CancellationToken) {
     const LOOK: Duration = Duration::from_secs(10);
     let mut made: BTreeSet<u32> = BTreeSet::new();
@@ -189,8 +190,8 @@ pub(super) async fn prepare_generators(store: Store, stop: CancellationToken) {
     }
 }
 
-/// Returns the epochs that lack the round of their beacon, with its number; none if another node brings them. Nearly always there
-/// are none, and nothing is written.
+/// Returns the epochs that lack the round of their beacon, with its number; none if another node brings them. Nearly
+/// always there are none, and nothing is written.
 async fn rounds_to_bring(store: &Store, node: &str) -> StoreResult<Vec<(EpochRow, u64)>> {
     const LEASE_MS: i64 = 15_000;
     let epochs = store.epochs().await?.into_iter();

@@ -123,8 +123,8 @@ impl Store {
         Ok(version)
     }
 
-    /// Returns the configuration that the latest card of each run of a suite declares, if it does. Runs under embargo are
-    /// left out.
+    /// Returns the configuration that the latest card of each run of a suite declares, if it does. Runs under embargo
+    /// are left out.
     ///
     /// # Errors
     /// Returns an error if the database fails.
@@ -147,8 +147,8 @@ impl Store {
         Ok(declared.into_iter().collect())
     }
 
-    /// Returns the latest card of each of these runs, without the text of its system prompt. Runs without a card, and those
-    /// under embargo, are left out.
+    /// Returns the latest card of each of these runs, without the text of its system prompt. Runs without a card, and
+    /// those under embargo, are left out.
     ///
     /// # Errors
     /// Returns an error if the database fails or a card cannot be read.

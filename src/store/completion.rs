@@ -108,8 +108,8 @@ async fn settle_quota(tx: &mut Tx, entry_id: &str, now_ms: i64) -> StoreResult<(
 }
 
 impl Store {
-    /// Completes the finalized entries for which `decide` allows it, and publishes the pending receipts in the log, in one
-    /// transaction.
+    /// Completes the finalized entries for which `decide` allows it, and publishes the pending receipts in the log, in
+    /// one transaction.
     ///
     /// # Errors
     /// Returns an error if the database fails.

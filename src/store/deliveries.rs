@@ -1,7 +1,7 @@
 //! Deliveries: what is to be posted to webhooks, and what became of it.
 //!
-//! Whoever attempts a delivery takes it first, for a while. If the process dies, another attempt follows when that while
-//! is over, so a message is delivered at least once.
+//! Whoever attempts a delivery takes it first, for a while. If the process dies, another attempt follows when that
+//! while is over, so a message is delivered at least once.
 
 use super::db::{Builder, query, query_as, query_scalar};
 use super::events::EventRow;
@@ -189,8 +189,8 @@ impl Store {
             .await
     }
 
-    /// Returns the identifiers of enabled webhooks with deliveries that are due, each with its owner. An owner without a
-    /// live key gets none.
+    /// Returns the identifiers of enabled webhooks with deliveries that are due, each with its owner. An owner without
+    /// a live key gets none.
     ///
     /// # Errors
     /// Returns an error if the database fails.
@@ -286,7 +286,8 @@ impl Store {
         commit(tx, "record_delivery").await
     }
 
-    /// Makes a delivery due now: one that has ended with all its attempts again, a pending one with those that are left.
+    /// Makes a delivery due now: one that has ended with all its attempts again, a pending one with those that are
+    /// left.
     ///
     /// # Errors
     /// Returns an error if the database fails.

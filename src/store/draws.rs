@@ -1,5 +1,7 @@
 //! Draws: the instances of an entry's run, issued together, with the facts that decide on them.
 
+use std::collections::HashSet;
+
 use super::db::{Tx, query, query_as};
 use super::entries::{EntryRow, entry_in};
 use super::epochs::{EpochRow, epoch_in};
@@ -11,7 +13,7 @@ use super::secrets::EpochSecret;
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::hidden::commitment::Commitment;
 use plumbline_engine::hidden::evidence::{DrawFact, Fact};
-use plumbline_engine::hidden::issue::{IssuedLeaves, Lot};
+use plumbline_engine::hidden::issue::Lot;
 use plumbline_engine::hidden::pool::Specification;
 use plumbline_engine::hidden::siblings::Siblings;
 use plumbline_engine::tasks::{Task, hex};
@@ -55,8 +57,10 @@ pub struct DrawFacts {
     pub earlier_nonce: Option<String>,
     /// Runs that the entries of the epoch hold.
     pub holdings: Vec<Holding>,
-    /// Leaves that are issued.
-    pub issued: IssuedLeaves,
+    /// Leaves that the epoch has issued.
+    pub issued_leaves: HashSet<u32>,
+    /// Those among them that the entry has.
+    pub own_leaves: HashSet<u32>,
     /// Time of the decision, in milliseconds since 1970.
     pub now_ms: i64,
 }
@@ -130,7 +134,7 @@ impl Store {
             DrawDecision::Repeat => return Ok(Issued::Instances(before)),
             DrawDecision::Refuse(refusal) => return Ok(Issued::Refused(refusal)),
         };
-        for (ordinal, drawn) in (facts.issued.all.len() as i64 + 1..).zip(&leaves) {
+        for (ordinal, drawn) in (facts.issued_leaves.len() as i64 + 1..).zip(&leaves) {
             insert(&mut tx, new, &facts.epoch.commitment, ordinal, drawn, now_ms).await?;
         }
         let instances = of_run(&mut tx, new.entry_id, new.run).await?;
@@ -158,10 +162,10 @@ async fn facts_of(tx: &mut Tx, entry_id: &str, before: &[InstanceRow], now_ms: i
         .bind(entry_id)
         .fetch_all(tx)
         .await?;
-    let of_entry = issued.iter().filter(|(_, is_own)| *is_own).map(|(leaf, _)| *leaf).collect();
-    let issued = IssuedLeaves { all: issued.into_iter().map(|(leaf, _)| leaf).collect(), of_entry };
+    let own_leaves = issued.iter().filter(|(_, is_own)| *is_own).map(|(leaf, _)| *leaf).collect();
+    let issued_leaves = issued.into_iter().map(|(leaf, _)| leaf).collect();
     let earlier_nonce = before.first().map(|first| first.nonce.clone());
-    Ok(DrawFacts { entry, epoch, earlier_nonce, holdings, issued, now_ms })
+    Ok(DrawFacts { entry, epoch, earlier_nonce, holdings, issued_leaves, own_leaves, now_ms })
 }
 
 /// Stores an instance and its task.

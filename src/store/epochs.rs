@@ -228,8 +228,9 @@ impl Store {
         Ok(true)
     }
 
-    /// Publishes the pool of an epoch that is bound to a beacon, unless it has one. Returns the published one; `None` if the epoch
-    /// is over. The receipts of registrations enter the log before the pool, which shows that they came before it.
+    /// Publishes the pool of an epoch that is bound to a beacon, unless it has one. Returns the published one; `None`
+    /// if the epoch is over. The receipts of registrations enter the log before the pool, which shows that they came
+    /// before it.
     ///
     /// # Errors
     /// Returns an error if the database fails, or this node cannot sign.

@@ -1,12 +1,13 @@
 //! What of an open epoch's receipts enters the public log at a full minute, so that its growth tells nothing.
 //!
-//! How many entries, draws, answers and completions there are is public. How long a grading takes is not, and it could tell what was
-//! built. So each answer brings two places in the log: its own, and one for a grade or a failure. A grade that is not there yet
-//! leaves its place to padding. The completion of an entry brings as many places as the entry has answers, so that all its grades
-//! are in the log by then.
+//! How many entries, draws, answers and completions there are is public. How long a grading takes is not, and it could
+//! tell what was built. So each answer brings two places in the log: its own, and one for a grade or a failure. A grade
+//! that is not there yet leaves its place to padding. The completion of an entry brings as many places as the entry has
+//! answers, so that all its grades are in the log by then.
 
 use super::db::{Tx, query_scalar};
 use super::epochs::epoch_in;
+use super::locks::Lock;
 use super::pending::{Pending, enter_all, take, take_grades, take_grades_of, take_others};
 use super::secrets::random_key;
 use super::{StoreError, StoreResult};
@@ -16,6 +17,7 @@ use plumbline_engine::tasks::hex;
 
 /// Publishes the pending receipts of all epochs, as many as is public anyway, with padding where grades are missing.
 pub(super) async fn publish_due(tx: &mut Tx, signer: &Signer) -> StoreResult<()> {
+    tx.lock([Lock::Order]).await?;
     let epochs: Vec<String> =
         query_scalar("SELECT DISTINCT epoch_id FROM pending_receipts ORDER BY epoch_id").fetch_all(&mut *tx).await?;
     let mut due = Vec::new();

@@ -1,6 +1,7 @@
 //! Receipts of hidden evaluation that are signed and wait for their publication in the log.
 
 use super::db::{Tx, query_as};
+use super::locks::Lock;
 use super::receipts::{NewReceipt, enter};
 use super::rows::from_row;
 use super::{StoreError, StoreResult};
@@ -51,8 +52,7 @@ pub(super) async fn take(tx: &mut Tx, epoch_id: Option<&str>) -> StoreResult<Vec
     .await
 }
 
-/// Matches receipts that are neither grades nor failures. A quotation mark within a text of canonical JSON has a backslash before it, so the
-/// pattern matches nothing else.
+/// The statement that deletes the pending receipts of an epoch that a condition selects, and returns them.
 macro_rules! taking {
     ($which:literal) => {
         concat!(
@@ -63,7 +63,8 @@ macro_rules! taking {
     };
 }
 
-/// Takes the pending receipts of an epoch that are neither grades nor failures.
+/// Takes the pending receipts of an epoch that are neither grades nor failures. Within a text of canonical JSON a
+/// quotation mark has a backslash before it, so the pattern matches nothing else.
 pub(super) async fn take_others(tx: &mut Tx, epoch_id: &str) -> StoreResult<Vec<Pending>> {
     query_as(taking!("submission_id IS NULL AND body NOT LIKE '%\"failure\":{%'")).bind(epoch_id).fetch_all(tx).await
 }
@@ -79,12 +80,13 @@ pub(super) async fn take_grades_of(tx: &mut Tx, epoch_id: &str, entry_id: &str) 
     .await
 }
 
-/// Takes at most so many pending grades and failures of an epoch: failures first, grades in the order of their hashes, which says
-/// nothing of their age.
+/// Takes at most `most` pending grades and failures of an epoch: failures first, grades in the order of their hashes,
+/// which says nothing of their age.
 pub(super) async fn take_grades(tx: &mut Tx, epoch_id: &str, most: usize) -> StoreResult<Vec<Pending>> {
     query_as(taking!(
         "id IN (SELECT id FROM pending_receipts
-                WHERE epoch_id = $1 AND (submission_id IS NOT NULL OR body LIKE '%\"failure\":{%') ORDER BY submission_id IS NOT NULL, hash LIMIT $2)"
+                WHERE epoch_id = $1 AND (submission_id IS NOT NULL OR body LIKE '%\"failure\":{%')
+                ORDER BY submission_id IS NOT NULL, hash LIMIT $2)"
     ))
     .bind(epoch_id)
     .bind(most as i64)
@@ -94,12 +96,14 @@ pub(super) async fn take_grades(tx: &mut Tx, epoch_id: &str, most: usize) -> Sto
 
 /// Publishes all pending receipts of one epoch, or of all, in the log.
 pub(super) async fn publish(tx: &mut Tx, epoch_id: Option<&str>) -> StoreResult<()> {
+    // Before any row is deleted: other transactions hold this lock when they delete pending receipts.
+    tx.lock([Lock::Order]).await?;
     let pending = take(tx, epoch_id).await?;
     enter_all(tx, pending).await
 }
 
-/// Enters receipts in the log. They are ordered by hash, so that the order reveals nothing, but completions of entries come last: the
-/// grades of an entry stand before its completion.
+/// Enters receipts in the log. They are ordered by hash, so that the order reveals nothing, but completions of entries
+/// come last: the grades of an entry stand before its completion.
 pub(super) async fn enter_all(tx: &mut Tx, mut pending: Vec<Pending>) -> StoreResult<()> {
     let is_completion = |own: &Pending| own.body.starts_with("{\"completed\":{");
     pending.sort_by_cached_key(|own| (is_completion(own), own.hash.clone()));

@@ -35,7 +35,8 @@ pub struct NewEntry<'a> {
 pub enum RegistrationRefusal {
     /// The epoch is not open.
     NotOpen,
-    /// The round of the epoch's beacon was emitted at this time, in milliseconds since 1970; official entries come before it.
+    /// The round of the epoch's beacon was emitted at this time, in milliseconds since 1970; official entries come
+    /// before it.
     AfterBeacon(i64),
     /// The owner already has the maximum number of entries in this tier, which is given.
     TooMany(i64),

@@ -55,7 +55,8 @@ pub struct RunRow {
     pub profile: Option<String>,
     /// Track of its prompts.
     pub track: Track,
-    /// Latest version of its card, without the text of the system prompt; none also where a transaction that writes reads the run.
+    /// Latest version of its card, without the text of the system prompt; none also where a transaction that writes
+    /// reads the run.
     pub card: Option<serde_json::Value>,
     /// Embargo that holds for it: `agent` is an alias, and `metadata` is empty.
     pub embargo: Option<Embargo>,
@@ -63,8 +64,8 @@ pub struct RunRow {
     pub withdrawn: Option<(i64, String)>,
 }
 
-/// Query with the columns of a run, for every query that reads one. `for writing` is for transactions that write: they hold
-/// up others, and look at neither card, embargo nor withdrawal.
+/// Query with the columns of a run, for every query that reads one. `for writing` is for transactions that write: they
+/// hold up others, and look at neither card, embargo nor withdrawal.
 macro_rules! select_run {
     ($rest:literal) => {
         select_run!(

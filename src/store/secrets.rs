@@ -148,8 +148,8 @@ impl Secrets {
         self.file(&format!("epoch-{id}.json")).is_file()
     }
 
-    /// Returns the secret of an epoch; none if it is lost, or does not match the commitment. A pool that is bound to a beacon is
-    /// drawn again if its file is missing.
+    /// Returns the secret of an epoch; none if it is lost, or does not match the commitment. A pool that is bound to a
+    /// beacon is drawn again if its file is missing.
     ///
     /// # Errors
     /// Returns an error if a file exists but cannot be read, or a pool cannot be drawn.

@@ -12,8 +12,8 @@ use plumbline_engine::hidden::evidence::{ClosedFact, Fact};
 use plumbline_engine::hidden::receipts::Signer;
 
 impl Store {
-    /// Settles an epoch, which callers must know to be over: closes it for good, finalizes open entries, completes those
-    /// for which `decide` allows it, and marks the epoch settled once all entries are complete and all receipts
+    /// Settles an epoch, which callers must know to be over: closes it for good, finalizes open entries, completes
+    /// those for which `decide` allows it, and marks the epoch settled once all entries are complete and all receipts
     /// published.
     ///
     /// # Errors

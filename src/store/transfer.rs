@@ -178,7 +178,8 @@ pub enum ImportError {
 
 impl Store {
     /// Imports an export into this database, which must be empty except for suites. Either all of it is imported, or
-    /// nothing. Submissions that were not graded are queued, each for its owner and in the lane that `lane_of` decides on.
+    /// nothing. Submissions that were not graded are queued, each for its owner and in the lane that `lane_of` decides
+    /// on.
     /// `lines` returns the lines of a file, or none if the file does not exist.
     ///
     /// # Errors

@@ -39,8 +39,8 @@ pub struct WorkerSettings {
 
 /// Number of quick jobs that a worker takes at once; together they take some tens of milliseconds.
 const QUICK_JOBS: usize = 64;
-/// Interval at which an idle worker looks for expired leases, and for jobs of which no notice came; at random up to half
-/// as long again, so that nodes that start together do not look together.
+/// Interval at which an idle worker looks for expired leases, and for jobs of which no notice came; at random up to
+/// half as long again, so that nodes that start together do not look together.
 const IDLE_LOOK: Duration = Duration::from_millis(400);
 /// Pause after a failure of the database.
 const ERROR_PAUSE: Duration = Duration::from_secs(1);

@@ -1,4 +1,5 @@
-//! What others compute: builds on a real server (`server/README.md`), and vectors of the npm package (`vec3/README.md`).
+//! What others compute: builds on a real server (`server/README.md`), and vectors of the npm package
+//! (`vec3/README.md`).
 
 use serde::Deserialize;
 use serde_json::{Value, json};

@@ -39,7 +39,8 @@ fn log_of_a_million() -> Tree {
     tree
 }
 
-/// A proof that an entry is in the log, and that the log began with half of it; the root is computed for the checkpoint.
+/// A proof that an entry is in the log, and that the log began with half of it; the root is computed for the
+/// checkpoint.
 #[divan::bench]
 fn proofs_in_a_log_of_a_million(bencher: Bencher<'_, '_>) {
     let tree = log_of_a_million();

@@ -1,4 +1,5 @@
-//! Fills a database that a service has made with finished runs, to see how boards bear them: `many_runs DATABASE SUITE COUNT`.
+//! Fills a database that a service has made with finished runs, to see how boards bear them: `many_runs DATABASE SUITE
+//! COUNT`.
 
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::grading::outcomes::Outcomes;

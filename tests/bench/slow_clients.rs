@@ -1,7 +1,8 @@
 //! Many slow clients at once, and how others are served meanwhile: `slow_clients ADDRESS IDLE SLOW SECONDS`.
 //!
-//! IDLE connections send nothing and are opened anew when the service closes them. SLOW connections post a body of which a byte
-//! comes every second. Beside them one client asks for the limits and grades a log, on a new connection each time.
+//! IDLE connections send nothing and are opened anew when the service closes them. SLOW connections post a body of
+//! which a byte comes every second. Beside them one client asks for the limits and grades a log, on a new connection
+//! each time.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};

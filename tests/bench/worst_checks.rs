@@ -1,7 +1,7 @@
 //! How long each check takes at most, on builds that are made to be hard for it: `worst_checks [BLOCKS]`.
 //!
-//! The figures stand in `src/checks/cost.rs`, which decides by them where a log is graded. Prints, for each check, the slowest build and
-//! the nanoseconds per block, as the least of five rounds.
+//! The figures stand in `src/checks/cost.rs`, which decides by them where a log is graded. Prints, for each check, the
+//! slowest build and the nanoseconds per block, as the least of five rounds.
 
 #![allow(clippy::print_stdout, reason = "it prints what it measured")]
 

@@ -132,7 +132,8 @@ async fn an_anonymous_run_shows_its_alias_until_its_embargo_is_lifted() {
     service.use_key(Some(&grade));
     assert_eq!(service.get(&format!("/v1/runs/{run}")).await.json()["owner"], Value::Null);
 
-    // A run of another owner with the same logs is not flagged before the embargo ends: that would tell whose it is not.
+    // A run of another owner with the same logs is not flagged before the embargo ends: that would tell whose it is
+    // not.
     service.use_key(Some(&theirs));
     let copy = service.finished_run("Copy", 1).await;
     let similar = |board: &Value, run: &str| {

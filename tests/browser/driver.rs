@@ -96,7 +96,8 @@ impl Browser {
         self.page.find(Locator::Css(css)).await.unwrap().click().await.unwrap();
     }
 
-    /// No error on the console, no request to another host, nothing wider than the window, within the bytes that a page may have.
+    /// No error on the console, no request to another host, nothing wider than the window, within the bytes that a page
+    /// may have.
     pub async fn is_well(&self, service: &Service) {
         let errors: Vec<Value> = self.log("browser").await.into_iter().filter(|e| e["level"] == "SEVERE").collect();
         assert!(errors.is_empty(), "{errors:?}");

@@ -1,5 +1,5 @@
-//! Pages as people use them, in a real browser that is driven: sort, filter, follow, turn on stress, step through the replay.
-//! Screenshots of what it sees go to `target/screenshots`.
+//! Pages as people use them, in a real browser that is driven: sort, filter, follow, turn on stress, step through the
+//! replay. Screenshots of what it sees go to `target/screenshots`.
 
 use super::driver::Browser;
 use crate::support::epoch::Scene;

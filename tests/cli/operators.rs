@@ -1,4 +1,5 @@
-//! An operator's second day: commands that say what they touch, files of other versions, keys, quotas, logs, a second port.
+//! An operator's second day: commands that say what they touch, files of other versions, keys, quotas, logs, a second
+//! port.
 
 use std::path::Path;
 use std::process::Command;

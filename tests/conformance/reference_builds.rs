@@ -1,5 +1,5 @@
-//! The builders' own logs through the service: every task of the latest version is solved, and of the published one all but
-//! true arches.
+//! The builders' own logs through the service: every task of the latest version is solved, and of the published one all
+//! but true arches.
 
 use crate::support::Service;
 use plumbline_engine::builders::build;

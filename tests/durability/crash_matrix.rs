@@ -1,5 +1,5 @@
-//! Whatever happens to the process, the disk, the clock or a row: no acknowledged submission is lost, none is graded twice into
-//! the board, none is stuck, and the quota is exact.
+//! Whatever happens to the process, the disk, the clock or a row: no acknowledged submission is lost, none is graded
+//! twice into the board, none is stuck, and the quota is exact.
 
 use std::os::unix::process::ExitStatusExt as _;
 use std::path::{Path, PathBuf};

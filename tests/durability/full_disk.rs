@@ -1,4 +1,5 @@
-//! A full disk: what cannot be stored is refused, `/readyz` says so, and once there is space the service goes on without a restart.
+//! A full disk: what cannot be stored is refused, `/readyz` says so, and once there is space the service goes on
+//! without a restart.
 
 use std::os::unix::process::CommandExt as _;
 use std::process::Command;

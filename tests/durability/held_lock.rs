@@ -1,4 +1,5 @@
-//! Another process holds the write lock for 20 s: every GET and `/v1/validate` answer all the same, also for a key's first use.
+//! Another process holds the write lock for 20 s: every GET and `/v1/validate` answer all the same, also for a key's
+//! first use.
 
 use std::time::{Duration, Instant};
 

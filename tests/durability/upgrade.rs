@@ -1,4 +1,5 @@
-//! A data directory of the last release, killed with submissions waiting: it opens, answers as before, and finishes its work.
+//! A data directory of the last release, killed with submissions waiting: it opens, answers as before, and finishes its
+//! work.
 
 use std::path::Path;
 use std::process::Command;
@@ -64,8 +65,8 @@ async fn a_data_directory_of_the_last_release_opens_as_before() {
     assert!(service.terminate());
 }
 
-/// Removes what later versions tell of every answer and run, the profile and the track that they had without a name, and what
-/// they tell beside other boards alone: results from elsewhere.
+/// Removes what later versions tell of every answer and run, the profile and the track that they had without a name,
+/// and what they tell beside other boards alone: results from elsewhere.
 fn without_later_members(value: &mut Value) {
     match value {
         Value::Object(members) => {

@@ -1,5 +1,5 @@
-//! What entrants and operators try against hidden evaluation: more than their share, grades after the reveal, clocks set back, and
-//! reveals that say what did not happen.
+//! What entrants and operators try against hidden evaluation: more than their share, grades after the reveal, clocks
+//! set back, and reveals that say what did not happen.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -98,22 +98,23 @@ async fn every_tampering_with_a_reveal_is_found() {
     let good = downloaded.verified(&downloaded.reveal);
     assert_eq!((good.breaches.as_slice(), good.unchecked.as_slice()), (&[][..], &[][..]));
     assert_eq!((good.grades, good.boards), (77, 2));
-    // 3 entries, 3 draws, 77 answers with a place each for a grade, 3 ends with as many places again, and the end of all.
+    // 3 entries, 3 draws, 77 answers with a place each for a grade, 3 ends with as many places again, and the end of
+    // all.
     assert_eq!(good.receipts, 241);
     for (name, changed) in tamperings(&downloaded.reveal) {
         let Ok(reveal) = serde_json::from_value::<Reveal>(changed) else { continue };
         let found = verify(&reveal, &downloaded.kept()).unwrap();
         assert!(!found.breaches.is_empty(), "not found: {name}");
-        // The reveal alone shows it too, without the log, the boards and what entrants kept; but for what it promised before, and
-        // places in a log that nobody has.
+        // The reveal alone shows it too, without the log, the boards and what entrants kept; but for what it promised
+        // before, and places in a log that nobody has.
         let alone = Kept { logs: Some(downloaded.logs.clone()), ..Kept::default() };
         let is_outside =
             ["rules", "the closing"].iter().any(|own| name.starts_with(own)) || name.ends_with("in another place");
         assert!(is_outside || !verify(&reveal, &alone).unwrap().breaches.is_empty(), "not found alone: {name}");
     }
 
-    // The operator, who has the key, signs everything anew without the last entry: the log that was kept and the receipts that were
-    // given out are then the only witnesses, and each of them is enough.
+    // The operator, who has the key, signs everything anew without the last entry: the log that was kept and the
+    // receipts that were given out are then the only witnesses, and each of them is enough.
     let forged = forged_without_the_last_entry(&scene, &downloaded.reveal);
     let reveal: Reveal = serde_json::from_value(forged).unwrap();
     let found = |kept: Kept| verify(&reveal, &kept).unwrap().breaches;
@@ -261,7 +262,8 @@ async fn what_is_over_stays_over_whatever_the_clock_says() {
     assert_eq!(scene.service.get("/v1/epochs/autumn/reveal").await.status, StatusCode::OK);
 }
 
-/// An answer that a failure of ours left without a grade may be sent again, but not once the entry is complete: what was revealed stays.
+/// An answer that a failure of ours left without a grade may be sent again, but not once the entry is complete: what
+/// was revealed stays.
 #[tokio::test]
 async fn nothing_is_graded_after_the_reveal() {
     let scene = Scene::new(&[]);
@@ -299,7 +301,8 @@ async fn nothing_is_graded_after_the_reveal() {
     assert_eq!(unsettled, 0);
 }
 
-/// The key that signs receipts is lost while receipts wait: they come into the log before the change, and the log holds.
+/// The key that signs receipts is lost while receipts wait: they come into the log before the change, and the log
+/// holds.
 #[tokio::test]
 async fn a_lost_receipt_key_breaks_no_log() {
     if crate::support::database::is_postgres() {

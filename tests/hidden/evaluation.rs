@@ -1,5 +1,5 @@
-//! Hidden evaluation as an outside lab goes through it, over HTTP: register, draw, build, answer, finalize; then the epoch
-//! closes, everything is revealed and verified, and a changed bit is found.
+//! Hidden evaluation as an outside lab goes through it, over HTTP: register, draw, build, answer, finalize; then the
+//! epoch closes, everything is revealed and verified, and a changed bit is found.
 
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
@@ -131,7 +131,8 @@ fn verify_offline(scene: &Scene, key: &str) {
     let checked = run(&["verify-receipt", scene.file("log.json").to_str().unwrap(), "--key", key], None);
     assert!(checked.status.success(), "{}", said(&checked));
     assert!(
-        // An announcement, 2 entries, 3 draws, 77 answers with a place each, 2 ends with as many places, and the end of all.
+        // An announcement, 2 entries, 3 draws, 77 answers with a place each, 2 ends with as many places, and the end of
+        // all.
         said(&checked).contains("240 receipts, each log entry linked to the one before; 0 of them"),
         "{}",
         said(&checked)

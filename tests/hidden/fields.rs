@@ -9,7 +9,8 @@ use plumbline_engine::voxel::BlockLog;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
-/// Everything that is published of an epoch that is over, and two copies of its commitment: before the round and after it.
+/// Everything that is published of an epoch that is over, and two copies of its commitment: before the round and after
+/// it.
 pub struct Published {
     pub early: Value,
     pub late: Value,
@@ -28,8 +29,8 @@ const SILENT: &[(&str, &str)] = &[
     ("log", "/receipts/*/inclusion"),
 ];
 
-/// Lists whose entries say their own places, so that their order says nothing, nor does an entry that occurs twice in the pages of
-/// the log.
+/// Lists whose entries say their own places, so that their order says nothing, nor does an entry that occurs twice in
+/// the pages of the log.
 const UNORDERED: &[&str] = &[
     "answers/*: exchanged with the next",
     // Pages that begin later are told as not checked.
@@ -101,7 +102,8 @@ fn breaches(documents: &Map<String, Value>) -> Option<Vec<String>> {
     Some(verify(&reveal, &kept).unwrap().breaches.iter().map(ToString::to_string).collect())
 }
 
-/// Lists the fields of a document, each kind once: the first of a list stands for the others. Returns the kind and the pointer.
+/// Lists the fields of a document, each kind once: the first of a list stands for the others. Returns the kind and the
+/// pointer.
 fn fields(document: &Value) -> Vec<(String, String)> {
     fn walk(value: &Value, place: &str, pointer: &str, all: &mut BTreeMap<String, String>) {
         if !place.is_empty() {

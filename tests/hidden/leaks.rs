@@ -1,6 +1,6 @@
-//! What a caller can observe of a hidden evaluation before its epoch closes depends on the score alone: two epochs whose keys
-//! differ, one entrant who solves everything and one who solves nothing, and every answer, header, event, metric and log line
-//! compared. Each row of the table in docs/hidden-evaluation.md is a test here.
+//! What a caller can observe of a hidden evaluation before its epoch closes depends on the score alone: two epochs
+//! whose keys differ, one entrant who solves everything and one who solves nothing, and every answer, header, event,
+//! metric and log line compared. Each row of the table in docs/hidden-evaluation.md is a test here.
 
 use std::collections::BTreeSet;
 
@@ -94,7 +94,8 @@ impl Observed {
                 value.to_string()
             },
         );
-        // What a clock shows is left out. (The page of one epoch shows what its boards say, with bars; those are compared as JSON.)
+        // What a clock shows is left out. (The page of one epoch shows what its boards say, with bars; those are
+        // compared as JSON.)
         let body = without_text_after("data-until>", &body);
         // The length of a body follows from what is in it, and the date from the clock.
         let own =
@@ -119,7 +120,8 @@ impl Observed {
     }
 }
 
-/// How often was looked whether an entry is complete is chance, and so is which of its first lines the program writes first.
+/// How often was looked whether an entry is complete is chance, and so is which of its first lines the program writes
+/// first.
 fn is_chance(line: &str) -> bool {
     line.contains("method=GET route=\"/v1/entries/{id}\"") || line.contains("plumbline::startup: listening")
 }

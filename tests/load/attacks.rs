@@ -22,7 +22,8 @@ fn turn(blocks: impl Iterator<Item = [i32; 3]>) -> Value {
     json!({ "events": events.collect::<Vec<_>>() })
 }
 
-/// A task with so many of a check in each of so many turns, and a log of it: what takes long is what is asked of few blocks.
+/// A task with so many of a check in each of so many turns, and a log of it: what takes long is what is asked of few
+/// blocks.
 fn asking(check: &Value, checks: usize, turns: usize, blocks: Value, deadline_ms: u64) -> Value {
     let asked = json!({ "checks": vec![check; checks] });
     let mut log = vec![json!({ "events": [] }); turns];

@@ -1,4 +1,5 @@
-//! The OpenAPI document as others use it: a validator, two generators, and a generated client on its way through the service.
+//! The OpenAPI document as others use it: a validator, two generators, and a generated client on its way through the
+//! service.
 
 use std::process::Command;
 

@@ -1,4 +1,5 @@
-//! What an operator sees, and lets others do: keys that stand in paths, grading without one, probes, a second port, logs.
+//! What an operator sees, and lets others do: keys that stand in paths, grading without one, probes, a second port,
+//! logs.
 
 use std::io::Read as _;
 use std::process::{Command, Stdio};

@@ -320,8 +320,8 @@ async fn stress_fields_are_bounded() {
         }
     }
     assert!(sent_away >= 24, "only {sent_away} were sent away");
-    // The others left after two seconds; their turns are free again, though all together would take minutes.
-    // That they left is seen when their connections are looked at, so who comes at the same moment may have to come again.
+    // The others left after two seconds; their turns are free again, though all together would take minutes. That they
+    // left is seen when their connections are looked at, so who comes at the same moment may have to come again.
     let mut answer = service.get(&format!("/v1/submissions/{large}/stress?method=fem")).await;
     for _ in 0..5 {
         if answer.status == StatusCode::SERVICE_UNAVAILABLE {

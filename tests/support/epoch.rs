@@ -141,7 +141,8 @@ impl Scene {
         drawn["instances"].as_array().unwrap().clone()
     }
 
-    /// The tasks of the pool by their prompts, which the operator could look up and a lab cannot, and the public siblings.
+    /// The tasks of the pool by their prompts, which the operator could look up and a lab cannot, and the public
+    /// siblings.
     pub fn pool(&self) -> BTreeMap<Vec<String>, Task> {
         let bound = self.file("p.db.secrets/epoch-autumn.pool.json");
         let file = if bound.is_file() { bound } else { self.file("p.db.secrets/epoch-autumn.json") };

@@ -94,7 +94,8 @@ pub struct StressedArch {
     material: String,
 }
 
-/// Builds an arch like the reference arches of `docs/rules.md#stress`: leaning legs that meet under a crown, over a span of five.
+/// Builds an arch like the reference arches of `docs/rules.md#stress`: leaning legs that meet under a crown, over a
+/// span of five.
 pub fn arch_under_stress(site: &mut Site, arch: &StressedArch) {
     let StressedArch { width, leg, height, ref material } = *arch;
     let across = 0..=width - 1;

@@ -1,5 +1,5 @@
-//! Good builds of families whose tasks ask for more from version 3 of the suite on: real upper stories, ceilings of three
-//! heights over rooms, cabins with a door, domes of exact width and height.
+//! Good builds of families whose tasks ask for more from version 3 of the suite on: real upper stories, ceilings of
+//! three heights over rooms, cabins with a door, domes of exact width and height.
 
 use serde::Deserialize;
 
@@ -60,8 +60,8 @@ impl Dome {
     }
 }
 
-/// Builds a closed shell over a circle, whose height falls from the middle like a parabola; of white concrete unless the
-/// parameters name another material.
+/// Builds a closed shell over a circle, whose height falls from the middle like a parabola; of white concrete unless
+/// the parameters name another material.
 pub fn dome(site: &mut Site, dome: &Dome) {
     let Dome { d, h, ref material } = *dome;
     let material = material.as_deref().unwrap_or("white_concrete");

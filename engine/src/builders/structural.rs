@@ -117,7 +117,8 @@ const fn ten() -> i32 {
 }
 
 /// Builds a square roof on balanced columns of two by two. Ten by ten on columns two high are the reference structures
-/// of `docs/rules.md#stress`. The first material is for the columns, each further one for a layer; `materials` are the defaults.
+/// of `docs/rules.md#stress`. The first material is for the columns, each further one for a layer; `materials` are the
+/// defaults.
 pub fn roof_under_stress(site: &mut Site, columns: &Columns, materials: &[&str]) {
     let Columns { n, height, side, materials: ref own } = *columns;
     let own: Vec<&str> = own.iter().map(String::as_str).collect();

@@ -180,8 +180,8 @@ fn cut(value: &mut Value) -> bool {
         Value::String(text) => cut_text(text),
         Value::Array(items) => {
             let is_long = items.len() > MAX_ITEMS;
-            // A copy instead of the list made smaller where it is: what is left of thousands of long lists would keep an
-            // allocator from using their space again.
+            // A copy instead of the list made smaller where it is: what is left of thousands of long lists would keep
+            // an allocator from using their space again.
             *items = items.drain(..).take(MAX_ITEMS).collect();
             items.iter_mut().fold(is_long, |is_cut, item| cut(item) | is_cut)
         }

@@ -53,8 +53,8 @@ impl<'a> Subject<'a> {
         Self { structure, control, surroundings: OnceCell::new() }
     }
 
-    /// Returns the terrain of the build and the air around and inside it, which several checks of a turn share. `None` if the
-    /// build is empty or too large.
+    /// Returns the terrain of the build and the air around and inside it, which several checks of a turn share. `None`
+    /// if the build is empty or too large.
     #[must_use]
     pub fn surroundings(&self) -> Option<&Surroundings> {
         self.surroundings.get_or_init(|| Surroundings::of(self.structure)).as_ref()

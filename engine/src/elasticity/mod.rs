@@ -1,4 +1,5 @@
-//! Elasticity: von Mises stress of a structure under its own weight (`docs/rules.md#stress`; paper, appendix "Von Mises Stress").
+//! Elasticity: von Mises stress of a structure under its own weight (`docs/rules.md#stress`; paper, appendix "Von Mises
+//! Stress").
 //!
 //! This module's README.md describes the methods, units, sources and verification.
 

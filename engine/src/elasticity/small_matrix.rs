@@ -2,7 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Fraction of the largest singular value up to which a singular value counts as zero (`docs/rules.md#the-published-simulation`).
+/// Fraction of the largest singular value up to which a singular value counts as zero
+/// (`docs/rules.md#the-published-simulation`).
 const RELATIVE_CUTOFF: f64 = 1e-12;
 
 /// Returns the inverse, or the pseudo-inverse if elimination meets a pivot that is exactly zero.

@@ -143,7 +143,8 @@ fn from_view(at: &Place, [left, up, forwards]: [f64; 3]) -> [f64; 3] {
     })
 }
 
-/// Reads a number of a command: digits with an optional sign and decimal point. Nothing means 0, also between two spaces.
+/// Reads a number of a command: digits with an optional sign and decimal point. Nothing means 0, also between two
+/// spaces.
 pub(super) fn number(text: &str) -> Result<f64, Refusal> {
     if text.is_empty() {
         return Ok(0.0);

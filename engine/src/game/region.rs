@@ -82,7 +82,8 @@ pub fn fill(world: &mut World, region: &Region, look: Look, mode: &FillMode) -> 
     if changed == 0 { Err(Refusal::new("no blocks were filled")) } else { Ok(changed) }
 }
 
-/// Copies a box to another place. Returns the number of blocks that were copied, those included that stood there already.
+/// Copies a box to another place. Returns the number of blocks that were copied, those included that stood there
+/// already.
 pub fn clone(
     world: &mut World,
     from: &Region,

@@ -13,8 +13,8 @@ pub const MAX_DISTANCE: f64 = 128.0;
 pub const MAX_FOUND: usize = 100_000;
 
 impl World {
-    /// Finds the nearest blocks of some kinds, given as numbers of blocks: at most `count` within `distance`, nearest first.
-    /// Both have a limit, because a search is work that nobody can interrupt.
+    /// Finds the nearest blocks of some kinds, given as numbers of blocks: at most `count` within `distance`, nearest
+    /// first. Both have a limit, because a search is work that nobody can interrupt.
     #[must_use]
     pub fn find(&self, from: Cell, distance: f64, count: usize, kinds: &[u16]) -> Vec<Cell> {
         let (distance, count) = (distance.clamp(0.0, MAX_DISTANCE), count.min(MAX_FOUND));

@@ -140,7 +140,8 @@ pub fn breaks_after(world: &impl Blocks, cell: Cell, changed: Side) -> bool {
     })
 }
 
-/// Returns whether a block can hold another one: what has a collision box can, but leaves, and what is lower than a block.
+/// Returns whether a block can hold another one: what has a collision box can, but leaves, and what is lower than a
+/// block.
 fn holds(state: StateId) -> bool {
     let block = state.block();
     block.is_solid() && !block.name.ends_with("_leaves") && !matches!(block.name, "farmland" | "dirt_path")

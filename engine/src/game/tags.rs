@@ -1,7 +1,7 @@
 //! Block tags of the game whose members follow from their names.
 
-/// Tags with the patterns of their members. `*` at the beginning or the end of a pattern stands for anything; `!` before a
-/// pattern takes its names out again.
+/// Tags with the patterns of their members. `*` at the beginning or the end of a pattern stands for anything; `!`
+/// before a pattern takes its names out again.
 const TAGS: &[(&str, &[&str])] = &[
     ("air", &["air", "cave_air", "void_air"]),
     ("all_hanging_signs", &["*_hanging_sign"]),

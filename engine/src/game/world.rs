@@ -119,8 +119,8 @@ impl World {
         self.cells.insert(cell, look);
     }
 
-    /// Puts a block where an earlier turn left it. This is no change and updates nothing. A door upon the lower half of an
-    /// equal one becomes its upper half, because events name no states.
+    /// Puts a block where an earlier turn left it. This is no change and updates nothing. A door upon the lower half of
+    /// an equal one becomes its upper half, because events name no states.
     pub fn restore(&mut self, cell: Cell, look: Look) {
         let below = self.state(cell.offset(0, -1, 0));
         let is_upper = look.state.block().name.ends_with("_door")
@@ -148,8 +148,8 @@ impl World {
         self.set(cell, self.beside_its_half(cell, look))
     }
 
-    /// Returns a door's half as the half that stands there makes it: of the same door, with its direction, hinge and so on,
-    /// unless the command named them.
+    /// Returns a door's half as the half that stands there makes it: of the same door, with its direction, hinge and so
+    /// on, unless the command named them.
     fn beside_its_half(&self, cell: Cell, look: Look) -> Look {
         let is_door = |state: StateId| state.block().name.ends_with("_door");
         let Some(half) = look.state.get("half").filter(|_| is_door(look.state)) else { return look };

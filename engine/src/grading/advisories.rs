@@ -1,11 +1,12 @@
-//! Advisories: warnings that help to read the scores of a report (`docs/rules.md#advisories`). They never change a score.
+//! Advisories: warnings that help to read the scores of a report (`docs/rules.md#advisories`). They never change a
+//! score.
 
 use super::advisory::{Advisory, AdvisoryCode};
 use super::report::TurnReport;
 use crate::checks::Check;
 use crate::tasks::Instruction;
 use crate::text::agreeing;
-use crate::voxel::replay::Replay;
+use crate::voxel::replay::{Replay, placed_and_gone};
 use crate::voxel::{BlockLog, Cell, CellSet, Event, Structure, blocks};
 
 /// Pairs of a required word and the word for other blocks whose spelling happens to contain it.
@@ -78,15 +79,15 @@ pub fn advise(structure: &Structure, instruction: &Instruction, report: &TurnRep
     }
 }
 
-/// Adds an advisory for each turn whose removals did nothing because the same turn placed the blocks.
+/// Adds an advisory for each turn that removes blocks which it placed: under `published` that has no effect.
 pub fn advise_on_removals(log: &BlockLog, advisories: &mut Vec<Advisory>) {
+    if !log.profile.is_published() {
+        return advise_on_published(log, advisories);
+    }
     // Cells that a turn both places and removes. Most logs have none, and need no replay.
     let both: Vec<CellSet> = log.turns.iter().map(|events| placed_and_removed(events)).collect();
     if both.iter().all(CellSet::is_empty) {
         return;
-    }
-    if !log.profile.is_published() {
-        return advise_on_published(log, advisories);
     }
     let mut before: Option<Structure> = None;
     for ((turn, both), after) in (1..).zip(both).zip(Replay::new(log)) {
@@ -106,18 +107,9 @@ pub fn advise_on_removals(log: &BlockLog, advisories: &mut Vec<Advisory>) {
 /// Adds an advisory for each turn that ends without blocks which it placed: under `published` they would stand.
 fn advise_on_published(log: &BlockLog, advisories: &mut Vec<Advisory>) {
     for (turn, events) in (1..).zip(&log.turns) {
-        let (mut placed, mut gone) = (CellSet::default(), CellSet::default());
-        for event in events {
-            let cell = event.cell();
-            if matches!(event, Event::Place { .. }) {
-                placed.insert(cell);
-                gone.remove(&cell);
-            } else if placed.contains(&cell) {
-                gone.insert(cell);
-            }
-        }
-        if !gone.is_empty() {
-            let blocks = agreeing(gone.len(), "block is", "blocks are");
+        let gone = placed_and_gone(events.iter().map(|event| (event.cell(), matches!(event, Event::Place { .. }))));
+        if gone > 0 {
+            let blocks = agreeing(gone, "block is", "blocks are");
             let detail = format!(
                 "{blocks} gone because the turn that placed them removed them; under published, where a removal reaches only \
                  blocks of earlier turns, they would stand"

@@ -50,6 +50,7 @@ pub enum AdvisoryCode {
     UnknownBlock,
     /// A removal in the turn that placed the block does nothing under the profile `published`.
     RemovalWithoutEffect,
-    /// A removal in the turn that placed the block, which counts under `mindcraft` and would do nothing under `published`.
+    /// A removal in the turn that placed the block, which counts under `mindcraft` and would do nothing under
+    /// `published`.
     DiffersFromPublished,
 }

@@ -1,4 +1,5 @@
-//! Grading: the checks of a task on the structures of a log, and what follows for criteria and problem (`docs/rules.md#scores`).
+//! Grading: the checks of a task on the structures of a log, and what follows for criteria and problem
+//! (`docs/rules.md#scores`).
 
 use serde_json::Value;
 
@@ -12,7 +13,8 @@ use crate::voxel::{BlockLog, Profile, Structure};
 
 /// Grades a log against a task, turn by turn.
 ///
-/// A turn that the log lacks keeps the structure of the turn before, like a turn without events (`docs/rules.md#replay`).
+/// A turn that the log lacks keeps the structure of the turn before, like a turn without events
+/// (`docs/rules.md#replay`).
 ///
 /// # Errors
 /// Returns an error only if `control` stops a long computation.

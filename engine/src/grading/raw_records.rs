@@ -1,4 +1,5 @@
-//! Raw records of the published pipeline (`docs/rules.md#formats`): one line of JSON per turn, with its checks and cumulative blocks.
+//! Raw records of the published pipeline (`docs/rules.md#formats`): one line of JSON per turn, with its checks and
+//! cumulative blocks.
 
 use std::collections::BTreeMap;
 

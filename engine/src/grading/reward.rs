@@ -138,7 +138,8 @@ mod tests {
         let suite = embedded::latest().unwrap();
         let task = suite.tasks.iter().find(|task| task.id == "walls/5x1x5-raise").unwrap();
         let good = build(task).unwrap();
-        // Extra blocks spoil one check of three for material, one course of five for shape, one of two for size, and movement.
+        // Extra blocks spoil one check of three for material, one course of five for shape, one of two for size, and
+        // movement.
         let wide = find("widen").unwrap().spoil(good.clone());
         let report = |log| grade_log(task, log, &Control::unhurried()).unwrap();
         let (good, wide) = (report(&good), report(&wide));

@@ -237,8 +237,8 @@ impl Standing {
         }
     }
 
-    /// Returns whether both runs were prompted alike, and answered or skipped some task in common. Otherwise nothing is known
-    /// about which is better.
+    /// Returns whether both runs were prompted alike, and answered or skipped some task in common. Otherwise nothing is
+    /// known about which is better.
     fn can_be_compared(&self, other: &Self) -> bool {
         if self.track != other.track {
             return false;

@@ -1,5 +1,5 @@
-//! Announcements: entries of the public log that are no grades and belong to no entrant. They are public at once, so an epoch
-//! that was announced cannot vanish, and an action on a board cannot be undone in silence.
+//! Announcements: entries of the public log that are no grades and belong to no entrant. They are public at once, so an
+//! epoch that was announced cannot vanish, and an action on a board cannot be undone in silence.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -30,8 +30,8 @@ pub struct EpochFact {
     pub committed_at_ms: i64,
 }
 
-/// An action on a row of a board. What it says is in the board's record of actions; here is its hash, so that the log keeps no
-/// text that somebody wrote.
+/// An action on a row of a board. What it says is in the board's record of actions; here is its hash, so that the log
+/// keeps no text that somebody wrote.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BoardActionFact {
     /// Identifier of the run.

@@ -1,9 +1,9 @@
-//! Public randomness of a drand beacon, which a pool derives from together with the epoch's key: before the committed round is
-//! emitted, nobody knows a specification, the operator included.
+//! Public randomness of a drand beacon, which a pool derives from together with the epoch's key: before the committed
+//! round is emitted, nobody knows a specification, the operator included.
 //!
-//! A beacon is a group of servers of different operators that sign the numbers of rounds at fixed times. The signature of a
-//! round (BLS over BLS12-381, scheme `bls-unchained-g1-rfc9380`) can neither be known before nor chosen, and anybody can verify it
-//! with the public key of the chain.
+//! A beacon is a group of servers of different operators that sign the numbers of rounds at fixed times. The signature
+//! of a round (BLS over BLS12-381, scheme `bls-unchained-g1-rfc9380`) can neither be known before nor chosen, and
+//! anybody can verify it with the public key of the chain.
 
 use drand_verify::{G2PubkeyRfc, Pubkey as _, derive_randomness};
 use serde::{Deserialize, Serialize};

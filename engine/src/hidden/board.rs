@@ -71,8 +71,8 @@ pub struct Row {
     pub configuration_sha256: String,
     /// Share of instances that pass.
     pub overall: f64,
-    /// Interval of that share at 95 % confidence: Wilson's. On a dev board since version 2 of the protocol it holds at all looks
-    /// together, whenever the entrant stopped.
+    /// Interval of that share at 95 % confidence: Wilson's. On a dev board since version 2 of the protocol it holds at
+    /// all looks together, whenever the entrant stopped.
     pub interval: Option<Interval>,
     /// Number of instances that pass.
     pub passed: u32,

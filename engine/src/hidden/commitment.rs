@@ -31,18 +31,18 @@ pub struct Commitment {
     pub checks_version: u32,
     /// SHA-256 over a label and the epoch's key.
     pub key_hash: String,
-    /// Public key of the epoch's draws: ECVRF-EDWARDS25519-SHA512-TAI (RFC 9381), in hex. Each draw carries a proof under it.
-    /// Absent for epochs whose draws can be checked only after the reveal.
+    /// Public key of the epoch's draws: ECVRF-EDWARDS25519-SHA512-TAI (RFC 9381), in hex. Each draw carries a proof
+    /// under it. Absent for epochs whose draws can be checked only after the reveal.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub draw_key: Option<String>,
-    /// Root of the Merkle tree over the salted hashes of all specifications. Absent for an epoch that is bound to a beacon, whose
-    /// specifications nobody knows yet: the root is published with the pool, right after the round.
+    /// Root of the Merkle tree over the salted hashes of all specifications. Absent for an epoch that is bound to a
+    /// beacon, whose specifications nobody knows yet: the root is published with the pool, right after the round.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub root: Option<String>,
-    /// The round of a public randomness beacon that the pool derives from, with the epoch's key. Absent for epochs whose
-    /// operator knows the pool in advance.
+    /// The round of a public randomness beacon that the pool derives from, with the epoch's key. Absent for epochs
+    /// whose operator knows the pool in advance.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub beacon: Option<Beacon>,
     /// Number of specifications in the pool for each instance of a draw.
@@ -56,8 +56,8 @@ pub struct Commitment {
     /// The rules; null for epochs from before commitments included rules.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rules: Option<Rules>,
-    /// The list of public specifications from which each instance of the official tier has a sibling; absent for epochs without
-    /// siblings.
+    /// The list of public specifications from which each instance of the official tier has a sibling; absent for epochs
+    /// without siblings.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub siblings: Option<SiblingList>,
 }
@@ -67,7 +67,8 @@ pub struct Commitment {
 pub struct SiblingList {
     /// Number of specifications in the list.
     pub specifications: u32,
-    /// Root of the Merkle tree (RFC 6962) whose entries are the lines of the list, canonical JSON (RFC 8785) without line ends.
+    /// Root of the Merkle tree (RFC 6962) whose entries are the lines of the list, canonical JSON (RFC 8785) without
+    /// line ends.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub root: String,
 }
@@ -93,7 +94,8 @@ pub struct Rules {
     /// Profile of answers that name none; absent for `published`, which it was before profiles.
     #[serde(default, skip_serializing_if = "Profile::is_published")]
     pub profile: Profile,
-    /// Version of the protocol. Since 2 a third of the instances of a dev entry is kept for the final board; absent for 1.
+    /// Version of the protocol. Since 2 a third of the instances of a dev entry is kept for the final board; absent for
+    /// 1.
     #[serde(default = "first_protocol", skip_serializing_if = "is_first_protocol")]
     pub protocol: u32,
 }
@@ -148,8 +150,8 @@ pub fn root_of(key: &EpochKey, specifications: &[Specification]) -> String {
 }
 
 impl Commitment {
-    /// Creates the commitment to a key and to a pool of these strata. The root is that of its specifications, unless they derive
-    /// from a beacon as well.
+    /// Creates the commitment to a key and to a pool of these strata. The root is that of its specifications, unless
+    /// they derive from a beacon as well.
     #[must_use]
     pub fn to(terms: &Terms, key: &EpochKey, strata: &[Stratum], root: Option<String>) -> Self {
         Self {

@@ -1,8 +1,8 @@
-//! Proofs of draws: a verifiable random function (RFC 9381, ECVRF-EDWARDS25519-SHA512-TAI), whose public key an epoch commits
-//! to.
+//! Proofs of draws: a verifiable random function (RFC 9381, ECVRF-EDWARDS25519-SHA512-TAI), whose public key an epoch
+//! commits to.
 //!
-//! For each run there is one output, and nobody can find it without the epoch's key, or prove another one. So an entrant can
-//! check at once, before the reveal, that the output follows from the committed key and its own nonce.
+//! For each run there is one output, and nobody can find it without the epoch's key, or prove another one. So an
+//! entrant can check at once, before the reveal, that the output follows from the committed key and its own nonce.
 
 use ed25519_dalek::{SigningKey, VerifyingKey};
 use vrf_rfc9381::ec::edwards25519::tai::{
@@ -36,8 +36,8 @@ pub struct DrawMessage<'a> {
 }
 
 impl DrawMessage<'_> {
-    /// Returns the input of the function: a label and the parts, a line each. Only the nonce, which is last, may itself have
-    /// line breaks.
+    /// Returns the input of the function: a label and the parts, a line each. Only the nonce, which is last, may itself
+    /// have line breaks.
     #[must_use]
     pub fn bytes(&self) -> Vec<u8> {
         let Self { epoch, entry, run, nonce } = self;

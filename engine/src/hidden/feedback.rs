@@ -130,8 +130,8 @@ pub fn told(feedback: Feedback, is_epoch_over: bool, outcomes: &[Outcome]) -> Va
 }
 
 /// Returns an upper bound on the bits released by publishing the result of an entry with `answered` answers: the base-2
-/// logarithm of the number of possible results. The board shows the score of one part beside that of all that is told. With d and s
-/// answers in the two parts there are (d + 1)(s + 1) results, at most (n/2 + 1)² as d + s is at most n.
+/// logarithm of the number of possible results. The board shows the score of one part beside that of all that is told.
+/// With d and s answers in the two parts there are (d + 1)(s + 1) results, at most (n/2 + 1)² as d + s is at most n.
 #[must_use]
 pub fn released_bits(feedback: Feedback, answered: usize) -> f64 {
     let score = 2.0 * (answered as f64 / 2.0 + 1.0).log2();

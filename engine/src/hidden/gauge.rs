@@ -1,14 +1,13 @@
 //! The contamination gauge: how much better an agent solves public siblings than the hidden instances beside them.
 //!
-//! Each hidden instance of an official run is paired with a sibling of its family. The gap is the difference of the two shares, with
-//! the interval of Agresti and Min for matched pairs (Statistics in Medicine 24, 2005, 729-740).
+//! Each hidden instance of an official run is paired with a sibling of its family. The gap is the difference of the two
+//! shares, with the interval of Agresti and Min for matched pairs (Statistics in Medicine 24, 2005, 729-740).
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-/// Quantile of the normal distribution for a two-sided interval of 95 %.
-const Z: f64 = 1.959_963_984_540_054;
+use crate::grading::statistics::interval::Z;
 
 /// The gap between public siblings and hidden instances of an agent.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -80,7 +79,8 @@ impl Gauge {
         Some(Self { public_answered, hidden_answered, ..gauge })
     }
 
-    /// Computes the gauge from pairs that are all answered: whether the sibling passes, and whether the hidden instance does.
+    /// Computes the gauge from pairs that are all answered: whether the sibling passes, and whether the hidden instance
+    /// does.
     #[must_use]
     pub fn of_pairs(pairs: &[(bool, bool)]) -> Option<Self> {
         let count =
@@ -115,7 +115,8 @@ mod tests {
 
     #[test]
     fn the_interval_is_that_of_the_four_cells_with_half_a_pair_each() {
-        // 10 pass both, 12 the sibling alone, 1 the hidden one alone, 3 neither: 26 pairs. By hand, with 28, 12.5 and 1.5.
+        // 10 pass both, 12 the sibling alone, 1 the hidden one alone, 3 neither: 26 pairs. By hand, with 28, 12.5 and
+        // 1.5.
         let cells = [((true, true), 10), ((true, false), 12), ((false, true), 1), ((false, false), 3)];
         let pairs: Vec<(bool, bool)> = cells.iter().flat_map(|(pair, count)| vec![*pair; *count]).collect();
         let found = Gauge::of_pairs(&pairs).unwrap();

@@ -1,9 +1,9 @@
 //! Selects the specifications that an entry receives; neither the service nor the entrant can choose them.
 //!
-//! The lot of a run follows from the epoch's key, the entry, the run and the entrant's nonce. The service commits to its key
-//! before it sees the nonce, and the entrant does not know the key. For each family and index, the lot selects a position in
-//! the family's stratum of the pool. The draw takes the first specification from that position on (wrapping around) that was
-//! not issued yet, so each is issued at most once in an epoch.
+//! The lot of a run follows from the epoch's key, the entry, the run and the entrant's nonce. The service commits to
+//! its key before it sees the nonce, and the entrant does not know the key. For each family and index, the lot selects
+//! a position in the family's stratum of the pool. The draw takes the first specification from that position on
+//! (wrapping around) that was not issued yet, so each is issued at most once in an epoch.
 
 use std::collections::HashSet;
 
@@ -60,7 +60,8 @@ impl<'a> Lot<'a> {
         }
     }
 
-    /// Returns the leaf that the run takes for this index among the family's instances, from 0. It skips the leaves for which
+    /// Returns the leaf that the run takes for this index among the family's instances, from 0. It skips the leaves for
+    /// which
     /// `is_issued` is true, and is `None` if all are issued.
     #[must_use]
     pub fn leaf(&self, stratum: &Stratum, index: u32, is_issued: impl Fn(u32) -> bool) -> Option<u32> {
@@ -82,8 +83,8 @@ impl<'a> Lot<'a> {
     }
 }
 
-/// Returns the hash of an output for one instance. Its first eight bytes, as a big-endian number, modulo the size of the
-/// stratum are the position.
+/// Returns the hash of an output for one instance. Its first eight bytes, as a big-endian number, modulo the size of
+/// the stratum are the position.
 fn ticket(output: &[u8; OUTPUT_BYTES], family: &str, index: u32) -> Hash {
     let label = Sha256::new().chain_update(b"plumbline position\0").chain_update(output);
     label.chain_update(index.to_be_bytes()).chain_update(family.as_bytes()).finalize().into()
@@ -111,17 +112,9 @@ pub struct Drawing<'a> {
     pub siblings: Option<&'static Siblings>,
 }
 
-/// Leaves that were issued before.
-#[derive(Debug, Clone, Default)]
-pub struct IssuedLeaves {
-    /// All leaves of the epoch.
-    pub all: HashSet<u32>,
-    /// Those of the same entry.
-    pub of_entry: HashSet<u32>,
-}
-
 impl Drawing<'_> {
-    /// Returns what a run of a tier draws, in order: for each family its instances and, in the official tier, their siblings.
+    /// Returns what a run of a tier draws, in order: for each family its instances and, in the official tier, their
+    /// siblings.
     #[must_use]
     pub fn places(&self, tier: Tier) -> Vec<Place> {
         let siblings = self.siblings.filter(|_| tier == Tier::Official);
@@ -136,22 +129,23 @@ impl Drawing<'_> {
         self.strata.iter().flat_map(of_family).collect()
     }
 
-    /// Returns the leaf that a lot takes for a place, or `None` if all are issued.
+    /// Returns the leaf that a lot takes for a place, or `None` if all are issued: `issued` are the leaves that the
+    /// epoch has issued, `of_entry` those among them that the same entry has.
     ///
-    /// A sibling is public, and more than one entry may have it. Its leaf is the number of specifications in the pool, plus its leaf in
-    /// the list, plus the length of the list for each time that it was issued before. So which sibling an entry gets does not tell
-    /// what others have.
+    /// A sibling is public, and more than one entry may have it. Its leaf is the number of specifications in the pool,
+    /// plus its leaf in the list, plus the length of the list for each time that it was issued before. So which sibling
+    /// an entry gets does not tell what others have.
     #[must_use]
-    pub fn leaf(&self, lot: &Lot<'_>, place: &Place, issued: &IssuedLeaves) -> Option<u32> {
+    pub fn leaf(&self, lot: &Lot<'_>, place: &Place, issued: &HashSet<u32>, of_entry: &HashSet<u32>) -> Option<u32> {
         if !place.is_sibling {
-            return lot.leaf(&place.stratum, place.index, |leaf| issued.all.contains(&leaf));
+            return lot.leaf(&place.stratum, place.index, |leaf| issued.contains(&leaf));
         }
         let (first, length) = (self.commitment.specifications, self.siblings?.list().specifications);
         let listed = |leaf: &u32| leaf.checked_sub(first).map(|own| own % length);
-        let of_entry: HashSet<u32> = issued.of_entry.iter().filter_map(listed).collect();
-        let own = lot.leaf(&place.stratum, place.index, |leaf| of_entry.contains(&leaf))?;
+        let taken: HashSet<u32> = of_entry.iter().filter_map(listed).collect();
+        let own = lot.leaf(&place.stratum, place.index, |leaf| taken.contains(&leaf))?;
         let mut leaf = first.checked_add(own)?;
-        while issued.all.contains(&leaf) {
+        while issued.contains(&leaf) {
             leaf = leaf.checked_add(length)?;
         }
         Some(leaf)

@@ -2,13 +2,14 @@
 //! machine learning competitions", 2015), with fresh draws for every entry.
 //!
 //! The Ladder moves a board only if an entry beats the best entry before it by more than the standard error of the
-//! difference, so small random gains reveal nothing. Lucky results cannot accumulate here either: secret salts derived from
-//! the epoch's key divide an entry's instances into parts. One part decides whether the entry moves the board, and another
-//! is shown. The shown part plays no role in the selection, so the best of many entries is not shown better than it is.
+//! difference, so small random gains reveal nothing. Lucky results cannot accumulate here either: secret salts derived
+//! from the epoch's key divide an entry's instances into parts. One part decides whether the entry moves the board, and
+//! another is shown. The shown part plays no role in the selection, so the best of many entries is not shown better
+//! than it is.
 //!
-//! Whoever stops at a lucky moment would still keep that luck. So since version 2 of the protocol there are three parts, each of a
-//! third on average: the third one is kept, the service tells nobody of it before the epoch is over, and then the board is made of it alone.
-//! Version 1 has two parts, and keeps none.
+//! Whoever stops at a lucky moment would still keep that luck. So since version 2 of the protocol there are three
+//! parts, each of a third on average: the third one is kept, the service tells nobody of it before the epoch is over,
+//! and then the board is made of it alone. Version 1 has two parts, and keeps none.
 
 use sha2::{Digest as _, Sha256};
 
@@ -26,8 +27,8 @@ pub enum Part {
 }
 
 impl Part {
-    /// Returns the part of the instance with this salt. Salts are secret until the epoch is over, so no entrant can answer one part
-    /// better than another on purpose. Version 1 of the protocol keeps none.
+    /// Returns the part of the instance with this salt. Salts are secret until the epoch is over, so no entrant can
+    /// answer one part better than another on purpose. Version 1 of the protocol keeps none.
     #[must_use]
     pub fn of(protocol: u32, salt: &str) -> Self {
         let hash = Sha256::digest(salt);
@@ -91,8 +92,8 @@ pub struct Attempt<'a> {
 }
 
 impl<'a> Attempt<'a> {
-    /// Creates an attempt from the instances of an entry, each given by its salt and whether it passes. `undrawn` more instances
-    /// count as failed, as many in each part as in any other.
+    /// Creates an attempt from the instances of an entry, each given by its salt and whether it passes. `undrawn` more
+    /// instances count as failed, as many in each part as in any other.
     #[must_use]
     pub fn of<'i>(
         protocol: u32,
@@ -139,8 +140,8 @@ pub struct Rung {
 
 /// Returns the rung after all attempts of one owner, in the order of their completion, or `None` without attempts.
 ///
-/// Attempts with the configuration of the rung are taken together with it. In version 1 of the protocol one that moves the board
-/// begins anew instead, which drops what the configuration had before.
+/// Attempts with the configuration of the rung are taken together with it. In version 1 of the protocol one that moves
+/// the board begins anew instead, which drops what the configuration had before.
 #[must_use]
 pub fn climb(protocol: u32, attempts: &[Attempt<'_>]) -> Option<Rung> {
     let mut rung: Option<Rung> = None;

@@ -4,9 +4,9 @@
 //! The pool and the draws derive all their randomness from the epoch's secret key. The generator in `pool` makes
 //! specifications from it, each certified solvable by its reference builder. `commitment` publishes a hash of the key
 //! and the root of a Merkle tree over the salted hashes of the pool. `issue` selects the specification that an entry
-//! receives, from key, entry, the entrant's nonce, family, run and index; `draw_proof` proves it at once. `evidence` records each step in a receipt
-//! that is signed immediately, and `receipts` signs the grades. `reveal` publishes everything afterwards, and `verify`
-//! checks it.
+//! receives, from key, entry, the entrant's nonce, family, run and index; `draw_proof` proves it at once. `evidence`
+//! records each step in a receipt that is signed immediately, and `receipts` signs the grades. `reveal` publishes
+//! everything afterwards, and `verify` checks it.
 //!
 //! This module is pure: callers pass in keys and times, and it never creates them.
 
@@ -19,6 +19,7 @@ pub mod draw_proof;
 pub mod evidence;
 pub mod feedback;
 pub mod gauge;
+mod generators;
 pub mod issue;
 pub mod ladder;
 pub mod merkle;
@@ -30,11 +31,11 @@ pub mod siblings;
 pub mod tlog;
 pub mod verify;
 
-/// Latest version of the generator: its families, ranges, strata and draw procedure. Version 3 has the families of version 2, and
-/// draws no build that is on the public list of siblings. Add a version with any change that makes
-/// the same key draw different specifications; earlier versions stay, because their epochs are verified with them.
+/// Latest version of the generator: its families, ranges, strata and draw procedure. Version 3 has the families of
+/// version 2, and draws no build that is on the public list of siblings. Add a version with any change that makes the
+/// same key draw different specifications; earlier versions stay, because their epochs are verified with them.
 pub const GENERATOR_VERSION: u32 = 3;
 
-/// Latest version of the protocol of an epoch, which its rules name. Since version 2 a third of the instances of a dev entry is
-/// kept for the final board, and the public log grows by what is public anyway.
+/// Latest version of the protocol of an epoch, which its rules name. Since version 2 a third of the instances of a dev
+/// entry is kept for the final board, and the public log grows by what is public anyway.
 pub const PROTOCOL: u32 = 2;

@@ -3,16 +3,14 @@
 //!
 //! Each specification is redrawn until it fits: the size of its reference build is in the range of the public families
 //! that it stands for (half of the smallest to one and a half times the largest), the public suite does not contain
-//! that build, the list of siblings has neither its parameters nor its prompts, and the build passes every check. The difficulty therefore stays that of the public suite, and no public
-//! instance returns.
+//! that build, no known specification (a sibling) has its parameters or its prompts, and the build passes every check.
+//! The difficulty therefore stays that of the public suite, and no public instance returns.
 
 use std::collections::{BTreeMap, HashSet};
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::OnceLock;
 
 use serde::{Deserialize, Serialize};
-use sha2::{Digest as _, Sha256};
 
-use super::GENERATOR_VERSION;
 use super::canonical::{Hash, hash_of};
 use super::secret::{Choices, EpochKey, first_number};
 use crate::builders::{build, build_instance, equilibrium_stress_pa};
@@ -24,8 +22,9 @@ use crate::voxel::{BlockLog, Cell, Event};
 
 /// Name of the hidden suites.
 pub const HIDDEN: &str = "hidden";
-/// Latest version of the hidden suite, and of the generator that came with it.
-pub const SECOND_SUITE: u32 = 2;
+/// Latest version of the hidden suite. Version 1 stands beside version 2 of the public suite, version 2 beside version
+/// 3.
+pub(super) const LATEST_SUITE: u32 = 2;
 /// Number of draws after which the generator gives up on a family; needing that many is a fault of the family's rules.
 const MAX_DRAWS: u64 = 2_000;
 
@@ -80,12 +79,12 @@ pub struct Volume {
 #[derive(Debug)]
 pub struct Generator {
     /// Version of the hidden suite.
-    families: u32,
+    suite: u32,
     source: SuiteSource,
     volumes: BTreeMap<String, Volume>,
     public_builds: HashSet<Hash, foldhash::fast::RandomState>,
-    /// Parameters and prompts of the siblings of each family, which are not drawn either.
-    public: BTreeMap<String, Vec<Hash>>,
+    /// Marks of known specifications, by family, which are not drawn either.
+    known_marks: BTreeMap<String, Vec<Hash>>,
 }
 
 /// Returns the size of a build: the number of events in its log.
@@ -94,56 +93,13 @@ pub fn volume(log: &BlockLog) -> usize {
     log.event_count()
 }
 
-/// Number of specifications in the list of siblings for each instance of a family in a draw.
-const SIBLINGS_PER_INSTANCE: u32 = 64;
-
-/// Returns the key that the list of siblings derives from, which is no secret.
-fn siblings_key() -> EpochKey {
-    EpochKey::new(Sha256::digest(b"plumbline public siblings").into())
-}
-
-/// Returns the strata of the list of siblings of a version of the generator: all families.
-///
-/// # Errors
-/// Returns an error if there is no such version, or the embedded files are faulty; a test shows that they are not.
-pub fn siblings_strata(version: u32) -> Result<Vec<Stratum>, PoolError> {
-    Ok(strata_of(Generator::of(version)?.families().iter(), SIBLINGS_PER_INSTANCE))
-}
-
-/// Returns the public list of siblings of a version of the generator. A program makes it once, which takes seconds.
-///
-/// # Errors
-/// Returns an error if there is no such version, or the embedded files are faulty; a test shows that they are not.
-pub fn siblings_of(version: u32) -> Result<&'static [Specification], PoolError> {
-    static MAKING: Mutex<()> = Mutex::new(());
-    static MADE: [OnceLock<Vec<Specification>>; SECOND_SUITE as usize] = [const { OnceLock::new() }; _];
-    // Later versions have the list of the one whose families they have.
-    let version = version.min(SECOND_SUITE);
-    let generator = Generator::of(version)?;
-    let place = &MADE[version as usize - 1];
-    // One makes it, and all others wait for it.
-    let _alone = MAKING.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(made) = place.get() {
-        return Ok(made);
-    }
-    let (key, mut made) = (siblings_key(), Vec::new());
-    for stratum in siblings_strata(version)? {
-        made.extend(generator.specifications(&key, &stratum, &|| ())?);
-    }
-    for own in &mut made {
-        // So that nobody takes it for a hidden one, which has the same numbers.
-        own.task.id = format!("{}/sibling-{:05}", own.task.family(), own.leaf);
-    }
-    Ok(place.get_or_init(|| made))
-}
-
 /// Returns the number of public families that a family stands for: 0 for a held-out one.
 fn weight(family: &Family) -> u32 {
     family.content.draw.as_ref().map_or(0, |rules| rules.stands_for.len() as u32)
 }
 
-/// Returns a stratum for each family, one behind the other.
-fn strata_of<'a>(families: impl Iterator<Item = &'a Family>, per_instance: u32) -> Vec<Stratum> {
+/// Returns a stratum for each family. Each begins at the leaf after the last one of the stratum before it.
+pub(super) fn strata_of<'a>(families: impl Iterator<Item = &'a Family>, per_instance: u32) -> Vec<Stratum> {
     let mut first = 0;
     let stratum = |family: &Family| {
         let instances = weight(family).max(1);
@@ -159,41 +115,34 @@ fn faulty(faults: &impl std::fmt::Debug) -> PoolError {
 }
 
 impl Generator {
-    /// Creates the latest generator from the hidden families and the public suite embedded in this program.
-    ///
-    /// # Errors
-    /// Returns an error if the embedded files are faulty; a test shows that they are not.
-    pub fn new() -> Result<&'static Self, PoolError> {
-        Self::of(GENERATOR_VERSION)
-    }
-
-    /// Returns a version of the generator. Version 1 stands beside version 2 of the public suite, later ones beside version 3. A
-    /// program creates each once: that builds the public suites, and the list of siblings for version 3.
+    /// Returns the generator of a version of the hidden suite, which does not know the list of siblings. A program
+    /// creates each once, which builds the public suites.
     ///
     /// # Errors
     /// Returns an error if there is no such version, or the embedded files are faulty; a test shows that they are not.
-    pub fn of(version: u32) -> Result<&'static Self, PoolError> {
-        static CREATED: [OnceLock<Generator>; GENERATOR_VERSION as usize] = [const { OnceLock::new() }; _];
-        let place = version.checked_sub(1).and_then(|place| CREATED.get(place as usize));
-        let place = place.ok_or_else(|| PoolError::Files(format!("there is no version {version} of the generator")))?;
+    pub(super) fn of_suite(suite: u32) -> Result<&'static Self, PoolError> {
+        static CREATED: [OnceLock<Generator>; LATEST_SUITE as usize] = [const { OnceLock::new() }; _];
+        let place = suite.checked_sub(1).and_then(|place| CREATED.get(place as usize));
+        let place =
+            place.ok_or_else(|| PoolError::Files(format!("there is no version {suite} of the hidden suite")))?;
         if let Some(created) = place.get() {
             return Ok(created);
         }
-        let created = Self::create(version)?;
+        let created = Self::create(suite, &[])?;
         Ok(place.get_or_init(|| created))
     }
 
-    fn create(version: u32) -> Result<Self, PoolError> {
-        let families = version.min(SECOND_SUITE);
-        let source = hidden::source(families).map_err(|faults| faulty(&faults))?;
+    /// Creates the generator of a version of the hidden suite. It draws none of the `known` specifications.
+    pub(super) fn create(suite: u32, known: &[Specification]) -> Result<Self, PoolError> {
+        let source = hidden::source(suite).map_err(|faults| faulty(&faults))?;
         let mut volumes: BTreeMap<String, Volume> = BTreeMap::new();
         let mut public_builds = HashSet::default();
         // Builds of earlier versions of the public suite are known as well; sizes are compared with the latest alone.
-        for public in 2..=families + 1 {
+        for public in 2..=suite + 1 {
             for task in embedded::suite(public).map_err(|faults| faulty(&faults))?.tasks {
                 let log = build(&task).map_err(|error| PoolError::Files(error.to_string()))?;
                 public_builds.insert(hash_of_build(&log));
-                if public == families + 1 {
+                if public == suite + 1 {
                     let blocks = volume(&log);
                     let fresh = Volume { least: blocks, greatest: blocks };
                     let own = volumes.entry(task.family().to_owned()).or_insert(fresh);
@@ -201,13 +150,11 @@ impl Generator {
                 }
             }
         }
-        // No sibling returns as a hidden instance either. Both are then drawn alike, without replacement.
-        let siblings = if version > SECOND_SUITE { siblings_of(version)? } else { &[] };
-        let mut public: BTreeMap<String, Vec<Hash>> = BTreeMap::new();
-        for own in siblings {
-            public.entry(own.task.family().to_owned()).or_default().extend(marks_of(&own.task));
+        let mut known_marks: BTreeMap<String, Vec<Hash>> = BTreeMap::new();
+        for own in known {
+            known_marks.entry(own.task.family().to_owned()).or_default().extend(marks_of(&own.task));
         }
-        Ok(Self { families, source, volumes, public_builds, public })
+        Ok(Self { suite, source, volumes, public_builds, known_marks })
     }
 
     /// Returns the hidden families, in order.
@@ -250,7 +197,7 @@ impl Generator {
         let unknown = || PoolError::Files(format!("there is no hidden family {:?}", stratum.family));
         let family = self.source.family(&stratum.family).ok_or_else(unknown)?;
         let mut taken: HashSet<Hash, foldhash::fast::RandomState> = HashSet::default();
-        taken.extend(self.public.get(&stratum.family).into_iter().flatten());
+        taken.extend(self.known_marks.get(&stratum.family).into_iter().flatten());
         let mut specifications = Vec::with_capacity(stratum.size as usize);
         for leaf in stratum.first..stratum.first + stratum.size {
             specifications.push(self.specification(key, family, leaf, &mut taken)?);
@@ -303,7 +250,7 @@ impl Generator {
             // Rounded to a hundredth of a pascal, so that the value prints the same everywhere.
             parameters.insert("reference_pa".to_owned(), ((stress * 100.0).round() / 100.0).into());
         }
-        let edition = self.source.edition(self.families).map_err(broken)?;
+        let edition = self.source.edition(self.suite).map_err(broken)?;
         let mut worded = family.tasks(&[parameters], &edition).map_err(broken)?;
         if worded.is_empty() {
             return Err(again("no wording fits"));

@@ -66,8 +66,8 @@ pub struct RevealedInstance {
     pub family: String,
     /// Index among the family's instances in the run, from 0; a sibling has that of its instance plus their number.
     pub index: u32,
-    /// Leaf of the issued specification. From the number of specifications in the pool on it is a sibling: plus its leaf in the public
-    /// list, plus the length of the list for each time that it was issued before.
+    /// Leaf of the issued specification. From the number of specifications in the pool on it is a sibling: plus its
+    /// leaf in the public list, plus the length of the list for each time that it was issued before.
     pub leaf: u32,
     /// SHA-256 of the answer's block log; null without an answer.
     pub log_sha256: Option<String>,

@@ -1,24 +1,32 @@
-//! Public siblings of hidden instances: specifications of the same families with parameters from the same ranges, which anybody
-//! can list from this program alone, whatever epochs there are.
+//! Public siblings of hidden instances: specifications of the same families with parameters from the same ranges, which
+//! anybody can list from this program alone, whatever epochs there are.
 //!
-//! An agent that has learned the list by heart solves siblings and fails their hidden counterparts; one that can build solves
-//! both alike. The difference is the [`gauge`](super::gauge).
+//! An agent that has learned the list by heart solves siblings and fails their hidden counterparts; one that can build
+//! solves both alike. The difference is the [`gauge`](super::gauge).
 
 use std::collections::BTreeMap;
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+use sha2::{Digest as _, Sha256};
 
 use super::GENERATOR_VERSION;
 use super::canonical::{Hash, canonical_json};
 use super::commitment::{Commitment, SiblingList};
 use super::merkle;
-use super::pool::{PoolError, Specification, Stratum, siblings_of, siblings_strata};
+use super::pool::{Generator, LATEST_SUITE, PoolError, Specification, Stratum, strata_of};
+use super::secret::EpochKey;
 use super::tlog::tree::leaf;
 use crate::tasks::hex;
 
-/// The list of siblings of one version of the generator.
+/// First version of the generator whose epochs draw siblings. It draws no hidden instance that is on their list.
+pub const FIRST_WITH_SIBLINGS: u32 = 3;
+/// Number of specifications in the list of siblings for each instance of a family in a draw.
+const PER_INSTANCE: u32 = 64;
+
+/// The list of siblings, which all versions of the generator that draw siblings share.
 #[derive(Debug)]
 pub struct Siblings {
-    specifications: &'static [Specification],
+    specifications: Vec<Specification>,
     strata: BTreeMap<String, Stratum>,
     list: SiblingList,
 }
@@ -27,23 +35,50 @@ impl Siblings {
     /// Returns the list of a version of the generator. A program makes it once, which takes seconds.
     ///
     /// # Errors
-    /// Returns an error if there is no such version, or the embedded files are faulty; a test shows that they are not.
+    /// Returns an error if the version draws no siblings, or the embedded files are faulty; a test shows that they are
+    /// not.
     pub fn of(version: u32) -> Result<&'static Self, PoolError> {
-        static MADE: [OnceLock<Siblings>; GENERATOR_VERSION as usize] = [const { OnceLock::new() }; _];
-        let specifications = siblings_of(version)?;
-        let strata = siblings_strata(version)?.into_iter().map(|own| (own.family.clone(), own)).collect();
-        Ok(MADE[version as usize - 1].get_or_init(|| {
-            let lines = specifications.iter().map(|own| leaf(&canonical_json(own)));
-            let root = hex(&merkle::root(&lines.collect::<Vec<Hash>>()));
-            let list = SiblingList { specifications: specifications.len() as u32, root };
-            Self { specifications, strata, list }
-        }))
+        static MADE: OnceLock<Siblings> = OnceLock::new();
+        static MAKING: Mutex<()> = Mutex::new(());
+        if !(FIRST_WITH_SIBLINGS..=GENERATOR_VERSION).contains(&version) {
+            return Err(PoolError::Files(format!("version {version} of the generator draws no siblings")));
+        }
+        if let Some(made) = MADE.get() {
+            return Ok(made);
+        }
+        // The first caller makes the list; callers that come meanwhile wait for it.
+        let _alone = MAKING.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(made) = MADE.get() {
+            return Ok(made);
+        }
+        let made = Self::make()?;
+        Ok(MADE.get_or_init(|| made))
+    }
+
+    fn make() -> Result<Self, PoolError> {
+        // The key is no secret: anybody can make the list.
+        let key = EpochKey::new(Sha256::digest(b"plumbline public siblings").into());
+        let generator = Generator::of_suite(LATEST_SUITE)?;
+        let strata = strata_of(generator.families().iter(), PER_INSTANCE);
+        let mut specifications = Vec::new();
+        for stratum in &strata {
+            specifications.extend(generator.specifications(&key, stratum, &|| ())?);
+        }
+        for own in &mut specifications {
+            // Hidden specifications have the same numbers; the id tells them apart.
+            own.task.id = format!("{}/sibling-{:05}", own.task.family(), own.leaf);
+        }
+        let lines = specifications.iter().map(|own| leaf(&canonical_json(own)));
+        let root = hex(&merkle::root(&lines.collect::<Vec<Hash>>()));
+        let list = SiblingList { specifications: specifications.len() as u32, root };
+        let strata = strata.into_iter().map(|own| (own.family.clone(), own)).collect();
+        Ok(Self { specifications, strata, list })
     }
 
     /// Returns all specifications, by leaf of the list.
     #[must_use]
-    pub const fn specifications(&self) -> &'static [Specification] {
-        self.specifications
+    pub fn specifications(&self) -> &[Specification] {
+        &self.specifications
     }
 
     /// Returns the list as lines of canonical JSON (RFC 8785), whose hashes give the root.
@@ -67,7 +102,7 @@ impl Siblings {
 
     /// Returns the specification behind a leaf that an epoch has issued, or `None` if it is one of the pool.
     #[must_use]
-    pub fn specification(&self, commitment: &Commitment, leaf: u32) -> Option<&'static Specification> {
+    pub fn specification(&self, commitment: &Commitment, leaf: u32) -> Option<&Specification> {
         let leaf = leaf.checked_sub(commitment.specifications)? % self.list.specifications;
         self.specifications.get(leaf as usize)
     }
@@ -78,8 +113,6 @@ mod tests {
     use std::collections::BTreeSet;
 
     use super::*;
-    use crate::hidden::pool::{Generator, SECOND_SUITE};
-    use crate::hidden::secret::EpochKey;
 
     #[test]
     fn no_sibling_returns_as_a_hidden_instance() {
@@ -95,7 +128,7 @@ mod tests {
             let drawn = strata.flat_map(|stratum| generator.specifications(&key, &stratum, &|| ()).unwrap());
             drawn.filter(|own| named(own).iter().any(|mark| known.contains(mark))).count()
         };
-        assert!(known_in(SECOND_SUITE) > 0, "the generator before does not know the list");
+        assert!(known_in(FIRST_WITH_SIBLINGS - 1) > 0, "the generator before does not know the list");
         assert_eq!(known_in(GENERATOR_VERSION), 0);
     }
 

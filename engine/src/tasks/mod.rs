@@ -111,7 +111,8 @@ impl Task {
         self.turns.iter().flat_map(|turn| &turn.checks)
     }
 
-    /// Returns the criteria that apply, i.e. those with at least one check (`docs/rules.md#scores`), in the paper's order.
+    /// Returns the criteria that apply, i.e. those with at least one check (`docs/rules.md#scores`), in the paper's
+    /// order.
     #[must_use]
     pub fn criteria(&self) -> Vec<Criterion> {
         let applies = |criterion: &Criterion| self.checks().any(|check| check.criterion() == *criterion);
@@ -139,8 +140,8 @@ impl Suite {
         format!("{}@{}", self.name, self.version)
     }
 
-    /// Returns the profile of action code that names none: `mindcraft` for the benchmark's suites from version 3 on, whose
-    /// prompts are written for it.
+    /// Returns the profile of action code that names none: `mindcraft` for the benchmark's suites from version 3 on,
+    /// whose prompts are written for it.
     #[must_use]
     pub fn profile(&self) -> Profile {
         let is_ours = self.name == "mineceraft" || self.name.starts_with("mineceraft-");

@@ -1,4 +1,5 @@
-//! Task files in the published format (`docs/rules.md#formats`), which is a JSON list of items, each with wordings and checks per turn.
+//! Task files in the published format (`docs/rules.md#formats`), which is a JSON list of items, each with wordings and
+//! checks per turn.
 
 use serde_json::{Map, Value};
 

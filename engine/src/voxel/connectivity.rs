@@ -3,7 +3,8 @@
 use super::cell::{Cell, CellMap};
 use super::structure::Structure;
 
-/// Returns whether the ground itself supports a block at this cell (`docs/rules.md#words`: the ground surface is `y <= 0`).
+/// Returns whether the ground itself supports a block at this cell (`docs/rules.md#words`: the ground surface is `y <=
+/// 0`).
 #[must_use]
 pub const fn is_at_ground(cell: Cell) -> bool {
     cell.y <= 0

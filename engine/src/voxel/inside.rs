@@ -31,8 +31,8 @@ impl Surroundings {
 }
 
 impl Terrain {
-    /// Returns the indices of the enclosed regions with at least `min_floor_cells` cells to stand in that doors connect to
-    /// the outside, directly or through other regions.
+    /// Returns the indices of the enclosed regions with at least `min_floor_cells` cells to stand in that doors connect
+    /// to the outside, directly or through other regions.
     #[must_use]
     pub fn rooms(&self, spaces: &Spaces, min_floor_cells: u32) -> Vec<usize> {
         let mut beyond: Vec<Vec<usize>> = vec![Vec::new(); spaces.pieces.len()];

@@ -1,7 +1,9 @@
-//! How the entries of a structure are read before checks see them: as listed, or as the blocks of the game that they are.
+//! How the entries of a structure are read before checks see them: as listed, or as the blocks of the game that they
+//! are.
 //!
-//! The published rules take every name as it is spelled and every entry as a block. In the game a door fills two cells and
-//! so does a bed, and `minecraft:stone` is `stone`. Suites from version 3 on read structures so (`docs/rules.md#reading`).
+//! The published rules take every name as it is spelled and every entry as a block. In the game a door fills two cells
+//! and so does a bed, and `minecraft:stone` is `stone`. Suites from version 3 on read structures so
+//! (`docs/rules.md#reading`).
 
 use std::sync::Arc;
 
@@ -43,8 +45,9 @@ impl Reading {
 
 /// Reads a structure as the game does.
 ///
-/// A door block is the lower half of a door and fills the cell above as well, unless the log lists a door of the same kind
-/// there: then that is its upper half. Under `mindcraft`, two bed blocks of the same kind side by side are the halves of one bed.
+/// A door block is the lower half of a door and fills the cell above as well, unless the log lists a door of the same
+/// kind there: then that is its upper half. Under `mindcraft`, two bed blocks of the same kind side by side are the
+/// halves of one bed.
 fn as_game(structure: &Structure, profile: Profile) -> Structure {
     let mut palette = Palette::new();
     let ids: Vec<MaterialId> = structure.palette().names().map(|name| palette.intern(canonical(name))).collect();
@@ -69,7 +72,8 @@ fn as_game(structure: &Structure, profile: Profile) -> Structure {
         }
     }
     let mut is_paired = super::cell::CellSet::default();
-    // The game places one half right after the other; a bed whose halves were listed apart takes what is left beside it.
+    // The game places one half right after the other; a bed whose halves were listed apart takes what is left beside
+    // it.
     for is_next_wanted in [true, false] {
         for (i, &(cell, id)) in entries.iter().enumerate().filter(|(_, (_, id))| beds[*id as usize]) {
             let next = entries.get(i + 1).map(|(cell, _)| *cell);

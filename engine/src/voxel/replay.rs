@@ -33,8 +33,8 @@ impl<'a> Replay<'a> {
         }
     }
 
-    /// Starts a replay whose structures are read as `reading` says. Read as the game has them, blocks of `mindcraft` logs that
-    /// replace others take a new place in the order.
+    /// Starts a replay whose structures are read as `reading` says. Read as the game has them, blocks of `mindcraft`
+    /// logs that replace others take a new place in the order.
     pub fn read_as(log: &'a BlockLog, reading: Reading) -> impl Iterator<Item = Structure> + 'a {
         let profile = log.profile;
         let replay = Self { renews: !reading.is_as_listed(), ..Self::new(log) };
@@ -120,7 +120,24 @@ fn apply_in_order(standing: &mut Vec<(Cell, MaterialId)>, turn: &[Event], renews
     standing.extend(entries.into_iter().flatten());
 }
 
-/// Computes the events that turn `before` into `after`, including the order of the entries, under the rules of `docs/rules.md#replay`.
+/// Counts the cells that a turn leaves empty although it placed a block there, from its changes in order: each a cell,
+/// and whether a block was placed there or removed. Under [`Profile::Published`], where a removal reaches only blocks
+/// of earlier turns, these blocks would stand.
+pub fn placed_and_gone(changes: impl IntoIterator<Item = (Cell, bool)>) -> usize {
+    let (mut placed, mut gone) = (CellSet::default(), CellSet::default());
+    for (cell, is_placed) in changes {
+        if is_placed {
+            placed.insert(cell);
+            gone.remove(&cell);
+        } else if placed.contains(&cell) {
+            gone.insert(cell);
+        }
+    }
+    gone.len()
+}
+
+/// Computes the events that turn `before` into `after`, including the order of the entries, under the rules of
+/// `docs/rules.md#replay`.
 ///
 /// Entries that already stand in the right order keep their positions, and are placed again only if their material
 /// changes. All others are removed where they stood and placed in order. `material` maps a name to its id in the log.

@@ -136,7 +136,8 @@ impl Terrain {
             && !self.is_solid(feet.offset(0, 1, 0))
     }
 
-    /// Returns whether a player can stand in the cell on a block or on natural ground, and not on the rungs of a ladder.
+    /// Returns whether a player can stand in the cell on a block or on natural ground, and not on the rungs of a
+    /// ladder.
     #[must_use]
     pub fn is_floor(&self, feet: Cell) -> bool {
         self.can_stand(feet) && self.is_solid(feet.offset(0, -1, 0)) && !self.has(feet, LADDER)

@@ -65,7 +65,7 @@ impl Host {
         match notes.len().cmp(&MOST_NOTES) {
             _ if notes.contains(&text) => {}
             Ordering::Less => notes.push(text),
-            Ordering::Equal => notes.push("… there was more to tell, which is left out".to_owned()),
+            Ordering::Equal => notes.push("… more notes are left out".to_owned()),
             Ordering::Greater => {}
         }
     }

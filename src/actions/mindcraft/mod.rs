@@ -111,8 +111,8 @@ pub fn run(job: &Job, limits: &ActionLimits, peak: &PeakMemory, first: Prepared)
     Answer { turns, end: Some(end) }
 }
 
-/// Runs the files of a turn one after another, each in an engine of its own and all in one world. An error ends its file
-/// only.
+/// Runs the files of a turn one after another, each in an engine of its own and all in one world. An error ends its
+/// file only.
 fn run_files(
     files: &[String],
     host: &Rc<RefCell<Host>>,

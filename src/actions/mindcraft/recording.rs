@@ -9,7 +9,8 @@ use plumbline_engine::game::registry::StateId;
 use plumbline_engine::game::world::Change;
 use plumbline_engine::game::{Look, World};
 use plumbline_engine::text::agreeing;
-use plumbline_engine::voxel::cell::{Cell, CellSet};
+use plumbline_engine::voxel::Cell;
+use plumbline_engine::voxel::replay::placed_and_gone;
 
 /// Builds the world before the first turn.
 pub fn world_of(start: Option<&WorldState>, limits: &ActionLimits) -> World {
@@ -50,8 +51,8 @@ pub fn state_of(world: &World) -> WorldState {
     }
 }
 
-/// Applies the events of a turn without code, which hold all that followed from them. Blocks that the game does not have
-/// are left out.
+/// Applies the events of a turn without code, which hold all that followed from them. Blocks that the game does not
+/// have are left out.
 pub fn apply(world: &mut World, events: &[([i32; 3], Option<String>)]) {
     for ([x, y, z], name) in events {
         let look = name.as_deref().map_or(Ok(Look::AIR), Look::read);
@@ -90,19 +91,11 @@ pub fn record(changes: &[Change], replayed: &mut Replayed) {
     replayed.notes.extend(difference(changes));
 }
 
-/// Tells when the two profiles make different builds of a turn: only under this one a removal reaches what the same turn
-/// placed.
+/// Tells when the two profiles make different builds of a turn: only under this one a removal reaches what the same
+/// turn placed.
 fn difference(changes: &[Change]) -> Option<String> {
-    let (mut placed, mut gone) = (CellSet::default(), CellSet::default());
-    for change in changes {
-        if change.look.is_some() {
-            placed.insert(change.cell);
-            gone.remove(&change.cell);
-        } else if placed.contains(&change.cell) {
-            gone.insert(change.cell);
-        }
-    }
-    let removed = (!gone.is_empty()).then(|| agreeing(gone.len(), "block was", "blocks were"))?;
+    let gone = placed_and_gone(changes.iter().map(|change| (change.cell, change.look.is_some())));
+    let removed = (gone > 0).then(|| agreeing(gone, "block was", "blocks were"))?;
     Some(format!(
         "{removed} removed in the turn in which they were placed: gone under mindcraft, under published they would stay"
     ))

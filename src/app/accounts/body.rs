@@ -16,8 +16,9 @@ request_body! {
     /// Role of a member.
     #[schema(as = NewMember, example = json!({ "role": "submitter" }))]
     pub struct NewMemberBody: "an object with \"role\"" {
-        /// What the member's keys may do at most: `reader` grades within requests and reads; `submitter` also begins runs and
-        /// posts submissions; `manager` also manages members, keys and webhooks, withdraws runs and lifts embargoes.
+        /// What the member's keys may do at most: `reader` grades within requests and reads; `submitter` also begins
+        /// runs and posts submissions; `manager` also manages members, keys and webhooks, withdraws runs and lifts
+        /// embargoes.
         #[schema(value_type = Role)]
         role: Role = required(|faults| Parsed { text: name(faults), parse: role_named }),
     }

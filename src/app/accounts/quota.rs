@@ -20,8 +20,8 @@ pub struct QuotaPage {
 /// service is open and no key was sent, in which case nothing is counted.
 ///
 /// # Errors
-/// Returns an error if `limit` is out of range, if the quota is another owner's and the caller is no operator, or if the
-/// database fails.
+/// Returns an error if `limit` is out of range, if the quota is another owner's and the caller is no operator, or if
+/// the database fails.
 pub async fn quota(
     app: &App,
     caller: &Caller,

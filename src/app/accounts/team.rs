@@ -162,12 +162,13 @@ pub async fn remove_member(app: &App, caller: &Caller, name: &str) -> AppResult<
     if app.store.remove_member(owner, name, now_ms()).await? { Ok(()) } else { Err(no_member(name)) }
 }
 
-/// Creates a key of a member. A member may create keys of its own; a manager those of everyone. The key has no scope that
-/// the one of the request lacks, and does not outlive it. Without scopes, it has all that the role and that key allow.
+/// Creates a key of a member. A member may create keys of its own; a manager those of everyone. The key has no scope
+/// that the one of the request lacks, and does not outlive it. Without scopes, it has all that the role and that key
+/// allow.
 ///
 /// # Errors
-/// Returns an error if the caller may not create it, if there is no such member, if the role does not allow a scope, or if
-/// the member has too many live keys.
+/// Returns an error if the caller may not create it, if there is no such member, if the role does not allow a scope, or
+/// if the member has too many live keys.
 pub async fn create_key(
     app: &App,
     caller: &Caller,

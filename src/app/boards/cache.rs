@@ -121,8 +121,8 @@ impl Board {
         self.results.get(run)?.last()
     }
 
-    /// Returns the finished runs of other owners whose logs are near-identical to those of a run. Runs without a row are left
-    /// out.
+    /// Returns the finished runs of other owners whose logs are near-identical to those of a run. Runs without a row
+    /// are left out.
     #[must_use]
     pub fn similar_to(&self, run: &str) -> Vec<String> {
         let Some(similar) = self.similar.get(run) else { return Vec::new() };
@@ -151,8 +151,8 @@ impl Board {
         hidden(&self.actions, i64::MAX).contains(run)
     }
 
-    /// Returns the wanted runs that were withdrawn by a time, latest first, with the action: at most [`MAX_WITHDRAWN`], without
-    /// those that the operator has hidden.
+    /// Returns the wanted runs that were withdrawn by a time, latest first, with the action: at most [`MAX_WITHDRAWN`],
+    /// without those that the operator has hidden.
     #[must_use]
     pub fn withdrawn(&self, at_ms: i64, is_wanted: impl Fn(&Standing) -> bool) -> Vec<(&Arc<Standing>, &ActionRow)> {
         let hidden = hidden_by_operator(&self.actions, at_ms);
@@ -182,7 +182,8 @@ impl Board {
         &self.solvers.get_or_init(count)[&track]
     }
 
-    /// Returns the runs that were visible at a time and cover enough to be compared, best first, without comparing them.
+    /// Returns the runs that were visible at a time and cover enough to be compared, best first, without comparing
+    /// them.
     #[must_use]
     pub fn ordered_at(&self, at_ms: i64) -> Vec<Arc<Standing>> {
         let mut rows = self.showing(at_ms);
@@ -191,8 +192,8 @@ impl Board {
         rows
     }
 
-    /// Returns the rows that were visible at a time, best first. Comparing thousands of runs anew takes a second, so the last
-    /// states that were asked for are kept.
+    /// Returns the rows that were visible at a time, best first. Comparing thousands of runs anew takes a second, so
+    /// the last states that were asked for are kept.
     #[must_use]
     pub fn as_of(&self, at_ms: i64) -> Arc<Rows> {
         let since = self.last_change(at_ms);
@@ -285,8 +286,8 @@ impl Board {
     }
 }
 
-/// Records which runs a new one resembles, in both directions. Whether an anonymous run is like a run of another owner is
-/// told only after its embargo: it would say whose it is not.
+/// Records which runs a new one resembles, in both directions. Whether an anonymous run is like a run of another owner
+/// is told only after its embargo: it would say whose it is not.
 fn note_similar(
     similar: &mut HashMap<String, BTreeSet<String>>,
     results: &HashMap<String, Vec<Arc<Standing>>>,

@@ -60,8 +60,8 @@ impl Split {
 /// Compares two runs of a board.
 ///
 /// # Errors
-/// Returns an error if there is no such suite, if its board lacks one of the runs, if they are of different tracks, or if the
-/// database fails.
+/// Returns an error if there is no such suite, if its board lacks one of the runs, if they are of different tracks, or
+/// if the database fails.
 pub async fn compare(app: &App, suite: &str, a: &str, b: &str) -> AppResult<Comparison> {
     let board = read::board(app, suite).await?;
     let (a, b) = (Arc::clone(read::standing(&board, a)?), Arc::clone(read::standing(&board, b)?));

@@ -236,8 +236,8 @@ fn keep_best(rows: &mut Vec<&Arc<Standing>>) {
     rows.retain(|row| seen.insert((row.track, row.agent.as_str())));
 }
 
-/// Reads the time at which a board is to be shown: an RFC 3339 time, or a date, which stands for its last moment, so that the
-/// board shows everything of that day.
+/// Reads the time at which a board is to be shown: an RFC 3339 time, or a date, which stands for its last moment, so
+/// that the board shows everything of that day.
 ///
 /// # Errors
 /// Returns an error (400) if it is neither.

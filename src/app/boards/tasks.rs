@@ -64,8 +64,8 @@ pub struct Contrast {
     pub fails: Arc<Standing>,
 }
 
-/// Finds a task that tells the best run of a board from another of its track, the worst that there is: if possible a task of
-/// one turn, by the size of its build, which anybody sees; of several, one of the last, which ask for more.
+/// Finds a task that tells the best run of a board from another of its track, the worst that there is: if possible a
+/// task of one turn, by the size of its build, which anybody sees; of several, one of the last, which ask for more.
 #[must_use]
 pub fn contrast(board: &Board) -> Option<Contrast> {
     let solves = board.rows.all.first()?;

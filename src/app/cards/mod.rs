@@ -36,7 +36,8 @@ impl From<Card> for StoredForm {
     }
 }
 
-/// Adds a version of the card of a run or an entry, also if it has ended. Returns all versions, latest first. The card is
+/// Adds a version of the card of a run or an entry, also if it has ended. Returns all versions, latest first. The card
+/// is
 /// `None` if it cannot be read; `faults` holds its faults.
 ///
 /// # Errors

@@ -65,7 +65,8 @@ pub async fn open(app: &App, caller: &Caller, draft: Option<NewEpisode>, mut fau
     Episode::of_caller(app, caller, &row.id).await
 }
 
-/// Finds the task of a new episode and the track of its prompts, which is that of its run. Returns `None` if there are faults.
+/// Finds the task of a new episode and the track of its prompts, which is that of its run. Returns `None` if there are
+/// faults.
 async fn task_attempt(
     app: &App,
     caller: &Caller,

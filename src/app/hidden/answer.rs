@@ -21,8 +21,8 @@ request_body! {
         /// The log in its stored form, as `/v1/submissions/{id}/log` returns it.
         #[schema(value_type = Option<StoredLogBody>)]
         log: SentLog = work(stored_log),
-        /// Rules under which the actions become a build. By default those of the epoch for action code, and `published` for
-        /// plain events.
+        /// Rules under which the actions become a build. By default those of the epoch for action code, and `published`
+        /// for plain events.
         profile: Profile = optional(profile),
         /// SHA-256 of the agent's transcript, which must be shown on request.
         #[schema(pattern = "^[0-9a-fA-F]{64}$")]

@@ -56,8 +56,8 @@ request_body! {
         // Only the entry knows how many runs there are.
         #[schema(value_type = u32, minimum = 1)]
         run: i64 = required(|faults| Integer { faults, min: i64::MIN, max: i64::MAX }),
-        /// Random characters chosen by the client. The draw depends on the nonce and on the epoch's key, so neither side
-        /// alone can control it.
+        /// Random characters chosen by the client. The draw depends on the nonce and on the epoch's key, so neither
+        /// side alone can control it.
         #[schema(value_type = String)]
         nonce: String = required(nonce),
     }

@@ -12,7 +12,8 @@ pub fn bits_of(epoch: &EpochRow, tier: Tier, answered: usize) -> f64 {
     released_bits(tier.feedback(epoch.commitment.dev_feedback), answered)
 }
 
-/// Returns whether releasing so many more bits spends the budget of the epoch. A result that releases nothing never does.
+/// Returns whether releasing so many more bits spends the budget of the epoch. A result that releases nothing never
+/// does.
 #[must_use]
 pub fn is_spent_by(epoch: &EpochRow, bits: f64) -> bool {
     bits > 0.0 && epoch.released_bits + bits >= epoch.rules.budget_bits

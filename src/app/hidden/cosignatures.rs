@@ -23,8 +23,8 @@ pub struct Witnessed {
 /// Takes a checkpoint with cosignatures of witnesses that the operator knows.
 ///
 /// # Errors
-/// Returns a fault if the note is no checkpoint of this log, or has no cosignature of a known witness, and an error if the
-/// database fails.
+/// Returns a fault if the note is no checkpoint of this log, or has no cosignature of a known witness, and an error if
+/// the database fails.
 pub async fn take(app: &App, note: &str) -> AppResult<()> {
     // What costs nothing comes first: anybody may send notes.
     let lines = Checkpoint::parts(note).map(|(_, lines)| lines).unwrap_or_default();

@@ -35,16 +35,16 @@ pub fn decide_draw(new: &NewDraw<'_>, facts: &DrawFacts) -> DrawDecision {
 
 /// Draws the leaves of a run, or returns `None` if a stratum has none left.
 fn leaves(new: &NewDraw<'_>, facts: &DrawFacts) -> Option<Vec<DrawnLeaf>> {
-    let DrawFacts { entry, epoch, issued, now_ms, .. } = facts;
+    let DrawFacts { entry, epoch, now_ms, .. } = facts;
     let expires_at_ms = (now_ms + epoch.rules.instance_ms).min(epoch.commitment.closes_at_ms);
     let (strata, siblings) = (new.secret.pool.strata.as_slice(), new.siblings);
     let drawing = Drawing { commitment: &epoch.commitment, strata, siblings };
-    let mut issued = issued.clone();
+    let (mut issued, mut own) = (facts.issued_leaves.clone(), facts.own_leaves.clone());
     let mut drawn = Vec::new();
     for place in drawing.places(entry.tier) {
-        let leaf = drawing.leaf(new.lot, &place, &issued)?;
-        issued.all.insert(leaf);
-        issued.of_entry.insert(leaf);
+        let leaf = drawing.leaf(new.lot, &place, &issued, &own)?;
+        issued.insert(leaf);
+        own.insert(leaf);
         drawn.push(DrawnLeaf { family: place.stratum.family, family_index: place.index, leaf, expires_at_ms });
     }
     Some(drawn)
@@ -52,13 +52,15 @@ fn leaves(new: &NewDraw<'_>, facts: &DrawFacts) -> Option<Vec<DrawnLeaf>> {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::HashSet;
+
     use super::*;
     use crate::app::hidden::fixtures::{CLOSES_AT_MS, OPENS_AT_MS, entry, epoch, holding};
     use crate::store::secrets::{EpochSecret, PoolFile};
     use plumbline_engine::hidden::GENERATOR_VERSION;
     use plumbline_engine::hidden::beacon::{BoundPool, Chain};
     use plumbline_engine::hidden::feedback::Tier::{Dev, Official};
-    use plumbline_engine::hidden::issue::{IssuedLeaves, Lot};
+    use plumbline_engine::hidden::issue::Lot;
     use plumbline_engine::hidden::pool::Stratum;
     use plumbline_engine::hidden::secret::EpochKey;
     use plumbline_engine::hidden::siblings::Siblings;
@@ -77,7 +79,8 @@ mod tests {
             epoch: epoch(),
             earlier_nonce: None,
             holdings: vec![holding("own", "a", Official, 2, 0)],
-            issued: IssuedLeaves::default(),
+            issued_leaves: HashSet::new(),
+            own_leaves: HashSet::new(),
             now_ms: OPENS_AT_MS,
         }
     }
@@ -103,9 +106,9 @@ mod tests {
         assert!(first[0].leaf != first[1].leaf && first[..2].iter().all(|own| own.leaf < 16));
         assert!((16..24).contains(&first[2].leaf));
         assert_eq!(issued(decide(1, &facts())), first, "the same facts give the same leaves");
-        let gone = IssuedLeaves { all: first.iter().map(|own| own.leaf).collect(), ..IssuedLeaves::default() };
-        let again = issued(decide(1, &DrawFacts { issued: gone.clone(), ..facts() }));
-        assert!(again.iter().all(|own| !gone.all.contains(&own.leaf)));
+        let gone: HashSet<u32> = first.iter().map(|own| own.leaf).collect();
+        let again = issued(decide(1, &DrawFacts { issued_leaves: gone.clone(), ..facts() }));
+        assert!(again.iter().all(|own| !gone.contains(&own.leaf)));
     }
 
     #[test]
@@ -128,7 +131,7 @@ mod tests {
         assert_ne!(named(siblings[0]), named(siblings[1]));
         assert!(named(siblings[0]).starts_with("slabs/sibling-"));
         // Others have them already: the same are drawn, under other leaves. The entry itself gets others.
-        facts.issued.all = siblings.iter().copied().collect();
+        facts.issued_leaves = siblings.iter().copied().collect();
         let again = issued(decide_draw(&new, &facts));
         assert!(
             again[2..4]
@@ -136,7 +139,7 @@ mod tests {
                 .zip(&siblings)
                 .all(|(own, before)| own.leaf != *before && named(own.leaf) == named(*before))
         );
-        facts.issued.of_entry = facts.issued.all.clone();
+        facts.own_leaves = facts.issued_leaves.clone();
         let others = issued(decide_draw(&new, &facts));
         assert!(others[2..4].iter().all(|own| siblings.iter().all(|before| named(own.leaf) != named(*before))));
         facts.entry.tier = Dev;
@@ -154,8 +157,7 @@ mod tests {
 
     #[test]
     fn a_stratum_without_leaves_refuses_the_whole_draw() {
-        let issued = IssuedLeaves { all: (16..24).collect(), ..IssuedLeaves::default() };
-        let decision = decide(1, &DrawFacts { issued, ..facts() });
+        let decision = decide(1, &DrawFacts { issued_leaves: (16..24).collect(), ..facts() });
         assert_eq!(decision, DrawDecision::Refuse(DrawRefusal::Exhausted));
     }
 

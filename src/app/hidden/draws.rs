@@ -44,7 +44,8 @@ pub struct DrawProof {
     pub run: u32,
     /// Nonce that the entrant chose.
     pub nonce: String,
-    /// The proof, in hex: ECVRF-EDWARDS25519-SHA512-TAI (RFC 9381) over the lines `plumbline draw`, epoch, entry, run and nonce.
+    /// The proof, in hex: ECVRF-EDWARDS25519-SHA512-TAI (RFC 9381) over the lines `plumbline draw`, epoch, entry, run
+    /// and nonce.
     #[schema(pattern = "^[0-9a-f]{160}$")]
     pub proof: String,
     /// The output that it proves, in hex. It decides which specifications the run draws.

@@ -87,8 +87,8 @@ pub(super) fn not_open(epoch: &EpochRow) -> AppError {
     AppError::conflict("epoch-not-open", detail)
 }
 
-/// Returns the secret that an epoch draws from. If the secret is lost, closes the epoch with a public reason; of several
-/// nodes, one alone cannot tell that.
+/// Returns the secret that an epoch draws from. If the secret is lost, closes the epoch with a public reason; of
+/// several nodes, one alone cannot tell that.
 ///
 /// # Errors
 /// Returns a conflict if the secret is lost.

@@ -11,7 +11,8 @@ pub const OPENS_AT_MS: i64 = 1_000;
 /// Time at which the epoch closes.
 pub const CLOSES_AT_MS: i64 = 100_000;
 
-/// Returns an epoch with 8 specifications for each instance, in which an owner may hold 5 runs, each reserved for 500 ms.
+/// Returns an epoch with 8 specifications for each instance, in which an owner may hold 5 runs, each reserved for 500
+/// ms.
 pub fn epoch() -> EpochRow {
     EpochRow {
         commitment: Commitment {

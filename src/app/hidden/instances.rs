@@ -244,8 +244,8 @@ fn new_submission(
 /// nothing of it.
 ///
 /// # Errors
-/// Returns a conflict if none was promised, or another, or if the epoch is over, and a refusal if the caller may not act
-/// on the instance.
+/// Returns a conflict if none was promised, or another, or if the epoch is over, and a refusal if the caller may not
+/// act on the instance.
 pub async fn check_transcript(app: &App, caller: &Caller, id: &str, transcript: &[u8]) -> AppResult<IssuedInstance> {
     caller.require(Scope::Submit)?;
     let instance = own_instance(app, caller, id).await?;

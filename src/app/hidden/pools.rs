@@ -16,12 +16,12 @@ use plumbline_engine::intake::Faults;
 /// Held while a round is verified and a pool is made: whoever else brings the round waits, and gets the same pool.
 static MAKING: Mutex<()> = Mutex::const_new(());
 
-/// Takes the round that an epoch is bound to, and publishes its pool. The draft is `None` if its body is no object; `faults` holds
-/// the faults of the body so far.
+/// Takes the round that an epoch is bound to, and publishes its pool. The draft is `None` if its body is no object;
+/// `faults` holds the faults of the body so far.
 ///
 /// # Errors
-/// Returns all faults of the body, a fault if the chain has not signed the round, and a conflict if the epoch is bound to no
-/// beacon, is over, or the round is not due yet.
+/// Returns all faults of the body, a fault if the chain has not signed the round, and a conflict if the epoch is bound
+/// to no beacon, is over, or the round is not due yet.
 pub async fn take_round(
     app: &App,
     name: &str,
@@ -39,11 +39,12 @@ pub async fn take_round(
     epoch(app, name).await
 }
 
-/// Verifies the round that an epoch is bound to, draws its pool, and publishes it. Returns the published pool, which stays as it is.
+/// Verifies the round that an epoch is bound to, draws its pool, and publishes it. Returns the published pool, which
+/// stays as it is.
 ///
 /// # Errors
-/// Returns a fault if the chain has not signed the round, and a conflict if the epoch is bound to no beacon, is over, its key is
-/// lost, or the round is not due yet.
+/// Returns a fault if the chain has not signed the round, and a conflict if the epoch is bound to no beacon, is over,
+/// its key is lost, or the round is not due yet.
 pub async fn publish_pool(store: &Store, epoch: &EpochRow, round: &Round, now_ms: i64) -> AppResult<BoundPool> {
     let Some(beacon) = epoch.commitment.beacon.clone() else {
         let detail = "the epoch is bound to no beacon: its pool was made before it was announced";

@@ -2,21 +2,15 @@
 
 use crate::app::error::{AppError, AppResult};
 use plumbline_engine::hidden::GENERATOR_VERSION;
-use plumbline_engine::hidden::pool::SECOND_SUITE;
-use plumbline_engine::hidden::siblings::Siblings;
-
-/// First version of the generator whose pools have no siblings in them.
-const FIRST: u32 = SECOND_SUITE + 1;
+use plumbline_engine::hidden::siblings::{FIRST_WITH_SIBLINGS, Siblings};
 
 /// Returns the list of siblings of a version of the generator. A process makes it once.
 ///
 /// # Errors
 /// Returns an error (404) if this program has no such version, or it draws none.
 pub async fn siblings(version: u32) -> AppResult<&'static Siblings> {
-    if !(FIRST..=GENERATOR_VERSION).contains(&version) {
-        let known =
-            if FIRST == GENERATOR_VERSION { FIRST.to_string() } else { format!("{FIRST} to {GENERATOR_VERSION}") };
-        let detail = format!("no version {version} of the generator draws siblings; version {known} does");
+    if !(FIRST_WITH_SIBLINGS..=GENERATOR_VERSION).contains(&version) {
+        let detail = format!("no version {version} of the generator draws siblings; version {GENERATOR_VERSION} does");
         return Err(AppError::not_found(detail));
     }
     let made = tokio::task::spawn_blocking(move || Siblings::of(version)).await;

@@ -11,7 +11,8 @@ use crate::app::error::{AppError, AppResult};
 use plumbline_engine::tasks::catalogue::Catalogue;
 
 /// Grades the texts of a model against the task that `naming` selects (`task`, `suite`, `reward`). A text that cannot
-/// be graded has reward 0, and `answer.why` gives the reason. The time that it waits does not count as time for grading.
+/// be graded has reward 0, and `answer.why` gives the reason. The time that it waits does not count as time for
+/// grading.
 ///
 /// # Errors
 /// Returns an error if the task cannot be found (the trainer's fault) or grading failed (ours).

@@ -84,8 +84,8 @@ pub fn log_in_texts(texts: &[String], turns: usize, profile: Profile) -> Result<
     Ok((sent, found.into_iter().map(|(place, answer)| FoundBody::of(place, answer)).collect()))
 }
 
-/// Reads a text. Under the profile `mindcraft`, code is found as mindcraft finds it, which is between the first fence and
-/// the last, so the whole text is kept.
+/// Reads a text. Under the profile `mindcraft`, code is found as mindcraft finds it, which is between the first fence
+/// and the last, so the whole text is kept.
 fn read_as(profile: Profile, text: &str) -> Result<FoundAnswer, String> {
     let read = read_answer(text, LIMITS.log());
     if profile.is_published() {

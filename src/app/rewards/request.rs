@@ -24,15 +24,16 @@ request_body! {
         "turns": [{ "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }] }]
     }))]
     pub struct NewGrade: "an object with \"task\" and \"turns\" or \"answer\"" {
-        /// The task: its id, its number, or a whole task, which is an object with `turns`, each with `checks` of `fn` and
+        /// The task: its id, its number, or a whole task, which is an object with `turns`, each with `checks` of `fn`
+        /// and
         /// `args`.
         #[schema(value_type = GivenTaskBody)]
         task: NamedTask = required(|faults| NamedTaskShape { faults }),
         /// Suite of the task, if it is given by id or number: name, or name@version.
         #[schema(min_length = 1)]
         suite: String = optional(name),
-        /// Rules under which the actions become a build. By default those of the suite for action code, and `published` for
-        /// plain events.
+        /// Rules under which the actions become a build. By default those of the suite for action code, and `published`
+        /// for plain events.
         profile: Profile = optional(profile),
         /// Turns of the log, as many as the task has. One of `turns`, `log` and `answer` is required.
         #[schema(value_type = Option<Vec<NewTurn>>)]

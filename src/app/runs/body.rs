@@ -36,8 +36,8 @@ request_body! {
         track: Track = optional(|faults| Parsed { text: name(faults), parse: track_named }),
         /// What the run is; it may be edited later.
         card: Card = optional(|faults| Json { faults, read: read_card }),
-        /// Embargo: until its end the run shows an alias instead of its agent, and neither owner, card nor metadata. Its end
-        /// is public from the beginning and cannot be moved; the owner may lift the embargo earlier.
+        /// Embargo: until its end the run shows an alias instead of its agent, and neither owner, card nor metadata.
+        /// Its end is public from the beginning and cannot be moved; the owner may lift the embargo earlier.
         embargo: NewEmbargo = optional(|faults| Json { faults, read: read_embargo }),
     }
     unknown: |_| "unknown field; a run has agent, suite, metadata, provenance, track, card and embargo"

@@ -88,8 +88,8 @@ request_body! {
         /// The task: its id, or its number in the suite (the `run_idx` of published records).
         #[schema(value_type = TaskRef)]
         task: TaskRef = required(|faults| TaskShape { faults }),
-        /// Rules under which the actions become a build. By default those of the suite for action code, and `published` for
-        /// plain events.
+        /// Rules under which the actions become a build. By default those of the suite for action code, and `published`
+        /// for plain events.
         profile: Profile = optional(profile),
         /// Turns of the log, as many as the task has. Either `turns` or `log` is required.
         #[schema(value_type = Option<Vec<NewTurn>>)]

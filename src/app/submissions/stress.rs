@@ -36,8 +36,8 @@ pub fn turn_of(row: &SubmissionRow, asked: Option<usize>) -> AppResult<usize> {
 /// Computes the stress field of a stored submission after one of its turns, or returns the cached one.
 ///
 /// # Errors
-/// Returns an error if there is no such submission, if it has too many blocks, if computing takes too long, or if too many
-/// requests wait.
+/// Returns an error if there is no such submission, if it has too many blocks, if computing takes too long, or if too
+/// many requests wait.
 pub async fn of_submission(
     app: &App,
     who: &Arc<str>,

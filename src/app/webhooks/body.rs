@@ -37,8 +37,8 @@ request_body! {
         /// Events to post.
         #[schema(value_type = Option<Vec<WebhookEvent>>)]
         events: Vec<WebhookEvent> = optional(|faults| Json { faults, read: read_events }),
-        /// Whether events are posted. Enabling a webhook goes on with the events from then on, and with the messages that were
-        /// pending when it was disabled.
+        /// Whether events are posted. Enabling a webhook goes on with the events from then on, and with the messages
+        /// that were pending when it was disabled.
         enabled: bool = optional(|faults| Json { faults, read: read_flag }),
     }
     unknown: |_| "unknown field; a webhook has url, events and enabled"

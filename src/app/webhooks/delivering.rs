@@ -187,8 +187,8 @@ impl Rounds {
         Ok(())
     }
 
-    /// Begins attempts of deliveries that are due: first those of webhooks with the fewest under way, a few of each webhook
-    /// and each owner at a time, so that slow endpoints hold up no others.
+    /// Begins attempts of deliveries that are due: first those of webhooks with the fewest under way, a few of each
+    /// webhook and each owner at a time, so that slow endpoints hold up no others.
     async fn begin_attempts(&mut self, app: &Arc<App>) -> StoreResult<()> {
         let mut due = app.store.webhooks_with_due_deliveries(now_ms()).await?;
         while self.attempts.len() < AT_ONCE {

@@ -64,8 +64,8 @@ pub async fn own(app: &App, caller: &Caller, id: &str) -> AppResult<WebhookRow> 
     row.ok_or_else(|| AppError::not_found(format!("there is no webhook {id:?}; GET /v1/webhooks lists yours")))
 }
 
-/// Changes a webhook; what the request leaves out stays as it is. Events that ended while it was disabled are not delivered
-/// later.
+/// Changes a webhook; what the request leaves out stays as it is. Events that ended while it was disabled are not
+/// delivered later.
 ///
 /// # Errors
 /// Returns an error if there is no such webhook, or all faults of the change.

@@ -155,8 +155,8 @@ pub async fn test_webhook(
     Ok((StatusCode::ACCEPTED, Json(manage::try_out(&state, &caller, &id).await?.into())))
 }
 
-/// Delivers a message again that was delivered or given up, or tries a pending one at once. Message and identifier stay the
-/// same.
+/// Delivers a message again that was delivered or given up, or tries a pending one at once. Message and identifier stay
+/// the same.
 #[utoipa::path(
     post, path = "/v1/webhooks/{id}/deliveries/{delivery}/retry", operation_id = "retry_delivery", tag = "webhooks",
     summary = "Deliver again",

@@ -102,8 +102,8 @@ pub async fn get_team(State(state): State<AppState>, caller: Caller) -> AppResul
     Ok(Json(team::team(&state, &caller).await?.into()))
 }
 
-/// Adds a member to the team, or changes its role, which holds for its keys at once. The caller's key must be the owner's
-/// own, or a manager's.
+/// Adds a member to the team, or changes its role, which holds for its keys at once. The caller's key must be the
+/// owner's own, or a manager's.
 #[utoipa::path(
     put, path = "/v1/team/members/{name}", operation_id = "put_member", tag = "service",
     summary = "Add a member, or change its role",
@@ -131,8 +131,8 @@ pub async fn put_member(
     Ok((status, Json(team::team(&state, &caller).await?.into())))
 }
 
-/// Removes a member from the team; its keys are revoked, and the service rejects them within half a second. What they sent
-/// stays the owner's.
+/// Removes a member from the team; its keys are revoked, and the service rejects them within half a second. What they
+/// sent stays the owner's.
 #[utoipa::path(
     delete, path = "/v1/team/members/{name}", operation_id = "remove_member", tag = "service",
     summary = "Remove a member",

@@ -50,8 +50,8 @@ pub struct BoardAction {
     /// `hide`, `restore`, `regrade`, `withdraw` or `reveal`.
     #[schema(value_type = KindOfAction, example = "hide")]
     pub action: String,
-    /// Owner of the key that the request was sent with; `its owner` while the run is under embargo, `the service` for the end
-    /// of an embargo.
+    /// Owner of the key that the request was sent with; `its owner` while the run is under embargo, `the service` for
+    /// the end of an embargo.
     pub actor: String,
     /// Reason for the action.
     pub reason: String,
@@ -85,9 +85,8 @@ pub struct BoardActions {
     pub actions: Vec<BoardAction>,
 }
 
-/// Lists every action on rows of this board, with its actor and reason: hiding, restoring and regrading by the operator,
-/// withdrawals by owners, and the end of embargoes. The record is
-/// permanent.
+/// Lists every action on rows of this board, with its actor and reason: hiding, restoring and regrading by the
+/// operator, withdrawals by owners, and the end of embargoes. The record is permanent.
 #[utoipa::path(
     get, path = "/v1/leaderboards/{suite}/actions", operation_id = "list_board_actions", tag = "leaderboards",
     summary = "List actions on rows",

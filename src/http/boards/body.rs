@@ -140,8 +140,8 @@ pub struct BoardBody {
     /// Value of `after` for the next page; null on the last page.
     #[schema(format = Uuid)]
     pub next_after: Option<String>,
-    /// Results on this suite that others report; they were not graded by this service. Listed only beside the track `brief`,
-    /// whose prompts are as short as theirs.
+    /// Results on this suite that others report; they were not graded by this service. Listed only beside the track
+    /// `brief`, whose prompts are as short as theirs.
     pub reported: Vec<ReportedRow>,
     /// Runs that match the filters and that their owners withdrew, latest first, at most 100; absent if there are none.
     #[serde(skip_serializing_if = "Vec::is_empty")]

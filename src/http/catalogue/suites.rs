@@ -38,8 +38,8 @@ pub struct SuiteBody {
     pub criteria: Vec<CriterionCount>,
     /// Tracks of prompts that the suite has.
     pub tracks: &'static [Track],
-    /// Conventions that the prompts of the track `brief` take for granted: give them to the agent once. Absent if the suite has
-    /// no such track.
+    /// Conventions that the prompts of the track `brief` take for granted: give them to the agent once. Absent if the
+    /// suite has no such track.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub preamble: Option<String>,
     /// Seed of the Lite draw, if the query gave one.

@@ -18,8 +18,8 @@ use crate::store::keys::Scope;
 pub struct InstanceList {
     /// Instances, in the order of issue.
     pub instances: Vec<InstanceBody>,
-    /// Proof that neither side chose them, which `plumbline verify-draw` checks against the commitment; absent in an epoch
-    /// without a key of draws.
+    /// Proof that neither side chose them, which `plumbline verify-draw` checks against the commitment; absent in an
+    /// epoch without a key of draws.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub draw: Option<DrawProof>,
 }

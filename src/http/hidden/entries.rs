@@ -51,9 +51,9 @@ pub struct EntryBody {
     /// Number of answered instances, with siblings.
     pub answered: usize,
     /// Result, as far as it is released; null until the entry is complete, and until the epoch closes if its tier gives
-    /// no feedback before. `passed` of `of` instances, their share as `overall`, and `told_later`: how many more are told when the
-    /// epoch is over. Then also `siblings` with its `passed` and `of`, and `instances`, with `sibling` where one is; `criteria`
-    /// counts answered instances alone, without siblings.
+    /// no feedback before. `passed` of `of` instances, their share as `overall`, and `told_later`: how many more are
+    /// told when the epoch is over. Then also `siblings` with its `passed` and `of`, and `instances`, with `sibling`
+    /// where one is; `criteria` counts answered instances alone, without siblings.
     #[schema(value_type = Option<Object>)]
     pub result: Value,
     /// Receipt of the registration, returned only in the response to the registration. Keep it as proof of what was

@@ -48,12 +48,12 @@ pub struct EpochBody {
     pub closes_at: String,
     /// Commitment published before the epoch opened. Keep it to verify the reveal.
     pub commitment: Commitment,
-    /// The pool, published right after the beacon's round; absent before it, and for an epoch without a beacon, whose root is in the
-    /// commitment.
+    /// The pool, published right after the beacon's round; absent before it, and for an epoch without a beacon, whose
+    /// root is in the commitment.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pool: Option<BoundPool>,
-    /// Time until which official entries are registered, the time of the beacon's round; absent for an epoch without a beacon,
-    /// which takes entries as long as it is open.
+    /// Time until which official entries are registered, the time of the beacon's round; absent for an epoch without a
+    /// beacon, which takes entries as long as it is open.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(format = DateTime)]
     pub registration_closes_at: Option<String>,
@@ -178,8 +178,8 @@ pub async fn get_epoch(State(state): State<AppState>, Path(epoch): Path<String>)
     Ok(Json(epochs::epoch(&state, &epoch).await?.into()))
 }
 
-/// Takes the round of the beacon that an epoch is bound to, and makes its pool. Anybody may bring it, without a key: the round is
-/// public, and its signature says that it is the right one. Repeating the request changes nothing.
+/// Takes the round of the beacon that an epoch is bound to, and makes its pool. Anybody may bring it, without a key:
+/// the round is public, and its signature says that it is the right one. Repeating the request changes nothing.
 #[utoipa::path(
     post, path = "/v1/epochs/{epoch}/beacon", operation_id = "create_epoch_pool", tag = "hidden evaluation",
     summary = "Bring a beacon's round",

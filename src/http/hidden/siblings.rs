@@ -8,6 +8,7 @@ use tokio::sync::OnceCell;
 
 use crate::app::error::{AppError, AppResult};
 use crate::app::hidden::siblings::siblings;
+use crate::http::extract::conditional::has_tag;
 use crate::http::extract::params::Params;
 use plumbline_engine::hidden::GENERATOR_VERSION;
 
@@ -21,15 +22,15 @@ pub struct SiblingsQuery {
     generator_version: Option<u32>,
 }
 
-/// Returns the public specifications from which official runs draw a sibling for each hidden instance, one per line: prompts,
-/// parameters and checks. The list is the same for all epochs of a version, and anybody may train on it; the epoch's commitment has its
-/// root.
+/// Returns the public specifications from which official runs draw a sibling for each hidden instance, one per line:
+/// prompts, parameters and checks. The list is the same for all epochs of a version, and anybody may train on it; the
+/// epoch's commitment has its root.
 #[utoipa::path(
     get, path = "/v1/siblings", operation_id = "list_siblings", tag = "hidden evaluation", summary = "List public siblings",
     params(SiblingsQuery),
     responses(
         (status = 200, description = "One JSON object per line, with leaf and task", body = String, content_type = "application/x-ndjson",
-         example = "{\"leaf\":0,\"task\":{\"id\":\"slabs/00000\",\"turns\":[{\"prompt\":\"Build a slab …\"}]}}\n"),
+         example = "{\"leaf\":0,\"task\":{\"id\":\"slabs/sibling-00000\",\"turns\":[{\"prompt\":\"Build a slab …\"}]}}\n"),
         (status = 304, description = "Not changed"),
         (status = 404, description = "No such version of the generator draws siblings"),
     )
@@ -48,7 +49,7 @@ pub async fn list_siblings(Params(query): Params<SiblingsQuery>, headers: Header
         (header::CACHE_CONTROL, "public, max-age=86400".to_owned()),
         (header::ETAG, etag.clone()),
     ];
-    if headers.get(header::IF_NONE_MATCH).is_some_and(|known| known.as_bytes() == etag.as_bytes()) {
+    if has_tag(&headers, &etag) {
         return Ok((StatusCode::NOT_MODIFIED, kept).into_response());
     }
     Ok((kept, lines.clone()).into_response())

@@ -71,8 +71,8 @@ fn is_preflight(request: &Request) -> bool {
         && request.headers().contains_key(header::ACCESS_CONTROL_REQUEST_METHOD)
 }
 
-/// Answers a preflight: allows all requests. That is safe because access depends on a key in a header, which browsers never
-/// add by themselves. The page of operators, which has a cookie, is left out.
+/// Answers a preflight: allows all requests. That is safe because access depends on a key in a header, which browsers
+/// never add by themselves. The page of operators, which has a cookie, is left out.
 fn allowed() -> Response {
     let allow = [
         (header::ACCESS_CONTROL_ALLOW_METHODS, "*"),

@@ -105,7 +105,8 @@ pub fn bounds(interval: Option<Interval>) -> String {
     interval.map_or_else(String::new, |i| format!("{:.1} to {:.1}", i.low * 100.0, i.high * 100.0))
 }
 
-/// Formats how much better an agent solves public siblings than hidden instances, in points with their interval; a dash for `None`.
+/// Formats how much better an agent solves public siblings than hidden instances, in points with their interval; a dash
+/// for `None`.
 #[must_use]
 pub fn gap(gauge: Option<Gauge>) -> String {
     let points = |share: f64| format!("{:+.0}", share * 100.0).replace('-', "−");

@@ -1,4 +1,5 @@
-//! Rows of boards as pages show them: the figures of a run with what its card declares, among results that others report.
+//! Rows of boards as pages show them: the figures of a run with what its card declares, among results that others
+//! report.
 
 use super::html;
 use crate::app::App;

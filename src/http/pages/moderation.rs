@@ -1,5 +1,5 @@
-//! The page of operators: the queue, keys and quotas, and hiding and restoring rows. Browsers cannot send keys in headers from
-//! a form, so signing in puts the key into a cookie that only this page gets.
+//! The page of operators: the queue, keys and quotas, and hiding and restoring rows. Browsers cannot send keys in
+//! headers from a form, so signing in puts the key into a cookie that only this page gets.
 
 use askama::Template;
 use axum::Form;
@@ -213,7 +213,8 @@ async fn action(
     }
 }
 
-/// Refuses a form that another site sends. Browsers say where a form comes from, and do not send the cookie from elsewhere.
+/// Refuses a form that another site sends. Browsers say where a form comes from, and do not send the cookie from
+/// elsewhere.
 fn must_be_own(headers: &HeaderMap, origin: &Origin) -> AppResult<()> {
     let told = headers.get(header::ORIGIN).and_then(|value| value.to_str().ok());
     let host = told.map(|told| told.split_once("://").map_or(told, |(_, host)| host));

@@ -72,8 +72,8 @@ fn placed(error: AppError) -> AppError {
 }
 
 /// Grades a structure file (`.nbt`, `.schem` or `.litematic`), whose bytes are the body, for a task of one turn. For
-/// tasks of several turns, send a file for each turn to `/v1/grade`. A file does not tell in which order its blocks were
-/// placed, so checks of planning are left out, and `not_measured` lists them.
+/// tasks of several turns, send a file for each turn to `/v1/grade`. A file does not tell in which order its blocks
+/// were placed, so checks of planning are left out, and `not_measured` lists them.
 #[utoipa::path(
     post, path = "/v1/grade:structure", operation_id = "grade_structure", tag = "rewards",
     summary = "Grade a structure file",

@@ -69,8 +69,8 @@ async fn put_card(state: &AppState, caller: &Caller, of: CardOf<'_>, body: &Json
     Ok(Json(CardBody::of(put(state, caller, of, card, faults).await?, false)?))
 }
 
-/// Declares what a run was: agent, harness, model, sampling, tokens, cost. The card may be edited at any time, also after
-/// the run has finished; every version stays in its history.
+/// Declares what a run was: agent, harness, model, sampling, tokens, cost. The card may be edited at any time, also
+/// after the run has finished; every version stays in its history.
 #[utoipa::path(
     put, path = "/v1/runs/{id}/card", operation_id = "put_run_card", tag = "runs", summary = "Declare what a run was",
     params(("id" = String, Path, description = "The run's id")),

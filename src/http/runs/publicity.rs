@@ -12,9 +12,9 @@ use crate::http::extract::body::{JsonBody, read_draft};
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
 
-/// Withdraws a finished run from its board, for good. The board lists it among the withdrawn runs with time and reason, and
-/// still counts it among the runs that the agent has begun. Its submissions, reports and receipts stay. An open run is
-/// deleted instead.
+/// Withdraws a finished run from its board, for good. The board lists it among the withdrawn runs with time and reason,
+/// and still counts it among the runs that the agent has begun. Its submissions, reports and receipts stay. An open run
+/// is deleted instead.
 #[utoipa::path(
     post, path = "/v1/runs/{id}/withdraw", operation_id = "withdraw_run", tag = "runs", summary = "Withdraw a run",
     params(("id" = String, Path, description = "The run's id")),

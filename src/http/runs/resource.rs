@@ -109,8 +109,8 @@ pub struct Withdrawal {
 }
 
 impl RunBody {
-    /// Builds the body of a run as a caller may see it: of a run under embargo, only its owner sees agent, owner, card and
-    /// metadata.
+    /// Builds the body of a run as a caller may see it: of a run under embargo, only its owner sees agent, owner, card
+    /// and metadata.
     #[must_use]
     pub fn seen_by(caller: Option<&Caller>, run: RunRow) -> Self {
         let is_seen = |embargo: &Embargo| {
@@ -180,8 +180,8 @@ pub async fn create_run(
     Ok(response)
 }
 
-/// Returns a run with its progress and, once finished, its summary. A run under embargo shows an alias; its owner, with a
-/// key that may submit, sees all of it.
+/// Returns a run with its progress and, once finished, its summary. A run under embargo shows an alias; its owner, with
+/// a key that may submit, sees all of it.
 #[utoipa::path(
     get, path = "/v1/runs/{id}", operation_id = "get_run", tag = "runs", summary = "Get a run",
     params(("id" = String, Path, description = "The run's id")),

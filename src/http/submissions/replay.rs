@@ -63,15 +63,15 @@ pub struct ReplayBody {
     pub dropped: Vec<Dropped>,
     /// Error that ended the first code, or a rejection that nothing handled; events recorded before it count.
     pub error: Option<CodeError>,
-    /// Notes for the author of the first code although nothing failed, for example that a function was defined but never
-    /// called.
+    /// Notes for the author of the first code although nothing failed, for example that a function was defined but
+    /// never called.
     pub notes: Vec<String>,
     /// The turns that hold code, with everything that is told of them.
     pub turns: Vec<TurnReplay>,
 }
 
-/// Runs action code and returns the blocks that it places and removes, and those that stand at the end. Nothing is graded
-/// or stored. Code that reaches a limit is refused, and the fault names the limit.
+/// Runs action code and returns the blocks that it places and removes, and those that stand at the end. Nothing is
+/// graded or stored. Code that reaches a limit is refused, and the fault names the limit.
 #[utoipa::path(
     post, path = "/v1/replay", operation_id = "replay_action_code", tag = "submissions", summary = "Run action code",
     request_body(content = NewReplay, content_type = "application/json"),

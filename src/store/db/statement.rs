@@ -12,7 +12,8 @@ use super::row::{Column, FromRow, Row};
 use super::value::Value;
 use crate::store::StoreResult;
 
-/// Text of a statement that differs between the databases. A value that one of the texts does not name is ignored there.
+/// Text of a statement that differs between the databases. A value that one of the texts does not name is ignored
+/// there.
 #[derive(Debug, Clone, Copy)]
 pub struct Each {
     /// Text for SQLite.

@@ -105,8 +105,8 @@ class BoardAction(BaseModel):
     """
     actor: str
     """
-    Owner of the key that the request was sent with; `its owner` while the run is under embargo, `the service` for the end
-    of an embargo.
+    Owner of the key that the request was sent with; `its owner` while the run is under embargo, `the service` for
+    the end of an embargo.
     """
     reason: str
     """
@@ -291,7 +291,8 @@ class DrawProof(BaseModel):
     """
     proof: Annotated[str, Field(pattern="^[0-9a-f]{160}$")]
     """
-    The proof, in hex: ECVRF-EDWARDS25519-SHA512-TAI (RFC 9381) over the lines `plumbline draw`, epoch, entry, run and nonce.
+    The proof, in hex: ECVRF-EDWARDS25519-SHA512-TAI (RFC 9381) over the lines `plumbline draw`, epoch, entry, run
+    and nonce.
     """
     output: Annotated[str, Field(pattern="^[0-9a-f]{128}$")]
     """
@@ -666,8 +667,8 @@ class Health(BaseModel):
     """
     lacks: list[str] | None = None
     """
-    What the node lacks and others do instead: `secrets`, without which it grades no submissions and issues no hidden
-    instances, or `key of epoch NAME`, without which it draws none of that epoch.
+    What the node lacks and others do instead: `secrets`, without which it grades no submissions and issues no
+    hidden instances, or `key of epoch NAME`, without which it draws none of that epoch.
     """
 
 
@@ -1397,8 +1398,8 @@ class NewDraw(BaseModel):
     """
     nonce: Annotated[str, Field(max_length=128, min_length=16)]
     """
-    Random characters chosen by the client. The draw depends on the nonce and on the epoch's key, so neither side
-    alone can control it.
+    Random characters chosen by the client. The draw depends on the nonce and on the epoch's key, so neither
+    side alone can control it.
     """
 
 
@@ -2650,7 +2651,8 @@ class RewardQuery(BaseModel):
     """
     labels: Annotated[list[str | LabelBody1 | dict[str, Any]], Field(max_length=10000)]
     """
-    The task of each sample: its id, its number, or JSON with `task`, `suite`, `reward` and `profile`, as an object or as text.
+    The task of each sample: its id, its number, or JSON with `task`, `suite`, `reward` and `profile`, as an object
+    or as text.
     """
 
 
@@ -2696,7 +2698,8 @@ class Rules(BaseModel):
     """
     protocol: Annotated[int | None, Field(ge=0)] = None
     """
-    Version of the protocol. Since 2 a third of the instances of a dev entry is kept for the final board; absent for 1.
+    Version of the protocol. Since 2 a third of the instances of a dev entry is kept for the final board; absent for
+    1.
     """
 
 
@@ -2795,7 +2798,8 @@ class SiblingList(BaseModel):
     """
     root: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
     """
-    Root of the Merkle tree (RFC 6962) whose entries are the lines of the list, canonical JSON (RFC 8785) without line ends.
+    Root of the Merkle tree (RFC 6962) whose entries are the lines of the list, canonical JSON (RFC 8785) without
+    line ends.
     """
 
 
@@ -3749,13 +3753,13 @@ class Commitment(BaseModel):
     """
     draw_key: Annotated[str | None, Field(pattern="^[0-9a-f]{64}$")] = None
     """
-    Public key of the epoch's draws: ECVRF-EDWARDS25519-SHA512-TAI (RFC 9381), in hex. Each draw carries a proof under it.
-    Absent for epochs whose draws can be checked only after the reveal.
+    Public key of the epoch's draws: ECVRF-EDWARDS25519-SHA512-TAI (RFC 9381), in hex. Each draw carries a proof
+    under it. Absent for epochs whose draws can be checked only after the reveal.
     """
     root: Annotated[str | None, Field(pattern="^[0-9a-f]{64}$")] = None
     """
-    Root of the Merkle tree over the salted hashes of all specifications. Absent for an epoch that is bound to a beacon, whose
-    specifications nobody knows yet: the root is published with the pool, right after the round.
+    Root of the Merkle tree over the salted hashes of all specifications. Absent for an epoch that is bound to a
+    beacon, whose specifications nobody knows yet: the root is published with the pool, right after the round.
     """
     beacon: Beacon | None = None
     per_instance: Annotated[int, Field(ge=0)]
@@ -3999,9 +4003,9 @@ class EntryBody(BaseModel):
     result: dict[str, Any] | None = None
     """
     Result, as far as it is released; null until the entry is complete, and until the epoch closes if its tier gives
-    no feedback before. `passed` of `of` instances, their share as `overall`, and `told_later`: how many more are told when the
-    epoch is over. Then also `siblings` with its `passed` and `of`, and `instances`, with `sibling` where one is; `criteria`
-    counts answered instances alone, without siblings.
+    no feedback before. `passed` of `of` instances, their share as `overall`, and `told_later`: how many more are
+    told when the epoch is over. Then also `siblings` with its `passed` and `of`, and `instances`, with `sibling`
+    where one is; `criteria` counts answered instances alone, without siblings.
     """
     receipt: GivenReceipt | None = None
 
@@ -4130,8 +4134,8 @@ class EpochBody(BaseModel):
     pool: BoundPool | None = None
     registration_closes_at: AwareDatetime | None = None
     """
-    Time until which official entries are registered, the time of the beacon's round; absent for an epoch without a beacon,
-    which takes entries as long as it is open.
+    Time until which official entries are registered, the time of the beacon's round; absent for an epoch without a
+    beacon, which takes entries as long as it is open.
     """
     committed_at: AwareDatetime
     """
@@ -4536,8 +4540,9 @@ class NewMember(BaseModel):
     )
     role: Literal["reader", "submitter", "manager"]
     """
-    What the member's keys may do at most: `reader` grades within requests and reads; `submitter` also begins runs and
-    posts submissions; `manager` also manages members, keys and webhooks, withdraws runs and lifts embargoes.
+    What the member's keys may do at most: `reader` grades within requests and reads; `submitter` also begins
+    runs and posts submissions; `manager` also manages members, keys and webhooks, withdraws runs and lifts
+    embargoes.
     """
 
 
@@ -4790,8 +4795,8 @@ class ReplayBody(BaseModel):
     error: CodeError | None = None
     notes: list[str]
     """
-    Notes for the author of the first code although nothing failed, for example that a function was defined but never
-    called.
+    Notes for the author of the first code although nothing failed, for example that a function was defined but
+    never called.
     """
     turns: list[TurnReplay]
     """
@@ -5045,8 +5050,8 @@ class SuiteBody(BaseModel):
     """
     preamble: str | None = None
     """
-    Conventions that the prompts of the track `brief` take for granted: give them to the agent once. Absent if the suite has
-    no such track.
+    Conventions that the prompts of the track `brief` take for granted: give them to the agent once. Absent if the
+    suite has no such track.
     """
     seed: Annotated[int | None, Field(ge=0)] = None
     """
@@ -5262,8 +5267,8 @@ class WebhookChange(BaseModel):
     """
     enabled: bool | None = None
     """
-    Whether events are posted. Enabling a webhook goes on with the events from then on, and with the messages that were
-    pending when it was disabled.
+    Whether events are posted. Enabling a webhook goes on with the events from then on, and with the messages
+    that were pending when it was disabled.
     """
 
 
@@ -5547,7 +5552,8 @@ class NewGrade(BaseModel):
     )
     task: str | GivenTaskBody1 | InlineTask
     """
-    The task: its id, its number, or a whole task, which is an object with `turns`, each with `checks` of `fn` and
+    The task: its id, its number, or a whole task, which is an object with `turns`, each with `checks` of `fn`
+    and
     `args`.
     """
     suite: Annotated[str | None, Field(max_length=100, min_length=1)] = None
@@ -5816,8 +5822,8 @@ class BoardBody(BaseModel):
     """
     reported: list[ReportedRow]
     """
-    Results on this suite that others report; they were not graded by this service. Listed only beside the track `brief`,
-    whose prompts are as short as theirs.
+    Results on this suite that others report; they were not graded by this service. Listed only beside the track
+    `brief`, whose prompts are as short as theirs.
     """
     withdrawn: list[WithdrawnRow] | None = None
     """

@@ -1,4 +1,5 @@
-//! Strict rules for materials: block names must exist in the game, and families replace substrings (`docs/rules.md#strict-rules`).
+//! Strict rules for materials: block names must exist in the game, and families replace substrings
+//! (`docs/rules.md#strict-rules`).
 
 use std::collections::BTreeMap;
 

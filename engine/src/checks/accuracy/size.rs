@@ -1,5 +1,5 @@
-//! Size: extents and heights of the bounding box (`docs/rules.md#size`; paper, algorithms "Bounding-Box Size" and "Vertical and
-//! Minimum-Size").
+//! Size: extents and heights of the bounding box (`docs/rules.md#size`; paper, algorithms "Bounding-Box Size" and
+//! "Vertical and Minimum-Size").
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

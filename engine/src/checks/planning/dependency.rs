@@ -1,4 +1,5 @@
-//! Dependency: materials appear in a required order (`docs/rules.md#dependency`; paper, algorithm "Material Sequence Order").
+//! Dependency: materials appear in a required order (`docs/rules.md#dependency`; paper, algorithm "Material Sequence
+//! Order").
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;

@@ -1,4 +1,5 @@
-//! Efficiency: how little the builder moves between blocks (`docs/rules.md#efficiency`; paper, algorithm "Path Efficiency").
+//! Efficiency: how little the builder moves between blocks (`docs/rules.md#efficiency`; paper, algorithm "Path
+//! Efficiency").
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;

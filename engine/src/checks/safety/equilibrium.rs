@@ -1,4 +1,5 @@
-//! Strict rule for stability: stress in equilibrium, which is also defined for parts one block thick (`docs/rules.md#strict-rules`).
+//! Strict rule for stability: stress in equilibrium, which is also defined for parts one block thick
+//! (`docs/rules.md#strict-rules`).
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

@@ -1,4 +1,5 @@
-//! Physical plausibility: nothing floats (`docs/rules.md#physical-plausibility`; paper, algorithm "Ground Connectivity").
+//! Physical plausibility: nothing floats (`docs/rules.md#physical-plausibility`; paper, algorithm "Ground
+//! Connectivity").
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;

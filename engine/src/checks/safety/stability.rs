@@ -1,4 +1,5 @@
-//! Structural stability: greatest von Mises stress against a reference (`docs/rules.md#structural-stability`, `docs/rules.md#stress`; paper, section 4.2).
+//! Structural stability: greatest von Mises stress against a reference (`docs/rules.md#structural-stability`,
+//! `docs/rules.md#stress`; paper, section 4.2).
 //!
 //! The published method determines the score. Because it has artefacts, the finding also reports the well-posed method.
 

@@ -1,4 +1,5 @@
-//! Stress from deformation, for as many particles at a time as a SIMD vector holds (`docs/rules.md#the-published-simulation`).
+//! Stress from deformation, for as many particles at a time as a SIMD vector holds
+//! (`docs/rules.md#the-published-simulation`).
 
 #![expect(clippy::inline_always, reason = "so that the loops are compiled for the processor that the caller chose")]
 

@@ -1,4 +1,5 @@
-//! The published method: a total-Lagrangian SPH simulation of the structure settling under its own weight (`docs/rules.md#the-published-simulation`).
+//! The published method: a total-Lagrangian SPH simulation of the structure settling under its own weight
+//! (`docs/rules.md#the-published-simulation`).
 
 mod constitutive;
 mod fields;

@@ -106,8 +106,8 @@ mod tests {
         (found / wanted - 1.0).abs() < 1e-9
     }
 
-    /// Values from exact fractions (Python's `fractions` and `math.comb`). 86 and 150 are the approval ratings of Agresti,
-    /// Categorical Data Analysis, 1990, page 350.
+    /// Values from exact fractions (Python's `fractions` and `math.comb`). 86 and 150 are the approval ratings of
+    /// Agresti, Categorical Data Analysis, 1990, page 350.
     #[test]
     fn mcnemar_is_the_exact_binomial_test() {
         let test = McNemar::up_to(723);

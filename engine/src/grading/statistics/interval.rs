@@ -8,7 +8,7 @@
 use serde::{Deserialize, Serialize};
 
 /// Quantile of the normal distribution for a two-sided interval of 95 %.
-const Z: f64 = 1.959_963_984_540_054;
+pub(crate) const Z: f64 = 1.959_963_984_540_054;
 
 /// Bounds of the 95 % confidence interval of a rate.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -63,11 +63,11 @@ fn design_effect(clusters: &[(f64, u32)], rate: f64, of: f64) -> f64 {
     effect.max(1.0)
 }
 
-/// Returns an interval of a rate that holds at every look at once: whoever watches a board after each answer, and stops when they
-/// like, is misled with a probability of at most `error` over all looks together.
+/// Returns an interval of a rate that holds at every look at once: whoever watches a board after each answer, and stops
+/// when they like, is misled with a probability of at most `error` over all looks together.
 ///
-/// It is the confidence sequence of the beta-binomial mixture (Robbins 1970, with a uniform prior), outward to a ten thousandth. It is
-/// wider than [`wilson`], which holds for one look. Returns `None` without trials.
+/// It is the confidence sequence of the beta-binomial mixture (Robbins 1970, with a uniform prior), outward to a ten
+/// thousandth. It is wider than [`wilson`], which holds for one look. Returns `None` without trials.
 #[must_use]
 pub fn anytime(passed: u32, of: u32, error: f64) -> Option<Interval> {
     const STEPS: u32 = 10_000;
@@ -125,7 +125,8 @@ mod tests {
         assert!(many.low < one.low && one.high < many.high, "wider than for one look");
     }
 
-    /// Watching after each of 2,000 answers: some look is misleading in 1 of 20 series at most, with Wilson's in far more.
+    /// Watching after each of 2,000 answers: some look is misleading in 1 of 20 series at most, with Wilson's in far
+    /// more.
     #[test]
     fn no_stopping_rule_beats_an_interval_for_every_look() {
         let mut state = 20_261_123_u64;
@@ -153,7 +154,8 @@ mod tests {
     fn clusters_widen_the_interval_as_much_as_their_answers_agree() {
         let single: Vec<(f64, u32)> = (0..60).map(|i| (f64::from(u8::from(i % 3 == 0)), 1)).collect();
         assert_eq!(clustered(&single), wilson(20.0 / 60.0, 60.0), "clusters of one are independent answers");
-        // The same answers three times: as many trials as there are clusters, but for the correction (60/59 to 180/179).
+        // The same answers three times: as many trials as there are clusters, but for the correction (60/59 to
+        // 180/179).
         let thrice: Vec<(f64, u32)> = single.iter().map(|(pass, of)| (3.0 * pass, 3 * of)).collect();
         let trials = 60.0 * (59.0 * 180.0) / (60.0 * 179.0);
         let (found, wanted) = (clustered(&thrice).unwrap(), wilson(1.0 / 3.0, trials).unwrap());

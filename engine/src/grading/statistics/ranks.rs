@@ -92,8 +92,8 @@ impl Comparisons {
 mod tests {
     use super::*;
 
-    /// Of 0.01, 0.04, 0.03, 0.005 at 5 %, with bounds 0.05/4, 0.05/3, 0.05/2, 0.05: 0.005 and 0.01 are kept, and 0.03 > 0.025
-    /// ends it, although 0.04 < 0.05 (the worked example of Wikipedia's article on the procedure).
+    /// Of 0.01, 0.04, 0.03, 0.005 at 5 %, with bounds 0.05/4, 0.05/3, 0.05/2, 0.05: 0.005 and 0.01 are kept, and 0.03 >
+    /// 0.025 ends it, although 0.04 < 0.05 (the worked example of Wikipedia's article on the procedure).
     #[test]
     fn holms_procedure_ends_at_the_first_that_is_too_large() {
         assert_eq!(threshold(vec![0.01, 0.04, 0.03, 0.005]), 0.01);

@@ -100,8 +100,8 @@ impl ReceiptFile {
 }
 
 impl ReceiptFile {
-    /// Verifies the proof that the transparency log has the receipt at its place. Any of the trusted keys may have signed the
-    /// checkpoint. Returns the checkpoint.
+    /// Verifies the proof that the transparency log has the receipt at its place. Any of the trusted keys may have
+    /// signed the checkpoint. Returns the checkpoint.
     ///
     /// # Errors
     /// Returns an error if the receipt has no proof, or if it does not hold.

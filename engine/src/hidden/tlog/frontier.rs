@@ -1,4 +1,5 @@
-//! What whoever follows a log needs to remember of it: the roots of its complete subtrees, one for each binary digit of its size.
+//! What whoever follows a log needs to remember of it: the roots of its complete subtrees, one for each binary digit of
+//! its size.
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};

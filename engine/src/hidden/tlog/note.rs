@@ -36,8 +36,8 @@ impl Checkpoint {
         Some((format!("{text}\n"), signatures.lines().collect()))
     }
 
-    /// Reads a note that one of the trusted Ed25519 keys, in hexadecimal, has signed under the name of the log; `None` if it is
-    /// no checkpoint or none of them has.
+    /// Reads a note that one of the trusted Ed25519 keys, in hexadecimal, has signed under the name of the log; `None`
+    /// if it is no checkpoint or none of them has.
     #[must_use]
     pub fn verified(note: &str, trusted: &[&str]) -> Option<Self> {
         let (text, signatures) = Self::parts(note)?;
@@ -93,7 +93,8 @@ pub fn read_verifier_key(text: &str) -> Option<(String, String)> {
     is_own.then(|| (name.to_owned(), crate::tasks::hex(&key[1..])))
 }
 
-/// Returns the name of the log whose first receipt was signed with this key, in hexadecimal: it stays when the key changes.
+/// Returns the name of the log whose first receipt was signed with this key, in hexadecimal: it stays when the key
+/// changes.
 #[must_use]
 pub fn origin(first_key: &str) -> String {
     let digest = crate::tasks::hex(&Sha256::digest(first_key));

@@ -27,8 +27,8 @@ pub fn is_included(leaf: &Hash, index: u64, size: u64, proof: &[Hash], root: &Ha
     last == 0 && hash == *root
 }
 
-/// Returns whether a proof shows that the tree of `size` leaves with root `new_root` begins with the tree of the first `old`
-/// leaves with root `old_root`.
+/// Returns whether a proof shows that the tree of `size` leaves with root `new_root` begins with the tree of the first
+/// `old` leaves with root `old_root`.
 #[must_use]
 pub fn is_consistent(old: u64, size: u64, old_root: &Hash, new_root: &Hash, proof: &[Hash]) -> bool {
     if old == 0 || old >= size {

@@ -71,8 +71,8 @@ impl TileName {
         Some(row.concat())
     }
 
-    /// Returns the entries of the tile, each after its length in two bytes; `None` if the log has not so many, or for a tile
-    /// of hashes.
+    /// Returns the entries of the tile, each after its length in two bytes; `None` if the log has not so many, or for a
+    /// tile of hashes.
     #[must_use]
     pub fn entries(&self, entries: &[Hash]) -> Option<Vec<u8>> {
         if self.level.is_some() {

@@ -49,7 +49,8 @@ impl Tree {
         }
     }
 
-    /// Returns the roots of complete subtrees of `2^level` leaves, from one of them on; `None` if there are not so many.
+    /// Returns the roots of complete subtrees of `2^level` leaves, from one of them on; `None` if there are not so
+    /// many.
     #[must_use]
     pub fn row(&self, level: usize, from: u64, count: usize) -> Option<&[Hash]> {
         let row = self.levels.get(level)?;
@@ -88,7 +89,8 @@ impl Tree {
         Some(proof)
     }
 
-    /// Returns the proof that the tree of the first `size` leaves begins with that of the first `old`; `None` if it has fewer.
+    /// Returns the proof that the tree of the first `size` leaves begins with that of the first `old`; `None` if it has
+    /// fewer.
     #[must_use]
     pub fn consistency(&self, old: u64, size: u64) -> Option<Vec<Hash>> {
         if old > size || size > self.len() {
@@ -118,7 +120,8 @@ impl Tree {
         Some(proof)
     }
 
-    /// Computes the root over a range of leaves. Its beginning is a multiple of the greatest power of two within its length.
+    /// Computes the root over a range of leaves. Its beginning is a multiple of the greatest power of two within its
+    /// length.
     fn range(&self, low: u64, high: u64) -> Hash {
         let length = high - low;
         if length.is_power_of_two() {

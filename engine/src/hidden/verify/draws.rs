@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 
 use super::Verified;
 use crate::hidden::feedback::Tier;
-use crate::hidden::issue::{Drawing, IssuedLeaves, Lot, Place};
+use crate::hidden::issue::{Drawing, Lot, Place};
 use crate::hidden::reveal::{Reveal, RevealedEntry};
 use crate::hidden::secret::EpochKey;
 use crate::text::counted;
@@ -15,7 +15,7 @@ pub(super) fn check(reveal: &Reveal, drawing: &Drawing<'_>, key: &EpochKey, foun
     if commitment.siblings.is_none() && reveal.instances.iter().any(|own| commitment.is_sibling(own.leaf)) {
         found.breach("siblings", "were drawn, though the commitment has no list of them");
     }
-    let mut all: HashSet<u32> = HashSet::new();
+    let mut issued: HashSet<u32> = HashSet::new();
     let mut of_entries: BTreeMap<&str, HashSet<u32>> = BTreeMap::new();
     let mut lots: BTreeMap<(&str, u32, &str), Lot<'_>> = BTreeMap::new();
     let places = Tier::ALL.map(|tier| (tier, drawing.places(tier)));
@@ -60,16 +60,14 @@ pub(super) fn check(reveal: &Reveal, drawing: &Drawing<'_>, key: &EpochKey, foun
             .entry((&instance.entry, instance.run, &instance.nonce))
             .or_insert_with(|| Lot::of(commitment, key, &instance.entry, instance.run, &instance.nonce));
         let of_entry = of_entries.entry(&instance.entry).or_default();
-        let issued = IssuedLeaves { all: std::mem::take(&mut all), of_entry: std::mem::take(of_entry) };
-        let drawn = drawing.leaf(lot, drawn_place, &issued);
-        (all, *of_entry) = (issued.all, issued.of_entry);
+        let drawn = drawing.leaf(lot, drawn_place, &issued, of_entry);
         if drawn == Some(instance.leaf) {
             found.draws += 1;
         } else {
             let leaf = drawn.map_or_else(|| "none".to_owned(), |leaf| format!("leaf {leaf}"));
             found.breach(place(), format!("leaf {} was issued, but key and nonce draw {leaf}", instance.leaf));
         }
-        all.insert(instance.leaf);
+        issued.insert(instance.leaf);
         of_entry.insert(instance.leaf);
     }
     // A draw always issues all instances of a run.

@@ -6,6 +6,7 @@ mod draws;
 mod grades;
 mod issued;
 mod log;
+mod places;
 mod pool;
 mod stated;
 mod steps;
@@ -23,11 +24,11 @@ use super::draw_proof::public_key;
 use super::evidence::GivenReceipt;
 use super::issue::Drawing;
 use super::merkle;
-use super::pool::{Generator, PoolError, SECOND_SUITE};
+use super::pool::{Generator, PoolError};
 use super::receipts::{LogHead, ReceiptFile};
 use super::reveal::{Reveal, RevealedSpecification};
 use super::secret::EpochKey;
-use super::siblings::Siblings;
+use super::siblings::{FIRST_WITH_SIBLINGS, Siblings};
 use super::{GENERATOR_VERSION, PROTOCOL};
 use crate::checks::CHECKS_VERSION;
 use crate::tasks::hex;
@@ -156,10 +157,10 @@ pub fn verify(reveal: &Reveal, kept: &Kept) -> Result<Verified, PoolError> {
     if commitment.siblings.as_ref() != issued.siblings.map(Siblings::list) {
         found.breach("siblings", "the committed list is not the public one of this version of the generator");
     }
-    if commitment.siblings.is_some() && commitment.generator_version <= SECOND_SUITE {
+    if commitment.siblings.is_some() && commitment.generator_version < FIRST_WITH_SIBLINGS {
         found.breach("siblings", "this version of the generator may draw siblings as hidden instances");
     }
-    if commitment.generator_version > SECOND_SUITE && commitment.protocol() < PROTOCOL {
+    if commitment.generator_version >= FIRST_WITH_SIBLINGS && commitment.protocol() < PROTOCOL {
         let why = format!(
             "the protocol: the epoch has version {}, though this program announces epochs with {PROTOCOL}",
             commitment.protocol()

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::issued::Issued;
 use super::stated::Stated;
-use super::{Kept, Verified, log, pool, times};
+use super::{Kept, Verified, log, places, pool, times};
 use crate::hidden::commitment::{Commitment, Rules};
 use crate::hidden::draw_proof::{DrawMessage, verify};
 use crate::hidden::evidence::{EntryFact, Fact, fact};
@@ -47,7 +47,7 @@ pub(super) fn check(reveal: &Reveal, commitment: &Commitment, kept: &Kept, issue
     grades(reveal, issued, &stated, found);
     end(receipts, commitment, &stated, found);
     if commitment.protocol() >= 2 {
-        places(reveal, &stated, found);
+        places::check(&reveal.instances, &stated, found);
     }
     times::check(&stated, found);
     times::budget(reveal, commitment, rules, &stated, found);
@@ -255,31 +255,6 @@ fn answers(reveal: &Reveal, commitment: &Commitment, rules: &Rules, stated: &Sta
     let known: BTreeSet<&str> = reveal.instances.iter().map(|instance| instance.id.as_str()).collect();
     for id in stated.answers.keys().filter(|id| !known.contains(id.as_str())) {
         found.breach(format!("instance {id}"), "was answered but is missing from the reveal");
-    }
-}
-
-/// Checks that grades were in the log when their entry was completed, and not made up later, behind receipts that fill places.
-fn places(reveal: &Reveal, stated: &Stated<'_>, found: &mut Verified) {
-    for instance in &reveal.instances {
-        let (graded, completed) = (stated.graded_at.get(&instance.id), stated.completed_at.get(&instance.entry));
-        if let (Some(graded), Some(completed)) = (graded, completed)
-            && graded.iter().any(|graded| graded > completed)
-        {
-            found
-                .breach(format!("instance {}", instance.id), "its grade entered the log after its entry was completed");
-        }
-        // Who could fail answers after seeing all grades could choose whom.
-        if stated.failed.contains(&instance.id) && instance.overall.is_none() {
-            found.unchecked.push(format!(
-                "instance {}: the service failed to grade its answer, so it counts as failed",
-                instance.id
-            ));
-        }
-    }
-    // An answer brings a place for its grade, and the completion of its entry another one.
-    let most = 2 * stated.answers.len();
-    if stated.padding > most {
-        found.breach("receipts", format!("{} fill places; {most} are possible", stated.padding));
     }
 }
 

@@ -27,8 +27,8 @@ impl Told {
         }
     }
 
-    /// Returns a fault if the prompts of the track `specified` lack the first phrase that asks for a check, or those of another track
-    /// all of them.
+    /// Returns a fault if the prompts of the track `specified` lack the first phrase that asks for a check, or those of
+    /// another track all of them.
     pub(super) fn lacks(&self, check: &CheckEntry, place: &Place, context: &Context) -> Option<Misfit> {
         let misfit = |span, detail| Misfit { place: Place { span, field: place.field.clone() }, detail };
         if check.asked_by.is_empty() {

@@ -200,8 +200,8 @@ pub struct CheckEntry {
     #[serde(default)]
     #[schemars(with = "BTreeMap<String, String>")]
     pub each: BTreeMap<String, Spanned<String>>,
-    /// Names of the phrases that ask for this check. The first must occur in the prompt of the turn or of a turn before it; on
-    /// the track `brief` one of them must, or be in the preamble.
+    /// Names of the phrases that ask for this check. The first must occur in the prompt of the turn or of a turn before
+    /// it; on the track `brief` one of them must, or be in the preamble.
     #[serde(default)]
     #[schemars(with = "Vec<String>")]
     pub asked_by: Vec<Spanned<String>>,

@@ -49,14 +49,14 @@
     host.command(line.slice(1));
     if (line.startsWith("/t") || line.startsWith("/execute") || line.startsWith("/minecraft:t")) moved();
   };
-  // The skills give their commands through here too, and say so; of theirs published has its own.
+  // The skills give their commands through here too, and say so: `published` has functions of its own for them.
   const chat = (message, isOfSkill = false) => {
     if (typeof message !== "string" && typeof message !== "number") throw new TypeError("bot.chat takes a text");
     const lines = String(message).split("\n").filter((line) => line);
     if (lines.length > 1) note("bot.chat got several lines, for which a server ends the connection; each was sent on its own");
     const before = host.changes();
     for (const line of lines) send(line);
-    if (!isOfSkill && host.changes() > before) note("a command of bot.chat has built: under published it would not");
+    if (!isOfSkill && host.changes() > before) note("a command of bot.chat built: under published it would have no effect");
   };
 
   const findBlocks = (options) => {

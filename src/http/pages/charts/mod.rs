@@ -76,7 +76,8 @@ pub async fn charts(State(state): State<AppState>, Path(suite): Path<String>, Ra
 /// Serves a chart as an SVG file, or its numbers as CSV.
 ///
 /// # Errors
-/// Returns a 404 error if there is no such suite or chart, or nothing to draw, and a 400 error if a parameter is invalid.
+/// Returns a 404 error if there is no such suite or chart, or nothing to draw, and a 400 error if a parameter is
+/// invalid.
 pub async fn file(
     State(state): State<AppState>,
     Path((suite, file)): Path<(String, String)>,

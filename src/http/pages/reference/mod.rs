@@ -1,5 +1,5 @@
-//! The API reference: pages made from the OpenAPI document, one for each operation and each schema. They need no script,
-//! and load nothing else.
+//! The API reference: pages made from the OpenAPI document, one for each operation and each schema. They need no
+//! script, and load nothing else.
 
 mod operations;
 mod schemas;

@@ -39,7 +39,8 @@ pub struct RewardQuery {
     /// Prompt of each sample, which is removed from the query.
     #[serde(default)]
     pub prompts: Option<Vec<Option<String>>>,
-    /// The task of each sample: its id, its number, or JSON with `task`, `suite`, `reward` and `profile`, as an object or as text.
+    /// The task of each sample: its id, its number, or JSON with `task`, `suite`, `reward` and `profile`, as an object
+    /// or as text.
     #[schema(value_type = Vec<LabelBody>)]
     pub labels: Vec<Value>,
 }

@@ -1,4 +1,5 @@
-//! Clusters of one level: number, distance and size (`docs/rules.md#shape`; paper, algorithm "Minimum Inter-Cluster Span").
+//! Clusters of one level: number, distance and size (`docs/rules.md#shape`; paper, algorithm "Minimum Inter-Cluster
+//! Span").
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;

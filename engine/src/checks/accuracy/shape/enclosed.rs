@@ -1,4 +1,5 @@
-//! Strict rules for rooms and doors: a room has walls, a roof, head room and a door, on any storey (`docs/rules.md#strict-rules`).
+//! Strict rules for rooms and doors: a room has walls, a roof, head room and a door, on any storey
+//! (`docs/rules.md#strict-rules`).
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

@@ -1,4 +1,5 @@
-//! Surface concavity: some slice of the top or bottom surface bulges (`docs/rules.md#surfaces`; paper, algorithm "Surface Concavity").
+//! Surface concavity: some slice of the top or bottom surface bulges (`docs/rules.md#surfaces`; paper, algorithm
+//! "Surface Concavity").
 //!
 //! The published rule requires every point of the slice to lie above (below) every chord, with heights interpolated by
 //! index. Heights are integers, so this is equivalent to a second difference of the right sign at every interior point:

@@ -1,4 +1,5 @@
-//! Strict rules for walkable paths: outside over floors, and up in steps from any ground (`docs/rules.md#strict-rules`).
+//! Strict rules for walkable paths: outside over floors, and up in steps from any ground
+//! (`docs/rules.md#strict-rules`).
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;
