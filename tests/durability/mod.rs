@@ -3,6 +3,7 @@
 mod copies;
 mod crash;
 mod crash_matrix;
+mod faults;
 mod full_disk;
 mod held_lock;
 mod nodes;

@@ -97,7 +97,7 @@ fn cases() -> anyhow::Result<Vec<Case>> {
     let mut cases = vec![
         case("read a request with 300 events", 20, move || {
             let mut faults = Faults::default();
-            read_request(body.as_bytes(), &mut faults).map(|request| request.is_some()).unwrap_or_default()
+            read_request(body.as_bytes(), &mut faults).is_ok_and(|request| request.is_some())
         }),
         case("read a stored log", 20, move || BlockLog::from_canonical_json(&stored).is_ok()),
         case("replay a house", 20, move || Replay::new(&log).last()),

@@ -1,0 +1,119 @@
+/* A disk with faults, for one process: preloaded, it makes writes and syncs of the files in a folder fail.
+ *
+ * PLUMBLINE_FAULTY_FOLDER is the folder, PLUMBLINE_FAULTS a file of seven numbers (32 bits each) that is mapped into
+ * memory, so that a test can change them while the process runs: how many of a thousand writes fail with EIO, fail with
+ * ENOSPC and are short, how many syncs fail with EIO, the microseconds that each takes, a counter of calls, and the
+ * number of faults so far, which the test reads. */
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <stdarg.h>
+#include <stdatomic.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+enum { WRITE_EIO, WRITE_ENOSPC, WRITE_SHORT, SYNC_EIO, DELAY_US, CALLS, FAULTS, NUMBERS };
+enum { DESCRIPTORS = 1 << 16 };
+
+static _Atomic uint32_t *numbers;
+static const char *folder;
+static _Atomic char is_faulty[DESCRIPTORS];
+
+__attribute__((constructor)) static void begin(void) {
+    const char *file = getenv("PLUMBLINE_FAULTS");
+    folder = getenv("PLUMBLINE_FAULTY_FOLDER");
+    int fd = file ? open(file, O_RDWR | O_CLOEXEC) : -1;
+    if (fd < 0) return;
+    void *mapped = mmap(NULL, NUMBERS * sizeof(uint32_t), PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
+    if (mapped != MAP_FAILED) numbers = mapped;
+    close(fd);
+}
+
+/* Whether this call is one of so many of a thousand, by a hash of its number. */
+static int is_hit(int kind) {
+    uint32_t hash = atomic_fetch_add(&numbers[CALLS], 1) * 2654435761u;
+    hash = (hash ^ (hash >> 15)) * 2246822519u;
+    if ((hash ^ (hash >> 13)) % 1000 >= numbers[kind]) return 0;
+    atomic_fetch_add(&numbers[FAULTS], 1);
+    return 1;
+}
+
+static int is_watched(int fd) {
+    if (!numbers || fd < 0 || fd >= DESCRIPTORS || !is_faulty[fd]) return 0;
+    if (numbers[DELAY_US]) usleep(numbers[DELAY_US]);
+    return 1;
+}
+
+/* Returns how much is to be written, or -1 with errno. */
+static ssize_t allowed(int fd, size_t length) {
+    if (!is_watched(fd)) return (ssize_t)length;
+    if (is_hit(WRITE_EIO)) return errno = EIO, -1;
+    if (is_hit(WRITE_ENOSPC)) return errno = ENOSPC, -1;
+    if (length > 1 && is_hit(WRITE_SHORT)) return (ssize_t)(length / 2);
+    return (ssize_t)length;
+}
+
+#define REAL(type, name, ...) \
+    static type (*real)(__VA_ARGS__); \
+    if (!real) real = (type(*)(__VA_ARGS__))dlsym(RTLD_NEXT, name)
+
+ssize_t write(int fd, const void *bytes, size_t length) {
+    REAL(ssize_t, "write", int, const void *, size_t);
+    ssize_t some = allowed(fd, length);
+    return some < 0 ? some : real(fd, bytes, (size_t)some);
+}
+
+ssize_t pwrite(int fd, const void *bytes, size_t length, off_t at) {
+    REAL(ssize_t, "pwrite", int, const void *, size_t, off_t);
+    ssize_t some = allowed(fd, length);
+    return some < 0 ? some : real(fd, bytes, (size_t)some, at);
+}
+
+ssize_t pwrite64(int fd, const void *bytes, size_t length, off64_t at) {
+    REAL(ssize_t, "pwrite64", int, const void *, size_t, off64_t);
+    ssize_t some = allowed(fd, length);
+    return some < 0 ? some : real(fd, bytes, (size_t)some, at);
+}
+
+int fsync(int fd) {
+    REAL(int, "fsync", int);
+    return is_watched(fd) && is_hit(SYNC_EIO) ? (errno = EIO, -1) : real(fd);
+}
+
+int fdatasync(int fd) {
+    REAL(int, "fdatasync", int);
+    return is_watched(fd) && is_hit(SYNC_EIO) ? (errno = EIO, -1) : real(fd);
+}
+
+static int opened(int fd, const char *path) {
+    if (fd >= 0 && fd < DESCRIPTORS) is_faulty[fd] = numbers && folder && !strncmp(path, folder, strlen(folder));
+    return fd;
+}
+
+int open(const char *path, int flags, ...) {
+    REAL(int, "open", const char *, int, ...);
+    va_list rest;
+    va_start(rest, flags);
+    mode_t mode = flags & (O_CREAT | O_TMPFILE) ? va_arg(rest, mode_t) : 0;
+    va_end(rest);
+    return opened(real(path, flags, mode), path);
+}
+
+int open64(const char *path, int flags, ...) {
+    REAL(int, "open64", const char *, int, ...);
+    va_list rest;
+    va_start(rest, flags);
+    mode_t mode = flags & (O_CREAT | O_TMPFILE) ? va_arg(rest, mode_t) : 0;
+    va_end(rest);
+    return opened(real(path, flags, mode), path);
+}
+
+int close(int fd) {
+    REAL(int, "close", int);
+    if (fd >= 0 && fd < DESCRIPTORS) is_faulty[fd] = 0;
+    return real(fd);
+}

@@ -1,0 +1,285 @@
+//! A disk and a network with faults while clients post: what was acknowledged is there, the rest was refused with a clear
+//! answer, nothing sticks, and the service goes on without a restart once the fault is over.
+
+use std::os::unix::fs::FileExt as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use plumbline::store::db::Pool;
+use reqwest::StatusCode;
+use serde_json::{Value, json};
+use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::watch;
+
+use crate::support::audit::{audit, audit_books};
+use crate::support::cluster::Cluster;
+use crate::support::database::is_postgres;
+use crate::support::{PROGRAM, Service};
+
+/// Number of clients that post at the same time.
+const CLIENTS: usize = 4;
+/// Time for which a fault lasts.
+const LASTS: Duration = Duration::from_secs(3);
+
+/// What clients heard.
+#[derive(Default)]
+struct Heard {
+    acknowledged: Vec<String>,
+    refused: usize,
+}
+
+/// Posts logs from several clients until `stop` is set.
+async fn post(service: &Service, key: &str, stop: &AtomicBool) -> Heard {
+    let client = plumbline::client::without_tls().timeout(Duration::from_secs(20)).build().unwrap();
+    let one = |number: usize| {
+        let (client, url) = (client.clone(), format!("{}/v1/submissions", service.url));
+        async move {
+            let mut heard = Heard::default();
+            for i in (number..).step_by(CLIENTS) {
+                if stop.load(Ordering::Relaxed) {
+                    break;
+                }
+                let log = json!({ "palette": ["stone"], "rows": [[i, 0, 0, 0], [i, 1, 0, 0]] });
+                let body = json!({ "task": 1, "turns": [log] });
+                // Without an answer within its time, a client knows nothing.
+                let Ok(answer) = client.post(&url).bearer_auth(key).json(&body).send().await else {
+                    heard.refused += 1;
+                    continue;
+                };
+                let (status, kind) = (answer.status(), answer.headers().get("content-type").cloned());
+                let said: Value = answer.json().await.unwrap();
+                if status == StatusCode::ACCEPTED {
+                    heard.acknowledged.push(said["id"].as_str().unwrap().to_owned());
+                    continue;
+                }
+                assert!(status.is_server_error(), "{status} {said}");
+                assert_eq!(kind.unwrap(), "application/problem+json", "{said}");
+                assert_eq!(said["retryable"], true, "{said}");
+                heard.refused += 1;
+                tokio::time::sleep(Duration::from_millis(20)).await;
+            }
+            heard
+        }
+    };
+    let all = futures_util::future::join_all((0..CLIENTS).map(one)).await;
+    all.into_iter().fold(Heard::default(), |mut sum, own| {
+        sum.acknowledged.extend(own.acknowledged);
+        sum.refused += own.refused;
+        sum
+    })
+}
+
+/// Posts while a fault begins, lasts and ends, and until the service accepts again. Returns what was heard.
+async fn live_through(service: &Service, key: &str, begin: impl FnOnce(), end: impl FnOnce()) -> Heard {
+    let stop = AtomicBool::new(false);
+    let course = async {
+        tokio::time::sleep(Duration::from_millis(500)).await;
+        begin();
+        tokio::time::sleep(LASTS).await;
+        end();
+        let begun = Instant::now();
+        let body = json!({ "task": 1, "turns": [{ "palette": ["stone"], "rows": [[0, 0, 0, 0]] }] });
+        let request = || service.http.post(format!("{}/v1/submissions", service.url)).bearer_auth(key).json(&body);
+        let request = || request().timeout(Duration::from_secs(5));
+        while !request().send().await.is_ok_and(|answer| answer.status() == StatusCode::ACCEPTED) {
+            assert!(begun.elapsed() < Duration::from_secs(40), "nothing is accepted after the fault");
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+        stop.store(true, Ordering::Relaxed);
+    };
+    let (heard, ()) = tokio::join!(post(service, key, &stop), course);
+    heard
+}
+
+/// Waits until nothing waits, and the service says that it is ready.
+async fn settle(service: &Service, when: &str) {
+    let begun = Instant::now();
+    loop {
+        let metrics = service.get("/metrics").await.text;
+        let is_idle = metrics.lines().any(|line| line == "plumbline_submissions_not_ended 0");
+        if is_idle && service.get("/readyz").await.status == StatusCode::OK {
+            return;
+        }
+        assert!(begun.elapsed() < Duration::from_mins(1), "{when}: submissions are stuck");
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
+}
+
+fn created(arguments: &[&str]) -> String {
+    let done = Command::new(PROGRAM).args(arguments).output().unwrap();
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    String::from_utf8(done.stdout).unwrap().trim().to_owned()
+}
+
+/// The numbers by which `disk.c` makes a disk faulty.
+struct Disk(std::fs::File);
+
+impl Disk {
+    /// Sets how many of a thousand writes fail, have no room and are short, how many syncs fail, and the microseconds
+    /// that each takes.
+    fn set(&self, numbers: [u32; 5]) {
+        let bytes: Vec<u8> = numbers.iter().flat_map(|number| number.to_ne_bytes()).collect();
+        self.0.write_all_at(&bytes, 0).unwrap();
+    }
+
+    /// Returns the number of faults so far.
+    fn faults(&self) -> u32 {
+        let mut bytes = [0; 4];
+        self.0.read_exact_at(&mut bytes, 24).unwrap();
+        u32::from_ne_bytes(bytes)
+    }
+}
+
+/// Compiles the library that makes a disk faulty.
+fn library(folder: &Path) -> PathBuf {
+    let (source, library) = (crate::support::repository("tests/durability/disk.c"), folder.join("disk.so"));
+    let mut compile = Command::new("cc");
+    compile.args(["-O1", "-shared", "-fPIC", "-o"]).arg(&library).arg(source).arg("-ldl");
+    assert!(compile.status().expect("the Rust toolchain links with cc").success());
+    library
+}
+
+#[tokio::test]
+async fn a_disk_that_fails_loses_nothing_that_was_acknowledged() {
+    if is_postgres() {
+        // The server has a disk of its own.
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let library = library(folder.path());
+    // SQLite writes the rest of what was written in part.
+    for (when, numbers, refuses) in [
+        ("writes fail", [30, 0, 0, 0, 0], true),
+        ("no room now and then", [0, 30, 0, 0, 0], true),
+        ("no room at all", [0, 1_000, 0, 0, 0], true),
+        ("short writes", [0, 0, 100, 0, 0], false),
+        ("syncs fail", [0, 0, 0, 100, 0], true),
+        ("no sync succeeds", [0, 0, 0, 1_000, 0], true),
+        ("a slow disk", [0, 0, 0, 0, 20_000], false),
+    ] {
+        let home = folder.path().join(when.replace(' ', "-"));
+        std::fs::create_dir(&home).unwrap();
+        let (database, control) = (home.join("p.db"), folder.path().join("control"));
+        std::fs::write(&control, [0; 28]).unwrap();
+        let disk = Disk(std::fs::File::options().read(true).write(true).open(&control).unwrap());
+        created(&["migrate", "--create", "--database", database.to_str().unwrap()]);
+        let key = created(&["keys", "create", "--name", "lab", "--database", database.to_str().unwrap()]);
+        let mut command = Command::new(PROGRAM);
+        command.env("LD_PRELOAD", &library).env("PLUMBLINE_FAULTS", &control).env("PLUMBLINE_FAULTY_FOLDER", &home);
+        let service = Service::start_by(command, &database, &["--lease-seconds", "1"]);
+        let heard = live_through(&service, &key, || disk.set(numbers), || disk.set([0; 5])).await;
+        assert!(disk.faults() > 0 || numbers[4] > 0, "{when}");
+        assert!(!heard.acknowledged.is_empty(), "{when}: nothing was acknowledged");
+        assert_eq!(heard.refused > 0, refuses, "{when}: {} refused", heard.refused);
+        settle(&service, when).await;
+        assert!(service.terminate(), "{when}");
+        audit(&database, &heard.acknowledged, when).await;
+    }
+}
+
+/// What the line does with what comes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Passes {
+    /// It passes it on.
+    All,
+    /// It passes it on after a time.
+    Late,
+    /// It passes nothing on, and says nothing.
+    Nothing,
+    /// It ends all connections, and refuses new ones.
+    Cut,
+}
+
+/// A line to the server with faults.
+struct Line {
+    port: u16,
+    passes: Arc<watch::Sender<Passes>>,
+}
+
+impl Line {
+    async fn to(port: u16) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let own = listener.local_addr().unwrap().port();
+        let passes = Arc::new(watch::Sender::new(Passes::All));
+        let seen = Arc::clone(&passes);
+        tokio::spawn(async move {
+            while let Ok((one, _)) = listener.accept().await {
+                let mut cut = seen.subscribe();
+                if *cut.borrow() == Passes::Cut {
+                    continue;
+                }
+                let seen = seen.subscribe();
+                tokio::spawn(async move {
+                    let Ok(other) = TcpStream::connect(("127.0.0.1", port)).await else { return };
+                    let ((from_one, to_one), (from_other, to_other)) = (one.into_split(), other.into_split());
+                    let both = async {
+                        tokio::join!(pass(from_one, to_other, seen.clone()), pass(from_other, to_one, seen.clone()))
+                    };
+                    tokio::select! {
+                        _ = both => {}
+                        _ = cut.wait_for(|passes| *passes == Passes::Cut) => {}
+                    }
+                });
+            }
+        });
+        Self { port: own, passes }
+    }
+}
+
+/// Passes bytes on, as the line does now. What comes while it passes nothing is lost for good, with its connection.
+async fn pass(
+    mut from: impl AsyncRead + Unpin,
+    mut to: impl AsyncWrite + Unpin,
+    passes: watch::Receiver<Passes>,
+) -> std::io::Result<()> {
+    let mut bytes = vec![0; 16 << 10];
+    loop {
+        let count = from.read(&mut bytes).await?;
+        let now = *passes.borrow();
+        match now {
+            Passes::Nothing => std::future::pending().await,
+            Passes::Late => tokio::time::sleep(Duration::from_millis(150)).await,
+            Passes::All | Passes::Cut => {}
+        }
+        if count == 0 {
+            return to.shutdown().await;
+        }
+        to.write_all(&bytes[..count]).await?;
+    }
+}
+
+// The line passes bytes on while the test waits for the service.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_line_to_the_server_that_fails_loses_nothing_that_was_acknowledged() {
+    let cluster = Cluster::start(&[]);
+    let folder = tempfile::tempdir().unwrap();
+    let secrets = folder.path().join("secrets");
+    for fault in [Passes::Late, Passes::Cut, Passes::Nothing] {
+        let (when, name) = (format!("{fault:?}"), format!("{fault:?}").to_lowercase());
+        cluster.create(&name);
+        let line = Line::to(cluster.port).await;
+        let url = cluster.url(&name);
+        let database = ["--database", &url, "--secrets", secrets.to_str().unwrap()];
+        created(&[&["migrate", "--create"], &database[..]].concat());
+        let key = created(&[&["keys", "create", "--name", "lab"], &database[..]].concat());
+        let mut command = Command::new(PROGRAM);
+        let through = url.replace(&format!(":{}/", cluster.port), &format!(":{}/", line.port));
+        command.args(["serve", "--lease-seconds", "1", "--database", &through, "--secrets"]).arg(&secrets);
+        let service = Service::launch(command);
+        let set = |passes| {
+            line.passes.send_replace(passes);
+        };
+        let heard = live_through(&service, &key, || set(fault), || set(Passes::All)).await;
+        assert!(!heard.acknowledged.is_empty(), "{when}: nothing was acknowledged");
+        // A request whose connection says nothing more is tried on another one, or refused in the end.
+        assert!(fault != Passes::Cut || heard.refused > 0, "{when}");
+        assert!(fault != Passes::Late || heard.refused == 0, "{when}: {} refused", heard.refused);
+        settle(&service, &when).await;
+        assert!(service.terminate(), "{when}");
+        audit_books(&Pool::Postgres(sqlx::PgPool::connect(&url).await.unwrap()), &heard.acknowledged, &when).await;
+    }
+}
