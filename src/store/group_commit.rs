@@ -3,7 +3,9 @@
 //! Requests are independent: if one is refused, or the database fails on it, the others are still stored. The answer
 //! goes out only after the commit.
 
+use std::io;
 use std::sync::Arc;
+use std::time::Duration;
 
 use tokio::sync::{Notify, mpsc, oneshot};
 
@@ -18,6 +20,9 @@ use super::{Store, StoreError, StoreResult, commit};
 const MAX_GROUP: usize = 128;
 /// Capacity of the queue; when it is full, callers wait to enqueue their requests.
 const WAITING: usize = 1_024;
+/// Time for a group. One that takes longer is refused, so that requests hear it before their own time is over, and the
+/// next group gets another connection.
+const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Submissions of one request, of which all are stored or none.
 #[derive(Debug)]
@@ -112,6 +117,11 @@ async fn store(writer: &Pool, group: Vec<Acceptance>) -> bool {
 /// Stores the requests in one transaction, and returns their answers and whether a job was queued. A refused request
 /// leaves no trace.
 async fn together(writer: &Pool, group: &[Acceptance]) -> StoreResult<(Vec<Acceptability>, bool)> {
+    let late = |_| sqlx::Error::Io(io::Error::new(io::ErrorKind::TimedOut, "the database takes too long to store"));
+    tokio::time::timeout(PATIENCE, Box::pin(store_group(writer, group))).await.map_err(late)?
+}
+
+async fn store_group(writer: &Pool, group: &[Acceptance]) -> StoreResult<(Vec<Acceptability>, bool)> {
     let mut tx = writer.begin_writing().await?;
     let all = group.iter().flat_map(|request| request.submissions.iter());
     let once = group.iter().filter_map(|request| request.once.as_ref());

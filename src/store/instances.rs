@@ -191,21 +191,16 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn epoch_counts(&self, epoch_id: &str, specifications: u32) -> StoreResult<EpochCounts> {
-        let (issued, answered, siblings, siblings_answered): (i64, i64, i64, i64) = query_as(
+        let (issued, answered, siblings, siblings_answered, dev, official) = query_as(
             "SELECT COUNT(*) FILTER (WHERE i.leaf < $2), COUNT(s.id) FILTER (WHERE i.leaf < $2),
-                    COUNT(*) FILTER (WHERE i.leaf >= $2), COUNT(s.id) FILTER (WHERE i.leaf >= $2)
+                    COUNT(*) FILTER (WHERE i.leaf >= $2), COUNT(s.id) FILTER (WHERE i.leaf >= $2),
+                    (SELECT COUNT(*) FROM entries WHERE epoch_id = $1 AND tier = 'dev'),
+                    (SELECT COUNT(*) FROM entries WHERE epoch_id = $1 AND tier = 'official')
              FROM instances i LEFT JOIN submissions s ON s.instance_id = i.id AND s.superseded = FALSE
              WHERE i.epoch_id = $1",
         )
         .bind(epoch_id)
         .bind(i64::from(specifications))
-        .fetch_one(&self.readers)
-        .await?;
-        let (dev, official): (i64, i64) = query_as(
-            "SELECT COUNT(*) FILTER (WHERE tier = 'dev'), COUNT(*) FILTER (WHERE tier = 'official')
-             FROM entries WHERE epoch_id = $1",
-        )
-        .bind(epoch_id)
         .fetch_one(&self.readers)
         .await?;
         Ok(EpochCounts { issued, answered, siblings, siblings_answered, dev, official })

@@ -3,6 +3,8 @@
 //! Accepts so many submissions one at a time from 64 tasks, claims them in batches, and records a report of each. With
 //! `--hold` a transaction stays open on PostgreSQL all the while, which keeps the server from removing deleted rows.
 
+mod submission;
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
@@ -14,11 +16,12 @@ use plumbline::store::claims::Claimed;
 use plumbline::store::location::Location;
 use plumbline::store::queue::Lane;
 use plumbline::store::reports::PackedReport;
-use plumbline::store::submissions::{NewSubmission, PackedLog};
+use plumbline::store::submissions::NewSubmission;
 use plumbline_engine::builders::build;
 use plumbline_engine::elasticity::Control;
 use plumbline_engine::grading::grade_hashed;
 use plumbline_engine::tasks::embedded;
+use submission::submission;
 
 const POSTING: usize = 64;
 const CLAIMING: usize = 2;
@@ -43,22 +46,7 @@ async fn main() -> anyhow::Result<()> {
     let report = grade_hashed(&task, &task.content_hash(), &log, &Control::unhurried())
         .map_err(|error| anyhow::anyhow!("{error:?}"))?;
     let packed = PackedReport::of(&report, 1)?;
-    let (json, hash) = (log.canonical_json(), task.content_hash());
-    let new = Arc::new(NewSubmission {
-        id: String::new(),
-        run_id: None,
-        suite_id: suite.id(),
-        task_hash: hash,
-        task_number: task.number,
-        log_hash: String::new(),
-        turns: log.turns.len(),
-        events: log.event_count(),
-        owner: Some("bench".to_owned()),
-        lane: Lane::Quick,
-        log: PackedLog::of(&json)?,
-        replays: None,
-        profile: plumbline_engine::voxel::Profile::Published,
-    });
+    let new = Arc::new(submission(&suite, &task, &log)?);
 
     let begun = Instant::now();
     let next = Arc::new(AtomicUsize::new(0));

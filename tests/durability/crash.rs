@@ -32,11 +32,7 @@ async fn killed_while_grading_and_started_again_it_ends_with_every_report() {
         let accepted = answer.json();
         ids.extend(accepted["submissions"].as_array().unwrap().iter().map(|s| s["id"].as_str().unwrap().to_owned()));
     }
-    let not_ended = |metrics: &str| -> usize {
-        let line = metrics.lines().find_map(|line| line.strip_prefix("plumbline_submissions_not_ended ")).unwrap();
-        line.parse().unwrap()
-    };
-    let left = not_ended(&service.get("/metrics").await.text);
+    let left = service.not_ended().await;
     service.kill();
     assert!(left > 0, "all was graded before the kill; the test shows nothing");
 
@@ -47,12 +43,7 @@ async fn killed_while_grading_and_started_again_it_ends_with_every_report() {
         service.kill();
     }
     let service = Service::start(&database, &lease);
-    for _ in 0..600 {
-        if not_ended(&service.get("/metrics").await.text) == 0 {
-            break;
-        }
-        tokio::time::sleep(std::time::Duration::from_millis(100)).await;
-    }
+    service.settle("killed").await;
     for id in &ids {
         let submission = service.get(&format!("/v1/submissions/{id}")).await.json();
         assert_eq!(submission["state"], "graded", "{submission}");

@@ -4,9 +4,10 @@
 use std::os::unix::process::ExitStatusExt as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::support::audit::audit;
+use crate::support::commands::{key, plumbline, succeeded};
 use crate::support::database::{is_postgres, pool};
 use crate::support::{PROGRAM, Service};
 use plumbline::store::db::{Each, Text, query};
@@ -30,17 +31,8 @@ impl Scene {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let database = folder.path().join("p.db");
-        let create = Command::new(PROGRAM)
-            .args(["migrate", "--create"])
-            .args(crate::support::database::named(&database))
-            .output()
-            .unwrap();
-        assert!(create.status.success());
-        let arguments = ["keys", "create", "--name", "lab"];
-        let made =
-            Command::new(PROGRAM).args(arguments).args(crate::support::database::named(&database)).output().unwrap();
-        assert!(made.status.success());
-        let key = String::from_utf8(made.stdout).unwrap().trim().to_owned();
+        succeeded(&plumbline(&["migrate", "--create"], &database));
+        let key = key(&database, "lab");
         Self { _folder: folder, database, key, acknowledged: Vec::new() }
     }
 
@@ -106,7 +98,7 @@ impl Scene {
     /// Starts a service that nothing befalls, waits until all is done, and looks through the books.
     async fn end_well(&self, when: &str) {
         let service = self.start();
-        settle(&service).await;
+        service.settle(when).await;
         assert!(service.terminate());
         audit(&self.database, &self.acknowledged, when).await;
     }
@@ -121,20 +113,6 @@ fn slow() -> Value {
     let task = suite.tasks.iter().find(is_stressed).unwrap();
     let rows: Vec<Value> = (0..20 * 20 * 20).map(|i| json!([i / 400, i / 20 % 20, i % 20, 0])).collect();
     json!({ "task": task.number, "turns": [{ "palette": ["stone"], "rows": rows }] })
-}
-
-/// Waits until nothing waits.
-async fn settle(service: &Service) {
-    let begun = Instant::now();
-    while begun.elapsed() < Duration::from_mins(1) {
-        let metrics = service.get("/metrics").await.text;
-        let left = metrics.lines().find_map(|line| line.strip_prefix("plumbline_submissions_not_ended ")).unwrap();
-        if left == "0" {
-            return;
-        }
-        tokio::time::sleep(Duration::from_millis(50)).await;
-    }
-    panic!("submissions are stuck");
 }
 
 async fn change(database: &Path, text: impl Into<Text>, id: &str) {
@@ -248,7 +226,7 @@ async fn two_services_on_one_file() {
         let log = json!({ "palette": ["stone"], "rows": [[i, 0, 0, 0]] });
         scene.post(&services[i % 2], json!({ "task": 1, "turns": [log] })).await.unwrap();
     }
-    settle(&services[0]).await;
+    services[0].settle("two").await;
     for service in services {
         assert!(service.terminate());
     }
@@ -268,7 +246,7 @@ async fn a_clock_that_jumps() {
     for jump in [HOUR_MS, -HOUR_MS, 0] {
         let _ = scene.work(&service).await;
         set(jump);
-        settle(&service).await;
+        service.settle("clock").await;
     }
     // Killed with a lease that ends in an hour by the clock that comes after.
     set(HOUR_MS);

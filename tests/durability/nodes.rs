@@ -9,10 +9,11 @@ use plumbline::store::db::{Pool, query_scalar};
 use plumbline_engine::tasks::embedded;
 use reqwest::StatusCode;
 use serde_json::{Value, json};
-use tokio::net::{TcpListener, TcpStream};
 
 use crate::support::audit::audit_books;
 use crate::support::cluster::Cluster;
+use crate::support::commands::succeeded;
+use crate::support::line::{Line, Passes};
 use crate::support::{PROGRAM, Service, good_build};
 
 const OWNERS: [&str; 5] = ["ada", "bea", "cem", "dov", "eve"];
@@ -47,9 +48,7 @@ impl Scene {
     }
 
     fn run(&self, arguments: &[&str]) -> String {
-        let done = self.command(arguments, &self.url()).output().unwrap();
-        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
-        String::from_utf8(done.stdout).unwrap().trim().to_owned()
+        succeeded(&self.command(arguments, &self.url()).output().unwrap())
     }
 
     fn node(&self, role: &str, url: &str) -> Service {
@@ -58,34 +57,6 @@ impl Scene {
 
     async fn pool(&self) -> Pool {
         Pool::Postgres(sqlx::PgPool::connect(&self.url()).await.unwrap())
-    }
-}
-
-/// A way to the server that the test can cut.
-struct Line {
-    address: String,
-    passing: tokio::task::JoinHandle<()>,
-}
-
-impl Line {
-    async fn to(port: u16) -> Self {
-        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        let address = listener.local_addr().unwrap().to_string();
-        let passing = tokio::spawn(async move {
-            let mut streams = tokio::task::JoinSet::new();
-            while let Ok((mut one, _)) = listener.accept().await {
-                streams.spawn(async move {
-                    let Ok(mut other) = TcpStream::connect(("127.0.0.1", port)).await else { return };
-                    let _ = tokio::io::copy_bidirectional(&mut one, &mut other).await;
-                });
-            }
-        });
-        Self { address, passing }
-    }
-
-    /// Cuts all connections; new ones are refused.
-    fn cut(&self) {
-        self.passing.abort();
     }
 }
 
@@ -140,7 +111,7 @@ async fn left(pool: &Pool) -> i64 {
 async fn nodes_die_freeze_and_lose_the_server_and_nothing_is_lost() {
     let scene = Scene::new();
     let line = Line::to(scene.cluster.port).await;
-    let through_line = scene.url().replace(&format!("127.0.0.1:{}", scene.cluster.port), &line.address);
+    let through_line = scene.url().replace(&format!(":{}/", scene.cluster.port), &format!(":{}/", line.port));
     // One that stays, one that freezes, one whose line is cut, and workers that die.
     let stays = scene.node("serve", &scene.url());
     let freezes = scene.node("serve", &scene.url());
@@ -164,7 +135,7 @@ async fn nodes_die_freeze_and_lose_the_server_and_nothing_is_lost() {
         tokio::time::sleep(Duration::from_millis(700)).await;
     }
     freezes.signal("STOP");
-    line.cut();
+    line.set(Passes::Cut);
     tokio::time::sleep(Duration::from_secs(4)).await;
     freezes.signal("CONT");
     scene.cluster.restart_hard(Duration::from_secs(1));

@@ -6,12 +6,14 @@ pub mod cluster;
 pub mod commands;
 pub mod database;
 pub mod epoch;
+pub mod line;
 pub mod tampering;
 
 use std::io::{BufRead as _, BufReader};
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
 use plumbline::client::without_tls;
 use plumbline_engine::builders::build;
@@ -170,9 +172,25 @@ impl Service {
             if wanted(&found) {
                 return found;
             }
-            tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+            tokio::time::sleep(Duration::from_millis(100)).await;
         }
         panic!("{path} did not become as wanted: {}", self.get(path).await.text);
+    }
+
+    /// Returns the number of submissions that are neither graded nor failed.
+    pub async fn not_ended(&self) -> usize {
+        let metrics = self.get("/metrics").await.text;
+        let left = metrics.lines().find_map(|line| line.strip_prefix("plumbline_submissions_not_ended "));
+        left.unwrap_or_else(|| panic!("{metrics}")).parse().unwrap()
+    }
+
+    /// Waits until nothing waits, and the service says that it is ready; fails after two minutes.
+    pub async fn settle(&self, when: &str) {
+        let begun = Instant::now();
+        while self.not_ended().await > 0 || self.get("/readyz").await.status != StatusCode::OK {
+            assert!(begun.elapsed() < Duration::from_mins(2), "{when}: submissions are stuck");
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
     }
 
     /// SIGKILL, at once.
@@ -194,7 +212,7 @@ impl Service {
             if self.process.try_wait().unwrap().is_some() {
                 return;
             }
-            tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+            tokio::time::sleep(Duration::from_millis(100)).await;
         }
         panic!("{when}: the service lives");
     }

@@ -21,17 +21,18 @@ impl Generator {
     /// # Errors
     /// Returns an error if there is no such version, or the embedded files are faulty; a test shows that they are not.
     pub fn of(version: u32) -> Result<&'static Self, PoolError> {
-        static CREATED: [OnceLock<Generator>; GENERATOR_VERSION as usize] = [const { OnceLock::new() }; _];
-        let place = version.checked_sub(1).and_then(|place| CREATED.get(place as usize));
-        let place = place.ok_or_else(|| PoolError::Files(format!("there is no version {version} of the generator")))?;
+        static LATEST: OnceLock<Generator> = OnceLock::new();
         if version < FIRST_WITH_SIBLINGS {
             return Self::of_suite(version);
         }
-        if let Some(created) = place.get() {
+        if version != GENERATOR_VERSION {
+            return Err(PoolError::Files(format!("there is no version {version} of the generator")));
+        }
+        if let Some(created) = LATEST.get() {
             return Ok(created);
         }
         // No sibling returns as a hidden instance. Both are then drawn alike, without replacement.
         let created = Self::create(LATEST_SUITE, Siblings::of(version)?.specifications())?;
-        Ok(place.get_or_init(|| created))
+        Ok(LATEST.get_or_init(|| created))
     }
 }

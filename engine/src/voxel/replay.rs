@@ -123,7 +123,11 @@ fn apply_in_order(standing: &mut Vec<(Cell, MaterialId)>, turn: &[Event], renews
 /// Counts the cells that a turn leaves empty although it placed a block there, from its changes in order: each a cell,
 /// and whether a block was placed there or removed. Under [`Profile::Published`], where a removal reaches only blocks
 /// of earlier turns, these blocks would stand.
-pub fn placed_and_gone(changes: impl IntoIterator<Item = (Cell, bool)>) -> usize {
+pub fn placed_and_gone(changes: impl Iterator<Item = (Cell, bool)> + Clone) -> usize {
+    // Most logs remove nothing.
+    if changes.clone().all(|(_, is_placed)| is_placed) {
+        return 0;
+    }
     let (mut placed, mut gone) = (CellSet::default(), CellSet::default());
     for (cell, is_placed) in changes {
         if is_placed {

@@ -3,6 +3,7 @@
 use sqlx::{PgPool, Postgres, Sqlite, SqlitePool, Transaction};
 
 use crate::store::StoreResult;
+use crate::store::postgres::silence::{SIGN, answer};
 
 /// Kind of a database.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,7 +41,7 @@ impl Pool {
         Ok(match self {
             Self::Sqlite(pool) => Tx::Sqlite(pool.begin().await?),
             Self::Postgres(pool) => {
-                Tx::Postgres(pool.begin_with("BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY").await?)
+                Tx::Postgres(answer(pool.begin_with("BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY")).await?)
             }
         })
     }
@@ -52,15 +53,21 @@ impl Pool {
     pub async fn begin_writing(&self) -> StoreResult<Tx> {
         Ok(match self {
             Self::Sqlite(pool) => Tx::Sqlite(pool.begin_with("BEGIN IMMEDIATE").await?),
-            Self::Postgres(pool) => Tx::Postgres(pool.begin_with("BEGIN ISOLATION LEVEL READ COMMITTED").await?),
+            Self::Postgres(pool) => {
+                Tx::Postgres(answer(pool.begin_with("BEGIN ISOLATION LEVEL READ COMMITTED")).await?)
+            }
         })
     }
 
-    /// Closes all connections.
+    /// Closes all connections. One that does not answer is given up after a moment.
     pub async fn close(&self) {
         match self {
             Self::Sqlite(pool) => pool.close().await,
-            Self::Postgres(pool) => pool.close().await,
+            Self::Postgres(pool) => {
+                if tokio::time::timeout(SIGN, pool.close()).await.is_err() {
+                    tracing::warn!("a connection to the server does not answer; it is given up");
+                }
+            }
         }
     }
 }
@@ -91,7 +98,7 @@ impl Tx {
     pub async fn commit(self) -> StoreResult<()> {
         match self {
             Self::Sqlite(tx) => tx.commit().await?,
-            Self::Postgres(tx) => tx.commit().await?,
+            Self::Postgres(tx) => answer(tx.commit()).await?,
         }
         Ok(())
     }

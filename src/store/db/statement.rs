@@ -11,6 +11,7 @@ use super::pool::{Pool, Tx};
 use super::row::{Column, FromRow, Row};
 use super::value::Value;
 use crate::store::StoreResult;
+use crate::store::postgres::silence::answer;
 
 /// Text of a statement that differs between the databases. A value that one of the texts does not name is ignored
 /// there.
@@ -149,8 +150,8 @@ macro_rules! on_each {
         match $on.into() {
             On::SqlitePool(pool) => sqlite(text.sqlite, values).$fetch(pool).await.map($sqlite),
             On::Sqlite(connection) => sqlite(text.sqlite, values).$fetch(connection).await.map($sqlite),
-            On::PostgresPool(pool) => postgres(text.postgres, values).$fetch(pool).await.map($postgres),
-            On::Postgres(connection) => postgres(text.postgres, values).$fetch(connection).await.map($postgres),
+            On::PostgresPool(pool) => answer(postgres(text.postgres, values).$fetch(pool)).await.map($postgres),
+            On::Postgres(connection) => answer(postgres(text.postgres, values).$fetch(connection)).await.map($postgres),
         }
     }};
 }
@@ -212,7 +213,7 @@ impl<R> Query<R> {
             }
             Tx::Postgres(tx) => {
                 let mut rows = postgres(self.text.postgres, self.values).fetch(&mut **tx);
-                while let Some(row) = rows.try_next().await? {
+                while let Some(row) = answer(rows.try_next()).await? {
                     each(R::read(Row::Postgres(row))?)?;
                 }
             }

@@ -2,6 +2,7 @@
 
 pub(super) mod notices;
 pub(super) mod schema;
+pub(super) mod silence;
 
 use std::time::Duration;
 
@@ -47,12 +48,13 @@ async fn connect(server: &Server, connections: u32) -> StoreResult<PgPool> {
     let options: PgConnectOptions = server.options.clone().application_name("plumbline").options(SETTINGS);
     let unreachable = |error: sqlx::Error| explain(&error, Location::Server(Box::new(server.clone())));
     // A pool would try again for seconds, and then not say why it failed.
-    let first = options.connect().await.map_err(unreachable)?;
-    first.close().await.map_err(unreachable)?;
+    let first = silence::broken_after(ACQUIRE, options.connect()).await.map_err(unreachable)?;
+    silence::broken_after(ACQUIRE, first.close()).await.map_err(unreachable)?;
     let pool = PgPoolOptions::new()
         .max_connections(connections)
         .acquire_timeout(ACQUIRE)
         .test_before_acquire(false)
+        .after_release(|connection, _| Box::pin(silence::still_answers(connection)))
         .connect_with(options)
         .await
         .map_err(unreachable)?;

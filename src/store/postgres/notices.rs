@@ -8,9 +8,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use sqlx::PgPool;
-use sqlx::postgres::PgListener;
+use sqlx::postgres::{PgListener, PgPoolOptions};
 use tokio::sync::Notify;
+use tokio::time::timeout;
 
+use super::silence::{self, SIGN, broken_after};
 use crate::store::StoreResult;
 use crate::store::db::{Tx, query};
 
@@ -22,6 +24,8 @@ const ENDED: &str = "plumbline_ended";
 const BOARD: &str = "board";
 /// Pause before a connection that failed is opened again.
 const PAUSE: Duration = Duration::from_secs(1);
+/// Time without a notice after which a listener asks whether its connection is still there.
+const QUIET: Duration = Duration::from_secs(30);
 
 /// Subject of a notice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -55,9 +59,9 @@ impl Tx {
 pub(in crate::store) fn follow(pool: PgPool, queued: Arc<Notify>, ends: Arc<Notify>, boards: Arc<AtomicU64>) {
     tokio::spawn(async move {
         while !pool.is_closed() {
-            if let Err(error) = listen(&pool, &queued, &ends, &boards).await
-                && !pool.is_closed()
-            {
+            let listening = Box::pin(listen(&pool, &queued, &ends, &boards));
+            let ended = pool.close_event().do_until(listening).await;
+            if let Ok(Err(error)) = ended {
                 tracing::warn!(%error, "no notices from other nodes; looking from time to time instead");
                 tokio::time::sleep(PAUSE).await;
             }
@@ -66,11 +70,19 @@ pub(in crate::store) fn follow(pool: PgPool, queued: Arc<Notify>, ends: Arc<Noti
 }
 
 async fn listen(pool: &PgPool, queued: &Notify, ends: &Notify, boards: &AtomicU64) -> Result<(), sqlx::Error> {
-    let mut listener = PgListener::connect_with(pool).await?;
-    listener.listen_all([QUEUED, ENDED]).await?;
+    // A listener that is given up never returns its connection, so it has a pool of its own.
+    let options = pool.connect_options().as_ref().clone();
+    let own = PgPoolOptions::new().max_connections(1).acquire_timeout(SIGN).connect_lazy_with(options);
+    let mut listener = PgListener::connect_with(&own).await?;
+    silence::answer(listener.listen_all([QUEUED, ENDED])).await?;
     loop {
+        let Ok(notice) = timeout(QUIET, listener.try_recv()).await else {
+            // Nothing happened on any node, or the connection is dead.
+            broken_after(SIGN, sqlx::query("SELECT 1").execute(&mut listener)).await?;
+            continue;
+        };
         // Notices of the time before the connection are lost, so everybody looks once.
-        match listener.try_recv().await? {
+        match notice? {
             Some(notice) if notice.channel() == QUEUED => queued.notify_waiters(),
             Some(notice) => {
                 if notice.payload() == BOARD {

@@ -13,7 +13,7 @@ use plumbline::store::claims::Claimed;
 use plumbline::store::location::Location;
 use plumbline::store::queue::Lane;
 use plumbline::store::reports::PackedReport;
-use plumbline::store::submissions::{NewSubmission, PackedLog};
+use plumbline::store::submissions::NewSubmission;
 use plumbline_engine::builders::build;
 use plumbline_engine::checks::{Check, Subject};
 use plumbline_engine::elasticity::{Control, fem, sph};
@@ -21,10 +21,11 @@ use plumbline_engine::grading::{grade_hashed, grade_log};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::tasks::{Task, embedded};
 use plumbline_engine::voxel::replay::Replay;
-use plumbline_engine::voxel::{BlockLog, Cell, Profile, Structure};
+use plumbline_engine::voxel::{BlockLog, Cell, Structure};
 use serde_json::{Value, json};
 
 use crate::arguments::arguments;
+use crate::submission::submission;
 use crate::{Count, callgrind, total};
 
 /// Number of submissions that a case of the store accepts, claims and records.
@@ -136,21 +137,7 @@ fn store_cases() -> anyhow::Result<Vec<Case>> {
     let log = log_of(&task)?;
     let graded = grade_hashed(&task, &task.content_hash(), &log, &Control::unhurried());
     let report = PackedReport::of(&graded.map_err(|error| anyhow::anyhow!("{error:?}"))?, 1)?;
-    let new = NewSubmission {
-        id: String::new(),
-        run_id: None,
-        suite_id: suite.id(),
-        task_hash: task.content_hash(),
-        task_number: task.number,
-        log_hash: String::new(),
-        turns: log.turns.len(),
-        events: log.event_count(),
-        owner: Some("bench".to_owned()),
-        lane: Lane::Quick,
-        log: PackedLog::of(&log.canonical_json())?,
-        replays: None,
-        profile: Profile::Published,
-    };
+    let new = submission(&suite, &task, &log)?;
     let number = RefCell::new(0_u64);
     let (accepting, recording) = ((store.clone(), Arc::clone(&runtime)), (store, runtime));
     let accept = move || {

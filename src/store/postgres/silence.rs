@@ -1,0 +1,40 @@
+//! Connections on which nothing comes any more, and no error either: the server's machine is gone, or something between
+//! forgot the connection.
+//!
+//! The server's own time limits do not help then, and TCP waits a quarter of an hour, or for ever.
+
+use std::io;
+use std::time::Duration;
+
+use sqlx::{Connection as _, PgConnection};
+
+/// Time after which a statement without an answer has failed. The server ends statements before it.
+const STATEMENT: Duration = Duration::from_secs(65);
+/// Time that a connection gets to say that it is still there, or to close.
+pub(in crate::store) const SIGN: Duration = Duration::from_secs(5);
+
+/// Waits for a statement.
+pub(in crate::store) fn answer<'s, T>(
+    statement: impl Future<Output = sqlx::Result<T>> + Send + 's,
+) -> impl Future<Output = sqlx::Result<T>> + Send + 's {
+    broken_after(STATEMENT, statement)
+}
+
+/// Waits for the server for a while.
+///
+/// # Errors
+/// Returns an error of the connection if nothing came in that time.
+pub(super) fn broken_after<'s, T>(
+    limit: Duration,
+    work: impl Future<Output = sqlx::Result<T>> + Send + 's,
+) -> impl Future<Output = sqlx::Result<T>> + Send + 's {
+    // The futures of sqlx are large, and callers would hold them within their own.
+    let work = tokio::time::timeout(limit, Box::pin(work));
+    let silent = |_| io::Error::new(io::ErrorKind::TimedOut, "the server does not answer");
+    async move { work.await.map_err(silent)? }
+}
+
+/// Returns whether a connection may serve again. The pool asks so too when it takes one back, but without a time limit.
+pub(super) async fn still_answers(connection: &mut PgConnection) -> sqlx::Result<bool> {
+    broken_after(SIGN, connection.ping()).await.map(|()| true)
+}
