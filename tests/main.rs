@@ -1,6 +1,5 @@
 //! The integration tests, in one binary. Its folders mirror those of `src/http`; beside them stand `durability`,
-//! `conformance`,
-//! `browser`, `cli`, `load` and `tidy`.
+//! `conformance`, `browser`, `cli`, `fuzz`, `load` and `tidy`.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests fail by panicking")]
 
@@ -14,6 +13,7 @@ mod conformance;
 mod docs;
 mod durability;
 mod episodes;
+mod fuzz;
 mod hidden;
 mod load;
 mod rewards;

@@ -63,12 +63,15 @@ impl Store {
                                                  WHERE lane = 'quick' AND lease_until_ms <= $1 AND attempt = 0
                                                  ORDER BY turn, queued_at_ms, submission_id LIMIT $3)
                          RETURNING submission_id, attempt, turn",
-                postgres: "UPDATE jobs SET attempt = attempt + 1, lease_until_ms = now_ms() + $2, lease_ms = $2
-                           WHERE submission_id IN (SELECT submission_id FROM jobs
-                                                   WHERE lane = 'quick' AND lease_until_ms <= now_ms() AND attempt = 0
-                                                     AND turn >= CASE WHEN $4 THEN 0 ELSE (SELECT turn - 256 FROM lanes WHERE name = 'quick') END
-                                                   ORDER BY turn, queued_at_ms, submission_id LIMIT $3
-                                                   FOR UPDATE SKIP LOCKED)
+                // Without MATERIALIZED the server may run the inner statement several times, each with rows of its own.
+                postgres: "WITH free AS MATERIALIZED (
+                               SELECT submission_id FROM jobs
+                               WHERE lane = 'quick' AND lease_until_ms <= now_ms() AND attempt = 0
+                                 AND turn >= CASE WHEN $4 THEN 0 ELSE (SELECT turn - 256 FROM lanes WHERE name = 'quick') END
+                               ORDER BY turn, queued_at_ms, submission_id LIMIT $3
+                               FOR UPDATE SKIP LOCKED)
+                           UPDATE jobs SET attempt = attempt + 1, lease_until_ms = now_ms() + $2, lease_ms = $2
+                           WHERE submission_id IN (SELECT submission_id FROM free)
                            RETURNING submission_id, attempt, turn",
             })
             .bind(now_ms)

@@ -55,6 +55,13 @@ for round in 1 2 3; do
     METHOD=GET load "a board, round $round" "$board" 32
     METHOD=GET PORT=8098 load "the same bytes, bare, round $round" / 32
 done
+# Grades, and the same bodies read into typed turns by a bare axum route, in turn.
+start --grade-cache-mib 0
+for round in 1 2 3; do
+    load "grade, cache off, round $round" /v1/grade 32
+    CHUNK=100 KIND=application/x-ndjson load "batch of 100, round $round" /v1/grade:batch 8
+    PORT=8098 load "the same bodies, bare, round $round" /grade 32
+done
 kill "$bare"
 memory
 # Ten thousand connections that send nothing, a thousand whose bodies trickle, and how others are served meanwhile.

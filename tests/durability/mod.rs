@@ -8,4 +8,5 @@ mod full_disk;
 mod held_lock;
 mod nodes;
 mod postgres;
+mod store_model;
 mod upgrade;

@@ -48,7 +48,7 @@ const WRONG: [(&str, &str); 10] = [
     ),
     (
         "runs whose end was not told once, or told before it came",
-        "SELECT id FROM runs r WHERE CASE WHEN state = 'finished' THEN 1 ELSE 0 END <>
+        "SELECT id FROM runs r WHERE CASE WHEN state = 'finished' OR deleted_at_ms IS NOT NULL THEN 1 ELSE 0 END <>
             (SELECT COUNT(*) FROM events e WHERE e.run_id = r.id AND e.submission_id IS NULL)",
     ),
 ];

@@ -84,8 +84,7 @@ async fn pass(
             Passes::Nothing if !is_dead.swap(true, Ordering::Relaxed) => {
                 dead.fetch_add(1, Ordering::Relaxed);
             }
-            Passes::Nothing => {}
-            Passes::All | Passes::Cut => {}
+            Passes::All | Passes::Nothing | Passes::Cut => {}
         }
         if is_dead.load(Ordering::Relaxed) {
             // Whoever forgot a connection does not tell its ends either.

@@ -75,7 +75,10 @@ fn code_fences<'t>(
     fences: &'t [Fence],
     logs: &'t [Range<usize>],
 ) -> impl Iterator<Item = Range<usize>> + 't {
+    let is_blank = |fence: &Fence| text[fence.content.clone()].trim().is_empty();
     let is_code = |fence: &&Fence| match fence.language.as_str() {
+        // A text often ends where a fence was opened; that says nothing about what came before.
+        _ if is_blank(fence) => false,
         "js" | "javascript" | "jsx" | "mjs" | "cjs" | "ts" | "typescript" | "node" => true,
         "" => {
             let content = text[fence.content.clone()].trim_start();
@@ -106,6 +109,7 @@ fn why_none(text: &str, fences: &[Fence], json: &json::Scanned, ends_in_thought:
             .to_owned();
     }
     match fences.last() {
+        Some(fence) if text[fence.content.clone()].trim().is_empty() => "the last code fence is empty".to_owned(),
         Some(fence) if !fence.language.is_empty() => {
             format!("the last code fence is {:?}, which is neither JSON nor JavaScript", fence.language)
         }
@@ -118,6 +122,16 @@ mod tests {
     use super::*;
 
     const LIMITS: LogLimits = LogLimits { max_turns: 4, max_events: 10, max_materials: 5, max_material_chars: 20 };
+
+    #[test]
+    fn an_empty_fence_is_no_answer() {
+        let code = "```js\nawait skills.placeBlock(bot, 'stone', 0, 0, 0);\n```\n";
+        for empty in ["```js\n", "```js\n```\n", "```\n \n\n```"] {
+            let found = read_answer(&format!("{code}{empty}"), LIMITS).unwrap();
+            assert_eq!((found.kind, found.line, found.passed_over), (AnswerKind::Code, 2, 0), "{empty:?}");
+            assert_eq!(read_answer(empty, LIMITS).unwrap_err(), "the last code fence is empty");
+        }
+    }
 
     /// Returns the number of events of the log that is found, or its code without the surrounding line breaks.
     fn found(text: &str) -> Result<String, String> {

@@ -1,0 +1,343 @@
+//! Random sequences of what is done with the store, against a plain model of it, on both databases.
+//!
+//! `PLUMBLINE_MODEL_STEPS` sets the number of steps, and `PLUMBLINE_MODEL_SEED` the sequence.
+
+mod model;
+
+use std::time::Duration;
+
+use plumbline::app::submissions::decision::decide_all;
+use plumbline::store::Store;
+use plumbline::store::acceptance::Acceptability;
+use plumbline::store::claims::Claimed;
+use plumbline::store::jobs::Claim;
+use plumbline::store::location::Location;
+use plumbline::store::queue::Lane;
+use plumbline::store::reports::PackedReport;
+use plumbline::store::run_rows::Skip;
+use plumbline::store::runs::NewRun;
+use plumbline::store::states::SubmissionState;
+use plumbline::store::submissions::{NewSubmission, PackedLog};
+use plumbline_engine::builders::build;
+use plumbline_engine::elasticity::Control;
+use plumbline_engine::grading::grade_hashed;
+use plumbline_engine::tasks::{Suite, Track, embedded};
+use plumbline_engine::voxel::Profile;
+use rand_mt::Mt64;
+
+use crate::support::audit::audit;
+use crate::support::database::{is_postgres, url};
+use model::{Lease, Model, OWNERS};
+
+/// Number of steps by default.
+const STEPS: usize = 4_000;
+/// Number of tasks of the suite: few, so that runs end.
+const TASKS: usize = 3;
+/// A lease that does not end during the test, and one that ends at once.
+const LONG_MS: i64 = 3_600_000;
+const SHORT_MS: i64 = 1;
+/// Greatest number of jobs that are claimed at once.
+const MOST: usize = 4;
+
+/// The store and its model, in step.
+struct Scene {
+    store: Store,
+    location: Location,
+    folder: tempfile::TempDir,
+    suite: Suite,
+    logs: Vec<PackedLog>,
+    reports: Vec<PackedReport>,
+    model: Model,
+    /// Claims that workers hold, or believe to hold.
+    claims: Vec<Claim>,
+    random: Mt64,
+    now_ms: i64,
+}
+
+impl Scene {
+    async fn new(seed: u64) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("p.db");
+        let location: Location = if is_postgres() { url(&file).parse().unwrap() } else { Location::File(file) };
+        let store = Store::open(&location, Some(folder.path().join("secrets"))).await.unwrap();
+        // A service makes it when it starts.
+        store.secrets().signer().unwrap();
+        let mut suite = embedded::suite(2).unwrap();
+        suite.tasks.truncate(TASKS);
+        store.put_suite(&suite, 0).await.unwrap();
+        let graded = |task| {
+            let log = build(task).unwrap();
+            let report = grade_hashed(task, &task.content_hash(), &log, &Control::unhurried()).unwrap();
+            (PackedLog::of(&log.canonical_json()).unwrap(), PackedReport::of(&report, 1).unwrap())
+        };
+        let (logs, reports) = suite.tasks.iter().map(graded).unzip();
+        let (model, claims, random) = (Model::new(TASKS), Vec::new(), Mt64::new(seed));
+        Self { store, location, folder, suite, logs, reports, model, claims, random, now_ms: 1_000 }
+    }
+
+    fn below(&mut self, count: usize) -> usize {
+        (self.random.next_u64() % count as u64) as usize
+    }
+
+    /// Does one thing, on the store and in the model, and compares what both answer.
+    async fn step(&mut self) {
+        self.now_ms += 1;
+        match self.below(100) {
+            0..5 => self.create_run().await,
+            5..35 => self.accept().await,
+            35..55 => self.claim().await,
+            55..60 => self.renew().await,
+            60..75 => self.record().await,
+            75..80 => self.give_back().await,
+            80..84 => self.fail().await,
+            84..88 => self.cancel().await,
+            88..92 => self.change_quota().await,
+            92..95 => self.finish().await,
+            95..97 => self.delete().await,
+            97 => self.reopen().await,
+            _ => self.compare().await,
+        }
+    }
+
+    async fn create_run(&mut self) {
+        let (id, owner) = (uuid::Uuid::now_v7().to_string(), OWNERS[self.below(OWNERS.len())]);
+        let (suite_id, metadata) = (self.suite.id(), serde_json::json!({}));
+        let run = NewRun {
+            id: &id,
+            agent: "agent",
+            suite_id: &suite_id,
+            metadata: &metadata,
+            owner,
+            provenance: "posted",
+            track: Track::Specified,
+            card: None,
+            embargo: None,
+        };
+        self.store.create_run(&run, None, self.now_ms).await.unwrap();
+        self.model.create_run(id, owner);
+    }
+
+    async fn accept(&mut self) {
+        let run = (self.below(4) > 0).then(|| self.model.some_run(self.random.next_u64())).flatten();
+        let owner = match &run {
+            Some(run) => self.model.runs[run].owner,
+            None => OWNERS[self.below(OWNERS.len())],
+        };
+        let new: Vec<NewSubmission> = (0..=self.below(3)).map(|_| self.submission(run.clone(), owner)).collect();
+        let expected = self.model.accept(&new);
+        let found = self.store.accept(new.into(), None, decide_all, self.now_ms).await.unwrap();
+        assert_eq!(found, Acceptability::Decided(expected));
+    }
+
+    fn submission(&mut self, run_id: Option<String>, owner: Option<&'static str>) -> NewSubmission {
+        let task = self.below(TASKS);
+        NewSubmission {
+            id: uuid::Uuid::now_v7().to_string(),
+            run_id,
+            suite_id: self.suite.id(),
+            task_hash: self.suite.tasks[task].content_hash(),
+            task_number: self.suite.tasks[task].number,
+            log_hash: ["one", "other"][self.below(2)].to_owned(),
+            log: self.logs[task].clone(),
+            turns: 1,
+            events: 1,
+            owner: owner.map(str::to_owned),
+            lane: if self.below(4) == 0 { Lane::Long } else { Lane::Quick },
+            replays: None,
+            profile: Profile::Published,
+        }
+    }
+
+    /// Claims jobs, for long or as a worker that dies at once.
+    async fn claim(&mut self) {
+        let dies = self.below(4) == 0;
+        let mut lease = if dies { SHORT_MS } else { LONG_MS };
+        let mut found = self.store.claim(&[Lane::Quick, Lane::Long], lease, MOST).await.unwrap();
+        let claimable = self.model.claimable();
+        if is_postgres() && matches!(found, Claimed::Nothing) && !claimable.is_empty() {
+            // Jobs that were left behind are looked for only from time to time, by the length of the lease.
+            lease = SHORT_MS;
+            found = self.store.claim(&[Lane::Quick, Lane::Long], lease, MOST).await.unwrap();
+        }
+        let held = if lease == SHORT_MS { Lease::Short } else { Lease::Long };
+        match found {
+            Claimed::Nothing => assert!(claimable.is_empty(), "these jobs are not found: {claimable:?}"),
+            Claimed::GivenUp => {
+                let mut given_up = Vec::new();
+                for id in claimable {
+                    if self.state_of(&id).await == SubmissionState::GraderError {
+                        given_up.push(id);
+                    }
+                }
+                assert_eq!(given_up.len(), 1, "one submission is given up at a time");
+                self.model.give_up(&given_up[0]);
+            }
+            Claimed::Jobs(claims) => {
+                let taken: Vec<(&str, i64)> =
+                    claims.iter().map(|claim| (claim.submission_id.as_str(), claim.attempt)).collect();
+                self.model.claim(&taken, held, MOST, !is_postgres() || held == Lease::Short);
+                self.claims.extend(claims);
+            }
+        }
+        if held == Lease::Short {
+            tokio::time::sleep(Duration::from_millis(3)).await;
+        }
+    }
+
+    async fn state_of(&self, id: &str) -> SubmissionState {
+        self.store.submission(id).await.unwrap().unwrap().state
+    }
+
+    /// Takes a claim out of those that workers hold, or believe to hold.
+    fn some_claim(&mut self) -> Option<Claim> {
+        let count = self.claims.len();
+        (count > 0).then(|| self.claims.swap_remove(self.random.next_u64() as usize % count))
+    }
+
+    async fn renew(&mut self) {
+        let Some(claim) = self.some_claim() else { return };
+        let (lease, ms) = if self.below(3) == 0 { (Lease::Short, SHORT_MS) } else { (Lease::Long, LONG_MS) };
+        let expected = self.model.renew(&claim.submission_id, claim.attempt, lease);
+        assert_eq!(self.store.renew(&claim, ms).await.unwrap(), expected);
+        self.claims.push(claim);
+        tokio::time::sleep(Duration::from_millis(3)).await;
+    }
+
+    async fn record(&mut self) {
+        let mut graded = Vec::new();
+        for _ in 0..=self.below(MOST) {
+            let Some(claim) = self.some_claim() else { break };
+            let report = self.reports[claim.task_number as usize - 1].clone();
+            // A worker does not bring a submission twice at once.
+            if graded.iter().any(|(other, _): &(Claim, _)| other.submission_id == claim.submission_id) {
+                self.claims.push(claim);
+                break;
+            }
+            graded.push((claim, report));
+        }
+        if graded.is_empty() {
+            return;
+        }
+        let brought = graded.iter().map(|(claim, _)| (claim.submission_id.as_str(), claim.attempt));
+        let expected = self.model.record(brought);
+        assert_eq!(self.store.record(&graded, self.now_ms).await.unwrap(), expected);
+    }
+
+    async fn give_back(&mut self) {
+        let Some(claim) = self.some_claim() else { return };
+        let counts = self.below(2) == 0;
+        self.store.give_back(&claim, counts).await.unwrap();
+        self.model.give_back(&claim.submission_id, claim.attempt, counts);
+    }
+
+    async fn fail(&mut self) {
+        let Some(claim) = self.some_claim() else { return };
+        let state = [SubmissionState::Rejected, SubmissionState::GraderError][self.below(2)];
+        self.store.fail(&claim, state, "it failed", self.now_ms).await.unwrap();
+        self.model.fail(&claim.submission_id, claim.attempt, state);
+    }
+
+    async fn cancel(&mut self) {
+        let Some(id) = self.model.some_submission(self.random.next_u64()) else { return };
+        let expected = self.model.cancel(&id);
+        assert_eq!(self.store.cancel(&id, self.now_ms).await.unwrap(), expected);
+    }
+
+    async fn change_quota(&mut self) {
+        let Some(owner) = OWNERS[self.below(OWNERS.len())] else { return };
+        if self.below(4) == 0 {
+            let lifted = self.store.lift_quota(owner, "for the test", self.now_ms).await.unwrap();
+            assert_eq!(lifted, self.model.lift(owner));
+        } else {
+            let units = self.below(40) as i64 - 5;
+            self.store.grant(owner, units, "for the test", self.now_ms).await.unwrap();
+            self.model.grant(owner, units);
+        }
+    }
+
+    async fn finish(&mut self) {
+        let Some(run) = self.model.some_run(self.random.next_u64()) else { return };
+        let skip = match self.below(3) {
+            0 => None,
+            1 => Some(Skip::Unanswered),
+            _ => Some(Skip::Tasks(vec![1 + self.below(TASKS) as u32])),
+        };
+        let expected = self.model.finish(&run, skip.as_ref());
+        assert_eq!(self.store.finish_run(&run, skip.as_ref(), self.now_ms).await.unwrap(), expected);
+    }
+
+    async fn delete(&mut self) {
+        let Some(run) = self.model.some_run(self.random.next_u64()) else { return };
+        let expected = self.model.delete(&run);
+        assert_eq!(self.store.delete_run(&run, self.now_ms).await.unwrap(), expected);
+    }
+
+    async fn reopen(&mut self) {
+        self.store.close().await;
+        self.store = Store::open(&self.location, Some(self.folder.path().join("secrets"))).await.unwrap();
+    }
+
+    /// Compares everything that the model still knows, and forgets what cannot change any more.
+    async fn compare(&mut self) {
+        for (id, expected) in &self.model.submissions {
+            assert_eq!(self.state_of(id).await, expected.state, "{id}: {expected:?}");
+        }
+        for (id, expected) in &self.model.runs {
+            let run = self.store.run(id).await.unwrap().unwrap();
+            let found = (run.state, run.pending, run.graded, run.grader_errors);
+            let (pending, graded, errors) = self.model.counts(id);
+            assert_eq!(found, (expected.state, pending, graded, errors), "{id}");
+        }
+        for owner in OWNERS.into_iter().flatten() {
+            let found = self.store.quota(owner).await.unwrap();
+            let expected = self.model.quotas.get(owner).copied().unwrap_or_default();
+            let found = (found.granted, found.reserved, found.charged, found.used_before);
+            assert_eq!(found, (expected.granted, expected.reserved, expected.charged, expected.used_before), "{owner}");
+        }
+        self.model.forget();
+    }
+
+    /// Grades everything that still waits.
+    async fn drain(&mut self) {
+        loop {
+            tokio::time::sleep(Duration::from_millis(3)).await;
+            match self.store.claim(&[Lane::Quick, Lane::Long], SHORT_MS, MOST).await.unwrap() {
+                Claimed::Nothing => break,
+                Claimed::GivenUp => {}
+                Claimed::Jobs(claims) => {
+                    let report = |claim: Claim| {
+                        let report = self.reports[claim.task_number as usize - 1].clone();
+                        (claim, report)
+                    };
+                    let graded: Vec<_> = claims.into_iter().map(report).collect();
+                    self.store.record(&graded, self.now_ms).await.unwrap();
+                }
+            }
+        }
+    }
+}
+
+fn setting(name: &str, default: u64) -> u64 {
+    std::env::var(name).map_or(default, |value| value.parse().unwrap())
+}
+
+#[tokio::test]
+async fn the_store_does_what_a_plain_model_does() {
+    let seed = setting("PLUMBLINE_MODEL_SEED", 1);
+    let steps = setting("PLUMBLINE_MODEL_STEPS", STEPS as u64);
+    let mut scene = Scene::new(seed).await;
+    for step in 0..steps {
+        let done = std::panic::AssertUnwindSafe(scene.step());
+        let outcome = futures_util::FutureExt::catch_unwind(done).await;
+        assert!(outcome.is_ok(), "step {step} of seed {seed}");
+    }
+    scene.compare().await;
+    // What the model holds for ever would be claimed by nobody else.
+    for claim in std::mem::take(&mut scene.claims) {
+        scene.store.give_back(&claim, true).await.unwrap();
+    }
+    scene.drain().await;
+    let database = scene.folder.path().join("p.db");
+    scene.store.close().await;
+    audit(&database, &[], "the model").await;
+}

@@ -1,0 +1,353 @@
+//! The model: maps, and rules written as plainly as possible.
+
+use std::collections::BTreeMap;
+
+use plumbline::store::acceptance::Accepted;
+use plumbline::store::queue::Lane;
+use plumbline::store::run_rows::Skip;
+use plumbline::store::runs::RunChanged;
+use plumbline::store::states::{RunState, SubmissionState};
+use plumbline::store::submissions::NewSubmission;
+
+/// Owners of runs and submissions; some belong to nobody.
+pub const OWNERS: [Option<&str>; 4] = [None, Some("ada"), Some("bea"), Some("cem")];
+/// Greatest number of attempts at a job.
+const ATTEMPTS: i64 = 3;
+
+/// Who holds a job.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Lease {
+    /// Nobody.
+    Free,
+    /// A worker that died.
+    Short,
+    /// A worker.
+    Long,
+}
+
+#[derive(Debug, Clone)]
+pub struct Submission {
+    pub run: Option<String>,
+    pub task: u32,
+    pub owner: Option<String>,
+    pub log: String,
+    pub lane: Lane,
+    pub state: SubmissionState,
+    pub superseded: bool,
+    pub attempt: i64,
+    pub lease: Lease,
+}
+
+impl Submission {
+    fn has_job(&self) -> bool {
+        matches!(self.state, SubmissionState::Queued | SubmissionState::Grading)
+    }
+}
+
+#[derive(Debug, Clone)]
+pub struct Run {
+    pub owner: Option<&'static str>,
+    pub state: RunState,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Quota {
+    pub granted: Option<i64>,
+    pub reserved: i64,
+    pub charged: i64,
+    pub used_before: i64,
+}
+
+pub struct Model {
+    tasks: usize,
+    pub runs: BTreeMap<String, Run>,
+    pub submissions: BTreeMap<String, Submission>,
+    pub quotas: BTreeMap<String, Quota>,
+}
+
+impl Model {
+    pub fn new(tasks: usize) -> Self {
+        Self { tasks, runs: BTreeMap::new(), submissions: BTreeMap::new(), quotas: BTreeMap::new() }
+    }
+
+    pub fn create_run(&mut self, id: String, owner: Option<&'static str>) {
+        self.runs.insert(id, Run { owner, state: RunState::Open });
+    }
+
+    pub fn some_run(&self, number: u64) -> Option<String> {
+        some(self.runs.keys(), number)
+    }
+
+    pub fn some_submission(&self, number: u64) -> Option<String> {
+        some(self.submissions.keys(), number)
+    }
+
+    /// The submission of a run that counts for a task.
+    fn answer(&self, run: &str, task: u32) -> Option<String> {
+        let counts = |one: &Submission| one.run.as_deref() == Some(run) && one.task == task && !one.superseded;
+        self.submissions.iter().find(|(_, one)| counts(one)).map(|(id, _)| id.clone())
+    }
+
+    /// Stores all submissions of a body, or none.
+    pub fn accept(&mut self, new: &[NewSubmission]) -> Vec<Accepted> {
+        let (submissions, quotas) = (self.submissions.clone(), self.quotas.clone());
+        let answers: Vec<Accepted> = new.iter().map(|new| self.accept_one(new)).collect();
+        if !answers.iter().all(|answer| matches!(answer, Accepted::New | Accepted::Same(_))) {
+            (self.submissions, self.quotas) = (submissions, quotas);
+        }
+        answers
+    }
+
+    fn accept_one(&mut self, new: &NewSubmission) -> Accepted {
+        use SubmissionState::{Cancelled, GraderError};
+        let mut replaced = None;
+        if let Some(run) = &new.run_id {
+            let state = self.runs[run].state;
+            match self.answer(run, new.task_number) {
+                None if state != RunState::Open => return Accepted::RunClosed,
+                None => {}
+                Some(_) if state == RunState::Deleted => return Accepted::RunClosed,
+                Some(id) if matches!(self.submissions[&id].state, GraderError | Cancelled) => {
+                    if state == RunState::Finished {
+                        return Accepted::RunClosed;
+                    }
+                    replaced = Some(id);
+                }
+                Some(id) if self.submissions[&id].log == new.log_hash => return Accepted::Same(id),
+                Some(id) => return Accepted::Other(id),
+            }
+        }
+        if let Some(owner) = &new.owner {
+            let quota = self.quotas.entry(owner.clone()).or_default();
+            let used = quota.charged + quota.reserved - quota.used_before;
+            if quota.granted.is_some_and(|granted| granted <= used) {
+                return Accepted::QuotaUsedUp;
+            }
+            quota.reserved += 1;
+        }
+        if let Some(id) = replaced {
+            self.at(&id).superseded = true;
+        }
+        let submission = Submission {
+            run: new.run_id.clone(),
+            task: new.task_number,
+            owner: new.owner.clone(),
+            log: new.log_hash.clone(),
+            lane: new.lane,
+            state: SubmissionState::Queued,
+            superseded: false,
+            attempt: 0,
+            lease: Lease::Free,
+        };
+        self.submissions.insert(new.id.clone(), submission);
+        Accepted::New
+    }
+
+    fn at(&mut self, id: &str) -> &mut Submission {
+        self.submissions.get_mut(id).expect("the submission is known")
+    }
+
+    /// The jobs that a worker may take.
+    pub fn claimable(&self) -> Vec<String> {
+        let is_free = |one: &Submission| one.has_job() && one.lease != Lease::Long;
+        self.submissions.iter().filter(|(_, one)| is_free(one)).map(|(id, _)| id.clone()).collect()
+    }
+
+    /// Takes jobs that the store gave out, with their attempts, after it is sure that it might. If the store looked only
+    /// for jobs of the current rounds, it may have passed over others.
+    pub fn claim(&mut self, taken: &[(&str, i64)], lease: Lease, most: usize, is_thorough: bool) {
+        let claimable = self.claimable();
+        let quick = claimable.iter().filter(|id| self.submissions[*id].lane == Lane::Quick);
+        let (quick, new) = (quick.clone().count(), quick.filter(|id| self.submissions[*id].attempt == 0).count());
+        let (first, attempt) = taken[0];
+        let is_quick = self.submissions[first].lane == Lane::Quick;
+        assert!(is_quick == (quick > 0) || !is_thorough, "quick jobs come first");
+        let expected = if is_quick && attempt == 1 { most.min(new) } else { 1 };
+        assert!(taken.len() == expected || (taken.len() < expected && !is_thorough), "{taken:?}, not {expected}");
+        for (i, (id, attempt)) in taken.iter().enumerate() {
+            assert!(claimable.iter().any(|one| one == id) && taken[..i].iter().all(|(other, _)| other != id), "{id}");
+            let one = self.at(id);
+            one.attempt += 1;
+            assert_eq!((one.attempt, one.lane == Lane::Quick), (*attempt, is_quick), "{id}");
+            assert!(*attempt <= ATTEMPTS, "{id} was begun {attempt} times");
+            (one.state, one.lease) = (SubmissionState::Grading, lease);
+        }
+    }
+
+    /// Ends a submission whose job had no attempts left.
+    pub fn give_up(&mut self, id: &str) {
+        assert_eq!(self.submissions[id].attempt, ATTEMPTS);
+        self.end(id, SubmissionState::GraderError);
+    }
+
+    fn holds(&self, id: &str, attempt: i64) -> bool {
+        self.submissions.get(id).is_some_and(|one| one.has_job() && one.attempt == attempt)
+    }
+
+    pub fn renew(&mut self, id: &str, attempt: i64, lease: Lease) -> bool {
+        let holds = self.holds(id, attempt);
+        if holds {
+            self.at(id).lease = lease;
+        }
+        holds
+    }
+
+    /// Grades what is still held, and returns how many that are.
+    pub fn record<'a>(&mut self, brought: impl Iterator<Item = (&'a str, i64)>) -> usize {
+        let held: Vec<&str> = brought.filter(|(id, attempt)| self.holds(id, *attempt)).map(|(id, _)| id).collect();
+        for id in &held {
+            self.at(id).state = SubmissionState::Graded;
+            if let Some(quota) = self.submissions[*id].owner.as_ref().and_then(|owner| self.quotas.get_mut(owner)) {
+                quota.reserved -= 1;
+                quota.charged += 1;
+            }
+        }
+        for id in &held {
+            self.end_run_of(id);
+        }
+        held.len()
+    }
+
+    pub fn give_back(&mut self, id: &str, attempt: i64, counts: bool) {
+        if self.holds(id, attempt) {
+            let one = self.at(id);
+            (one.state, one.lease) = (SubmissionState::Queued, Lease::Free);
+            one.attempt -= i64::from(!counts);
+        }
+    }
+
+    pub fn fail(&mut self, id: &str, attempt: i64, state: SubmissionState) {
+        if self.holds(id, attempt) {
+            self.end(id, state);
+        }
+    }
+
+    pub fn cancel(&mut self, id: &str) -> bool {
+        let has_job = self.submissions[id].has_job();
+        if has_job {
+            self.end(id, SubmissionState::Cancelled);
+        }
+        has_job
+    }
+
+    /// Ends a submission without a grade.
+    fn end(&mut self, id: &str, state: SubmissionState) {
+        self.at(id).state = state;
+        if let Some(quota) = self.submissions[id].owner.as_ref().and_then(|owner| self.quotas.get_mut(owner)) {
+            quota.reserved -= 1;
+            quota.used_before = quota.used_before.min(quota.charged + quota.reserved);
+        }
+        self.end_run_of(id);
+    }
+
+    fn end_run_of(&mut self, id: &str) {
+        if let Some(run) = self.submissions[id].run.clone() {
+            self.end_if_complete(&run);
+        }
+    }
+
+    /// Ends a run whose tasks are all graded, or that was finished, unless something waits or failed.
+    fn end_if_complete(&mut self, id: &str) {
+        let (pending, graded, errors) = self.counts(id);
+        let tasks = self.tasks as i64;
+        let run = self.runs.get_mut(id).expect("the run is known");
+        let may_end = run.state == RunState::Finishing || (run.state == RunState::Open && graded >= tasks);
+        if may_end && pending == 0 && errors == 0 {
+            run.state = RunState::Finished;
+        }
+    }
+
+    /// The submissions of a run that wait, are graded, and failed because of us and still count.
+    pub fn counts(&self, id: &str) -> (i64, i64, i64) {
+        let own = || self.submissions.values().filter(|one| one.run.as_deref() == Some(id));
+        let is_error = |one: &&Submission| one.state == SubmissionState::GraderError && !one.superseded;
+        let is_graded = |one: &&Submission| one.state == SubmissionState::Graded;
+        (
+            own().filter(|one| one.has_job()).count() as i64,
+            own().filter(is_graded).count() as i64,
+            own().filter(is_error).count() as i64,
+        )
+    }
+
+    pub fn grant(&mut self, owner: &str, units: i64) {
+        let quota = self.quotas.entry(owner.to_owned()).or_default();
+        if quota.granted.is_none() {
+            quota.used_before = quota.charged + quota.reserved;
+        }
+        quota.granted = Some(quota.granted.unwrap_or(0) + units);
+    }
+
+    pub fn lift(&mut self, owner: &str) -> bool {
+        let quota = self.quotas.entry(owner.to_owned()).or_default();
+        let was_limited = quota.granted.take().is_some();
+        if was_limited {
+            quota.used_before = 0;
+        }
+        was_limited
+    }
+
+    pub fn finish(&mut self, id: &str, skip: Option<&Skip>) -> RunChanged {
+        use SubmissionState::{Graded, Grading, Queued};
+        let state = self.runs[id].state;
+        if state == RunState::Deleted || (state != RunState::Open && skip.is_some()) {
+            return RunChanged::NotOpen(state);
+        }
+        let is_answered = |model: &Self, task: u32| {
+            let answer = model.answer(id, task);
+            answer.is_some_and(|id| matches!(model.submissions[&id].state, Queued | Grading | Graded))
+        };
+        let skipped: Vec<u32> = match skip {
+            None => Vec::new(),
+            Some(Skip::Tasks(tasks)) => tasks.clone(),
+            Some(Skip::Unanswered) => (1..=self.tasks as u32).filter(|task| !is_answered(self, *task)).collect(),
+        };
+        let answered: Vec<u32> = skipped.iter().copied().filter(|task| is_answered(self, *task)).collect();
+        if !answered.is_empty() {
+            return RunChanged::Answered(answered);
+        }
+        for task in skipped {
+            let failed = self.answer(id, task).filter(|id| self.submissions[id].state == SubmissionState::GraderError);
+            if let Some(failed) = failed {
+                self.at(&failed).superseded = true;
+            }
+        }
+        if state == RunState::Open {
+            self.runs.get_mut(id).expect("the run is known").state = RunState::Finishing;
+            self.end_if_complete(id);
+        }
+        RunChanged::Done
+    }
+
+    pub fn delete(&mut self, id: &str) -> RunChanged {
+        let state = self.runs[id].state;
+        if state != RunState::Open {
+            return RunChanged::NotOpen(state);
+        }
+        self.runs.get_mut(id).expect("the run is known").state = RunState::Deleted;
+        let waits = |one: &Submission| one.run.as_deref() == Some(id) && one.has_job();
+        let waiting: Vec<String> =
+            self.submissions.iter().filter(|(_, one)| waits(one)).map(|(id, _)| id.clone()).collect();
+        for id in waiting {
+            self.end(&id, SubmissionState::Cancelled);
+        }
+        RunChanged::Done
+    }
+
+    /// Forgets submissions without a run that have ended, and all but a few runs that have.
+    pub fn forget(&mut self) {
+        self.submissions.retain(|_, one| one.run.is_some() || one.has_job());
+        let is_over = |run: &Run| matches!(run.state, RunState::Finished | RunState::Deleted);
+        let over: Vec<String> =
+            self.runs.iter().filter(|(_, run)| is_over(run)).map(|(id, _)| id.clone()).skip(2).collect();
+        for id in over {
+            self.runs.remove(&id);
+            self.submissions.retain(|_, one| one.run.as_ref() != Some(&id));
+        }
+    }
+}
+
+fn some<'a>(all: impl ExactSizeIterator<Item = &'a String>, number: u64) -> Option<String> {
+    let count = all.len() as u64;
+    let mut all = all;
+    (count > 0).then(|| all.nth((number % count) as usize)).flatten().cloned()
+}

@@ -1,0 +1,35 @@
+//! What is fuzzed: each target takes any bytes, and panics if something does not hold.
+
+mod answer;
+mod canonical;
+mod check;
+mod child;
+mod command;
+mod family;
+mod log;
+mod proofs;
+mod query;
+mod replay;
+mod request;
+mod structure_file;
+mod task_file;
+
+/// A target.
+pub type Target = fn(&[u8]);
+
+/// All targets by their names.
+pub const ALL: [(&str, Target); 13] = [
+    ("answer", answer::run),
+    ("canonical", canonical::run),
+    ("check", check::run),
+    ("child", child::run),
+    ("command", command::run),
+    ("family", family::run),
+    ("log", log::run),
+    ("proofs", proofs::run),
+    ("query", query::run),
+    ("replay", replay::run),
+    ("request", request::run),
+    ("structure_file", structure_file::run),
+    ("task_file", task_file::run),
+];
