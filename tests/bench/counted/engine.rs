@@ -88,18 +88,26 @@ fn log_of(task: &Task) -> anyhow::Result<BlockLog> {
 }
 
 fn cases() -> anyhow::Result<Vec<Case>> {
-    let row = |i: i32| json!({ "type": "place", "x": i % 20, "y": i / 20, "z": 0, "block": "stone" });
-    let rows: Vec<Value> = (0..300).map(row).collect();
-    let body = json!({ "task": 532, "suite": "mineceraft@2", "turns": [{ "events": rows }] }).to_string();
+    let event = |i: i32| json!({ "action": "place", "x": i % 20, "y": i / 20, "z": 0, "material": "stone" });
+    let events: Vec<Value> = (0..300).map(event).collect();
+    let rows: Vec<Value> = (0..300).map(|i| json!([i % 20, i / 20, 0, 0])).collect();
+    let body = |turn: Value| json!({ "task": 532, "suite": "mineceraft@2", "turns": [turn] }).to_string();
+    let events = body(json!({ "events": events }));
+    let rows = body(json!({ "palette": ["stone"], "rows": rows }));
+    let read = |body: String| {
+        move || {
+            let mut faults = Faults::default();
+            assert!(read_request(body.as_bytes(), &mut faults).is_ok_and(|request| request.is_some()));
+            assert!(faults.is_empty(), "{faults:?}");
+        }
+    };
     let house = task("bedrooms/r5-build")?;
     let log = log_of(&house)?;
     let stored = log.canonical_json();
     let structure = Arc::new(Replay::new(&log).last().context("the house has no turns")?);
     let mut cases = vec![
-        case("read a request with 300 events", 20, move || {
-            let mut faults = Faults::default();
-            read_request(body.as_bytes(), &mut faults).is_ok_and(|request| request.is_some())
-        }),
+        case("read a request with 300 events", 20, read(events)),
+        case("read a request with 300 rows", 20, read(rows)),
         case("read a stored log", 20, move || BlockLog::from_canonical_json(&stored).is_ok()),
         case("replay a house", 20, move || Replay::new(&log).last()),
     ];
