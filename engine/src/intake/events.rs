@@ -5,7 +5,7 @@ use serde::de::{IgnoredAny, MapAccess, SeqAccess};
 use super::Reader;
 use super::faults::Faults;
 use super::schema::EventAction;
-use super::tolerant::{Integer, OrNull, Read, Scalar, Shape, Text};
+use super::tolerant::{Integer, Key, OrNull, Read, Scalar, Shape, Text};
 use crate::voxel::block_log::{Event, Turn};
 use crate::voxel::cell::{Cell, MAX_HORIZONTAL, MAX_Y, MIN_Y};
 use crate::voxel::palette::MaterialId;
@@ -37,6 +37,9 @@ impl<'de> Shape<'de> for EventsShape<'_, '_> {
     }
 }
 
+const AXES: [&str; 3] = ["x", "y", "z"];
+const KEYS: [&str; 5] = ["action", "x", "y", "z", "material"];
+
 struct EventShape<'r, 'f> {
     reader: &'r mut Reader<'f>,
 }
@@ -57,7 +60,7 @@ impl<'de> Shape<'de> for EventShape<'_, '_> {
         let mut action = None;
         let mut at: [Option<Option<i64>>; 3] = [None; 3];
         let mut material = None;
-        while let Some(key) = members.next_key::<std::borrow::Cow<'de, str>>()? {
+        while let Some(key) = members.next_key_seed(Key(&KEYS))? {
             match &*key {
                 "action" if action.is_none() => {
                     action = member!(members, reader, "action", ActionShape { faults: &mut *reader.faults });
@@ -67,7 +70,7 @@ impl<'de> Shape<'de> for EventShape<'_, '_> {
                 }
                 axis @ ("x" | "y" | "z") if at[axis_index(axis)].is_none() => {
                     let i = axis_index(axis);
-                    at[i] = member!(members, reader, axis, coordinate(i, reader.faults));
+                    at[i] = member!(members, reader, AXES[i], coordinate(i, reader.faults));
                 }
                 "action" | "material" | "x" | "y" | "z" => {
                     reader.faults.add_at(&key, "given twice");
@@ -79,7 +82,7 @@ impl<'de> Shape<'de> for EventShape<'_, '_> {
                 }
             }
         }
-        for (axis, value) in ["x", "y", "z"].iter().zip(&at) {
+        for (axis, value) in AXES.iter().zip(&at) {
             if value.is_none() {
                 reader.faults.add_at(axis, "missing");
             }

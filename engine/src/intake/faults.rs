@@ -31,6 +31,7 @@ impl std::fmt::Display for Fault {
 /// A step of the path to a value in a document.
 #[derive(Debug, Clone)]
 enum Step {
+    Name(&'static str),
     Key(String),
     Index(usize),
 }
@@ -72,6 +73,11 @@ impl Faults {
         self.path.push(Step::Key(shown));
     }
 
+    /// Enters the member of the current object whose name the program knows.
+    pub fn enter_name(&mut self, name: &'static str) {
+        self.path.push(Step::Name(name));
+    }
+
     /// Enters the element `index` of the current array.
     pub fn enter_index(&mut self, index: usize) {
         self.path.push(Step::Index(index));
@@ -103,16 +109,17 @@ impl Faults {
     pub fn pointer(&self) -> String {
         let mut pointer = String::new();
         for step in &self.path {
-            match step {
-                Step::Key(key) => {
-                    pointer.push('/');
-                    pointer.push_str(&key.replace('~', "~0").replace('/', "~1"));
-                }
+            let key = match step {
+                Step::Name(name) => name,
+                Step::Key(key) => key.as_str(),
                 Step::Index(index) => {
                     // Writing to a string cannot fail.
                     let _ = write!(pointer, "/{index}");
+                    continue;
                 }
-            }
+            };
+            pointer.push('/');
+            pointer.push_str(&key.replace('~', "~0").replace('/', "~1"));
         }
         pointer
     }

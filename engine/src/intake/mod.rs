@@ -15,7 +15,7 @@ use tolerant::{OrNull, Read, Shape, Texts, Verbatim};
 /// not JSON, the macro returns early and keeps the current location, so that the caller can report it.
 macro_rules! member {
     ($members:expr, $reader:expr, $key:expr, $shape:expr) => {{
-        $reader.faults.enter_key($key);
+        $reader.faults.enter_name($key);
         let value = $members.next_value_seed(Read(OrNull($shape)))?;
         $reader.faults.leave();
         // `null` is equivalent to an absent member.

@@ -58,7 +58,7 @@ impl Terrain {
         for piece in pieces {
             is_wanted[*piece] = true;
         }
-        self.labelled(spaces).filter(move |(_, piece)| is_wanted[*piece]).map(|(cell, _)| cell)
+        self.cells_in(spaces, is_wanted)
     }
 
     /// Returns the level of the first block above a cell, or `None` if there is none.

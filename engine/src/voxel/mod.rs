@@ -4,6 +4,7 @@
 //! `terrain`, which accepts small builds only, memory use does not depend on the extent of a build: two blocks that are
 //! a million cells apart cost as much as any two blocks.
 
+mod air_runs;
 pub mod block_log;
 pub mod blocks;
 pub mod cell;

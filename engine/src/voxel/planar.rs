@@ -1,7 +1,5 @@
 //! The horizontal levels of a structure, and their connected clusters.
 
-use std::collections::HashMap;
-
 use super::structure::Structure;
 
 /// An `(x, z)` cell of one level.
@@ -51,19 +49,24 @@ impl Clusters {
     /// Computes the clusters of `cells`, which must be sorted and distinct, in time that depends only on their number.
     #[must_use]
     pub fn of(cells: &[PlaneCell], touch: Touch) -> Self {
-        let mut at: HashMap<PlaneCell, usize, foldhash::fast::RandomState> = HashMap::default();
-        at.extend(cells.iter().copied().zip(0..));
         let mut sets = DisjointSets::new(cells.len());
-        // Half of the neighbours suffice: each pair is seen from one of its cells.
-        let half: &[(i32, i32)] = match touch {
-            Touch::Sides => &[(1, 0), (0, 1)],
-            Touch::SidesAndCorners => &[(1, 0), (0, 1), (1, 1), (1, -1)],
+        let reach = match touch {
+            Touch::Sides => 0,
+            Touch::SidesAndCorners => 1,
         };
+        // Half of the neighbours suffice: each pair is seen from its first cell. Those with the next x lie in order, so
+        // the first of them only moves ahead.
+        let mut ahead = 0;
         for (i, &(x, z)) in cells.iter().enumerate() {
-            for (dx, dz) in half {
-                if let Some(&j) = at.get(&(x + dx, z + dz)) {
-                    sets.join(i, j);
-                }
+            if cells.get(i + 1) == Some(&(x, z + 1)) {
+                sets.join(i, i + 1);
+            }
+            while cells.get(ahead).is_some_and(|other| *other < (x + 1, z - reach)) {
+                ahead += 1;
+            }
+            let beside = cells[ahead..].iter().take_while(|other| **other <= (x + 1, z + reach));
+            for (j, _) in (ahead..).zip(beside) {
+                sets.join(i, j);
             }
         }
         let mut number = vec![None; cells.len()];
@@ -124,12 +127,48 @@ impl DisjointSets {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn a_diagonal_pair_is_one_cluster_only_through_corners() {
         let cells = [(0, 0), (1, 1)];
         assert_eq!(Clusters::of(&cells, Touch::Sides).count, 2);
         assert_eq!(Clusters::of(&cells, Touch::SidesAndCorners).count, 1);
+    }
+
+    proptest! {
+        #[test]
+        fn clusters_are_those_that_flooding_finds(
+            cells in prop::collection::vec((-4..4i32, -4..4i32), 0..40),
+            use_8_neighbors in any::<bool>(),
+        ) {
+            let cells = sorted_distinct(cells);
+            let reach = if use_8_neighbors { 2 } else { 1 };
+            let touches = |a: PlaneCell, b: PlaneCell| {
+                let [dx, dz] = [a.0.abs_diff(b.0), a.1.abs_diff(b.1)];
+                dx.max(dz) == 1 && dx + dz <= reach
+            };
+            let mut label: Vec<Option<u32>> = vec![None; cells.len()];
+            let mut count = 0;
+            for start in 0..cells.len() {
+                if label[start].is_some() {
+                    continue;
+                }
+                label[start] = Some(count);
+                let mut open = vec![start];
+                while let Some(i) = open.pop() {
+                    for j in (0..cells.len()).filter(|j| touches(cells[i], cells[*j])) {
+                        if label[j].replace(count).is_none() {
+                            open.push(j);
+                        }
+                    }
+                }
+                count += 1;
+            }
+            let clusters = Clusters::of(&cells, Touch::published(use_8_neighbors));
+            prop_assert_eq!(clusters.count, count as usize);
+            prop_assert_eq!(clusters.label.into_iter().map(Some).collect::<Vec<_>>(), label);
+        }
     }
 
     #[test]

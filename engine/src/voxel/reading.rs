@@ -55,7 +55,11 @@ fn as_game(structure: &Structure, profile: Profile) -> Structure {
     let doors = palette.mask(is_door);
     let beds = palette.mask(|name| profile == Profile::Mindcraft && is_bed(name));
     let mut at: CellMap<MaterialId> = CellMap::default();
-    at.extend(entries.iter().copied());
+    // Most builds have neither, and need no map.
+    let has_objects = doors.iter().chain(&beds).any(|is_object| *is_object);
+    if has_objects {
+        at.extend(entries.iter().copied());
+    }
     let mut first_half: CellMap<Cell> = CellMap::default();
     // Of a column of equal doors every second one is an upper half, counted from the lowest.
     let mut columns: Vec<(i32, i32, MaterialId, i32)> =

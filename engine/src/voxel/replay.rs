@@ -60,8 +60,9 @@ impl Iterator for Replay<'_> {
 /// Removals apply to the entries that earlier turns left, never to a cell placed in the same turn. A placement on a
 /// standing cell changes its material and keeps its position in the order. A new cell is appended at the end.
 fn apply(standing: &mut Vec<(Cell, MaterialId)>, turn: &[Event]) {
-    let mut placed: Vec<(Cell, MaterialId)> = Vec::new();
+    let mut placed: Vec<(Cell, MaterialId)> = Vec::with_capacity(turn.len());
     let mut position: CellMap<usize> = CellMap::default();
+    position.reserve(turn.len());
     let mut removed = CellSet::default();
     for event in turn {
         match *event {
@@ -78,6 +79,10 @@ fn apply(standing: &mut Vec<(Cell, MaterialId)>, turn: &[Event]) {
         }
     }
     standing.retain(|(cell, _)| !removed.contains(cell));
+    if standing.is_empty() {
+        *standing = placed;
+        return;
+    }
     for (cell, material) in standing.iter_mut() {
         if let Some(at) = position.remove(cell) {
             *material = placed[at].1;

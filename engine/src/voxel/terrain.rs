@@ -4,6 +4,9 @@
 //! Natural ground fills all cells below y = 0. A terrain is a dense grid, so the extent of a build is limited to
 //! [`MAX_EXTENT`].
 
+use std::ops::Range;
+
+use super::air_runs::AirRuns;
 use super::blocks::{is_climbable, is_door, is_passable, is_thin};
 use super::cell::{Bounds, Cell};
 use super::structure::Structure;
@@ -215,43 +218,45 @@ impl Terrain {
     /// door is closed and blocks both its cells. Walls that touch only along a vertical edge leave a gap.
     #[must_use]
     pub fn spaces(&self) -> Spaces {
+        let air = AirRuns::of(self.size, |index| self.is_air(index));
         let mut spaces = Spaces { label: vec![0; self.cells.len()], pieces: Vec::new() };
         // The first cell of the grid lies in the margin, so its region is the outside, which includes the whole margin.
-        for index in 0..self.cells.len() {
-            if self.is_air(index) && spaces.label[index] == 0 {
-                let piece = self.fill(index, spaces.pieces.len() as u32 + 1, &mut spaces.label);
-                spaces.pieces.push(piece);
+        for first in air.all() {
+            if spaces.label[first.start] != 0 {
+                continue;
             }
+            let number = spaces.pieces.len() as u32 + 1;
+            let mut floor_cells = 0;
+            air.fill(first.clone(), |run| {
+                let is_new = spaces.label[run.start] == 0;
+                if is_new {
+                    floor_cells += self.floor_cells(run.clone());
+                    spaces.label[run].fill(number);
+                }
+                is_new
+            });
+            spaces.pieces.push(Space { first: self.cell(first.start), floor_cells });
         }
         spaces
     }
 
-    fn fill(&self, start: usize, number: u32, label: &mut [u32]) -> Space {
-        let mut floor_cells = 0;
-        label[start] = number;
-        let mut open = vec![start];
-        while let Some(index) = open.pop() {
-            let cell = self.cell(index);
-            floor_cells += u32::from(self.is_floor(cell));
-            // Air passes through faces and, within a level, past vertical edges: a room needs its corners.
-            let past_edges = [(1, 1), (1, -1), (-1, 1), (-1, -1)].map(|(dx, dz)| cell.offset(dx, 0, dz));
-            for next in cell.face_neighbours().into_iter().chain(past_edges) {
-                if let Some(next) = self.index(next)
-                    && self.is_air(next)
-                    && label[next] == 0
-                {
-                    label[next] = number;
-                    open.push(next);
-                }
-            }
-        }
-        Space { first: self.cell(start), floor_cells }
+    /// Counts the cells of a run of air along z for which [`Self::is_floor`] holds.
+    fn floor_cells(&self, run: Range<usize>) -> u32 {
+        let level = (self.size[0] * self.size[2]) as usize;
+        let is_solid = |index: Option<usize>| index.and_then(|at| self.cells.get(at)).is_some_and(|at| at & SOLID != 0);
+        let is_floor = |index: &usize| {
+            (*index < level || is_solid(index.checked_sub(level)))
+                && self.cells[*index] & LADDER == 0
+                && !is_solid(index.checked_add(level))
+        };
+        run.filter(is_floor).count() as u32
     }
 
-    /// Returns every cell of air with the index of its region, by height, then x, then z.
-    pub(super) fn labelled<'a>(&'a self, spaces: &'a Spaces) -> impl Iterator<Item = (Cell, usize)> + 'a {
-        let own = spaces.label.iter().enumerate();
-        own.filter_map(|(index, label)| Some((self.cell(index), label.checked_sub(1)? as usize)))
+    /// Returns the cells of air of the regions for which `is_wanted` holds at their index, by height, then x, then z.
+    pub(super) fn cells_in<'a>(&'a self, spaces: &'a Spaces, is_wanted: Vec<bool>) -> impl Iterator<Item = Cell> + 'a {
+        let is_in = move |label: &u32| label.checked_sub(1).is_some_and(|piece| is_wanted[piece as usize]);
+        let own = spaces.label.iter().enumerate().filter(move |(_, label)| is_in(label));
+        own.map(|(index, _)| self.cell(index))
     }
 
     /// Returns the greatest y of the grid.
