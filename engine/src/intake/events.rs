@@ -4,8 +4,9 @@ use serde::de::{IgnoredAny, MapAccess, SeqAccess};
 
 use super::Reader;
 use super::faults::Faults;
+use super::key::Key;
 use super::schema::EventAction;
-use super::tolerant::{Integer, Key, OrNull, Read, Scalar, Shape, Text};
+use super::tolerant::{Integer, OrNull, Read, Scalar, Shape, Text};
 use crate::voxel::block_log::{Event, Turn};
 use crate::voxel::cell::{Cell, MAX_HORIZONTAL, MAX_Y, MIN_Y};
 use crate::voxel::palette::MaterialId;

@@ -42,6 +42,7 @@ pub mod code;
 mod events;
 pub mod faults;
 mod file;
+mod key;
 mod rows;
 pub mod schema;
 pub mod stored;

@@ -3,7 +3,6 @@
 //! serde stops at the first value of the wrong type. A [`Shape`] instead accepts any JSON value; if the value is not of
 //! the expected kind, it records a fault, skips the value, and continues. Only text that is not JSON stops the reading.
 
-use std::borrow::Cow;
 use std::fmt;
 
 use serde::de::{DeserializeSeed, Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
@@ -80,31 +79,6 @@ pub trait Shape<'de>: Sized {
         self.faults().add(detail);
         while members.next_entry::<IgnoredAny, IgnoredAny>()?.is_some() {}
         Ok(None)
-    }
-}
-
-/// Reads the key of a member: the known name that it equals, or else the key as it is sent.
-#[derive(Debug, Clone, Copy)]
-pub struct Key(pub &'static [&'static str]);
-
-impl<'de> DeserializeSeed<'de> for Key {
-    type Value = Cow<'static, str>;
-
-    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
-        deserializer.deserialize_str(self)
-    }
-}
-
-impl Visitor<'_> for Key {
-    type Value = Cow<'static, str>;
-
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("the key of a member")
-    }
-
-    fn visit_str<E>(self, key: &str) -> Result<Self::Value, E> {
-        let known = self.0.iter().find(|name| **name == key);
-        Ok(known.map_or_else(|| Cow::Owned(key.to_owned()), |name| Cow::Borrowed(*name)))
     }
 }
 
