@@ -11,8 +11,15 @@ const STEP_S: f64 = 1e-4;
 const YOUNG_PA: f64 = 1e9;
 const POISSON: f64 = 0.4;
 
-/// Von Mises stress of each cell, Pa.
-fn plainly(cells: &[Cell]) -> Vec<f64> {
+/// Result of the plain computation.
+struct Plain {
+    /// Von Mises stress of each cell, Pa.
+    stress: Vec<f64>,
+    /// First step after which some particle is more than ten blocks from its place, or nowhere.
+    blown_up_at: Option<u32>,
+}
+
+fn plainly(cells: &[Cell]) -> Plain {
     let n = cells.len();
     let lowest = cells.iter().map(|cell| cell.y).min().unwrap_or(0);
     let rest: Vec<Vector3<f64>> =
@@ -31,7 +38,7 @@ fn plainly(cells: &[Cell]) -> Vec<f64> {
         .collect();
     let (mut x, mut v, mut a) = (rest.clone(), vec![Vector3::zeros(); n], vec![Vector3::zeros(); n]);
     let mut before = vec![Matrix3::identity(); n];
-    let mut stress = vec![0.0; n];
+    let mut plain = Plain { stress: vec![0.0; n], blown_up_at: None };
     for step in 0..2_000_u32 {
         let f: Vec<Matrix3<f64>> = (0..n)
             .map(|i| {
@@ -41,7 +48,7 @@ fn plainly(cells: &[Cell]) -> Vec<f64> {
             .collect();
         let p: Vec<Matrix3<f64>> = (0..n).map(|i| first_piola_kirchhoff(&f[i], &before[i])).collect();
         if step == 1_999 {
-            stress = (0..n).map(|i| von_mises(&p[i], &f[i])).collect();
+            plain.stress = (0..n).map(|i| von_mises(&p[i], &f[i])).collect();
         }
         let force: Vec<Vector3<f64>> = (0..n)
             .map(|i| {
@@ -63,9 +70,13 @@ fn plainly(cells: &[Cell]) -> Vec<f64> {
             a[i] = force[i] / 15_000.0;
             v[i] += a[i] * (STEP_S / 2.0);
         }
+        let is_near = |(x, rest): (&Vector3<f64>, &Vector3<f64>)| (x - rest).norm() < 10.0;
+        if plain.blown_up_at.is_none() && !x.iter().zip(&rest).all(is_near) {
+            plain.blown_up_at = Some(step);
+        }
         before = f;
     }
-    stress
+    plain
 }
 
 fn first_piola_kirchhoff(f: &Matrix3<f64>, before: &Matrix3<f64>) -> Matrix3<f64> {
@@ -94,13 +105,17 @@ fn agrees(cells: &[Cell]) -> Result<bool, TestCaseError> {
     let found = sph::simulate(cells, &Control::unhurried()).unwrap();
     let expected = plainly(cells);
     // What flails about amplifies rounding: then even the plain computation depends on the order of its sums and on
-    // where the structure stands. What blows up wherever it stands is 0 for both.
+    // where the structure stands. What blows up wherever it stands is 0 for both, if it does so in good time: rounding
+    // decides the step, by tens of them.
     let elsewhere: Vec<Cell> = cells.iter().rev().map(|cell| cell.offset(7, 3, 1)).collect();
-    let is_steady = plainly(&elsewhere).iter().rev().zip(&expected).all(|(a, b)| (a - b).abs() <= 2e-7 * b + 5e-4);
-    if !is_steady || found.diagnostics.sloped {
+    let moved = plainly(&elsewhere);
+    let is_close = |(a, b): (&f64, &f64)| (a - b).abs() <= 2e-7 * b + 5e-4;
+    let is_steady = moved.stress.iter().rev().zip(&expected.stress).all(is_close);
+    let is_late = [&moved, &expected].iter().any(|plain| plain.blown_up_at.is_some_and(|step| step >= 1_500));
+    if !is_steady || is_late || found.diagnostics.sloped {
         return Ok(false);
     }
-    for (i, (a, b)) in found.von_mises_pa.iter().zip(&expected).enumerate() {
+    for (i, (a, b)) in found.von_mises_pa.iter().zip(&expected.stress).enumerate() {
         prop_assert!((a - b).abs() <= 1e-6 * b + 1e-3, "{:?}: {a} Pa, plainly {b} Pa; {cells:?}", cells[i]);
     }
     Ok(true)
@@ -155,8 +170,22 @@ fn a_cell_listed_twice() {
 #[test]
 fn what_is_unstable_blows_up() {
     let quarter = [[0, 1, 1], [0, 1, 0], [1, 1, 1], [2, 2, 2], [1, 2, 1]];
-    let images = |[x, y, z]: [i32; 3]| [[x, y, z], [x, y, 5 - z], [5 - x, y, z], [5 - x, y, 5 - z]];
-    let cells: Vec<Cell> = quarter.into_iter().flat_map(images).map(|[x, y, z]| Cell::new(x, y, z)).collect();
+    let cells: Vec<Cell> = quarter.into_iter().flat_map(four_images).collect();
     assert!(agrees(&cells).unwrap());
     assert_eq!(sph::simulate(&cells, &Control::unhurried()).unwrap().max_von_mises_pa, 0.0);
+}
+
+/// A structure of which rounding decides whether it blows up between step 1,950 and the last one, or later.
+#[test]
+fn what_blows_up_at_the_end_is_not_compared() {
+    let quarter = [[0, 0, 1], [0, 1, 0], [0, 1, 1], [1, 2, 0], [1, 2, 2], [2, 1, 1], [2, 1, 2], [2, 2, 2]];
+    let cells: Vec<Cell> = quarter.into_iter().flat_map(four_images).collect();
+    assert!(plainly(&cells).blown_up_at.is_some_and(|step| (1_900..2_000).contains(&step)));
+    assert!(!agrees(&cells).unwrap());
+    let cautions = sph::simulate(&cells, &Control::unhurried()).unwrap().diagnostics.cautions();
+    assert!(cautions.iter().any(|caution| caution.contains("a motion that amplifies rounding")), "{cautions:?}");
+}
+
+fn four_images([x, y, z]: [i32; 3]) -> [Cell; 4] {
+    [Cell::new(x, y, z), Cell::new(x, y, 5 - z), Cell::new(5 - x, y, z), Cell::new(5 - x, y, 5 - z)]
 }
