@@ -1,8 +1,6 @@
 //! A disk and a network with faults while clients post: what was acknowledged is there, the rest was refused with a clear
 //! answer, nothing sticks, and the service goes on without a restart once the fault is over.
 
-use std::os::unix::fs::FileExt as _;
-use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -15,6 +13,7 @@ use crate::support::audit::{audit, audit_books};
 use crate::support::cluster::Cluster;
 use crate::support::commands::{key, plumbline, succeeded};
 use crate::support::database::is_postgres;
+use crate::support::disk::{Disk, Faults};
 use crate::support::line::{Line, Passes};
 use crate::support::{PROGRAM, Service};
 
@@ -93,34 +92,6 @@ async fn live_through(service: &Service, key: &str, begin: impl FnOnce(), end: i
     heard
 }
 
-/// The numbers by which `disk.c` makes a disk faulty.
-struct Disk(std::fs::File);
-
-impl Disk {
-    /// Sets how many of a thousand writes fail, have no room and are short, how many syncs fail, and the microseconds
-    /// that each takes.
-    fn set(&self, numbers: [u32; 5]) {
-        let bytes: Vec<u8> = numbers.iter().flat_map(|number| number.to_ne_bytes()).collect();
-        self.0.write_all_at(&bytes, 0).unwrap();
-    }
-
-    /// Returns the number of faults so far.
-    fn faults(&self) -> u32 {
-        let mut bytes = [0; 4];
-        self.0.read_exact_at(&mut bytes, 24).unwrap();
-        u32::from_ne_bytes(bytes)
-    }
-}
-
-/// Compiles the library that makes a disk faulty.
-fn library(folder: &Path) -> PathBuf {
-    let (source, library) = (crate::support::repository("tests/durability/disk.c"), folder.join("disk.so"));
-    let mut compile = Command::new("cc");
-    compile.args(["-O1", "-shared", "-fPIC", "-o"]).arg(&library).arg(source).arg("-ldl");
-    assert!(compile.status().expect("the Rust toolchain links with cc").success());
-    library
-}
-
 #[tokio::test]
 async fn a_disk_that_fails_loses_nothing_that_was_acknowledged() {
     if is_postgres() {
@@ -128,29 +99,26 @@ async fn a_disk_that_fails_loses_nothing_that_was_acknowledged() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
-    let library = library(folder.path());
     // SQLite writes the rest of what was written in part.
-    for (when, numbers, refuses) in [
-        ("writes fail", [30, 0, 0, 0, 0], true),
-        ("no room now and then", [0, 30, 0, 0, 0], true),
-        ("no room at all", [0, 1_000, 0, 0, 0], true),
-        ("short writes", [0, 0, 100, 0, 0], false),
-        ("syncs fail", [0, 0, 0, 100, 0], true),
-        ("no sync succeeds", [0, 0, 0, 1_000, 0], true),
-        ("a slow disk", [0, 0, 0, 0, 20_000], false),
+    let none = Faults::default();
+    for (when, faults, refuses) in [
+        ("writes fail", Faults { writes_fail: 30, ..none }, true),
+        ("no room now and then", Faults { no_room: 30, ..none }, true),
+        ("no room at all", Faults { no_room: 1_000, ..none }, true),
+        ("short writes", Faults { short_writes: 100, ..none }, false),
+        ("syncs fail", Faults { syncs_fail: 100, ..none }, true),
+        ("no sync succeeds", Faults { syncs_fail: 1_000, ..none }, true),
+        ("a slow disk", Faults { delay_us: 20_000, ..none }, false),
     ] {
         let home = folder.path().join(when.replace(' ', "-"));
         std::fs::create_dir(&home).unwrap();
-        let (database, control) = (home.join("p.db"), folder.path().join("control"));
-        std::fs::write(&control, [0; 28]).unwrap();
-        let disk = Disk(std::fs::File::options().read(true).write(true).open(&control).unwrap());
+        let database = home.join("p.db");
+        let disk = Disk::new(folder.path(), &home);
         succeeded(&plumbline(&["migrate", "--create"], &database));
         let key = key(&database, "lab");
-        let mut command = Command::new(PROGRAM);
-        command.env("LD_PRELOAD", &library).env("PLUMBLINE_FAULTS", &control).env("PLUMBLINE_FAULTY_FOLDER", &home);
-        let service = Service::start_by(command, &database, &["--lease-seconds", "1"]);
-        let heard = live_through(&service, &key, || disk.set(numbers), || disk.set([0; 5])).await;
-        assert!(disk.faults() > 0 || numbers[4] > 0, "{when}");
+        let service = Service::start_by(disk.under(Command::new(PROGRAM)), &database, &["--lease-seconds", "1"]);
+        let heard = live_through(&service, &key, || disk.set(faults), || disk.set(none)).await;
+        assert!(disk.faults() > 0 || faults.delay_us > 0, "{when}");
         assert!(!heard.acknowledged.is_empty(), "{when}: nothing was acknowledged");
         assert_eq!(heard.refused > 0, refuses, "{when}: {} refused", heard.refused);
         service.settle(when).await;

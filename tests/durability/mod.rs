@@ -3,10 +3,12 @@
 mod copies;
 mod crash;
 mod crash_matrix;
+mod each_write;
 mod faults;
 mod full_disk;
 mod held_lock;
 mod nodes;
 mod postgres;
+mod soak;
 mod store_model;
 mod upgrade;

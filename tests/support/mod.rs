@@ -5,6 +5,7 @@ pub mod beacon;
 pub mod cluster;
 pub mod commands;
 pub mod database;
+pub mod disk;
 pub mod epoch;
 pub mod line;
 pub mod tampering;

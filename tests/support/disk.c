@@ -1,9 +1,9 @@
 /* A disk with faults, for one process: preloaded, it makes writes and syncs of the files in a folder fail.
  *
- * PLUMBLINE_FAULTY_FOLDER is the folder, PLUMBLINE_FAULTS a file of seven numbers (32 bits each) that is mapped into
+ * PLUMBLINE_FAULTY_FOLDER is the folder, PLUMBLINE_FAULTS a file of nine numbers (32 bits each) that is mapped into
  * memory, so that a test can change them while the process runs: how many of a thousand writes fail with EIO, fail with
- * ENOSPC and are short, how many syncs fail with EIO, the microseconds that each takes, a counter of calls, and the
- * number of faults so far, which the test reads. */
+ * ENOSPC and are short, how many syncs fail with EIO, the microseconds that each takes, a counter of calls, the number
+ * of faults so far, and how many writes pass before so many fail with ENOSPC. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
@@ -16,7 +16,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-enum { WRITE_EIO, WRITE_ENOSPC, WRITE_SHORT, SYNC_EIO, DELAY_US, CALLS, FAULTS, NUMBERS };
+enum { WRITE_EIO, WRITE_ENOSPC, WRITE_SHORT, SYNC_EIO, DELAY_US, CALLS, FAULTS, SKIPPED, REFUSED, NUMBERS };
 enum { DESCRIPTORS = 1 << 16 };
 
 static _Atomic uint32_t *numbers;
@@ -48,11 +48,25 @@ static int is_watched(int fd) {
     return 1;
 }
 
+/* Takes one from a number, unless it is 0. */
+static int take(int kind) {
+    uint32_t left = atomic_load(&numbers[kind]);
+    while (left && !atomic_compare_exchange_weak(&numbers[kind], &left, left - 1)) {}
+    return left > 0;
+}
+
+/* Whether this write is one of those that are refused by their place in the order. */
+static int is_refused(void) {
+    if (!atomic_load(&numbers[REFUSED]) || take(SKIPPED) || !take(REFUSED)) return 0;
+    atomic_fetch_add(&numbers[FAULTS], 1);
+    return 1;
+}
+
 /* Returns how much is to be written, or -1 with errno. */
 static ssize_t allowed(int fd, size_t length) {
     if (!is_watched(fd)) return (ssize_t)length;
     if (is_hit(WRITE_EIO)) return errno = EIO, -1;
-    if (is_hit(WRITE_ENOSPC)) return errno = ENOSPC, -1;
+    if (is_hit(WRITE_ENOSPC) || is_refused()) return errno = ENOSPC, -1;
     if (length > 1 && is_hit(WRITE_SHORT)) return (ssize_t)(length / 2);
     return (ssize_t)length;
 }
