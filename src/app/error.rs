@@ -290,6 +290,11 @@ impl From<StoreError> for AppError {
             tracing::warn!(%error, "the database is busy");
             return Self::new(Kind::Busy, "The database is busy. The request may be sent again.").retry_after(1);
         }
+        if let StoreError::Blobs { .. } = error {
+            tracing::warn!(%error, "refused");
+            let detail = "The place of large logs and reports does not answer. The request may be sent again.";
+            return Self::new(Kind::Busy, detail).retry_after(1);
+        }
         if let StoreError::NoSecrets(_) = error {
             tracing::warn!(%error, "refused");
             let detail = "this node lacks the secrets that this needs; send the request again, to another node";

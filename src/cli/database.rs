@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use anyhow::bail;
 use clap::Args;
 
+use crate::store::blobs::BlobPlace;
 use crate::store::location::Location;
 use crate::store::moving::{Moved, move_to};
 use crate::store::secrets::Secrets;
@@ -37,6 +38,17 @@ pub struct NoticeArgs {
     /// shares sessions, such as `PgBouncer` in transaction mode.
     #[arg(long, env = "PLUMBLINE_NO_NOTICES")]
     pub no_notices: bool,
+}
+
+/// Argument of nodes: where large logs and reports are.
+#[derive(Debug, Clone, Args)]
+pub struct BlobArgs {
+    /// Keep large logs and reports outside the database: in a folder that all nodes reach (`file:///srv/blobs`), or in a
+    /// bucket of a server that speaks the protocol of S3 (`s3://BUCKET/PREFIX`). The database notes the place, so it is
+    /// given once. Credentials of a bucket are read from `AWS_ACCESS_KEY_ID` and `AWS_SECRET_ACCESS_KEY`, its server
+    /// from `AWS_REGION` or `AWS_ENDPOINT`.
+    #[arg(long, env = "PLUMBLINE_BLOBS", value_name = "URL")]
+    pub blobs: Option<BlobPlace>,
 }
 
 impl DatabaseArgs {

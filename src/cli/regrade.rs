@@ -118,7 +118,7 @@ async fn compute(store: &Store, args: &ComputeArgs) -> anyhow::Result<()> {
         let graded: Vec<(String, PackedReport)> =
             chunk.par_iter().map(|one| grade(entry, one)).collect::<anyhow::Result<_>>()?;
         progress.inc(graded.len() as u64);
-        store.put_regraded(&id, &graded).await?;
+        store.put_regraded(&id, graded).await?;
     }
     progress.finish_and_clear();
     store.end_computing(&id, true, now_ms()).await?;

@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::Args;
 use clap::builder::BoolishValueParser;
 
-use super::database::{DatabaseArgs, NoticeArgs};
+use super::database::{BlobArgs, DatabaseArgs, NoticeArgs};
 use super::process::{processors, run_until_stopped};
 use super::witness::witness_key;
 use crate::app::access::Openness;
@@ -33,6 +33,8 @@ pub struct ServeArgs {
     database: DatabaseArgs,
     #[command(flatten)]
     notices: NoticeArgs,
+    #[command(flatten)]
+    blobs: BlobArgs,
     /// Number of submissions graded at the same time; by default, one per processor. With 0, other nodes grade
     /// (`plumbline work`).
     #[arg(long, env = "PLUMBLINE_WORKERS", value_parser = clap::value_parser!(u16).range(0..=1024))]
@@ -138,6 +140,7 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
         role: if args.grade_only { Role::GradeOnly } else { Role::Whole },
         database: if args.grade_only { Location::Memory } else { args.database.database.clone() },
         secrets: args.database.secrets.clone(),
+        blobs: args.blobs.blobs.clone(),
         workers: args.workers.map_or_else(processors, usize::from),
         cores: processors(),
         follows_notices: !args.notices.no_notices,

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 
-use super::database::{DatabaseArgs, NoticeArgs};
+use super::database::{BlobArgs, DatabaseArgs, NoticeArgs};
 use super::process::{processors, run_until_stopped};
 use crate::app::access::Openness;
 use crate::app::limits::LIMITS;
@@ -25,6 +25,8 @@ pub struct WorkArgs {
     database: DatabaseArgs,
     #[command(flatten)]
     notices: NoticeArgs,
+    #[command(flatten)]
+    blobs: BlobArgs,
     /// Number of submissions graded at the same time; by default, one per processor.
     #[arg(long, env = "PLUMBLINE_WORKERS", value_parser = clap::value_parser!(u16).range(1..=1024))]
     workers: Option<u16>,
@@ -49,6 +51,7 @@ pub fn run(args: &WorkArgs) -> anyhow::Result<ExitCode> {
         admin_listen: None,
         database: args.database.database.clone(),
         secrets: args.database.secrets.clone(),
+        blobs: args.blobs.blobs.clone(),
         role: Role::WorkOnly,
         workers: args.workers.map_or_else(processors, usize::from),
         cores: 1,

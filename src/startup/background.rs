@@ -19,6 +19,8 @@ use plumbline_engine::hidden::pool::Generator;
 
 /// Task that one node does for all: settling epochs and publishing what they came to.
 const HIDDEN: &str = "hidden evaluation";
+/// Task that one node does for all: sweeping objects that no row refers to.
+const BLOBS: &str = "blobs";
 /// Task that one node does for all: fetching the rounds of beacons.
 const BEACONS: &str = "beacons";
 
@@ -52,6 +54,30 @@ pub(super) async fn keep_up(
             tracing::warn!(%error, "could not delete old episodes");
         }
     }
+}
+
+/// Deletes, once a day, the objects outside the database that no row refers to. Of several nodes, one does it.
+pub(super) async fn sweep(store: Store, stop: CancellationToken) {
+    const LOOK: Duration = Duration::from_secs(20);
+    const LEASE_MS: i64 = 15_000;
+    let node = uuid::Uuid::new_v4().to_string();
+    loop {
+        match sweep_if_due(&store, &node, LEASE_MS).await {
+            Ok(0) => {}
+            Ok(deleted) => tracing::info!(deleted, "deleted objects that no row refers to"),
+            Err(error) => tracing::warn!(%error, "could not look for objects that no row refers to"),
+        }
+        if stop.run_until_cancelled(tokio::time::sleep(LOOK)).await.is_none() {
+            return;
+        }
+    }
+}
+
+async fn sweep_if_due(store: &Store, node: &str, lease_ms: i64) -> StoreResult<usize> {
+    if !store.is_sweep_due(now_ms()).await? || !store.lead(BLOBS, node, lease_ms).await? {
+        return Ok(0);
+    }
+    store.sweep_blobs(now_ms()).await
 }
 
 /// Stores every few seconds when keys were last used. It waits for the writer, and nothing waits for it.

@@ -28,6 +28,7 @@ use crate::http::middleware::rates::{RateSettings, Rates};
 use crate::http::role::Role;
 use crate::http::{self, HttpParts};
 use crate::store::Store;
+use crate::store::blobs::BlobPlace;
 use crate::store::keys::{Holder, KeyCreated, Scope};
 use crate::store::location::Location;
 use crate::store::serving::Serving;
@@ -64,6 +65,8 @@ pub struct Config {
     pub database: Location,
     /// Folder of the secrets, if it is not the default one.
     pub secrets: Option<PathBuf>,
+    /// Place of large logs and reports, if the operator names one.
+    pub blobs: Option<BlobPlace>,
     /// Role of the node.
     pub role: Role,
     /// Number of submissions graded at the same time; 0 leaves grading to other nodes.
@@ -120,17 +123,7 @@ impl RunningService {
             None => None,
         };
         let admin_address = admin_listener.as_ref().map(TcpListener::local_addr).transpose()?;
-        let folder = config.database.file().and_then(Path::parent).filter(|folder| !folder.as_os_str().is_empty());
-        if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
-            anyhow::bail!("cannot create the database {}: there is no folder {}", config.database, folder.display());
-        }
-        let store = Store::open(&config.database, config.secrets.clone())
-            .await
-            .with_context(|| format!("cannot open the database {}", config.database))?;
-        store_suites(&store).await?;
-        if config.follows_notices {
-            store.follow_notices();
-        }
+        let (store, unreached) = open_store(config).await?;
         let settings = WorkerSettings {
             workers: config.workers,
             lease: config.lease,
@@ -143,6 +136,7 @@ impl RunningService {
         }
         let (serving, shared) = config.database.file().map_or((None, None), serving_notice);
         notices.extend(shared);
+        notices.extend(unreached);
         notices.extend((config.role == Role::GradeOnly).then(|| GRADE_ONLY.to_owned()));
         for notice in &notices {
             tracing::warn!("{notice}");
@@ -193,6 +187,9 @@ impl RunningService {
         let upkeep =
             background::keep_up(metrics.clone(), Arc::clone(&app), store.clone(), Arc::clone(&rates), stop.clone());
         tokio::spawn(upkeep);
+        if config.role != Role::GradeOnly {
+            tokio::spawn(background::sweep(store.clone(), stop.clone()));
+        }
         tokio::spawn(background::keep_uses(Arc::clone(&app), stop.clone()));
         if config.role == Role::Whole {
             tokio::spawn(deliver(Arc::clone(&app)));
@@ -244,6 +241,26 @@ impl RunningService {
         background::store_uses(&self.app).await;
         self.store.close().await;
     }
+}
+
+/// Opens the store and brings it up to date. Returns it, and a notice if the place of blobs cannot be reached.
+async fn open_store(config: &Config) -> anyhow::Result<(Store, Option<String>)> {
+    let folder = config.database.file().and_then(Path::parent).filter(|folder| !folder.as_os_str().is_empty());
+    if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+        anyhow::bail!("cannot create the database {}: there is no folder {}", config.database, folder.display());
+    }
+    let store = Store::open(&config.database, config.secrets.clone())
+        .await
+        .with_context(|| format!("cannot open the database {}", config.database))?;
+    let unreached = match config.role {
+        Role::GradeOnly => None,
+        Role::Whole | Role::WorkOnly => store.settle_blobs(config.blobs.as_ref()).await?,
+    };
+    store_suites(&store).await?;
+    if config.follows_notices {
+        store.follow_notices();
+    }
+    Ok((store, unreached))
 }
 
 async fn listen(option: &str, place: &str) -> anyhow::Result<TcpListener> {

@@ -3,11 +3,12 @@
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicI64, Ordering};
 
+use super::blobs::Blobs;
 use super::db::{Builder, Each, Tx, query_as, query_scalar};
 use super::job_ends::MAX_ATTEMPTS;
 use super::jobs::{Claim, HiddenJob};
 use super::queue::{Lane, note_taken};
-use super::{Store, StoreResult, commit};
+use super::{Store, StoreError, StoreResult, commit};
 use crate::clock::now_ms;
 
 /// Outcome of looking for work.
@@ -122,7 +123,40 @@ impl Store {
                 },
             });
         }
-        Ok(Claimed::Jobs(claims))
+        Ok(Claimed::Jobs(self.with_logs(claims).await?))
+    }
+
+    /// Fetches the logs that are objects. If their place cannot be reached, these jobs are given back, and the attempts
+    /// do not count. A log that is lost is left as it is: its job ends when it is read.
+    async fn with_logs(&self, claims: Vec<Claim>) -> StoreResult<Vec<Claim>> {
+        let mut ready = Vec::with_capacity(claims.len());
+        let mut failure = None;
+        for mut claim in claims {
+            let fetched = match &failure {
+                None => self.blobs.fetch(&self.readers, claim.log.clone()).await,
+                Some(_) if !Blobs::is_reference(&claim.log) => Ok(std::mem::take(&mut claim.log)),
+                Some(_) => {
+                    self.give_back(&claim, false).await?;
+                    continue;
+                }
+            };
+            match fetched {
+                Ok(log) => claim.log = log,
+                Err(error @ StoreError::BlobLost(_)) => {
+                    tracing::error!(%error, submission = claim.submission_id, "a log cannot be read any more");
+                }
+                Err(error) => {
+                    self.give_back(&claim, false).await?;
+                    failure = Some(error);
+                    continue;
+                }
+            }
+            ready.push(claim);
+        }
+        match failure {
+            Some(error) if ready.is_empty() => Err(error),
+            _ => Ok(ready),
+        }
     }
 
     /// Returns whether one of the lanes has jobs, free or not. Most checks find none, and need not wait for the write

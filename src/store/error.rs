@@ -97,6 +97,20 @@ pub enum StoreError {
     /// The node lacks the secrets of the service.
     #[error("this node lacks the secrets of the service: there is no receipts.key in {}", .0.display())]
     NoSecrets(PathBuf),
+    /// A place of blobs that cannot be used as asked for.
+    #[error("--blobs: {0}")]
+    BlobPlace(String),
+    /// The place of blobs cannot be reached, or refuses a request.
+    #[error("cannot reach the blobs in {place}: {detail}")]
+    Blobs {
+        /// The place.
+        place: String,
+        /// Words of its server or of the operating system.
+        detail: String,
+    },
+    /// An object that a row refers to is gone or damaged.
+    #[error("a blob is lost: {0}")]
+    BlobLost(String),
     /// A stored row cannot be read, or holds invalid data.
     #[error("row of {table}: {detail}")]
     Corrupt {

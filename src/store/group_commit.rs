@@ -68,6 +68,7 @@ impl Store {
         decide: Decide,
         now_ms: i64,
     ) -> StoreResult<Acceptability> {
+        let submissions = self.keep_logs(submissions).await?;
         let (answer, answered) = oneshot::channel();
         let closed = || StoreError::Database(sqlx::Error::PoolClosed);
         let acceptance = Acceptance { submissions, once, decide, now_ms, answer };

@@ -109,6 +109,7 @@ impl Store {
         now_ms: i64,
     ) -> StoreResult<Answered> {
         let NewAnswer { instance_id, submission, transcript_hash } = *new;
+        let kept = self.keep_logs([submission.clone()].into()).await?;
         let mut tx = self.begin().await?;
         let epoch_id = instance_in(&mut tx, instance_id).await?.epoch_id;
         tx.lock([Lock::Epoch(&epoch_id), Lock::Owner(submission.owner.as_deref().unwrap_or_default())]).await?;
@@ -136,7 +137,7 @@ impl Store {
                 return Ok(Answered::Refused(AnswerRefusal::QuotaUsedUp));
             }
             Some(Decision::Store { supersedes }) => {
-                store_all(&mut tx, &[ToStore { new: submission, supersedes, takes_over: earlier }], now_ms).await?;
+                store_all(&mut tx, &[ToStore { new: &kept[0], supersedes, takes_over: earlier }], now_ms).await?;
             }
             other => return Err(StoreError::corrupt("submissions", format!("{other:?} on an answer without a run"))),
         }

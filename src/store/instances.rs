@@ -4,7 +4,7 @@ use super::db::{Row, Tx, query, query_as, query_scalar};
 use super::epochs::epoch_in;
 use super::evidence::witness;
 use super::locks::Lock;
-use super::{Store, StoreError, StoreResult, commit, decompress};
+use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::hidden::evidence::{Fact, TranscriptFact};
 use plumbline_engine::tasks::Task;
 
@@ -181,8 +181,11 @@ impl Store {
         .bind(limit)
         .fetch_all(&self.readers)
         .await?;
-        let unpack = |(ordinal, id, log): (i64, String, Vec<u8>)| Ok((ordinal, id, decompress("submissions", &log)?));
-        rows.into_iter().map(unpack).collect()
+        let mut answers = Vec::with_capacity(rows.len());
+        for (ordinal, id, log) in rows {
+            answers.push((ordinal, id, self.blobs.unpack(&self.readers, "submissions", log).await?));
+        }
+        Ok(answers)
     }
 
     /// Counts the issued and answered instances of an epoch, and its entries in each tier. `specifications` is the size

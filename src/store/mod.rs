@@ -5,6 +5,7 @@
 //! they write (`locks.rs`).
 
 pub mod acceptance;
+pub mod blobs;
 pub mod board_actions;
 pub mod boards;
 pub mod cards;
@@ -72,6 +73,7 @@ use std::sync::{Arc, OnceLock, RwLock};
 
 use tokio::sync::Notify;
 
+use blobs::Blobs;
 use claims::Looks;
 use db::{Each, Pool, Tx, query_scalar};
 use epochs::SecretsRead;
@@ -99,6 +101,7 @@ pub struct Store {
     secrets: Secrets,
     signer: Arc<OnceLock<Arc<Signer>>>,
     secrets_read: Arc<SecretsRead>,
+    blobs: Blobs,
 }
 
 impl Store {
@@ -130,6 +133,7 @@ impl Store {
 
     async fn open_as(location: &Location, secrets: Option<PathBuf>, may_change: bool) -> StoreResult<Self> {
         let (writer, readers) = pools(location, may_change).await?;
+        let blobs = Blobs::open(&readers).await?;
         let queued = Arc::<Notify>::default();
         let store = Self {
             acceptances: Acceptances::start(writer.clone(), Arc::clone(&queued)),
@@ -145,6 +149,7 @@ impl Store {
             location: Arc::new(location.clone()),
             signer: Arc::default(),
             secrets_read: Arc::default(),
+            blobs,
         };
         store.refresh_catalogue().await?;
         Ok(store)

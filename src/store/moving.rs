@@ -13,7 +13,7 @@ use plumbline_engine::hidden::canonical::{Hash, unhex};
 use plumbline_engine::hidden::receipts::{FIRST_LINK, link};
 
 /// Table to move: its name, and the columns that order its rows. Each table comes after those that it refers to.
-const TABLES: [(&str, &str); 29] = [
+const TABLES: [(&str, &str); 30] = [
     ("suites", "id"),
     ("tasks", "hash"),
     ("suite_tasks", "suite_id, number"),
@@ -44,6 +44,7 @@ const TABLES: [(&str, &str); 29] = [
     ("quotas", "owner"),
     ("quota_entries", "id"),
     ("receipts", "seq"),
+    ("agreed", "name"),
 ];
 /// Table that follows the others; its rows have no order but their number, which PostgreSQL gives anew.
 const PENDING: (&str, &str) = ("pending_receipts", "hash");
@@ -205,7 +206,7 @@ async fn copy(
 /// Counts the rows of a table, and hashes them in order.
 async fn digest(tx: &mut Tx, table: &'static str, order: &str, columns: &[(String, Kind)]) -> StoreResult<Moved> {
     let (mut rows, mut hash) = (0, Sha256::new());
-    let each = |row: Row| {
+    let each = async |row: Row| {
         rows += 1;
         for (index, (_, kind)) in columns.iter().enumerate() {
             // Debug output tells null, types and lengths apart.
@@ -221,7 +222,7 @@ async fn digest(tx: &mut Tx, table: &'static str, order: &str, columns: &[(Strin
 /// Checks that the moved receipts are linked to each other without a gap.
 async fn must_chain(tx: &mut Tx) -> StoreResult<()> {
     let mut before: (i64, Hash) = (0, FIRST_LINK);
-    let each = |(seq, hash, previous, next): (i64, String, String, String)| {
+    let each = async |(seq, hash, previous, next): (i64, String, String, String)| {
         let broken = || StoreError::corrupt("receipts", format!("the log breaks at {seq}"));
         let hash: Hash = unhex(&hash).ok_or_else(broken)?;
         let expected = link(&before.1, &hash);

@@ -1,7 +1,7 @@
 //! Regrades: computed alongside the results in force, reviewed, then applied or discarded as a whole.
 
 use super::board_actions::enter_action;
-use super::db::{Builder, Row, query, query_as, query_scalar};
+use super::db::{Builder, query, query_as, query_scalar};
 use super::locks::Lock;
 use super::postgres::notices::Notice;
 use super::reports::{GRADER, PackedReport};
@@ -131,25 +131,28 @@ impl Store {
         .bind(limit)
         .fetch_all(&self.readers)
         .await?;
-        let read = |row: &Row| {
-            Ok(ToRegrade { submission_id: row.get("id")?, task_number: row.get("task_number")?, log: row.get("log")? })
-        };
-        rows.iter().map(read).collect()
+        let mut all = Vec::with_capacity(rows.len());
+        for row in &rows {
+            let log = self.blobs.fetch(&self.readers, row.get("log")?).await?;
+            all.push(ToRegrade { submission_id: row.get("id")?, task_number: row.get("task_number")?, log });
+        }
+        Ok(all)
     }
 
     /// Stores reports of a regrade, alongside the reports in force.
     ///
     /// # Errors
     /// Returns an error if the database fails.
-    pub async fn put_regraded(&self, regrade_id: &str, graded: &[(String, PackedReport)]) -> StoreResult<()> {
+    pub async fn put_regraded(&self, regrade_id: &str, mut graded: Vec<(String, PackedReport)>) -> StoreResult<()> {
         if graded.is_empty() {
             return Ok(());
         }
+        self.keep_reports(graded.iter_mut().map(|(_, report)| report)).await?;
         let mut tx = self.begin().await?;
         let mut query = Builder::new(
             "INSERT INTO regraded (regrade_id, submission_id, overall, accuracy, scores, body, grading_us) ",
         );
-        query.push_values(graded, |row, (submission_id, report)| {
+        query.push_values(&graded, |row, (submission_id, report)| {
             row.push_bind(regrade_id.to_owned()).push_bind(submission_id.clone());
             report.push_to(row);
         });

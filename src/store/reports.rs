@@ -12,7 +12,7 @@ use super::receipts::{self, NewReceipt};
 use super::run_ends::end_if_complete;
 use super::run_rows::count;
 use super::states::SubmissionState;
-use super::{Store, StoreError, StoreResult, commit, compress, decompress};
+use super::{Store, StoreError, StoreResult, commit, compress};
 use plumbline_engine::grading::Report;
 use plumbline_engine::grading::fingerprints::Fingerprint;
 use plumbline_engine::hidden::receipts::Signed;
@@ -39,7 +39,8 @@ pub struct PackedReport {
     overall: bool,
     accuracy: Option<bool>,
     scores: String,
-    body: Vec<u8>,
+    /// The report as packed JSON, or the reference to an object that holds it.
+    pub(super) body: Vec<u8>,
     grading_us: i64,
     receipt: Option<Signed>,
     fingerprint: Option<Vec<u8>>,
@@ -91,13 +92,25 @@ impl PackedReport {
 }
 
 impl Store {
+    async fn read_report(&self, row: &Row) -> StoreResult<ReportRow> {
+        let body = self.blobs.unpack(&self.readers, "reports", row.get("body")?).await?;
+        Ok(ReportRow {
+            report: serde_json::from_slice(&body).map_err(|error| StoreError::corrupt("reports", error))?,
+            attempt: row.get("attempt")?,
+            grader: row.get("grader")?,
+            graded_at_ms: row.get("graded_at_ms")?,
+            grading_us: row.get("grading_us")?,
+        })
+    }
+
     /// Stores reports and ends their submissions, in one transaction. A report is stored only if its claim's attempt
     /// still holds the job; otherwise it is dropped, because another attempt counts. Returns the number of stored
     /// reports.
     ///
     /// # Errors
     /// Returns an error if the database fails; then nothing is stored.
-    pub async fn record(&self, graded: &[(Claim, PackedReport)], now_ms: i64) -> StoreResult<usize> {
+    pub async fn record(&self, mut graded: Vec<(Claim, PackedReport)>, now_ms: i64) -> StoreResult<usize> {
+        self.keep_reports(graded.iter_mut().map(|(_, report)| report)).await?;
         let mut tx = self.begin().await?;
         let locks = graded.iter().flat_map(|(claim, _)| {
             let epoch_id = claim.hidden.as_ref().map(|hidden| hidden.epoch_id.as_str());
@@ -208,7 +221,8 @@ impl Store {
         .bind(attempt)
         .fetch_optional(&self.readers)
         .await?;
-        row.as_ref().map(read_report).transpose()
+        let Some(row) = row else { return Ok(None) };
+        self.read_report(&row).await.map(Some)
     }
 
     /// Returns the report on the answer to a hidden instance. Callers must have checked that its epoch is over.
@@ -224,19 +238,9 @@ impl Store {
         .bind(instance_id)
         .fetch_optional(&self.readers)
         .await?;
-        row.as_ref().map(read_report).transpose()
+        let Some(row) = row else { return Ok(None) };
+        self.read_report(&row).await.map(Some)
     }
-}
-
-fn read_report(row: &Row) -> StoreResult<ReportRow> {
-    let body = decompress("reports", row.get("body")?)?;
-    Ok(ReportRow {
-        report: serde_json::from_slice(&body).map_err(|error| StoreError::corrupt("reports", error))?,
-        attempt: row.get("attempt")?,
-        grader: row.get("grader")?,
-        graded_at_ms: row.get("graded_at_ms")?,
-        grading_us: row.get("grading_us")?,
-    })
 }
 
 /// Name and version of this program, stored with each report.

@@ -23,9 +23,19 @@ impl PackedLog {
         Ok(Self { zstd: compress(json)?, json_bytes: json.len() })
     }
 
-    /// Returns the compressed bytes.
+    /// Returns the compressed bytes, or the reference to an object that holds them.
     pub(super) fn zstd(&self) -> &[u8] {
         &self.zstd
+    }
+
+    /// Takes the compressed bytes, to make them an object.
+    pub(super) fn take(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.zstd)
+    }
+
+    /// Sets what the column holds instead.
+    pub(super) fn set(&mut self, column: Vec<u8>) {
+        self.zstd = column;
     }
 
     /// Returns the size of the canonical JSON in bytes.
@@ -180,6 +190,7 @@ impl Store {
         let sql = "SELECT log FROM public_submissions WHERE id = $1";
         let log: Option<Vec<u8>> = query_scalar(sql).bind(id).fetch_optional(&self.readers).await?;
         let Some(log) = log else { return Ok(None) };
+        let log = self.blobs.fetch(&self.readers, log).await?;
         let unpacked = tokio::task::spawn_blocking(move || decompress("submissions", &log));
         unpacked.await.map_err(|error| StoreError::corrupt("submissions", error))?.map(Some)
     }

@@ -11,7 +11,8 @@ use serde_json::value::{RawValue, to_raw_value};
 use sha2::{Digest as _, Sha256};
 use sqlx::AssertSqlSafe;
 
-use super::db::{Dialect, Row, Tx, query, query_as, query_scalar};
+use super::blobs::Blobs;
+use super::db::{Dialect, Pool, Row, Tx, query, query_as, query_scalar};
 use super::location::Location;
 use super::locks::Lock;
 use super::queue::{Lane, NewJob, enter};
@@ -35,7 +36,8 @@ impl Serialize for Line {
 }
 
 impl Kind {
-    fn line(&self, row: &Row) -> StoreResult<Line> {
+    /// Returns a row as a line. What is an object is a part of the line, as everything else is.
+    async fn line(&self, row: &Row, pool: &Pool, blobs: &Blobs) -> StoreResult<Line> {
         let corrupt = |error: serde_json::Error| StoreError::corrupt(self.table, error);
         let mut line = Vec::with_capacity(self.columns.len() + 1);
         for (i, (_, name, form)) in self.columns.iter().enumerate() {
@@ -48,7 +50,7 @@ impl Kind {
                     Some(json) => RawValue::from_string(json),
                 },
                 Form::Packed => {
-                    let json = decompress(self.table, row.get(i)?)?;
+                    let json = blobs.unpack(pool, self.table, row.get(i)?).await?;
                     RawValue::from_string(String::from_utf8_lossy(&json).into_owned())
                 }
                 Form::Bytes => {
@@ -136,10 +138,16 @@ pub async fn export(
         Location::File(file) => sqlite::open_reading(file).await?,
         Location::Server(server) => postgres::open(server, false).await?,
     };
+    let blobs = Blobs::open(&pool).await?;
     let mut moment = pool.begin_reading().await?;
+    if moment.dialect() == Dialect::Postgres {
+        // A table is one statement, and may take longer than those of requests.
+        query("SET LOCAL statement_timeout = 0").execute(&mut moment).await?;
+    }
     for kind in KINDS {
-        let each = |row: Row| {
-            let line = serde_json::to_string(&kind.line(&row)?).map_err(|e| StoreError::corrupt(kind.table, e))?;
+        let each = async |row: Row| {
+            let line = kind.line(&row, &pool, &blobs).await?;
+            let line = serde_json::to_string(&line).map_err(|e| StoreError::corrupt(kind.table, e))?;
             write(kind, &line).map_err(|error| StoreError::Database(sqlx::Error::Io(error)))
         };
         query(AssertSqlSafe(kind.select())).for_each(&mut moment, each).await?;

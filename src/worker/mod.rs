@@ -247,7 +247,7 @@ impl Worker {
             }
         }
         if !graded.is_empty() {
-            let recorded = self.store.record(&graded, now_ms()).await?;
+            let recorded = self.store.record(graded, now_ms()).await?;
             if self.is_seen() {
                 metrics::counter!("plumbline_graded_total").increment(recorded as u64);
                 self.store.note_graded(recorded);

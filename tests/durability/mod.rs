@@ -1,5 +1,6 @@
 //! Crashes, full disks, copies, old files, and several nodes on one server.
 
+mod blobs;
 mod copies;
 mod crash;
 mod crash_matrix;

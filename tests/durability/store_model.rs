@@ -220,7 +220,7 @@ impl Scene {
         }
         let brought = graded.iter().map(|(claim, _)| (claim.submission_id.as_str(), claim.attempt));
         let expected = self.model.record(brought);
-        assert_eq!(self.store.record(&graded, self.now_ms).await.unwrap(), expected);
+        assert_eq!(self.store.record(graded, self.now_ms).await.unwrap(), expected);
     }
 
     async fn give_back(&mut self) {
@@ -310,7 +310,7 @@ impl Scene {
                         (claim, report)
                     };
                     let graded: Vec<_> = claims.into_iter().map(report).collect();
-                    self.store.record(&graded, self.now_ms).await.unwrap();
+                    self.store.record(graded, self.now_ms).await.unwrap();
                 }
             }
         }

@@ -2,6 +2,7 @@
 
 pub mod audit;
 pub mod beacon;
+pub mod bucket;
 pub mod cluster;
 pub mod commands;
 pub mod database;

@@ -20,7 +20,7 @@ const SERVICE: &[(&str, &[&str])] = &[
     ("actions", &["fair", "near"]),
     ("formats", &[]),
     ("pictures", &[]),
-    ("store", &["clock"]),
+    ("store", &["clock", "tls"]),
     ("app", &["actions", "clock", "fair", "formats", "near", "pictures", "store", "threads", "tls"]),
     ("worker", &["app", "clock", "store", "threads"]),
     ("http", &["actions", "app", "clock", "fair", "formats", "near", "pictures", "store"]),
@@ -29,8 +29,12 @@ const SERVICE: &[(&str, &[&str])] = &[
 const IMPURE: [&str; 9] =
     ["tokio::", "tracing::", "std::fs", "std::net", "std::thread", "SystemTime", "Instant", "rayon::", "std::process"];
 /// Crates that only one room may name.
-const CONFINED: [(&str, &[&str]); 3] =
-    [("sqlx::", &["src/store/"]), ("axum::", &["src/http/"]), ("askama::", &["src/http/"])];
+const CONFINED: [(&str, &[&str]); 4] = [
+    ("object_store::", &["src/store/blobs/"]),
+    ("sqlx::", &["src/store/"]),
+    ("axum::", &["src/http/"]),
+    ("askama::", &["src/http/"]),
+];
 
 /// A source file by its path in the repository.
 struct Source {

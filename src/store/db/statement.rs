@@ -200,7 +200,7 @@ impl<R> Query<R> {
     ///
     /// # Errors
     /// Returns an error if the database fails, if a row cannot be read, or if `each` fails.
-    pub async fn for_each<T>(self, tx: &mut Tx, mut each: impl FnMut(T) -> StoreResult<()>) -> StoreResult<()>
+    pub async fn for_each<T>(self, tx: &mut Tx, mut each: impl AsyncFnMut(T) -> StoreResult<()>) -> StoreResult<()>
     where
         R: Reads<T>,
     {
@@ -208,13 +208,13 @@ impl<R> Query<R> {
             Tx::Sqlite(tx) => {
                 let mut rows = sqlite(self.text.sqlite, self.values).fetch(&mut **tx);
                 while let Some(row) = rows.try_next().await? {
-                    each(R::read(Row::Sqlite(row))?)?;
+                    each(R::read(Row::Sqlite(row))?).await?;
                 }
             }
             Tx::Postgres(tx) => {
                 let mut rows = postgres(self.text.postgres, self.values).fetch(&mut **tx);
                 while let Some(row) = answer(rows.try_next()).await? {
-                    each(R::read(Row::Postgres(row))?)?;
+                    each(R::read(Row::Postgres(row))?).await?;
                 }
             }
         }

@@ -38,7 +38,11 @@ pub(super) async fn open(server: &Server, may_change: bool) -> StoreResult<Pool>
     })?;
     state.must_not_be_newer(&location())?;
     if may_change && !state.lacking.is_empty() {
-        POSTGRES.run(&pool).await.map_err(|error| explain_migration(error, location()))?;
+        // An index of a large table takes longer than a statement of a request may.
+        let mut connection = pool.acquire().await?.detach();
+        sqlx::query("SET statement_timeout = 0").execute(&mut connection).await?;
+        POSTGRES.run(&mut connection).await.map_err(|error| explain_migration(error, location()))?;
+        connection.close().await?;
     }
     Ok(Pool::Postgres(pool))
 }

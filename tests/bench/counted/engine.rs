@@ -167,7 +167,7 @@ fn store_cases() -> anyhow::Result<Vec<Case>> {
                 anyhow::bail!("nothing was queued");
             };
             let graded: Vec<_> = claims.into_iter().map(|claim| (claim, report.clone())).collect();
-            store.record(&graded, 0).await?;
+            store.record(graded, 0).await?;
             Ok(())
         })
     };

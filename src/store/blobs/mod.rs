@@ -1,0 +1,257 @@
+//! Large logs and reports outside the database: objects in a folder or a bucket, named by their SHA-256.
+//!
+//! An object is durable before the row that refers to it is written. Rows refer to objects by a short text in place of
+//! the bytes. What no row refers to, because its transaction failed, is swept later. The database notes the place, so
+//! commands find it without being told, and an identifier that stands in the place too, so that nobody takes another
+//! place for it.
+
+mod place;
+mod reference;
+mod sweep;
+
+use std::sync::{Arc, PoisonError, RwLock};
+
+use object_store::{ObjectStore, ObjectStoreExt as _, PutPayload, path::Path};
+
+use super::db::{Pool, query, query_as, query_scalar};
+use super::locks::Lock;
+use super::reports::PackedReport;
+use super::submissions::NewSubmission;
+use super::{Store, StoreError, StoreResult, commit, decompress};
+use crate::clock::now_ms;
+pub use place::BlobPlace;
+use reference::Reference;
+
+/// Bytes, as packed, from which a log or a report becomes an object. Smaller ones are cheaper as rows:
+/// `docs/operations.md` has the figures.
+pub const OBJECT_BYTES: usize = 32 << 10;
+
+/// Object that holds the identifier of a place.
+const IDENTIFIER: &str = "plumbline.id";
+
+/// Blobs of a database; clones share what they know.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Blobs(Arc<RwLock<Option<Opened>>>);
+
+/// Place that is opened.
+#[derive(Debug, Clone)]
+struct Opened {
+    place: Arc<BlobPlace>,
+    objects: Arc<dyn ObjectStore>,
+}
+
+impl Opened {
+    fn open(place: BlobPlace) -> StoreResult<Self> {
+        Ok(Self { objects: place.open()?, place: Arc::new(place) })
+    }
+
+    /// Describes a request that failed. What is not there, or is not what it should be, stays so.
+    fn failed(&self, path: &Path, error: &object_store::Error) -> StoreError {
+        let place = self.place.to_string();
+        match error {
+            object_store::Error::NotFound { .. } => StoreError::BlobLost(format!("there is no {path} in {place}")),
+            _ => StoreError::Blobs { place, detail: error.to_string() },
+        }
+    }
+
+    async fn get(&self, path: &Path) -> StoreResult<Vec<u8>> {
+        let failed = |error| self.failed(path, &error);
+        let found = self.objects.get(path).await.map_err(failed)?;
+        Ok(found.bytes().await.map_err(failed)?.to_vec())
+    }
+
+    async fn put(&self, path: &Path, bytes: Vec<u8>) -> StoreResult<()> {
+        self.objects.put(path, PutPayload::from(bytes)).await.map_err(|error| self.failed(path, &error))?;
+        Ok(())
+    }
+}
+
+impl Blobs {
+    fn opened(&self) -> Option<Opened> {
+        self.0.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn set(&self, opened: Opened) {
+        *self.0.write().unwrap_or_else(PoisonError::into_inner) = Some(opened);
+    }
+
+    /// Returns the place that the database notes. Another node may have noted it meanwhile.
+    async fn noted(&self, readers: &Pool) -> StoreResult<Option<Opened>> {
+        if let Some(opened) = self.opened() {
+            return Ok(Some(opened));
+        }
+        let noted: Option<String> =
+            query_scalar("SELECT value FROM agreed WHERE name = 'blobs'").fetch_optional(readers).await?;
+        let Some(noted) = noted else { return Ok(None) };
+        let opened = Opened::open(noted.parse().map_err(StoreError::BlobPlace)?)?;
+        self.set(opened.clone());
+        Ok(Some(opened))
+    }
+
+    /// Opens the place that the database notes, if it notes one.
+    pub async fn open(readers: &Pool) -> StoreResult<Self> {
+        let blobs = Self::default();
+        blobs.noted(readers).await?;
+        Ok(blobs)
+    }
+
+    /// Returns whether a column refers to an object.
+    pub fn is_reference(column: &[u8]) -> bool {
+        Reference::read(column).is_some()
+    }
+
+    /// Makes large bytes an object, and returns what the column holds: a reference, or the bytes themselves.
+    async fn keep(&self, bytes: Vec<u8>) -> StoreResult<Vec<u8>> {
+        let Some(opened) = self.opened().filter(|_| bytes.len() >= OBJECT_BYTES) else { return Ok(bytes) };
+        let reference = Reference::of(&bytes, now_ms());
+        opened.put(&reference.path(), bytes).await?;
+        Ok(reference.to_column())
+    }
+
+    /// Returns the packed bytes of a column, which may refer to an object.
+    pub async fn fetch(&self, readers: &Pool, column: Vec<u8>) -> StoreResult<Vec<u8>> {
+        let Some(reference) = Reference::read(&column) else { return Ok(column) };
+        let path = reference.path();
+        let opened = self.noted(readers).await?;
+        let opened = opened.ok_or_else(|| StoreError::BlobLost(format!("no place is noted where {path} could be")))?;
+        let bytes = opened.get(&path).await?;
+        if !reference.is_of(&bytes) {
+            return Err(StoreError::BlobLost(format!("{path} in {} has other bytes than were written", opened.place)));
+        }
+        Ok(bytes)
+    }
+
+    /// Returns the unpacked bytes of a column, which may refer to an object.
+    pub async fn unpack(&self, readers: &Pool, table: &'static str, column: Vec<u8>) -> StoreResult<Vec<u8>> {
+        decompress(table, &self.fetch(readers, column).await?)
+    }
+}
+
+impl Store {
+    /// Decides where large logs and reports are, and returns a notice if the place cannot be reached now. The place that
+    /// the database notes holds; `wanted` is noted if there is none yet, or if it is the same place under another URL.
+    ///
+    /// # Errors
+    /// Returns an error if the place is another than the one noted, or cannot be opened, or the database fails.
+    pub async fn settle_blobs(&self, wanted: Option<&BlobPlace>) -> StoreResult<Option<String>> {
+        let noted: Option<(String, String)> = query_as(
+            "SELECT place.value, id.value FROM agreed place JOIN agreed id ON id.name = 'blobs id' WHERE place.name = 'blobs'",
+        )
+        .fetch_optional(&self.readers)
+        .await?;
+        let place = match (&noted, wanted) {
+            (None, None) => return Ok(None),
+            (_, Some(wanted)) => wanted.clone(),
+            (Some((noted, _)), None) => noted.parse().map_err(StoreError::BlobPlace)?,
+        };
+        let opened = Opened::open(place)?;
+        let found = match opened.get(&Path::from(IDENTIFIER)).await {
+            Ok(id) => Some(String::from_utf8_lossy(&id).trim().to_owned()),
+            Err(StoreError::BlobLost(_)) => None,
+            Err(error) if noted.as_ref().is_some_and(|(noted, _)| *noted == opened.place.to_string()) => {
+                self.blobs.set(opened);
+                return Ok(Some(format!("{error}; large logs are refused until it answers")));
+            }
+            Err(error) => return Err(StoreError::BlobPlace(error.to_string())),
+        };
+        let id = self.agree_on_place(&opened.place, noted, found.as_deref()).await?;
+        if found.is_none() {
+            opened.put(&Path::from(IDENTIFIER), id.into_bytes()).await?;
+        }
+        self.blobs.set(opened);
+        Ok(None)
+    }
+
+    /// Notes a place and the identifier that it has, or gets. Returns the identifier.
+    async fn agree_on_place(
+        &self,
+        place: &BlobPlace,
+        noted: Option<(String, String)>,
+        found: Option<&str>,
+    ) -> StoreResult<String> {
+        let refused = |why: String| Err(StoreError::BlobPlace(format!("{place} {why}")));
+        let Some((place_before, id)) = noted else {
+            if found.is_some() {
+                return refused("holds blobs of another database: give a folder, bucket or prefix of its own".into());
+            }
+            return self.note_place(place).await;
+        };
+        match found {
+            Some(found) if found != id => {
+                refused(format!("holds blobs of another database; those of this one are in {place_before}"))
+            }
+            // A place that got no identifier, because the process died, holds nothing yet.
+            None if self.has_objects().await? => refused(format!(
+                "lacks the blobs of this database, which are in {place_before}: copy all of them first"
+            )),
+            _ => {
+                let mut tx = self.begin().await?;
+                query("UPDATE agreed SET value = $1 WHERE name = 'blobs'")
+                    .bind(place.to_string())
+                    .execute(&mut tx)
+                    .await?;
+                commit(tx, "agree_on_place").await?;
+                Ok(id)
+            }
+        }
+    }
+
+    /// Notes the first place of a database. If another node does so at the same time, one of both holds.
+    async fn note_place(&self, place: &BlobPlace) -> StoreResult<String> {
+        let mut tx = self.begin().await?;
+        tx.lock([Lock::Order]).await?;
+        for (name, value) in [("blobs", place.to_string()), ("blobs id", uuid::Uuid::new_v4().to_string())] {
+            query("INSERT INTO agreed (name, value) VALUES ($1, $2) ON CONFLICT (name) DO NOTHING")
+                .bind(name)
+                .bind(value)
+                .execute(&mut tx)
+                .await?;
+        }
+        let (held, id): (String, String) = query_as(
+            "SELECT place.value, id.value FROM agreed place JOIN agreed id ON id.name = 'blobs id' WHERE place.name = 'blobs'",
+        )
+        .fetch_one(&mut tx)
+        .await?;
+        if held != place.to_string() {
+            return Err(StoreError::BlobPlace(format!("{place}: another node has just begun to keep blobs in {held}")));
+        }
+        commit(tx, "note_place").await?;
+        Ok(id)
+    }
+
+    /// Returns whether a row refers to an object.
+    async fn has_objects(&self) -> StoreResult<bool> {
+        query_scalar(
+            "SELECT EXISTS (SELECT 1 FROM submissions WHERE length(log) = 82 AND substr(log, 1, 7) = $1)
+                 OR EXISTS (SELECT 1 FROM reports WHERE length(body) = 82 AND substr(body, 1, 7) = $1)
+                 OR EXISTS (SELECT 1 FROM regraded WHERE length(body) = 82 AND substr(body, 1, 7) = $1)",
+        )
+        .bind(reference::BEGINNING.as_bytes())
+        .fetch_one(&self.readers)
+        .await
+    }
+
+    /// Makes the large logs among submissions objects. Call it before the transaction that stores them.
+    pub(super) async fn keep_logs(&self, submissions: Arc<[NewSubmission]>) -> StoreResult<Arc<[NewSubmission]>> {
+        if self.blobs.opened().is_none() || submissions.iter().all(|new| new.log.zstd().len() < OBJECT_BYTES) {
+            return Ok(submissions);
+        }
+        let mut kept = submissions.to_vec();
+        for new in &mut kept {
+            let bytes = self.blobs.keep(new.log.take()).await?;
+            new.log.set(bytes);
+        }
+        Ok(kept.into())
+    }
+
+    /// Makes the large ones of reports objects. Call it before the transaction that stores them.
+    pub(super) async fn keep_reports<'a>(
+        &self,
+        reports: impl Iterator<Item = &'a mut PackedReport>,
+    ) -> StoreResult<()> {
+        for report in reports {
+            report.body = self.blobs.keep(std::mem::take(&mut report.body)).await?;
+        }
+        Ok(())
+    }
+}
