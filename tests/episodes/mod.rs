@@ -4,6 +4,9 @@ mod limits;
 
 use std::path::Path;
 
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
+
 use crate::support::epoch::{Scene, id};
 use crate::support::{Answer, PROGRAM, Service};
 use plumbline::store::db::query_scalar;
@@ -53,11 +56,17 @@ async fn an_episode_is_graded_as_the_same_code_posted_at_once() {
     let before = before.bytes().await.unwrap();
 
     let view = json!({ "from": [0, -1, 0], "to": [2, 2, 0] });
-    let done = step(&service, &episode, &json!({ "step": 1, "action_code": FIRST, "view": view })).await.json();
+    let asked = json!({ "step": 1, "action_code": FIRST, "view": view, "picture": "north-west" });
+    let done = step(&service, &episode, &asked).await.json();
     assert_eq!(done["events"].as_array().unwrap().len(), 3, "{done}");
     assert_eq!((&done["blocks"], &done["code"]["log"]), (&json!(3), &json!(["fertig: 3"])));
     assert_eq!(done["view"]["palette"], json!(["grass_block", "stone"]), "{done}");
     assert_eq!(done["view"]["rows"].as_array().unwrap().len(), 6);
+    let file = service.http.get(format!("{}{episode}/picture?from=north-west", service.url)).send().await.unwrap();
+    let file = BASE64_STANDARD.encode(file.bytes().await.unwrap());
+    assert_eq!(done["picture"], json!(file), "the picture is that of its own route");
+    let wrong = step(&service, &episode, &json!({ "events": [], "picture": "above" })).await;
+    assert!(wrong.text.contains("south-east") && wrong.text.contains("/picture"), "{}", wrong.text);
     // An error of the code is no error of the request, and what was built before it stands.
     let done = step(&service, &episode, &json!({ "step": 2, "action_code": SECOND })).await.json();
     assert!(done["code"]["error"]["message"].as_str().unwrap().contains("skills.fly"), "{done}");

@@ -7,6 +7,7 @@ use crate::app::body::{name, request_body};
 use crate::app::hidden::answer::hash;
 use crate::app::limits::LIMITS;
 use crate::app::submissions::posted::{TaskRef, TaskShape};
+use crate::pictures::isometric::Corner;
 use plumbline_engine::intake::schema::{ActionCode, NewEvent};
 use plumbline_engine::intake::tolerant::{Integer, Texts};
 use plumbline_engine::intake::{Faults, MAX_FILES, TurnEvents};
@@ -48,8 +49,11 @@ request_body! {
         step: i64 = optional(step_number),
         /// Box of the world to show after the step.
         view: Region = optional(|faults| Json { faults, read: read_region }),
+        /// Corner from which to draw what was built, for agents that see: `south-east`, `south-west`, `north-west` or
+        /// `north-east`.
+        picture: Corner = optional(|faults| Json { faults, read: read_corner }),
     }
-    unknown: |_| "unknown field; a step has action_code or events, step and view"
+    unknown: |_| "unknown field; a step has action_code or events, step, view and picture"
 }
 
 request_body! {
@@ -105,6 +109,14 @@ impl Region {
             None => Err(format!("more than {} cells", LIMITS.episode_view_cells)),
         }
     }
+}
+
+fn read_corner(value: &Value, faults: &mut Faults) -> Option<Corner> {
+    let corner = serde_json::from_value(value.clone()).ok();
+    if corner.is_none() {
+        faults.add("expected \"south-east\", \"south-west\", \"north-west\" or \"north-east\"");
+    }
+    corner
 }
 
 fn read_region(value: &Value, faults: &mut Faults) -> Option<Region> {

@@ -1,12 +1,14 @@
 //! A step of an episode: code that runs, or events that apply, in the world as it stands.
 
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
 use serde::Serialize;
 use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 
 use super::body::NewStep;
 use super::state::{Episode, LastStep};
-use super::view::{View, seen};
+use super::view::{View, picture, seen};
 use crate::actions::Replayed;
 use crate::actions::job::{Job, TurnInput};
 use crate::actions::turn_replay::TurnReplay;
@@ -46,6 +48,9 @@ pub struct StepDone {
     pub blocks: usize,
     /// The box that was asked for.
     pub view: Option<View>,
+    /// The picture that was asked for: a PNG in Base64.
+    #[schema(content_encoding = "base64", content_media_type = "image/png")]
+    pub picture: Option<String>,
 }
 
 /// Makes a step, which is durable when this returns. A step that reaches a limit changes nothing.
@@ -81,8 +86,11 @@ pub async fn make_step(
     let (Some(done), Some(end)) = (answer.turns.into_iter().next(), answer.end) else {
         return Err(AppError::internal(&"a job of one turn ended without its world"));
     };
-    let (view, limits) = (new.view, app.limits);
+    let (view, corner, limits) = (new.view, new.picture, app.limits);
+    // As many pictures are drawn at once as at their own route.
+    let slot = if corner.is_some() { Some(app.file_slots.take(caller.who()).await) } else { None };
     let stepped = aside(move || {
+        let _slot = slot;
         let (member, done) = given.map_or(("action_code", done), |given| ("events", given));
         let mut log = episode.stored.log()?;
         let mut faults = Faults::new();
@@ -106,6 +114,7 @@ pub async fn make_step(
             position: end.position,
             blocks,
             view: view.map(|region| seen(&end, region)),
+            picture: corner.map(|corner| picture(&end, corner)).transpose()?.map(|png| BASE64_STANDARD.encode(png)),
         };
         episode.stored.set_log(&log);
         episode.stored.world = end;

@@ -5,7 +5,6 @@ use std::collections::HashMap;
 use serde::{Deserialize, Serialize};
 
 use super::body::Region;
-use super::state::Episode;
 use crate::actions::job::WorldState;
 use crate::app::error::{AppError, AppResult};
 use crate::app::limits::LIMITS;
@@ -66,8 +65,7 @@ pub fn seen(world: &WorldState, Region { from, to }: Region) -> View {
 ///
 /// # Errors
 /// Returns 500 if the picture cannot be written.
-pub fn picture(episode: &Episode, corner: Corner) -> AppResult<Vec<u8>> {
-    let world = &episode.stored.world;
+pub fn picture(world: &WorldState, corner: Corner) -> AppResult<Vec<u8>> {
     let blocks = world.standing().collect();
     let scene = Scene { blocks, dug: world.dug().collect(), most: LIMITS.picture_blocks, corner, has_ground: true };
     png(&svg(&scene), LIMITS.picture_pixels).map_err(|error| AppError::internal(&error))

@@ -29,7 +29,7 @@ use plumbline_engine::intake::Faults;
          example = json!({ "step": 1, "turn": 1,
                            "events": [{ "action": "place", "x": 0, "y": 0, "z": 0, "material": "stone" }],
                            "events_left_out": 0, "code": { "turn": 1, "events": 1 }, "position": [0.0, 0.0, 0.0],
-                           "blocks": 1, "view": null })),
+                           "blocks": 1, "view": null, "picture": null })),
         (status = 409, description = "The episode has ended, or its next step has another number"),
     )
 )]

@@ -98,7 +98,7 @@ pub async fn picture_episode(
     let drawing = tokio::task::spawn_blocking(move || {
         // Held until the work ends, also if the sender no longer waits.
         let _slot = slot;
-        picture(&episode, query.from)
+        picture(&episode.stored.world, query.from)
     });
     let file = drawing.await.map_err(|error| AppError::internal(&error))??;
     // Generated clients know bytes by this name.

@@ -107,11 +107,11 @@ class AsyncEpisodes:
         """Draw what was built."""
         return await self._client._call(bytes, "GET", f"/v1/episodes/{quoted(id)}/picture", params={"from": from_})
 
-    async def step(self, id: str | UUID, *, action_code: str | Sequence[str] | None = None, events: Sequence[models.NewEvent | Mapping[str, Any]] | None = None, step: int | None = None, view: models.Region | Mapping[str, Any] | None = None) -> models.StepDone:
+    async def step(self, id: str | UUID, *, action_code: str | Sequence[str] | None = None, events: Sequence[models.NewEvent | Mapping[str, Any]] | None = None, step: int | None = None, view: models.Region | Mapping[str, Any] | None = None, picture: Literal["south-east", "south-west", "north-west", "north-east"] | None = None) -> models.StepDone:
         """With `step`, the number of the step, a request may be repeated: the step is made once, and the last answer is
         given again.
         """
-        return await self._client._call(models.StepDone, "POST", f"/v1/episodes/{quoted(id)}/steps", json=given({"action_code": action_code, "events": events, "step": step, "view": view}), is_repeatable=step is not None)
+        return await self._client._call(models.StepDone, "POST", f"/v1/episodes/{quoted(id)}/steps", json=given({"action_code": action_code, "events": events, "step": step, "view": view, "picture": picture}), is_repeatable=step is not None)
 
     async def submit(self, id: str | UUID, *, transcript_sha256: str | None = None) -> models.EpisodeSubmitted:
         """Submit an episode."""

@@ -4583,6 +4583,9 @@ class NewStep(BaseModel):
     is given again.
     """
     view: Region | None = None
+    picture: Literal["south-east", "south-west", "north-west", "north-east"] | None = (
+        None
+    )
 
 
 class NewSubmissionBody(BaseModel):
@@ -4864,6 +4867,18 @@ class StepDone(BaseModel):
     Number of blocks that stand and were not there before the episode.
     """
     view: View | None = None
+    picture: Annotated[
+        str | None,
+        Field(
+            json_schema_extra={
+                "contentEncoding": "base64",
+                "contentMediaType": "image/png",
+            }
+        ),
+    ] = None
+    """
+    The picture that was asked for: a PNG in Base64.
+    """
 
 
 class StressBody(BaseModel):
