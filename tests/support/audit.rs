@@ -44,12 +44,16 @@ const WRONG: [(&str, &str); 10] = [
     ),
     (
         "submissions whose end was not told once",
-        "SELECT id FROM submissions s WHERE 1 <> (SELECT COUNT(*) FROM events e WHERE e.submission_id = s.id)",
+        // Events have no index by submission: count them once, not for each.
+        "SELECT s.id FROM submissions s
+            LEFT JOIN (SELECT submission_id, COUNT(*) AS told FROM events GROUP BY submission_id) e ON e.submission_id = s.id
+            WHERE COALESCE(e.told, 0) <> 1",
     ),
     (
         "runs whose end was not told once, or told before it came",
-        "SELECT id FROM runs r WHERE CASE WHEN state = 'finished' OR deleted_at_ms IS NOT NULL THEN 1 ELSE 0 END <>
-            (SELECT COUNT(*) FROM events e WHERE e.run_id = r.id AND e.submission_id IS NULL)",
+        "SELECT r.id FROM runs r
+            LEFT JOIN (SELECT run_id, COUNT(*) AS told FROM events WHERE submission_id IS NULL GROUP BY run_id) e ON e.run_id = r.id
+            WHERE COALESCE(e.told, 0) <> CASE WHEN r.state = 'finished' OR r.deleted_at_ms IS NOT NULL THEN 1 ELSE 0 END",
     ),
 ];
 
