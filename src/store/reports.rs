@@ -105,11 +105,11 @@ impl Store {
 
     /// Stores reports and ends their submissions, in one transaction. A report is stored only if its claim's attempt
     /// still holds the job; otherwise it is dropped, because another attempt counts. Returns the number of stored
-    /// reports.
+    /// reports. The same may be recorded again after an error: what has been stored is not stored again.
     ///
     /// # Errors
     /// Returns an error if the database fails; then nothing is stored.
-    pub async fn record(&self, mut graded: Vec<(Claim, PackedReport)>, now_ms: i64) -> StoreResult<usize> {
+    pub async fn record(&self, graded: &mut [(Claim, PackedReport)], now_ms: i64) -> StoreResult<usize> {
         self.keep_reports(graded.iter_mut().map(|(_, report)| report)).await?;
         let mut tx = self.begin().await?;
         let locks = graded.iter().flat_map(|(claim, _)| {

@@ -3,6 +3,8 @@
 //! No transaction is open during grading. A worker that is asked to stop gives its job back unfinished, without
 //! counting the attempt. If a worker dies, its lease expires.
 
+mod outcomes;
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -18,9 +20,9 @@ use crate::store::job_ends::MAX_ATTEMPTS;
 use crate::store::jobs::{Claim, HiddenJob};
 use crate::store::queue::Lane;
 use crate::store::reports::{GRADER, PackedReport};
-use crate::store::states::SubmissionState;
 use crate::store::{Store, StoreResult};
 use crate::threads::yield_to_others;
+use outcomes::Outcome;
 use plumbline_engine::grading::fingerprints::Fingerprint;
 use plumbline_engine::grading::{Report, grade_hashed};
 use plumbline_engine::hidden::receipts::{Graded, OfInstance, Signed, Signer, receipt};
@@ -222,6 +224,7 @@ impl Worker {
         }
     }
 
+    /// Records the outcomes of jobs.
     async fn conclude(&self, claims: &[Claim], endings: Vec<Ending>, is_lost: bool) -> StoreResult<()> {
         let mut graded = Vec::with_capacity(claims.len());
         for (claim, ending) in claims.iter().zip(endings) {
@@ -233,7 +236,9 @@ impl Worker {
                     graded.push((claim.clone(), *report));
                 }
                 Ending::Stopped if is_lost => {}
-                Ending::Stopped if self.stop.is_cancelled() => self.store.give_back(claim, false).await?,
+                Ending::Stopped if self.stop.is_cancelled() => {
+                    self.record(Outcome::GivenBack(claim, false)).await?;
+                }
                 Ending::Stopped => {
                     let limit = self.settings.deadline.as_secs();
                     self.fail(claim, &format!("grading took longer than the limit of {limit} s")).await?;
@@ -242,12 +247,14 @@ impl Worker {
                     tracing::error!(submission = claim.submission_id, cause, "a stored submission cannot be graded");
                     self.fail(claim, "the stored submission could not be read").await?;
                 }
-                Ending::Panicked if claim.attempt < MAX_ATTEMPTS => self.store.give_back(claim, true).await?,
+                Ending::Panicked if claim.attempt < MAX_ATTEMPTS => {
+                    self.record(Outcome::GivenBack(claim, true)).await?;
+                }
                 Ending::Panicked => self.fail(claim, "the grader failed on this submission").await?,
             }
         }
         if !graded.is_empty() {
-            let recorded = self.store.record(graded, now_ms()).await?;
+            let recorded = self.record(Outcome::Graded(&mut graded)).await?;
             if self.is_seen() {
                 metrics::counter!("plumbline_graded_total").increment(recorded as u64);
                 self.store.note_graded(recorded);
@@ -258,7 +265,8 @@ impl Worker {
 
     async fn fail(&self, claim: &Claim, why: &str) -> StoreResult<()> {
         self.count_error();
-        self.store.fail(claim, SubmissionState::GraderError, why, now_ms()).await
+        self.record(Outcome::Failed(claim, why)).await?;
+        Ok(())
     }
 
     /// Grades jobs on a thread that may block, until all are graded or the worker is asked to stop.

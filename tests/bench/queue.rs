@@ -79,8 +79,8 @@ async fn main() -> anyhow::Result<()> {
                 spent.fetch_add(usize::try_from(looked.elapsed().as_micros())?, Ordering::Relaxed);
                 let Claimed::Jobs(claims) = found else { return Ok::<_, anyhow::Error>(()) };
                 let count = claims.len();
-                let graded: Vec<_> = claims.into_iter().map(|claim| (claim, packed.clone())).collect();
-                store.record(graded, now_ms()).await?;
+                let mut graded: Vec<_> = claims.into_iter().map(|claim| (claim, packed.clone())).collect();
+                store.record(&mut graded, now_ms()).await?;
                 let before = claimed.fetch_add(count, Ordering::Relaxed);
                 if before / 100_000 != (before + count) / 100_000 {
                     println!("  {} done", before + count);

@@ -220,7 +220,7 @@ impl Scene {
         }
         let brought = graded.iter().map(|(claim, _)| (claim.submission_id.as_str(), claim.attempt));
         let expected = self.model.record(brought);
-        assert_eq!(self.store.record(graded, self.now_ms).await.unwrap(), expected);
+        assert_eq!(self.store.record(&mut graded, self.now_ms).await.unwrap(), expected);
     }
 
     async fn give_back(&mut self) {
@@ -309,8 +309,8 @@ impl Scene {
                         let report = self.reports[claim.task_number as usize - 1].clone();
                         (claim, report)
                     };
-                    let graded: Vec<_> = claims.into_iter().map(report).collect();
-                    self.store.record(graded, self.now_ms).await.unwrap();
+                    let mut graded: Vec<_> = claims.into_iter().map(report).collect();
+                    self.store.record(&mut graded, self.now_ms).await.unwrap();
                 }
             }
         }

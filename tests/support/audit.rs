@@ -24,18 +24,25 @@ const WRONG: [(&str, &str); 10] = [
     ),
     (
         "submissions of an owner that were not reserved once",
-        "SELECT id FROM submissions s WHERE owner IS NOT NULL AND 1 <>
-            (SELECT COUNT(*) FROM quota_entries q WHERE q.submission_id = s.id AND kind = 'reserve')",
+        // The ledger has no index by submission: count its entries once, not for each.
+        "SELECT s.id FROM submissions s
+            LEFT JOIN (SELECT submission_id, COUNT(*) AS times FROM quota_entries WHERE kind = 'reserve' GROUP BY submission_id) q
+                ON q.submission_id = s.id
+            WHERE s.owner IS NOT NULL AND COALESCE(q.times, 0) <> 1",
     ),
     (
         "graded submissions that were not charged once, or others that were charged",
-        "SELECT id FROM submissions s WHERE owner IS NOT NULL AND CASE WHEN state = 'graded' THEN 1 ELSE 0 END <>
-            (SELECT COUNT(*) FROM quota_entries q WHERE q.submission_id = s.id AND kind = 'charge')",
+        "SELECT s.id FROM submissions s
+            LEFT JOIN (SELECT submission_id, COUNT(*) AS times FROM quota_entries WHERE kind = 'charge' GROUP BY submission_id) q
+                ON q.submission_id = s.id
+            WHERE s.owner IS NOT NULL AND COALESCE(q.times, 0) <> CASE WHEN s.state = 'graded' THEN 1 ELSE 0 END",
     ),
     (
         "ungraded submissions that were not refunded once, or graded ones that were refunded",
-        "SELECT id FROM submissions s WHERE owner IS NOT NULL AND CASE WHEN state = 'graded' THEN 0 ELSE 1 END <>
-            (SELECT COUNT(*) FROM quota_entries q WHERE q.submission_id = s.id AND kind = 'refund')",
+        "SELECT s.id FROM submissions s
+            LEFT JOIN (SELECT submission_id, COUNT(*) AS times FROM quota_entries WHERE kind = 'refund' GROUP BY submission_id) q
+                ON q.submission_id = s.id
+            WHERE s.owner IS NOT NULL AND COALESCE(q.times, 0) <> CASE WHEN s.state = 'graded' THEN 0 ELSE 1 END",
     ),
     (
         "owners whose sums are not those of their ledger",
@@ -44,7 +51,6 @@ const WRONG: [(&str, &str); 10] = [
     ),
     (
         "submissions whose end was not told once",
-        // Events have no index by submission: count them once, not for each.
         "SELECT s.id FROM submissions s
             LEFT JOIN (SELECT submission_id, COUNT(*) AS told FROM events GROUP BY submission_id) e ON e.submission_id = s.id
             WHERE COALESCE(e.told, 0) <> 1",

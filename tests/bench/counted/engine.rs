@@ -166,8 +166,8 @@ fn store_cases() -> anyhow::Result<Vec<Case>> {
             let Claimed::Jobs(claims) = store.claim(&[Lane::Quick], 60_000, SUBMISSIONS).await? else {
                 anyhow::bail!("nothing was queued");
             };
-            let graded: Vec<_> = claims.into_iter().map(|claim| (claim, report.clone())).collect();
-            store.record(graded, 0).await?;
+            let mut graded: Vec<_> = claims.into_iter().map(|claim| (claim, report.clone())).collect();
+            store.record(&mut graded, 0).await?;
             Ok(())
         })
     };
