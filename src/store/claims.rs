@@ -132,15 +132,15 @@ impl Store {
         let mut ready = Vec::with_capacity(claims.len());
         let mut failure = None;
         for mut claim in claims {
-            let fetched = match &failure {
-                None => self.blobs.fetch(&self.readers, claim.log.clone()).await,
-                Some(_) if !Blobs::is_reference(&claim.log) => Ok(std::mem::take(&mut claim.log)),
-                Some(_) => {
-                    self.give_back(&claim, false).await?;
-                    continue;
-                }
-            };
-            match fetched {
+            if !Blobs::is_reference(&claim.log) {
+                ready.push(claim);
+                continue;
+            }
+            if failure.is_some() {
+                self.give_back(&claim, false).await?;
+                continue;
+            }
+            match self.blobs.fetch(&self.readers, claim.log.clone()).await {
                 Ok(log) => claim.log = log,
                 Err(error @ StoreError::BlobLost(_)) => {
                     tracing::error!(%error, submission = claim.submission_id, "a log cannot be read any more");
