@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::bail;
 use clap::Args;
+use clap::builder::BoolishValueParser;
 
 use crate::store::blobs::BlobPlace;
 use crate::store::location::Location;
@@ -36,7 +37,7 @@ pub struct DatabaseArgs {
 pub struct NoticeArgs {
     /// Do not listen for notices of other nodes on PostgreSQL, but look for jobs from time to time: for a pooler that
     /// shares sessions, such as `PgBouncer` in transaction mode.
-    #[arg(long, env = "PLUMBLINE_NO_NOTICES")]
+    #[arg(long, env = "PLUMBLINE_NO_NOTICES", value_parser = BoolishValueParser::new())]
     pub no_notices: bool,
 }
 
@@ -155,7 +156,7 @@ async fn move_rows(from: &Path, to: &Location) -> anyhow::Result<ExitCode> {
         println!("{table}: {rows} rows, the same in both (SHA-256 {sha256})");
     }
     let secrets = Location::File(from.to_owned()).default_secrets();
-    println!("done: every row is in {to}, and the receipts are linked without a gap");
+    println!("done: every row is in {to}, and the receipts verify: none is missing, none was changed");
     if secrets.is_dir() {
         println!("give all nodes the folder of secrets, {}, with --secrets", secrets.display());
     } else {

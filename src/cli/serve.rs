@@ -42,7 +42,7 @@ pub struct ServeArgs {
     /// Only grade within requests, without a database, also if one is named: for trainers behind a load balancer.
     /// Serves /v1/grade, /v1/grade:structure, /v1/grade:batch, /v1/replay, the trainers' routes and the catalogue, and
     /// asks for no key.
-    #[arg(long, env = "PLUMBLINE_GRADE_ONLY", conflicts_with = "demo")]
+    #[arg(long, env = "PLUMBLINE_GRADE_ONLY", value_parser = BoolishValueParser::new(), conflicts_with = "demo")]
     grade_only: bool,
     /// Sign receipts with the key in the folder of secrets although the nodes of this PostgreSQL database signed with
     /// another, which is lost. The log of receipts notes the change.

@@ -13,12 +13,15 @@ use crate::app::hidden::pools::publish_pool;
 use crate::client::fetch_round;
 use crate::clock::now_ms;
 use crate::http::middleware::rates::Rates;
+use crate::store::blobs::Swept;
 use crate::store::epochs::EpochRow;
 use crate::store::{Store, StoreResult};
 use plumbline_engine::hidden::pool::Generator;
 
 /// Task that one node does for all: settling epochs and publishing what they came to.
 const HIDDEN: &str = "hidden evaluation";
+/// Task that one node does for all: lifting embargoes, and deleting old requests and episodes.
+const UPKEEP: &str = "upkeep";
 /// Task that one node does for all: sweeping objects that no row refers to.
 const BLOBS: &str = "blobs";
 /// Task that one node does for all: fetching the rounds of beacons.
@@ -35,11 +38,21 @@ pub(super) async fn keep_up(
     stop: CancellationToken,
 ) {
     const EVERY: Duration = Duration::from_secs(5);
+    const LEASE_MS: i64 = 15_000;
+    let node = uuid::Uuid::new_v4().to_string();
     while stop.run_until_cancelled(tokio::time::sleep(EVERY)).await.is_some() {
         metrics.run_upkeep();
         rates.evict_idle();
         if let Err(error) = app.current_catalogue().await {
             tracing::warn!(%error, "could not look for new suites");
+        }
+        match store.lead(UPKEEP, &node, LEASE_MS).await {
+            Ok(true) => {}
+            Ok(false) => continue,
+            Err(error) => {
+                tracing::warn!(%error, "could not ask which node looks after the database");
+                continue;
+            }
         }
         // Lifting one is signed.
         if app.signer.is_some()
@@ -63,8 +76,13 @@ pub(super) async fn sweep(store: Store, stop: CancellationToken) {
     let node = uuid::Uuid::new_v4().to_string();
     loop {
         match sweep_if_due(&store, &node, LEASE_MS).await {
-            Ok(0) => {}
-            Ok(deleted) => tracing::info!(deleted, "deleted objects that no row refers to"),
+            Ok(None | Some(Swept::Deleted(0))) => {}
+            Ok(Some(Swept::Deleted(deleted))) => tracing::info!(deleted, "deleted objects that no row refers to"),
+            Ok(Some(Swept::OfAnother { place, token })) => tracing::warn!(
+                place,
+                "another database sweeps the place of the blobs, of which this one is a copy: give it a place of its own; \
+                 if this one is to keep the place, delete {token} there",
+            ),
             Err(error) => tracing::warn!(%error, "could not look for objects that no row refers to"),
         }
         if stop.run_until_cancelled(tokio::time::sleep(LOOK)).await.is_none() {
@@ -73,11 +91,11 @@ pub(super) async fn sweep(store: Store, stop: CancellationToken) {
     }
 }
 
-async fn sweep_if_due(store: &Store, node: &str, lease_ms: i64) -> StoreResult<usize> {
+async fn sweep_if_due(store: &Store, node: &str, lease_ms: i64) -> StoreResult<Option<Swept>> {
     if !store.is_sweep_due(now_ms()).await? || !store.lead(BLOBS, node, lease_ms).await? {
-        return Ok(0);
+        return Ok(None);
     }
-    store.sweep_blobs(now_ms()).await
+    store.sweep_blobs(now_ms()).await.map(Some)
 }
 
 /// Stores every few seconds when keys were last used. It waits for the writer, and nothing waits for it.

@@ -52,8 +52,13 @@ pub enum StoreError {
     #[error("SQLite {0} may corrupt a database with a write-ahead log; 3.51.3 or newer is needed")]
     OldSqlite(String),
     /// The PostgreSQL server is too old.
-    #[error("the server is PostgreSQL {found}; version {needed} or newer is needed")]
+    #[error(
+        "the server {database} is PostgreSQL {found}, but plumbline needs {needed} or newer: upgrade it (`pg_upgrade`), or \
+         give the URL of a newer server"
+    )]
     OldServer {
+        /// The database.
+        database: Location,
         /// Version of the server.
         found: String,
         /// First version that serves.
@@ -71,8 +76,8 @@ pub enum StoreError {
     },
     /// The role may not do what the service needs.
     #[error(
-        "the role may not create tables in {database}: make it the owner of the database, or grant it CREATE on the \
-         schema ({detail})"
+        "the role may not do what plumbline needs in {database} ({detail}): make it the owner of the database and of its \
+         tables, or grant it CREATE on the schema and ALL on the tables in it"
     )]
     NoRights {
         /// The database.
@@ -84,7 +89,9 @@ pub enum StoreError {
     #[error("{0}")]
     OnlyFiles(&'static str),
     /// The database belongs to another program.
-    #[error("the database holds tables of another program")]
+    #[error(
+        "the database holds tables of another program: give plumbline one of its own (another file, or what `createdb` makes)"
+    )]
     Foreign,
     /// A file of secrets cannot be read or written.
     #[error("{}: {detail}", path.display())]

@@ -10,7 +10,7 @@ use super::location::{Location, Server};
 use super::serving::Serving;
 use super::{StoreError, StoreResult, postgres, schema, sqlite};
 use plumbline_engine::hidden::canonical::{Hash, unhex};
-use plumbline_engine::hidden::receipts::{FIRST_LINK, link};
+use plumbline_engine::hidden::receipts::{FIRST_LINK, link, verify_signature};
 
 /// Table to move: its name, and the columns that order its rows. Each table comes after those that it refers to.
 const TABLES: [(&str, &str); 30] = [
@@ -98,19 +98,22 @@ pub async fn move_to(file: &Path, server: &Server) -> StoreResult<Vec<Moved>> {
             "the database is not empty: make a new one with `createdb`, and move into that",
         ));
     }
+    // A large table takes longer than the statements of requests, and the file is read while the server waits.
+    for setting in ["statement_timeout", "idle_in_transaction_session_timeout"] {
+        query(AssertSqlSafe(format!("SET LOCAL {setting} = 0"))).execute(&mut tx).await?;
+    }
     query("DELETE FROM lanes").execute(&mut tx).await?;
     let mut moved = Vec::with_capacity(TABLES.len() + 1);
     for (table, order) in TABLES.into_iter().chain([PENDING]) {
         let columns = columns_of(&mut tx, table).await?;
-        copy(&mut reading, &mut tx, table, order, &columns).await?;
-        let (before, after) =
-            (digest(&mut reading, table, order, &columns).await?, digest(&mut tx, table, order, &columns).await?);
+        let before = copy(&mut reading, &mut tx, table, order, &columns).await?;
+        let after = digest(&mut tx, table, order, &columns).await?;
         if before != after {
             return Err(StoreError::corrupt(table, format!("the copy differs: {before:?}, and then {after:?}")));
         }
         moved.push(after);
     }
-    must_chain(&mut tx).await?;
+    must_verify(&mut tx).await?;
     // Nodes go on with the key that signed last.
     query("INSERT INTO agreed (name, value) SELECT 'receipt key', public_key FROM receipts ORDER BY seq DESC LIMIT 1")
         .execute(&mut tx)
@@ -158,6 +161,10 @@ fn select(table: &str, order: &str, columns: &[(String, Kind)]) -> AssertSqlSafe
     AssertSqlSafe(format!("SELECT {} FROM {table} ORDER BY {order}", names.join(", ")))
 }
 
+fn values(row: &Row, columns: &[(String, Kind)]) -> StoreResult<Vec<Value>> {
+    columns.iter().enumerate().map(|(index, (_, kind))| value(row, index, *kind)).collect()
+}
+
 fn value(row: &Row, index: usize, kind: Kind) -> StoreResult<Value> {
     Ok(match kind {
         Kind::Bool => Value::Bool(row.get(index)?),
@@ -168,69 +175,100 @@ fn value(row: &Row, index: usize, kind: Kind) -> StoreResult<Value> {
     })
 }
 
-/// Copies the rows of a table, some at a time, so that large logs fit into memory.
+/// Copies the rows of a table, some at a time, so that large logs fit into memory. Counts and hashes what it read.
 async fn copy(
     from: &mut Tx,
     to: &mut Tx,
     table: &'static str,
     order: &str,
     columns: &[(String, Kind)],
-) -> StoreResult<()> {
+) -> StoreResult<Moved> {
+    let mut read = RowDigest::default();
+    let mut waiting = Vec::with_capacity(AT_ONCE);
+    let each = async |row: Row| {
+        let row = values(&row, columns)?;
+        read.add(&row);
+        waiting.push(row);
+        if waiting.len() == AT_ONCE {
+            insert(to, table, columns, std::mem::take(&mut waiting)).await?;
+        }
+        Ok(())
+    };
+    query(select(table, order, columns)).for_each(from, each).await?;
+    if !waiting.is_empty() {
+        insert(to, table, columns, waiting).await?;
+    }
+    Ok(read.of(table))
+}
+
+async fn insert(to: &mut Tx, table: &str, columns: &[(String, Kind)], rows: Vec<Vec<Value>>) -> StoreResult<()> {
     let names: Vec<&str> = columns.iter().map(|(name, _)| name.as_str()).collect();
     let keeps_numbers = if NUMBERED.contains(&table) { " OVERRIDING SYSTEM VALUE" } else { "" };
-    let mut begun = 0;
-    loop {
-        let AssertSqlSafe(all) = select(table, order, columns);
-        let part = AssertSqlSafe(format!("{all} LIMIT {AT_ONCE} OFFSET {begun}"));
-        let rows: Vec<Row> = query(part).fetch_all(&mut *from).await?;
-        if rows.is_empty() {
-            return Ok(());
+    let mut insert = Builder::new_checked(format!("INSERT INTO {table} ({}){keeps_numbers} ", names.join(", ")));
+    insert.push_values(rows, |row: &mut RowValues<'_>, values| {
+        for value in values {
+            row.push_bind(value);
         }
-        begun += rows.len();
-        let mut values = Vec::with_capacity(rows.len());
-        for row in &rows {
-            let row: StoreResult<Vec<Value>> =
-                columns.iter().enumerate().map(|(index, (_, kind))| value(row, index, *kind)).collect();
-            values.push(row?);
-        }
-        let mut insert = Builder::new_checked(format!("INSERT INTO {table} ({}){keeps_numbers} ", names.join(", ")));
-        insert.push_values(values, |row: &mut RowValues<'_>, values| {
-            for value in values {
-                row.push_bind(value);
-            }
-        });
-        insert.build().execute(&mut *to).await?;
-    }
+    });
+    insert.build().execute(to).await?;
+    Ok(())
 }
 
 /// Counts the rows of a table, and hashes them in order.
 async fn digest(tx: &mut Tx, table: &'static str, order: &str, columns: &[(String, Kind)]) -> StoreResult<Moved> {
-    let (mut rows, mut hash) = (0, Sha256::new());
+    let mut read = RowDigest::default();
     let each = async |row: Row| {
-        rows += 1;
-        for (index, (_, kind)) in columns.iter().enumerate() {
-            // Debug output tells null, types and lengths apart.
-            let text = format!("{:?}\n", value(&row, index, *kind)?);
-            hash.update(text.as_bytes());
-        }
+        read.add(&values(&row, columns)?);
         Ok(())
     };
     query(select(table, order, columns)).for_each(tx, each).await?;
-    Ok(Moved { table, rows, sha256: plumbline_engine::tasks::hex(&hash.finalize()) })
+    Ok(read.of(table))
 }
 
-/// Checks that the moved receipts are linked to each other without a gap.
-async fn must_chain(tx: &mut Tx) -> StoreResult<()> {
-    let mut before: (i64, Hash) = (0, FIRST_LINK);
-    let each = async |(seq, hash, previous, next): (i64, String, String, String)| {
-        let broken = || StoreError::corrupt("receipts", format!("the log breaks at {seq}"));
-        let hash: Hash = unhex(&hash).ok_or_else(broken)?;
-        let expected = link(&before.1, &hash);
-        if seq != before.0 + 1 || unhex(&previous) != Some(before.1) || unhex(&next) != Some(expected) {
-            return Err(broken());
+/// Count and SHA-256 of rows, as they are read.
+#[derive(Debug, Default)]
+struct RowDigest {
+    rows: u64,
+    hash: Sha256,
+}
+
+impl RowDigest {
+    fn add(&mut self, row: &[Value]) {
+        self.rows += 1;
+        for value in row {
+            // Debug output tells null, types and lengths apart.
+            self.hash.update(format!("{value:?}\n").as_bytes());
         }
+    }
+
+    fn of(self, table: &'static str) -> Moved {
+        Moved { table, rows: self.rows, sha256: plumbline_engine::tasks::hex(&self.hash.finalize()) }
+    }
+}
+
+/// Checks that the moved receipts are linked to each other without a gap, and that each is what its key signed.
+async fn must_verify(tx: &mut Tx) -> StoreResult<()> {
+    let mut before: (i64, Hash) = (0, FIRST_LINK);
+    let each = async |row: ReceiptRow| {
+        let (seq, body, hash, signature, public_key, previous, next) = row;
+        let broken = |why: &str| StoreError::corrupt("receipts", format!("the log breaks at {seq}: {why}"));
+        let found: Hash = Sha256::digest(body.as_bytes()).into();
+        if unhex(&hash) != Some(found) {
+            return Err(broken("the receipt has another hash than its row"));
+        }
+        let expected = link(&before.1, &found);
+        if seq != before.0 + 1 || unhex(&previous) != Some(before.1) || unhex(&next) != Some(expected) {
+            return Err(broken("its link does not follow from the one before"));
+        }
+        let receipt = serde_json::from_str(&body).map_err(|error| broken(&error.to_string()))?;
+        verify_signature(&receipt, &public_key, &signature).map_err(|fault| broken(&fault.to_string()))?;
         before = (seq, expected);
         Ok(())
     };
-    query_as("SELECT seq, hash, previous, link FROM receipts ORDER BY seq").for_each(tx, each).await
+    query_as("SELECT seq, body, hash, signature, public_key, previous, link FROM receipts ORDER BY seq")
+        .for_each(tx, each)
+        .await
 }
+
+/// Position, body, hash, signature, key, link before and own link of a receipt.
+type ReceiptRow = (i64, String, String, String, String, String, String);

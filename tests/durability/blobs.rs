@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use crate::support::audit::audit;
 use crate::support::bucket::{BUCKET, BucketServer};
 use crate::support::commands::{plumbline, refused, succeeded};
-use crate::support::database::{named, pool};
+use crate::support::database::{copied, named, pool};
 use crate::support::line::{Line, Passes};
 use crate::support::{PROGRAM, Service};
 
@@ -114,7 +114,9 @@ async fn large_logs_are_objects_and_every_door_reads_them() {
     assert_eq!(log.json()["turns"][0].as_array().map(Vec::len), Some(LARGE as usize));
     let name = scene.reference("p.db", &large).await.unwrap();
     assert_eq!(scene.reference("p.db", &small).await, None, "small logs are rows");
-    assert_eq!(files(&scene.path("blobs")), [name.clone(), "plumbline.id".to_owned()]);
+    let mut found = files(&scene.path("blobs"));
+    found.retain(|file| file != "plumbline.sweep");
+    assert_eq!(found, [name.clone(), "plumbline.id".to_owned()]);
     let object = std::fs::read(scene.path("blobs").join(&name)).unwrap();
     let hash: String = plumbline_engine::tasks::hex(&sha2::Digest::finalize(sha2::Digest::chain_update(
         <sha2::Sha256 as sha2::Digest>::new(),
@@ -273,4 +275,56 @@ async fn a_bucket_that_does_not_answer_refuses_large_logs_for_a_while() {
         .get("longest")
         .unwrap();
     assert!(longest < 1_000, "{longest}");
+}
+
+/// A copy of a database knows the same place, but not what the original writes later.
+#[tokio::test]
+async fn a_copy_of_the_database_deletes_nothing_of_the_original() {
+    let scene = Scene::new();
+    let clock = scene.path("clock");
+    let days = |days: i64| std::fs::write(&clock, (days * 86_400_000).to_string()).unwrap();
+    let start = |database: &str| {
+        let mut command = scene.command(database, &["--blobs", &scene.blobs("blobs")]);
+        command.env("PLUMBLINE_TEST_CLOCK", &clock);
+        Service::launch(command)
+    };
+    let token = || std::fs::read_to_string(scene.path("blobs/plumbline.sweep")).unwrap_or_default();
+    let swept = async |before: &str| {
+        let changes = async || {
+            while token() == before {
+                tokio::time::sleep(Duration::from_millis(50)).await;
+            }
+        };
+        tokio::time::timeout(Duration::from_mins(2), changes()).await.expect("the original sweeps");
+    };
+    days(0);
+    let original = start("p.db");
+    swept("").await;
+    original.terminate();
+    copied(&scene.path("p.db"), &scene.path("q.db"));
+    // The original goes on for a day, and sweeps again.
+    days(1);
+    let (before, original) = (token(), start("p.db"));
+    let id = post(&original, &scattered(LARGE, 1)).await;
+    graded(&original, &id).await;
+    swept(&before).await;
+    let object = scene.path("blobs").join(scene.reference("p.db", &id).await.unwrap());
+    // Much later the copy is started, to try something. To it, the object is an orphan.
+    days(9);
+    let copy = start("q.db");
+    let warned = async {
+        while !copy.said.lock().unwrap().iter().any(|line| line.contains("of which this one is a copy")) {
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    };
+    tokio::time::timeout(Duration::from_mins(2), warned)
+        .await
+        .unwrap_or_else(|_| panic!("{:#?}", copy.said.lock().unwrap()));
+    assert!(object.exists(), "the copy deleted what the original refers to");
+    assert_eq!(original.get(&format!("/v1/submissions/{id}/log")).await.status, 200);
+    // The original sweeps on.
+    let before = token();
+    days(11);
+    swept(&before).await;
+    assert!(object.exists());
 }

@@ -1,5 +1,6 @@
 //! Crashes, full disks, copies, old files, and several nodes on one server.
 
+mod across_nodes;
 mod blobs;
 mod copies;
 mod crash;
@@ -10,6 +11,7 @@ mod full_disk;
 mod held_lock;
 mod nodes;
 mod postgres;
+mod rolling;
 mod soak;
 mod store_model;
 mod upgrade;

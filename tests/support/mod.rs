@@ -9,6 +9,7 @@ pub mod database;
 pub mod disk;
 pub mod epoch;
 pub mod line;
+pub mod nodes;
 pub mod tampering;
 
 use std::io::{BufRead as _, BufReader};
@@ -102,7 +103,6 @@ impl Service {
     pub fn launch(mut command: Command) -> Self {
         let mut process = command.args(["--listen", "127.0.0.1:0"]).stderr(Stdio::piped()).spawn().unwrap();
         let mut lines = BufReader::new(process.stderr.take().unwrap()).lines();
-        let said: Arc<Mutex<Vec<String>>> = Arc::default();
         let mut seen = Vec::new();
         let url = loop {
             let line = lines.next().unwrap_or_else(|| panic!("the service did not start: {seen:#?}")).unwrap();
@@ -112,6 +112,7 @@ impl Service {
             seen.push(line);
         };
         // Whatever it says later must be read, or it would block.
+        let said = Arc::new(Mutex::new(seen));
         let kept = Arc::clone(&said);
         std::thread::spawn(move || lines.for_each(|line| kept.lock().unwrap().extend(line)));
         Self { process, url, http: without_tls().build().unwrap(), said }

@@ -21,6 +21,7 @@ use super::{Store, StoreError, StoreResult, commit, decompress};
 use crate::clock::now_ms;
 pub use place::BlobPlace;
 use reference::Reference;
+pub use sweep::Swept;
 
 /// Bytes, as packed, from which a log or a report becomes an object. Smaller ones are cheaper as rows:
 /// `docs/operations.md` has the figures.

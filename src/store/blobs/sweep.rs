@@ -1,22 +1,42 @@
 //! Deletes objects that no row refers to: those of transactions that failed, and of discarded regrades.
+//!
+//! A copy of a database knows the same place, but not the rows that the original writes after the copy was made. So a
+//! place holds a token that each sweep replaces, and the database notes it. A copy knows the token only until the next
+//! sweep of the original, a day later, and what is younger than two days is never deleted.
 
 use std::collections::HashSet;
 
 use futures_util::TryStreamExt as _;
-use object_store::ObjectStoreExt as _;
+use object_store::{ObjectStoreExt as _, path::Path};
 
 use super::{Opened, Reference};
 use crate::clock::{DAY_MS, rfc3339};
 use crate::store::db::{Builder, query, query_scalar};
-use crate::store::{Store, StoreResult, commit};
+use crate::store::{Store, StoreError, StoreResult, commit};
 
 /// Number of objects that are looked up at once.
 const AT_ONCE: usize = 500;
 /// Days after which an object that no row refers to is an orphan. A row is written within a minute of its object; the
 /// rest allows for clocks that differ between nodes.
 const DAYS: i64 = 2;
+/// Object that holds the token of the last sweep.
+const TOKEN: &str = "plumbline.sweep";
 /// Columns that may refer to objects.
 const COLUMNS: [(&str, &str); 3] = [("submissions", "log"), ("reports", "body"), ("regraded", "body")];
+
+/// What a sweep came to.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Swept {
+    /// Number of objects that were deleted.
+    Deleted(usize),
+    /// Another database sweeps the place, so nothing was deleted.
+    OfAnother {
+        /// The place.
+        place: String,
+        /// Object that says whose the place is. Without it, the next database that sweeps takes the place.
+        token: &'static str,
+    },
+}
 
 impl Store {
     /// Returns whether there are blobs, and they were last swept a day ago.
@@ -33,13 +53,17 @@ impl Store {
         Ok(!swept_ms.is_some_and(|swept_ms| (swept_ms..swept_ms + DAY_MS).contains(&now_ms)))
     }
 
-    /// Deletes objects that are older than two days and to which no row refers. Returns their number. If two nodes do it at
-    /// the same time, both do the same.
+    /// Deletes objects that are older than two days and to which no row refers. If two nodes do it at the same time, both do
+    /// the same.
     ///
     /// # Errors
     /// Returns an error if the place or the database fails; then the rest is left for the next time.
-    pub async fn sweep_blobs(&self, now_ms: i64) -> StoreResult<usize> {
-        let Some(opened) = self.blobs.opened() else { return Ok(0) };
+    pub async fn sweep_blobs(&self, now_ms: i64) -> StoreResult<Swept> {
+        let Some(opened) = self.blobs.opened() else { return Ok(Swept::Deleted(0)) };
+        if !self.take_token(&opened).await? {
+            self.note("blobs swept", &now_ms.to_string()).await?;
+            return Ok(Swept::OfAnother { place: opened.place.to_string(), token: TOKEN });
+        }
         let before = rfc3339(now_ms - DAYS * DAY_MS);
         let mut deleted = 0;
         let mut objects = opened.objects.list(None).try_chunks(AT_ONCE);
@@ -50,16 +74,47 @@ impl Store {
             let old: Vec<Reference> = old.filter(|reference| reference.day() < &before[..10]).collect();
             deleted += self.delete_orphans(&opened, old).await?;
         }
+        self.note("blobs swept", &now_ms.to_string()).await?;
+        Ok(Swept::Deleted(deleted))
+    }
+
+    /// Replaces the token of the place by a new one. Returns false, and changes nothing, if the place has a token that this
+    /// database did not write: another one sweeps it.
+    ///
+    /// The database notes both tokens before the place gets the new one, so a process that dies in between locks nobody out.
+    async fn take_token(&self, opened: &Opened) -> StoreResult<bool> {
+        const NOTED: &str = "blobs sweep";
+        let path = Path::from(TOKEN);
+        let found = match opened.get(&path).await {
+            Ok(token) => Some(String::from_utf8_lossy(&token).into_owned()),
+            Err(StoreError::BlobLost(_)) => None,
+            Err(error) => return Err(error),
+        };
+        let noted: Option<String> =
+            query_scalar("SELECT value FROM agreed WHERE name = $1").bind(NOTED).fetch_optional(&self.readers).await?;
+        if let Some(found) = &found
+            && !noted.is_some_and(|noted| noted.split(' ').any(|token| token == found))
+        {
+            return Ok(false);
+        }
+        let next = uuid::Uuid::new_v4().to_string();
+        self.note(NOTED, &format!("{} {next}", found.as_deref().unwrap_or(&next))).await?;
+        opened.put(&path, next.into_bytes()).await?;
+        Ok(true)
+    }
+
+    /// Notes something that all nodes of the database go by.
+    async fn note(&self, name: &str, value: &str) -> StoreResult<()> {
         let mut tx = self.begin().await?;
         query(
-            "INSERT INTO agreed (name, value) VALUES ('blobs swept', $1)
+            "INSERT INTO agreed (name, value) VALUES ($1, $2)
              ON CONFLICT (name) DO UPDATE SET value = excluded.value",
         )
-        .bind(now_ms.to_string())
+        .bind(name)
+        .bind(value)
         .execute(&mut tx)
         .await?;
-        commit(tx, "sweep_blobs").await?;
-        Ok(deleted)
+        commit(tx, "note").await
     }
 
     /// Deletes those objects to which no row refers.

@@ -65,7 +65,11 @@ async fn connect(server: &Server, connections: u32) -> StoreResult<PgPool> {
     let found: String = sqlx::query_scalar("SHOW server_version").fetch_one(&pool).await?;
     let major: u32 = found.split(|c: char| !c.is_ascii_digit()).next().and_then(|n| n.parse().ok()).unwrap_or(0);
     if major < OLDEST {
-        return Err(StoreError::OldServer { found, needed: OLDEST });
+        return Err(StoreError::OldServer {
+            database: Location::Server(Box::new(server.clone())),
+            found,
+            needed: OLDEST,
+        });
     }
     Ok(pool)
 }
