@@ -1,5 +1,6 @@
 //! The order of the house: imports run downwards, no files form a ring, files are short and say what they are for.
 
+mod deploy;
 mod imports;
 mod supply;
 

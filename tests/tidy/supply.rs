@@ -6,10 +6,11 @@ use std::process::Command;
 use crate::support::repository;
 use serde_json::Value;
 
-/// What cargo knows of the crates of the program on Linux.
+/// What cargo knows of the crates of the program on Linux, with the allocator for production.
 fn metadata() -> Value {
     let mut command = Command::new(env!("CARGO"));
     command.args(["metadata", "--locked", "--format-version", "1", "--filter-platform", "x86_64-unknown-linux-gnu"]);
+    command.args(["--features", "jemalloc"]);
     let output = command.current_dir(repository("")).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice(&output.stdout).unwrap()
@@ -89,7 +90,37 @@ fn the_documented_versions_of_native_code_are_those_that_are_built() {
             line.split_whitespace().nth(2).unwrap().trim_matches('"').to_owned()
         };
         let version = begins.iter().map(of_line).collect::<Vec<_>>().join(".");
-        let row = text.lines().find(|line| line.contains(&format!("| {name} |"))).unwrap();
-        assert!(row.contains(&format!("| {version} |")), "{name} carries {version}: {row}");
+        must_be_listed(&text, name, &version);
+    }
+    // The allocator's version is a part of that of its crate: 0.7.1+5.3.1-0-g81034ce1.
+    let allocator = of_program(&metadata).into_iter().find(|own| own["name"] == "tikv-jemalloc-sys").unwrap();
+    let carried = allocator["version"].as_str().unwrap().split(['+', '-']).nth(1).unwrap();
+    must_be_listed(&text, "tikv-jemalloc-sys", carried);
+}
+
+fn must_be_listed(text: &str, name: &str, version: &str) {
+    let row = text.lines().find(|line| line.contains(&format!("| {name} |"))).unwrap();
+    assert!(row.contains(&format!("| {version} |")), "{name} carries {version}: {row}");
+}
+
+/// What `cargo deny check licenses` checks too, where that is installed: each crate may be used under a licence that
+/// deny.toml allows.
+#[test]
+fn licences_are_those_that_deny_toml_allows() {
+    let deny: toml::Table = std::fs::read_to_string(repository("deny.toml")).unwrap().parse().unwrap();
+    let allowed: BTreeSet<&str> =
+        deny["licenses"]["allow"].as_array().unwrap().iter().map(|licence| licence.as_str().unwrap()).collect();
+    let metadata = metadata();
+    for own in of_program(&metadata) {
+        let (name, licence) = (&own["name"], own["license"].as_str().unwrap_or_default());
+        // Expressions here are choices of combinations without parentheses around choices.
+        let plain = licence.replace('/', " OR ").replace(['(', ')'], "");
+        let may_be_used = if licence.contains(") AND") || licence.contains("AND (") {
+            plain.split([' ']).filter(|word| !["OR", "AND", ""].contains(word)).any(|word| allowed.contains(word))
+                && plain.split(" AND ").all(|part| part.split(" OR ").any(|one| allowed.contains(one.trim())))
+        } else {
+            plain.split(" OR ").any(|choice| choice.split(" AND ").all(|one| allowed.contains(one.trim())))
+        };
+        assert!(may_be_used, "{name}: {licence}");
     }
 }
