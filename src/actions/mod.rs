@@ -1,8 +1,8 @@
 //! Action code, which agents write for the mindcraft framework, run against stand-ins that record what it places and
 //! removes (`docs/rules.md#formats`).
 //!
-//! The code is not trusted. It runs in a process of its own (`child`), which the operating system confines (`confine`)
-//! and which is taken from a few ready ones (`pool`). `sandbox` is the engine there. What code finds and what becomes
+//! The code is not trusted. It runs in a process of its own (`child`), which the operating system confines (`confine`).
+//! Those that make such processes are kept ready (`replayer`, `pool`). `sandbox` is the engine there. What code finds and what becomes
 //! of its calls is the matter of a profile: `published` records them as the published pipeline does, `mindcraft`
 //! carries them out in a world.
 
@@ -14,6 +14,7 @@ mod memory;
 mod mindcraft;
 pub mod pool;
 mod published;
+mod replayer;
 mod sandbox;
 pub mod turn_replay;
 

@@ -1,17 +1,11 @@
-//! Pool of child processes, each ready to run one script, so that no script waits for a process to start.
+//! Pool of replayers, each ready to run a script in a process of its own, so that no script waits for a program to start.
 
-use std::os::unix::process::ExitStatusExt as _;
-use std::path::{Path, PathBuf};
-use std::process::Stdio;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
-use tokio::process::{Child, Command};
-
-use super::child::COMMAND;
-use super::job::{Answer, Job, Order, TurnInput, WorldState};
-use super::{ActionLimits, CRASHED, LimitReached, Profile, Replayed};
+use super::job::{Answer, Job, TurnInput};
+use super::replayer::{Outcome, Replayer};
+use super::{ActionLimits, LimitReached, Profile, Replayed};
 use crate::fair::FairSlots;
 use plumbline_engine::text::counted;
 
@@ -19,8 +13,6 @@ use plumbline_engine::text::counted;
 const FIRST_MS: u64 = 250;
 /// Wall-clock time for the first attempt, in milliseconds: a script may be in a built-in that does not check the time.
 const FIRST_WALL_MS: u64 = 1_000;
-/// Maximum size of an answer in bytes, which is more than the allowed events can take.
-const ANSWER_BYTES: u32 = 128 << 20;
 
 /// Runs scripts, a few at a time, each in its own process.
 #[derive(Debug, Clone)]
@@ -30,7 +22,7 @@ pub struct Pool {
 
 #[derive(Debug)]
 struct Inner {
-    ready: Mutex<Vec<Child>>,
+    ready: Mutex<Vec<Replayer>>,
     /// Slots for first attempts.
     first: Arc<FairSlots>,
     /// Slots for scripts that took longer than [`FIRST_MS`].
@@ -118,138 +110,62 @@ impl Pool {
         done.ok_or_else(|| anyhow::anyhow!("action code did not finish within {} ms", all.wall_ms))
     }
 
-    /// Runs a script in a child; returns `None` if its wall-clock time ran out.
+    /// Runs a script in a process; returns `None` if its wall-clock time ran out.
     async fn run_within(&self, job: &Job, limits: &ActionLimits) -> anyhow::Result<Option<Answer>> {
-        let mut child = self.take()?;
         let wall = Duration::from_millis(limits.wall_ms);
-        let asked = tokio::time::timeout(wall, async {
-            match ask(&mut child, job, limits).await? {
-                Some(answer) => Ok(answer),
-                None => how_it_ended(child.wait().await?.signal(), limits),
-            }
-        });
-        let done = asked.await;
-        // Each process runs one script, and this one is done, one way or another.
-        child.kill().await?;
-        self.refill();
-        done.ok().transpose()
-    }
-
-    /// Takes a ready child, or starts a new one.
-    fn take(&self) -> anyhow::Result<Child> {
-        let mut ready = self.inner.ready.lock().unwrap_or_else(PoisonError::into_inner);
-        while let Some(mut child) = ready.pop() {
-            // A child may have been killed from outside while it waited.
-            if matches!(child.try_wait(), Ok(None)) {
-                return Ok(child);
+        // Only a script that breaks out of its engine can leave bytes behind, and it harms nobody but itself.
+        for _ in 0..2 {
+            let mut replayer = self.take()?;
+            let Ok(done) = tokio::time::timeout(wall, replayer.run(job, limits)).await else {
+                drop(replayer);
+                self.refill();
+                return Ok(None);
+            };
+            self.give_back(replayer);
+            match done? {
+                Outcome::Answer(answer) => return Ok(Some(answer)),
+                Outcome::Strayed => tracing::warn!("bytes of another script came instead of an answer"),
             }
         }
-        start()
+        anyhow::bail!("processes for action code answer with what nobody asked for")
     }
 
-    /// Starts children until `size` of them are ready.
+    /// Takes a replayer that waits, or starts a new one.
+    fn take(&self) -> anyhow::Result<Replayer> {
+        let mut ready = self.inner.ready.lock().unwrap_or_else(PoisonError::into_inner);
+        while let Some(mut replayer) = ready.pop() {
+            if replayer.is_ready() {
+                return Ok(replayer);
+            }
+        }
+        drop(ready);
+        Replayer::start()
+    }
+
+    /// Keeps a replayer for the next script if it can be used and is needed.
+    fn give_back(&self, mut replayer: Replayer) {
+        if replayer.is_ready() {
+            let mut ready = self.inner.ready.lock().unwrap_or_else(PoisonError::into_inner);
+            if ready.len() < self.inner.size {
+                ready.push(replayer);
+            }
+        } else {
+            drop(replayer);
+            self.refill();
+        }
+    }
+
+    /// Starts replayers until one waits for each slot, unless this pool is used only once.
     pub fn refill(&self) {
         let mut ready = self.inner.ready.lock().unwrap_or_else(PoisonError::into_inner);
         while ready.len() < self.inner.size {
-            match start() {
-                Ok(child) => ready.push(child),
+            match Replayer::start() {
+                Ok(replayer) => ready.push(replayer),
                 Err(error) => {
                     tracing::warn!(%error, "could not start a process for action code");
                     return;
                 }
             }
         }
-    }
-}
-
-/// Returns this program, also if its file was replaced by that of another version since it started.
-fn own_program() -> std::io::Result<PathBuf> {
-    let running = Path::new("/proc/self/exe");
-    if running.exists() { Ok(running.to_owned()) } else { std::env::current_exe() }
-}
-
-/// Starts a child: this program, which gets nothing from this process but two pipes.
-fn start() -> anyhow::Result<Child> {
-    let child = Command::new(own_program()?)
-        .arg(COMMAND)
-        .env_clear()
-        // Makes local time the same on every machine.
-        .env("TZ", "UTC0")
-        .current_dir("/")
-        // Signals to the service's process group, such as Ctrl-C, are not meant for the child.
-        .process_group(0)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .kill_on_drop(true)
-        .spawn()?;
-    Ok(child)
-}
-
-/// Sends a script to a child and reads the answer; returns `None` if the process ends without one.
-///
-/// # Errors
-/// Returns an error if the script cannot be sent, or the answer is too long or invalid.
-async fn ask(child: &mut Child, job: &Job, limits: &ActionLimits) -> anyhow::Result<Option<Answer>> {
-    let job = serde_json::to_vec(&Order { job: job.clone(), limits: *limits })?;
-    let (Some(input), Some(output)) = (child.stdin.as_mut(), child.stdout.as_mut()) else {
-        anyhow::bail!("a process for action code has no pipes");
-    };
-    input.write_all(&u32::try_from(job.len())?.to_le_bytes()).await?;
-    input.write_all(&job).await?;
-    input.flush().await?;
-    let Ok(length) = output.read_u32_le().await else { return Ok(None) };
-    anyhow::ensure!(length <= ANSWER_BYTES, "the answer is too long: {length} bytes");
-    let mut answer = vec![0; length as usize];
-    if output.read_exact(&mut answer).await.is_err() {
-        return Ok(None);
-    }
-    let answer = tokio::task::spawn_blocking(move || serde_json::from_slice::<Answer>(&answer)).await??;
-    let is_sound = answer.turns.iter().all(Replayed::is_sound) && answer.end.as_ref().is_none_or(WorldState::is_sound);
-    anyhow::ensure!(is_sound, "the answer contains invalid events or an invalid world");
-    Ok(Some(answer))
-}
-
-/// Signals with which the system ends a process for what it did, by name.
-const CRASHES: [(i32, &str); 6] = [
-    (libc::SIGABRT, "SIGABRT"),
-    (libc::SIGSEGV, "SIGSEGV"),
-    (libc::SIGBUS, "SIGBUS"),
-    (libc::SIGSYS, "SIGSYS"),
-    (libc::SIGILL, "SIGILL"),
-    (libc::SIGFPE, "SIGFPE"),
-];
-
-/// Interprets the end of a child without an answer. The child had confined itself and run a script before, so these
-/// signals are caused by the script; others, and a regular exit, come from outside and are a failure of the service.
-fn how_it_ended(signal: Option<i32>, limits: &ActionLimits) -> anyhow::Result<Answer> {
-    let stopped = |limit: &str, detail: String| {
-        let stopped = Some(LimitReached { limit: limit.to_owned(), detail });
-        Answer { turns: vec![Replayed { stopped, ..Replayed::default() }], end: None }
-    };
-    if signal == Some(libc::SIGXCPU) {
-        return Ok(stopped("time", format!("more than {} ms of processor time", limits.cpu_ms)));
-    }
-    match CRASHES.iter().find(|(crash, _)| signal == Some(*crash)) {
-        Some((_, name)) => Ok(stopped(
-            CRASHED,
-            format!("the script's process ended ({name}); very deep recursion or very much memory can cause this"),
-        )),
-        None => anyhow::bail!("a process for action code ended without an answer (signal {signal:?})"),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::actions::ACTION_LIMITS;
-
-    #[test]
-    fn a_crash_is_not_told_as_a_limit_on_memory() {
-        let told =
-            |signal| how_it_ended(Some(signal), &ACTION_LIMITS).map(|ended| ended.stopped().unwrap().to_string());
-        assert!(told(libc::SIGSEGV).unwrap().starts_with("stopped: the script's process ended (SIGSEGV)"));
-        assert!(told(libc::SIGXCPU).unwrap().starts_with("stopped at a limit (time): more than 2000 ms"));
-        assert!(told(libc::SIGKILL).is_err());
     }
 }
