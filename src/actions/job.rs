@@ -85,6 +85,9 @@ pub struct WorldState {
     pub looks: Vec<(u16, u16)>,
     /// Number of blocks that `/fill` and `/clone` may change, if a game rule set it.
     pub block_limit: Option<i32>,
+    /// Name of the item in the body's hand.
+    #[serde(default)]
+    pub held: Option<String>,
 }
 
 impl WorldState {

@@ -232,6 +232,9 @@ pub struct CodeError {
     /// Number of the file among those of its turn, counted from 1; absent if there is only one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file: Option<usize>,
+    /// Number of events of the turn that were recorded when the file with the error ended.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub events: Option<usize>,
     /// Whether the error was thrown by the code itself, and not by what it called.
     #[serde(skip)]
     #[schema(ignore)]

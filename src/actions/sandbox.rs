@@ -156,7 +156,14 @@ impl Sandbox {
 
 /// Describes a failure of the engine itself.
 pub fn internal(what: &str) -> CodeError {
-    CodeError { message: format!("InternalError: {what}"), line: None, column: None, file: None, is_own: false }
+    CodeError {
+        message: format!("InternalError: {what}"),
+        line: None,
+        column: None,
+        file: None,
+        events: None,
+        is_own: false,
+    }
 }
 
 /// Makes the clock of a script: an object with `fire`, `begin` and `wait`. `heard` is called with every time at which a
@@ -209,6 +216,7 @@ pub fn told(error: CaughtError<'_>) -> CodeError {
         line,
         column: column.filter(|_| line.is_some()),
         file: None,
+        events: None,
         is_own,
     }
 }

@@ -2,7 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{CodeError, Dropped, Replayed};
+use super::{ACTION_LIMITS, CodeError, Dropped, MOST_ERRORS, MOST_NOTES, Replayed};
+
+/// Last line of a log that was cut.
+pub const LOG_CUT: &str = "… more was printed, which is left out";
 
 /// Result of running the action code of one turn.
 #[derive(Debug, Clone, Serialize, Deserialize, utoipa::ToSchema)]
@@ -32,6 +35,44 @@ pub struct TurnReplay {
 }
 
 impl TurnReplay {
+    /// Appends what further code of the same turn told, within the limits of one file.
+    pub fn append(&mut self, other: Self) {
+        let Self { turn: _, events, dropped, error, notes, more_errors, log, unreadable } = other;
+        self.events += events;
+        for Dropped { reason, count } in dropped {
+            let is_full = self.dropped.len() > MOST_NOTES;
+            match self.dropped.iter_mut().find(|known| known.reason == reason) {
+                Some(known) => known.count += count,
+                None if is_full => {}
+                None => self.dropped.push(Dropped { reason, count }),
+            }
+        }
+        let mut errors = error.into_iter().chain(more_errors);
+        if self.error.is_none() {
+            self.error = errors.next();
+        }
+        let room = MOST_ERRORS.saturating_sub(self.more_errors.len());
+        self.more_errors.extend(errors.take(room));
+        for note in notes {
+            if self.notes.len() <= MOST_NOTES && !self.notes.contains(&note) {
+                self.notes.push(note);
+            }
+        }
+        let mut room = ACTION_LIMITS.log_bytes.saturating_sub(self.log.iter().map(|line| line.len() + 1).sum());
+        for line in log {
+            let is_full = self.log.len() >= ACTION_LIMITS.log_lines || line.len() > room;
+            if is_full {
+                if self.log.last().is_none_or(|last| last != LOG_CUT) {
+                    self.log.push(LOG_CUT.to_owned());
+                }
+                break;
+            }
+            room = room.saturating_sub(line.len() + 1);
+            self.log.push(line);
+        }
+        self.unreadable &= unreadable;
+    }
+
     /// Tells how the code of a turn, counted from 1, was run.
     #[must_use]
     pub fn of(turn: usize, done: Replayed) -> Self {

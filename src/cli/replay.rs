@@ -168,10 +168,11 @@ fn explain(files: &[File], done: &Replayed) {
         say!("{name}: {}", escaped(note));
     }
     let built = counted(done.events.len(), "event");
-    for CodeError { message, line, column, file, .. } in done.error.iter().chain(&done.more_errors) {
+    for CodeError { message, line, column, file, events, .. } in done.error.iter().chain(&done.more_errors) {
         let name = file.and_then(|number| files.get(number - 1)).map_or(name.as_str(), |file| file.name.as_str());
         let line = line.map(|line| format!(" line {line}:")).unwrap_or_default();
         let column = column.map(|column| format!(" (column {column})")).unwrap_or_default();
+        let built = events.map_or_else(|| built.clone(), |events| counted(events, "event"));
         say!("{name}:{line} {}{column}; {built} in this turn", escaped(message));
     }
     if let Some(stopped) = &done.stopped {

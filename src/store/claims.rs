@@ -31,18 +31,22 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn claim(&self, lanes: &[Lane], lease_ms: i64, most: usize) -> StoreResult<Claimed> {
-        if !self.has_jobs(lanes).await? {
+        let begun = std::time::Instant::now();
+        let is_thorough = self.looks.is_due(lease_ms, now_ms());
+        if !self.has_jobs(lanes, is_thorough).await? {
             return Ok(Claimed::Nothing);
         }
         let mut tx = self.begin().await?;
         let now_ms = now_ms();
-        let is_thorough = self.looks.is_due(lease_ms, now_ms);
         let mut first = None;
         for lane in lanes {
             first = take_first(&mut tx, *lane, lease_ms, now_ms, is_thorough).await?.map(|taken| (*lane, taken));
             if first.is_some() {
                 break;
             }
+        }
+        if is_thorough {
+            self.looks.took(begun.elapsed());
         }
         let Some((lane, Taken { id, attempt, turn, is_far_behind })) = first else { return Ok(Claimed::Nothing) };
         if is_far_behind {
@@ -159,12 +163,18 @@ impl Store {
         }
     }
 
-    /// Returns whether one of the lanes has jobs, free or not. Most checks find none, and need not wait for the write
-    /// lock.
-    async fn has_jobs(&self, lanes: &[Lane]) -> StoreResult<bool> {
+    /// Returns whether one of the lanes has jobs that a claim may take, free or not. Most checks find none, and need not
+    /// wait for the write lock. As in [`take_first`], PostgreSQL looks through earlier rounds only if `is_thorough` is set.
+    async fn has_jobs(&self, lanes: &[Lane], is_thorough: bool) -> StoreResult<bool> {
+        let exists = Each {
+            sqlite: "SELECT EXISTS (SELECT 1 FROM jobs WHERE lane = $1)",
+            postgres: "SELECT EXISTS (SELECT 1 FROM jobs WHERE lane = $1
+                                        AND turn >= CASE WHEN $2 THEN 0 ELSE (SELECT turn - 256 FROM lanes WHERE name = $1) END)",
+        };
         for lane in lanes {
-            let has_one: bool = query_scalar("SELECT EXISTS (SELECT 1 FROM jobs WHERE lane = $1)")
+            let has_one: bool = query_scalar(exists)
                 .bind(*lane)
+                .bind(is_thorough)
                 .fetch_one(&self.readers)
                 .await?;
             if has_one {
@@ -177,20 +187,32 @@ impl Store {
 
 /// Times at which this process looks through all jobs of the lanes, not only those of the current rounds.
 #[derive(Debug, Default)]
-pub(super) struct Looks(AtomicI64);
+pub(super) struct Looks {
+    last_ms: AtomicI64,
+    /// How long the last one took.
+    took_ms: AtomicI64,
+}
 
 impl Looks {
     /// Makes a look due at once: the last one found a job, and there may be more.
     fn again(&self) {
-        self.0.store(0, Ordering::Relaxed);
+        self.last_ms.store(0, Ordering::Relaxed);
+    }
+
+    /// Notes how long a look took.
+    fn took(&self, time: std::time::Duration) {
+        self.took_ms.store(time.as_millis() as i64, Ordering::Relaxed);
     }
 
     /// Returns whether such a look is due: four times in the length of a lease, so that a job whose worker died is
-    /// found soon after its lease ends.
+    /// found soon after its lease ends. Looks that take long, because very many deleted jobs are in the index, are made
+    /// less often: they take a twentieth of the time, or one is made in the length of a lease.
     fn is_due(&self, lease_ms: i64, now_ms: i64) -> bool {
-        let last_ms = self.0.load(Ordering::Relaxed);
-        let is_due = now_ms < last_ms || now_ms - last_ms >= (lease_ms / 4).min(2_000);
-        is_due && self.0.compare_exchange(last_ms, now_ms, Ordering::Relaxed, Ordering::Relaxed).is_ok()
+        let last_ms = self.last_ms.load(Ordering::Relaxed);
+        let least_ms = (lease_ms / 4).min(2_000);
+        let every_ms = (20 * self.took_ms.load(Ordering::Relaxed)).min(lease_ms).max(least_ms);
+        let is_due = now_ms < last_ms || now_ms - last_ms >= every_ms;
+        is_due && self.last_ms.compare_exchange(last_ms, now_ms, Ordering::Relaxed, Ordering::Relaxed).is_ok()
     }
 }
 

@@ -93,6 +93,10 @@ async fn an_episode_is_graded_as_the_same_code_posted_at_once() {
     let path = format!("/v1/submissions/{}", submitted.json()["submission"].as_str().unwrap());
     let graded = service.wait_for(&path, |submission| submission["state"] == "graded").await;
     assert_eq!((&graded["profile"], &graded["run"]), (&json!("mindcraft"), &json!(run)));
+    // What the code of all steps told is kept with the submission.
+    let told = graded["action_code"].as_array().unwrap_or_else(|| panic!("{graded}"));
+    assert_eq!(told.iter().map(|turn| turn["turn"].as_u64().unwrap()).collect::<Vec<_>>(), [1, 2], "{graded}");
+    assert_eq!(told[1]["log"], json!(["stone air"]), "{graded}");
     let turns = json!([{ "action_code": [FIRST, SECOND] }, { "events": events }]);
     let at_once = json!({ "task": task.id, "profile": "mindcraft", "turns": turns });
     let at_once = service.post_json("/v1/grade", &at_once).await.json();

@@ -30,7 +30,6 @@ pub struct Cluster {
     pub port: u16,
     keeper: Mutex<Child>,
     /// Removed with the server.
-    #[expect(dead_code, reason = "it is held until the server ends")]
     programs_folder: Option<tempfile::TempDir>,
 }
 

@@ -73,6 +73,13 @@ fn tell(object: &Object<'_>, shared: &Shared) -> rquickjs::Result<()> {
     let to = shared.clone();
     object.set("drop", Func::from(move |reason: String| to.with(|host| host.drop_call(&reason))))?;
     let to = shared.clone();
+    object.set(
+        "hold",
+        Func::from(move |item: String| to.with(|host| host.held = Some(item).filter(|item| !item.is_empty()))),
+    )?;
+    let of = shared.clone();
+    object.set("held", Func::from(move || of.with(|host| host.held.clone().unwrap_or_default())))?;
+    let to = shared.clone();
     object.set("log", Func::from(move |line: String| to.with(|host| host.print(&line))))?;
     let to = shared.clone();
     object.set(

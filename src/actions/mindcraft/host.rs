@@ -4,6 +4,7 @@ use std::cmp::Ordering;
 use std::collections::{BTreeMap, HashMap};
 
 use crate::actions::ACTION_LIMITS;
+use crate::actions::turn_replay::LOG_CUT;
 use crate::near::did_you_mean;
 use plumbline_engine::game::command::{Command, SetMode};
 use plumbline_engine::game::coordinates::{Coordinate, Coordinates};
@@ -25,6 +26,8 @@ pub struct Host {
     pub world: World,
     /// What the turn has told so far.
     pub told: Told,
+    /// Name of the item in the body's hand.
+    pub held: Option<String>,
     /// Blocks that were read before.
     looks: HashMap<String, Look>,
     /// Names that were asked for in vain.
@@ -86,7 +89,7 @@ impl Host {
         for line in line.split('\n') {
             if told.log.len() >= ACTION_LIMITS.log_lines || told.log_bytes + line.len() > ACTION_LIMITS.log_bytes {
                 if !std::mem::replace(&mut told.is_log_cut, true) {
-                    told.log.push("… more was printed, which is left out".to_owned());
+                    told.log.push(LOG_CUT.to_owned());
                 }
                 return;
             }

@@ -82,6 +82,7 @@ pub fn run(job: &Job, limits: &ActionLimits, peak: &PeakMemory, first: Prepared)
     let host = Rc::clone(&first.host);
     let mut first = Some(first);
     host.borrow_mut().world = world_of(job.start.as_ref(), limits);
+    host.borrow_mut().held = job.start.as_ref().and_then(|start| start.held.clone());
     let mut turns = Vec::with_capacity(job.turns.len());
     let mut seen = 0;
     for turn in &job.turns {
@@ -107,7 +108,7 @@ pub fn run(job: &Job, limits: &ActionLimits, peak: &PeakMemory, first: Prepared)
             break;
         }
     }
-    let end = state_of(&host.borrow().world);
+    let end = state_of(&host.borrow());
     Answer { turns, end: Some(end) }
 }
 
@@ -123,6 +124,7 @@ fn run_files(
 ) -> Replayed {
     let mut replayed = Replayed { unreadable: true, ..Replayed::default() };
     let mut errors: Vec<CodeError> = Vec::new();
+    let at_first = host.borrow().world.changes().len();
     for (sent, number) in files.iter().zip(1..) {
         let before = host.borrow().world.changes().len();
         let notes_before = host.borrow().told.notes.len();
@@ -139,7 +141,8 @@ fn run_files(
                 *note = in_file(number, note);
             }
         }
-        errors.extend(ended.errors.into_iter().map(|error| CodeError { file, ..error }));
+        let events = Some(host.borrow().world.changes().len() - at_first);
+        errors.extend(ended.errors.into_iter().map(|error| CodeError { file, events, ..error }));
         if let Some(limit) = ended.stopped.or(is_full.then_some("events")) {
             let built = host.borrow().world.changes().len() - before;
             replayed.stopped = Some(LimitReached::of(limit, limits, &counted(built, "event")));
@@ -224,10 +227,11 @@ fn run_file(sent: &str, prepared: Prepared, limits: &ActionLimits, end_cpu_ms: u
         ended.errors.clear();
     } else if ended.errors.is_empty() && host.borrow().done_at_ms.is_none() {
         let message = "the code waits for something that never happens, so what follows was not run".to_owned();
-        ended.errors.push(CodeError { message, line: None, column: None, file: None, is_own: false });
+        ended.errors.push(CodeError { message, line: None, column: None, file: None, events: None, is_own: false });
     }
     for error in &mut ended.errors {
         naming::name(error, &code, host.borrow().missing.as_ref());
+        naming::suggest(error);
         // Columns are those of the rewritten code.
         error.column = None;
     }

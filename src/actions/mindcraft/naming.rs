@@ -2,6 +2,9 @@
 
 use super::host::Missing;
 use crate::actions::CodeError;
+use crate::actions::functions::functions_of;
+use crate::near::did_you_mean;
+use plumbline_engine::voxel::Profile;
 
 /// Puts the name of what is not a function into an error that lacks it.
 pub fn name(error: &mut CodeError, code: &str, missing: Option<&Missing>) {
@@ -22,6 +25,23 @@ pub fn name(error: &mut CodeError, code: &str, missing: Option<&Missing>) {
     };
 }
 
+/// Adds what may be meant by a name that is not defined: a skill without `skills.`, or a name that is nearly that of an
+/// object.
+pub fn suggest(error: &mut CodeError) {
+    let undefined =
+        error.message.strip_prefix("ReferenceError: ").and_then(|rest| rest.strip_suffix(" is not defined"));
+    let Some(undefined) = undefined else { return };
+    let paths = || functions_of(Profile::Mindcraft).iter().filter_map(|known| known.call.split('(').next());
+    let suggestion = match paths().find(|path| path.split_once('.').is_some_and(|(_, name)| name == undefined)) {
+        Some(path) => format!("; did you mean {path}?"),
+        None => did_you_mean(undefined, OBJECTS.into_iter().chain(paths().filter_map(|path| path.split('.').nth(1)))),
+    };
+    error.message.push_str(&suggestion);
+}
+
+/// Global names that code finds.
+const OBJECTS: [&str; 6] = ["skills", "world", "bot", "log", "Vec3", "console"];
+
 /// Returns what is called on a line, such as `skills.placeBlock`.
 fn called(line: &str) -> impl Iterator<Item = &str> {
     let is_part = |c: char| c.is_alphanumeric() || matches!(c, '_' | '$' | '.');
@@ -39,6 +59,21 @@ fn called(line: &str) -> impl Iterator<Item = &str> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_not_defined_may_be_a_skill() {
+        let told = |message: &str| {
+            let message = message.to_owned();
+            let mut error = CodeError { message, line: None, column: None, file: None, events: None, is_own: true };
+            suggest(&mut error);
+            error.message
+        };
+        let undefined = |name: &str| told(&format!("ReferenceError: {name} is not defined"));
+        assert!(undefined("placeBlock").ends_with("placeBlock is not defined; did you mean skills.placeBlock?"));
+        assert!(undefined("skill").ends_with("did you mean skills?"), "{}", undefined("skill"));
+        assert!(undefined("frobnicate").ends_with("is not defined"));
+        assert_eq!(told("TypeError: x is not defined"), "TypeError: x is not defined");
+    }
 
     #[test]
     fn the_calls_of_a_line_are_named() {

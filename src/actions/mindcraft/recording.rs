@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::host::Host;
 use crate::actions::job::WorldState;
 use crate::actions::{ActionLimits, RecordedEvent, Replayed};
 use plumbline_engine::game::coordinates::Place;
@@ -30,7 +31,8 @@ pub fn world_of(start: Option<&WorldState>, limits: &ActionLimits) -> World {
 }
 
 /// Returns the world as it stands, with the body in it.
-pub fn state_of(world: &World) -> WorldState {
+pub fn state_of(host: &Host) -> WorldState {
+    let world = &host.world;
     let mut built: Vec<(Cell, Look)> = world.built().collect();
     built.sort_unstable_by_key(|(cell, _)| (cell.y, cell.x, cell.z));
     let mut names = Names::default();
@@ -48,6 +50,7 @@ pub fn state_of(world: &World) -> WorldState {
         now_ms: world.now_ms(),
         looks,
         block_limit: world.block_limit,
+        held: host.held.clone(),
     }
 }
 

@@ -203,3 +203,36 @@ fn what_is_too_much_to_tell_is_counted() {
     assert_eq!(done.more_errors.len() + 1, MOST_ERRORS);
     assert!(done.notes.iter().any(|note| note == "10 further errors left out"), "{:?}", done.notes);
 }
+
+#[test]
+fn what_is_held_stays_in_the_hand_in_the_next_file_and_the_next_job() {
+    let hold = "await skills.equip(bot, 'oak_planks');".to_owned();
+    let place = "await bot.placeBlock(bot.blockAt(new Vec3(2, -1, 0)), new Vec3(0, 1, 0));".to_owned();
+    let files = TurnInput::Code(vec![hold.clone(), place.clone()]);
+    let mut both = replay(&Job { profile: Profile::Mindcraft, start: None, turns: vec![files] });
+    assert_eq!(events(&both.turns.remove(0)), ["oak_planks@2,0,0"]);
+    let held = replay(&Job::of_code(Profile::Mindcraft, hold));
+    let next = Job { start: held.end, ..Job::of_code(Profile::Mindcraft, place) };
+    assert_eq!(events(&replay(&next).turns.remove(0)), ["oak_planks@2,0,0"]);
+}
+
+#[test]
+fn what_cannot_be_dug_is_not_collected_and_the_code_goes_on() {
+    let done = ran(
+        "bot.chat('/setblock 2 0 0 bedrock');\nconst got = await skills.collectBlock(bot, 'bedrock', 2);\nlog(bot, got);\n\
+         await skills.placeBlock(bot, 'stone', 1, 0, 0);",
+    );
+    assert_eq!((done.error.clone(), events(&done)), (None, vec!["bedrock@2,0,0".to_owned(), "stone@1,0,0".to_owned()]));
+    assert_eq!(done.log.last().map(String::as_str), Some("false"), "{done:?}");
+}
+
+#[test]
+fn an_error_tells_what_was_built_before_its_file_ended() {
+    let place = |x: i32| format!("await skills.placeBlock(bot, 'stone', {x}, 0, 0);");
+    let files = vec![place(0), format!("{}\nplaceBlock(bot, 'stone', 9, 0, 0);", place(1)), place(2)];
+    let job = Job { profile: Profile::Mindcraft, start: None, turns: vec![TurnInput::Code(files)] };
+    let done = replay(&job).turns.remove(0);
+    let error = done.error.clone().unwrap();
+    assert_eq!((error.file, error.line, error.events, done.events.len()), (Some(2), Some(2), Some(2), 3));
+    assert_eq!(error.message, "ReferenceError: placeBlock is not defined; did you mean skills.placeBlock?");
+}

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::actions::job::WorldState;
+use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
@@ -28,6 +29,9 @@ pub struct Stored {
     pub world: WorldState,
     /// The last step.
     pub last: Option<LastStep>,
+    /// What the code of each turn told, for the submission.
+    #[serde(default)]
+    pub told: Vec<TurnReplay>,
     /// Track of the prompts.
     #[serde(default)]
     track: Track,
@@ -46,9 +50,18 @@ impl Stored {
     /// Returns the state before the first step.
     #[must_use]
     pub fn first(track: Track) -> Self {
-        let mut stored = Self { turn: 1, log: String::new(), world: WorldState::default(), last: None, track };
+        let world = WorldState::default();
+        let mut stored = Self { turn: 1, log: String::new(), world, last: None, told: Vec::new(), track };
         stored.set_log(&BlockLog { turns: vec![Vec::new()], profile: Profile::Mindcraft, ..BlockLog::default() });
         stored
+    }
+
+    /// Adds what the code of a step told to its turn.
+    pub fn tell(&mut self, told: TurnReplay) {
+        match self.told.last_mut().filter(|last| last.turn == told.turn) {
+            Some(turn) => turn.append(told),
+            None => self.told.push(told),
+        }
     }
 
     /// Returns the log so far.

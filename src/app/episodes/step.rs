@@ -118,6 +118,9 @@ pub async fn make_step(
         };
         episode.stored.set_log(&log);
         episode.stored.world = end;
+        if let Some(told) = &stepped.code {
+            episode.stored.tell(told.clone());
+        }
         let answer = serde_json::to_value(stepped).map_err(|error| AppError::internal(&error))?;
         Ok((episode, answer))
     });

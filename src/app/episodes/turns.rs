@@ -11,8 +11,8 @@ use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::aside::aside;
 use crate::app::error::{AppError, AppResult};
-use crate::app::hidden::instances::{AcceptedAnswer, answer_instance};
-use crate::app::submissions::accept::accept;
+use crate::app::hidden::instances::{AcceptedAnswer, answer_replayed};
+use crate::app::submissions::accept::accept_replayed;
 use crate::app::submissions::posted::Format;
 use crate::clock::now_ms;
 use crate::store::episodes::Attempt;
@@ -96,7 +96,8 @@ pub async fn submit(
             "another request made a step; read the episode, and submit it again",
         ));
     }
-    let (stored, turns) = (episode.stored, episode.prompts.len());
+    let (mut stored, turns) = (episode.stored, episode.prompts.len());
+    let told = std::mem::take(&mut stored.told);
     let mut body = aside(move || {
         let mut log = stored.log()?;
         log.turns.resize(turns, Vec::new());
@@ -106,7 +107,7 @@ pub async fn submit(
     let submitted = match &episode.row.attempt {
         Attempt::Instance(instance) => {
             body["transcript_sha256"] = json!(new.transcript_sha256);
-            let answer = answer_instance(app, caller, instance, text(body).await?, Format::Json).await;
+            let answer = answer_replayed(app, caller, instance, text(body).await?, Format::Json, told).await;
             answer.map(|answer| Submitted::Answer(instance.clone(), Box::new(answer)))
         }
         Attempt::Task { suite_id, number, run_id } => {
@@ -123,7 +124,7 @@ pub async fn submit(
                 key: format!("episode\n{id}"),
                 body_hash: hex(&Sha256::digest(&body)),
             };
-            accept(app, caller, body, Format::Json, Some(once)).await.and_then(|accepted| {
+            accept_replayed(app, caller, body, Format::Json, Some(once), told).await.and_then(|accepted| {
                 let one = accepted.submissions.into_iter().next();
                 let none = || AppError::internal(&"one submission was posted, and none accepted");
                 Ok(Submitted::Submission(one.ok_or_else(none)?.id))

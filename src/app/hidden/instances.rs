@@ -108,6 +108,22 @@ pub async fn answer_instance(
     body: Bytes,
     format: Format,
 ) -> AppResult<AcceptedAnswer> {
+    answer_replayed(app, caller, id, body, format, Vec::new()).await
+}
+
+/// Answers an instance as [`answer_instance`] does. `told` is what code told that was run before, by an episode, and of
+/// which the body has the events.
+///
+/// # Errors
+/// Returns the same errors as [`answer_instance`].
+pub async fn answer_replayed(
+    app: &App,
+    caller: &Caller,
+    id: &str,
+    body: Bytes,
+    format: Format,
+    told_before: Vec<TurnReplay>,
+) -> AppResult<AcceptedAnswer> {
     caller.require(Scope::Submit)?;
     if format == Format::NdJson {
         return Err(AppError::not_ndjson("send one answer per request"));
@@ -126,7 +142,10 @@ pub async fn answer_instance(
         );
         return Err(AppError::faulty(faults));
     }
-    let action_code = run_code(app, caller.who(), &mut sent, &mut faults).await?;
+    let mut action_code = run_code(app, caller.who(), &mut sent, &mut faults).await?;
+    if !told_before.is_empty() {
+        action_code = told_before;
+    }
     let told = (!action_code.is_empty())
         .then(|| serde_json::to_string(&action_code).expect("replays are strings and numbers"));
     let (issued, by) = (instance.clone(), caller.clone());

@@ -64,8 +64,24 @@ pub async fn accept(
     format: Format,
     once: Option<IdempotencyKey>,
 ) -> AppResult<Acceptance> {
+    accept_replayed(app, caller, body, format, once, Vec::new()).await
+}
+
+/// Accepts as [`accept`] does. `told` is what code told that was run before, by an episode, and of which the body has the
+/// events.
+///
+/// # Errors
+/// Returns the same errors as [`accept`].
+pub async fn accept_replayed(
+    app: &App,
+    caller: &Caller,
+    body: Bytes,
+    format: Format,
+    once: Option<IdempotencyKey>,
+    told: Vec<TurnReplay>,
+) -> AppResult<Acceptance> {
     caller.require(Scope::Submit)?;
-    let Checked { submissions, lines } = check(app, caller, body, format).await?;
+    let Checked { submissions, lines } = check(app, caller, body, format, told).await?;
     let submissions: Arc<[NewSubmission]> = submissions.into();
     match app.store.accept(Arc::clone(&submissions), once, decide_all, now_ms()).await? {
         Acceptability::Decided(answers) => {
@@ -93,7 +109,7 @@ pub async fn validate(
     format: Format,
 ) -> AppResult<Vec<(NewSubmission, AcceptedSubmission)>> {
     caller.require(Scope::Submit)?;
-    let Checked { submissions, lines } = check(app, caller, body, format).await?;
+    let Checked { submissions, lines } = check(app, caller, body, format, Vec::new()).await?;
     let answers = answers(decide_all(&submissions, app.store.accept_facts(&submissions).await?));
     let accepted = decided(&submissions, answers, &lines)?;
     Ok(submissions.into_iter().zip(accepted).collect())
@@ -107,7 +123,7 @@ pub fn key_reused() -> AppError {
 }
 
 /// Reads a body and checks all of it, except for what only the transaction that stores it can decide.
-async fn check(app: &App, caller: &Caller, body: Bytes, format: Format) -> AppResult<Checked> {
+async fn check(app: &App, caller: &Caller, body: Bytes, format: Format, told: Vec<TurnReplay>) -> AppResult<Checked> {
     let read = tokio::task::spawn_blocking(move || {
         let mut faults = Faults::new();
         let posted = read_submissions(&body, format, &mut faults);
@@ -132,6 +148,11 @@ async fn check(app: &App, caller: &Caller, body: Bytes, format: Format) -> AppRe
     }
     if faults.is_empty() {
         run_codes(app, caller.who(), &mut submissions, &mut faults).await?;
+    }
+    if let [one] = submissions.as_mut_slice()
+        && !told.is_empty()
+    {
+        one.replays = told;
     }
     let owner = caller.owner().map(str::to_owned);
     let prepare = tokio::task::spawn_blocking(move || {

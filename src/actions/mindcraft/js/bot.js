@@ -95,7 +95,13 @@
 
   const item = (name, count = 64, slot = 36) =>
     ({ name, count, slot, type: mc.getItemId(name), displayName: displayName(name), stackSize: 64, metadata: 0, nbt: null });
-  let held = null;
+  // The host keeps what is held, for the next file.
+  let shown = { name: "", item: null };
+  const held = () => {
+    const name = host.held();
+    if (shown.name !== name) shown = { name, item: name ? item(name) : null };
+    return shown.item;
+  };
   let stock = null;
   // Creative: enough of everything.
   const items = () => (stock ??= registry.itemsArray.filter(({ name }) => name !== "air").map(({ name }, at) => item(name, 64, 9 + at)));
@@ -108,7 +114,7 @@
   };
   const hold = async (what) => {
     const name = typeof what === "string" ? what : typeof what === "number" ? mc.getItemName(what) : what?.name;
-    held = name && mc.getItemId(name) !== null ? item(name) : null;
+    host.hold(name && mc.getItemId(name) !== null ? name : "");
   };
   const look = (at) => {
     const [dx, dy, dz] = [at.x - position.x, at.y - (position.y + entity.height), at.z - position.z];
@@ -118,11 +124,11 @@
   };
   const lookAt = async (at) => look(at);
   const placeBlock = async (reference, face) => {
-    if (!held) throw new Error("must be holding an item to place");
+    if (!held()) throw new Error("must be holding an item to place");
     if (!reference?.position || !face) throw new TypeError("bot.placeBlock needs a block to place against and a face vector");
     const { x, y, z } = reference.position;
     look(new Vec3(x + 0.5 + face.x / 2, y + 0.5 + face.y / 2, z + 0.5 + face.z / 2));
-    const refusal = host.placeByHand(x, y, z, face.x, face.y, face.z, held.name);
+    const refusal = host.placeByHand(x, y, z, face.x, face.y, face.z, host.held());
     if (refusal) throw new Error(refusal);
   };
   const dig = async (block) => {
@@ -134,7 +140,7 @@
     if (goal && [goal.x, goal.y, goal.z].every(Number.isFinite)) { host.moveTo(goal.x + 0.5, goal.y, goal.z + 0.5); moved(); }
   };
   const activateItem = async () => {
-    note(`bot.activateItem with ${held?.name ?? "nothing"} is not simulated`);
+    note(`bot.activateItem with ${host.held() || "nothing"} is not simulated`);
   };
   const nothing = () => {};
   // Events that a real bot has all the time happen once, a tick later; others never do.
@@ -153,7 +159,7 @@
     game: { gameMode: "creative", dimension: "overworld", difficulty: "peaceful", levelType: "flat", minY: -64, height: 384 },
     time: { timeOfDay: 1000, day: 0, isDay: true, age: 1000, time: 1000, bigTime: 1000n, moonPhase: 0 },
     experience: { level: 0, points: 0, progress: 0 }, spawnPoint: new Vec3(0, 0, 0), controlState: {}, physics: { gravity: 0.08 },
-    get heldItem() { return held; },
+    get heldItem() { return held(); },
     chat, whisper: nothing, blockAt, findBlocks,
     findBlock: (options) => { const [at] = findBlocks({ ...options, count: 1 }); return at ? blockAt(at) : null; },
     canSeeBlock: () => true, canDigBlock: () => true, blockAtCursor: () => null, blockInSight: () => null, entityAtCursor: () => null,
@@ -163,12 +169,12 @@
     },
     placeBlock, _placeBlockWithOptions: placeBlock, dig, stopDigging: nothing, digTime: () => 0, lookAt, targetDigBlock: null,
     look: async (yaw, pitch) => { entity.yaw = yaw; entity.pitch = pitch; host.look(180 - (yaw * 180) / Math.PI, (-pitch * 180) / Math.PI); },
-    equip: hold, unequip: async () => { held = null; }, setQuickBarSlot: nothing, updateHeldItem: nothing,
+    equip: hold, unequip: async () => { host.hold(""); }, setQuickBarSlot: nothing, updateHeldItem: nothing,
     creative: {
       setInventorySlot: async (slot, what) => { if (what) await hold(what); }, clearInventory: done, clearSlot: done,
       flyTo: async (to) => { host.moveTo(to.x, to.y, to.z); moved(); }, startFlying: nothing, stopFlying: nothing,
     },
-    activateBlock: async (block) => { if (block?.position && held?.name.endsWith("_hoe")) host.till(block.position.x, block.position.y, block.position.z); },
+    activateBlock: async (block) => { if (block?.position && host.held().endsWith("_hoe")) host.till(block.position.x, block.position.y, block.position.z); },
     activateItem, useOn: done, deactivateItem: nothing, activateEntity: done, attack: nothing, swingArm: nothing, consume: done, sleep: done, wake: done,
     toss: done, tossStack: done, craft: done, recipesFor: () => [], recipesAll: () => [], fish: done, elytraFly: done,
     setControlState: () => note("the body does not walk by bot.setControlState"), getControlState: () => false, clearControlStates: nothing, waitForTicks: (ticks) => clock.wait(ticks * 50),

@@ -150,15 +150,20 @@
     if (blockType.endsWith("ore")) types.push(`deepslate_${blockType}`);
     if (blockType === "dirt") types.push("grass_block");
     let collected = 0;
-    while (collected < num) {
+    for (let tried = 0; tried < num; tried++) {
       const near = world.getNearestBlocks(bot, types, 64, 1 + (exclude?.length ?? 0));
-      const block = near.find(({ position }) => !(exclude ?? []).some(({ x, y, z }) => x === position.x && y === position.y && z === position.z));
+      const isExcluded = ({ position }) => (exclude ?? []).some(({ x, y, z }) => x === position.x && y === position.y && z === position.z);
+      const block = near.find((one) => one.diggable && !isExcluded(one));
       if (!block) {
         log(bot, `No more ${blockType} is near.`);
         break;
       }
-      await bot.dig(block);
-      collected++;
+      try {
+        await bot.dig(block);
+        collected++;
+      } catch (error) {
+        log(bot, `Could not collect ${blockType}: ${error}`);
+      }
     }
     return collected > 0;
   }
