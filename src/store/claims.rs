@@ -172,11 +172,7 @@ impl Store {
                                         AND turn >= CASE WHEN $2 THEN 0 ELSE (SELECT turn - 256 FROM lanes WHERE name = $1) END)",
         };
         for lane in lanes {
-            let has_one: bool = query_scalar(exists)
-                .bind(*lane)
-                .bind(is_thorough)
-                .fetch_one(&self.readers)
-                .await?;
+            let has_one: bool = query_scalar(exists).bind(*lane).bind(is_thorough).fetch_one(&self.readers).await?;
             if has_one {
                 return Ok(true);
             }

@@ -1,7 +1,8 @@
 //! How long each check takes at most, on builds that are made to be hard for it: `worst_checks [BLOCKS]`.
 //!
-//! The figures stand in `src/checks/cost.rs`, which decides by them where a log is graded. Prints, for each check, the
-//! slowest build and the nanoseconds per block, as the least of five rounds.
+//! The figures stand in `engine/src/grading/cost.rs`, which decides by them where a log is graded. Prints, for each check,
+//! the slowest build and the nanoseconds per block, and the most nanoseconds per cell of the space around a build, as the
+//! least of five rounds.
 
 #![allow(clippy::print_stdout, reason = "it prints what it measured")]
 
@@ -12,6 +13,7 @@ use std::time::Instant;
 use anyhow::Context as _;
 use arguments::arguments;
 use plumbline_engine::checks::{Check, Subject};
+use plumbline_engine::voxel::terrain::MAX_EXTENT;
 use plumbline_engine::voxel::{Cell, Structure};
 use serde_json::json;
 
@@ -62,6 +64,13 @@ fn builds(count: i32) -> Vec<(&'static str, Vec<Cell>)> {
     ]
 }
 
+/// Cells of the space around a build, as the estimate counts them.
+fn space_around(structure: &Structure) -> f64 {
+    let Some(bounds) = structure.bounds() else { return 1.0 };
+    let [x, _, z] = bounds.extent();
+    [x, i64::from(bounds.max.y.max(0)), z].iter().map(|extent| (*extent.min(&MAX_EXTENT) + 5) as f64).product()
+}
+
 fn main() -> anyhow::Result<()> {
     let count = std::env::args().nth(1).and_then(|count| count.parse().ok()).unwrap_or(1_000);
     for (name, _) in Check::LIST {
@@ -69,6 +78,7 @@ fn main() -> anyhow::Result<()> {
             .with_context(|| format!("{name}: arguments.rs has no arguments for it"))?;
         let is_stress = name.starts_with("structural_stability");
         let mut worst = (0, String::new());
+        let mut by_space = (0.0, "");
         for (build, cells) in builds(count) {
             for mixed in [false, true] {
                 let material = |i: usize| if mixed { MATERIALS[i % MATERIALS.len()] } else { "stone" };
@@ -82,12 +92,20 @@ fn main() -> anyhow::Result<()> {
                     begun.elapsed().as_nanos()
                 });
                 let took = least.min().unwrap_or_default();
+                let by_cell = took as f64 / space_around(&structure);
+                if by_cell > by_space.0 {
+                    by_space = (by_cell, build);
+                }
                 if took > worst.0 {
                     worst = (took, format!("{build}{}", if mixed { ", mixed" } else { "" }));
                 }
             }
         }
-        println!("{name:50} {:>9} us  {:>8} ns/block  {}", worst.0 / 1_000, worst.0 / count as u128, worst.1);
+        let (micros, by_block) = (worst.0 / 1_000, worst.0 / count as u128);
+        println!(
+            "{name:50} {micros:>9} us  {by_block:>8} ns/block  {}; {:.1} ns/cell {}",
+            worst.1, by_space.0, by_space.1
+        );
     }
     Ok(())
 }

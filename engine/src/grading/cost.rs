@@ -21,7 +21,7 @@ pub enum Cost {
 }
 
 /// Greatest estimate of immediate grading.
-const IMMEDIATE_NS: u64 = 1_000_000;
+const IMMEDIATE_NS: u64 = 2_000_000;
 /// Greatest estimate of short grading.
 const SHORT_NS: u64 = 500_000_000;
 /// Replaying an event and adding it to the structure of a turn.
@@ -32,8 +32,12 @@ const READ_NS: u64 = 300;
 const FINDING_NS: u64 = 2_000;
 /// One byte of a name, in checks that compare names.
 const NAME_NS: u64 = 50;
-/// One cell of the space around a build, in checks that walk through it.
-const WALK_NS: u64 = 150;
+/// One cell of the space around a build, once for all checks of a turn that look at the air in it.
+const AIR_NS: u64 = 30;
+/// The same, for each check that also walks through it.
+const WALK_NS: u64 = 50;
+/// The same, for each check that only looks at the air.
+const LOOK_NS: u64 = 5;
 
 /// Estimates what grading a log against a task costs at most.
 #[must_use]
@@ -58,10 +62,13 @@ fn nanoseconds(task: &Task, log: &BlockLog) -> u64 {
         // No more blocks can stand than were placed.
         blocks += log.turns.get(turn).map_or(0, |events| events.len() as u64);
         sum += blocks * if task.reading.is_as_listed() { REPLAY_NS } else { REPLAY_NS + READ_NS };
+        let mut air = AIR_NS;
         for check in instruction.checks.iter().chain(&instruction.informational) {
             let own = match per_block_ns(check) {
                 PerBlock::Flat(ns) => (blocks * ns + names * NAME_NS) * asked_names(check),
-                PerBlock::Space => *space.get_or_insert_with(|| walked_cells(log)) * WALK_NS,
+                PerBlock::Space(ns) => {
+                    *space.get_or_insert_with(|| walked_cells(log)) * (ns + std::mem::take(&mut air))
+                }
             };
             sum = sum.saturating_add(own + FINDING_NS);
         }
@@ -96,18 +103,14 @@ fn asked_names(check: &Check) -> u64 {
 enum PerBlock {
     Flat(u64),
     /// The cost depends on the space around the build, not on its blocks.
-    Space,
+    Space(u64),
 }
 
 const fn per_block_ns(check: &Check) -> PerBlock {
     PerBlock::Flat(match check {
-        Check::EnclosedRooms(_)
-        | Check::DoorsLeadThrough(_)
-        | Check::WalksOut(_)
-        | Check::ClimbsTo(_)
-        | Check::UpperFloor(_)
-        | Check::Ceilings(_) => return PerBlock::Space,
-        Check::MadeOf(rule) if rule.is_of_rooms() => return PerBlock::Space,
+        Check::EnclosedRooms(_) | Check::DoorsLeadThrough(_) | Check::Ceilings(_) => return PerBlock::Space(LOOK_NS),
+        Check::MadeOf(rule) if rule.is_of_rooms() => return PerBlock::Space(LOOK_NS),
+        Check::WalksOut(_) | Check::ClimbsTo(_) | Check::UpperFloor(_) => return PerBlock::Space(WALK_NS),
         Check::StressScore(_) => 400_000,
         Check::EquilibriumScore(_) => 50_000,
         Check::HasExit(rule) => 500 + 10 * rule.volume(),
@@ -168,7 +171,7 @@ mod tests {
     fn what_walks_costs_by_space_and_stress_by_blocks() {
         let rooms = task("shape.has_enclosed_rooms", &json!({ "min_rooms": 1 }), 1, 1);
         assert_eq!(cost(&rooms, &log(10, 1)), Cost::Immediate);
-        assert_eq!(cost(&rooms, &log(100, 1)), Cost::Short);
+        assert_eq!(cost(&rooms, &log(120, 1)), Cost::Short);
         let stress = task("structural_stability.stress_score", &json!({ "von_mises_stress": 1.0 }), 1, 1);
         assert_eq!(cost(&stress, &log(2, 1)), Cost::Immediate);
         assert_eq!(cost(&stress, &log(500, 1)), Cost::Short);
