@@ -9,7 +9,7 @@ use rquickjs::{Array, Ctx, Exception, Object};
 use super::host::Host;
 use crate::actions::sandbox::Watch;
 use plumbline_engine::game::MAX_DISTANCE;
-use plumbline_engine::game::registry::{Block, StateId, item_number, items};
+use plumbline_engine::game::registry::{Block, Label, StateId, item_number, items};
 use plumbline_engine::game::{Look, Side};
 use plumbline_engine::voxel::cell::Cell;
 
@@ -103,12 +103,14 @@ fn names(object: &Object<'_>) -> rquickjs::Result<()> {
     object.set("blockNumber", Func::from(number))?;
     object.set("itemNumber", Func::from(|name: String| item_number(&name).map_or(-1, i32::from)))?;
     object.set("itemNames", Func::from(|| items().to_vec()))?;
+    object.set("itemTitle", Func::from(|name: String| Label::of_item(&name).title.into_owned()))?;
+    object.set("stackSize", Func::from(|name: String| Label::of_item(&name).stack_size))?;
     object.set("blockCount", Func::from(|| Block::all().len()))?;
     object.set("blockKind", Func::from(block_kind))?;
     object.set("state", Func::from(block_state))
 }
 
-/// Returns what is known of a block: name, hardness, flags, and the numbers of its states.
+/// Returns what is known of a block: name, hardness, flags, the numbers of its states, title and stack size.
 fn block_kind(ctx: Ctx<'_>, number: u16) -> rquickjs::Result<Array<'_>> {
     let block = Block::numbered(number).ok_or_else(|| Exception::throw_range(&ctx, "no such block"))?;
     let last = block.first + u16::try_from(block.state_count()).unwrap_or(1) - 1;
@@ -122,6 +124,9 @@ fn block_kind(ctx: Ctx<'_>, number: u16) -> rquickjs::Result<Array<'_>> {
     list.set(6, block.first)?;
     list.set(7, last)?;
     list.set(8, block.default.0)?;
+    let label = Label::of_block(block.name);
+    list.set(9, label.title.as_ref())?;
+    list.set(10, label.stack_size)?;
     Ok(list)
 }
 

@@ -1,4 +1,4 @@
-// Writes blocks.txt and items.txt from the npm package minecraft-data; see README.md. Run with Node.
+// Writes blocks.txt, items.txt and names.txt from the npm package minecraft-data; see README.md. Run with Node.
 import { writeFileSync } from "node:fs";
 import data from "minecraft-data";
 
@@ -30,3 +30,17 @@ writeFileSync(new URL("blocks.txt", import.meta.url), lines.join("\n") + "\n");
 
 if (!game.itemsArray.every((item, at) => item.id === at)) throw new Error("item numbers have gaps");
 writeFileSync(new URL("items.txt", import.meta.url), game.itemsArray.map((item) => item.name).join("\n") + "\n");
+
+// Titles and stack sizes that do not follow from the name. A block has those of its item, but for lines with a star.
+const plain = (name) => name.split("_").map((word) => word[0].toUpperCase() + word.slice(1)).join(" ");
+const isOdd = ({ name, displayName, stackSize }) => displayName !== plain(name) || stackSize !== 64;
+const line = ({ name, displayName, stackSize }, star) => `${star}${name} ${stackSize} ${displayName}`;
+const differs = (block) => {
+  const item = game.itemsByName[block.name];
+  return item ? item.displayName !== block.displayName || item.stackSize !== block.stackSize : isOdd(block);
+};
+const odd = [
+  ...game.itemsArray.filter(isOdd).map((item) => line(item, "")),
+  ...game.blocksArray.filter(differs).map((block) => line(block, "*")),
+];
+writeFileSync(new URL("names.txt", import.meta.url), odd.join("\n") + "\n");

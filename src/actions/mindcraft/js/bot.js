@@ -94,7 +94,7 @@
   };
 
   const item = (name, count = 64, slot = 36) =>
-    ({ name, count, slot, type: mc.getItemId(name), displayName: displayName(name), stackSize: 64, metadata: 0, nbt: null });
+    ({ name, count, slot, type: mc.getItemId(name), displayName: displayName(name), stackSize: host.stackSize(name), metadata: 0, nbt: null });
   // The host keeps what is held, for the next file.
   let shown = { name: "", item: null };
   const held = () => {

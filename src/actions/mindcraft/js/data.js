@@ -5,17 +5,17 @@
   const known = (number) => (number < 0 ? null : number);
   const getBlockId = (name) => (typeof name === "string" ? known(host.blockNumber(name)) || (name === "air" ? 0 : null) : null);
   const getItemId = (name) => (typeof name === "string" ? known(host.itemNumber(name)) : null);
-  const displayName = (name) => name.split("_").map((word) => word[0].toUpperCase() + word.slice(1)).join(" ");
+  const displayName = (name) => host.itemTitle(name);
 
   // Kinds of blocks, made when they are first asked for.
   const kinds = new Map();
   const kind = (number) => {
     let found = kinds.get(number);
     if (!found) {
-      const [name, hardness, isSolid, isDiggable, isTransparent, hasDrops, first, last, plain] = host.blockKind(number);
+      const [name, hardness, isSolid, isDiggable, isTransparent, hasDrops, first, last, plain, title, stackSize] = host.blockKind(number);
       const item = getItemId(name);
       found = {
-        id: number, name, displayName: displayName(name), hardness, resistance: hardness, stackSize: 64, diggable: isDiggable,
+        id: number, name, displayName: title, hardness, resistance: hardness, stackSize, diggable: isDiggable,
         transparent: isTransparent, boundingBox: isSolid ? "block" : "empty", minStateId: first, maxStateId: last,
         defaultState: plain, drops: hasDrops && item !== null ? [item] : [], material: "default", emitLight: 0, filterLight: 0,
         states: [],
@@ -25,7 +25,7 @@
     return found;
   };
   const itemNames = once(() => host.itemNames());
-  const items = once(() => itemNames().map((name, id) => ({ id, name, displayName: displayName(name), stackSize: 64 })));
+  const items = once(() => itemNames().map((name, id) => ({ id, name, displayName: displayName(name), stackSize: host.stackSize(name) })));
   const blocks = once(() => Array.from({ length: host.blockCount() }, (_, number) => kind(number)));
   const byName = (list) => once(() => Object.fromEntries(list().map((entry) => [entry.name, entry])));
   const [blocksByName, itemsByName] = [byName(blocks), byName(items)];

@@ -3,7 +3,7 @@
   // Texts that go to the host must be well-formed.
   const wellFormed = String.prototype.toWellFormed;
   const clean = (value) => (typeof value === "string" ? wellFormed.call(value) : value);
-  for (const name of ["note", "drop", "log", "missing", "command", "setBlock", "blockNumber", "itemNumber", "placeByHand", "pour", "hold"]) {
+  for (const name of ["note", "drop", "log", "missing", "command", "setBlock", "blockNumber", "itemNumber", "placeByHand", "pour", "hold", "itemTitle", "stackSize"]) {
     const call = host[name];
     host[name] = (...args) => call(...args.map(clean));
   }

@@ -56,7 +56,10 @@
     abs() { return each(copy(this), Math.abs); },
     volume() { return this.x * this.y * this.z; },
     modulus(other) { return each(copy(this), modulo, other); },
-    angleTo(other) { return Math.acos(dot(this, other) / (this.norm() * other.norm())); },
+    angleTo(other) {
+      note("Vec3.angleTo exists from vec3 0.2.0 on, and mindcraft asks for 0.1.10");
+      return Math.acos(dot(this, other) / (this.norm() * other.norm()));
+    },
     distanceTo(other) { return length(other.x - this.x, other.y - this.y, other.z - this.z); },
     distanceSquared(other) {
       const [dx, dy, dz] = [other.x - this.x, other.y - this.y, other.z - this.z];
