@@ -9,6 +9,7 @@ mod each_write;
 mod faults;
 mod full_disk;
 mod held_lock;
+mod network;
 mod nodes;
 mod postgres;
 mod rolling;

@@ -116,6 +116,15 @@ impl Cluster {
         format!("postgres://plumbline@127.0.0.1:{}/{database}", self.port)
     }
 
+    /// Lets everybody at these addresses connect.
+    pub async fn trust(&self, addresses: &str) {
+        use std::io::Write as _;
+        let rules = std::fs::OpenOptions::new().append(true).open(self.data.join("pg_hba.conf"));
+        writeln!(rules.unwrap(), "host all all {addresses} trust").unwrap();
+        let pool = sqlx::PgPool::connect(&self.url("postgres")).await.unwrap();
+        sqlx::query("SELECT pg_reload_conf()").execute(&pool).await.unwrap();
+    }
+
     /// Creates a database.
     pub fn create(&self, database: &str) {
         self.run("createdb", &[database]);

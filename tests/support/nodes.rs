@@ -29,6 +29,13 @@ impl Nodes {
         nodes
     }
 
+    /// Brings the database `grades` of a server up to date.
+    pub fn on(cluster: Cluster) -> Self {
+        let nodes = Self { cluster, folder: tempfile::tempdir().unwrap() };
+        nodes.run(&["migrate", "--create"]);
+        nodes
+    }
+
     pub fn url(&self) -> String {
         self.cluster.url("grades")
     }
