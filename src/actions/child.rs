@@ -10,6 +10,7 @@ use std::process::ExitCode;
 
 use rustix::process::{Signal, set_parent_process_death_signal};
 
+use super::compared::tell_difference;
 use super::confine::confine;
 use super::job::{Answer, Job, Order, TurnInput};
 use super::memory::PeakMemory;
@@ -98,7 +99,13 @@ fn run_script(limits: &ActionLimits, prepared: Prepared) -> anyhow::Result<ExitC
 
 fn replay(job: &Job, limits: &ActionLimits, peak: &PeakMemory, prepared: Prepared) -> Answer {
     match job.profile {
-        Profile::Mindcraft => mindcraft::run(job, limits, peak, prepared),
+        Profile::Mindcraft => {
+            let mut answer = mindcraft::run(job, limits, peak, prepared);
+            if job.is_compared {
+                tell_difference(job, limits, &mut answer);
+            }
+            answer
+        }
         Profile::Published => {
             let files = job.turns.iter().map(|turn| match turn {
                 TurnInput::Code(files) => match files.as_slice() {

@@ -14,6 +14,9 @@ pub struct Job {
     pub start: Option<WorldState>,
     /// The turns, in order.
     pub turns: Vec<TurnInput>,
+    /// Whether to tell, under `mindcraft`, when `published` would have built otherwise.
+    #[serde(default)]
+    pub is_compared: bool,
 }
 
 /// Input of a turn.
@@ -30,7 +33,7 @@ impl Job {
     /// Creates a job of one file.
     #[must_use]
     pub fn of_code(profile: Profile, code: String) -> Self {
-        Self { profile, start: None, turns: vec![TurnInput::Code(vec![code])] }
+        Self { profile, turns: vec![TurnInput::Code(vec![code])], ..Self::default() }
     }
 }
 

@@ -7,6 +7,7 @@
 //! carries them out in a world.
 
 pub mod child;
+mod compared;
 mod confine;
 pub mod functions;
 pub mod job;

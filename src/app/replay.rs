@@ -108,7 +108,7 @@ pub async fn run_codes(
         if let Some(line) = submission.line {
             faults.enter_line(line);
         }
-        submission.replays = run_sent(app, who, &mut submission.sent, &mut budget, faults).await?;
+        submission.replays = run_told(app, who, &mut submission.sent, &mut budget, faults, true).await?;
         if !faults.is_empty() {
             break;
         }
@@ -130,7 +130,7 @@ pub async fn run_code(
         return Ok(Vec::new());
     }
     let _permit = place(app, who)?;
-    run_sent(app, who, sent, &mut EventBudget::whole(&app.limits), faults).await
+    run_told(app, who, sent, &mut EventBudget::whole(&app.limits), faults, true).await
 }
 
 /// Runs the code of one log under its profile, and adds the recorded events to it. Stops at the first fault.
@@ -143,6 +143,18 @@ pub async fn run_sent(
     sent: &mut SentLog,
     budget: &mut EventBudget,
     faults: &mut Faults,
+) -> AppResult<Vec<TurnReplay>> {
+    run_told(app, who, sent, budget, faults, false).await
+}
+
+/// Runs as [`run_sent`] does, and tells when another profile would have built otherwise if `is_compared` is set.
+async fn run_told(
+    app: &App,
+    who: &Arc<str>,
+    sent: &mut SentLog,
+    budget: &mut EventBudget,
+    faults: &mut Faults,
+    is_compared: bool,
 ) -> AppResult<Vec<TurnReplay>> {
     let mut codes: Vec<(usize, Vec<String>)> =
         std::mem::take(&mut sent.codes).into_iter().map(|code| (code.turn, code.files)).collect();
@@ -166,6 +178,7 @@ pub async fn run_sent(
     };
     'jobs: for codes in jobs {
         let (job, turns) = job_of(&sent.log, codes);
+        let job = Job { is_compared, ..job };
         let answer = replayed(app, who, &job).await?;
         let stopped = answer.stopped().map(ToString::to_string);
         for (turn, done) in turns.into_iter().zip(answer.turns).filter_map(|(turn, done)| Some((turn?, done))) {
@@ -193,7 +206,7 @@ fn job_of(log: &BlockLog, codes: Vec<(usize, Vec<String>)>) -> (Job, Vec<Option<
     let profile = log.profile;
     if profile.is_published() {
         let (turns, inputs) = codes.into_iter().map(|(turn, files)| (Some(turn), TurnInput::Code(files))).unzip();
-        return (Job { profile, start: None, turns: inputs }, turns);
+        return (Job { profile, turns: inputs, ..Job::default() }, turns);
     }
     let last = codes.last().map_or(0, |(turn, _)| turn + 1);
     let mut codes = codes.into_iter().peekable();
@@ -208,7 +221,7 @@ fn job_of(log: &BlockLog, codes: Vec<(usize, Vec<String>)>) -> (Job, Vec<Option<
             turns.push(None);
         }
     }
-    (Job { profile, start: None, turns: inputs }, turns)
+    (Job { profile, turns: inputs, ..Job::default() }, turns)
 }
 
 /// Makes one job of all turns of a log, with or without code.
@@ -220,7 +233,7 @@ pub fn job_of_all(mut sent: SentLog) -> Job {
         Some(code) => TurnInput::Code(code.files),
         None => TurnInput::Events(events_of(&sent.log, turn)),
     });
-    Job { profile: sent.log.profile, start: None, turns: turns.collect() }
+    Job { profile: sent.log.profile, start: None, turns: turns.collect(), is_compared: true }
 }
 
 /// Returns the events of a turn as a job holds them.

@@ -60,14 +60,8 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let profile = args.profile.unwrap_or_default();
     let (turns, is_structure) = turns(args)?;
-    let job = Job {
-        profile,
-        start: None,
-        turns: turns
-            .iter()
-            .map(|files| TurnInput::Code(files.iter().map(|file| file.text.clone()).collect()))
-            .collect(),
-    };
+    let code = |files: &Vec<File>| TurnInput::Code(files.iter().map(|file| file.text.clone()).collect());
+    let job = Job { profile, start: None, turns: turns.iter().map(code).collect(), is_compared: true };
     let answer = runtime.block_on(async { Pool::new(1, ACTION_LIMITS).run(&job, &std::sync::Arc::from("")).await })?;
     match print(&answer, is_structure) {
         // The reader has closed the pipe.

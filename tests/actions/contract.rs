@@ -87,3 +87,39 @@ async fn code_for_the_newest_suite_counts_as_in_the_game() {
     let csv = service.get("/v1/leaderboards/mineceraft-lite?format=csv").await.text;
     assert!(csv.lines().nth(1).is_some_and(|row| row.contains("mindcraft")), "{csv}");
 }
+
+#[test]
+fn what_published_would_have_built_otherwise_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let told = |code: &str| {
+        std::fs::write(folder.path().join("a.js"), code).unwrap();
+        let done = replay(folder.path(), &["--profile", "mindcraft", "a.js"]);
+        String::from_utf8(done.stderr).unwrap()
+    };
+    let place = "await skills.placeBlock(bot, 'stone', 0, 0, 0);";
+    let wrapped = |code: &str| format!("(async (bot) => {{ {code} }})");
+    let marker = "under published another build would stand after this turn";
+    assert!(!told(&wrapped(place)).contains(marker), "both place one block");
+    for (code, cells) in [
+        // No main function, which `published` does not call.
+        (place.to_owned(), "1 cell differs"),
+        // The second half of a door.
+        (wrapped("await skills.placeBlock(bot, 'oak_door', 0, 0, 0);"), "1 cell differs"),
+        // Commands, which `published` does not know.
+        (wrapped("bot.chat('/fill 0 0 0 2 0 0 stone');"), "3 cells differ"),
+        // A look at what stands.
+        (
+            wrapped(&format!(
+                "{place} if (bot.blockAt(new Vec3(0, 0, 0)).name === 'stone') await skills.placeBlock(bot, 'dirt', 1, 0, 0);"
+            )),
+            "1 cell differs",
+        ),
+        // Sand that falls.
+        (wrapped("await skills.placeBlock(bot, 'sand', 0, 3, 0);"), "2 cells differ"),
+        // A name that the game does not have.
+        (wrapped("await skills.placeBlock(bot, 'unobtainium', 0, 0, 0);"), "1 cell differs"),
+    ] {
+        let found = told(&code);
+        assert!(found.contains(&format!("{marker}: {cells}")), "{code}: {found}");
+    }
+}

@@ -97,6 +97,7 @@ fn files_of_a_turn_share_the_world_also_after_an_error() {
     let files =
         ["await skills.placeBlock(bot, 'sand', 0, 2, 0); nothing();", "await skills.breakBlockAt(bot, 0, 0, 0);"];
     let job = Job {
+        is_compared: false,
         profile: Profile::Mindcraft,
         start: None,
         turns: vec![
@@ -116,7 +117,7 @@ fn files_of_a_turn_share_the_world_also_after_an_error() {
 fn notes_say_which_file_they_are_about() {
     let files = ["1;".to_owned(), "2;".to_owned()];
     let turns = vec![TurnInput::Code(files.to_vec()), TurnInput::Code(files[..1].to_vec())];
-    let answer = replay(&Job { profile: Profile::Mindcraft, start: None, turns });
+    let answer = replay(&Job { profile: Profile::Mindcraft, turns, ..Job::default() });
     let idle = "the code ended without placing or removing a block";
     assert_eq!(answer.turns[0].notes, [format!("file 1: {idle}"), format!("file 2: {idle}")]);
     assert_eq!(answer.turns[1].notes, [idle]);
@@ -209,7 +210,7 @@ fn what_is_held_stays_in_the_hand_in_the_next_file_and_the_next_job() {
     let hold = "await skills.equip(bot, 'oak_planks');".to_owned();
     let place = "await bot.placeBlock(bot.blockAt(new Vec3(2, -1, 0)), new Vec3(0, 1, 0));".to_owned();
     let files = TurnInput::Code(vec![hold.clone(), place.clone()]);
-    let mut both = replay(&Job { profile: Profile::Mindcraft, start: None, turns: vec![files] });
+    let mut both = replay(&Job { profile: Profile::Mindcraft, turns: vec![files], ..Job::default() });
     assert_eq!(events(&both.turns.remove(0)), ["oak_planks@2,0,0"]);
     let held = replay(&Job::of_code(Profile::Mindcraft, hold));
     let next = Job { start: held.end, ..Job::of_code(Profile::Mindcraft, place) };
@@ -230,7 +231,7 @@ fn what_cannot_be_dug_is_not_collected_and_the_code_goes_on() {
 fn an_error_tells_what_was_built_before_its_file_ended() {
     let place = |x: i32| format!("await skills.placeBlock(bot, 'stone', {x}, 0, 0);");
     let files = vec![place(0), format!("{}\nplaceBlock(bot, 'stone', 9, 0, 0);", place(1)), place(2)];
-    let job = Job { profile: Profile::Mindcraft, start: None, turns: vec![TurnInput::Code(files)] };
+    let job = Job { profile: Profile::Mindcraft, turns: vec![TurnInput::Code(files)], ..Job::default() };
     let done = replay(&job).turns.remove(0);
     let error = done.error.clone().unwrap();
     assert_eq!((error.file, error.line, error.events, done.events.len()), (Some(2), Some(2), Some(2), 3));

@@ -81,7 +81,7 @@ pub async fn make_step(
         (None, None) => return Err(AppError::faulty(faults)),
     };
     let world = std::mem::take(&mut episode.stored.world);
-    let job = Job { profile: Profile::Mindcraft, start: Some(world), turns: vec![input] };
+    let job = Job { profile: Profile::Mindcraft, start: Some(world), turns: vec![input], is_compared: false };
     let answer = replay(app, caller.who(), &job).await?;
     let (Some(done), Some(end)) = (answer.turns.into_iter().next(), answer.end) else {
         return Err(AppError::internal(&"a job of one turn ended without its world"));

@@ -204,6 +204,10 @@ class CodeError(BaseModel):
     """
     Number of the file among those of its turn, counted from 1; absent if there is only one.
     """
+    events: Annotated[int | None, Field(ge=0)] = None
+    """
+    Number of events of the turn that were recorded when the file with the error ended.
+    """
 
 
 class ComparedTask(BaseModel):

@@ -1,0 +1,71 @@
+//! What the profile `published` would have built with the code of a job that ran under `mindcraft`.
+
+use super::job::{Answer, Job, TurnInput};
+use super::memory::PeakMemory;
+use super::sandbox::cpu_ms;
+use super::{ActionLimits, Profile, published};
+use plumbline_engine::intake::code::without_fences;
+use plumbline_engine::text::agreeing;
+use plumbline_engine::voxel::replay::Replay;
+use plumbline_engine::voxel::{BlockLog, Cell, Structure};
+
+/// Processor time that must be left for the comparison, in milliseconds.
+const LEAST_MS: u64 = 100;
+
+/// Adds a note to the first turn with code after which `published` would have left another build. Nothing is told of code
+/// that reached a limit under either profile.
+pub fn tell_difference(job: &Job, limits: &ActionLimits, answer: &mut Answer) {
+    let left_ms = limits.cpu_ms.saturating_sub(cpu_ms());
+    if left_ms < LEAST_MS || answer.stopped().is_some() {
+        return;
+    }
+    let empty = |profile| BlockLog { turns: vec![Vec::new(); job.turns.len()], profile, ..BlockLog::default() };
+    let (mut ours, mut theirs) = (empty(Profile::Mindcraft), empty(Profile::Published));
+    for (turn, (input, done)) in job.turns.iter().zip(&answer.turns).enumerate() {
+        match input {
+            TurnInput::Events(events) => {
+                for ([x, y, z], name) in events {
+                    for log in [&mut ours, &mut theirs] {
+                        log.add_event(turn, Cell::new(*x, *y, *z), name.as_deref());
+                    }
+                }
+            }
+            TurnInput::Code(files) => {
+                add(&mut ours, turn, done);
+                for file in files {
+                    let limits = ActionLimits { cpu_ms: left_ms, ..*limits };
+                    let done = published::run(&without_fences(file), &limits, &PeakMemory::unknown());
+                    if done.stopped.is_some() {
+                        return;
+                    }
+                    add(&mut theirs, turn, &done);
+                }
+            }
+        }
+    }
+    let both = Replay::new(&ours).zip(Replay::new(&theirs));
+    for ((input, done), (ours, theirs)) in job.turns.iter().zip(&mut answer.turns).zip(both) {
+        let differing = differing(&ours, &theirs);
+        if differing > 0 && matches!(input, TurnInput::Code(_)) {
+            let cells = agreeing(differing, "cell differs", "cells differ");
+            done.notes.push(format!("under published another build would stand after this turn: {cells}"));
+            return;
+        }
+    }
+}
+
+fn add(log: &mut BlockLog, turn: usize, done: &super::Replayed) {
+    for event in &done.events {
+        let [x, y, z] = event.cell;
+        log.add_event(turn, Cell::new(x, y, z), done.material(event));
+    }
+}
+
+/// Counts the cells in which two builds do not have the same block.
+fn differing(one: &Structure, other: &Structure) -> usize {
+    let differs = |(at, cell): (usize, &Cell)| {
+        other.index().get(cell).is_none_or(|&there| other.material(there as usize) != one.material(at))
+    };
+    let lacks = |cell: &&Cell| !one.contains(**cell);
+    one.cells().iter().enumerate().filter(|entry| differs(*entry)).count() + other.cells().iter().filter(lacks).count()
+}
