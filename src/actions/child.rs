@@ -75,8 +75,8 @@ fn is_wanted() -> anyhow::Result<bool> {
 }
 
 fn run_script(limits: &ActionLimits, prepared: Prepared) -> anyhow::Result<ExitCode> {
-    // How scripts ended is told by the process that made this one.
-    rustix::stdio::dup2_stderr(std::io::stdout())?;
+    // How scripts ended is told by the process that made this one, and messages of libraries are not for its pipe.
+    rustix::stdio::dup2_stderr(std::fs::OpenOptions::new().write(true).open("/dev/null")?)?;
     let peak = PeakMemory::of_this_process();
     confine(limits)?;
     let (mut tag, mut length) = ([0; TAG_BYTES], [0; 4]);

@@ -1,5 +1,7 @@
 //! What the profile `published` would have built with the code of a job that ran under `mindcraft`.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
 use super::job::{Answer, Job, TurnInput};
 use super::memory::PeakMemory;
 use super::sandbox::cpu_ms;
@@ -13,13 +15,23 @@ use plumbline_engine::voxel::{BlockLog, Cell, Structure};
 const LEAST_MS: u64 = 100;
 
 /// Adds a note to the first turn with code after which `published` would have left another build. Nothing is told of code
-/// that reached a limit under either profile.
+/// that reached a limit under either profile, or that left too little processor time.
 pub fn tell_difference(job: &Job, limits: &ActionLimits, answer: &mut Answer) {
-    let left_ms = limits.cpu_ms.saturating_sub(cpu_ms());
-    if left_ms < LEAST_MS || answer.stopped().is_some() {
-        return;
+    if answer.stopped().is_none() {
+        // Whatever goes wrong here, the answer stands.
+        let compared = catch_unwind(AssertUnwindSafe(|| difference(job, limits, answer)));
+        if let Ok(Some((turn, note))) = compared {
+            answer.turns[turn].notes.push(note);
+        }
     }
+}
+
+/// Returns the index of that turn, and the note.
+fn difference(job: &Job, limits: &ActionLimits, answer: &Answer) -> Option<(usize, String)> {
+    // The job and the comparison share the processor time.
+    let left_ms = || Some(limits.cpu_ms.saturating_sub(cpu_ms())).filter(|left| *left >= LEAST_MS);
     let empty = |profile| BlockLog { turns: vec![Vec::new(); job.turns.len()], profile, ..BlockLog::default() };
+    let mut why = String::new();
     let (mut ours, mut theirs) = (empty(Profile::Mindcraft), empty(Profile::Published));
     for (turn, (input, done)) in job.turns.iter().zip(&answer.turns).enumerate() {
         match input {
@@ -33,25 +45,30 @@ pub fn tell_difference(job: &Job, limits: &ActionLimits, answer: &mut Answer) {
             TurnInput::Code(files) => {
                 add(&mut ours, turn, done);
                 for file in files {
-                    let limits = ActionLimits { cpu_ms: left_ms, ..*limits };
+                    let limits = ActionLimits { cpu_ms: left_ms()?, ..*limits };
                     let done = published::run(&without_fences(file), &limits, &PeakMemory::unknown());
                     if done.stopped.is_some() {
-                        return;
+                        return None;
                     }
                     add(&mut theirs, turn, &done);
+                    if let Some(error) = done.error.as_ref().filter(|_| why.is_empty()) {
+                        why = format!("; there the code ends with {}", error.message);
+                    }
                 }
             }
         }
     }
     let both = Replay::new(&ours).zip(Replay::new(&theirs));
-    for ((input, done), (ours, theirs)) in job.turns.iter().zip(&mut answer.turns).zip(both) {
+    for ((turn, input), (ours, theirs)) in job.turns.iter().enumerate().zip(both) {
+        left_ms()?;
         let differing = differing(&ours, &theirs);
         if differing > 0 && matches!(input, TurnInput::Code(_)) {
             let cells = agreeing(differing, "cell differs", "cells differ");
-            done.notes.push(format!("under published another build would stand after this turn: {cells}"));
-            return;
+            let note = format!("under published another build would stand after this turn: {cells}{why}");
+            return Some((turn, note));
         }
     }
+    None
 }
 
 fn add(log: &mut BlockLog, turn: usize, done: &super::Replayed) {

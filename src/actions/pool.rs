@@ -113,7 +113,7 @@ impl Pool {
     /// Runs a script in a process; returns `None` if its wall-clock time ran out.
     async fn run_within(&self, job: &Job, limits: &ActionLimits) -> anyhow::Result<Option<Answer>> {
         let wall = Duration::from_millis(limits.wall_ms);
-        // Only a script that breaks out of its engine can leave bytes behind, and it harms nobody but itself.
+        // Only a script that breaks out of its engine can leave bytes behind. Then another replayer runs this one.
         for _ in 0..2 {
             let mut replayer = self.take()?;
             let Ok(done) = tokio::time::timeout(wall, replayer.run(job, limits)).await else {
@@ -155,7 +155,7 @@ impl Pool {
         }
     }
 
-    /// Starts replayers until one waits for each slot, unless this pool is used only once.
+    /// Starts replayers until one waits for each slot.
     pub fn refill(&self) {
         let mut ready = self.inner.ready.lock().unwrap_or_else(PoisonError::into_inner);
         while ready.len() < self.inner.size {

@@ -4,6 +4,7 @@
 use std::os::unix::process::ExitStatusExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{ExitStatus, Stdio};
+use std::time::Duration;
 
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::process::{Child, ChildStdout, Command};
@@ -16,8 +17,10 @@ use super::{ActionLimits, CRASHED, LimitReached, Replayed};
 const ANSWER_BYTES: u32 = 128 << 20;
 /// Size of an answer in bytes from which reading it is left to another thread.
 const LONG_ANSWER_BYTES: usize = 64 << 10;
-/// Number of scripts after which a replayer is replaced.
-const MOST_SCRIPTS: u32 = 10_000;
+/// Number of scripts after which a replayer is replaced: scripts of one replayer have the same layout of memory.
+const MOST_SCRIPTS: u32 = 500;
+/// Time for what a process that has ended left in the pipe.
+const LEFT_IN_PIPE: Duration = Duration::from_secs(1);
 
 /// A running replayer. Dropping it ends it, and the script that it runs with it.
 #[derive(Debug)]
@@ -89,24 +92,31 @@ impl Replayer {
         let (answer, ended) = {
             let mut answer = std::pin::pin!(read_answer(output, tag));
             let mut ended = std::pin::pin!(status.read_i32_le());
-            // Whatever the script wrote is in the pipe when its process has ended. If it ended well, that is an answer.
             tokio::select! {
-                answer = &mut answer => (Some(answer), ended.await),
+                answer = &mut answer => match answer? {
+                    // What wrote it may be waiting for somebody to read the rest.
+                    Some(Told::Stray) => return Ok(Outcome::Strayed),
+                    answer => (answer, ended.await),
+                },
                 ended = &mut ended => match &ended {
-                    Ok(status) if *status == 0 => (Some(answer.await), ended),
-                    _ => (None, ended),
+                    // Whatever the script wrote is in the pipe now. If it ended well, that is an answer, unless the
+                    // script broke out of its engine.
+                    Ok(0) => (tokio::time::timeout(LEFT_IN_PIPE, answer).await??, ended),
+                    Ok(_) => (None, ended),
+                    // The replayer could not make another process, and runs the script itself.
+                    Err(_) => (answer.await?, ended),
                 },
             }
         };
         let status = match ended {
             Ok(status) => ExitStatus::from_raw(status),
-            // It could not make another process, ran the script itself, and is gone.
             Err(_) => self.process.wait().await?,
         };
         let is_forked = ended.is_ok();
-        match answer.transpose()?.flatten() {
+        match answer {
             Some(Told::Answer(bytes)) => {
-                self.is_clean = is_forked && status.success();
+                let left = self.process.stdout.as_ref().map(rustix::io::ioctl_fionread);
+                self.is_clean = is_forked && status.success() && matches!(left, Some(Ok(0)));
                 Ok(Outcome::Answer(understood(bytes).await?))
             }
             Some(Told::Stray) => Ok(Outcome::Strayed),

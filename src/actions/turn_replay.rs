@@ -38,6 +38,7 @@ impl TurnReplay {
     /// Appends what further code of the same turn told, within the limits of one file.
     pub fn append(&mut self, other: Self) {
         let Self { turn: _, events, dropped, error, notes, more_errors, log, unreadable } = other;
+        let before = self.events;
         self.events += events;
         for Dropped { reason, count } in dropped {
             let is_full = self.dropped.len() > MOST_NOTES;
@@ -47,30 +48,32 @@ impl TurnReplay {
                 None => self.dropped.push(Dropped { reason, count }),
             }
         }
-        let mut errors = error.into_iter().chain(more_errors);
+        let later = |error: CodeError| CodeError { events: error.events.map(|events| before + events), ..error };
+        let mut errors = error.into_iter().chain(more_errors).map(later);
         if self.error.is_none() {
             self.error = errors.next();
         }
-        let room = MOST_ERRORS.saturating_sub(self.more_errors.len());
+        let room = (MOST_ERRORS - 1).saturating_sub(self.more_errors.len());
         self.more_errors.extend(errors.take(room));
         for note in notes {
             if self.notes.len() <= MOST_NOTES && !self.notes.contains(&note) {
                 self.notes.push(note);
             }
         }
+        self.unreadable &= unreadable;
+        if self.log.last().is_some_and(|last| last == LOG_CUT) {
+            return;
+        }
         let mut room = ACTION_LIMITS.log_bytes.saturating_sub(self.log.iter().map(|line| line.len() + 1).sum());
         for line in log {
             let is_full = self.log.len() >= ACTION_LIMITS.log_lines || line.len() > room;
             if is_full {
-                if self.log.last().is_none_or(|last| last != LOG_CUT) {
-                    self.log.push(LOG_CUT.to_owned());
-                }
+                self.log.push(LOG_CUT.to_owned());
                 break;
             }
             room = room.saturating_sub(line.len() + 1);
             self.log.push(line);
         }
-        self.unreadable &= unreadable;
     }
 
     /// Tells how the code of a turn, counted from 1, was run.

@@ -172,7 +172,10 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Export(args) => copies::export_lines(&args),
         Command::Import(args) => copies::import_lines(&args),
         Command::Replay(args) => replay::run(&args),
-        Command::RunActionCode => crate::actions::child::run(&crate::actions::ACTION_LIMITS),
+        // Its standard error is no place for messages.
+        Command::RunActionCode => {
+            Ok(crate::actions::child::run(&crate::actions::ACTION_LIMITS).unwrap_or(ExitCode::FAILURE))
+        }
         Command::Openapi => {
             std::io::stdout().lock().write_all(crate::http::router::document().as_bytes())?;
             Ok(ExitCode::SUCCESS)

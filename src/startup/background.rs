@@ -20,7 +20,7 @@ use plumbline_engine::hidden::pool::Generator;
 
 /// Task that one node does for all: settling epochs and publishing what they came to.
 const HIDDEN: &str = "hidden evaluation";
-/// Task that one node does for all: lifting embargoes, and deleting old requests and episodes.
+/// Task that one node does for all: deleting old requests and episodes.
 const UPKEEP: &str = "upkeep";
 /// Task that one node does for all: sweeping objects that no row refers to.
 const BLOBS: &str = "blobs";
@@ -46,6 +46,12 @@ pub(super) async fn keep_up(
         if let Err(error) = app.current_catalogue().await {
             tracing::warn!(%error, "could not look for new suites");
         }
+        // Lifting one is signed, so whichever node can sign does it.
+        if app.signer.is_some()
+            && let Err(error) = store.lift_embargoes(now_ms()).await
+        {
+            tracing::warn!(%error, "could not lift embargoes that are over");
+        }
         match store.lead(UPKEEP, &node, LEASE_MS).await {
             Ok(true) => {}
             Ok(false) => continue,
@@ -53,12 +59,6 @@ pub(super) async fn keep_up(
                 tracing::warn!(%error, "could not ask which node looks after the database");
                 continue;
             }
-        }
-        // Lifting one is signed.
-        if app.signer.is_some()
-            && let Err(error) = store.lift_embargoes(now_ms()).await
-        {
-            tracing::warn!(%error, "could not lift embargoes that are over");
         }
         if let Err(error) = store.forget_old_requests(now_ms()).await {
             tracing::warn!(%error, "could not delete old idempotency keys");

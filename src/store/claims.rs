@@ -31,9 +31,15 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails.
     pub async fn claim(&self, lanes: &[Lane], lease_ms: i64, most: usize) -> StoreResult<Claimed> {
+        // Workers of other lanes look for themselves.
+        let looks = &self.looks[lanes.first().map_or(0, |lane| *lane as usize)];
         let begun = std::time::Instant::now();
-        let is_thorough = self.looks.is_due(lease_ms, now_ms());
-        if !self.has_jobs(lanes, is_thorough).await? {
+        let is_thorough = looks.is_due(lease_ms, now_ms());
+        let has_jobs = self.has_jobs(lanes, is_thorough).await?;
+        if is_thorough {
+            looks.took(begun.elapsed());
+        }
+        if !has_jobs {
             return Ok(Claimed::Nothing);
         }
         let mut tx = self.begin().await?;
@@ -45,13 +51,10 @@ impl Store {
                 break;
             }
         }
-        if is_thorough {
-            self.looks.took(begun.elapsed());
-        }
         let Some((lane, Taken { id, attempt, turn, is_far_behind })) = first else { return Ok(Claimed::Nothing) };
         if is_far_behind {
             // Whoever died, or was slow, left more than one job behind.
-            self.looks.again();
+            looks.again();
         }
         if attempt > MAX_ATTEMPTS {
             // Its run and owner are locked before its job, so it is given up in a transaction of its own.

@@ -95,7 +95,7 @@ pub struct Store {
     ends: Arc<Notify>,
     queued: Arc<Notify>,
     pace: Arc<Pace>,
-    looks: Arc<Looks>,
+    looks: Arc<[Looks; 3]>,
     catalogue: Arc<RwLock<Arc<Catalogue>>>,
     location: Arc<Location>,
     secrets: Secrets,

@@ -98,6 +98,7 @@ pub async fn move_to(file: &Path, server: &Server) -> StoreResult<Vec<Moved>> {
             "the database is not empty: make a new one with `createdb`, and move into that",
         ));
     }
+    postgres::silence::be_patient();
     // A large table takes longer than the statements of requests, and the file is read while the server waits.
     for setting in ["statement_timeout", "idle_in_transaction_session_timeout"] {
         query(AssertSqlSafe(format!("SET LOCAL {setting} = 0"))).execute(&mut tx).await?;

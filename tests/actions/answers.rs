@@ -202,7 +202,10 @@ async fn a_submission_keeps_its_profile_and_later_turns_see_earlier_ones() {
     assert_eq!(told.status, 202, "{}", told.text);
     let submission = told.json();
     assert!(
-        submission["action_code"][0]["notes"][0].as_str().unwrap().contains("under published they would stay"),
+        submission["action_code"][0]["notes"][0]
+            .as_str()
+            .unwrap()
+            .contains("published removes only blocks of earlier turns"),
         "{submission}"
     );
     let path = format!("/v1/submissions/{}", submission["id"].as_str().unwrap());

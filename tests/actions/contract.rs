@@ -123,3 +123,33 @@ fn what_published_would_have_built_otherwise_is_told() {
         assert!(found.contains(&format!("{marker}: {cells}")), "{code}: {found}");
     }
 }
+
+/// Containers may not find out whether a process has one thread, which is asked before it forks.
+#[test]
+fn where_processes_may_not_fork_code_runs_all_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("good.js"), "await skills.placeBlock(bot, 'stone', 0, 0, 0);").unwrap();
+    std::fs::write(folder.path().join("endless.js"), "while (true) {}").unwrap();
+    let refused = |file: &str| {
+        let mut command = Command::new("strace");
+        command.args([
+            "-f",
+            "-qq",
+            "-o",
+            "/dev/null",
+            "-e",
+            "trace=unshare",
+            "-e",
+            "inject=unshare:error=EPERM",
+            PROGRAM,
+        ]);
+        command.args(["replay", "--profile", "mindcraft", "--structure", file]).current_dir(folder.path());
+        command.output().expect("tests/run installs strace")
+    };
+    for _ in 0..4 {
+        let good = refused("good.js");
+        assert_eq!((good.status.code(), lines(&good).len()), (Some(0), 1), "{good:?}");
+    }
+    let endless = refused("endless.js");
+    assert_eq!(endless.status.code(), Some(3), "{endless:?}");
+}

@@ -335,9 +335,16 @@ async fn code_that_means_harm_harms_nobody() {
             .json(&json!({ "action_code": "while (true) {}" }))
             .send(),
     );
-    tokio::time::sleep(Duration::from_millis(300)).await;
-    let running = descendants(service.process_id());
-    assert!(running.len() > children(service.process_id()).len(), "a script runs in a process of its own");
+    let runs = async {
+        loop {
+            let running = descendants(service.process_id());
+            if running.len() > children(service.process_id()).len() {
+                break running;
+            }
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    };
+    let running = tokio::time::timeout(deadline, runs).await.expect("a script runs in a process of its own");
     service.kill();
     let _ = endless.await;
     tokio::time::sleep(deadline).await;

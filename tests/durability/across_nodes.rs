@@ -72,17 +72,20 @@ async fn numbers_become_visible_in_their_order() {
     let new_run = node.post_json("/v1/runs", &new_run);
     let released = async {
         // The node asks for the lock at least twice: for the end of the submission, and for the run.
-        while waiting_for_locks(&pool).await < 2 {
-            tokio::time::sleep(Duration::from_millis(20)).await;
-        }
+        let both_wait = async {
+            while waiting_for_locks(&pool).await < 2 {
+                tokio::time::sleep(Duration::from_millis(20)).await;
+            }
+        };
+        tokio::time::timeout(Duration::from_mins(1), both_wait).await.expect("both wait for the lock");
         assert_eq!(last().await, before, "an end with a greater number waits");
         for table in ["results", "receipts", "runs"] {
             let rows: i64 = sqlx::query_scalar(sqlx::AssertSqlSafe(format!("SELECT COUNT(*) FROM {table}")))
                 .fetch_one(&pool)
                 .await
                 .unwrap();
-            let of_first = i64::from(table == "receipts");
-            assert!(rows <= of_first + 1, "{table} has {rows} rows before the lock is free");
+            let before_all = i64::from(table == "receipts");
+            assert_eq!(rows, before_all, "{table} has rows before the lock is free");
         }
         slow.commit().await.unwrap();
     };
@@ -123,9 +126,9 @@ async fn owners_take_turns_over_all_nodes() {
     .fetch_one(&scene.connect().await)
     .await
     .unwrap();
-    // It is the second in line, so it is among those that are claimed first: at most 64 by each of the node's two workers,
-    // one of which takes quick ones alone.
-    assert!(ended_before < 130, "{ended_before} of the other owner were graded before it");
+    // It is the second in line, so it is among the 64 that are claimed first; the node's other worker may be quicker with
+    // its own.
+    assert!(ended_before < 250, "{ended_before} of the other owner were graded before it");
 }
 
 /// Two nodes on a database with an epoch of hidden evaluation, and one that grades nothing.

@@ -100,6 +100,8 @@ async fn a_node_whose_cable_is_pulled_holds_nothing_up_and_comes_back() {
     network.set("down");
     let more = post(60, 80).await;
     tokio::time::sleep(Duration::from_secs(5)).await;
+    let waiting = serves.get(&format!("/v1/submissions/{}", more[19])).await.json();
+    assert_ne!(waiting["state"], "graded", "nobody is there to grade it");
     let second = nodes.start(&work);
     graded(&during).await;
     graded(&more).await;

@@ -88,7 +88,7 @@ async fn an_episode_is_graded_as_the_same_code_posted_at_once() {
     let done = step(&service, &episode, &json!({ "action_code": code })).await.json();
     assert_eq!(done["code"]["log"], json!(["stone air"]), "{done}");
 
-    let submitted = service.post_json(&format!("{episode}/submit"), &json!({})).await;
+    let submitted = service.post_json(&format!("{episode}/submit"), &Value::Null).await;
     assert_eq!(submitted.status, StatusCode::ACCEPTED, "{}", submitted.text);
     let path = format!("/v1/submissions/{}", submitted.json()["submission"].as_str().unwrap());
     let graded = service.wait_for(&path, |submission| submission["state"] == "graded").await;

@@ -115,14 +115,16 @@ impl Service {
         let said = Arc::new(Mutex::new(seen));
         let kept = Arc::clone(&said);
         std::thread::spawn(move || lines.for_each(|line| kept.lock().unwrap().extend(line)));
-        Self { process, url, http: without_tls().build().unwrap(), said }
+        // The service ends connections that wait for 10 s, also while a request is on its way to it.
+        let http = without_tls().pool_idle_timeout(Duration::from_secs(4)).build().unwrap();
+        Self { process, url, http, said }
     }
 
     /// Sends this key with every request from now on, or none.
     pub fn use_key(&mut self, key: Option<&str>) {
         let value = key.map(|key| format!("Bearer {key}").parse().unwrap());
         let headers = value.map(|value| (reqwest::header::AUTHORIZATION, value)).into_iter().collect();
-        self.http = without_tls().default_headers(headers).build().unwrap();
+        self.http = without_tls().pool_idle_timeout(Duration::from_secs(4)).default_headers(headers).build().unwrap();
     }
 
     pub async fn send(&self, request: RequestBuilder) -> Answer {

@@ -7,6 +7,7 @@ pub mod command;
 pub mod coordinates;
 mod falling;
 mod filter;
+pub mod labels;
 mod placing;
 mod reading;
 mod refusal;

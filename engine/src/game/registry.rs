@@ -1,6 +1,5 @@
 //! Blocks and items of Minecraft 1.21.4, with the states of blocks and their numbers (`data/README.md`).
 
-use std::borrow::Cow;
 use std::collections::HashMap;
 use std::fmt;
 use std::sync::LazyLock;
@@ -307,47 +306,6 @@ impl fmt::Display for Look {
             write!(f, "{}{name}={value}", if at == 0 { '[' } else { ',' })?;
         }
         if named.is_empty() { Ok(()) } else { f.write_str("]") }
-    }
-}
-
-/// Title of a block or an item in English, and how many of it are one stack.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Label {
-    /// Title, such as `Block of Gold`.
-    pub title: Cow<'static, str>,
-    /// Most items of one stack.
-    pub stack_size: u16,
-}
-
-/// Labels that do not follow from the name, by names; those of blocks alone have a star before it.
-static LABELS: LazyLock<HashMap<&'static str, Label, foldhash::fast::RandomState>> = LazyLock::new(|| {
-    let label = |line: &'static str| {
-        let mut columns = line.splitn(3, ' ');
-        let (name, stack_size, title) = (columns.next()?, columns.next()?.parse().ok()?, columns.next()?);
-        Some((name, Label { title: Cow::Borrowed(title), stack_size }))
-    };
-    let lines = include_str!("data/names.txt").lines();
-    lines.map(|line| label(line).expect("the table is well-formed, as a test shows")).collect()
-});
-
-impl Label {
-    /// Returns the label of a block.
-    #[must_use]
-    pub fn of_block(name: &str) -> Self {
-        LABELS.get(format!("*{name}").as_str()).cloned().unwrap_or_else(|| Self::of_item(name))
-    }
-
-    /// Returns the label of an item: unless it is listed, its name with a capital for each word, in stacks of 64.
-    #[must_use]
-    pub fn of_item(name: &str) -> Self {
-        LABELS.get(name).cloned().unwrap_or_else(|| {
-            let capital = |word: &str| {
-                let mut letters = word.chars();
-                letters.next().map(|first| first.to_uppercase().chain(letters).collect::<String>()).unwrap_or_default()
-            };
-            let words: Vec<String> = name.split('_').map(capital).collect();
-            Self { title: Cow::Owned(words.join(" ")), stack_size: 64 }
-        })
     }
 }
 

@@ -9,7 +9,8 @@ use rquickjs::{Array, Ctx, Exception, Object};
 use super::host::Host;
 use crate::actions::sandbox::Watch;
 use plumbline_engine::game::MAX_DISTANCE;
-use plumbline_engine::game::registry::{Block, Label, StateId, item_number, items};
+use plumbline_engine::game::labels::Label;
+use plumbline_engine::game::registry::{Block, StateId, item_number, items};
 use plumbline_engine::game::{Look, Side};
 use plumbline_engine::voxel::cell::Cell;
 

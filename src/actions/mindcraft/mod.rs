@@ -200,6 +200,9 @@ fn run_file(sent: &str, prepared: Prepared, limits: &ActionLimits, end_cpu_ms: u
                 ["```", "skills.", "bot.", "=>", "function", ";", "("].iter().any(|word| sent.contains(word));
             let message = if has_code { error.message } else { "there is no code in the answer".to_owned() };
             ended.errors.push(CodeError { message, ..error });
+            if ended.unreadable && code.contains("```") {
+                host.borrow_mut().note("everything from the first code fence to the last is code, also what stands between fences, as in mindcraft");
+            }
         }
     }
     let is_idle = || host.borrow().world.changes().len() == changes && sandbox.watch.borrow().unheard.is_empty();
@@ -328,6 +331,10 @@ fn call_unused<'js>(
     code: &str,
     host: &Rc<RefCell<Host>>,
 ) -> rquickjs::Result<bool> {
+    let was_called: Function<'js> = given.get("wasCalled")?;
+    if was_called.call(())? {
+        return Ok(false);
+    }
     let call: Function<'js> = given.get("callUnused")?;
     let module: Object<'js> = given.get("module")?;
     if call.call((module.get::<_, Value<'js>>("exports")?,))? {

@@ -100,6 +100,6 @@ fn difference(changes: &[Change]) -> Option<String> {
     let gone = placed_and_gone(changes.iter().map(|change| (change.cell, change.look.is_some())));
     let removed = (gone > 0).then(|| agreeing(gone, "block was", "blocks were"))?;
     Some(format!(
-        "{removed} removed in the turn in which they were placed: gone under mindcraft, under published they would stay"
+        "{removed} removed in the turn that placed them: gone under mindcraft, while published removes only blocks of earlier turns"
     ))
 }

@@ -164,7 +164,7 @@ fn the_documented_functions_are_those_that_code_finds() {
 
 #[test]
 fn what_published_would_build_otherwise_is_told() {
-    let differs = |code: &str| ran(code).notes.iter().any(|note| note.contains("under published"));
+    let differs = |code: &str| ran(code).notes.iter().any(|note| note.contains("published"));
     for (code, expected) in [
         ("await skills.placeBlock(bot, 'stone', 0, 0, 0);", false),
         ("await skills.placeBlock(bot, 'stone', 0, 0, 0); await skills.breakBlockAt(bot, 0, 0, 0);", true),
@@ -236,4 +236,30 @@ fn an_error_tells_what_was_built_before_its_file_ended() {
     let error = done.error.clone().unwrap();
     assert_eq!((error.file, error.line, error.events, done.events.len()), (Some(2), Some(2), Some(2), 3));
     assert_eq!(error.message, "ReferenceError: placeBlock is not defined; did you mean skills.placeBlock?");
+}
+
+#[test]
+fn a_function_that_builds_nothing_is_called_once() {
+    for code in [
+        "(async (bot) => { log(bot, 'hello'); })",
+        "module.exports = async (bot) => { log(bot, 'hello'); };",
+        "export default async (bot) => { log(bot, 'hello'); }",
+        "async function main(bot) { log(bot, 'hello'); }",
+        "log(bot, 'hello');",
+    ] {
+        let done = ran(code);
+        assert_eq!((done.error.clone(), done.log.clone()), (None, vec!["hello".to_owned()]), "{code}: {done:?}");
+    }
+}
+
+#[test]
+fn what_mindcraft_takes_otherwise_is_told() {
+    let done = ran("await skills.placeBlock(bot, 'minecraft:stone', 0, 0, 0);");
+    assert!(done.dropped[0].reason.ends_with("skills take names without minecraft:"), "{done:?}");
+    let place = "await skills.placeBlock(bot, 'stone', 0, 0, 0);";
+    let done = ran(&format!("```js\n{place}\n```\nand then\n```js\n{place}\n```"));
+    assert!(
+        done.unreadable && done.notes.iter().any(|note| note.contains("from the first code fence to the last")),
+        "{done:?}"
+    );
 }

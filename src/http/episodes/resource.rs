@@ -208,8 +208,8 @@ pub async fn submit_episode(
 ) -> AppResult<Response> {
     caller.require(Scope::Submit)?;
     let draft = match &body {
-        Some(body) => read_draft::<SubmitEpisode>(body, "submit one episode per request")?,
-        None => (Some(SubmitEpisode::default()), Faults::new()),
+        Some(body) if !body.is_null() => read_draft::<SubmitEpisode>(body, "submit one episode per request")?,
+        _ => (Some(SubmitEpisode::default()), Faults::new()),
     };
     let submitted = match submit(&state, &caller, &id, draft).await? {
         Submitted::Submission(submission) => EpisodeSubmitted { submission: Some(submission), answer: None },

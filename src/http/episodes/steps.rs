@@ -64,8 +64,8 @@ pub async fn next_turn(
 ) -> AppResult<Json<EpisodeBody>> {
     caller.require(Scope::Submit)?;
     let draft = match &body {
-        Some(body) => read_draft::<NextTurn>(body, "go on once per request")?,
-        None => (Some(NextTurn::default()), Faults::new()),
+        Some(body) if !body.is_null() => read_draft::<NextTurn>(body, "go on once per request")?,
+        _ => (Some(NextTurn::default()), Faults::new()),
     };
     let bytes = body.as_ref().map(|body| &body.bytes[..]).unwrap_or_default();
     Ok(Json(turns::next_turn(&state, &caller, &id, bytes, draft).await?.into()))

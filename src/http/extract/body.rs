@@ -45,6 +45,13 @@ pub struct JsonBody {
     pub share: Option<OwnedSemaphorePermit>,
 }
 
+impl JsonBody {
+    /// Returns whether the body is JSON's `null`, which stands for none where a body is optional.
+    pub fn is_null(&self) -> bool {
+        self.bytes.trim_ascii() == b"null"
+    }
+}
+
 impl FromRequest<AppState> for JsonBody {
     type Rejection = AppError;
 

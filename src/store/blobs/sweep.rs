@@ -2,7 +2,8 @@
 //!
 //! A copy of a database knows the same place, but not the rows that the original writes after the copy was made. So a
 //! place holds a token that each sweep replaces, and the database notes it. A copy knows the token only until the next
-//! sweep of the original, a day later, and what is younger than two days is never deleted.
+//! sweep of the original, a day later, and what is younger than two days is never deleted. A database that swept lately and
+//! finds a token of another contests the place: it puts a token that nobody knows, and an operator decides.
 
 use std::collections::HashSet;
 
@@ -21,6 +22,8 @@ const AT_ONCE: usize = 500;
 const DAYS: i64 = 2;
 /// Object that holds the token of the last sweep.
 const TOKEN: &str = "plumbline.sweep";
+/// Number of tokens that a database remembers to have written.
+const MOST_TOKENS: usize = 8;
 /// Columns that may refer to objects.
 const COLUMNS: [(&str, &str); 3] = [("submissions", "log"), ("reports", "body"), ("regraded", "body")];
 
@@ -60,7 +63,7 @@ impl Store {
     /// Returns an error if the place or the database fails; then the rest is left for the next time.
     pub async fn sweep_blobs(&self, now_ms: i64) -> StoreResult<Swept> {
         let Some(opened) = self.blobs.opened() else { return Ok(Swept::Deleted(0)) };
-        if !self.take_token(&opened).await? {
+        if !self.take_token(&opened, now_ms).await? {
             self.note("blobs swept", &now_ms.to_string()).await?;
             return Ok(Swept::OfAnother { place: opened.place.to_string(), token: TOKEN });
         }
@@ -78,11 +81,12 @@ impl Store {
         Ok(Swept::Deleted(deleted))
     }
 
-    /// Replaces the token of the place by a new one. Returns false, and changes nothing, if the place has a token that this
-    /// database did not write: another one sweeps it.
+    /// Replaces the token of the place by a new one. Returns false if the place has a token that this database did not
+    /// write: another one sweeps it.
     ///
-    /// The database notes both tokens before the place gets the new one, so a process that dies in between locks nobody out.
-    async fn take_token(&self, opened: &Opened) -> StoreResult<bool> {
+    /// The database notes the tokens before the place gets the new one, so neither a process that dies in between nor two
+    /// nodes that sweep at the same time lock it out.
+    async fn take_token(&self, opened: &Opened, now_ms: i64) -> StoreResult<bool> {
         const NOTED: &str = "blobs sweep";
         let path = Path::from(TOKEN);
         let found = match opened.get(&path).await {
@@ -90,17 +94,28 @@ impl Store {
             Err(StoreError::BlobLost(_)) => None,
             Err(error) => return Err(error),
         };
-        let noted: Option<String> =
-            query_scalar("SELECT value FROM agreed WHERE name = $1").bind(NOTED).fetch_optional(&self.readers).await?;
+        let noted = self.noted_as(NOTED).await?.unwrap_or_default();
+        let mut tokens: Vec<&str> = noted.split(' ').filter(|token| !token.is_empty()).collect();
         if let Some(found) = &found
-            && !noted.is_some_and(|noted| noted.split(' ').any(|token| token == found))
+            && !tokens.contains(&found.as_str())
         {
+            let swept_ms = self.noted_as("blobs swept").await?.and_then(|swept| swept.parse::<i64>().ok());
+            if swept_ms.is_some_and(|swept_ms| now_ms - swept_ms < DAYS * DAY_MS) {
+                opened.put(&path, uuid::Uuid::new_v4().to_string().into_bytes()).await?;
+            }
             return Ok(false);
         }
         let next = uuid::Uuid::new_v4().to_string();
-        self.note(NOTED, &format!("{} {next}", found.as_deref().unwrap_or(&next))).await?;
-        opened.put(&path, next.into_bytes()).await?;
+        tokens.push(&next);
+        let kept = &tokens[tokens.len().saturating_sub(MOST_TOKENS)..];
+        self.note(NOTED, &kept.join(" ")).await?;
+        opened.put(&path, next.clone().into_bytes()).await?;
         Ok(true)
+    }
+
+    /// Returns a fact that the nodes of the database go by.
+    async fn noted_as(&self, name: &str) -> StoreResult<Option<String>> {
+        query_scalar("SELECT value FROM agreed WHERE name = $1").bind(name).fetch_optional(&self.readers).await
     }
 
     /// Notes something that all nodes of the database go by.

@@ -4,6 +4,7 @@
 //! The server's own time limits do not help then, and TCP waits a quarter of an hour, or for ever.
 
 use std::io;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use sqlx::{Connection as _, PgConnection};
@@ -13,11 +14,21 @@ const STATEMENT: Duration = Duration::from_secs(65);
 /// Time that a connection gets to say that it is still there, or to close.
 pub(in crate::store) const SIGN: Duration = Duration::from_secs(5);
 
+/// Whether statements may take as long as they need.
+static IS_PATIENT: AtomicBool = AtomicBool::new(false);
+/// Time after which a statement of a patient process has failed.
+const PATIENT: Duration = Duration::from_hours(24);
+
+/// Lets statements of this process take as long as they need: it copies a whole database, and serves nobody.
+pub(in crate::store) fn be_patient() {
+    IS_PATIENT.store(true, Ordering::Relaxed);
+}
+
 /// Waits for a statement.
 pub(in crate::store) fn answer<'s, T>(
     statement: impl Future<Output = sqlx::Result<T>> + Send + 's,
 ) -> impl Future<Output = sqlx::Result<T>> + Send + 's {
-    broken_after(STATEMENT, statement)
+    broken_after(if IS_PATIENT.load(Ordering::Relaxed) { PATIENT } else { STATEMENT }, statement)
 }
 
 /// Waits for the server for a while.

@@ -72,10 +72,12 @@
     return [value.default, value.main].find((one) => typeof one === "function") ?? null;
   };
   // Rejections that nobody handles are told by the engine.
+  let isCalled = false;
   const run = async (make, isExpression, isWrapped) => {
     const value = await make(given.bot);
     const main = isExpression ? mainOf(value) : null;
     if (main) {
+      isCalled = true;
       if (!isWrapped) note("the code is a function, which mindcraft would not call; it was called");
       await main.call(value, given.bot);
     }
@@ -84,17 +86,22 @@
   const runModule = async (evaluated, exported) => {
     await evaluated;
     const main = mainOf(exported.default) ?? mainOf(exported);
-    if (main) await main(given.bot);
+    if (main) {
+      isCalled = true;
+      await main(given.bot);
+    }
     host.done();
   };
   const callUnused = (value) => {
     const main = mainOf(value);
     if (!main) return false;
+    isCalled = true;
     note("the code only defines a function, which mindcraft would not call; it was called");
     (async () => { await main.call(value, given.bot); host.done(); })();
     return true;
   };
   // Begins a file: the time and the body are where the last one left them.
+  const wasCalled = () => isCalled;
   const begin = (now) => { clock.begin(now); bot.moved(); };
-  return { bot: given.bot, module: given.module, find, begin, run, runModule, callUnused };
+  return { bot: given.bot, module: given.module, find, begin, run, runModule, callUnused, wasCalled };
 });

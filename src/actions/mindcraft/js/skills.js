@@ -62,7 +62,7 @@
       plans.set(key, plan);
     }
     if (plan === null && blockType !== "air") {
-      host.drop(`${typeof blockType === "string" ? `'${blockType.slice(0, 80)}'` : String(blockType).slice(0, 80)} is not the name of a block`);
+      host.drop(`${typeof blockType === "string" ? `'${blockType.slice(0, 80)}'` : String(blockType).slice(0, 80)} is not the name of a block${String(blockType).startsWith("minecraft:") ? "; skills take names without minecraft:" : ""}`);
       log(bot, `${blockType} is not a block.`);
       return false;
     }
