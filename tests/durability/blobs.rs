@@ -322,7 +322,17 @@ async fn a_copy_of_the_database_deletes_nothing_of_the_original() {
         .unwrap_or_else(|_| panic!("{:#?}", copy.said.lock().unwrap()));
     assert!(object.exists(), "the copy deleted what the original refers to");
     assert_eq!(original.get(&format!("/v1/submissions/{id}/log")).await.status, 200);
-    // The original sweeps on.
+    // On the next day the copy finds that again, and leaves the place to the original, which sweeps on.
+    let (before, warnings) =
+        (token(), || copy.said.lock().unwrap().iter().filter(|line| line.contains("is a copy")).count());
+    days(10);
+    swept(&before).await;
+    let warned_again = async {
+        while warnings() < 2 {
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    };
+    tokio::time::timeout(Duration::from_mins(2), warned_again).await.expect("the copy says so each day");
     let before = token();
     days(11);
     swept(&before).await;

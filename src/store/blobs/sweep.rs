@@ -41,6 +41,17 @@ pub enum Swept {
     },
 }
 
+/// What a database finds of the token of its place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Token {
+    /// The token is its own.
+    Own,
+    /// There was none. A copy may take the place first, so nothing is deleted before the next sweep.
+    First,
+    /// Another database wrote it.
+    OfAnother,
+}
+
 impl Store {
     /// Returns whether there are blobs, and they were last swept a day ago.
     ///
@@ -63,9 +74,12 @@ impl Store {
     /// Returns an error if the place or the database fails; then the rest is left for the next time.
     pub async fn sweep_blobs(&self, now_ms: i64) -> StoreResult<Swept> {
         let Some(opened) = self.blobs.opened() else { return Ok(Swept::Deleted(0)) };
-        if !self.take_token(&opened, now_ms).await? {
+        let token = self.take_token(&opened, now_ms).await?;
+        if token != Token::Own {
             self.note("blobs swept", &now_ms.to_string()).await?;
-            return Ok(Swept::OfAnother { place: opened.place.to_string(), token: TOKEN });
+            let place = opened.place.to_string();
+            let is_first = token == Token::First;
+            return Ok(if is_first { Swept::Deleted(0) } else { Swept::OfAnother { place, token: TOKEN } });
         }
         let before = rfc3339(now_ms - DAYS * DAY_MS);
         let mut deleted = 0;
@@ -81,12 +95,13 @@ impl Store {
         Ok(Swept::Deleted(deleted))
     }
 
-    /// Replaces the token of the place by a new one. Returns false if the place has a token that this database did not
-    /// write: another one sweeps it.
+    /// Replaces the token of the place by a new one, unless this database did not write it.
     ///
     /// The database notes the tokens before the place gets the new one, so neither a process that dies in between nor two
     /// nodes that sweep at the same time lock it out.
-    async fn take_token(&self, opened: &Opened, now_ms: i64) -> StoreResult<bool> {
+    async fn take_token(&self, opened: &Opened, now_ms: i64) -> StoreResult<Token> {
+        // When this database last had the token, which is not when it last looked.
+        const OWNED: &str = "blobs owned";
         const NOTED: &str = "blobs sweep";
         let path = Path::from(TOKEN);
         let found = match opened.get(&path).await {
@@ -99,18 +114,19 @@ impl Store {
         if let Some(found) = &found
             && !tokens.contains(&found.as_str())
         {
-            let swept_ms = self.noted_as("blobs swept").await?.and_then(|swept| swept.parse::<i64>().ok());
-            if swept_ms.is_some_and(|swept_ms| now_ms - swept_ms < DAYS * DAY_MS) {
+            let owned_ms = self.noted_as(OWNED).await?.and_then(|owned| owned.parse::<i64>().ok());
+            if owned_ms.is_some_and(|owned_ms| now_ms - owned_ms < DAYS * DAY_MS) {
                 opened.put(&path, uuid::Uuid::new_v4().to_string().into_bytes()).await?;
             }
-            return Ok(false);
+            return Ok(Token::OfAnother);
         }
         let next = uuid::Uuid::new_v4().to_string();
         tokens.push(&next);
         let kept = &tokens[tokens.len().saturating_sub(MOST_TOKENS)..];
         self.note(NOTED, &kept.join(" ")).await?;
         opened.put(&path, next.clone().into_bytes()).await?;
-        Ok(true)
+        self.note(OWNED, &now_ms.to_string()).await?;
+        Ok(if found.is_some() { Token::Own } else { Token::First })
     }
 
     /// Returns a fact that the nodes of the database go by.
