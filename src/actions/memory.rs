@@ -34,12 +34,16 @@ impl PeakMemory {
         self.read().map_or(0, |now| now.saturating_sub(self.before))
     }
 
+    /// Returns the peak memory without pages of files: how much of the program is in memory depends on the system, and
+    /// in a process that was just forked most of it is read in while the script runs.
     fn read(&self) -> Option<u64> {
         let mut text = [0; 4_096];
         let length = self.status?.read_at(&mut text, 0).ok()?;
         let text = std::str::from_utf8(&text[..length]).ok()?;
-        let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
-        let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
-        Some(kib << 10)
+        let kib = |name| -> Option<u64> {
+            let line = text.lines().find_map(|line| line.strip_prefix(name))?;
+            line.trim().strip_suffix("kB")?.trim().parse().ok()
+        };
+        Some(kib("VmHWM:")?.saturating_sub(kib("RssFile:")?) << 10)
     }
 }

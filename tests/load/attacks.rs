@@ -196,10 +196,14 @@ async fn memory_that_ran_out_is_a_limit_also_where_the_script_hides_it() {
         assert!(stopped.text.contains("bytes of memory"), "{code}: {}", stopped.text);
     }
     let thrown = json!({ "action_code": format!("(async (bot) => {{ {place} throw null; }})") });
-    let thrown = service.post_json("/v1/replay", &thrown).await.json();
+    let answer = service.post_json("/v1/replay", &thrown).await;
+    assert_eq!(answer.status, StatusCode::OK, "{}", answer.text);
+    let thrown = answer.json();
     assert_eq!(
         (thrown["error"]["message"].as_str(), thrown["events"].as_array().map(Vec::len)),
-        (Some("thrown: null"), Some(1))
+        (Some("thrown: null"), Some(1)),
+        "{}",
+        answer.text
     );
 }
 
