@@ -1,26 +1,27 @@
 //! Preconditioned conjugate gradients.
 
-use nalgebra::Vector3;
-
-use super::coarse::{Coarse, dot};
+use super::levels::Levels;
 use super::system::System;
 use crate::elasticity::{Control, Stopped};
 
 /// Residual force, relative to the load, at which a solution is accepted.
 pub const TOLERANCE: f64 = 1e-8;
-/// Greatest number of iterations.
-const MAX_ITERATIONS: usize = 20_000;
-/// Greatest product of iterations and blocks, some ten seconds: more than twice what any structure tried has needed.
-const MAX_WORK: usize = 100_000_000;
+/// Residual force after rounding, relative to the load, beyond which a solution is none.
+const MAX_ROUNDING: f64 = 1e-3;
+/// Greatest number of iterations: ten times what any structure tried has needed.
+const MAX_ITERATIONS: usize = 1_500;
+/// Greatest product of iterations and blocks, some twenty seconds: twice what any structure tried has needed.
+const MAX_WORK: usize = 25_000_000;
 /// Work between two polls of the stop signal, in iterations times blocks: some milliseconds.
-const WORK_PER_LOOK: usize = 50_000;
+const WORK_PER_LOOK: usize = 10_000;
 
 /// State of a solution when the iterations ended.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Convergence {
     /// Number of iterations.
     pub iterations: u32,
-    /// Whether the residual that the iterations update reached [`TOLERANCE`].
+    /// Whether the residual that the iterations update reached [`TOLERANCE`], and rounding left little of it in the
+    /// solution.
     pub is_solved: bool,
     /// Norm of the residual force, recomputed from the solution, relative to that of the load. If displacements are
     /// many times a block's size, rounding leaves more than the tolerance.
@@ -30,7 +31,8 @@ pub struct Convergence {
 /// Changes the displacements of free nodes until the forces on them balance `load`. Held nodes stay as they are.
 ///
 /// # Errors
-/// Returns an error if `control` stops the computation; it is polled every few milliseconds once the iterations run.
+/// Returns an error if `control` stops the computation; it is polled every few milliseconds once the iterations run, or
+/// after each iteration if one takes longer.
 pub fn solve(
     system: &System<'_>,
     load: &[f64],
@@ -51,12 +53,17 @@ pub fn solve(
         return Ok(convergence);
     }
     control.check(0.0)?;
-    let preconditioner = Preconditioner { diagonal: system.inverse_diagonal(), coarse: Coarse::new(system, control)? };
+    let levels = Levels::new(system, control)?;
     let blocks = system.mesh.nodes.len().max(1);
     let per_look = (WORK_PER_LOOK / blocks).clamp(1, 500) as u32;
     let most = (MAX_WORK / blocks).min(MAX_ITERATIONS) as u32;
     let (mut direction, mut pulled, mut step) = (vec![0.0; len], vec![0.0; len], vec![0.0; len]);
-    let mut before = 0.0;
+    if let Some(first) = levels.first(&residual) {
+        system.apply(&first, &mut pulled);
+        add(1.0, &first, displacement);
+        add(-1.0, &pulled, &mut residual);
+        pulled.fill(0.0);
+    }
     loop {
         convergence.relative_residual = dot(&residual, &residual).sqrt() / scale;
         convergence.is_solved = convergence.relative_residual <= TOLERANCE;
@@ -67,21 +74,17 @@ pub fn solve(
         if convergence.iterations % per_look == 0 {
             control.check((convergence.relative_residual.log10() / TOLERANCE.log10()).clamp(0.0, 1.0))?;
         }
-        preconditioner.apply(system, &residual, &mut step);
-        let now = dot(&residual, &step);
-        let part = if convergence.iterations == 0 { 0.0 } else { now / before };
+        levels.step(system, &residual, &mut step);
+        // The preconditioner is not quite the same in each iteration, so the direction is made conjugate explicitly.
+        let energy = dot(&direction, &pulled);
+        let part = if energy > 0.0 { dot(&step, &pulled) / energy } else { 0.0 };
         for (direction, step) in direction.iter_mut().zip(&step) {
-            *direction = step + part * *direction;
+            *direction = step - part * *direction;
         }
         system.apply(&direction, &mut pulled);
-        let length = now / dot(&direction, &pulled);
-        for ((moved, residual), (direction, pulled)) in
-            displacement.iter_mut().zip(&mut residual).zip(direction.iter().zip(&pulled))
-        {
-            *moved += length * direction;
-            *residual -= length * pulled;
-        }
-        before = now;
+        let length = dot(&residual, &direction) / dot(&direction, &pulled);
+        add(length, &direction, displacement);
+        add(-length, &pulled, &mut residual);
         convergence.iterations += 1;
     }
     system.apply(displacement, &mut pulled);
@@ -90,24 +93,26 @@ pub fn solve(
     }
     system.release(&mut pulled);
     convergence.relative_residual = dot(&pulled, &pulled).sqrt() / scale;
+    convergence.is_solved &= convergence.relative_residual <= MAX_ROUNDING;
     Ok(convergence)
 }
 
-/// Sum of a preconditioner of single nodes and one of groups of nodes as rigid bodies.
-struct Preconditioner {
-    diagonal: Vec<nalgebra::Matrix3<f64>>,
-    coarse: Option<Coarse>,
+/// Adds `factor` times a vector to another.
+fn add(factor: f64, vector: &[f64], to: &mut [f64]) {
+    for (to, entry) in to.iter_mut().zip(vector) {
+        *to += factor * entry;
+    }
 }
 
-impl Preconditioner {
-    fn apply(&self, system: &System<'_>, residual: &[f64], step: &mut [f64]) {
-        for ((step, residual), inverse) in step.chunks_exact_mut(3).zip(residual.chunks_exact(3)).zip(&self.diagonal) {
-            let moved = inverse * Vector3::new(residual[0], residual[1], residual[2]);
-            step.copy_from_slice(moved.as_slice());
-        }
-        system.release(step);
-        if let Some(coarse) = &self.coarse {
-            coarse.add_solution(residual, step);
+/// Returns the inner product, in eight partial sums so that additions do not wait for each other.
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0; 8];
+    let (a, b) = (a.chunks_exact(8), b.chunks_exact(8));
+    let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in a.zip(b) {
+        for k in 0..8 {
+            sums[k] += a[k] * b[k];
         }
     }
+    sums.iter().sum::<f64>() + rest
 }

@@ -5,9 +5,13 @@
 
 use crate::text::agreeing;
 
-mod coarse;
+mod block_matrix;
 mod conjugate_gradients;
 mod element;
+mod factor;
+mod groups;
+mod levels;
+mod local;
 mod mesh;
 mod system;
 #[cfg(test)]
@@ -69,8 +73,8 @@ impl Outcome {
 /// listed several times is one block.
 ///
 /// # Errors
-/// Returns an error if `control` stops the computation; it is polled every few milliseconds once iterations run, and
-/// between the stages of setup, which take some microseconds per block.
+/// Returns an error if `control` stops the computation; it is polled every few milliseconds once iterations run, or after
+/// each iteration if one takes longer, and between the stages of setup, which take some microseconds per block.
 pub fn solve_equilibrium(cells: &[Cell], control: &Control<'_>) -> Result<Outcome, Stopped> {
     let supported = Supported::of(cells);
     let lowest = cells.iter().map(|cell| cell.y).min().unwrap_or(0);

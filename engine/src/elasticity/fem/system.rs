@@ -2,12 +2,15 @@
 
 #![expect(clippy::inline_always, reason = "so that the loops are compiled for the processor that the caller chose")]
 
-use nalgebra::{Matrix3, SVector, Vector3};
+use nalgebra::{SVector, Vector3};
 use pulp::{Arch, Simd, WithSimd};
 
 use super::element::{Element, UNKNOWNS};
 use super::mesh::Mesh;
 use crate::elasticity::lanes::Lanes;
+
+/// Number of vectors of rows that are computed at the same time; with eight lanes, all rows.
+const TOGETHER: usize = 3;
 
 /// Equations of a mesh with an edge length and held nodes.
 #[derive(Debug)]
@@ -68,20 +71,6 @@ impl<'a> System<'a> {
         force
     }
 
-    /// Returns the inverse of each node's own 3 x 3 block of the equations.
-    #[must_use]
-    pub fn inverse_diagonal(&self) -> Vec<Matrix3<f64>> {
-        let mut diagonal = vec![Matrix3::zeros(); self.mesh.position.len()];
-        for nodes in &self.mesh.nodes {
-            for (corner, &node) in nodes.iter().enumerate() {
-                diagonal[node as usize] +=
-                    self.element.stiffness.fixed_view::<3, 3>(3 * corner, 3 * corner) * self.edge_m;
-            }
-        }
-        // Each of these matrices is positive definite.
-        diagonal.into_iter().map(|block| block.try_inverse().unwrap_or_else(Matrix3::zeros)).collect()
-    }
-
     /// Returns the displacements of a block's corners.
     #[must_use]
     pub fn corners(&self, block: usize, displacement: &[f64]) -> SVector<f64, UNKNOWNS> {
@@ -121,18 +110,22 @@ impl WithSimd for Apply<'_> {
                 triple.copy_from_slice(&self.displacement[at..at + 3]);
             }
             let mut pulled = [0.0; UNKNOWNS];
-            // Eight rows at a time, with separate sums for even and odd columns, which do not wait for each other.
-            for row in (0..UNKNOWNS).step_by(8) {
-                for lanes in (row..row + 8).step_by(S::F64_LANES) {
-                    let mut sums = [Lanes::splat(simd, 0.0); 2];
-                    for pair in 0..UNKNOWNS / 2 {
-                        for odd in 0..2 {
-                            let column = 2 * pair + odd;
-                            let entries = Lanes::load(simd, columns, UNKNOWNS * column + lanes);
-                            sums[odd] = entries.mul_add(Lanes::splat(simd, corners[column]), sums[odd]);
-                        }
+            // Several rows at a time, with separate sums for even and odd columns: none waits for another.
+            for first in (0..UNKNOWNS).step_by(TOGETHER * S::F64_LANES) {
+                let mut sums = [[Lanes::splat(simd, 0.0); 2]; TOGETHER];
+                for pair in 0..UNKNOWNS / 2 {
+                    let (even, odd) = (2 * pair, 2 * pair + 1);
+                    let moved = [Lanes::splat(simd, corners[even]), Lanes::splat(simd, corners[odd])];
+                    for k in 0..TOGETHER {
+                        let row = first + k * S::F64_LANES;
+                        let entries = Lanes::load(simd, columns, UNKNOWNS * even + row);
+                        sums[k][0] = entries.mul_add(moved[0], sums[k][0]);
+                        let entries = Lanes::load(simd, columns, UNKNOWNS * odd + row);
+                        sums[k][1] = entries.mul_add(moved[1], sums[k][1]);
                     }
-                    (sums[0] + sums[1]).store(&mut pulled, lanes);
+                }
+                for (k, [even, odd]) in sums.into_iter().enumerate() {
+                    (even + odd).store(&mut pulled, first + k * S::F64_LANES);
                 }
             }
             for (triple, &node) in pulled.chunks_exact(3).zip(nodes) {

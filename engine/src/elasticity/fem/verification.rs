@@ -143,3 +143,68 @@ fn a_symmetric_structure_has_symmetric_stress() {
         }
     }
 }
+
+/// Random numbers from 0 to below `below`, the same each time.
+fn random(below: u64) -> impl FnMut() -> u64 {
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    move || {
+        for (shift, is_left) in [(13, true), (7, false), (17, true)] {
+            state ^= if is_left { state << shift } else { state >> shift };
+        }
+        state % below
+    }
+}
+
+/// Returns blocks that each touch exactly one that was there before.
+fn branches(count: usize) -> Vec<Cell> {
+    let mut draw = random(1 << 40);
+    let sides = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1], [0, -1, 0]];
+    let mut cells = vec![Cell::new(0, 0, 0)];
+    while cells.len() < count {
+        let from = cells[draw() as usize % cells.len()];
+        let [x, y, z] = sides[draw() as usize % 5];
+        let next = from.offset(x, y, z);
+        let touched = sides.iter().filter(|[x, y, z]| cells.contains(&next.offset(*x, *y, *z))).count();
+        if touched == 1 && !cells.contains(&next) {
+            cells.push(next);
+        }
+    }
+    cells
+}
+
+/// Structures of all kinds are solved in fewer than 150 iterations: with nothing but thin winding parts, with large thin
+/// parts on few columns, and solid ones.
+#[test]
+fn any_structure_takes_few_iterations() {
+    let sponge = |side: i32, percent: u64| {
+        let mut draw = random(100);
+        cuboid(side, side, side).into_iter().filter(|_| draw() < percent).collect::<Vec<_>>()
+    };
+    let roof = cuboid(60, 4, 60).into_iter().filter(|c| c.y == 3 || c.x % 20 == 0 && c.z % 20 == 0).collect();
+    let bridge = (0..500).map(|x| Cell::new(x, 3, 0));
+    let bridge = bridge.chain([0, 499].into_iter().flat_map(|x| (0..3).map(move |y| Cell::new(x, y, 0)))).collect();
+    let cases: [(&str, Vec<Cell>); 7] = [
+        ("a dense sponge", sponge(16, 90)),
+        ("a sponge", sponge(18, 50)),
+        ("a sponge that hardly holds together", sponge(24, 34)),
+        ("branches", branches(1_500)),
+        ("a roof on columns", roof),
+        ("a bridge of 500", bridge),
+        ("a cube", cuboid(14, 14, 14)),
+    ];
+    for (name, cells) in cases {
+        let outcome = solve_equilibrium(&cells, &Control::unhurried()).unwrap();
+        assert!(outcome.is_solved && outcome.iterations < 150, "{name}: {} iterations", outcome.iterations);
+        assert!(outcome.relative_residual < 1e-4, "{name}: {}", outcome.relative_residual);
+    }
+}
+
+/// A beam so long that rounding leaves more of the forces than the load is has no solution, and says so.
+#[test]
+fn what_rounding_leaves_nothing_of_is_not_called_solved() {
+    let mut cells: Vec<Cell> = (0..20_000).map(|x| Cell::new(x, 1, 0)).collect();
+    cells.push(Cell::new(0, 0, 0));
+    let outcome = solve_equilibrium(&cells, &Control::unhurried()).unwrap();
+    assert!(!outcome.is_solved && outcome.max_von_mises_pa.is_none(), "{}", outcome.relative_residual);
+    assert!(outcome.cautions()[0].starts_with("fem did not converge"));
+}
