@@ -218,6 +218,18 @@ impl Evaluate for stability::StressScore {
     }
 }
 
+impl Evaluate for shape::exits::HasExit {
+    fn run(&self, subject: &Subject<'_>) -> Result<Finding, Stopped> {
+        self.evaluate(subject)
+    }
+}
+
+impl Evaluate for shape::exits::HasWideExit {
+    fn run(&self, subject: &Subject<'_>) -> Result<Finding, Stopped> {
+        self.evaluate(subject)
+    }
+}
+
 impl Evaluate for equilibrium::EquilibriumScore {
     fn run(&self, subject: &Subject<'_>) -> Result<Finding, Stopped> {
         self.evaluate(subject)

@@ -6,6 +6,10 @@
 use std::collections::{HashMap, HashSet};
 
 use super::cell::{Bounds, Cell};
+use crate::elasticity::{Control, Stopped};
+
+/// Number of runs that are followed between two polls of the stop signal: some milliseconds.
+const RUNS_PER_LOOK: usize = 1_000;
 
 /// Size of a moving box in cells along x, y and z; each is at least 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,41 +25,43 @@ pub struct BoxSize {
 /// The anchors on one line at which the box does not fit: sorted, disjoint closed intervals along z.
 type Blocked = Vec<(i32, i32)>;
 
+/// What is known of each line `(x, y)`.
+type Lines<T> = HashMap<(i32, i32), T, foldhash::fast::RandomState>;
+
 /// The free space of a moving box among solid cells.
 #[derive(Debug)]
 pub struct FreeSpace {
-    lines: HashMap<(i32, i32), Blocked, foldhash::fast::RandomState>,
+    /// The z of the solid cells on each line.
+    solid: Lines<Vec<i32>>,
+    size: BoxSize,
     min_y: i32,
     max_y: i32,
+}
+
+/// A search, which finds out where the box fits as far as it goes: a large box has hundreds of lines for each cell.
+#[derive(Debug)]
+struct Search<'a> {
+    space: &'a FreeSpace,
+    control: &'a Control<'a>,
+    /// Where a box with the height of one cell does not fit, from which follows where the whole box does not.
+    flat: Lines<Blocked>,
+    blocked: Lines<Blocked>,
+    seen: HashSet<Run, foldhash::fast::RandomState>,
+    open: Vec<Run>,
 }
 
 /// A run of free anchors: the line `(x, y)`, and the number of the run on that line.
 type Run = (i32, i32, usize);
 
 impl FreeSpace {
-    /// Computes the space that `solid` leaves to a box of `size`, whose anchor stays within the heights of `bounds`.
+    /// Describes the space that `solid` leaves to a box of `size`, whose anchor stays within the heights of `bounds`.
     #[must_use]
     pub fn new(solid: &[Cell], bounds: &Bounds, size: BoxSize) -> Self {
-        let mut lines: HashMap<(i32, i32), Blocked, _> = HashMap::default();
+        let mut lines: Lines<Vec<i32>> = HashMap::default();
         for cell in solid {
-            for x in cell.x - size.x + 1..=cell.x {
-                for y in (cell.y - size.y + 1).max(bounds.min.y)..=cell.y {
-                    lines.entry((x, y)).or_default().push((cell.z - size.z + 1, cell.z));
-                }
-            }
+            lines.entry((cell.x, cell.y)).or_default().push(cell.z);
         }
-        #[expect(clippy::iter_over_hash_type, reason = "each line is sorted independently")]
-        for blocked in lines.values_mut() {
-            blocked.sort_unstable();
-            blocked.dedup_by(|next, last| {
-                let joins = next.0 <= last.1 + 1;
-                if joins {
-                    last.1 = last.1.max(next.1);
-                }
-                joins
-            });
-        }
-        Self { lines, min_y: bounds.min.y, max_y: bounds.max.y }
+        Self { solid: lines, size, min_y: bounds.min.y, max_y: bounds.max.y }
     }
 
     /// Returns whether a box whose anchor starts at one of `starts` can leave. Each step goes to one of the four sides,
@@ -63,21 +69,53 @@ impl FreeSpace {
     ///
     /// The box has left once it reaches a run without an obstacle at one end: along that run it can move without limit.
     #[must_use]
-    pub fn escapes(&self, starts: impl IntoIterator<Item = Cell>) -> bool {
-        let mut seen: HashSet<Run, foldhash::fast::RandomState> = HashSet::default();
-        let mut open: Vec<Run> = Vec::new();
-        for start in starts {
-            if self.visit((start.x, start.y), (start.z, start.z), &mut seen, &mut open) {
-                return true;
-            }
+    ///
+    /// # Errors
+    /// Returns an error if `control` stops the search.
+    pub fn escapes(&self, starts: impl IntoIterator<Item = Cell>, control: &Control<'_>) -> Result<bool, Stopped> {
+        let mut search = Search {
+            space: self,
+            control,
+            flat: HashMap::default(),
+            blocked: HashMap::default(),
+            seen: HashSet::default(),
+            open: Vec::new(),
+        };
+        if starts.into_iter().any(|start| search.visit((start.x, start.y), (start.z, start.z))) {
+            return Ok(true);
         }
-        while let Some((x, y, number)) = open.pop() {
-            let Some(&(from, to)) = self.lines.get(&(x, y)).and_then(|line| free_run(line, number)).as_ref() else {
-                return true;
+        search.gets_out()
+    }
+}
+
+/// Sorts intervals, and joins those that overlap or touch.
+fn joined(mut blocked: Blocked) -> Blocked {
+    blocked.sort_unstable();
+    blocked.dedup_by(|next, last| {
+        let joins = next.0 <= last.1 + 1;
+        if joins {
+            last.1 = last.1.max(next.1);
+        }
+        joins
+    });
+    blocked
+}
+
+impl Search<'_> {
+    /// Follows the queued runs. Returns true once one is unbounded.
+    fn gets_out(&mut self) -> Result<bool, Stopped> {
+        let mut followed = 0_usize;
+        while let Some((x, y, number)) = self.open.pop() {
+            if followed.is_multiple_of(RUNS_PER_LOOK) {
+                self.control.check(0.0)?;
+            }
+            followed += 1;
+            let Some((from, to)) = self.blocked.get(&(x, y)).and_then(|line| free_run(line, number)) else {
+                return Ok(true);
             };
             for dy in -1..=1 {
                 let level = y + dy;
-                if level < self.min_y || level > self.max_y {
+                if level < self.space.min_y || level > self.space.max_y {
                     continue;
                 }
                 let beside: &[(i32, i32)] = match (dy, from == to) {
@@ -85,30 +123,36 @@ impl FreeSpace {
                     (_, true) => &[(from - 1, from - 1), (from + 1, from + 1)],
                     (_, false) => &[(from - 1, to + 1)],
                 };
-                for &span in beside {
-                    if self.visit((x, level), span, &mut seen, &mut open) {
-                        return true;
-                    }
-                }
-                for side in [x - 1, x + 1] {
-                    if self.visit((side, level), (from, to), &mut seen, &mut open) {
-                        return true;
-                    }
+                if beside.iter().any(|&span| self.visit((x, level), span))
+                    || [x - 1, x + 1].into_iter().any(|side| self.visit((side, level), (from, to)))
+                {
+                    return Ok(true);
                 }
             }
         }
-        false
+        Ok(false)
+    }
+
+    /// Computes where the box does not fit on a line.
+    fn find_blocked(&mut self, (x, y): (i32, i32)) {
+        let BoxSize { x: width, y: height, z: depth } = self.space.size;
+        let mut blocked = Blocked::new();
+        for level in y..y + height {
+            let flat = self.flat.entry((x, level)).or_insert_with(|| {
+                let cells = (x..x + width).filter_map(|x| self.space.solid.get(&(x, level))).flatten();
+                joined(cells.map(|z| (z - depth + 1, *z)).collect())
+            });
+            blocked.extend_from_slice(flat);
+        }
+        self.blocked.insert((x, y), joined(blocked));
     }
 
     /// Queues the unseen runs of a line that meet the closed interval `(from, to)`. Returns true if one is unbounded.
-    fn visit(
-        &self,
-        (x, y): (i32, i32),
-        (from, to): (i32, i32),
-        seen: &mut HashSet<Run, foldhash::fast::RandomState>,
-        open: &mut Vec<Run>,
-    ) -> bool {
-        let Some(blocked) = self.lines.get(&(x, y)) else { return true };
+    fn visit(&mut self, line: (i32, i32), (from, to): (i32, i32)) -> bool {
+        if !self.blocked.contains_key(&line) {
+            self.find_blocked(line);
+        }
+        let blocked = &self.blocked[&line];
         // Run k lies between obstacle k - 1 and obstacle k.
         let first = blocked.partition_point(|&(_, end)| end < from);
         for number in first..=blocked.len() {
@@ -123,8 +167,8 @@ impl FreeSpace {
             if number == 0 || number == blocked.len() {
                 return true;
             }
-            if seen.insert((x, y, number)) {
-                open.push((x, y, number));
+            if self.seen.insert((line.0, line.1, number)) {
+                self.open.push((line.0, line.1, number));
             }
         }
         false
@@ -178,7 +222,7 @@ mod tests {
             let size = BoxSize { x: size.0, y: size.1, z: size.2 };
             let starts = [Cell::new(start.0, start.1, start.2)];
             let expected = escapes_by_flooding(&solid, &bounds, size, &starts);
-            prop_assert_eq!(FreeSpace::new(&solid, &bounds, size).escapes(starts), expected);
+            prop_assert_eq!(FreeSpace::new(&solid, &bounds, size).escapes(starts, &Control::unhurried()), Ok(expected));
         }
     }
 
@@ -187,6 +231,14 @@ mod tests {
         let solid = [Cell::new(-30_000_000, 0, -30_000_000), Cell::new(30_000_000, 5, 30_000_000)];
         let bounds = Bounds::of(solid).unwrap();
         let space = FreeSpace::new(&solid, &bounds, BoxSize { x: 2, y: 2, z: 1 });
-        assert!(space.escapes([bounds.centre()]));
+        assert_eq!(space.escapes([bounds.centre()], &Control::unhurried()), Ok(true));
+    }
+
+    #[test]
+    fn a_search_can_be_stopped() {
+        let solid = [Cell::new(0, 0, 0), Cell::new(0, 0, 9)];
+        let space = FreeSpace::new(&solid, &Bounds::of(solid).unwrap(), BoxSize { x: 1, y: 1, z: 1 });
+        let stopped = Control { stop: &|| true, ..Control::unhurried() };
+        assert_eq!(space.escapes([Cell::new(0, 0, 5)], &stopped), Err(Stopped));
     }
 }

@@ -4,6 +4,7 @@
 //! Natural ground fills all cells below y = 0. A terrain is a dense grid, so the extent of a build is limited to
 //! [`MAX_EXTENT`].
 
+use std::cell::OnceCell;
 use std::ops::Range;
 
 use super::air_runs::AirRuns;
@@ -30,6 +31,8 @@ pub struct Terrain {
     size: [i32; 3],
     cells: Vec<u8>,
     doors: Vec<Cell>,
+    /// For each cell, whether a player can stand in it; computed when it is first asked for.
+    stands: OnceCell<Vec<bool>>,
 }
 
 /// A region of air that walls, floors, roofs and closed doors separate from the rest.
@@ -62,8 +65,8 @@ impl Terrain {
         let min = Cell::new(bounds.min.x - MARGIN, 0, bounds.min.z - MARGIN);
         let top = bounds.max.y.max(0) + HEAD_ROOM;
         let size = [bounds.max.x + MARGIN - min.x + 1, top + 1, bounds.max.z + MARGIN - min.z + 1];
-        let mut terrain =
-            Self { bounds, min, size, cells: vec![0; (size[0] * size[1] * size[2]) as usize], doors: Vec::new() };
+        let cells = vec![0; (size[0] * size[1] * size[2]) as usize];
+        let mut terrain = Self { bounds, min, size, cells, doors: Vec::new(), stands: OnceCell::new() };
         let doors = structure.palette().mask(is_door);
         // As listed, a carpet is a full block and a ladder no way up.
         let is_game = structure.is_read_as_game();
@@ -132,11 +135,27 @@ impl Terrain {
     /// Returns whether a player can stand in the cell. Doors do not block the way.
     #[must_use]
     pub fn can_stand(&self, feet: Cell) -> bool {
-        let below = feet.offset(0, -1, 0);
-        self.index(feet).is_some()
-            && (self.is_solid(below) || self.has(feet, LADDER) || self.has(below, LADDER))
-            && !self.is_solid(feet)
-            && !self.is_solid(feet.offset(0, 1, 0))
+        self.index(feet).is_some_and(|index| self.stands()[index])
+    }
+
+    /// Returns for each cell of the grid whether a player can stand in it.
+    fn stands(&self) -> &[bool] {
+        self.stands.get_or_init(|| {
+            let level = self.level();
+            let below = std::iter::repeat_n(SOLID, level).chain(self.cells.iter().copied());
+            let above = self.cells[level..].iter().copied().chain(std::iter::repeat_n(0, level));
+            let around = self.cells.iter().zip(below).zip(above);
+            around
+                .map(|((own, below), above)| {
+                    (below & (SOLID | LADDER) | own & LADDER) != 0 && (own | above) & SOLID == 0
+                })
+                .collect()
+        })
+    }
+
+    /// Returns the number of cells of a level.
+    const fn level(&self) -> usize {
+        (self.size[0] * self.size[2]) as usize
     }
 
     /// Returns whether a player can stand in the cell on a block or on natural ground, and not on the rungs of a
@@ -146,10 +165,16 @@ impl Terrain {
         self.can_stand(feet) && self.is_solid(feet.offset(0, -1, 0)) && !self.has(feet, LADDER)
     }
 
-    /// Returns whether a player can stand in every cell of the square of `width` by `width` cells, on the level of
-    /// `feet`, whose least x and z are at `feet`.
-    fn can_stand_square(&self, feet: Cell, width: i32) -> bool {
-        (0..width).all(|dx| (0..width).all(|dz| self.can_stand(feet.offset(dx, 0, dz))))
+    /// Returns the index of a cell if a player can stand in every cell of the square of `width` by `width` cells, on its
+    /// level, whose least x and z are there.
+    fn stand_square(&self, feet: Cell, width: i32) -> Option<usize> {
+        let index = self.index(feet)?;
+        let [x, z] = [feet.x - self.min.x, feet.z - self.min.z];
+        let is_inside = x + width <= self.size[0] && z + width <= self.size[2];
+        let rows = (0..width).map(|dx| index + (dx * self.size[2]) as usize);
+        let stands = self.stands();
+        (is_inside && rows.into_iter().all(|row| stands[row..row + width as usize].iter().all(|stands| *stands)))
+            .then_some(index)
     }
 
     /// Returns the squares of `width` by `width` cells that lie beside the build on natural ground, each as its cell of
@@ -169,7 +194,7 @@ impl Terrain {
         let mut seen = vec![false; self.cells.len()];
         let mut reached: Vec<Cell> = Vec::new();
         for start in starts {
-            if let Some(index) = self.index(start).filter(|_| self.can_stand_square(start, width))
+            if let Some(index) = self.stand_square(start, width)
                 && !std::mem::replace(&mut seen[index], true)
             {
                 reached.push(start);
@@ -182,22 +207,19 @@ impl Terrain {
                 let rungs = if up.y > from.y { from } else { up };
                 if step > 0
                     && self.has(rungs, LADDER)
-                    && let Some(index) = self.index(up)
-                    && !seen[index]
-                    && self.can_stand_square(up, width)
+                    && let Some(index) = self.stand_square(up, width)
+                    && !std::mem::replace(&mut seen[index], true)
                 {
-                    seen[index] = true;
                     reached.push(up);
                 }
             }
             for side in from.side_neighbours() {
                 for dy in -step..=step {
                     let to = side.offset(0, dy, 0);
-                    let Some(index) = self.index(to) else { continue };
+                    let Some(index) = self.stand_square(to, width).filter(|index| !seen[*index]) else { continue };
                     // A step up needs head room above the cell it starts from, a step down above the cell it leads to.
                     let head = if dy > 0 { from } else { to };
-                    let has_room = dy == 0 || !self.is_solid(head.offset(0, 2, 0));
-                    if !seen[index] && has_room && self.can_stand_square(to, width) {
+                    if dy == 0 || !self.is_solid(head.offset(0, 2, 0)) {
                         seen[index] = true;
                         reached.push(to);
                     }
@@ -242,7 +264,7 @@ impl Terrain {
 
     /// Counts the cells of a run of air along z for which [`Self::is_floor`] holds.
     fn floor_cells(&self, run: Range<usize>) -> u32 {
-        let level = (self.size[0] * self.size[2]) as usize;
+        let level = self.level();
         let is_solid = |index: Option<usize>| index.and_then(|at| self.cells.get(at)).is_some_and(|at| at & SOLID != 0);
         let is_floor = |index: &usize| {
             (*index < level || is_solid(index.checked_sub(level)))

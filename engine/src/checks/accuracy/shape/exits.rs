@@ -4,7 +4,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::contains_lower;
-use crate::checks::{Finding, Rule, Subject};
+use crate::checks::{Finding, Subject};
+use crate::elasticity::Stopped;
 use crate::voxel::free_space::{BoxSize, FreeSpace};
 use crate::voxel::{Bounds, Cell, Structure};
 
@@ -44,6 +45,14 @@ impl HasExit {
     pub const fn volume(&self) -> u64 {
         (self.width.0 * self.depth.0 * self.height.0) as u64
     }
+
+    /// Scores the subject.
+    ///
+    /// # Errors
+    /// Returns an error if the subject's control stops the search.
+    pub fn evaluate(&self, subject: &Subject<'_>) -> Result<Finding, Stopped> {
+        exit_finding(subject, [self.width.0, self.depth.0, self.height.0], self.start_material.as_deref())
+    }
 }
 
 impl HasWideExit {
@@ -51,6 +60,14 @@ impl HasWideExit {
     #[must_use]
     pub const fn volume(&self) -> u64 {
         (self.width.0 * self.width.0 * 2) as u64
+    }
+
+    /// Scores the subject.
+    ///
+    /// # Errors
+    /// Returns an error if the subject's control stops the search.
+    pub fn evaluate(&self, subject: &Subject<'_>) -> Result<Finding, Stopped> {
+        exit_finding(subject, [self.width.0, self.width.0, 2], self.start_material.as_deref())
     }
 }
 
@@ -96,41 +113,29 @@ pub(super) fn starts(structure: &Structure, bounds: &Bounds, start_material: Opt
     }
 }
 
-fn exit_finding(subject: &Subject<'_>, size: [i32; 3], start_material: Option<&str>) -> Finding {
+fn exit_finding(subject: &Subject<'_>, size: [i32; 3], start_material: Option<&str>) -> Result<Finding, Stopped> {
     let [width, depth, height] = size;
     let required: Value = json!({ "exit": { "width": width, "depth": depth, "height": height } });
     let structure = subject.structure;
     let Some(bounds) = structure.bounds() else {
-        return Finding::nothing_stands(true, required);
+        return Ok(Finding::nothing_stands(true, required));
     };
     let starts = starts(structure, &bounds, start_material);
     if starts.is_empty() {
         let summary = format!("no block matches {:?}: no exit is required", start_material.unwrap_or_default());
-        return Finding::binary(true, json!(null), required, summary).vacuous_if(true);
+        return Ok(Finding::binary(true, json!(null), required, summary).vacuous_if(true));
     }
     let solid = structure.cells_of(|name| !contains_lower(name, "door") && !contains_lower(name, "bed"));
     let beside = |start: &Cell| std::iter::once(*start).chain(start.side_neighbours());
     let escapes = |x: i32, z: i32| {
         let space = FreeSpace::new(&solid, &bounds, BoxSize { x, y: height, z });
-        space.escapes(starts.iter().flat_map(beside))
+        space.escapes(starts.iter().flat_map(beside), subject.control)
     };
-    let holds = escapes(width, depth) || (width != depth && escapes(depth, width));
+    let holds = escapes(width, depth)? || (width != depth && escapes(depth, width)?);
     let summary = format!(
         "a box {width} wide, {depth} deep and {height} high {} out",
         if holds { "gets" } else { "does not get" }
     );
     let finding = Finding::binary(holds, holds, required, summary);
-    if holds { finding } else { finding.with_witnesses(starts, "start") }
-}
-
-impl Rule for HasExit {
-    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        exit_finding(subject, [self.width.0, self.depth.0, self.height.0], self.start_material.as_deref())
-    }
-}
-
-impl Rule for HasWideExit {
-    fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        exit_finding(subject, [self.width.0, self.width.0, 2], self.start_material.as_deref())
-    }
+    Ok(if holds { finding } else { finding.with_witnesses(starts, "start") })
 }
