@@ -64,12 +64,16 @@ fn options_and_variables_of_examples_exist() {
             assert!(options.contains(&format!("{option} ")), "{command}: there is no {option}");
         }
     }
-    // The image is built with a profile and a feature of the manifest.
-    let (image, manifest) = (text_of("Containerfile"), std::fs::read_to_string(repository("Cargo.toml")).unwrap());
-    for (option, section) in [("--profile", "profile"), ("--features", "features")] {
-        let name = image.split_once(&format!("{option} ")).unwrap().1.split_whitespace().next().unwrap();
+    // The image and a release are built with a profile and a feature of the manifest.
+    let manifest = std::fs::read_to_string(repository("Cargo.toml")).unwrap();
+    let built = [text_of("Containerfile"), text_of("release")];
+    for (text, (option, section)) in built
+        .iter()
+        .flat_map(|text| [("--profile", "profile"), ("--features", "features")].map(|option| (text, option)))
+    {
+        let name = text.split_once(&format!("{option} ")).unwrap().1.split_whitespace().next().unwrap();
         let wanted = if section == "profile" { format!("[profile.{name}]") } else { format!("\n{name} = [") };
         assert!(manifest.contains(&wanted), "{wanted}");
-        assert!(image.contains(&format!("/target/{name}/plumbline")) || section == "features");
+        assert!(text.contains(&format!("/{name}/plumbline")) || section == "features");
     }
 }
