@@ -12,6 +12,9 @@ use anyhow::Context as _;
 use plumbline_engine::elasticity::{Control, fem};
 use plumbline_engine::voxel::Cell;
 
+/// A name, and what makes the blocks.
+type Structure = (&'static str, fn() -> Vec<Cell>);
+
 /// Number of solutions of each structure.
 const ROUNDS: usize = 3;
 
@@ -38,7 +41,7 @@ fn roof(side: i32) -> Vec<Cell> {
 
 fn main() -> anyhow::Result<()> {
     let name = std::env::args().nth(1);
-    let structures: [(&str, fn() -> Vec<Cell>); 12] = [
+    let structures: [Structure; 12] = [
         ("cube-10", || cuboid(10, 10, 10)),
         ("cube-22", || cuboid(22, 22, 22)),
         ("cube-37", || cuboid(37, 37, 37)),

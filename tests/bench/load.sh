@@ -1,12 +1,13 @@
 #!/usr/bin/env bash
 # Load on the build for production, client and server on the same cores: bash tests/bench/load.sh [SECONDS]
-# Needs wrk (Debian: wrk). Prints offered and achieved rate, latencies, errors, and the server's memory.
+# Needs wrk (Debian: wrk). Prints offered and achieved rate, latencies, errors, ratios of medians, and the server's memory.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 seconds=${1:-10}
 command -v wrk >/dev/null || { echo "load.sh: wrk is missing (Debian: apt-get install wrk)"; exit 1; }
 cargo build --profile dist --features jemalloc --quiet --bins --examples
-program=target/dist/plumbline
+built=${CARGO_TARGET_DIR:-target}/dist
+program=$built/plumbline
 work=$(mktemp -d)
 server=
 stop() { if [ -n "$server" ]; then kill "$server" 2>/dev/null || true; wait "$server" 2>/dev/null || true; fi; server=; }
@@ -21,10 +22,16 @@ start() { # arguments of serve
 }
 memory() { awk '/VmRSS|VmHWM/ { printf "%s %d MiB  ", $1, $2 / 1024 } END { print "" }' "/proc/$server/status"; }
 load() { # name, path, connections; settings in the environment
-    printf '%-46s' "$1"
+    printf '%-46s' "$1" | tee -a "$work/rates"
     BODIES=${BODIES:-$work/bodies} LOAD_PATH=$2 CONNECTIONS=$3 \
         wrk --threads 1 --connections "$3" --duration "${seconds}s" --timeout 30s --script tests/bench/load.lua "http://127.0.0.1:${PORT:-8099}" |
-        grep '^offered'
+        grep '^offered' | tee -a "$work/rates"
+}
+median() { # of the logs a second of all loads whose names begin so
+    grep "^$1" "$work/rates" | sed 's/.*(\([0-9]*\) logs.*/\1/' | sort -n | awk '{ at[NR] = $1 } END { print at[int((NR + 1) / 2)] }'
+}
+ratio() { # what it says, two names
+    awk -v name="$1" -v one="$(median "$2")" -v other="$(median "$3")" 'BEGIN { printf "%-46s%.2f\n", name, one / other }'
 }
 
 # Builds of 100 to 300 events without a stress check.
@@ -39,16 +46,21 @@ memory
 start
 load "grade, cache on" /v1/grade 32
 memory
+start --workers 0
+load "accepted alone, durable, one a POST" /v1/submissions 256
 start
-load "submit, durable, one a POST" /v1/submissions 256
+begun=$(date +%s%N)
+load "submitted, durable, one a POST" /v1/submissions 256
 memory
-graded() { curl -s localhost:8099/metrics | awk '/^plumbline_graded_total/ { print $2 }'; }
-before=$(graded); sleep 2; after=$(graded)
-echo "graded since the start: ${after:-0}; in the 2 s after: $((${after:-0} - ${before:-0}))"
+metric() { curl -s localhost:8099/metrics | awk -v name="^$1" '$0 ~ name { sum += $2 } END { print sum + 0 }'; }
+accepted=$(metric 'plumbline_http_requests_total.*status="202"')
+while [ "$(metric plumbline_graded_total)" -lt "$accepted" ]; do sleep 0.05; done
+took_ms=$((($(date +%s%N) - begun) / 1000000))
+echo "submitted, graded and signed: $accepted in $took_ms ms, $((accepted * 1000 / took_ms))/s; accepted alone $(median 'accepted alone')/s"
 # A board with rows, and the same bytes from a bare axum route, in turn.
 "$program" submit tests/conformance/run.jsonl --agent load --server http://127.0.0.1:8099 >/dev/null 2>&1
 board=/v1/leaderboards/mineceraft@1
-target/dist/examples/bare_route 127.0.0.1:8098 "http://127.0.0.1:8099$board" &
+$built/examples/bare_route 127.0.0.1:8098 "http://127.0.0.1:8099$board" &
 bare=$!
 sleep 0.5
 for round in 1 2 3; do
@@ -64,10 +76,14 @@ for round in 1 2 3; do
 done
 kill "$bare"
 memory
+RATE=$(($(median 'grade, cache off, round') / 2)) load "grade at half of that" /v1/grade 32
+ratio "a board / bare" "a board, round" "the same bytes, bare, round"
+ratio "grade / bare" "grade, cache off, round" "the same bodies, bare, round"
+ratio "a batch / grade" "batch of 100, round" "grade, cache off, round"
 # Ten thousand connections that send nothing, a thousand whose bodies trickle, and how others are served meanwhile.
 start
 ulimit -n "$(ulimit -Hn)"
-target/dist/examples/slow_clients 127.0.0.1:8099 10000 1000 15
+$built/examples/slow_clients 127.0.0.1:8099 10000 1000 15
 memory
 # Sixteen thousand at once.
 load "grade, 16,000 connections" /v1/grade 16000 &

@@ -6,6 +6,8 @@
 //! into, are stored, one after another. Parts that are not neighbours are moved together if that fills blocks better.
 //! Particles without neighbours are not stored.
 
+use std::ops::Range;
+
 use super::neighbours::DIRECTIONS;
 use crate::voxel::{Cell, CellMap};
 
@@ -57,6 +59,27 @@ impl Lattice {
         }
         let (fewer, packed) = Numbering::best(&side_by_side(cells));
         Self::from_numbers(if fewer < blocks { &packed } else { &numbering })
+    }
+
+    /// Returns the indices in a field that a range of blocks spans.
+    #[must_use]
+    pub fn places(&self, blocks: &Range<usize>) -> Range<usize> {
+        let at = |block: usize| self.blocks.get(block).map_or(self.len, |block| block.slot);
+        at(blocks.start)..at(blocks.end)
+    }
+
+    /// Returns the greatest distance, in `blocks`, between a block and one that a window of it shows.
+    #[must_use]
+    pub fn reach(&self) -> usize {
+        let before = |slot: usize| self.blocks.partition_point(|block| block.slot < slot);
+        let seen = |own: usize, window: &u32| match *window as usize {
+            0 => 0,
+            // A window shows parts of two runs of eight numbers.
+            first => own.abs_diff(before(first + 1 - BLOCK)).max(own.abs_diff(before(first + BLOCK) - 1)),
+        };
+        let windows = |block: &Block| block.ahead.into_iter().chain(block.behind);
+        let of_block = |(own, block)| windows(block).map(|window| seen(own, &window)).max().unwrap_or(0);
+        self.blocks.iter().enumerate().map(of_block).max().unwrap_or(0)
     }
 
     fn from_numbers(numbering: &Numbering) -> Self {

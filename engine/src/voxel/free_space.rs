@@ -68,7 +68,6 @@ impl FreeSpace {
     /// on the same level or one up or down. Starts at which the box does not fit are skipped.
     ///
     /// The box has left once it reaches a run without an obstacle at one end: along that run it can move without limit.
-    #[must_use]
     ///
     /// # Errors
     /// Returns an error if `control` stops the search.

@@ -3,6 +3,8 @@
 
 #![expect(clippy::inline_always, reason = "so that the loops are compiled for the processor that the caller chose")]
 
+use std::ops::Range;
+
 use crate::elasticity::lattice::BLOCK;
 
 /// `N` numbers per cell of the lattice, stored component after component.
@@ -46,10 +48,13 @@ impl<const N: usize> Fields<N> {
         self.components.each_ref().map(Vec::as_slice)
     }
 
-    /// Returns all components for writing.
+    /// Returns a range of all components for writing.
     #[must_use]
-    pub fn part(&mut self) -> Part<'_, N> {
-        Part { first: 0, components: self.components.each_mut().map(Vec::as_mut_slice) }
+    pub fn part(&mut self, range: Range<usize>) -> Part<'_, N> {
+        Part {
+            first: range.start,
+            components: self.components.each_mut().map(|component| &mut component[range.clone()]),
+        }
     }
 }
 
