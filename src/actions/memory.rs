@@ -34,8 +34,8 @@ impl PeakMemory {
         self.read().map_or(0, |now| now.saturating_sub(self.before))
     }
 
-    /// Returns the peak memory without pages of files: how much of the program is in memory depends on the system, and
-    /// in a process that was just forked most of it is read in while the script runs.
+    /// Returns the peak memory less the pages of files that are there now: how much of the program is in memory depends
+    /// on the system, and in a process that was just forked most of it is read in while the script runs.
     fn read(&self) -> Option<u64> {
         let mut text = [0; 4_096];
         let length = self.status?.read_at(&mut text, 0).ok()?;
@@ -44,6 +44,6 @@ impl PeakMemory {
             let line = text.lines().find_map(|line| line.strip_prefix(name))?;
             line.trim().strip_suffix("kB")?.trim().parse().ok()
         };
-        Some(kib("VmHWM:")?.saturating_sub(kib("RssFile:")?) << 10)
+        Some(kib("VmHWM:")?.saturating_sub(kib("RssFile:").unwrap_or(0)) << 10)
     }
 }

@@ -5,6 +5,7 @@ stress check. Meanwhile a sixth owner posts builders' logs, one after another, a
 the five come and while they are there. Client and service share the machine.
 """
 
+import atexit
 import http.client
 import json
 import random
@@ -14,6 +15,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 
 SCATTERED = "bedrooms/r5-build"
 STRESSED = "stressed"
@@ -66,6 +68,16 @@ def summary(times: list[float]) -> str:
 def observe(until: float, logs: list[bytes], keys: tuple[str, str]) -> tuple[list[float], list[float]]:
     graded: list[float] = []
     answered: list[float] = []
+    faults: list[BaseException] = []
+
+    def noting(work: Callable[[], None]) -> Callable[[], None]:
+        def run_and_note() -> None:
+            try:
+                work()
+            except BaseException as fault:
+                faults.append(fault)
+
+        return run_and_note
 
     def submitter() -> None:
         at = 0
@@ -89,18 +101,24 @@ def observe(until: float, logs: list[bytes], keys: tuple[str, str]) -> tuple[lis
             at += 1
             time.sleep(0.05)
 
-    threads = [threading.Thread(target=submitter), threading.Thread(target=trainer)]
+    threads = [threading.Thread(target=noting(submitter)), threading.Thread(target=noting(trainer))]
     [one.start() for one in threads]
     [one.join() for one in threads]
+    if faults:
+        raise faults[0]
     return graded, answered
 
 
 command = [program, "serve", "--listen", "127.0.0.1:0", "--database", database, "--rate-per-key", "0", "--grade-cache-mib", "0"]
 process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
+atexit.register(process.kill)
+address = None
 for line in process.stderr:
     if "http://" in line:
         address = line.split("http://")[1].split("/")[0].strip()
         break
+if address is None:
+    sys.exit("the program ended before it listened")
 threading.Thread(target=lambda: [None for _ in process.stderr], daemon=True).start()
 
 owners = [key(f"crowd{number}") for number in range(OWNERS)]
@@ -126,4 +144,3 @@ print(f"{len(ids)} logs of five owners wait")
 print("among them: submitted until graded, then /v1/grade:", *[summary(times) for times in observe(time.monotonic() + seconds, small, own_keys)], sep="\n  ")
 left = [id for owner, id in ids if request("GET", f"/v1/submissions/{id}", owner)[1]["state"] in ("queued", "grading")]
 print(f"{len(left)} of their logs still wait")
-process.kill()

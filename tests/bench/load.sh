@@ -54,13 +54,16 @@ load "submitted, durable, one a POST" /v1/submissions 256
 memory
 metric() { curl -s localhost:8099/metrics | awk -v name="^$1" '$0 ~ name { sum += $2 } END { print sum + 0 }'; }
 accepted=$(metric 'plumbline_http_requests_total.*status="202"')
-while [ "$(metric plumbline_graded_total)" -lt "$accepted" ]; do sleep 0.05; done
+until [ "$(metric plumbline_graded_total)" -ge "$accepted" ]; do
+    kill -0 "$server" && [ $(($(date +%s%N) - begun)) -lt 300000000000 ] || { echo "load.sh: not all of $accepted submissions were graded"; exit 1; }
+    sleep 0.05
+done
 took_ms=$((($(date +%s%N) - begun) / 1000000))
 echo "submitted, graded and signed: $accepted in $took_ms ms, $((accepted * 1000 / took_ms))/s; accepted alone $(median 'accepted alone')/s"
 # A board with rows, and the same bytes from a bare axum route, in turn.
 "$program" submit tests/conformance/run.jsonl --agent load --server http://127.0.0.1:8099 >/dev/null 2>&1
 board=/v1/leaderboards/mineceraft@1
-$built/examples/bare_route 127.0.0.1:8098 "http://127.0.0.1:8099$board" &
+"$built"/examples/bare_route 127.0.0.1:8098 "http://127.0.0.1:8099$board" &
 bare=$!
 sleep 0.5
 for round in 1 2 3; do
@@ -83,7 +86,7 @@ ratio "a batch / grade" "batch of 100, round" "grade, cache off, round"
 # Ten thousand connections that send nothing, a thousand whose bodies trickle, and how others are served meanwhile.
 start
 ulimit -n "$(ulimit -Hn)"
-$built/examples/slow_clients 127.0.0.1:8099 10000 1000 15
+"$built"/examples/slow_clients 127.0.0.1:8099 10000 1000 15
 memory
 # Sixteen thousand at once.
 load "grade, 16,000 connections" /v1/grade 16000 &

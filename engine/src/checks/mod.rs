@@ -25,7 +25,8 @@ use accuracy::{blocks, material, shape, size};
 use planning::{dependency, efficiency, layers};
 use safety::{equilibrium, plausibility, stability};
 
-/// Version of this implementation of the published rules. Any change that can alter a score increments it.
+/// Version of this implementation of the published rules. Any change that can alter a score by more than the rounding of a
+/// solver, 1e-6, increments it.
 ///
 /// Version 2: the stress simulation sums in another order, so scores differ from those of version 1 by rounding.
 pub const CHECKS_VERSION: u32 = 2;

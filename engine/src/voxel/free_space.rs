@@ -8,8 +8,8 @@ use std::collections::{HashMap, HashSet};
 use super::cell::{Bounds, Cell};
 use crate::elasticity::{Control, Stopped};
 
-/// Number of runs that are followed between two polls of the stop signal: some milliseconds.
-const RUNS_PER_LOOK: usize = 1_000;
+/// Number of lines that are computed between two polls of the stop signal.
+const LINES_PER_LOOK: usize = 1_000;
 
 /// Size of a moving box in cells along x, y and z; each is at least 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,7 +38,8 @@ pub struct FreeSpace {
     max_y: i32,
 }
 
-/// A search, which finds out where the box fits as far as it goes: a large box has hundreds of lines for each cell.
+/// A search. It computes where the box fits only on the lines that it reaches: a large box has hundreds of lines for each
+/// cell.
 #[derive(Debug)]
 struct Search<'a> {
     space: &'a FreeSpace,
@@ -80,8 +81,10 @@ impl FreeSpace {
             seen: HashSet::default(),
             open: Vec::new(),
         };
-        if starts.into_iter().any(|start| search.visit((start.x, start.y), (start.z, start.z))) {
-            return Ok(true);
+        for start in starts {
+            if search.visit((start.x, start.y), (start.z, start.z))? {
+                return Ok(true);
+            }
         }
         search.gets_out()
     }
@@ -97,18 +100,14 @@ fn joined(mut blocked: Blocked) -> Blocked {
         }
         joins
     });
+    blocked.shrink_to_fit();
     blocked
 }
 
 impl Search<'_> {
     /// Follows the queued runs. Returns true once one is unbounded.
     fn gets_out(&mut self) -> Result<bool, Stopped> {
-        let mut followed = 0_usize;
         while let Some((x, y, number)) = self.open.pop() {
-            if followed.is_multiple_of(RUNS_PER_LOOK) {
-                self.control.check(0.0)?;
-            }
-            followed += 1;
             let Some((from, to)) = self.blocked.get(&(x, y)).and_then(|line| free_run(line, number)) else {
                 return Ok(true);
             };
@@ -122,10 +121,11 @@ impl Search<'_> {
                     (_, true) => &[(from - 1, from - 1), (from + 1, from + 1)],
                     (_, false) => &[(from - 1, to + 1)],
                 };
-                if beside.iter().any(|&span| self.visit((x, level), span))
-                    || [x - 1, x + 1].into_iter().any(|side| self.visit((side, level), (from, to)))
-                {
-                    return Ok(true);
+                let above_or_below = beside.iter().map(|span| (x, *span));
+                for (x, span) in above_or_below.chain([x - 1, x + 1].map(|side| (side, (from, to)))) {
+                    if self.visit((x, level), span)? {
+                        return Ok(true);
+                    }
                 }
             }
         }
@@ -133,7 +133,10 @@ impl Search<'_> {
     }
 
     /// Computes where the box does not fit on a line.
-    fn find_blocked(&mut self, (x, y): (i32, i32)) {
+    fn find_blocked(&mut self, (x, y): (i32, i32)) -> Result<(), Stopped> {
+        if self.blocked.len().is_multiple_of(LINES_PER_LOOK) {
+            self.control.check(0.0)?;
+        }
         let BoxSize { x: width, y: height, z: depth } = self.space.size;
         let mut blocked = Blocked::new();
         for level in y..y + height {
@@ -144,12 +147,13 @@ impl Search<'_> {
             blocked.extend_from_slice(flat);
         }
         self.blocked.insert((x, y), joined(blocked));
+        Ok(())
     }
 
     /// Queues the unseen runs of a line that meet the closed interval `(from, to)`. Returns true if one is unbounded.
-    fn visit(&mut self, line: (i32, i32), (from, to): (i32, i32)) -> bool {
+    fn visit(&mut self, line: (i32, i32), (from, to): (i32, i32)) -> Result<bool, Stopped> {
         if !self.blocked.contains_key(&line) {
-            self.find_blocked(line);
+            self.find_blocked(line)?;
         }
         let blocked = &self.blocked[&line];
         // Run k lies between obstacle k - 1 and obstacle k.
@@ -164,13 +168,13 @@ impl Search<'_> {
                 continue;
             }
             if number == 0 || number == blocked.len() {
-                return true;
+                return Ok(true);
             }
             if self.seen.insert((line.0, line.1, number)) {
                 self.open.push((line.0, line.1, number));
             }
         }
-        false
+        Ok(false)
     }
 }
 

@@ -6,8 +6,6 @@ use crate::elasticity::{Control, Stopped};
 
 /// Residual force, relative to the load, at which a solution is accepted.
 pub const TOLERANCE: f64 = 1e-8;
-/// Residual force after rounding, relative to the load, beyond which a solution is none.
-const MAX_ROUNDING: f64 = 1e-3;
 /// Greatest number of iterations: ten times what any structure tried has needed.
 const MAX_ITERATIONS: usize = 1_500;
 /// Greatest product of iterations and blocks, some twenty seconds: twice what any structure tried has needed.
@@ -20,8 +18,7 @@ const WORK_PER_LOOK: usize = 10_000;
 pub struct Convergence {
     /// Number of iterations.
     pub iterations: u32,
-    /// Whether the residual that the iterations update reached [`TOLERANCE`], and rounding left little of it in the
-    /// solution.
+    /// Whether the residual that the iterations update reached [`TOLERANCE`].
     pub is_solved: bool,
     /// Norm of the residual force, recomputed from the solution, relative to that of the load. If displacements are
     /// many times a block's size, rounding leaves more than the tolerance.
@@ -75,6 +72,10 @@ pub fn solve(
             control.check((convergence.relative_residual.log10() / TOLERANCE.log10()).clamp(0.0, 1.0))?;
         }
         levels.step(system, &residual, &mut step);
+        if dot(&step, &residual) <= 0.0 {
+            // No step of a sound preconditioner leads there; the way downhill always does.
+            step.copy_from_slice(&residual);
+        }
         // The preconditioner is not quite the same in each iteration, so the direction is made conjugate explicitly.
         let energy = dot(&direction, &pulled);
         let part = if energy > 0.0 { dot(&step, &pulled) / energy } else { 0.0 };
@@ -93,7 +94,6 @@ pub fn solve(
     }
     system.release(&mut pulled);
     convergence.relative_residual = dot(&pulled, &pulled).sqrt() / scale;
-    convergence.is_solved &= convergence.relative_residual <= MAX_ROUNDING;
     Ok(convergence)
 }
 

@@ -7,7 +7,8 @@ use nalgebra::{Matrix6, Vector6};
 use super::block_matrix::BlockMatrix;
 use super::groups::MOTIONS;
 
-/// Fraction of the diagonal up to which a pivot marks a motion that depends on others, as the rotation of a single node.
+/// Fraction of the diagonal up to which a pivot is left out: its motion depends on others, as the rotation of a single
+/// node, or so little resists it, as the end of a very long beam, that rounding would decide.
 const DEPENDENT: f64 = 1e-9;
 
 /// Lower triangular factor, by columns, of a matrix in the order in which its groups are eliminated.

@@ -22,8 +22,9 @@ const SOLID: f64 = 1.5;
 const LEAST_EDGE: f64 = 4.0;
 /// Number of products by which the greatest eigenvalue of smoothed equations is estimated.
 const ESTIMATES: usize = 8;
-/// Weight of a smoothing step times the estimate. The product with the eigenvalue itself must stay below two.
-const WEIGHT: f64 = 1.7;
+/// Weight of a smoothing step times the estimate. The product with the eigenvalue itself, of which the estimate is a lower
+/// bound, must stay below two.
+const WEIGHT: f64 = 1.6;
 /// Part of the residual at which one step of a nested solution is enough.
 const ENOUGH: f64 = 0.25;
 
@@ -201,7 +202,7 @@ fn subtract(force: &[f64], apply: impl FnOnce(&mut [f64]), rest: &mut [f64]) {
     }
 }
 
-/// Returns the weight with which smoothing reduces every part of an error.
+/// Returns a weight with which smoothing reduces every part of an error, as far as an estimate tells.
 fn weight(len: usize, local: &Local, apply: impl Fn(&[f64], &mut [f64])) -> f64 {
     // Any vector that has a part of the one that is sought will do.
     let mut vector: Vec<f64> = (0..len).map(|i| 1.0 + (i as f64).sin()).collect();

@@ -65,9 +65,18 @@ impl Outcome {
                 self.iterations, self.relative_residual
             ));
         }
+        if self.is_solved && self.relative_residual > MAX_ROUNDING {
+            cautions.push(format!(
+                "the structure bends so far that rounding leaves forces of {:.1e} of the load: the figures of fem are not reliable",
+                self.relative_residual
+            ));
+        }
         cautions
     }
 }
+
+/// Residual force of a solution, relative to the load, above which its figures are not reliable.
+const MAX_ROUNDING: f64 = 1e-3;
 
 /// Solves for the equilibrium of `cells` under their weight, held at the base of the blocks at the least y. A cell
 /// listed several times is one block.

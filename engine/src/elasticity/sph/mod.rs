@@ -35,7 +35,7 @@ const RAMP_STEPS: f64 = 400.0;
 /// Work between two polls of the stop signal, in steps times blocks of eight cells: some milliseconds.
 const WORK_PER_LOOK: usize = 20_000;
 
-/// Number of blocks from which on the data of a step do not stay in the cache of a core.
+/// Least number of blocks at which the data of a step do not stay in the cache of a core.
 const LARGE_BLOCKS: usize = 500;
 /// Number of blocks by which a wave of passes goes on.
 const WAVE_BLOCKS: usize = 64;
@@ -134,7 +134,7 @@ impl Simulation {
             let next = (deformed + WAVE_BLOCKS).min(blocks);
             self.deform(deformed..next, control);
             deformed = next;
-            // Forces need the stress of all blocks in reach, and whoever moves must not be looked at any more.
+            // Forces need the stress of all blocks in reach, and a block moves once nothing reads where it was.
             let free = if deformed == blocks { blocks } else { deformed.saturating_sub(reach).max(moved) };
             if free > moved {
                 self.move_on(moved..free, load_n, control);
