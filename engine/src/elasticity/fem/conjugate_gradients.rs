@@ -72,10 +72,6 @@ pub fn solve(
             control.check((convergence.relative_residual.log10() / TOLERANCE.log10()).clamp(0.0, 1.0))?;
         }
         levels.step(system, &residual, &mut step);
-        if dot(&step, &residual) <= 0.0 {
-            // No step of a sound preconditioner leads there; the way downhill always does.
-            step.copy_from_slice(&residual);
-        }
         // The preconditioner is not quite the same in each iteration, so the direction is made conjugate explicitly.
         let energy = dot(&direction, &pulled);
         let part = if energy > 0.0 { dot(&step, &pulled) / energy } else { 0.0 };
