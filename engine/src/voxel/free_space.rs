@@ -6,7 +6,6 @@
 use std::collections::{HashMap, HashSet};
 
 use super::cell::{Bounds, Cell};
-use crate::elasticity::{Control, Stopped};
 
 /// Number of lines that are computed between two polls of the stop signal.
 const LINES_PER_LOOK: usize = 1_000;
@@ -40,10 +39,9 @@ pub struct FreeSpace {
 
 /// A search. It computes where the box fits only on the lines that it reaches: a large box has hundreds of lines for each
 /// cell.
-#[derive(Debug)]
 struct Search<'a> {
     space: &'a FreeSpace,
-    control: &'a Control<'a>,
+    is_stopped: &'a dyn Fn() -> bool,
     /// Where a box with the height of one cell does not fit, from which follows where the whole box does not.
     flat: Lines<Blocked>,
     blocked: Lines<Blocked>,
@@ -70,12 +68,11 @@ impl FreeSpace {
     ///
     /// The box has left once it reaches a run without an obstacle at one end: along that run it can move without limit.
     ///
-    /// # Errors
-    /// Returns an error if `control` stops the search.
-    pub fn escapes(&self, starts: impl IntoIterator<Item = Cell>, control: &Control<'_>) -> Result<bool, Stopped> {
+    /// Returns `None` if `is_stopped` holds, which is asked from time to time.
+    pub fn escapes(&self, starts: impl IntoIterator<Item = Cell>, is_stopped: &dyn Fn() -> bool) -> Option<bool> {
         let mut search = Search {
             space: self,
-            control,
+            is_stopped,
             flat: HashMap::default(),
             blocked: HashMap::default(),
             seen: HashSet::default(),
@@ -83,7 +80,7 @@ impl FreeSpace {
         };
         for start in starts {
             if search.visit((start.x, start.y), (start.z, start.z))? {
-                return Ok(true);
+                return Some(true);
             }
         }
         search.gets_out()
@@ -106,10 +103,10 @@ fn joined(mut blocked: Blocked) -> Blocked {
 
 impl Search<'_> {
     /// Follows the queued runs. Returns true once one is unbounded.
-    fn gets_out(&mut self) -> Result<bool, Stopped> {
+    fn gets_out(&mut self) -> Option<bool> {
         while let Some((x, y, number)) = self.open.pop() {
             let Some((from, to)) = self.blocked.get(&(x, y)).and_then(|line| free_run(line, number)) else {
-                return Ok(true);
+                return Some(true);
             };
             for dy in -1..=1 {
                 let level = y + dy;
@@ -124,18 +121,18 @@ impl Search<'_> {
                 let above_or_below = beside.iter().map(|span| (x, *span));
                 for (x, span) in above_or_below.chain([x - 1, x + 1].map(|side| (side, (from, to)))) {
                     if self.visit((x, level), span)? {
-                        return Ok(true);
+                        return Some(true);
                     }
                 }
             }
         }
-        Ok(false)
+        Some(false)
     }
 
     /// Computes where the box does not fit on a line.
-    fn find_blocked(&mut self, (x, y): (i32, i32)) -> Result<(), Stopped> {
+    fn find_blocked(&mut self, (x, y): (i32, i32)) -> Option<()> {
         if self.blocked.len().is_multiple_of(LINES_PER_LOOK) {
-            self.control.check(0.0)?;
+            (!(self.is_stopped)()).then_some(())?;
         }
         let BoxSize { x: width, y: height, z: depth } = self.space.size;
         let mut blocked = Blocked::new();
@@ -147,11 +144,11 @@ impl Search<'_> {
             blocked.extend_from_slice(flat);
         }
         self.blocked.insert((x, y), joined(blocked));
-        Ok(())
+        Some(())
     }
 
     /// Queues the unseen runs of a line that meet the closed interval `(from, to)`. Returns true if one is unbounded.
-    fn visit(&mut self, line: (i32, i32), (from, to): (i32, i32)) -> Result<bool, Stopped> {
+    fn visit(&mut self, line: (i32, i32), (from, to): (i32, i32)) -> Option<bool> {
         if !self.blocked.contains_key(&line) {
             self.find_blocked(line)?;
         }
@@ -168,13 +165,13 @@ impl Search<'_> {
                 continue;
             }
             if number == 0 || number == blocked.len() {
-                return Ok(true);
+                return Some(true);
             }
             if self.seen.insert((line.0, line.1, number)) {
                 self.open.push((line.0, line.1, number));
             }
         }
-        Ok(false)
+        Some(false)
     }
 }
 
@@ -225,7 +222,7 @@ mod tests {
             let size = BoxSize { x: size.0, y: size.1, z: size.2 };
             let starts = [Cell::new(start.0, start.1, start.2)];
             let expected = escapes_by_flooding(&solid, &bounds, size, &starts);
-            prop_assert_eq!(FreeSpace::new(&solid, &bounds, size).escapes(starts, &Control::unhurried()), Ok(expected));
+            prop_assert_eq!(FreeSpace::new(&solid, &bounds, size).escapes(starts, &|| false), Some(expected));
         }
     }
 
@@ -234,14 +231,13 @@ mod tests {
         let solid = [Cell::new(-30_000_000, 0, -30_000_000), Cell::new(30_000_000, 5, 30_000_000)];
         let bounds = Bounds::of(solid).unwrap();
         let space = FreeSpace::new(&solid, &bounds, BoxSize { x: 2, y: 2, z: 1 });
-        assert_eq!(space.escapes([bounds.centre()], &Control::unhurried()), Ok(true));
+        assert_eq!(space.escapes([bounds.centre()], &|| false), Some(true));
     }
 
     #[test]
     fn a_search_can_be_stopped() {
         let solid = [Cell::new(0, 0, 0), Cell::new(0, 0, 9)];
         let space = FreeSpace::new(&solid, &Bounds::of(solid).unwrap(), BoxSize { x: 1, y: 1, z: 1 });
-        let stopped = Control { stop: &|| true, ..Control::unhurried() };
-        assert_eq!(space.escapes([Cell::new(0, 0, 5)], &stopped), Err(Stopped));
+        assert_eq!(space.escapes([Cell::new(0, 0, 5)], &|| true), None);
     }
 }

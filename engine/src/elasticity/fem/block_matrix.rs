@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Matrix6, Vector3};
 
-use super::groups::{MOTIONS, Motions};
+use super::motions::{MOTIONS, Motions};
 use super::system::System;
 
 /// Stiffness among the rigid motions of groups. Rows have their columns ascending, the diagonal among them.

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use nalgebra::{Matrix6, Vector6};
 
 use super::block_matrix::BlockMatrix;
-use super::groups::MOTIONS;
+use super::motions::MOTIONS;
 
 /// Fraction of the diagonal up to which a pivot is left out: its motion depends on others, as the rotation of a single
 /// node, or so little resists it, as the end of a very long beam, that rounding would decide.
@@ -220,8 +220,9 @@ mod tests {
 
     use super::*;
     use crate::elasticity::fem::ELEMENT;
-    use crate::elasticity::fem::groups::{Motions, Partition};
     use crate::elasticity::fem::mesh::Mesh;
+    use crate::elasticity::fem::motions::Motions;
+    use crate::elasticity::fem::partition::Partition;
     use crate::elasticity::fem::system::System;
     use crate::voxel::Cell;
 

@@ -7,11 +7,12 @@
 use nalgebra::Vector3;
 
 use super::block_matrix::BlockMatrix;
-use super::conjugate_gradients::dot;
 use super::factor::Factor;
-use super::groups::{MOTIONS, Motions, Partition};
 use super::local::Local;
+use super::motions::{MOTIONS, Motions};
+use super::partition::Partition;
 use super::system::System;
+use super::vectors::dot;
 use crate::elasticity::{Control, Stopped};
 
 /// Work of a direct solution for each block of the structure, in multiply-adds. More would cost more than it saves.

@@ -8,7 +8,8 @@ use foldhash::fast::FixedState;
 use pulp::{Arch, Simd, WithSimd};
 
 use super::block_matrix::BlockMatrix;
-use super::groups::{MOTIONS, Partition};
+use super::motions::MOTIONS;
+use super::partition::Partition;
 use super::system::System;
 use crate::elasticity::lanes::Lanes;
 

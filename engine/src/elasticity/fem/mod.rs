@@ -13,7 +13,10 @@ mod groups;
 mod levels;
 mod local;
 mod mesh;
+mod motions;
+mod partition;
 mod system;
+mod vectors;
 #[cfg(test)]
 mod verification;
 

@@ -35,8 +35,8 @@ const RAMP_STEPS: f64 = 400.0;
 /// Work between two polls of the stop signal, in steps times blocks of eight cells: some milliseconds.
 const WORK_PER_LOOK: usize = 20_000;
 
-/// Least number of blocks at which the data of a step do not stay in the cache of a core.
-const LARGE_BLOCKS: usize = 500;
+/// Least number of blocks at which the data of a step do not stay in the cache.
+const LARGE_BLOCKS: usize = 5_000;
 /// Number of blocks by which a wave of passes goes on.
 const WAVE_BLOCKS: usize = 64;
 
@@ -299,8 +299,9 @@ mod tests {
             let cells: Vec<Cell> = cells.iter().copied().chain(repeated).collect();
             let mut in_waves = Simulation::new(Arch::new(), &cells);
             let mut in_turn = Simulation::new(Arch::new(), &cells);
-            assert!(in_waves.reach.is_some_and(|reach| 4 * reach < in_waves.particles.lattice.blocks.len()));
-            in_turn.reach = None;
+            let lattice = &in_waves.particles.lattice;
+            assert!(4 * lattice.reach() < lattice.blocks.len());
+            (in_waves.reach, in_turn.reach) = (Some(lattice.reach()), None);
             for step in 0..20 {
                 in_waves.advance(step, &Control::unhurried());
                 in_turn.advance(step, &Control::unhurried());
