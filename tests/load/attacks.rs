@@ -31,14 +31,20 @@ fn asking(check: &Value, checks: usize, turns: usize, blocks: Value, deadline_ms
     json!({ "task": { "id": "hard/one", "turns": vec![asked; turns] }, "turns": log, "deadline_ms": deadline_ms })
 }
 
-fn scattered(count: i32) -> Value {
-    turn((0..count).map(|i| [i * 7_919 % 100_003, i * 31 % 200, i * 104_729 % 100_019]))
+/// A hall whose walls are single blocks, with gaps that a box 16 wide does not fit through.
+fn hall() -> Value {
+    let posts = (0..30).flat_map(|x| (0..13).map(move |y| (x, y)));
+    turn(posts.flat_map(|(x, y)| {
+        let is_end = x == 0 || x == 29;
+        let along = if is_end { &[0, 15, 30, 40][..] } else { &[0, 40] };
+        along.iter().map(move |z| [15 * x, 15 * y, *z])
+    }))
 }
 
-/// Minutes of work: wide ways out among scattered blocks.
+/// Minutes of work: a wide way out is looked for all over a hall that has none.
 fn hard(deadline_ms: u64) -> Value {
     let exit = json!({ "fn": "shape.has_exit", "args": { "width": 16, "depth": 15, "height": 16 } });
-    asking(&exit, 16, 64, scattered(1_000), deadline_ms)
+    asking(&exit, 16, 64, hall(), deadline_ms)
 }
 
 /// A beam that holds a stress simulation for long.
@@ -151,9 +157,9 @@ async fn findings_and_the_cache_of_results_are_bounded() {
     }
     let long: Vec<String> = (0..65).map(|i| format!("m{i}")).collect();
     let layers = json!({ "fn": "dependency.layers_follow", "args": { "layers": long, "min_blocks": 0 } });
-    let listed = grade(&service, &asking(&layers, 1, 1, scattered(1), 1_000), None).await;
+    let listed = grade(&service, &asking(&layers, 1, 1, turn(std::iter::once([0, 0, 0])), 1_000), None).await;
     assert_eq!(listed.faults(422), ["null /task/turns/0/checks"]);
-    let too_many = asking(&vault, 17, 64, scattered(1), 1_000);
+    let too_many = asking(&vault, 17, 64, turn(std::iter::once([0, 0, 0])), 1_000);
     assert_eq!(grade(&service, &too_many, None).await.faults(422), ["null /task/turns"]);
 }
 

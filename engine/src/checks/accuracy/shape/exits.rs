@@ -40,10 +40,11 @@ pub struct HasWideExit {
 }
 
 impl HasExit {
-    /// Returns the volume of the moving box, in cells.
+    /// Returns how much work a block of the build makes at most: the lines that it blocks for the box in both orientations,
+    /// times the levels that are looked at for each.
     #[must_use]
-    pub const fn volume(&self) -> u64 {
-        (self.width.0 * self.depth.0 * self.height.0) as u64
+    pub const fn work(&self) -> u64 {
+        ((self.width.0 + self.depth.0) * self.height.0 * self.height.0) as u64
     }
 
     /// Scores the subject.
@@ -56,10 +57,10 @@ impl HasExit {
 }
 
 impl HasWideExit {
-    /// Returns the volume of the moving box, in cells.
+    /// Returns how much work a block of the build makes at most, as [`HasExit::work`] does.
     #[must_use]
-    pub const fn volume(&self) -> u64 {
-        (self.width.0 * self.width.0 * 2) as u64
+    pub const fn work(&self) -> u64 {
+        (self.width.0 * 2 * 2) as u64
     }
 
     /// Scores the subject.
