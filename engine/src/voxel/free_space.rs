@@ -131,8 +131,8 @@ impl Search<'_> {
 
     /// Computes where the box does not fit on a line.
     fn find_blocked(&mut self, (x, y): (i32, i32)) -> Option<()> {
-        if self.blocked.len().is_multiple_of(LINES_PER_LOOK) {
-            (!(self.is_stopped)()).then_some(())?;
+        if self.blocked.len().is_multiple_of(LINES_PER_LOOK) && (self.is_stopped)() {
+            return None;
         }
         let BoxSize { x: width, y: height, z: depth } = self.space.size;
         let mut blocked = Blocked::new();

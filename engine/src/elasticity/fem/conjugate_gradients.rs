@@ -2,7 +2,7 @@
 
 use super::levels::Levels;
 use super::system::System;
-use super::vectors::{add, dot};
+use super::vectors::{add, dot, subtract};
 use crate::elasticity::{Control, Stopped};
 
 /// Residual force, relative to the load, at which a solution is accepted.
@@ -39,10 +39,7 @@ pub fn solve(
 ) -> Result<Convergence, Stopped> {
     let len = system.len();
     let mut residual = vec![0.0; len];
-    system.apply(displacement, &mut residual);
-    for (residual, load) in residual.iter_mut().zip(load) {
-        *residual = load - *residual;
-    }
+    subtract(load, |pulled| system.apply(displacement, pulled), &mut residual);
     system.release(&mut residual);
     let scale = dot(load, load).sqrt().max(dot(&residual, &residual).sqrt());
     let mut convergence = Convergence::default();
@@ -60,8 +57,8 @@ pub fn solve(
         system.apply(&first, &mut pulled);
         add(1.0, &first, displacement);
         add(-1.0, &pulled, &mut residual);
-        pulled.fill(0.0);
     }
+    let mut energy = 0.0;
     loop {
         convergence.relative_residual = dot(&residual, &residual).sqrt() / scale;
         convergence.is_solved = convergence.relative_residual <= TOLERANCE;
@@ -74,22 +71,19 @@ pub fn solve(
         }
         levels.step(system, &residual, &mut step);
         // The preconditioner is not quite the same in each iteration, so the direction is made conjugate explicitly.
-        let energy = dot(&direction, &pulled);
         let part = if energy > 0.0 { dot(&step, &pulled) / energy } else { 0.0 };
         for (direction, step) in direction.iter_mut().zip(&step) {
             *direction = step - part * *direction;
         }
         system.apply(&direction, &mut pulled);
-        let length = dot(&residual, &direction) / dot(&direction, &pulled);
+        energy = dot(&direction, &pulled);
+        let length = dot(&residual, &direction) / energy;
         add(length, &direction, displacement);
         add(-length, &pulled, &mut residual);
         convergence.iterations += 1;
     }
-    system.apply(displacement, &mut pulled);
-    for (pulled, load) in pulled.iter_mut().zip(load) {
-        *pulled = load - *pulled;
-    }
-    system.release(&mut pulled);
-    convergence.relative_residual = dot(&pulled, &pulled).sqrt() / scale;
+    subtract(load, |pulled| system.apply(displacement, pulled), &mut residual);
+    system.release(&mut residual);
+    convergence.relative_residual = dot(&residual, &residual).sqrt() / scale;
     Ok(convergence)
 }

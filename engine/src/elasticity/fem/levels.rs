@@ -12,7 +12,7 @@ use super::local::Local;
 use super::motions::{MOTIONS, Motions};
 use super::partition::Partition;
 use super::system::System;
-use super::vectors::dot;
+use super::vectors::{dot, subtract};
 use crate::elasticity::{Control, Stopped};
 
 /// Work of a direct solution for each block of the structure, in multiply-adds. More would cost more than it saves.
@@ -192,14 +192,6 @@ impl Nested {
         subtract(residual, |rest| self.matrix.apply(&step, rest), &mut rest);
         self.local.add_solution(self.weight, &rest, &mut step);
         step
-    }
-}
-
-/// Computes what `apply` leaves of `force`.
-fn subtract(force: &[f64], apply: impl FnOnce(&mut [f64]), rest: &mut [f64]) {
-    apply(rest);
-    for (rest, force) in rest.iter_mut().zip(force) {
-        *rest = force - *rest;
     }
 }
 

@@ -7,6 +7,14 @@ pub fn add(factor: f64, vector: &[f64], to: &mut [f64]) {
     }
 }
 
+/// Computes what `apply` leaves of `force`.
+pub fn subtract(force: &[f64], apply: impl FnOnce(&mut [f64]), rest: &mut [f64]) {
+    apply(rest);
+    for (rest, force) in rest.iter_mut().zip(force) {
+        *rest = force - *rest;
+    }
+}
+
 /// Returns the inner product, in eight partial sums so that additions do not wait for each other.
 pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 8];

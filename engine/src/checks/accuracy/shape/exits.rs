@@ -130,7 +130,7 @@ fn exit_finding(subject: &Subject<'_>, size: [i32; 3], start_material: Option<&s
     let beside = |start: &Cell| std::iter::once(*start).chain(start.side_neighbours());
     let escapes = |x: i32, z: i32| {
         let space = FreeSpace::new(&solid, &bounds, BoxSize { x, y: height, z });
-        space.escapes(starts.iter().flat_map(beside), &|| subject.control.check(0.0).is_err()).ok_or(Stopped)
+        space.escapes(starts.iter().flat_map(beside), &|| (subject.control.stop)()).ok_or(Stopped)
     };
     let holds = escapes(width, depth)? || (width != depth && escapes(depth, width)?);
     let summary = format!(
