@@ -76,10 +76,11 @@ async fn webhook(service: &Service, key: &str, endpoint: &Endpoint, events: Valu
     made.json()["id"].as_str().unwrap().to_owned()
 }
 
-/// Deliveries of a webhook once all of them have ended.
+/// Deliveries of a webhook once all of them have ended. One whose attempt was cut off by a kill is tried again after a
+/// minute only.
 async fn ended(service: &Service, key: &str, id: &str, count: usize) -> Vec<Value> {
     let path = format!("/v1/webhooks/{id}/deliveries");
-    for _ in 0..300 {
+    for _ in 0..900 {
         let list = ask(service, key, Method::GET, &path, None).await.json()["deliveries"].as_array().unwrap().clone();
         if list.len() == count && list.iter().all(|delivery| delivery["state"] != "pending") {
             return list;
