@@ -1,7 +1,8 @@
-//! The air of a grid in runs along z, and the regions that they form. A search from run to run looks at each run once,
-//! where one from cell to cell looks at every neighbour of every cell.
+//! The air of a grid in runs along z, and the regions that they form.
 
 use std::ops::Range;
+
+use super::planar::DisjointSets;
 
 /// The runs of air of a grid whose cells lie in memory by height, then x, then z.
 #[derive(Debug)]
@@ -14,15 +15,20 @@ pub(super) struct AirRuns {
 }
 
 impl AirRuns {
-    /// Finds the runs of a grid of `size` cells along x, y and z; `is_air` tells which cell indices are air.
-    pub(super) fn of(size: [i32; 3], is_air: impl Fn(usize) -> bool) -> Self {
+    /// Finds the runs of a grid of `size` cells along x, y and z. `is_free` tells which rows are air throughout, and
+    /// `is_air` which cell indices of the others are.
+    pub(super) fn of(size: [i32; 3], is_free: impl Fn(usize) -> bool, is_air: impl Fn(usize) -> bool) -> Self {
         let size = size.map(|cells| cells as usize);
         let [x, y, z] = size;
         let mut first_of_row = Vec::with_capacity(x * y + 1);
-        let mut runs = Vec::new();
+        let mut runs = Vec::with_capacity(x * y);
         for row in 0..x * y {
             first_of_row.push(runs.len());
             let (mut at, end) = (row * z, (row + 1) * z);
+            if is_free(row) {
+                runs.push(at..end);
+                continue;
+            }
             while at < end {
                 let start = at;
                 while at < end && is_air(at) {
@@ -39,44 +45,52 @@ impl AirRuns {
     }
 
     /// Returns all runs, in the order of their cells.
-    pub(super) fn all(&self) -> impl Iterator<Item = Range<usize>> + '_ {
-        self.runs.iter().cloned()
+    pub(super) fn all(&self) -> &[Range<usize>] {
+        &self.runs
     }
 
-    /// Visits a run and all that air links to it, each time that it meets them. `visit` returns whether the run is new.
-    pub(super) fn fill(&self, start: Range<usize>, mut visit: impl FnMut(Range<usize>) -> bool) {
-        if !visit(start.clone()) {
-            return;
-        }
-        let mut open = vec![start];
-        while let Some(run) = open.pop() {
-            for next in self.beside(&run) {
-                if visit(next.clone()) {
-                    open.push(next);
-                }
+    /// Returns the run that a cell belongs to; none if the cell is not air.
+    pub(super) fn at(&self, cell: usize) -> Option<usize> {
+        let own = self.of_row(cell / self.size[2]);
+        let before = self.runs[own.clone()].partition_point(|run| run.end <= cell);
+        let run = own.start + before;
+        (run < own.end && self.runs[run].start <= cell).then_some(run)
+    }
+
+    /// Returns for each run the number of its region, from 0, in the order of the regions' first cells.
+    pub(super) fn regions(&self) -> Vec<u32> {
+        let mut sets = DisjointSets::new(self.runs.len());
+        let sx = self.size[0];
+        for row in 0..self.first_of_row.len() - 1 {
+            // Air passes through faces and, within a level, past vertical edges: a room needs its corners.
+            if row % sx > 0 {
+                self.join_rows(row, row - 1, 1, &mut sets);
+            }
+            if row >= sx {
+                self.join_rows(row, row - sx, 0, &mut sets);
             }
         }
+        sets.numbers().0
     }
 
-    /// Returns the runs that touch this one.
-    fn beside(&self, run: &Range<usize>) -> impl Iterator<Item = Range<usize>> + '_ {
-        let [sx, sy, sz] = self.size;
-        let row = run.start / sz;
-        let (x, y) = (row % sx, row / sx);
-        let z = run.start - row * sz..run.end - row * sz;
-        // Air passes through faces and, within a level, past vertical edges: a room needs its corners.
-        let rows = [
-            (x > 0).then(|| (row - 1, 1)),
-            (x + 1 < sx).then(|| (row + 1, 1)),
-            (y > 0).then(|| (row - sx, 0)),
-            (y + 1 < sy).then(|| (row + sx, 0)),
-        ];
-        rows.into_iter().flatten().flat_map(move |(row, reach)| {
-            let own = &self.runs[self.first_of_row[row]..self.first_of_row[row + 1]];
-            let first = own.partition_point(|other| other.end - row * sz + reach <= z.start);
-            let end = z.end + reach;
-            own[first..].iter().take_while(move |other| other.start - row * sz < end).cloned()
-        })
+    /// Joins the runs of two rows that overlap, or come as close to it as `reach`.
+    fn join_rows(&self, row: usize, other: usize, reach: usize, sets: &mut DisjointSets) {
+        let (one, two) = (self.of_row(row), self.of_row(other));
+        let (mut i, mut j) = (one.start, two.start);
+        let ahead = (row - other) * self.size[2];
+        while i < one.end && j < two.end {
+            let (own, beside) = (&self.runs[i], &self.runs[j]);
+            let beside = beside.start + ahead..beside.end + ahead;
+            if own.start < beside.end + reach && beside.start < own.end + reach {
+                sets.join(i, j);
+            }
+            // What follows the run that ends first is apart from it, so it touches nothing more of the other row.
+            if own.end < beside.end { i += 1 } else { j += 1 }
+        }
+    }
+
+    fn of_row(&self, row: usize) -> Range<usize> {
+        self.first_of_row[row]..self.first_of_row[row + 1]
     }
 }
 
@@ -118,20 +132,11 @@ mod tests {
     proptest! {
         #[test]
         fn runs_form_the_regions_that_flooding_finds(air in prop::collection::vec(prop::bool::weighted(0.4), 60)) {
-            let runs = AirRuns::of(SIZE, |index| air[index]);
-            let mut label = vec![0; air.len()];
-            let mut regions = 0;
-            for first in runs.all() {
-                regions += u32::from(label[first.start] == 0);
-                runs.fill(first, |run| {
-                    let is_new = label[run.start] == 0;
-                    if is_new {
-                        label[run].fill(regions);
-                    }
-                    is_new
-                });
-            }
-            prop_assert_eq!(label, by_flooding(&air));
+            let row = SIZE[2] as usize;
+            let runs = AirRuns::of(SIZE, |at| air[at * row..(at + 1) * row].iter().all(|air| *air), |cell| air[cell]);
+            let region = runs.regions();
+            let of_cells: Vec<u32> = (0..air.len()).map(|cell| runs.at(cell).map_or(0, |run| region[run] + 1)).collect();
+            prop_assert_eq!(of_cells, by_flooding(&air));
         }
     }
 }

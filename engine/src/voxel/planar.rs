@@ -69,17 +69,8 @@ impl Clusters {
                 sets.join(i, j);
             }
         }
-        let mut number = vec![None; cells.len()];
-        let mut count = 0u32;
-        let label = (0..cells.len())
-            .map(|i| {
-                *number[sets.root(i)].get_or_insert_with(|| {
-                    count += 1;
-                    count - 1
-                })
-            })
-            .collect();
-        Self { label, count: count as usize }
+        let (label, count) = sets.numbers();
+        Self { label, count }
     }
 
     /// Returns the first cell of each cluster.
@@ -121,6 +112,20 @@ impl DisjointSets {
     pub fn join(&mut self, i: usize, j: usize) {
         let (a, b) = (self.root(i), self.root(j));
         self.parent[a.max(b)] = a.min(b);
+    }
+
+    /// Numbers the sets from 0 in the order of their least elements. Returns the number of each element's set, and how
+    /// many sets there are.
+    #[must_use]
+    pub fn numbers(mut self) -> (Vec<u32>, usize) {
+        let mut numbers: Vec<u32> = Vec::with_capacity(self.parent.len());
+        let mut count = 0;
+        for i in 0..self.parent.len() {
+            let root = self.root(i);
+            numbers.push(if root == i { count } else { numbers[root] });
+            count += u32::from(root == i);
+        }
+        (numbers, count as usize)
     }
 }
 

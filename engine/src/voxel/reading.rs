@@ -38,7 +38,7 @@ impl Reading {
     pub fn read(self, structure: Structure, profile: Profile) -> Structure {
         match self {
             Self::AsListed => structure,
-            Self::Game => as_game(&structure, profile),
+            Self::Game => as_game(structure, profile),
         }
     }
 }
@@ -48,18 +48,17 @@ impl Reading {
 /// A door block is the lower half of a door and fills the cell above as well, unless the log lists a door of the same
 /// kind there: then that is its upper half. Under `mindcraft`, two bed blocks of the same kind side by side are the
 /// halves of one bed.
-fn as_game(structure: &Structure, profile: Profile) -> Structure {
+fn as_game(structure: Structure, profile: Profile) -> Structure {
     let mut palette = Palette::new();
     let ids: Vec<MaterialId> = structure.palette().names().map(|name| palette.intern(canonical(name))).collect();
-    let entries: Vec<(Cell, MaterialId)> = structure.entries().map(|(cell, id)| (cell, ids[id as usize])).collect();
     let doors = palette.mask(is_door);
     let beds = palette.mask(|name| profile == Profile::Mindcraft && is_bed(name));
-    let mut at: CellMap<MaterialId> = CellMap::default();
-    // Most builds have neither, and need no map.
-    let has_objects = doors.iter().chain(&beds).any(|is_object| *is_object);
-    if has_objects {
-        at.extend(entries.iter().copied());
+    if !doors.iter().chain(&beds).any(|is_object| *is_object) {
+        return structure.renamed(Arc::new(palette), &ids).with_second_halves(CellMap::default());
     }
+    let is_distinct = structure.is_distinct();
+    let entries: Vec<(Cell, MaterialId)> = structure.entries().map(|(cell, id)| (cell, ids[id as usize])).collect();
+    let at: CellMap<MaterialId> = entries.iter().copied().collect();
     let mut first_half: CellMap<Cell> = CellMap::default();
     // Of a column of equal doors every second one is an upper half, counted from the lowest.
     let mut columns: Vec<(i32, i32, MaterialId, i32)> =
@@ -99,7 +98,10 @@ fn as_game(structure: &Structure, profile: Profile) -> Structure {
             first_half.insert(above, cell);
         }
     }
-    Structure::new(Arc::new(palette), whole).with_second_halves(first_half)
+    let palette = Arc::new(palette);
+    // No upper half is added where a block stands.
+    let structure = if is_distinct { Structure::of_distinct(palette, whole) } else { Structure::new(palette, whole) };
+    structure.with_second_halves(first_half)
 }
 
 #[cfg(test)]

@@ -51,7 +51,7 @@ impl Iterator for Replay<'_> {
             Profile::Published => apply(&mut self.standing, turn),
             Profile::Mindcraft => apply_in_order(&mut self.standing, turn, self.renews),
         }
-        Some(Structure::new(Arc::clone(&self.palette), self.standing.iter().copied()))
+        Some(Structure::of_distinct(Arc::clone(&self.palette), self.standing.iter().copied()))
     }
 }
 

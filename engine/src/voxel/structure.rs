@@ -14,6 +14,8 @@ pub struct Structure {
     palette: Arc<Palette>,
     cells: Vec<Cell>,
     materials: Vec<MaterialId>,
+    /// Whether every cell is known to be listed once.
+    is_distinct: bool,
     first_entry: OnceLock<CellMap<u32>>,
     /// For each second half of an object in two cells, the cell of the first; empty unless read as the game reads it.
     first_halves: Option<CellMap<Cell>>,
@@ -24,7 +26,29 @@ impl Structure {
     #[must_use]
     pub fn new(palette: Arc<Palette>, entries: impl IntoIterator<Item = (Cell, MaterialId)>) -> Self {
         let (cells, materials) = entries.into_iter().unzip();
-        Self { palette, cells, materials, first_entry: OnceLock::new(), first_halves: None }
+        Self { palette, cells, materials, is_distinct: false, first_entry: OnceLock::new(), first_halves: None }
+    }
+
+    /// Creates a structure from entries of which no two have the same cell.
+    #[must_use]
+    pub(super) fn of_distinct(palette: Arc<Palette>, entries: impl IntoIterator<Item = (Cell, MaterialId)>) -> Self {
+        Self { is_distinct: true, ..Self::new(palette, entries) }
+    }
+
+    /// Returns whether every cell is known to be listed once.
+    #[must_use]
+    pub(super) const fn is_distinct(&self) -> bool {
+        self.is_distinct
+    }
+
+    /// Gives the entries the names of another palette; `ids` has the new id of each old one.
+    #[must_use]
+    pub(super) fn renamed(mut self, palette: Arc<Palette>, ids: &[MaterialId]) -> Self {
+        for id in &mut self.materials {
+            *id = ids[*id as usize];
+        }
+        self.palette = palette;
+        self
     }
 
     /// Marks the structure as read like the game reads it, with the first half of each object's second half.
@@ -128,6 +152,6 @@ impl Structure {
     /// Returns the number of distinct cells: less than [`Structure::len`] only if a cell is listed more than once.
     #[must_use]
     pub fn distinct_cells(&self) -> usize {
-        self.index().len()
+        if self.is_distinct { self.len() } else { self.index().len() }
     }
 }

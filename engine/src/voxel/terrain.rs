@@ -23,6 +23,9 @@ const MARGIN: i32 = 2;
 /// Number of free cells above the build, so that a player can stand on it.
 const HEAD_ROOM: i32 = 3;
 
+/// Index of the region outside.
+const OUTSIDE: usize = 0;
+
 /// A build on natural ground.
 #[derive(Debug)]
 pub struct Terrain {
@@ -30,6 +33,8 @@ pub struct Terrain {
     min: Cell,
     size: [i32; 3],
     cells: Vec<u8>,
+    /// For each row along z, what its cells have between them.
+    rows: Vec<u8>,
     doors: Vec<Cell>,
     /// For each cell, whether a player can stand in it; computed when it is first asked for.
     stands: OnceCell<Vec<bool>>,
@@ -47,10 +52,18 @@ pub struct Space {
 /// The air around and inside a build, divided into regions.
 #[derive(Debug)]
 pub struct Spaces {
-    /// For each cell of the grid, the index of its region plus one; 0 if the cell is not air.
-    label: Vec<u32>,
+    runs: AirRuns,
+    /// For each run of air, the index of its region.
+    region: Vec<u32>,
     /// The regions; the first one is the outside.
     pub pieces: Vec<Space>,
+}
+
+impl Spaces {
+    /// Returns the index of the region that a cell of the grid belongs to; none if the cell is not air.
+    fn piece_at(&self, index: usize) -> Option<usize> {
+        self.runs.at(index).map(|run| self.region[run] as usize)
+    }
 }
 
 impl Terrain {
@@ -66,7 +79,8 @@ impl Terrain {
         let top = bounds.max.y.max(0) + HEAD_ROOM;
         let size = [bounds.max.x + MARGIN - min.x + 1, top + 1, bounds.max.z + MARGIN - min.z + 1];
         let cells = vec![0; (size[0] * size[1] * size[2]) as usize];
-        let mut terrain = Self { bounds, min, size, cells, doors: Vec::new(), stands: OnceCell::new() };
+        let rows = vec![0; (size[0] * size[1]) as usize];
+        let mut terrain = Self { bounds, min, size, cells, rows, doors: Vec::new(), stands: OnceCell::new() };
         let doors = structure.palette().mask(is_door);
         // As listed, a carpet is a full block and a ladder no way up.
         let is_game = structure.is_read_as_game();
@@ -115,15 +129,12 @@ impl Terrain {
     fn mark(&mut self, cell: Cell, what: u8) {
         if let Some(index) = self.index(cell) {
             self.cells[index] |= what;
+            self.rows[index / self.size[2] as usize] |= what;
         }
     }
 
     fn has(&self, cell: Cell, what: u8) -> bool {
         self.index(cell).is_some_and(|index| self.cells[index] & what != 0)
-    }
-
-    fn is_air(&self, index: usize) -> bool {
-        self.cells[index] & (SOLID | DOOR) == 0
     }
 
     /// Returns whether a block or natural ground fills the cell.
@@ -141,16 +152,37 @@ impl Terrain {
     /// Returns for each cell of the grid whether a player can stand in it.
     fn stands(&self) -> &[bool] {
         self.stands.get_or_init(|| {
-            let level = self.level();
-            let below = std::iter::repeat_n(SOLID, level).chain(self.cells.iter().copied());
-            let above = self.cells[level..].iter().copied().chain(std::iter::repeat_n(0, level));
-            let around = self.cells.iter().zip(below).zip(above);
-            around
-                .map(|((own, below), above)| {
-                    (below & (SOLID | LADDER) | own & LADDER) != 0 && (own | above) & SOLID == 0
-                })
-                .collect()
+            let mut stands = vec![false; self.cells.len()];
+            let length = self.size[2] as usize;
+            let solid = vec![SOLID; length];
+            for (row, stands) in stands.chunks_exact_mut(length).enumerate() {
+                let below = self.row_below(row).map_or(SOLID, |below| self.rows[below]);
+                if below & (SOLID | LADDER) == 0 && self.rows[row] & LADDER == 0 {
+                    continue;
+                }
+                let cells = |row: usize| &self.cells[row * length..(row + 1) * length];
+                let below = self.row_below(row).map_or(&solid[..], cells);
+                let own = cells(row);
+                if let Some(above) = self.row_above(row) {
+                    for (((stands, own), below), above) in stands.iter_mut().zip(own).zip(below).zip(cells(above)) {
+                        *stands = (below & (SOLID | LADDER) | own & LADDER) != 0 && (own | above) & SOLID == 0;
+                    }
+                } else {
+                    for ((stands, own), below) in stands.iter_mut().zip(own).zip(below) {
+                        *stands = (below & (SOLID | LADDER) | own & LADDER) != 0 && own & SOLID == 0;
+                    }
+                }
+            }
+            stands
         })
+    }
+
+    fn row_below(&self, row: usize) -> Option<usize> {
+        row.checked_sub(self.size[0] as usize)
+    }
+
+    fn row_above(&self, row: usize) -> Option<usize> {
+        Some(row + self.size[0] as usize).filter(|above| *above < self.rows.len())
     }
 
     /// Returns the number of cells of a level.
@@ -171,10 +203,14 @@ impl Terrain {
         let index = self.index(feet)?;
         let [x, z] = [feet.x - self.min.x, feet.z - self.min.z];
         let is_inside = x + width <= self.size[0] && z + width <= self.size[2];
-        let rows = (0..width).map(|dx| index + (dx * self.size[2]) as usize);
+        (is_inside && self.stands_in_square(index, width)).then_some(index)
+    }
+
+    /// Returns whether a player can stand in every cell of a square that lies within the grid.
+    fn stands_in_square(&self, index: usize, width: i32) -> bool {
         let stands = self.stands();
-        (is_inside && rows.into_iter().all(|row| stands[row..row + width as usize].iter().all(|stands| *stands)))
-            .then_some(index)
+        let mut rows = (0..width).map(|dx| index + (dx * self.size[2]) as usize);
+        rows.all(|row| stands[row..row + width as usize].iter().all(|stands| *stands))
     }
 
     /// Returns the squares of `width` by `width` cells that lie beside the build on natural ground, each as its cell of
@@ -214,12 +250,22 @@ impl Terrain {
                 }
             }
             for side in from.side_neighbours() {
-                for dy in -step..=step {
-                    let to = side.offset(0, dy, 0);
-                    let Some(index) = self.stand_square(to, width).filter(|index| !seen[*index]) else { continue };
+                let [x, z] = [side.x - self.min.x, side.z - self.min.z];
+                if !(0..=self.size[0] - width).contains(&x) || !(0..=self.size[2] - width).contains(&z) {
+                    continue;
+                }
+                for to in (-step..=step).map(|dy| side.offset(0, dy, 0)) {
+                    let y = to.y - self.min.y;
+                    if !(0..self.size[1]).contains(&y) {
+                        continue;
+                    }
+                    let index = ((y * self.size[0] + x) * self.size[2] + z) as usize;
+                    if seen[index] || !self.stands_in_square(index, width) {
+                        continue;
+                    }
                     // A step up needs head room above the cell it starts from, a step down above the cell it leads to.
-                    let head = if dy > 0 { from } else { to };
-                    if dy == 0 || !self.is_solid(head.offset(0, 2, 0)) {
+                    let head = if to.y > from.y { from } else { to };
+                    if to.y == from.y || !self.is_solid(head.offset(0, 2, 0)) {
                         seen[index] = true;
                         reached.push(to);
                     }
@@ -240,30 +286,27 @@ impl Terrain {
     /// door is closed and blocks both its cells. Walls that touch only along a vertical edge leave a gap.
     #[must_use]
     pub fn spaces(&self) -> Spaces {
-        let air = AirRuns::of(self.size, |index| self.is_air(index));
-        let mut spaces = Spaces { label: vec![0; self.cells.len()], pieces: Vec::new() };
+        let is_free = |row: usize| self.rows[row] & (SOLID | DOOR) == 0;
+        let runs = AirRuns::of(self.size, is_free, |index| self.cells[index] & (SOLID | DOOR) == 0);
+        let region = runs.regions();
         // The first cell of the grid lies in the margin, so its region is the outside, which includes the whole margin.
-        for first in air.all() {
-            if spaces.label[first.start] != 0 {
-                continue;
+        let mut pieces: Vec<Space> = Vec::new();
+        for (run, region) in runs.all().iter().zip(&region) {
+            let floor_cells = self.floor_cells(run.clone());
+            match pieces.get_mut(*region as usize) {
+                Some(piece) => piece.floor_cells += floor_cells,
+                None => pieces.push(Space { first: self.cell(run.start), floor_cells }),
             }
-            let number = spaces.pieces.len() as u32 + 1;
-            let mut floor_cells = 0;
-            air.fill(first.clone(), |run| {
-                let is_new = spaces.label[run.start] == 0;
-                if is_new {
-                    floor_cells += self.floor_cells(run.clone());
-                    spaces.label[run].fill(number);
-                }
-                is_new
-            });
-            spaces.pieces.push(Space { first: self.cell(first.start), floor_cells });
         }
-        spaces
+        Spaces { runs, region, pieces }
     }
 
     /// Counts the cells of a run of air along z for which [`Self::is_floor`] holds.
     fn floor_cells(&self, run: Range<usize>) -> u32 {
+        let row = run.start / self.size[2] as usize;
+        if self.row_below(row).is_some_and(|below| self.rows[below] & SOLID == 0) {
+            return 0;
+        }
         let level = self.level();
         let is_solid = |index: Option<usize>| index.and_then(|at| self.cells.get(at)).is_some_and(|at| at & SOLID != 0);
         let is_floor = |index: &usize| {
@@ -276,9 +319,8 @@ impl Terrain {
 
     /// Returns the cells of air of the regions for which `is_wanted` holds at their index, by height, then x, then z.
     pub(super) fn cells_in<'a>(&'a self, spaces: &'a Spaces, is_wanted: Vec<bool>) -> impl Iterator<Item = Cell> + 'a {
-        let is_in = move |label: &u32| label.checked_sub(1).is_some_and(|piece| is_wanted[piece as usize]);
-        let own = spaces.label.iter().enumerate().filter(move |(_, label)| is_in(label));
-        own.map(|(index, _)| self.cell(index))
+        let own = spaces.runs.all().iter().zip(&spaces.region).filter(move |(_, piece)| is_wanted[**piece as usize]);
+        own.flat_map(|(run, _)| run.clone().map(|index| self.cell(index)))
     }
 
     /// Returns the greatest y of the grid.
@@ -289,8 +331,7 @@ impl Terrain {
     /// Returns whether the cell is air that is separated from the outside.
     #[must_use]
     pub fn is_enclosed(&self, cell: Cell, spaces: &Spaces) -> bool {
-        // 0 is not air, 1 is the outside.
-        self.index(cell).is_some_and(|index| spaces.label[index] > 1)
+        self.index(cell).and_then(|index| spaces.piece_at(index)).is_some_and(|piece| piece != OUTSIDE)
     }
 
     /// Returns the indices of the two regions that a door connects, one on each of two opposite sides in which a player
@@ -300,7 +341,7 @@ impl Terrain {
         let piece = |cell: Cell| {
             let index = self.index(cell).filter(|_| self.can_stand(cell))?;
             // The other wing of a double door is a cell in which a player can stand, but it belongs to no region.
-            spaces.label[index].checked_sub(1).map(|piece| piece as usize)
+            spaces.piece_at(index)
         };
         let through = |dx: i32, dz: i32| Some([piece(door.offset(-dx, 0, -dz))?, piece(door.offset(dx, 0, dz))?]);
         through(1, 0).or_else(|| through(0, 1)).filter(|_| self.can_stand(door))
