@@ -76,8 +76,8 @@ async fn webhook(service: &Service, key: &str, endpoint: &Endpoint, events: Valu
     made.json()["id"].as_str().unwrap().to_owned()
 }
 
-/// Deliveries of a webhook once all of them have ended. One whose attempt was cut off by a kill is tried again after a
-/// minute only.
+/// Returns the deliveries of a webhook once all of them have ended. If a kill cuts off an attempt, the next one follows
+/// after a minute.
 async fn ended(service: &Service, key: &str, id: &str, count: usize) -> Vec<Value> {
     let path = format!("/v1/webhooks/{id}/deliveries");
     for _ in 0..900 {

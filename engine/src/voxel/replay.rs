@@ -233,6 +233,24 @@ mod tests {
 
     proptest! {
         #[test]
+        fn no_cell_is_listed_twice(turns in prop::collection::vec(events(), 1..5)) {
+            let mut log = BlockLog::default();
+            for name in ["stone", "oak_door", "red_bed"] {
+                log.palette.intern(name);
+            }
+            log.turns = turns;
+            for profile in Profile::ALL {
+                log.profile = profile;
+                for reading in [Reading::AsListed, Reading::Game] {
+                    for structure in Replay::read_as(&log, reading) {
+                        prop_assert!(structure.is_distinct());
+                        prop_assert_eq!(structure.len(), structure.index().len());
+                    }
+                }
+            }
+        }
+
+        #[test]
         fn events_between_structures_replay_to_the_same_structures(turns in prop::collection::vec(events(), 1..5)) {
             let mut log = BlockLog::default();
             for name in ["stone", "dirt", "oak_planks"] {

@@ -120,7 +120,12 @@ impl Terrain {
     fn index(&self, cell: Cell) -> Option<usize> {
         let at = [cell.x - self.min.x, cell.y - self.min.y, cell.z - self.min.z];
         let is_inside = at.iter().zip(self.size).all(|(at, size)| (0..size).contains(at));
-        is_inside.then(|| ((at[1] * self.size[0] + at[0]) * self.size[2] + at[2]) as usize)
+        is_inside.then(|| self.index_at(at))
+    }
+
+    /// Returns the index of the cell that lies so far from the least cell of the grid, along x, y and z.
+    const fn index_at(&self, [x, y, z]: [i32; 3]) -> usize {
+        ((y * self.size[0] + x) * self.size[2] + z) as usize
     }
 
     fn cell(&self, index: usize) -> Cell {
@@ -156,23 +161,16 @@ impl Terrain {
         self.stands.get_or_init(|| {
             let mut stands = vec![false; self.cells.len()];
             let length = self.size[2] as usize;
-            let solid = vec![SOLID; length];
+            let (ground, sky) = (vec![SOLID; length], vec![0; length]);
             for (row, stands) in stands.chunks_exact_mut(length).enumerate() {
-                let below = self.row_below(row).map_or(SOLID, |below| self.rows[below]);
-                if below & (SOLID | LADDER) == 0 && self.rows[row] & LADDER == 0 {
+                let [below, above] = [self.row_below(row), self.row_above(row)];
+                if below.is_some_and(|below| self.rows[below] & (SOLID | LADDER) == 0) && self.rows[row] & LADDER == 0 {
                     continue;
                 }
                 let cells = |row: usize| &self.cells[row * length..(row + 1) * length];
-                let below = self.row_below(row).map_or(&solid[..], cells);
-                let own = cells(row);
-                if let Some(above) = self.row_above(row) {
-                    for (((stands, own), below), above) in stands.iter_mut().zip(own).zip(below).zip(cells(above)) {
-                        *stands = (below & (SOLID | LADDER) | own & LADDER) != 0 && (own | above) & SOLID == 0;
-                    }
-                } else {
-                    for ((stands, own), below) in stands.iter_mut().zip(own).zip(below) {
-                        *stands = (below & (SOLID | LADDER) | own & LADDER) != 0 && own & SOLID == 0;
-                    }
+                let around = below.map_or(&ground[..], cells).iter().zip(above.map_or(&sky[..], cells));
+                for ((stands, own), (below, above)) in stands.iter_mut().zip(cells(row)).zip(around) {
+                    *stands = (below & (SOLID | LADDER) | own & LADDER) != 0 && (own | above) & SOLID == 0;
                 }
             }
             stands

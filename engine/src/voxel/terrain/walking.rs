@@ -66,7 +66,7 @@ impl Terrain {
                     if !(0..self.size[1]).contains(&y) {
                         continue;
                     }
-                    let index = ((y * self.size[0] + x) * self.size[2] + z) as usize;
+                    let index = self.index_at([x, y, z]);
                     if seen[index] || !self.stands_in_square(index, width) {
                         continue;
                     }
