@@ -2,7 +2,12 @@
 
 mod targets;
 
+use rand_mt::Mt64;
+
 use crate::support::repository;
+
+/// How many random inputs of each length a target takes in an ordinary run.
+const RANDOM: usize = 200;
 
 #[test]
 fn every_corpus_passes_its_target() {
@@ -18,5 +23,20 @@ fn every_corpus_passes_its_target() {
             passed += 1;
         }
         assert!(passed > 0, "the corpus of {name} is empty");
+    }
+}
+
+/// What fuzzing finds by searching, chance finds in part: random inputs, the same in each run.
+#[test]
+fn every_target_stands_random_bytes() {
+    let mut random = Mt64::new(24);
+    for (name, run) in targets::ALL {
+        for length in [3, 20, 100, 300, 1_000] {
+            for _ in 0..RANDOM {
+                let data: Vec<u8> = (0..length).map(|_| (random.next_u64() >> 56) as u8).collect();
+                let outcome = std::panic::catch_unwind(|| run(&data));
+                assert!(outcome.is_ok(), "{name}: {data:?}");
+            }
+        }
     }
 }

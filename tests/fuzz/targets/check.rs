@@ -1,17 +1,22 @@
-//! Checks with arguments as task files have them, on structures: they end, and find the same each time.
+//! Checks with arguments as task files have them, on structures: they score what the same rules score when they are
+//! written plainly ([`twins`]), and find the same each time.
+
+use std::collections::BTreeSet;
 
 use arbitrary::{Arbitrary, Unstructured};
 use plumbline_engine::checks::{Check, Subject};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::tasks::published::read_check;
-use plumbline_engine::voxel::{Cell, Structure};
+use plumbline_engine::voxel::{Cell, Profile, Reading, Structure};
 use serde_json::{Value, json};
+
+use super::twins;
 
 #[path = "../../bench/arguments.rs"]
 mod arguments;
 
 /// Names of blocks that checks treat in different ways.
-const BLOCKS: [&str; 12] = [
+const BLOCKS: [&str; 16] = [
     "stone",
     "glass",
     "oak_planks",
@@ -19,11 +24,42 @@ const BLOCKS: [&str; 12] = [
     "oak_slab",
     "ladder",
     "oak_door",
+    "spruce_door",
+    "oak_trapdoor",
     "red_bed",
+    "red_carpet",
     "torch",
     "water",
     "oak_fence",
+    "air",
     "no_such_block",
+];
+/// Arguments that some checks have and that may be left out, each with values in JSON.
+const OPTIONAL: [(&str, &[&str]); 24] = [
+    ("use_8_neighbors", &["true"]),
+    ("use_substring_match", &["true", "false"]),
+    ("substring_match", &["false"]),
+    ("ratio_threshold", &["0", "0.3", "1"]),
+    ("height_y", &["0", "1", "3"]),
+    ("expected_material", &["null", "\"oak\"", "\"Stone\"", "\"\""]),
+    ("strict", &["true", "\"non-flat\""]),
+    ("start_material", &["\"bed\"", "\"stone\"", "\"\"", "null"]),
+    ("with_supports", &["true"]),
+    ("min_width", &["0", "2", "3"]),
+    ("no_gaps", &["true"]),
+    ("min_cover", &["0.5", "1"]),
+    ("max_rooms", &["0", "1", "2"]),
+    ("min_floor_cells", &["0", "1", "9"]),
+    ("max_step", &["0", "2"]),
+    ("width", &["1", "2", "3"]),
+    ("part", &["\"corners\"", "\"sides\"", "\"roof\"", "\"room_walls\"", "\"room_corners\"", "\"room_roof\""]),
+    ("except", &["\"glass\"", "\"#doors\""]),
+    ("of", &["\"#doors\"", "\"#beds\"", "\"oak_planks\"", "\"#oak\"", "null"]),
+    ("max_blocks", &["0", "9"]),
+    ("max_parts", &["1", "2"]),
+    ("min_size", &["[1, 3]", "null"]),
+    ("min_top", &["2", "4"]),
+    ("y", &["0", "1", "2", "null"]),
 ];
 /// Greatest number of blocks.
 const MOST: usize = 300;
@@ -40,24 +76,100 @@ fn scored(bytes: &mut Unstructured<'_>) -> arbitrary::Result<()> {
             *value = changed(value, bytes)?;
         }
     }
-    let Some(check) = read_check(&json!({ "fn": name, "args": arguments }), &mut Faults::new()) else { return Ok(()) };
-    let side = bytes.int_in_range(1..=12)?;
-    let mut blocks = Vec::new();
-    while !bytes.is_empty() && blocks.len() < MOST {
-        let at =
-            Cell::new(bytes.int_in_range(0..=side)?, bytes.int_in_range(-1..=side)?, bytes.int_in_range(0..=side)?);
-        blocks.push((at, *bytes.choose(&BLOCKS)?));
+    for _ in 0..bytes.int_in_range(0..=2)? {
+        let (argument, values) = bytes.choose(&OPTIONAL)?;
+        let value = serde_json::from_str(bytes.choose(values)?).expect("the list has JSON");
+        let mut more = arguments.clone();
+        more[*argument] = value;
+        if read(name, &more).is_some() {
+            arguments = more;
+        }
     }
-    let structure = Structure::from_named(blocks);
-    let found = || format!("{:?}", check.evaluate(&Subject::unhurried(&structure)));
-    assert_eq!(found(), found());
+    let Some(check) = read(name, &arguments) else { return Ok(()) };
+    let structure = build(bytes)?;
+    let found = || check.evaluate(&Subject::unhurried(&structure)).expect("nothing stops it");
+    let finding = found();
+    assert_eq!(format!("{finding:?}"), format!("{:?}", found()));
+    let twin = twins::score(name, &arguments, &twins::Build::of(&structure));
+    let told = || format!("{name} {arguments} on {:?}", twins::Build::of(&structure).blocks);
+    assert!(twin.is_none_or(|score| score == finding.score), "{} {finding:?}, its twin {twin:?}", told());
     Ok(())
+}
+
+fn read(name: &str, arguments: &Value) -> Option<Check> {
+    read_check(&json!({ "fn": name, "args": arguments }), &mut Faults::new())
+}
+
+/// Builds of single blocks, boxes, huts, covers and their mirror images, as listed or as the game reads them.
+fn build(bytes: &mut Unstructured<'_>) -> arbitrary::Result<Structure> {
+    let (side, low) = (bytes.int_in_range(1..=9)?, bytes.int_in_range(-1..=0)?);
+    let (reading, profile) = (
+        *bytes.choose(&[Reading::AsListed, Reading::Game])?,
+        *bytes.choose(&[Profile::Published, Profile::Mindcraft])?,
+    );
+    let is_listed_twice = bytes.ratio(1, 8)?;
+    let mut blocks: Vec<(Cell, &str)> = Vec::new();
+    while !bytes.is_empty() && blocks.len() < MOST {
+        let mut at = || -> arbitrary::Result<[i32; 3]> {
+            Ok([bytes.int_in_range(0..=side)?, bytes.int_in_range(low..=side)?, bytes.int_in_range(0..=side)?])
+        };
+        let (one, other) = (at()?, at()?);
+        let name = *bytes.choose(&BLOCKS)?;
+        match bytes.int_in_range(0..=9)? {
+            8 => blocks.extend(hut(one, other)),
+            9 => blocks.extend(cover(one, other).into_iter().map(|cell| (cell, name))),
+            0 | 1 => blocks.extend(boxed(one, other, bytes.arbitrary()?).map(|cell| (cell, name))),
+            2 => {
+                let mirrored: Vec<_> =
+                    blocks.iter().map(|(cell, name)| (Cell::new(side - cell.x, cell.y, cell.z), *name)).collect();
+                blocks.extend(mirrored);
+            }
+            // What stood there gives way, as a door in a wall.
+            3 => {
+                blocks.retain(|(cell, _)| <[i32; 3]>::from(*cell) != one);
+                blocks.push((one.into(), name));
+            }
+            _ => blocks.push((one.into(), name)),
+        }
+    }
+    blocks.truncate(MOST);
+    if !is_listed_twice {
+        let mut taken = BTreeSet::new();
+        blocks.retain(|(cell, _)| taken.insert(*cell));
+    }
+    Ok(reading.read(Structure::from_named(blocks), profile))
+}
+
+/// Returns the cells of a box between two corners, or of its surface.
+fn boxed(one: [i32; 3], other: [i32; 3], is_hollow: bool) -> impl Iterator<Item = Cell> {
+    let range = move |axis: usize| one[axis].min(other[axis])..=one[axis].max(other[axis]);
+    let is_end = move |axis: usize, at: i32| at == one[axis] || at == other[axis];
+    let cells = range(1).flat_map(move |y| range(0).flat_map(move |x| range(2).map(move |z| [x, y, z])));
+    cells.filter(move |at| !is_hollow || (0..3).any(|axis| is_end(axis, at[axis]))).map(Cell::from)
+}
+
+/// Returns a hut on the ground with a bed, and a door in the side of the least z.
+fn hut([x, top, z]: [i32; 3], [far_x, _, far_z]: [i32; 3]) -> impl Iterator<Item = (Cell, &'static str)> {
+    let (low, high) = (Cell::new(x.min(far_x), -1, z.min(far_z)), Cell::new(x.max(far_x), top.max(3), z.max(far_z)));
+    let doorway = low.offset(1, 1, 0);
+    let is_wall = move |cell: &Cell| cell.y >= 0 && *cell != doorway && *cell != doorway.offset(0, 1, 0);
+    let walls = boxed(low.into(), high.into(), true).filter(is_wall).map(|cell| (cell, "stone"));
+    walls.chain([(doorway, "oak_door"), (doorway.offset(0, 0, 2), "red_bed")])
+}
+
+/// Returns a cover that rises by a block with each step from its edges to its middle, two blocks thick.
+fn cover(one: [i32; 3], other: [i32; 3]) -> Vec<Cell> {
+    let range = |axis: usize| one[axis].min(other[axis])..=one[axis].max(other[axis]);
+    let from_edge = |axis: usize, at: i32| one[axis].abs_diff(at).min(other[axis].abs_diff(at)) as i32;
+    let height = |x: i32, z: i32| one[1] + from_edge(0, x).min(from_edge(2, z));
+    let columns = range(0).flat_map(|x| range(2).map(move |z| Cell::new(x, height(x, z), z)));
+    columns.flat_map(|cell| [cell, cell.offset(0, 1, 0)]).collect()
 }
 
 /// Returns another value, mostly of the same kind.
 fn changed(value: &Value, bytes: &mut Unstructured<'_>) -> arbitrary::Result<Value> {
     Ok(match value {
-        Value::Number(_) if bytes.arbitrary()? => json!(bytes.int_in_range(-2..=20)?),
+        Value::Number(_) if bytes.ratio(7, 8)? => json!(bytes.int_in_range(-2..=9)?),
         Value::Number(_) => i64::arbitrary(bytes)?.into(),
         Value::Bool(was) => (!was).into(),
         Value::String(_) => (*bytes.choose(&BLOCKS)?).into(),

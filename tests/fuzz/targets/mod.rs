@@ -13,6 +13,7 @@ mod replay;
 mod request;
 mod structure_file;
 mod task_file;
+mod twins;
 
 /// A target.
 pub type Target = fn(&[u8]);

@@ -39,7 +39,8 @@ impl Rule for HasClearSpan {
         }
         let fails = |measured: Value, summary: String| Finding::binary(false, measured, required.clone(), summary);
         let mut span: Option<ClearSpan> = None;
-        for y in 0..self.height.clamp(1, 256) as i32 {
+        let height = i32::try_from(self.height).unwrap_or(i32::MAX);
+        for y in 0..height.max(1) {
             let cells = level(structure, y);
             // Supports that touch at an edge count as one.
             let clusters = Clusters::of(&cells, Touch::SidesAndCorners);
@@ -59,7 +60,7 @@ impl Rule for HasClearSpan {
         }
         let Some(span) = span else { return fails(json!(null), "no clear span".to_owned()) };
         let is_deck = |heights: &[i32]| heights.windows(2).all(|pair| pair[0].abs_diff(pair[1]) <= 1);
-        let mut decks = cuts(structure, span, self.height as i32 - 1);
+        let mut decks = cuts(structure, span, height - 1);
         decks.retain(|cut| is_deck(&cut.upper));
         let rows = decks.chunk_by(|a, b| a.across + 1 == b.across).find(|rows| rows.len() >= self.min_width as usize);
         let crossing = rows.and_then(<[_]>::first);

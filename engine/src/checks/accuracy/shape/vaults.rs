@@ -63,6 +63,7 @@ impl Rule for IsVault {
             }
         }
         let clear = cover.unwrap_or(0);
+        let has_room = i64::from(clear) >= i64::from(self.min_clear);
         let line = |along_x: bool| -> Vec<i32> {
             let on_line = |at: &(i32, i32)| if along_x { at.1 == z } else { at.0 == x };
             tops.iter().filter(|(at, _)| on_line(at)).map(|(_, top)| *top).collect()
@@ -78,13 +79,13 @@ impl Rule for IsVault {
         let plan_share = covered_share(&tops);
         let has_gaps = self.no_gaps && has_gaps(structure, &tops);
         let falls = lines.iter().all(|line| falls_to_both_ends(line));
-        let holds = is_closed && plan_share >= self.min_cover && !has_gaps && clear >= self.min_clear as i32 && falls;
+        let holds = is_closed && plan_share >= self.min_cover && !has_gaps && has_room && falls;
         let measured = json!({ "clear": clear, "closed": is_closed, "along_x": lines[0], "along_z": lines[1] });
         let failed: Vec<&str> = [
             (is_closed, "some row of the plan is not covered from end to end"),
             (plan_share >= self.min_cover, "the plan covers too little of the square around it"),
             (!has_gaps, "a column does not reach down to its lower neighbour"),
-            (clear >= self.min_clear as i32, "too few cells are free over the middle"),
+            (has_room, "too few cells are free over the middle"),
             (falls, "the upper surface does not fall by two to every side, or dips"),
         ]
         .into_iter()
