@@ -7,6 +7,7 @@ mod child;
 mod command;
 mod family;
 mod log;
+mod posted;
 mod proofs;
 mod query;
 mod replay;
@@ -19,7 +20,7 @@ mod twins;
 pub type Target = fn(&[u8]);
 
 /// All targets by their names.
-pub const ALL: [(&str, Target); 13] = [
+pub const ALL: [(&str, Target); 14] = [
     ("answer", answer::run),
     ("canonical", canonical::run),
     ("check", check::run),
@@ -27,6 +28,7 @@ pub const ALL: [(&str, Target); 13] = [
     ("command", command::run),
     ("family", family::run),
     ("log", log::run),
+    ("posted", posted::run),
     ("proofs", proofs::run),
     ("query", query::run),
     ("replay", replay::run),
