@@ -1,119 +1,18 @@
 //! Whatever happens to the process, the disk, the clock or a row: no acknowledged submission is lost, none is graded
 //! twice into the board, none is stuck, and the quota is exact.
 
-use std::os::unix::process::ExitStatusExt as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
+use super::scene::{LEASE, Scene, slow};
 use crate::support::audit::audit;
-use crate::support::commands::{key, plumbline, succeeded};
 use crate::support::database::{is_postgres, pool};
 use crate::support::{PROGRAM, Service};
 use plumbline::store::db::{Each, Text, query};
-use plumbline_engine::checks::Criterion;
-use plumbline_engine::tasks::embedded;
-use reqwest::{RequestBuilder, StatusCode};
+use reqwest::StatusCode;
 use serde_json::{Value, json};
 use sqlx::ConnectOptions as _;
-
-const LEASE: [&str; 2] = ["--lease-seconds", "1"];
-
-/// A database with a key to it, and what was acknowledged.
-struct Scene {
-    _folder: tempfile::TempDir,
-    database: PathBuf,
-    key: String,
-    acknowledged: Vec<String>,
-}
-
-impl Scene {
-    fn new() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let database = folder.path().join("p.db");
-        succeeded(&plumbline(&["migrate", "--create"], &database));
-        let key = key(&database, "lab");
-        Self { _folder: folder, database, key, acknowledged: Vec::new() }
-    }
-
-    fn start(&self) -> Service {
-        Service::start_as_told(&self.database, &LEASE)
-    }
-
-    fn start_to_die(&self, moment: &str) -> Service {
-        let mut command = Command::new(PROGRAM);
-        command.env("PLUMBLINE_TEST_KILL", moment);
-        Service::start_by(command, &self.database, &LEASE)
-    }
-
-    /// Starts a service that dies by itself, soon.
-    fn start_and_die(&self, moment: &str) {
-        // `timeout` ends with another signal, so a service that lives on fails the test instead of holding it up.
-        let mut command = Command::new("timeout");
-        command.args(["--signal=INT", "60", PROGRAM, "serve", "--listen", "127.0.0.1:0"]);
-        let ended = command
-            .args(crate::support::database::named(&self.database))
-            .args(LEASE)
-            .env("PLUMBLINE_TEST_KILL", moment)
-            .output()
-            .unwrap();
-        let is_killed = ended.status.signal() == Some(9) || ended.status.code() == Some(128 + 9);
-        assert!(is_killed, "{moment}: {ended:?}");
-    }
-
-    /// Sends a request; none where the service dies meanwhile.
-    async fn send(&self, request: RequestBuilder) -> Option<Value> {
-        let answer = request.bearer_auth(&self.key).send().await.ok()?;
-        let status = answer.status();
-        let body = answer.json().await.ok()?;
-        assert!(status.is_success() || status == StatusCode::CONFLICT, "{status} {body}");
-        status.is_success().then_some(body)
-    }
-
-    /// Posts a log, and notes that it was acknowledged.
-    async fn post(&mut self, service: &Service, body: Value) -> Option<String> {
-        let accepted = self.send(service.http.post(format!("{}/v1/submissions", service.url)).json(&body)).await?;
-        let id = accepted["id"].as_str().unwrap().to_owned();
-        self.acknowledged.push(id.clone());
-        Some(id)
-    }
-
-    /// A run with a few submissions, one without a run, one that takes a while and one that is cancelled, and the end.
-    async fn work(&mut self, service: &Service) -> Option<()> {
-        let url = |path: &str| format!("{}{path}", service.url);
-        let begin = service.http.post(url("/v1/runs")).json(&json!({ "agent": "a", "suite": "mineceraft" }));
-        let run = self.send(begin).await?["id"].as_str().unwrap().to_owned();
-        self.post(service, slow()).await?;
-        let cancelled =
-            self.post(service, json!({ "run": run, "task": slow()["task"], "turns": slow()["turns"] })).await?;
-        for task in 1..3 {
-            let log = json!({ "palette": ["stone"], "rows": [[task, 0, 0, 0]] });
-            self.post(service, json!({ "run": run, "task": task, "turns": [log] })).await?;
-        }
-        self.send(service.http.post(url(&format!("/v1/submissions/{cancelled}/cancel")))).await;
-        self.send(service.http.post(url(&format!("/v1/runs/{run}/finish")))).await?;
-        Some(())
-    }
-
-    /// Starts a service that nothing befalls, waits until all is done, and looks through the books.
-    async fn end_well(&self, when: &str) {
-        let service = self.start();
-        service.settle(when).await;
-        assert!(service.terminate());
-        audit(&self.database, &self.acknowledged, when).await;
-    }
-}
-
-/// A cube under stress: grading takes longer than renewing a lease takes to come by.
-fn slow() -> Value {
-    let suite = embedded::latest().unwrap();
-    let is_stressed = |task: &&plumbline_engine::tasks::Task| {
-        task.turns.len() == 1 && task.checks().any(|c| c.criterion() == Criterion::StructuralStability)
-    };
-    let task = suite.tasks.iter().find(is_stressed).unwrap();
-    let rows: Vec<Value> = (0..20 * 20 * 20).map(|i| json!([i / 400, i / 20 % 20, i % 20, 0])).collect();
-    json!({ "task": task.number, "turns": [{ "palette": ["stone"], "rows": rows }] })
-}
 
 async fn change(database: &Path, text: impl Into<Text>, id: &str) {
     let pool = pool(database).await;

@@ -5,13 +5,14 @@
 //! another order of faults, and `PLUMBLINE_SOAK_PROGRAM` names another build. It prints a line for each round.
 
 mod clients;
-mod place;
 
+use std::process::Command;
 use std::time::{Duration, Instant};
 
 use crate::support::audit::audit_books;
+use crate::support::place::Place;
+use crate::support::{PROGRAM, Service};
 use clients::{Heard, Round};
-use place::Place;
 
 /// What a process of the service holds.
 #[derive(Debug, Clone, Copy)]
@@ -60,6 +61,11 @@ impl Chance {
     }
 }
 
+fn start(place: &Place) -> Service {
+    let program = std::env::var_os("PLUMBLINE_SOAK_PROGRAM").unwrap_or_else(|| PROGRAM.into());
+    place.start(Command::new(program), &["--lease-seconds", "2"])
+}
+
 fn setting(name: &str, usual: u64) -> u64 {
     std::env::var(name).map_or(usual, |value| value.parse().expect("a number"))
 }
@@ -72,7 +78,7 @@ async fn mixed_load_with_faults() {
     let round_s = lasts.as_secs().div_ceil(4).min(20);
     let folder = tempfile::tempdir().unwrap();
     let place = Place::new(folder.path()).await;
-    let (mut service, mut first) = (place.start(), None::<Held>);
+    let (mut service, mut first) = (start(&place), None::<Held>);
     let (begun, mut books, mut lines) = (Instant::now(), Heard::default(), Vec::new());
     let mut rounds = 0_u64;
     while begun.elapsed() < lasts {
@@ -97,7 +103,7 @@ async fn mixed_load_with_faults() {
         let (heard, fault) = tokio::join!(round.drive(), course);
         if is_killed {
             service.wait_for_end("killed").await;
-            (service, first) = (place.start(), None);
+            (service, first) = (start(&place), None);
         }
         service.settle(&fault).await;
         let held = Held::at_rest(service.process_id(), first).await;

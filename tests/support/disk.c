@@ -14,6 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/uio.h>
 #include <unistd.h>
 
 enum { WRITE_EIO, WRITE_ENOSPC, WRITE_SHORT, SYNC_EIO, DELAY_US, CALLS, FAULTS, SKIPPED, REFUSED, NUMBERS };
@@ -93,6 +94,50 @@ ssize_t pwrite64(int fd, const void *bytes, size_t length, off64_t at) {
     return some < 0 ? some : real(fd, bytes, (size_t)some, at);
 }
 
+/* Several pieces at once: too few of them is no answer that callers expect, so these fail whole. */
+ssize_t writev(int fd, const struct iovec *pieces, int count) {
+    REAL(ssize_t, "writev", int, const struct iovec *, int);
+    return allowed(fd, 1) < 0 ? -1 : real(fd, pieces, count);
+}
+
+ssize_t pwritev(int fd, const struct iovec *pieces, int count, off_t at) {
+    REAL(ssize_t, "pwritev", int, const struct iovec *, int, off_t);
+    return allowed(fd, 1) < 0 ? -1 : real(fd, pieces, count, at);
+}
+
+/* Files that grow or shrink, and those that take the place of others, count as written. */
+int ftruncate(int fd, off_t length) {
+    REAL(int, "ftruncate", int, off_t);
+    return allowed(fd, 1) < 0 ? -1 : real(fd, length);
+}
+
+int ftruncate64(int fd, off64_t length) {
+    REAL(int, "ftruncate64", int, off64_t);
+    return allowed(fd, 1) < 0 ? -1 : real(fd, length);
+}
+
+int posix_fallocate64(int fd, off64_t at, off64_t length) {
+    REAL(int, "posix_fallocate64", int, off64_t, off64_t);
+    return allowed(fd, 1) < 0 ? errno : real(fd, at, length);
+}
+
+int fallocate64(int fd, int mode, off64_t at, off64_t length) {
+    REAL(int, "fallocate64", int, int, off64_t, off64_t);
+    return allowed(fd, 1) < 0 ? -1 : real(fd, mode, at, length);
+}
+
+static int is_in_folder(const char *path) {
+    return numbers && folder && !strncmp(path, folder, strlen(folder));
+}
+
+int rename(const char *from, const char *to) {
+    REAL(int, "rename", const char *, const char *);
+    if (!is_in_folder(to)) return real(from, to);
+    if (is_hit(WRITE_EIO)) return errno = EIO, -1;
+    if (is_hit(WRITE_ENOSPC) || is_refused()) return errno = ENOSPC, -1;
+    return real(from, to);
+}
+
 int fsync(int fd) {
     REAL(int, "fsync", int);
     return is_watched(fd) && is_hit(SYNC_EIO) ? (errno = EIO, -1) : real(fd);
@@ -104,7 +149,7 @@ int fdatasync(int fd) {
 }
 
 static int opened(int fd, const char *path) {
-    if (fd >= 0 && fd < DESCRIPTORS) is_faulty[fd] = numbers && folder && !strncmp(path, folder, strlen(folder));
+    if (fd >= 0 && fd < DESCRIPTORS) is_faulty[fd] = (char)is_in_folder(path);
     return fd;
 }
 

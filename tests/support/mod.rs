@@ -10,6 +10,7 @@ pub mod disk;
 pub mod epoch;
 pub mod line;
 pub mod nodes;
+pub mod place;
 pub mod tampering;
 
 use std::io::{BufRead as _, BufReader};

@@ -118,6 +118,11 @@ fn cases() -> anyhow::Result<Vec<Case>> {
             cases.push(case(format!("check {name}"), 20, move || check.evaluate(&Subject::unhurried(&structure))));
         }
     }
+    for (name, found) in crate::found::read()? {
+        let check: Check = serde_json::from_value(json!({ "fn": name, "args": arguments(&name) }))?;
+        let built = crate::strokes::structure(&found.small, crate::found::SMALL);
+        cases.push(case(format!("slowest build for {name}"), 1, move || check.evaluate(&Subject::unhurried(&built))));
+    }
     for id in ["walls/10x2x7-raise", "bedrooms/r5-build", "theatres/s35-build", "frames/s10-frame-build"] {
         let task = task(id)?;
         let log = log_of(&task)?;

@@ -9,7 +9,11 @@
 #[path = "../arguments.rs"]
 mod arguments;
 mod engine;
+#[path = "../worst_builds/found.rs"]
+mod found;
 mod service;
+#[path = "../worst_builds/strokes.rs"]
+mod strokes;
 #[path = "../submission.rs"]
 mod submission;
 mod table;

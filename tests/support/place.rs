@@ -1,15 +1,16 @@
-//! Where the service of a soak stands: a database, and what makes its disk or its line to the server faulty.
+//! Where a service stands that meets faults: a database, and what makes its disk or its line to the server faulty.
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use plumbline::store::db::Pool;
 
-use crate::support::commands::{key, plumbline, succeeded};
-use crate::support::database::{is_postgres, pool, url};
-use crate::support::disk::{Disk, Faults};
-use crate::support::line::{Line, Passes};
-use crate::support::{PROGRAM, Service};
+use super::Service;
+use super::commands::{key, plumbline, succeeded};
+use super::database::{is_postgres, named, pool, url};
+use super::disk::{Disk, Faults};
+use super::line::{Line, Passes};
 
 enum Weakness {
     /// The disk of a SQLite file.
@@ -19,7 +20,7 @@ enum Weakness {
 }
 
 pub struct Place {
-    database: PathBuf,
+    pub database: PathBuf,
     weakness: Weakness,
     pub key: String,
 }
@@ -32,31 +33,34 @@ impl Place {
         succeeded(&plumbline(&["migrate", "--create"], &database));
         let key = key(&database, "lab");
         let weakness = if is_postgres() {
-            let port = url(&database).split([':', '/']).find_map(|part| part.parse().ok()).expect("a URL with a port");
-            Weakness::Line(Line::to(port).await)
+            Weakness::Line(Line::to(port_of(&url(&database))).await)
         } else {
             Weakness::Disk(Disk::new(folder, &home))
         };
         Self { database, weakness, key }
     }
 
-    /// Starts a service whose disk or line can be made faulty.
-    pub fn start(&self) -> Service {
-        let program = std::env::var_os("PLUMBLINE_SOAK_PROGRAM").unwrap_or_else(|| PROGRAM.into());
-        let arguments = ["--lease-seconds", "2"];
+    /// Starts a service by a command that runs the program, on the disk or the line that can be made faulty.
+    pub fn start(&self, program: Command, arguments: &[&str]) -> Service {
         match &self.weakness {
-            Weakness::Disk(disk) => Service::start_by(disk.under(Command::new(program)), &self.database, &arguments),
+            Weakness::Disk(disk) => Service::start_by(disk.under(program), &self.database, arguments),
             Weakness::Line(line) => {
-                let direct = url(&self.database);
-                let port = direct.split([':', '/']).find(|part| part.parse::<u16>().is_ok()).expect("checked by new");
-                let through = direct.replace(&format!(":{port}/"), &format!(":{}/", line.port));
-                let mut command = Command::new(program);
-                command
-                    .args(["serve", "--database", &through, "--secrets"])
-                    .arg(self.database.with_extension("secrets"));
-                command.args(arguments);
+                let through = |argument: OsString| match argument.to_str() {
+                    Some(url) if url.contains("://") => through_port(url, line.port).into(),
+                    _ => argument,
+                };
+                let mut command = program;
+                command.arg("serve").args(named(&self.database).into_iter().map(through)).args(arguments);
                 Service::launch(command)
             }
+        }
+    }
+
+    /// Returns the number of kinds of faults.
+    pub fn kinds(&self) -> u64 {
+        match self.weakness {
+            Weakness::Disk(_) => 7,
+            Weakness::Line(_) => 3,
         }
     }
 
@@ -65,7 +69,7 @@ impl Place {
         let none = Faults::default();
         match &self.weakness {
             Weakness::Disk(disk) => {
-                let faults = match which % 7 {
+                let faults = match which % self.kinds() {
                     0 => Faults { writes_fail: 30, ..none },
                     1 => Faults { no_room: 30, ..none },
                     2 => Faults { no_room: 1_000, ..none },
@@ -78,7 +82,7 @@ impl Place {
                 format!("{faults:?}")
             }
             Weakness::Line(line) => {
-                let passes = [Passes::Late, Passes::Nothing, Passes::Cut][(which % 3) as usize];
+                let passes = [Passes::Late, Passes::Nothing, Passes::Cut][(which % self.kinds()) as usize];
                 line.set(passes);
                 format!("{passes:?}")
             }
@@ -96,4 +100,13 @@ impl Place {
     pub async fn pool(&self) -> Pool {
         pool(&self.database).await
     }
+}
+
+/// Returns the port of the server that a URL names.
+fn port_of(url: &str) -> u16 {
+    url.split([':', '/']).find_map(|part| part.parse().ok()).expect("a URL with a port")
+}
+
+fn through_port(url: &str, port: u16) -> String {
+    url.replace(&format!(":{}/", port_of(url)), &format!(":{port}/"))
 }

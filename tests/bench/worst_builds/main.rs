@@ -1,0 +1,107 @@
+//! The slowest builds for each check, searched by climbing from build to build: `worst_builds search [SECONDS]` searches for
+//! so many seconds for each check and size, 10 by default, and writes what it found to `found.json` beside this file;
+//! `worst_builds` prints how long the builds of that file take today.
+//!
+//! A build is small data, so that it can be changed step by step and committed. `tests/bench/counted` counts the
+//! instructions of the small ones.
+
+#![allow(clippy::print_stdout, reason = "it prints what it measured")]
+
+#[path = "../arguments.rs"]
+mod arguments;
+mod found;
+mod strokes;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use anyhow::Context as _;
+use found::{Found, SMALL, file, read};
+use plumbline_engine::checks::{Check, Subject};
+use plumbline_engine::voxel::Structure;
+use rand_mt::Mt64;
+use serde_json::json;
+use strokes::{Stroke, beginnings, changed, structure};
+
+/// The most blocks that a log may have.
+const LARGE: usize = 100_000;
+/// A build must be so much slower than the slowest before, so that noise alone is no step.
+const SLOWER: f64 = 1.03;
+
+fn check(name: &str) -> anyhow::Result<Check> {
+    serde_json::from_value(json!({ "fn": name, "args": arguments::arguments(name) })).with_context(|| name.to_owned())
+}
+
+/// Returns the least time of a few evaluations.
+fn time(check: &Check, structure: &Structure) -> Duration {
+    let palette = Arc::new(structure.palette().clone());
+    let evaluate = |_| {
+        // A structure keeps what it has looked up, so each time takes a new one.
+        let fresh = Structure::new(Arc::clone(&palette), structure.entries());
+        let begun = Instant::now();
+        let _ = std::hint::black_box(check.evaluate(&Subject::unhurried(&fresh)));
+        begun.elapsed()
+    };
+    (0..3).map(evaluate).min().unwrap_or_default()
+}
+
+/// Climbs from the slowest of the beginnings by changes that make a build slower.
+fn climb(check: &Check, most: usize, lasts: Duration) -> (Vec<Stroke>, Duration, usize) {
+    let (begun, mut random) = (Instant::now(), Mt64::new(24));
+    let timed = |strokes: Vec<Stroke>| (time(check, &structure(&strokes, most)), strokes);
+    let mut ranked: Vec<(Duration, Vec<Stroke>)> = beginnings(most).into_iter().map(timed).collect();
+    ranked.sort_by_key(|(took, _)| *took);
+    let Some((mut slowest, mut best)) = ranked.pop() else { return Default::default() };
+    let mut steps = 0;
+    while begun.elapsed() < lasts {
+        let next = changed(&best, most, &mut random);
+        let built = structure(&next, most);
+        if time(check, &built).as_secs_f64() > SLOWER * slowest.as_secs_f64() {
+            // Measured again: what was slow for once is forgotten.
+            let (before, now) = (time(check, &structure(&best, most)), time(check, &built));
+            slowest = before;
+            if now.as_secs_f64() > SLOWER * before.as_secs_f64() {
+                (slowest, best) = (now, next);
+                steps += 1;
+            }
+        }
+    }
+    (best, slowest, steps)
+}
+
+fn search(lasts: Duration) -> anyhow::Result<()> {
+    let mut all: BTreeMap<&str, Found> = BTreeMap::new();
+    for (name, _) in Check::LIST.iter().filter(|(name, _)| !name.starts_with("structural_stability")) {
+        let check = check(name)?;
+        let (small, took, steps) = climb(&check, SMALL, lasts);
+        println!("{name:50} {:>9} us  {SMALL} blocks, {steps} steps", took.as_micros());
+        let (large, took, steps) = climb(&check, LARGE, lasts);
+        println!("{name:50} {:>9} us  {LARGE} blocks, {steps} steps", took.as_micros());
+        all.insert(name, Found { small, large });
+    }
+    let lines = all.iter().map(|(name, found)| Ok(format!("  {}: {}", json!(name), serde_json::to_string(found)?)));
+    let lines: Vec<String> = lines.collect::<anyhow::Result<_>>()?;
+    Ok(std::fs::write(file(), format!("{{\n{}\n}}\n", lines.join(",\n")))?)
+}
+
+fn show() -> anyhow::Result<()> {
+    for (name, found) in read()? {
+        let check = check(&name)?;
+        for (most, strokes) in [(SMALL, found.small), (LARGE, found.large)] {
+            let built = structure(&strokes, most);
+            println!("{name:50} {:>9} us  {} blocks", time(&check, &built).as_micros(), built.len());
+        }
+    }
+    Ok(())
+}
+
+fn main() -> anyhow::Result<()> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    match arguments.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
+        [] => show(),
+        ["search"] => search(Duration::from_secs(10)),
+        ["search", seconds] => search(Duration::from_secs(seconds.parse()?)),
+        _ => anyhow::bail!("expected nothing, or `search [SECONDS]`"),
+    }
+}

@@ -1,0 +1,179 @@
+//! Builds as a few strokes, each a lattice of cells or cells at random: small to write down, and easy to change.
+
+use std::collections::HashSet;
+
+use plumbline_engine::voxel::cell::{MAX_HORIZONTAL, MAX_Y, MIN_Y};
+use plumbline_engine::voxel::{Cell, Structure};
+use rand_mt::Mt64;
+use serde::{Deserialize, Serialize};
+
+/// Names of blocks that checks treat in different ways.
+const MATERIALS: [&str; 8] =
+    ["stone", "glass", "oak_door", "red_bed", "oak_stairs", "torch", "oak_planks", "stone_bricks"];
+/// Greatest number of strokes.
+const MOST_STROKES: usize = 8;
+
+/// A part of a build.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stroke {
+    /// The cells from `from` on, by `counts` steps in each of three directions.
+    Lattice { from: [i32; 3], steps: [[i32; 3]; 3], counts: [u32; 3], material: usize },
+    /// So many cells anywhere in a box.
+    Scatter { from: [i32; 3], size: [u32; 3], count: u32, seed: u64, material: usize },
+}
+
+impl Stroke {
+    fn lattice(steps: [[i32; 3]; 3], counts: [usize; 3]) -> Self {
+        Self::Lattice { from: [0; 3], steps, counts: counts.map(|count| count as u32), material: 0 }
+    }
+
+    fn scatter(size: [u32; 3], count: usize) -> Self {
+        Self::Scatter { from: [0; 3], size, count: count as u32, seed: 7, material: 0 }
+    }
+
+    fn from(&mut self) -> &mut [i32; 3] {
+        match self {
+            Self::Lattice { from, .. } | Self::Scatter { from, .. } => from,
+        }
+    }
+
+    fn material(&mut self) -> &mut usize {
+        match self {
+            Self::Lattice { material, .. } | Self::Scatter { material, .. } => material,
+        }
+    }
+
+    /// Gives each of its cells to `put`, until that refuses.
+    fn draw(&self, mut put: impl FnMut(Cell, usize) -> bool) {
+        match self {
+            Self::Lattice { from, steps, counts, material } => {
+                let at = |i: [u32; 3]| {
+                    let along = |axis: usize| (0..3).map(|n| i[n] as i32 * steps[n][axis]).sum::<i32>() + from[axis];
+                    Cell::new(along(0), along(1), along(2))
+                };
+                let all = (0..counts[0]).flat_map(|i| (0..counts[1]).map(move |j| (i, j)));
+                let mut all = all.flat_map(|(i, j)| (0..counts[2]).map(move |k| [i, j, k]));
+                let _ = all.all(|i| put(at(i), *material));
+            }
+            Self::Scatter { from, size, count, seed, material } => {
+                let mut random = Mt64::new(*seed);
+                let mut along = |axis: usize| from[axis] + (random.next_u64() % u64::from(size[axis].max(1))) as i32;
+                let _ = (0..*count).all(|_| put(Cell::new(along(0), along(1), along(2)), *material));
+            }
+        }
+    }
+}
+
+/// Whether a log may have a block there.
+fn is_allowed(cell: Cell) -> bool {
+    let is_within = |at: i32| at.unsigned_abs() <= MAX_HORIZONTAL.unsigned_abs();
+    is_within(cell.x) && is_within(cell.z) && (MIN_Y..=MAX_Y).contains(&cell.y)
+}
+
+/// Returns the build of strokes, of at most so many blocks. Where two meet, the first stays.
+pub fn structure(strokes: &[Stroke], most: usize) -> Structure {
+    let (mut taken, mut blocks) = (HashSet::new(), Vec::new());
+    for stroke in strokes {
+        let mut tries = 0;
+        stroke.draw(|cell, material| {
+            tries += 1;
+            if is_allowed(cell) && taken.insert(cell) {
+                blocks.push((cell, MATERIALS[material % MATERIALS.len()]));
+            }
+            blocks.len() < most && tries < 2 * most
+        });
+    }
+    Structure::from_named(blocks)
+}
+
+/// Builds to begin with: solid, flat, thin, in checks, in steps, and scattered.
+pub fn beginnings(most: usize) -> Vec<Vec<Stroke>> {
+    let side = (most as f64).cbrt().ceil() as usize;
+    let plane = (most as f64).sqrt().ceil() as usize;
+    let (x, y, z) = ([1, 0, 0], [0, 1, 0], [0, 0, 1]);
+    let mut checks = vec![Stroke::lattice([[2, 0, 0], [0, 0, 2], y], [plane / 2, plane, 1]); 2];
+    *checks[1].from() = [1, 0, 1];
+    *checks[1].material() = 1;
+    let alone = [
+        Stroke::lattice([y, x, z], [side, side, side]),
+        Stroke::lattice([x, z, y], [plane, plane, 1]),
+        Stroke::lattice([y, x, z], [plane.min(250), most.div_ceil(plane.min(250)), 1]),
+        Stroke::lattice([x, y, z], [most, 1, 1]),
+        Stroke::lattice([[1, 0, 1], y, z], [most, 1, 1]),
+        Stroke::lattice([z, [1, 1, 0], y], [most.div_ceil(100), 100, 1]),
+        Stroke::lattice([y, [2, 0, 0], [0, 0, 2]], [100, most.div_ceil(1_000), 10]),
+        Stroke::lattice([[3, 0, 0], [0, 0, 3], y], [plane, plane, 1]),
+        Stroke::scatter([20, 20, 20], 2 * most),
+        Stroke::scatter([60, 60, 60], 2 * most),
+        Stroke::scatter([120, 120, 120], most),
+        Stroke::scatter([120, 1, 120], 2 * most),
+        Stroke::scatter([1_000, 300, 1_000], most),
+        Stroke::scatter([10_000_000, 300, 10_000_000], most),
+        Stroke::scatter([10_000_000, 1, 10_000_000], most),
+    ];
+    alone.into_iter().map(|stroke| vec![stroke]).chain([checks]).collect()
+}
+
+fn below(random: &mut Mt64, count: u64) -> u64 {
+    random.next_u64() % count.max(1)
+}
+
+/// Returns a number near another one, or now and then half or twice of it.
+fn near(random: &mut Mt64, number: u32, most: u32) -> u32 {
+    let changed = match below(random, 4) {
+        0 => number.saturating_add(1 + below(random, 3) as u32),
+        1 => number.saturating_sub(1 + below(random, 3) as u32),
+        2 => number.saturating_mul(2),
+        _ => number / 2,
+    };
+    changed.clamp(1, most)
+}
+
+/// Returns strokes of which one is changed, added, doubled or left out.
+pub fn changed(strokes: &[Stroke], most: usize, random: &mut Mt64) -> Vec<Stroke> {
+    let mut strokes = strokes.to_vec();
+    for _ in 0..=below(random, 2) {
+        let which = below(random, strokes.len() as u64) as usize;
+        match below(random, 10) {
+            0 if strokes.len() < MOST_STROKES => {
+                let all = beginnings(most);
+                strokes.extend(all[below(random, all.len() as u64) as usize].iter().cloned());
+            }
+            1 if strokes.len() < MOST_STROKES => {
+                let mut copy = strokes[which].clone();
+                copy.from()[below(random, 3) as usize] += below(random, 9) as i32 - 4;
+                strokes.insert(0, copy);
+            }
+            2 if strokes.len() > 1 => {
+                strokes.remove(which);
+            }
+            3 => strokes.rotate_left(which),
+            4 => *strokes[which].material() = below(random, MATERIALS.len() as u64) as usize,
+            5 => strokes[which].from()[below(random, 3) as usize] += below(random, 5) as i32 - 2,
+            _ => change(&mut strokes[which], most, random),
+        }
+    }
+    strokes
+}
+
+fn change(stroke: &mut Stroke, most: usize, random: &mut Mt64) {
+    let axis = below(random, 3) as usize;
+    match stroke {
+        Stroke::Lattice { steps, counts, .. } => match below(random, 3) {
+            0 => steps[below(random, 3) as usize][axis] += below(random, 3) as i32 - 1,
+            1 => counts[axis] = near(random, counts[axis], most as u32),
+            _ => {
+                // As many cells, in another shape.
+                let other = (axis + 1) % 3;
+                counts[axis] = counts[axis].saturating_mul(2).min(most as u32);
+                counts[other] = (counts[other] / 2).max(1);
+            }
+        },
+        Stroke::Scatter { size, count, seed, .. } => match below(random, 3) {
+            0 => size[axis] = near(random, size[axis], 20_000_000),
+            1 => *count = near(random, *count, 2 * most as u32),
+            _ => *seed = random.next_u64(),
+        },
+    }
+}

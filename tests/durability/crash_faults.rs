@@ -1,0 +1,65 @@
+//! Crashes while the disk, or the line to the server, has faults that come and go: what was acknowledged is there
+//! afterwards, and nothing is stuck.
+//!
+//! An ordinary run takes another fault for each moment; `PLUMBLINE_FAULTS=all` takes every fault for every moment.
+
+use std::process::Command;
+use std::time::Duration;
+
+use futures_util::StreamExt as _;
+
+use super::scene::{LEASE, Scene};
+use crate::support::PROGRAM;
+use crate::support::place::Place;
+
+/// Number of scenes at a time.
+const AT_ONCE: usize = 4;
+/// Commits before and after which the service dies.
+const COMMITS: [&str; 8] =
+    ["create_run", "accept", "claim", "renew", "record", "cancel", "finish_run", "note_key_uses"];
+
+/// Begins and ends a fault again and again, so that what it keeps from happening happens between.
+async fn flicker(place: &Place, fault: u64) {
+    loop {
+        place.begin_fault(fault);
+        tokio::time::sleep(Duration::from_millis(200)).await;
+        place.end_fault();
+        tokio::time::sleep(Duration::from_millis(200)).await;
+    }
+}
+
+async fn killed(moment: &str, fault: u64) {
+    let (mut scene, place) = Scene::with_faults().await;
+    let mut command = Command::new(PROGRAM);
+    command.env("PLUMBLINE_TEST_KILL", moment);
+    let service = place.start(command, &LEASE);
+    let course = async {
+        let _ = scene.work(&service).await;
+        service.wait_for_end(&format!("{moment}, fault {fault}, {}", scene.last())).await;
+    };
+    tokio::select! {
+        () = flicker(&place, fault) => {}
+        () = course => {}
+    }
+    let named = place.begin_fault(fault);
+    place.end_fault();
+    scene.end_well(&format!("{moment}, {named}")).await;
+}
+
+// The line to PostgreSQL passes bytes on while the test waits.
+#[tokio::test(flavor = "multi_thread")]
+async fn killed_at_each_commit_under_faults() {
+    let all = std::env::var("PLUMBLINE_FAULTS").is_ok_and(|which| which == "all");
+    let (_scene, place) = Scene::with_faults().await;
+    let kinds = place.kinds();
+    let moments = COMMITS.iter().flat_map(|commit| ["before", "after"].map(|side| format!("{side} {commit}")));
+    let scenes: Vec<(String, u64)> = (0..)
+        .zip(moments)
+        .flat_map(|(i, moment)| {
+            let faults = if all { 0..kinds } else { i % kinds..i % kinds + 1 };
+            faults.map(move |fault| (moment.clone(), fault))
+        })
+        .collect();
+    let scenes = futures_util::stream::iter(scenes).map(|(moment, fault)| async move { killed(&moment, fault).await });
+    scenes.buffer_unordered(AT_ONCE).collect::<Vec<()>>().await;
+}

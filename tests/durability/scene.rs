@@ -1,0 +1,165 @@
+//! A scene of the crash tests: a database with a key to it, work that clients do, and what was acknowledged to them.
+
+use std::cell::RefCell;
+use std::os::unix::process::ExitStatusExt as _;
+use std::path::PathBuf;
+use std::process::Command;
+use std::time::Duration;
+
+use plumbline_engine::checks::Criterion;
+use plumbline_engine::tasks::embedded;
+use reqwest::{RequestBuilder, StatusCode};
+use serde_json::{Value, json};
+
+use crate::support::audit::audit;
+use crate::support::commands::{key, plumbline, succeeded};
+use crate::support::place::Place;
+use crate::support::{PROGRAM, Service};
+
+pub const LEASE: [&str; 2] = ["--lease-seconds", "1"];
+
+/// How often a request is tried where there are faults.
+const MOST_TRIES: usize = 500;
+
+/// A database with a key to it, and what was acknowledged.
+pub struct Scene {
+    _folder: tempfile::TempDir,
+    pub database: PathBuf,
+    pub key: String,
+    pub acknowledged: Vec<String>,
+    /// Whether the disk or the line to the server has faults, so that requests may be refused for a time.
+    has_faults: bool,
+    /// What the last request came to.
+    last: RefCell<String>,
+}
+
+impl Scene {
+    pub fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let database = folder.path().join("p.db");
+        succeeded(&plumbline(&["migrate", "--create"], &database));
+        let key = key(&database, "lab");
+        Self { _folder: folder, database, key, acknowledged: Vec::new(), has_faults: false, last: RefCell::default() }
+    }
+
+    /// A scene with faults, and where they are made.
+    pub async fn with_faults() -> (Self, Place) {
+        let folder = tempfile::tempdir().unwrap();
+        let place = Place::new(folder.path()).await;
+        let (database, key) = (place.database.clone(), place.key.clone());
+        (
+            Self {
+                _folder: folder,
+                database,
+                key,
+                acknowledged: Vec::new(),
+                has_faults: true,
+                last: RefCell::default(),
+            },
+            place,
+        )
+    }
+
+    pub fn start(&self) -> Service {
+        Service::start_as_told(&self.database, &LEASE)
+    }
+
+    pub fn start_to_die(&self, moment: &str) -> Service {
+        let mut command = Command::new(PROGRAM);
+        command.env("PLUMBLINE_TEST_KILL", moment);
+        Service::start_by(command, &self.database, &LEASE)
+    }
+
+    /// Starts a service that dies by itself, soon.
+    pub fn start_and_die(&self, moment: &str) {
+        // `timeout` ends with another signal, so a service that lives on fails the test instead of holding it up.
+        let mut command = Command::new("timeout");
+        command.args(["--signal=INT", "60", PROGRAM, "serve", "--listen", "127.0.0.1:0"]);
+        let ended = command
+            .args(crate::support::database::named(&self.database))
+            .args(LEASE)
+            .env("PLUMBLINE_TEST_KILL", moment)
+            .output()
+            .unwrap();
+        let is_killed = ended.status.signal() == Some(9) || ended.status.code() == Some(128 + 9);
+        assert!(is_killed, "{moment}: {ended:?}");
+    }
+
+    /// Sends a request until it is decided; none where the service dies meanwhile.
+    pub async fn send(&self, request: RequestBuilder) -> Option<Value> {
+        let request = request.bearer_auth(&self.key);
+        for _ in 0..MOST_TRIES {
+            let answer = match request.try_clone().expect("the body is in memory").send().await {
+                Ok(answer) => answer,
+                Err(error) => return self.note(format!("{error:?}")),
+            };
+            let status = answer.status();
+            let text = match answer.text().await {
+                Ok(text) => text,
+                Err(error) => return self.note(format!("{status} {error:?}")),
+            };
+            self.note(format!("{status} {text}"));
+            let body: Value = serde_json::from_str(&text).unwrap_or_else(|_| panic!("{status} {text}"));
+            if status.is_success() || status == StatusCode::CONFLICT {
+                return status.is_success().then_some(body);
+            }
+            assert!(self.has_faults && status.is_server_error() && body["retryable"] == true, "{status} {body}");
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+        panic!("a request is refused without end");
+    }
+
+    fn note(&self, what: String) -> Option<Value> {
+        *self.last.borrow_mut() = what;
+        None
+    }
+
+    /// Returns what the last request came to.
+    pub fn last(&self) -> String {
+        self.last.borrow().clone()
+    }
+
+    /// Posts a log, and notes that it was acknowledged.
+    pub async fn post(&mut self, service: &Service, body: Value) -> Option<String> {
+        let accepted = self.send(service.http.post(format!("{}/v1/submissions", service.url)).json(&body)).await?;
+        let id = accepted["id"].as_str().unwrap().to_owned();
+        self.acknowledged.push(id.clone());
+        Some(id)
+    }
+
+    /// A run with a few submissions, one without a run, one that takes a while and one that is cancelled, and the end.
+    pub async fn work(&mut self, service: &Service) -> Option<()> {
+        let url = |path: &str| format!("{}{path}", service.url);
+        let begin = service.http.post(url("/v1/runs")).json(&json!({ "agent": "a", "suite": "mineceraft" }));
+        let run = self.send(begin).await?["id"].as_str().unwrap().to_owned();
+        self.post(service, slow()).await?;
+        let cancelled =
+            self.post(service, json!({ "run": run, "task": slow()["task"], "turns": slow()["turns"] })).await?;
+        for task in 1..3 {
+            let log = json!({ "palette": ["stone"], "rows": [[task, 0, 0, 0]] });
+            self.post(service, json!({ "run": run, "task": task, "turns": [log] })).await?;
+        }
+        self.send(service.http.post(url(&format!("/v1/submissions/{cancelled}/cancel")))).await;
+        self.send(service.http.post(url(&format!("/v1/runs/{run}/finish")))).await?;
+        Some(())
+    }
+
+    /// Starts a service that nothing befalls, waits until all is done, and looks through the books.
+    pub async fn end_well(&self, when: &str) {
+        let service = self.start();
+        service.settle(when).await;
+        assert!(service.terminate());
+        audit(&self.database, &self.acknowledged, when).await;
+    }
+}
+
+/// A cube under stress: grading takes longer than renewing a lease takes to come by.
+pub fn slow() -> Value {
+    let suite = embedded::latest().unwrap();
+    let is_stressed = |task: &&plumbline_engine::tasks::Task| {
+        task.turns.len() == 1 && task.checks().any(|c| c.criterion() == Criterion::StructuralStability)
+    };
+    let task = suite.tasks.iter().find(is_stressed).unwrap();
+    let rows: Vec<Value> = (0..20 * 20 * 20).map(|i| json!([i / 400, i / 20 % 20, i % 20, 0])).collect();
+    json!({ "task": task.number, "turns": [{ "palette": ["stone"], "rows": rows }] })
+}
