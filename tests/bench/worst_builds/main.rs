@@ -1,6 +1,6 @@
-//! The slowest builds for each check, searched by climbing from build to build: `worst_builds search [SECONDS]` searches for
-//! so many seconds for each check and size, 10 by default, and writes what it found to `found.json` beside this file;
-//! `worst_builds` prints how long the builds of that file take today.
+//! The slowest builds for each check, searched by climbing from build to build: `worst_builds search [SECONDS
+//! [CHECK…]]` searches for so many seconds for each check and size, 10 by default, and writes what it found to
+//! `found.json` beside this file; `worst_builds` prints how long the builds of that file take today.
 //!
 //! A build is small data, so that it can be changed step by step and committed. `tests/bench/counted` counts the
 //! instructions of the small ones.
@@ -70,15 +70,17 @@ fn climb(check: &Check, most: usize, lasts: Duration) -> (Vec<Stroke>, Duration,
     (best, slowest, steps)
 }
 
-fn search(lasts: Duration) -> anyhow::Result<()> {
-    let mut all: BTreeMap<&str, Found> = BTreeMap::new();
-    for (name, _) in Check::LIST.iter().filter(|(name, _)| !name.starts_with("structural_stability")) {
+fn search(lasts: Duration, checks: &[&str]) -> anyhow::Result<()> {
+    let mut all: BTreeMap<String, Found> = read().unwrap_or_default();
+    let is_wanted =
+        |name: &str| !name.starts_with("structural_stability") && (checks.is_empty() || checks.contains(&name));
+    for (name, _) in Check::LIST.iter().filter(|(name, _)| is_wanted(name)) {
         let check = check(name)?;
         let (small, took, steps) = climb(&check, SMALL, lasts);
         println!("{name:50} {:>9} us  {SMALL} blocks, {steps} steps", took.as_micros());
         let (large, took, steps) = climb(&check, LARGE, lasts);
         println!("{name:50} {:>9} us  {LARGE} blocks, {steps} steps", took.as_micros());
-        all.insert(name, Found { small, large });
+        all.insert((*name).to_owned(), Found { small, large });
     }
     let lines = all.iter().map(|(name, found)| Ok(format!("  {}: {}", json!(name), serde_json::to_string(found)?)));
     let lines: Vec<String> = lines.collect::<anyhow::Result<_>>()?;
@@ -100,8 +102,8 @@ fn main() -> anyhow::Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     match arguments.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
         [] => show(),
-        ["search"] => search(Duration::from_secs(10)),
-        ["search", seconds] => search(Duration::from_secs(seconds.parse()?)),
-        _ => anyhow::bail!("expected nothing, or `search [SECONDS]`"),
+        ["search"] => search(Duration::from_secs(10), &[]),
+        ["search", seconds, checks @ ..] => search(Duration::from_secs(seconds.parse()?), checks),
+        _ => anyhow::bail!("expected nothing, or `search [SECONDS [CHECK…]]`"),
     }
 }

@@ -10,6 +10,8 @@ use serde::{Deserialize, Serialize};
 /// Names of blocks that checks treat in different ways.
 const MATERIALS: [&str; 8] =
     ["stone", "glass", "oak_door", "red_bed", "oak_stairs", "torch", "oak_planks", "stone_bricks"];
+/// Greatest number of blocks of a hall to begin with.
+const MOST_OF_HALL: usize = 4_000;
 /// Greatest number of strokes.
 const MOST_STROKES: usize = 8;
 
@@ -112,7 +114,36 @@ pub fn beginnings(most: usize) -> Vec<Vec<Stroke>> {
         Stroke::scatter([10_000_000, 300, 10_000_000], most),
         Stroke::scatter([10_000_000, 1, 10_000_000], most),
     ];
-    alone.into_iter().map(|stroke| vec![stroke]).chain([checks]).collect()
+    // A search in a larger one would take minutes.
+    let halls = [2, 15].map(|gap| hall(((most.min(MOST_OF_HALL) / 8) as f64).sqrt() as i32 * gap, gap));
+    alone.into_iter().map(|stroke| vec![stroke]).chain([checks]).chain(halls).collect()
+}
+
+/// Returns a hall whose walls, floor and ceiling are single blocks with gaps, and a bed in its middle.
+fn hall(side: i32, gap: i32) -> Vec<Stroke> {
+    let height = side.min(MAX_Y);
+    let face = |from: [i32; 3], one: usize, other: usize| {
+        let step = |axis: usize| std::array::from_fn(|at| if at == axis { gap } else { 0 });
+        let count = |axis: usize| (if axis == 1 { height } else { side } / gap + 1) as u32;
+        Stroke::Lattice {
+            from,
+            steps: [step(one), step(other), [0; 3]],
+            counts: [count(one), count(other), 1],
+            material: 0,
+        }
+    };
+    let (far, top) = (side / gap * gap, height / gap * gap);
+    let mut strokes = vec![
+        face([0, 0, 0], 0, 1),
+        face([0, 0, far], 0, 1),
+        face([0, 0, 0], 2, 1),
+        face([far, 0, 0], 2, 1),
+        face([0, 0, 0], 0, 2),
+        face([0, top, 0], 0, 2),
+    ];
+    let bed = Stroke::Lattice { from: [far / 2, top / 2, far / 2], steps: [[0; 3]; 3], counts: [1; 3], material: 3 };
+    strokes.insert(0, bed);
+    strokes
 }
 
 fn below(random: &mut Mt64, count: u64) -> u64 {

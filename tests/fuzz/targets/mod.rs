@@ -2,7 +2,7 @@
 
 mod answer;
 mod canonical;
-mod check;
+pub mod check;
 mod child;
 mod command;
 mod family;

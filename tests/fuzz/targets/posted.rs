@@ -1,4 +1,4 @@
-//! Bodies of `/v1/submissions`, JSON or NDJSON: a line gives what it gives as a body of its own.
+//! Bodies of `/v1/submissions`, JSON or NDJSON: a line is read as the same submission that it is as a body of its own.
 
 use plumbline::app::submissions::posted::{Format, PostedSubmission, read_submissions};
 use plumbline_engine::intake::Faults;
@@ -16,12 +16,14 @@ pub fn run(data: &[u8]) {
     let lines = read_submissions(data, Format::NdJson, &mut faults);
     assert!(!lines.submissions.is_empty() || !faults.into_list().is_empty(), "no line is read, and none refused");
     let mut read = lines.submissions.iter();
-    for (number, line) in (1..).zip(data.split(|byte| *byte == b'\n').take(MOST)) {
+    let all: Vec<&[u8]> = data.split(|byte| *byte == b'\n').collect();
+    for (number, line) in (1..).zip(all.iter().take(MOST)) {
         let alone = read_submissions(line, Format::Json, &mut Faults::new());
         let same = (!alone.submissions.is_empty()).then(|| read.next()).flatten();
         assert_eq!(same.map(told), alone.submissions.first().map(told), "line {number}");
         assert!(same.is_none_or(|one| one.line == Some(number)), "line {number}");
     }
+    assert!(all.len() > MOST || read.next().is_none(), "more submissions than lines");
 }
 
 fn told(one: &PostedSubmission) -> String {

@@ -74,7 +74,7 @@ fn is_made_of(arguments: Arguments<'_>, build: &Build<'_>) -> Option<bool> {
         let rest = group.iter().filter(|block| except.is_none_or(|except| !except.has(block.name)));
         let own = rest.clone().filter(|block| of.has(block.name)).count();
         let share = if rest.clone().count() < fewest { 0.0 } else { own as f64 / rest.count() as f64 };
-        share.min(1.0) >= least
+        share >= least
     };
     Some(!build.blocks.is_empty() && groups(part, arguments.integer("y", 0), build)?.iter().all(is_of))
 }
@@ -102,13 +102,15 @@ fn groups<'a>(part: &str, y: i64, build: &'a Build<'a>) -> Option<Vec<Vec<&'a Bl
             let is_open = |block: &&Block<'_>| !cells.contains(&moved(block.at, [0, 1, 0]));
             vec![all().filter(is_open).filter(|block| 2 * block.at[1] >= top).collect()]
         }
-        "room_walls" | "room_corners" | "room_roof" => vec![of_rooms(part, y, build)],
+        "room_walls" | "room_corners" | "room_roof" => vec![of_rooms(part, y, build)?],
         _ => return None,
     })
 }
 
-fn of_rooms<'a>(part: &str, y: i64, build: &'a Build<'a>) -> Vec<&'a Block<'a>> {
-    let Some(world) = World::of(build) else { return Vec::new() };
+/// Returns the blocks of a part that rooms define; none of the roof where a cell is listed twice, as no rule says which
+/// entry is the highest.
+fn of_rooms<'a>(part: &str, y: i64, build: &'a Build<'a>) -> Option<Vec<&'a Block<'a>>> {
+    let Some(world) = World::of(build) else { return Some(Vec::new()) };
     let air: BTreeSet<At> = world.rooms(4).into_iter().flatten().collect();
     if part == "room_roof" {
         let is_over = |block: &&Block<'_>| air.iter().any(|at| (at[0], at[2]) == (block.at[0], block.at[2]));
@@ -116,12 +118,7 @@ fn of_rooms<'a>(part: &str, y: i64, build: &'a Build<'a>) -> Vec<&'a Block<'a>> 
         let over = roof.clone();
         let same = |a: &Block<'_>, b: &Block<'_>| (a.at[0], a.at[2]) == (b.at[0], b.at[2]);
         roof.retain(|block| over.iter().all(|other| !same(block, other) || other.at[1] <= block.at[1]));
-        // Of entries with the same cell the first one counts.
-        let tops = roof.clone();
-        roof.retain(|block| {
-            tops.iter().find(|other| same(block, other)).is_some_and(|first| std::ptr::eq(*first, *block))
-        });
-        return roof;
+        return (build.all().len() == build.blocks.len()).then_some(roof);
     }
     let is_candidate = |block: &&Block<'_>| block.at[1] == y && !is_door(block.name) && !air.contains(&block.at);
     let is_beside = |block: &Block<'_>| SIDES.iter().any(|side| air.contains(&moved(block.at, *side)));
@@ -133,5 +130,5 @@ fn of_rooms<'a>(part: &str, y: i64, build: &'a Build<'a>) -> Vec<&'a Block<'a>> 
         "room_walls" => is_beside(block),
         _ => !is_beside(block) && edges(block) == 1,
     };
-    build.blocks.iter().filter(is_candidate).filter(is_of_part).collect()
+    Some(build.blocks.iter().filter(is_candidate).filter(is_of_part).collect())
 }

@@ -23,8 +23,8 @@ fn along((x, z): Flat, axis: usize) -> i64 {
     [x, z][axis]
 }
 
-/// Returns the wider of the gaps that part two supports; `Err` if both are as wide, which leaves the axis open.
-fn gap_between(one: &BTreeSet<Flat>, other: &BTreeSet<Flat>) -> Result<Option<Gap>, ()> {
+/// Returns the wider of the gaps that part two supports: that along z if both are as wide.
+fn gap_between(one: &BTreeSet<Flat>, other: &BTreeSet<Flat>) -> Option<Gap> {
     let gap = |axis: usize| {
         let ends = |support: &BTreeSet<Flat>| {
             let along = || support.iter().map(|at| along(*at, axis));
@@ -35,9 +35,8 @@ fn gap_between(one: &BTreeSet<Flat>, other: &BTreeSet<Flat>) -> Result<Option<Ga
         (near.1 + 1 < far.0).then_some(Gap { axis, first: near.1 + 1, last: far.0 - 1, ends: (near.0, far.1) })
     };
     match (gap(0), gap(1)) {
-        (Some(x), Some(z)) if x.length() == z.length() => Err(()),
-        (Some(x), Some(z)) => Ok(Some(if x.length() > z.length() { x } else { z })),
-        (x, z) => Ok(x.or(z)),
+        (Some(x), Some(z)) => Some(if x.length() > z.length() { x } else { z }),
+        (x, z) => x.or(z),
     }
 }
 
@@ -86,7 +85,7 @@ pub fn holds(rule: &str, arguments: Arguments<'_>, build: &Build<'_>) -> Option<
 fn is_true_arch(arguments: Arguments<'_>, build: &Build<'_>) -> Option<bool> {
     let y = arguments.integer("support_y", 0);
     let [one, other] = &parts(&build.level(y), false)[..] else { return Some(false) };
-    let Some(gap) = gap_between(one, other).ok()? else { return Some(false) };
+    let Some(gap) = gap_between(one, other) else { return Some(false) };
     let supports = heights(build, gap, y - 1);
     let is_arch = |(across, places): &(i64, Vec<BTreeSet<i64>>)| {
         let low: Vec<i64> = places.iter().map(|at| *at.first().expect("a height")).collect();
@@ -110,19 +109,18 @@ fn has_clear_span(arguments: Arguments<'_>, build: &Build<'_>) -> Option<bool> {
     // No build of the fuzzer is as high as this.
     for y in 0..height.clamp(1, 100) {
         let [one, other] = &parts(&build.level(y), true)[..] else { return Some(false) };
-        let Some(gap) = gap_between(one, other).ok()? else {
-            return (arguments.integer("min_free", 0) > 0 || gaps.is_empty()).then_some(false);
-        };
-        if gap.length() < arguments.integer("min_free", 0) {
+        let gap = gap_between(one, other);
+        if gap.map_or(0, Gap::length) < arguments.integer("min_free", 0) {
             return Some(false);
         }
-        gaps.push(gap);
+        gaps.extend(gap);
     }
+    let Some(gap) = gaps.first().copied() else { return Some(false) };
     let is_deck = |row: &(i64, Vec<BTreeSet<i64>>)| {
         row.1.windows(2).all(|two| two[0].last().expect("a height").abs_diff(*two[1].last().expect("a height")) <= 1)
     };
     let decks: BTreeSet<i64> =
-        rows(build, gaps[0], height - 1).iter().filter(|row| is_deck(row)).map(|row| row.0).collect();
+        rows(build, gap, height - 1).iter().filter(|row| is_deck(row)).map(|row| row.0).collect();
     let width = arguments.integer("min_width", 1);
     let is_wide =
         |first: &i64| width <= decks.len() as i64 && (0..width.max(1)).all(|more| decks.contains(&(first + more)));

@@ -33,7 +33,7 @@ pub fn size(rule: &str, arguments: Arguments<'_>, build: &Build<'_>) -> Option<b
 
 pub fn clusters(rule: &str, arguments: Arguments<'_>, build: &Build<'_>) -> Option<bool> {
     let clusters = || parts(&build.level(arguments.integer("y", 0)), arguments.flag("use_8_neighbors", false));
-    let distance = |a: &Flat, b: &Flat| ((a.0 - b.0) as f64).hypot((a.1 - b.1) as f64);
+    let squared = |a: &Flat, b: &Flat| ((a.0 - b.0).pow(2) + (a.1 - b.1).pow(2)) as f64;
     match rule {
         "cluster_count_at_y_is" => Some(clusters().len() as f64 == arguments.number("expected_count")?),
         "clusters_at_y_have_min_span" => {
@@ -41,30 +41,32 @@ pub fn clusters(rule: &str, arguments: Arguments<'_>, build: &Build<'_>) -> Opti
             let pairs = (0..clusters.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
             let spans = pairs.flat_map(|(i, j)| {
                 let other = &clusters[j];
-                clusters[i].iter().flat_map(move |a| other.iter().map(move |b| distance(a, b)))
+                clusters[i].iter().flat_map(move |a| other.iter().map(move |b| squared(a, b)))
             });
-            at_least(spans.fold(f64::INFINITY, f64::min), arguments.number("min_span")?)
+            Some(reaches(spans.fold(f64::INFINITY, f64::min), arguments.number("min_span")?))
         }
         "cluster_at_y_has_min_radius" => {
             let [cluster] = &clusters()[..] else { return Some(false) };
             let mean = |along: fn(&Flat) -> i64| cluster.iter().map(along).sum::<i64>() as f64 / cluster.len() as f64;
             let (x, z) = (mean(|at| at.0), mean(|at| at.1));
             let radii = cluster.iter().map(|at| (at.0 as f64 - x).hypot(at.1 as f64 - z));
-            at_least(radii.fold(0.0, f64::max), arguments.number("min_radius")?)
+            // The mean is rounded, so a radius near the bound is left open.
+            let (radius, least) = (radii.fold(0.0, f64::max), arguments.number("min_radius")?);
+            ((radius - least).abs() > 1e-9 * least.abs().max(1.0)).then_some(radius >= least)
         }
         "cluster_at_y_has_min_diameter" => {
             let [cluster] = &clusters()[..] else { return Some(false) };
-            let all = cluster.iter().flat_map(|a| cluster.iter().map(move |b| distance(a, b)));
-            at_least(all.fold(0.0, f64::max), arguments.number("min_diameter")?)
+            let all = cluster.iter().flat_map(|a| cluster.iter().map(move |b| squared(a, b)));
+            Some(reaches(all.fold(0.0, f64::max), arguments.number("min_diameter")?))
         }
         "level_has" => Some(!build.blocks.is_empty() && level_has(arguments, build)),
         _ => None,
     }
 }
 
-/// Compares what may be rounded; undecided where it is too near.
-fn at_least(found: f64, least: f64) -> Option<bool> {
-    (found == least || (found - least).abs() > 1e-9 * least.abs().max(1.0)).then_some(found >= least)
+/// Whether a distance, given by its square, is at least so long.
+fn reaches(squared: f64, least: f64) -> bool {
+    least <= 0.0 || squared >= least * least
 }
 
 fn level_has(arguments: Arguments<'_>, build: &Build<'_>) -> bool {

@@ -1,5 +1,5 @@
-//! The rules of checks once more, as plainly as `docs/rules.md` states them: sets of cells, every pair, every chord. Slow,
-//! and easy to compare with the text.
+//! Every rule a second time, as plainly as `docs/rules.md` states it: sets of cells, every pair, every chord. Slow, but
+//! easy to compare with the text.
 
 mod blocks;
 mod bridges;
@@ -102,8 +102,8 @@ impl<'a> Arguments<'a> {
     }
 }
 
-/// Returns whether a check holds, or its score. `None` if the rule does not decide: rounding or a tie would, or another
-/// test computes it plainly, as that of the stress does.
+/// Returns the score of a check. `None` where the rule leaves it open to rounding, and for stress, which other tests
+/// compute plainly.
 pub fn score(name: &str, arguments: &Value, build: &Build<'_>) -> Option<f64> {
     let (room, rule) = name.split_once('.')?;
     let arguments = Arguments(arguments);

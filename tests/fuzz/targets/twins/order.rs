@@ -38,12 +38,9 @@ pub fn holds(rule: &str, arguments: Arguments<'_>, build: &Build<'_>) -> Option<
                 (0..build.blocks.len()).filter(|i| layers[layer].has(build.blocks[*i].name)).collect()
             };
             let is_full = |layer| places(layer).len() as f64 >= arguments.number("min_blocks").unwrap_or(1.0);
-            if (0..layers.len()).any(|layer| places(layer).is_empty()) {
-                // What an empty layer comes after is not said.
-                return (!(0..layers.len()).all(is_full)).then_some(false);
-            }
-            let follows = |layer: usize| places(layer).first() >= places(layer - 1).last();
-            Some((0..layers.len()).all(is_full) && (1..layers.len()).all(follows))
+            let filled: Vec<Vec<usize>> = (0..layers.len()).map(places).filter(|places| !places.is_empty()).collect();
+            let follows = filled.windows(2).all(|two| two[1].first() >= two[0].last());
+            Some((0..layers.len()).all(is_full) && follows)
         }
         _ => None,
     }

@@ -15,7 +15,7 @@ use crate::voxel::{Cell, Structure};
 pub struct IsVault {
     /// Least number of free cells between the ground and the cover, in the middle.
     pub min_clear: u32,
-    /// Least share of the square around the plan that the plan covers, from 0 to 1.
+    /// Least share of the rectangle around the plan that the plan covers, from 0 to 1.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub min_cover: f64,
     /// Whether of two neighbouring columns the higher one must reach down to just above the lower one.
@@ -83,7 +83,7 @@ impl Rule for IsVault {
         let measured = json!({ "clear": clear, "closed": is_closed, "along_x": lines[0], "along_z": lines[1] });
         let failed: Vec<&str> = [
             (is_closed, "some row of the plan is not covered from end to end"),
-            (plan_share >= self.min_cover, "the plan covers too little of the square around it"),
+            (plan_share >= self.min_cover, "the plan covers too little of the rectangle around it"),
             (!has_gaps, "a column does not reach down to its lower neighbour"),
             (has_room, "too few cells are free over the middle"),
             (falls, "the upper surface does not fall by two to every side, or dips"),
