@@ -29,7 +29,7 @@ pub struct Scene {
     pub acknowledged: Vec<String>,
     /// Whether the disk or the line to the server has faults, so that requests may be refused for a time.
     has_faults: bool,
-    /// What the last request came to.
+    /// Outcome of the last request.
     last: RefCell<String>,
 }
 
@@ -85,7 +85,7 @@ impl Scene {
         assert!(is_killed, "{moment}: {ended:?}");
     }
 
-    /// Sends a request until it is decided; none where the service dies meanwhile.
+    /// Sends a request until it succeeds. Returns `None` on a conflict, or if the service dies first.
     pub async fn send(&self, request: RequestBuilder) -> Option<Value> {
         let request = request.bearer_auth(&self.key);
         for _ in 0..MOST_TRIES {
@@ -114,7 +114,7 @@ impl Scene {
         None
     }
 
-    /// Returns what the last request came to.
+    /// Returns the outcome of the last request.
     pub fn last(&self) -> String {
         self.last.borrow().clone()
     }
@@ -144,7 +144,7 @@ impl Scene {
         Some(())
     }
 
-    /// Starts a service that nothing befalls, waits until all is done, and looks through the books.
+    /// Starts a service without faults, waits until no work is left, and audits the database.
     pub async fn end_well(&self, when: &str) {
         let service = self.start();
         service.settle(when).await;
@@ -153,7 +153,7 @@ impl Scene {
     }
 }
 
-/// A cube under stress: grading takes longer than renewing a lease takes to come by.
+/// A cube under stress: grading it takes longer than the interval at which a lease is renewed.
 pub fn slow() -> Value {
     let suite = embedded::latest().unwrap();
     let is_stressed = |task: &&plumbline_engine::tasks::Task| {

@@ -7,7 +7,7 @@ use rand_mt::Mt64;
 use crate::support::repository;
 
 /// How many random inputs of each length a target takes in an ordinary run.
-const RANDOM: usize = 3000;
+const RANDOM: usize = 200;
 
 #[test]
 fn every_corpus_passes_its_target() {

@@ -1,4 +1,5 @@
-/* A disk with faults, for one process: preloaded, it makes writes and syncs of the files in a folder fail.
+/* A disk with faults, for one process: preloaded, it makes writes and syncs of the files in a folder fail. Changes of a
+ * file's length and renames count as writes.
  *
  * PLUMBLINE_FAULTY_FOLDER is the folder, PLUMBLINE_FAULTS a file of nine numbers (32 bits each) that is mapped into
  * memory, so that a test can change them while the process runs: how many of a thousand writes fail with EIO, fail with

@@ -1,4 +1,4 @@
-//! Where a service stands that meets faults: a database, and what makes its disk or its line to the server faulty.
+//! A database whose disk, or whose line to the server, a test can make faulty.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};

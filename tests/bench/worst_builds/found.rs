@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use anyhow::Context as _;
 use serde::{Deserialize, Serialize};
 
 use super::strokes::Stroke;
@@ -23,5 +24,6 @@ pub fn file() -> PathBuf {
 
 /// Reads the file: builds by the names of the checks.
 pub fn read() -> anyhow::Result<BTreeMap<String, Found>> {
-    Ok(serde_json::from_str(&std::fs::read_to_string(file())?)?)
+    let text = std::fs::read_to_string(file()).with_context(|| file().display().to_string())?;
+    Ok(serde_json::from_str(&text)?)
 }

@@ -1,6 +1,6 @@
-//! The slowest builds for each check, searched by climbing from build to build: `worst_builds search [SECONDS
-//! [CHECK…]]` searches for so many seconds for each check and size, 10 by default, and writes what it found to
-//! `found.json` beside this file; `worst_builds` prints how long the builds of that file take today.
+//! Searches for the builds that take each check longest, by hill climbing. `worst_builds search [SECONDS [CHECK…]]` spends
+//! so many seconds on each check and size, 10 by default, and writes `found.json` beside this file. Without arguments it
+//! prints how long those builds take now.
 //!
 //! A build is small data, so that it can be changed step by step and committed. `tests/bench/counted` counts the
 //! instructions of the small ones.
@@ -9,6 +9,7 @@
 
 #[path = "../arguments.rs"]
 mod arguments;
+mod climbing;
 mod found;
 mod strokes;
 
@@ -17,16 +18,17 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
+use climbing::{beginnings, changed};
 use found::{Found, SMALL, file, read};
 use plumbline_engine::checks::{Check, Subject};
 use plumbline_engine::voxel::Structure;
 use rand_mt::Mt64;
 use serde_json::json;
-use strokes::{Stroke, beginnings, changed, structure};
+use strokes::{Stroke, structure};
 
 /// The most blocks that a log may have.
 const LARGE: usize = 100_000;
-/// A build must be so much slower than the slowest before, so that noise alone is no step.
+/// A change counts as slower only by this factor, because times are noisy.
 const SLOWER: f64 = 1.03;
 
 fn check(name: &str) -> anyhow::Result<Check> {
@@ -50,15 +52,14 @@ fn time(check: &Check, structure: &Structure) -> Duration {
 fn climb(check: &Check, most: usize, lasts: Duration) -> (Vec<Stroke>, Duration, usize) {
     let (begun, mut random) = (Instant::now(), Mt64::new(24));
     let timed = |strokes: Vec<Stroke>| (time(check, &structure(&strokes, most)), strokes);
-    let mut ranked: Vec<(Duration, Vec<Stroke>)> = beginnings(most).into_iter().map(timed).collect();
-    ranked.sort_by_key(|(took, _)| *took);
-    let Some((mut slowest, mut best)) = ranked.pop() else { return Default::default() };
+    let first = beginnings(most).into_iter().map(timed).max_by_key(|(took, _)| *took);
+    let Some((mut slowest, mut best)) = first else { return Default::default() };
     let mut steps = 0;
     while begun.elapsed() < lasts {
         let next = changed(&best, most, &mut random);
         let built = structure(&next, most);
         if time(check, &built).as_secs_f64() > SLOWER * slowest.as_secs_f64() {
-            // Measured again: what was slow for once is forgotten.
+            // Both are measured again, so that one slow run does not count.
             let (before, now) = (time(check, &structure(&best, most)), time(check, &built));
             slowest = before;
             if now.as_secs_f64() > SLOWER * before.as_secs_f64() {

@@ -76,16 +76,16 @@ fn bulges(heights: &[i64]) -> bool {
 
 pub fn holds(rule: &str, arguments: Arguments<'_>, build: &Build<'_>) -> Option<bool> {
     match rule {
-        "is_true_arch" => is_true_arch(arguments, build),
-        "has_clear_span" => has_clear_span(arguments, build),
+        "is_true_arch" => Some(is_true_arch(arguments, build)),
+        "has_clear_span" => Some(has_clear_span(arguments, build)),
         _ => None,
     }
 }
 
-fn is_true_arch(arguments: Arguments<'_>, build: &Build<'_>) -> Option<bool> {
+fn is_true_arch(arguments: Arguments<'_>, build: &Build<'_>) -> bool {
     let y = arguments.integer("support_y", 0);
-    let [one, other] = &parts(&build.level(y), false)[..] else { return Some(false) };
-    let Some(gap) = gap_between(one, other) else { return Some(false) };
+    let [one, other] = &parts(&build.level(y), false)[..] else { return false };
+    let Some(gap) = gap_between(one, other) else { return false };
     let supports = heights(build, gap, y - 1);
     let is_arch = |(across, places): &(i64, Vec<BTreeSet<i64>>)| {
         let low: Vec<i64> = places.iter().map(|at| *at.first().expect("a height")).collect();
@@ -97,25 +97,25 @@ fn is_true_arch(arguments: Arguments<'_>, build: &Build<'_>) -> Option<bool> {
         let whole = [&before[..], &high, &after].concat();
         bulges(&low) && (bulges(&high) || arguments.flag("with_supports", false) && bulges(&whole))
     };
-    Some(rows(build, gap, y).iter().any(is_arch))
+    rows(build, gap, y).iter().any(is_arch)
 }
 
-fn has_clear_span(arguments: Arguments<'_>, build: &Build<'_>) -> Option<bool> {
+fn has_clear_span(arguments: Arguments<'_>, build: &Build<'_>) -> bool {
     if build.blocks.is_empty() {
-        return Some(false);
+        return false;
     }
     let height = arguments.integer("height", 0);
     let mut gaps = Vec::new();
     // No build of the fuzzer is as high as this.
     for y in 0..height.clamp(1, 100) {
-        let [one, other] = &parts(&build.level(y), true)[..] else { return Some(false) };
+        let [one, other] = &parts(&build.level(y), true)[..] else { return false };
         let gap = gap_between(one, other);
         if gap.map_or(0, Gap::length) < arguments.integer("min_free", 0) {
-            return Some(false);
+            return false;
         }
         gaps.extend(gap);
     }
-    let Some(gap) = gaps.first().copied() else { return Some(false) };
+    let Some(gap) = gaps.first().copied() else { return false };
     let is_deck = |row: &(i64, Vec<BTreeSet<i64>>)| {
         row.1.windows(2).all(|two| two[0].last().expect("a height").abs_diff(*two[1].last().expect("a height")) <= 1)
     };
@@ -124,5 +124,5 @@ fn has_clear_span(arguments: Arguments<'_>, build: &Build<'_>) -> Option<bool> {
     let width = arguments.integer("min_width", 1);
     let is_wide =
         |first: &i64| width <= decks.len() as i64 && (0..width.max(1)).all(|more| decks.contains(&(first + more)));
-    Some(decks.iter().any(is_wide))
+    decks.iter().any(is_wide)
 }
