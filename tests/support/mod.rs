@@ -220,7 +220,9 @@ impl Service {
             }
             tokio::time::sleep(Duration::from_millis(100)).await;
         }
-        panic!("{when}: the service lives");
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.process.id())).unwrap_or_default();
+        let state = status.lines().find(|line| line.starts_with("State")).unwrap_or("it is gone").to_owned();
+        panic!("{when}: the service lives ({state}); it said {:#?}", self.said.lock().unwrap());
     }
 
     /// Sends it a signal.
