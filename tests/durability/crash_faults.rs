@@ -29,12 +29,14 @@ async fn flicker(place: &Place, fault: u64) {
     }
 }
 
-async fn killed(moment: &str, fault: u64) {
+/// Kills a service at a moment of its work under a fault. Returns the number of submissions that were acknowledged.
+async fn killed(moment: &str, fault: u64) -> usize {
     let (mut scene, place) = Scene::with_faults().await;
     let mut command = Command::new(PROGRAM);
     command.env("PLUMBLINE_TEST_KILL", moment);
     let service = place.start(command, &LEASE);
     let course = async {
+        // `None` where it died in the middle.
         let _ = scene.work(&service).await;
         service.wait_for_end(&format!("{moment}, fault {fault}, {}", scene.last())).await;
     };
@@ -42,9 +44,9 @@ async fn killed(moment: &str, fault: u64) {
         () = flicker(&place, fault) => {}
         () = course => {}
     }
-    let named = place.begin_fault(fault);
     place.end_fault();
-    scene.end_well(&format!("{moment}, {named}")).await;
+    scene.end_well(&format!("{moment}, {}", place.name_of(fault))).await;
+    scene.acknowledged.len()
 }
 
 // The line to PostgreSQL passes bytes on while the test waits.
@@ -53,7 +55,7 @@ async fn killed(moment: &str, fault: u64) {
 async fn killed_at_each_commit_under_faults() {
     let all = std::env::var_os("PLUMBLINE_ALL_FAULTS").is_some();
     let (_scene, place) = Scene::with_faults().await;
-    let kinds = place.kinds();
+    let kinds = place.kinds() as u64;
     let moments = COMMITS.iter().flat_map(|commit| ["before", "after"].map(|side| format!("{side} {commit}")));
     let scenes: Vec<(String, u64)> = (0..)
         .zip(moments)
@@ -69,5 +71,6 @@ async fn killed_at_each_commit_under_faults() {
         tokio::task::spawn_blocking(move || runtime.block_on(killed(&moment, fault)))
     };
     let scenes = futures_util::stream::iter(scenes).map(scene).buffer_unordered(AT_ONCE);
-    scenes.collect::<Vec<_>>().await.into_iter().for_each(|ended| ended.unwrap());
+    let acknowledged: Vec<usize> = scenes.map(Result::unwrap).collect().await;
+    assert!(acknowledged.iter().sum::<usize>() > acknowledged.len(), "hardly anything was acknowledged");
 }

@@ -95,7 +95,7 @@ async fn mixed_load_with_faults() {
         let which = chance.below(u64::MAX);
         let course = async {
             tokio::time::sleep(Duration::from_millis(round_s * 500)).await;
-            let fault = place.begin_fault(which);
+            place.begin_fault(which);
             round.begin_fault();
             tokio::time::sleep(Duration::from_millis(round_s * 300)).await;
             if is_killed {
@@ -105,7 +105,7 @@ async fn mixed_load_with_faults() {
             place.end_fault();
             tokio::time::sleep(Duration::from_millis(round_s * 100)).await;
             round.stop();
-            fault
+            place.name_of(which)
         };
         let (heard, fault) = tokio::join!(round.drive(), course);
         if is_killed {

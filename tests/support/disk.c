@@ -95,15 +95,10 @@ ssize_t pwrite64(int fd, const void *bytes, size_t length, off64_t at) {
     return some < 0 ? some : real(fd, bytes, (size_t)some, at);
 }
 
-/* Several pieces at once: too few of them is no answer that callers expect, so these fail whole. */
+/* A short write would end within a piece, so this one fails as a whole. */
 ssize_t writev(int fd, const struct iovec *pieces, int count) {
     REAL(ssize_t, "writev", int, const struct iovec *, int);
     return allowed(fd, 1) < 0 ? -1 : real(fd, pieces, count);
-}
-
-ssize_t pwritev(int fd, const struct iovec *pieces, int count, off_t at) {
-    REAL(ssize_t, "pwritev", int, const struct iovec *, int, off_t);
-    return allowed(fd, 1) < 0 ? -1 : real(fd, pieces, count, at);
 }
 
 /* Files that grow or shrink, and those that take the place of others, count as written. */
@@ -115,16 +110,6 @@ int ftruncate(int fd, off_t length) {
 int ftruncate64(int fd, off64_t length) {
     REAL(int, "ftruncate64", int, off64_t);
     return allowed(fd, 1) < 0 ? -1 : real(fd, length);
-}
-
-int posix_fallocate64(int fd, off64_t at, off64_t length) {
-    REAL(int, "posix_fallocate64", int, off64_t, off64_t);
-    return allowed(fd, 1) < 0 ? errno : real(fd, at, length);
-}
-
-int fallocate64(int fd, int mode, off64_t at, off64_t length) {
-    REAL(int, "fallocate64", int, int, off64_t, off64_t);
-    return allowed(fd, 1) < 0 ? -1 : real(fd, mode, at, length);
 }
 
 static int is_in_folder(const char *path) {

@@ -14,6 +14,7 @@ pub mod place;
 pub mod tampering;
 
 use std::io::{BufRead as _, BufReader};
+use std::os::unix::process::ExitStatusExt as _;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
@@ -212,10 +213,11 @@ impl Service {
         self.process.wait().unwrap().success()
     }
 
-    /// Waits until it has ended by itself; fails after a minute.
+    /// Waits until SIGKILL has ended it; fails after a minute.
     pub async fn wait_for_end(mut self, when: &str) {
         for _ in 0..600 {
-            if self.process.try_wait().unwrap().is_some() {
+            if let Some(status) = self.process.try_wait().unwrap() {
+                assert_eq!(status.signal(), Some(9), "{when}: {status}");
                 return;
             }
             tokio::time::sleep(Duration::from_millis(100)).await;

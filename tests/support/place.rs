@@ -12,6 +12,23 @@ use super::database::{is_postgres, named, pool, url};
 use super::disk::{Disk, Faults};
 use super::line::{Line, Passes};
 
+const NONE: Faults = Faults { writes_fail: 0, no_room: 0, short_writes: 0, syncs_fail: 0, delay_us: 0 };
+const DISK_FAULTS: [Faults; 7] = [
+    Faults { writes_fail: 30, ..NONE },
+    Faults { no_room: 30, ..NONE },
+    Faults { no_room: 1_000, ..NONE },
+    Faults { short_writes: 100, ..NONE },
+    Faults { syncs_fail: 100, ..NONE },
+    Faults { syncs_fail: 1_000, ..NONE },
+    Faults { delay_us: 20_000, ..NONE },
+];
+const LINE_FAULTS: [Passes; 3] = [Passes::Late, Passes::Nothing, Passes::Cut];
+
+/// Returns the fault of a number, which begins anew after the last one.
+const fn nth<T: Copy>(faults: &[T], which: u64) -> T {
+    faults[(which % faults.len() as u64) as usize]
+}
+
 enum Weakness {
     /// The disk of a SQLite file.
     Disk(Disk),
@@ -57,41 +74,32 @@ impl Place {
     }
 
     /// Returns the number of kinds of faults.
-    pub fn kinds(&self) -> u64 {
+    pub const fn kinds(&self) -> usize {
         match self.weakness {
-            Weakness::Disk(_) => 7,
-            Weakness::Line(_) => 3,
+            Weakness::Disk(_) => DISK_FAULTS.len(),
+            Weakness::Line(_) => LINE_FAULTS.len(),
         }
     }
 
-    /// Begins the fault of this number, and names it.
-    pub fn begin_fault(&self, which: u64) -> String {
-        let none = Faults::default();
+    /// Returns the name of the fault of a number.
+    pub fn name_of(&self, which: u64) -> String {
+        match self.weakness {
+            Weakness::Disk(_) => format!("{:?}", nth(&DISK_FAULTS, which)),
+            Weakness::Line(_) => format!("{:?}", nth(&LINE_FAULTS, which)),
+        }
+    }
+
+    /// Begins the fault of a number.
+    pub fn begin_fault(&self, which: u64) {
         match &self.weakness {
-            Weakness::Disk(disk) => {
-                let faults = match which % self.kinds() {
-                    0 => Faults { writes_fail: 30, ..none },
-                    1 => Faults { no_room: 30, ..none },
-                    2 => Faults { no_room: 1_000, ..none },
-                    3 => Faults { short_writes: 100, ..none },
-                    4 => Faults { syncs_fail: 100, ..none },
-                    5 => Faults { syncs_fail: 1_000, ..none },
-                    _ => Faults { delay_us: 20_000, ..none },
-                };
-                disk.set(faults);
-                format!("{faults:?}")
-            }
-            Weakness::Line(line) => {
-                let passes = [Passes::Late, Passes::Nothing, Passes::Cut][(which % self.kinds()) as usize];
-                line.set(passes);
-                format!("{passes:?}")
-            }
+            Weakness::Disk(disk) => disk.set(nth(&DISK_FAULTS, which)),
+            Weakness::Line(line) => line.set(nth(&LINE_FAULTS, which)),
         }
     }
 
     pub fn end_fault(&self) {
         match &self.weakness {
-            Weakness::Disk(disk) => disk.set(Faults::default()),
+            Weakness::Disk(disk) => disk.set(NONE),
             Weakness::Line(line) => line.set(Passes::All),
         }
     }

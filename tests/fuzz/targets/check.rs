@@ -1,7 +1,8 @@
 //! Checks with arguments as task files have them, on structures: they score what the same rules score when they are
 //! written plainly ([`twins`]), and find the same each time.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::LazyLock;
 
 use arbitrary::{Arbitrary, Unstructured};
 use plumbline_engine::checks::{Check, Subject};
@@ -34,8 +35,11 @@ const BLOCKS: [&str; 16] = [
     "air",
     "no_such_block",
 ];
+/// An argument with values in JSON.
+type Optional = (&'static str, &'static [&'static str]);
+
 /// Arguments that some checks have and that may be left out, each with values in JSON.
-const OPTIONAL: [(&str, &[&str]); 24] = [
+const OPTIONAL: [Optional; 24] = [
     ("use_8_neighbors", &["true"]),
     ("use_substring_match", &["true", "false"]),
     ("substring_match", &["false"]),
@@ -79,7 +83,7 @@ fn scored(bytes: &mut Unstructured<'_>) -> arbitrary::Result<()> {
         }
     }
     // Each argument that this check has is given now and then.
-    for (argument, values) in OPTIONAL.iter().filter(|(argument, values)| takes(name, argument, values)) {
+    for (argument, values) in &TAKEN[name] {
         if bytes.ratio(1, 3)? {
             arguments[*argument] = serde_json::from_str(bytes.choose(values)?).expect("the list has JSON");
         }
@@ -97,6 +101,12 @@ fn scored(bytes: &mut Unstructured<'_>) -> arbitrary::Result<()> {
     assert!(twin.is_none_or(|score| score == finding.score), "{} {finding:?}, its twin {twin:?}", told());
     Ok(())
 }
+
+/// The optional arguments of each check.
+static TAKEN: LazyLock<BTreeMap<&str, Vec<Optional>>> = LazyLock::new(|| {
+    let taken = |name| OPTIONAL.into_iter().filter(|(argument, values)| takes(name, argument, values)).collect();
+    Check::LIST.iter().map(|(name, _)| (*name, taken(name))).collect()
+});
 
 /// Whether a check has an argument: then it takes one of these values for it.
 fn takes(name: &str, argument: &str, values: &[&str]) -> bool {
