@@ -26,6 +26,9 @@ fn every_corpus_passes_its_target() {
     }
 }
 
+/// How many builds of chance each check scores in an ordinary run.
+const BUILDS: u64 = 1_000;
+
 /// Random inputs, the same in each run: they find some of what a fuzzer finds by searching.
 #[test]
 fn every_target_withstands_random_bytes() {
@@ -44,4 +47,13 @@ fn every_target_withstands_random_bytes() {
 #[test]
 fn every_check_has_a_twin() {
     targets::check::every_check_has_a_twin();
+}
+
+#[test]
+fn every_check_scores_what_its_twin_does() {
+    let bytes = |seed| {
+        let mut random = Mt64::new(seed);
+        (0..100 + random.next_u64() % 300).map(|_| (random.next_u64() >> 56) as u8).collect()
+    };
+    targets::check::run_each(&(0..BUILDS).map(bytes));
 }

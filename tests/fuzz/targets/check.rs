@@ -71,11 +71,13 @@ const MOST: usize = 300;
 const MOST_STRESSED: usize = 20;
 
 pub fn run(data: &[u8]) {
-    let _ = scored(&mut Unstructured::new(data));
+    let mut bytes = Unstructured::new(data);
+    if let Ok((name, _)) = bytes.choose(Check::LIST) {
+        let _ = scored(name, &mut bytes);
+    }
 }
 
-fn scored(bytes: &mut Unstructured<'_>) -> arbitrary::Result<()> {
-    let (name, _) = *bytes.choose(Check::LIST)?;
+fn scored(name: &str, bytes: &mut Unstructured<'_>) -> arbitrary::Result<()> {
     let mut arguments = arguments::arguments(name);
     for value in arguments.as_object_mut().expect("arguments are an object").values_mut() {
         if bytes.ratio(1, 4)? {
@@ -119,6 +121,16 @@ fn takes(name: &str, argument: &str, values: &[&str]) -> bool {
 
 fn read(name: &str, arguments: &Value) -> Option<Check> {
     read_check(&json!({ "fn": name, "args": arguments }), &mut Faults::new())
+}
+
+/// Runs each check on builds of chance, as many for each.
+#[cfg(test)]
+pub fn run_each(inputs: &(impl Iterator<Item = Vec<u8>> + Clone)) {
+    for (name, _) in Check::LIST.iter().filter(|(name, _)| !name.starts_with("structural_stability")) {
+        for data in inputs.clone() {
+            let _ = scored(name, &mut Unstructured::new(&data));
+        }
+    }
 }
 
 /// Panics unless every check has a twin, but for those of stress.
