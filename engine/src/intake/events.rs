@@ -1,5 +1,7 @@
 //! The plain form of a turn: an array of events.
 
+use std::ops::RangeInclusive;
+
 use serde::de::{IgnoredAny, MapAccess, SeqAccess};
 
 use super::Reader;
@@ -116,10 +118,15 @@ pub(super) fn cell_of(at: [Option<i64>; 3]) -> Option<Cell> {
     Some(Cell::new(i32::try_from(x?).ok()?, i32::try_from(y?).ok()?, i32::try_from(z?).ok()?))
 }
 
+/// Returns the supported range of a coordinate on axis 0 (x), 1 (y) or 2 (z).
+pub(super) const fn range(axis: usize) -> RangeInclusive<i32> {
+    if axis == 1 { MIN_Y..=MAX_Y } else { -MAX_HORIZONTAL..=MAX_HORIZONTAL }
+}
+
 /// Returns the shape of a coordinate on axis 0 (x), 1 (y) or 2 (z), within the supported range.
 pub(super) fn coordinate(axis: usize, faults: &mut Faults) -> Integer<'_> {
-    let (min, max) = if axis == 1 { (MIN_Y, MAX_Y) } else { (-MAX_HORIZONTAL, MAX_HORIZONTAL) };
-    Integer { faults, min: i64::from(min), max: i64::from(max) }
+    let range = range(axis);
+    Integer { faults, min: i64::from(*range.start()), max: i64::from(*range.end()) }
 }
 
 struct ActionShape<'f> {

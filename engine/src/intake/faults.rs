@@ -28,11 +28,12 @@ impl std::fmt::Display for Fault {
     }
 }
 
-/// A step of the path to a value in a document.
-#[derive(Debug, Clone)]
+/// A step of the path to a value in a document. A reader takes one for each number, so it is cheap to take back.
+#[derive(Debug, Clone, Copy)]
 enum Step {
     Name(&'static str),
-    Key(String),
+    /// The next of the keys that the path has in its own memory.
+    Key,
     Index(usize),
 }
 
@@ -40,6 +41,8 @@ enum Step {
 #[derive(Debug, Default)]
 pub struct Faults {
     path: Vec<Step>,
+    /// The keys of the path that the input brought.
+    keys: Vec<String>,
     line: Option<u64>,
     list: Vec<Fault>,
     total: u64,
@@ -62,6 +65,7 @@ impl Faults {
     pub fn enter_line(&mut self, line: u64) {
         self.line = Some(line);
         self.path.clear();
+        self.keys.clear();
     }
 
     /// Enters the member `key` of the current object.
@@ -70,7 +74,8 @@ impl Faults {
             Some((end, _)) => format!("{}…", &key[..end]),
             None => key.to_owned(),
         };
-        self.path.push(Step::Key(shown));
+        self.path.push(Step::Key);
+        self.keys.push(shown);
     }
 
     /// Enters the member of the current object whose name the program knows.
@@ -85,7 +90,21 @@ impl Faults {
 
     /// Leaves the innermost member or element.
     pub fn leave(&mut self) {
-        self.path.pop();
+        if let Some(Step::Key) = self.path.pop() {
+            self.keys.pop();
+        }
+    }
+
+    /// Returns how many members and elements deep the current location is.
+    pub(super) fn depth(&self) -> usize {
+        self.path.len()
+    }
+
+    /// Leaves members and elements until the location is this deep, after reading ended within them.
+    pub(super) fn leave_to(&mut self, depth: usize) {
+        while self.path.len() > depth {
+            self.leave();
+        }
     }
 
     /// Records a fault at the current location.
@@ -108,10 +127,11 @@ impl Faults {
     #[must_use]
     pub fn pointer(&self) -> String {
         let mut pointer = String::new();
+        let mut keys = self.keys.iter();
         for step in &self.path {
-            let key = match step {
+            let key: &str = match step {
                 Step::Name(name) => name,
-                Step::Key(key) => key.as_str(),
+                Step::Key => keys.next().expect("each key of the path is kept"),
                 Step::Index(index) => {
                     // Writing to a string cannot fail.
                     let _ = write!(pointer, "/{index}");

@@ -5,6 +5,7 @@
 //! a row `[x, y, z]` removes one.
 
 use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess};
+use serde_json::value::RawValue;
 
 use crate::text::agreeing;
 use crate::voxel::block_log::{BlockLog, Event, Turn};
@@ -43,6 +44,7 @@ mod events;
 pub mod faults;
 mod file;
 mod key;
+mod quick_rows;
 mod rows;
 pub mod schema;
 pub mod stored;
@@ -54,7 +56,7 @@ pub use faults::{Fault, Faults};
 use code::{SentLog, TurnCode, TurnFile};
 use events::EventsShape;
 use file::CornerShape;
-use rows::{PaletteShape, Row, RowsShape};
+use rows::{PaletteShape, Row, read_rows};
 
 /// Limits on the size of a log. Served at `/v1/limits`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -160,6 +162,15 @@ impl<'f> Reader<'f> {
         Self { faults, limits, codes: Vec::new(), files: Vec::new(), palette: Palette::new(), events: 0 }
     }
 
+    /// Counts events, if all of them keep within the limit. Otherwise returns false and counts none.
+    fn count_events(&mut self, count: usize) -> bool {
+        let fits = self.events + count <= self.limits.max_events;
+        if fits {
+            self.events += count;
+        }
+        fits
+    }
+
     /// Counts an event. Returns false if the event exceeds the limit and need not be kept.
     fn count_event(&mut self) -> bool {
         self.events += 1;
@@ -214,7 +225,10 @@ impl<'de> Shape<'de> for TurnShape<'_, '_> {
                     palette = member!(members, reader, "palette", PaletteShape { reader: &mut *reader });
                 }
                 "rows" if rows.is_none() => {
-                    rows = member!(members, reader, "rows", RowsShape { reader: &mut *reader });
+                    reader.faults.enter_name("rows");
+                    let json = members.next_value::<&RawValue>()?;
+                    rows = (json.get() != "null").then(|| read_rows(json, reader));
+                    reader.faults.leave();
                 }
                 "action_code" if code.is_none() => {
                     code =

@@ -1,11 +1,13 @@
 //! The compact form of a turn: a palette, and rows of numbers.
 
 use serde::de::{IgnoredAny, SeqAccess};
+use serde_json::value::RawValue;
 
 use super::Reader;
 use super::events::{MaterialShape, cell_of, coordinate};
 use super::faults::Faults;
-use super::tolerant::{Integer, Read, Shape};
+use super::quick_rows::quick_rows;
+use super::tolerant::{Integer, Read, Shape, read_document};
 use crate::text::counted;
 use crate::voxel::cell::Cell;
 use crate::voxel::palette::MaterialId;
@@ -40,10 +42,28 @@ impl<'de> Shape<'de> for PaletteShape<'_, '_> {
     }
 }
 
-pub(super) struct RowsShape<'r, 'f> {
-    pub(super) reader: &'r mut Reader<'f>,
+/// Reads an array of rows from its JSON, at the current location. Returns `None` if it is faulty.
+pub(super) fn read_rows(json: &RawValue, reader: &mut Reader<'_>) -> Option<Vec<Row>> {
+    let quick = quick_rows(json.get()).filter(|rows| reader.count_events(rows.len()));
+    quick.or_else(|| read_with_care(json.get(), reader))
 }
 
+fn read_with_care(json: &str, reader: &mut Reader<'_>) -> Option<Vec<Row>> {
+    let depth = reader.faults.depth();
+    read_document(json.as_bytes(), RowsShape { reader: &mut *reader }).unwrap_or_else(|error| {
+        // Valid JSON that cannot be read: a number such as 1e999. Its place is known better than by the text.
+        let text = error.to_string();
+        reader.faults.add(text.split(" at line ").next().unwrap_or(&text));
+        reader.faults.leave_to(depth);
+        None
+    })
+}
+
+struct RowsShape<'r, 'f> {
+    reader: &'r mut Reader<'f>,
+}
+
+#[derive(Debug, PartialEq)]
 pub(super) struct Row {
     pub(super) index: usize,
     pub(super) cell: Cell,
@@ -120,5 +140,62 @@ impl<'de> Shape<'de> for RowShape<'_> {
             Some(Some(i)) => Some(Row { index: self.index, cell, material: Some(i) }),
             Some(None) => None,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::LogLimits;
+    use super::*;
+
+    const LIMITS: LogLimits = LogLimits { max_turns: 2, max_events: 4, max_materials: 2, max_material_chars: 10 };
+
+    /// Returns the rows and the faults that a reader finds.
+    fn found(read: impl FnOnce(&mut Reader<'_>) -> Option<Vec<Row>>) -> (Option<Vec<Row>>, Vec<String>) {
+        let mut faults = Faults::new();
+        let rows = read(&mut Reader::new(&mut faults, LIMITS));
+        (rows, faults.list().iter().map(ToString::to_string).collect())
+    }
+
+    fn json(text: &str) -> Option<&RawValue> {
+        serde_json::from_str(text).ok()
+    }
+
+    #[test]
+    fn plain_rows_are_read_quickly() {
+        for (text, count) in [
+            ("[]", 0),
+            (" [ ] ", 0),
+            ("[[1,2,3]]", 1),
+            ("[[-1,-2048,30000000,7],[0,2047,-30000000]]", 2),
+            ("[\n\t[ 1 , 2 , 3 , 0 ] ,\r\n\t[ 1 , 2 , -0 ]\n]", 2),
+        ] {
+            assert_eq!(quick_rows(text).map(|rows| rows.len()), Some(count), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_number_that_cannot_be_read_is_a_fault_in_its_place() {
+        let mut faults = Faults::new();
+        let mut reader = Reader::new(&mut faults, LIMITS);
+        assert!(read_rows(json("[[1,2,3],[1,1e999,3]]").unwrap(), &mut reader).is_none());
+        assert_eq!(faults.list()[0].to_string(), "/1/1: number out of range");
+        assert_eq!(faults.depth(), 0);
+    }
+
+    proptest! {
+        #[test]
+        fn rows_are_the_same_however_they_are_read(
+            rows in prop::collection::vec("( ?\\[ ?(-?(0|[1-9][0-9]{0,10})(\\.0|e1)?[ \n]?, ?){2,3}(-?[0-3]|null|\"1\")\\] ?)", 0..6),
+        ) {
+            let text = format!("[{}]", rows.join(","));
+            let Some(json) = json(&text) else { return Ok(()) };
+            let (rows, faults) = found(|reader| read_rows(json, reader));
+            let (with_care, careful_faults) = found(|reader| read_with_care(json.get(), reader));
+            prop_assert_eq!(rows, with_care);
+            prop_assert_eq!(faults, careful_faults);
+        }
     }
 }

@@ -1,10 +1,11 @@
 //! The stored form of a log, as `GET /v1/submissions/{id}/log` returns it: one palette, and the rows of each turn.
 
 use serde::de::{IgnoredAny, MapAccess, SeqAccess};
+use serde_json::value::RawValue;
 
 use super::code::SentLog;
 use super::faults::Faults;
-use super::rows::{PaletteShape, Row, RowsShape};
+use super::rows::{PaletteShape, Row, read_rows};
 use super::tolerant::{OrNull, ProfileShape, Read, Shape};
 use super::{LogLimits, Reader, resolve_rows};
 use crate::voxel::block_log::{BlockLog, Turn};
@@ -94,14 +95,19 @@ impl<'de> Shape<'de> for TurnsOfRows<'_, '_> {
     fn array<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Option<Vec<Vec<Row>>>, A::Error> {
         let reader = self.reader;
         let mut turns = Vec::new();
-        array_of!(elements, reader, RowsShape { reader: &mut *reader }, |i, rows| {
+        for i in 0.. {
+            reader.faults.enter_index(i);
+            let json = elements.next_element::<&RawValue>()?;
+            let rows = json.map(|json| read_rows(json, reader));
+            reader.faults.leave();
+            let Some(rows) = rows else { break };
             if i == reader.limits.max_turns {
                 reader.faults.add(format!("more than {} turns", reader.limits.max_turns));
             }
             if i < reader.limits.max_turns {
                 turns.push(rows.unwrap_or_default());
             }
-        });
+        }
         Ok(Some(turns))
     }
 }

@@ -379,10 +379,21 @@ impl Shape<'_> for Integer<'_> {
         self.faults
     }
 
+    #[inline]
     fn scalar(self, value: &Scalar<'_>) -> Option<i64> {
+        match value {
+            Scalar::Integer(i) if (self.min..=self.max).contains(i) => Some(*i),
+            other => self.unusual(other),
+        }
+    }
+}
+
+impl Integer<'_> {
+    /// Reads an integer that is written as `3.0`, or records a fault.
+    #[cold]
+    fn unusual(self, value: &Scalar<'_>) -> Option<i64> {
         let (min, max) = (self.min, self.max);
         match value {
-            Scalar::Integer(i) if (min..=max).contains(i) => return Some(*i),
             Scalar::Number(x) if x.fract() == 0.0 && *x >= min as f64 && *x <= max as f64 => return Some(*x as i64),
             Scalar::Integer(i) => self.faults.add(format!("{i} is out of range: {min} to {max}")),
             Scalar::Number(x) if x.fract() == 0.0 => self.faults.add(format!("{x} is out of range: {min} to {max}")),

@@ -1,7 +1,6 @@
 //! The block log: the actions of an agent, turn by turn.
 
 use serde::de::{Error as _, SeqAccess, Visitor};
-use serde::ser::{SerializeMap, SerializeSeq};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::cell::Cell;
@@ -100,15 +99,31 @@ impl BlockLog {
     #[must_use]
     pub fn canonical_json(&self) -> Vec<u8> {
         let mut used = Palette::new();
+        let mut renumbered: Vec<Option<MaterialId>> = vec![None; self.palette.len()];
         for event in self.turns.iter().flatten() {
-            if let Event::Place { material, .. } = event {
-                used.intern(self.palette.name(*material));
+            if let Event::Place { material, .. } = event
+                && let Some(number @ None) = renumbered.get_mut(*material as usize)
+            {
+                *number = Some(used.intern(self.palette.name(*material)));
             }
         }
-        let renumbered: Vec<MaterialId> = self.palette.names().map(|name| used.get(name).unwrap_or(0)).collect();
-        let canonical =
-            Canonical { palette: &used, renumbered: &renumbered, turns: &self.turns, profile: self.profile };
-        serde_json::to_vec(&canonical).expect("a log is JSON")
+        let mut json = Vec::with_capacity(64 + 16 * self.event_count());
+        json.extend_from_slice(b"{\"palette\":");
+        let names: Vec<&str> = used.names().collect();
+        serde_json::to_writer(&mut json, &names).expect("names are JSON, and memory takes it");
+        json.extend_from_slice(b",\"turns\":[");
+        for (i, turn) in self.turns.iter().enumerate() {
+            json.extend_from_slice(if i == 0 { b"[" } else { b",[" });
+            write_rows(&mut json, turn, &renumbered);
+            json.push(b']');
+        }
+        json.push(b']');
+        if !self.profile.is_published() {
+            json.extend_from_slice(b",\"profile\":");
+            serde_json::to_writer(&mut json, &self.profile).expect("a name is JSON, and memory takes it");
+        }
+        json.push(b'}');
+        json
     }
 
     /// Parses a log from the JSON that [`BlockLog::canonical_json`] writes.
@@ -160,55 +175,22 @@ impl<'de> Deserialize<'de> for StoredRow {
     }
 }
 
-struct Canonical<'a> {
-    palette: &'a Palette,
-    renumbered: &'a [MaterialId],
-    turns: &'a [Turn],
-    profile: Profile,
-}
-
-impl Serialize for Canonical<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let names: Vec<&str> = self.palette.names().collect();
-        let mut map = serializer.serialize_map(None)?;
-        map.serialize_entry("palette", &names)?;
-        map.serialize_entry("turns", &Turns(self))?;
-        if !self.profile.is_published() {
-            map.serialize_entry("profile", &self.profile)?;
+/// Writes the rows of a turn, with the numbers that their materials have in the stored palette.
+fn write_rows(json: &mut Vec<u8>, turn: &[Event], renumbered: &[Option<MaterialId>]) {
+    let mut digits = itoa::Buffer::new();
+    for (i, event) in turn.iter().enumerate() {
+        json.extend_from_slice(if i == 0 { b"[" } else { b",[" });
+        let Cell { x, y, z } = event.cell();
+        json.extend_from_slice(digits.format(x).as_bytes());
+        for number in [y, z] {
+            json.push(b',');
+            json.extend_from_slice(digits.format(number).as_bytes());
         }
-        map.end()
-    }
-}
-
-struct Turns<'a>(&'a Canonical<'a>);
-
-impl Serialize for Turns<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut seq = serializer.serialize_seq(Some(self.0.turns.len()))?;
-        for turn in self.0.turns {
-            seq.serialize_element(&Rows { turn, renumbered: self.0.renumbered })?;
+        if let Event::Place { material, .. } = event {
+            let number = renumbered.get(*material as usize).copied().flatten().unwrap_or(0);
+            json.push(b',');
+            json.extend_from_slice(digits.format(number).as_bytes());
         }
-        seq.end()
-    }
-}
-
-struct Rows<'a> {
-    turn: &'a [Event],
-    renumbered: &'a [MaterialId],
-}
-
-impl Serialize for Rows<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut seq = serializer.serialize_seq(Some(self.turn.len()))?;
-        for event in self.turn {
-            match *event {
-                Event::Place { cell: c, material } => {
-                    let id = self.renumbered.get(material as usize).copied().unwrap_or(0);
-                    seq.serialize_element(&(c.x, c.y, c.z, id))?;
-                }
-                Event::Remove { cell: c } => seq.serialize_element(&(c.x, c.y, c.z))?,
-            }
-        }
-        seq.end()
+        json.push(b']');
     }
 }
