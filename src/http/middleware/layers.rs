@@ -132,7 +132,8 @@ async fn as_problem(response: Response, asked: impl Fn() -> String) -> Response 
         }
         StatusCode::REQUEST_TIMEOUT => {
             let detail = format!("the request took longer than {} s", LIMITS.request_seconds);
-            AppError::new(Kind::RequestTimeout, detail)
+            // What held it up, such as a dead line to the database, may be over.
+            AppError::new(Kind::RequestTimeout, detail).retry_after(1)
         }
         StatusCode::UNSUPPORTED_MEDIA_TYPE => {
             let detail = "this Content-Encoding is not supported; send gzip, zstd or none";
