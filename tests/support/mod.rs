@@ -188,7 +188,9 @@ impl Service {
     pub async fn not_ended(&self) -> usize {
         let metrics = self.get("/metrics").await.text;
         let left = metrics.lines().find_map(|line| line.strip_prefix("plumbline_submissions_not_ended "));
-        left.unwrap_or_else(|| panic!("{metrics}")).parse().unwrap()
+        let said = self.said.lock().unwrap();
+        let why = || panic!("{metrics}; at last it said {:#?}", &said[said.len().saturating_sub(20)..]);
+        left.unwrap_or_else(why).parse().unwrap()
     }
 
     /// Waits until nothing waits, and the service says that it is ready; fails after two minutes.
