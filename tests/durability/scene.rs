@@ -103,7 +103,8 @@ impl Scene {
             if status.is_success() || status == StatusCode::CONFLICT {
                 return status.is_success().then_some(body);
             }
-            assert!(self.has_faults && status.is_server_error() && body["retryable"] == true, "{status} {body}");
+            let is_ours = status.is_server_error() || status == StatusCode::REQUEST_TIMEOUT;
+            assert!(self.has_faults && is_ours && body["retryable"] == true, "{status} {body}");
             tokio::time::sleep(Duration::from_millis(20)).await;
         }
         panic!("a request is refused without end");

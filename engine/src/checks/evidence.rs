@@ -180,9 +180,11 @@ fn cut(value: &mut Value) -> bool {
         Value::String(text) => cut_text(text),
         Value::Array(items) => {
             let is_long = items.len() > MAX_ITEMS;
-            // A copy instead of the list made smaller where it is: what is left of thousands of long lists would keep
-            // an allocator from using their space again.
-            *items = items.drain(..).take(MAX_ITEMS).collect();
+            if is_long {
+                // A copy instead of the list made smaller where it is: what is left of thousands of long lists would
+                // keep an allocator from using their space again.
+                *items = items.drain(..).take(MAX_ITEMS).collect();
+            }
             items.iter_mut().fold(is_long, |is_cut, item| cut(item) | is_cut)
         }
         Value::Object(members) => members.values_mut().fold(false, |is_cut, member| cut(member) | is_cut),
@@ -194,6 +196,10 @@ fn cut_text(text: &mut String) -> bool {
 }
 
 fn cut_text_to(text: &mut String, most: usize) -> bool {
+    // A character has at least one byte.
+    if text.len() <= most {
+        return false;
+    }
     let Some((end, _)) = text.char_indices().nth(most) else { return false };
     *text = format!("{}…", &text[..end]);
     true

@@ -14,6 +14,7 @@ pub mod sample;
 use std::cell::OnceCell;
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 pub use amount::Amount;
 pub use evidence::{Finding, Witness};
@@ -172,6 +173,13 @@ macro_rules! catalogue {
         impl Check {
             /// Name and requirement of each check, in the order of the catalogue.
             pub const LIST: &'static [(&'static str, &'static str)] = &[ $( $( ($name, $what), )* )* ];
+
+            /// Returns the arguments, as a task file has them.
+            #[must_use]
+            pub fn args(&self) -> Value {
+                match self { $( $( Self::$variant(rule) => serde_json::to_value(rule), )* )* }
+                    .expect("arguments are JSON")
+            }
 
             /// Returns the requirement in words.
             #[must_use]

@@ -1,8 +1,6 @@
 //! Grading: the checks of a task on the structures of a log, and what follows for criteria and problem
 //! (`docs/rules.md#scores`).
 
-use serde_json::Value;
-
 use super::advisories::{advise, advise_on_removals};
 use super::report::{CheckReport, CriterionReport, Report, TurnReport};
 use crate::checks::{CHECKS_VERSION, Check, Criterion, Dimension, Finding, Subject};
@@ -101,9 +99,7 @@ fn check_reports(checks: &[Check], subject: &Subject<'_>) -> Result<Vec<CheckRep
 }
 
 fn check_report(check: &Check, finding: Finding) -> CheckReport {
-    let mut data = serde_json::to_value(check).expect("a check is JSON");
-    let args = data.get_mut("args").map(Value::take).unwrap_or_default();
-    CheckReport { name: check.name().to_owned(), args, criterion: check.criterion(), finding }
+    CheckReport { name: check.name().to_owned(), args: check.args(), criterion: check.criterion(), finding }
 }
 
 fn criterion_reports(turns: &[TurnReport]) -> Vec<CriterionReport> {

@@ -177,20 +177,27 @@ impl<'de> Deserialize<'de> for StoredRow {
 
 /// Writes the rows of a turn, with the numbers that their materials have in the stored palette.
 fn write_rows(json: &mut Vec<u8>, turn: &[Event], renumbered: &[Option<MaterialId>]) {
-    let mut digits = itoa::Buffer::new();
     for (i, event) in turn.iter().enumerate() {
-        json.extend_from_slice(if i == 0 { b"[" } else { b",[" });
-        let Cell { x, y, z } = event.cell();
-        json.extend_from_slice(digits.format(x).as_bytes());
-        for number in [y, z] {
+        if i > 0 {
             json.push(b',');
-            json.extend_from_slice(digits.format(number).as_bytes());
+        }
+        let Cell { x, y, z } = event.cell();
+        for (before, number) in [(b'[', x), (b',', y), (b',', z)] {
+            json.push(before);
+            write_number(json, number);
         }
         if let Event::Place { material, .. } = event {
-            let number = renumbered.get(*material as usize).copied().flatten().unwrap_or(0);
             json.push(b',');
-            json.extend_from_slice(digits.format(number).as_bytes());
+            write_number(json, renumbered.get(*material as usize).copied().flatten().unwrap_or(0));
         }
         json.push(b']');
+    }
+}
+
+/// Writes an integer. Most of a log have one digit.
+fn write_number(json: &mut Vec<u8>, number: impl itoa::Integer + TryInto<u8> + Copy) {
+    match number.try_into() {
+        Ok(digit @ 0..=9) => json.push(b'0' + digit),
+        _ => json.extend_from_slice(itoa::Buffer::new().format(number).as_bytes()),
     }
 }

@@ -26,7 +26,10 @@ static BLOCKS: LazyLock<HashMap<&'static str, bool, foldhash::fast::RandomState>
 #[must_use]
 pub fn canonical(name: &str) -> &str {
     let name = name.strip_prefix("minecraft:").unwrap_or(name);
-    name.split_once('[').filter(|(_, state)| state.ends_with(']')).map_or(name, |(block, _)| block)
+    if !name.ends_with(']') {
+        return name;
+    }
+    name.split_once('[').map_or(name, |(block, _)| block)
 }
 
 /// Returns whether Minecraft has a block of this name.

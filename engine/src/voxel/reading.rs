@@ -49,13 +49,18 @@ impl Reading {
 /// kind there: then that is its upper half. Under `mindcraft`, two bed blocks of the same kind side by side are the
 /// halves of one bed.
 fn as_game(structure: Structure, profile: Profile) -> Structure {
+    let is_halved = |name: &str| is_door(name) || profile == Profile::Mindcraft && is_bed(name);
+    let is_plain = |name: &str| canonical(name) == name && !is_halved(name);
+    if structure.palette().names().all(is_plain) {
+        return structure.with_second_halves(CellMap::default());
+    }
     let mut palette = Palette::new();
     let ids: Vec<MaterialId> = structure.palette().names().map(|name| palette.intern(canonical(name))).collect();
-    let doors = palette.mask(is_door);
-    let beds = palette.mask(|name| profile == Profile::Mindcraft && is_bed(name));
-    if !doors.iter().chain(&beds).any(|is_object| *is_object) {
+    if !palette.names().any(is_halved) {
         return structure.renamed(Arc::new(palette), &ids).with_second_halves(CellMap::default());
     }
+    let doors = palette.mask(is_door);
+    let beds = palette.mask(|name| profile == Profile::Mindcraft && is_bed(name));
     let is_distinct = structure.is_distinct();
     let entries: Vec<(Cell, MaterialId)> = structure.entries().map(|(cell, id)| (cell, ids[id as usize])).collect();
     let at: CellMap<MaterialId> = entries.iter().copied().collect();

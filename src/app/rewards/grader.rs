@@ -266,18 +266,19 @@ impl Grader {
         who: &Arc<str>,
     ) -> AppResult<Graded> {
         let (task, hash) = given.task()?;
-        let lane = match cost(task, &log) {
+        let (lane, cores) = match cost(task, &log) {
             Cost::Immediate if self.connections.open() <= FEW_CONNECTIONS => {
-                return self.grade_here(&given, &log, log_hash, &Until::within(deadline.work));
+                return self.grade_on(Cores::One, &given, &log, log_hash, &Until::within(deadline.work));
             }
-            Cost::Immediate | Cost::Short => Lane::Short,
-            Cost::Long => Lane::Long,
+            Cost::Immediate | Cost::Short => (Lane::Short, Cores::One),
+            // The threads of the lane that are idle share the work.
+            Cost::Long => (Lane::Long, Cores::Idle),
         };
         if let Some(kept) = self.kept(log_hash, hash) {
             return Ok(kept);
         }
         let (grader, log_hash) = (Arc::clone(self), log_hash.to_owned());
-        self.run(lane, who, deadline, move |until| grader.grade_here(&given, &log, &log_hash, until)).await
+        self.run(lane, who, deadline, move |until| grader.grade_on(cores, &given, &log, &log_hash, until)).await
     }
 
     /// Grades a log on this thread, however long it takes.
@@ -285,11 +286,22 @@ impl Grader {
     /// # Errors
     /// Returns the same errors as [`Self::grade`].
     pub fn grade_here(&self, given: &GivenTask, log: &BlockLog, log_hash: &str, until: &Until) -> AppResult<Graded> {
+        self.grade_on(Cores::One, given, log, log_hash, until)
+    }
+
+    fn grade_on(
+        &self,
+        cores: Cores,
+        given: &GivenTask,
+        log: &BlockLog,
+        log_hash: &str,
+        until: &Until,
+    ) -> AppResult<Graded> {
         let (task, hash) = given.task()?;
         if let Some(kept) = self.kept(log_hash, hash) {
             return Ok(kept);
         }
-        let report = self.compute(task, hash, log, until)?;
+        let report = self.compute(cores, task, hash, log, until)?;
         Ok(self.keep(log_hash, hash, report))
     }
 
@@ -312,11 +324,9 @@ impl Grader {
         AppError::new(Kind::Stopping, detail).retry_after(5)
     }
 
-    fn compute(&self, task: &Task, hash: &str, log: &BlockLog, until: &Until) -> AppResult<Report> {
+    fn compute(&self, cores: Cores, task: &Task, hash: &str, log: &BlockLog, until: &Until) -> AppResult<Report> {
         let stop = || self.is_over(until);
         let begun = Instant::now();
-        // On a thread of the long lane, idle threads of the lane share the work; elsewhere there is nothing to share.
-        let cores = if cost(task, log) == Cost::Long { Cores::Idle } else { Cores::One };
         let graded = execute(cores, &stop, |control| grade_hashed(task, hash, log, control));
         let report = graded.map_err(|why| self.unfinished(why, &task.id))?;
         metrics::histogram!("plumbline_grade_seconds").record(begun.elapsed().as_secs_f64());
