@@ -3,15 +3,49 @@
 use std::ops::RangeInclusive;
 
 use serde::de::{IgnoredAny, MapAccess, SeqAccess};
+use serde_json::value::RawValue;
 
 use super::Reader;
 use super::faults::Faults;
 use super::key::Key;
+use super::quick::{NamedEvent, quick_events};
 use super::schema::EventAction;
-use super::tolerant::{Integer, OrNull, Read, Scalar, Shape, Text};
+use super::tolerant::{Integer, OrNull, Read, Scalar, Shape, Text, read_document};
 use crate::voxel::block_log::{Event, Turn};
 use crate::voxel::cell::{Cell, MAX_HORIZONTAL, MAX_Y, MIN_Y};
 use crate::voxel::palette::MaterialId;
+
+/// Reads an array of events from its JSON, at the current location. Returns `None` if it is faulty.
+pub(super) fn read_events(json: &RawValue, reader: &mut Reader<'_>) -> Option<Turn> {
+    let max_chars = reader.limits.max_material_chars;
+    let fits = |event: &NamedEvent<'_>| event.material.is_none_or(|name| name.len() <= max_chars);
+    let quick = quick_events(json.get()).filter(|events| events.iter().all(fits) && reader.count_events(events.len()));
+    match quick {
+        Some(events) => Some(with_materials(&events, reader)),
+        None => read_with_care(json.get(), reader),
+    }
+}
+
+fn read_with_care(json: &str, reader: &mut Reader<'_>) -> Option<Turn> {
+    let depth = reader.faults.depth();
+    let turn = read_document(json.as_bytes(), EventsShape { reader: &mut *reader });
+    turn.unwrap_or_else(|error| reader.cut_short(depth, &error))
+}
+
+/// Gives each event the id of its material. A removal may name one too, which says nothing.
+fn with_materials(events: &[NamedEvent<'_>], reader: &mut Reader<'_>) -> Turn {
+    let mut last: (&[u8], MaterialId) = (&[], 0);
+    let mut turn = Turn::with_capacity(events.len());
+    for event in events {
+        // Most blocks are of the kind of the one before.
+        if let Some(name) = event.material.filter(|name| name.is_empty() || *name != last.0) {
+            last = (name, reader.intern(std::str::from_utf8(name).expect("ASCII")));
+        }
+        let cell = event.cell;
+        turn.push(if event.is_place { Event::Place { cell, material: last.1 } } else { Event::Remove { cell } });
+    }
+    turn
+}
 
 pub(super) struct EventsShape<'r, 'f> {
     pub(super) reader: &'r mut Reader<'f>,
@@ -180,5 +214,79 @@ impl Shape<'_> for MaterialShape<'_, '_> {
         let max_chars = self.reader.limits.max_material_chars;
         let name = Text { faults: self.reader.faults, min_chars: 0, max_chars }.scalar(value)?;
         Some(self.reader.intern(&name))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::LogLimits;
+    use super::*;
+
+    const LIMITS: LogLimits = LogLimits { max_turns: 2, max_events: 4, max_materials: 2, max_material_chars: 10 };
+
+    /// Returns the events with the names of their materials, and the faults that a reader finds.
+    fn found(read: impl FnOnce(&mut Reader<'_>) -> Option<Turn>) -> (Option<Turn>, Vec<String>, Vec<String>) {
+        let mut faults = Faults::new();
+        let mut reader = Reader::new(&mut faults, LIMITS);
+        let turn = read(&mut reader);
+        reader.check_totals();
+        let names = reader.palette.names().map(ToOwned::to_owned).collect();
+        (turn, names, faults.list().iter().map(ToString::to_string).collect())
+    }
+
+    #[test]
+    fn plain_events_are_read_quickly() {
+        for (text, count) in [
+            ("[]", 0),
+            (r#"[{"action":"place","x":1,"y":-2,"z":3,"material":"stone"}]"#, 1),
+            (
+                r#"[{"material": "", "z": 3, "y": 2, "x": 1, "action": "place"}, {"action": "remove", "x": 1, "y": 2, "z": 3, "material": null}]"#,
+                2,
+            ),
+            ("[\n\t{\"x\" : -0, \"y\":2047,\r\n\"z\":30000000,\"action\":\"remove\"}\n]\n", 1),
+        ] {
+            assert_eq!(quick_events(text).map(|events| events.len()), Some(count), "{text}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn events_are_the_same_however_they_are_read(
+            events in prop::collection::vec(
+                prop::collection::vec(
+                    (
+                        prop::sample::select(vec!["action", "x", "y", "z", "material", "x", "colour"]),
+                        prop_oneof![
+                            "-?[0-9]", "[1-9][0-9]{3,9}", "\"(place|remove|stone|oak_log|dirt|)\"",
+                            "null|1.0|2e1|1e999|\"a\\\\u0062\"|\"\u{e4}\"|\"abcdefghijkl\"|\"\u{7f}\"|\\[\\]|\\{\\}"
+                        ],
+                        "[ \n]?",
+                    ),
+                    0..7,
+                ),
+                0..6,
+            ),
+            whole in any::<bool>(),
+        ) {
+            let event = |members: &Vec<(&str, String, String)>| {
+                let members: Vec<String> = members.iter().map(|(k, v, space)| format!("{space}\"{k}\"{space}:{space}{v}{space}")).collect();
+                // Half of the texts begin like good events, so that some of them are.
+                let good = r#""action":"place","y":1,"z":2,"material":"stone","x":0"#;
+                format!("{{{}}}", if whole { good.to_owned() } else { members.join(",") })
+            };
+            let mut all: Vec<String> = events.iter().map(event).collect();
+            if whole && let Some(members) = events.first() {
+                let odd: Vec<String> = members.iter().map(|(k, v, _)| format!("\"{k}\":{v}")).collect();
+                all.push(format!("{{{}}}", odd.join(", ")));
+            }
+            let text = format!("[{}]", all.join(","));
+            let Ok(json) = serde_json::from_str::<&RawValue>(&text) else { return Ok(()) };
+            prop_assert_eq!(
+                found(|reader| read_events(json, reader)),
+                found(|reader| read_with_care(json.get(), reader))
+            );
+        }
     }
 }

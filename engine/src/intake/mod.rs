@@ -24,6 +24,17 @@ macro_rules! member {
     }};
 }
 
+/// Reads the value of the member whose key was just read from its JSON, as `member!` does.
+macro_rules! json_member {
+    ($members:expr, $reader:expr, $key:expr, $read:expr) => {{
+        $reader.faults.enter_name($key);
+        let json = $members.next_value::<&RawValue>()?;
+        let value = (json.get() != "null").then(|| $read(json, $reader));
+        $reader.faults.leave();
+        value
+    }};
+}
+
 /// Reads the elements of an array one by one with the same shape.
 macro_rules! array_of {
     ($elements:ident, $reader:ident, $shape:expr, |$i:ident, $item:ident| $keep:block) => {{
@@ -44,7 +55,7 @@ mod events;
 pub mod faults;
 mod file;
 mod key;
-mod quick_rows;
+mod quick;
 mod rows;
 pub mod schema;
 pub mod stored;
@@ -54,7 +65,7 @@ pub mod tolerant;
 pub use faults::{Fault, Faults};
 
 use code::{SentLog, TurnCode, TurnFile};
-use events::EventsShape;
+use events::{EventsShape, read_events};
 use file::CornerShape;
 use rows::{PaletteShape, Row, read_rows};
 
@@ -177,6 +188,15 @@ impl<'f> Reader<'f> {
         self.events <= self.limits.max_events
     }
 
+    /// Records why reading ended within a value: it is valid JSON that cannot be read, such as the number 1e999. Its place
+    /// in the document is known better than in the text, and reading goes on after the value, at this depth.
+    fn cut_short<T>(&mut self, depth: usize, error: &serde_json::Error) -> Option<T> {
+        let text = error.to_string();
+        self.faults.add(text.split(" at line ").next().unwrap_or(&text));
+        self.faults.leave_to(depth);
+        None
+    }
+
     fn check_totals(&mut self) {
         if self.events > self.limits.max_events {
             self.faults.add(format!("{} events; at most {} are allowed", self.events, self.limits.max_events));
@@ -189,7 +209,8 @@ impl<'f> Reader<'f> {
 
     /// Returns the id of `name`, or 0 once the palette exceeds its limit, so that a faulty log cannot grow it further.
     fn intern(&mut self, name: &str) -> MaterialId {
-        if self.palette.len() > self.limits.max_materials { 0 } else { self.palette.intern(name) }
+        let is_full = self.palette.len() > self.limits.max_materials;
+        if is_full { self.palette.get(name).unwrap_or(0) } else { self.palette.intern(name) }
     }
 }
 
@@ -219,16 +240,13 @@ impl<'de> Shape<'de> for TurnShape<'_, '_> {
         while let Some(key) = members.next_key::<String>()? {
             match key.as_str() {
                 "events" if events.is_none() => {
-                    events = member!(members, reader, "events", EventsShape { reader: &mut *reader });
+                    events = json_member!(members, reader, "events", read_events);
                 }
                 "palette" if palette.is_none() => {
                     palette = member!(members, reader, "palette", PaletteShape { reader: &mut *reader });
                 }
                 "rows" if rows.is_none() => {
-                    reader.faults.enter_name("rows");
-                    let json = members.next_value::<&RawValue>()?;
-                    rows = (json.get() != "null").then(|| read_rows(json, reader));
-                    reader.faults.leave();
+                    rows = json_member!(members, reader, "rows", read_rows);
                 }
                 "action_code" if code.is_none() => {
                     code =

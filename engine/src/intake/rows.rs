@@ -6,7 +6,7 @@ use serde_json::value::RawValue;
 use super::Reader;
 use super::events::{MaterialShape, cell_of, coordinate};
 use super::faults::Faults;
-use super::quick_rows::quick_rows;
+use super::quick::quick_rows;
 use super::tolerant::{Integer, Read, Shape, read_document};
 use crate::text::counted;
 use crate::voxel::cell::Cell;
@@ -50,13 +50,8 @@ pub(super) fn read_rows(json: &RawValue, reader: &mut Reader<'_>) -> Option<Vec<
 
 fn read_with_care(json: &str, reader: &mut Reader<'_>) -> Option<Vec<Row>> {
     let depth = reader.faults.depth();
-    read_document(json.as_bytes(), RowsShape { reader: &mut *reader }).unwrap_or_else(|error| {
-        // Valid JSON that cannot be read: a number such as 1e999. Its place is known better than by the text.
-        let text = error.to_string();
-        reader.faults.add(text.split(" at line ").next().unwrap_or(&text));
-        reader.faults.leave_to(depth);
-        None
-    })
+    let rows = read_document(json.as_bytes(), RowsShape { reader: &mut *reader });
+    rows.unwrap_or_else(|error| reader.cut_short(depth, &error))
 }
 
 struct RowsShape<'r, 'f> {
