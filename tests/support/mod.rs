@@ -199,7 +199,7 @@ impl Service {
     /// Waits until nothing waits, and the service says that it is ready; fails after two minutes.
     pub async fn settle(&self, when: &str) {
         let begun = Instant::now();
-        // Connections that a line forgot are known to be dead after a minute; until then, all may be taken.
+        // The service notices after a minute that a connection is dead; until then, all of them may be in use.
         while self.not_ended().await != Some(0) || self.get("/readyz").await.status != StatusCode::OK {
             assert!(begun.elapsed() < Duration::from_mins(2), "{when}: submissions are stuck");
             tokio::time::sleep(Duration::from_millis(50)).await;

@@ -74,7 +74,7 @@ fn has_unsafe_code(own: &Value) -> bool {
             } else if path.extension().is_some_and(|extension| extension == "rs") {
                 let text = String::from_utf8_lossy(&std::fs::read(&path).unwrap()).into_owned();
                 let code = text.lines().filter_map(|line| line.split("//").next());
-                if code.flat_map(|line| line.split("unsafe ").skip(1)).any(begins_unsafe) {
+                if code.flat_map(|line| line.split("unsafe").skip(1)).any(begins_unsafe) {
                     return true;
                 }
             }
@@ -85,7 +85,7 @@ fn has_unsafe_code(own: &Value) -> bool {
 
 /// Returns whether what follows the word `unsafe` makes it code.
 fn begins_unsafe(rest: &str) -> bool {
-    ["{", "fn", "impl", "trait", "extern"].iter().any(|word| rest.starts_with(word))
+    ["{", "fn", "impl", "trait", "extern"].iter().any(|word| rest.trim_start().starts_with(word))
 }
 
 #[test]

@@ -19,11 +19,10 @@ use crate::voxel::palette::MaterialId;
 pub(super) fn read_events(json: &RawValue, reader: &mut Reader<'_>) -> Option<Turn> {
     let max_chars = reader.limits.max_material_chars;
     let fits = |event: &NamedEvent<'_>| event.material.is_none_or(|name| name.len() <= max_chars);
-    let quick = quick_events(json.get()).filter(|events| events.iter().all(fits) && reader.count_events(events.len()));
-    match quick {
-        Some(events) => Some(with_materials(&events, reader)),
-        None => read_with_care(json.get(), reader),
-    }
+    let quick = quick_events(json.get(), reader.events_left()).filter(|events| events.iter().all(fits));
+    let Some(events) = quick else { return read_with_care(json.get(), reader) };
+    reader.events += events.len();
+    Some(with_materials(&events, reader))
 }
 
 fn read_with_care(json: &str, reader: &mut Reader<'_>) -> Option<Turn> {
@@ -247,7 +246,7 @@ mod tests {
             ),
             ("[\n\t{\"x\" : -0, \"y\":2047,\r\n\"z\":30000000,\"action\":\"remove\"}\n]\n", 1),
         ] {
-            assert_eq!(quick_events(text).map(|events| events.len()), Some(count), "{text}");
+            assert_eq!(quick_events(text, 4).map(|events| events.len()), Some(count), "{text}");
         }
     }
 

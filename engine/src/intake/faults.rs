@@ -28,11 +28,12 @@ impl std::fmt::Display for Fault {
     }
 }
 
-/// A step of the path to a value in a document. A reader takes one for each number, so it is cheap to take back.
+/// A step of the path to a value in a document. Each number that is read with care enters and leaves one, so it owns
+/// nothing.
 #[derive(Debug, Clone, Copy)]
 enum Step {
     Name(&'static str),
-    /// The next of the keys that the path has in its own memory.
+    /// The next of [`Faults::keys`].
     Key,
     Index(usize),
 }
@@ -41,7 +42,7 @@ enum Step {
 #[derive(Debug, Default)]
 pub struct Faults {
     path: Vec<Step>,
-    /// The keys of the path that the input brought.
+    /// The keys of the steps [`Step::Key`] of the path, in order.
     keys: Vec<String>,
     line: Option<u64>,
     list: Vec<Fault>,

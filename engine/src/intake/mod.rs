@@ -24,7 +24,7 @@ macro_rules! member {
     }};
 }
 
-/// Reads the value of the member whose key was just read from its JSON, as `member!` does.
+/// Does the same as `member!`, but hands the raw JSON of the value to a function.
 macro_rules! json_member {
     ($members:expr, $reader:expr, $key:expr, $read:expr) => {{
         $reader.faults.enter_name($key);
@@ -173,13 +173,9 @@ impl<'f> Reader<'f> {
         Self { faults, limits, codes: Vec::new(), files: Vec::new(), palette: Palette::new(), events: 0 }
     }
 
-    /// Counts events, if all of them keep within the limit. Otherwise returns false and counts none.
-    fn count_events(&mut self, count: usize) -> bool {
-        let fits = self.events + count <= self.limits.max_events;
-        if fits {
-            self.events += count;
-        }
-        fits
+    /// Returns how many more events the log may have.
+    fn events_left(&self) -> usize {
+        self.limits.max_events.saturating_sub(self.events)
     }
 
     /// Counts an event. Returns false if the event exceeds the limit and need not be kept.
@@ -207,7 +203,8 @@ impl<'f> Reader<'f> {
         }
     }
 
-    /// Returns the id of `name`, or 0 once the palette exceeds its limit, so that a faulty log cannot grow it further.
+    /// Returns the id of `name`; a new name gets 0 once the palette exceeds its limit, so that a faulty log cannot grow it
+    /// further.
     fn intern(&mut self, name: &str) -> MaterialId {
         let is_full = self.palette.len() > self.limits.max_materials;
         if is_full { self.palette.get(name).unwrap_or(0) } else { self.palette.intern(name) }
@@ -404,6 +401,22 @@ mod tests {
                 "/1/rows/0/3: 1 is not an index of the palette, which has 1 entry",
             ]
         );
+    }
+
+    #[test]
+    fn a_comma_too_many_is_told() {
+        for text in [
+            r#"[{"rows":[[0,0,0],]}]"#,
+            "[{\"rows\":[[0,0,0],\n ]}]",
+            r#"[{"rows":[[0,0,0,]]}]"#,
+            r#"[{"events":[{"action":"remove","x":0,"y":0,"z":0,}]}]"#,
+            r#"[{"events":[],}]"#,
+            r#"[{"events":[]},]"#,
+        ] {
+            let error = read_turns(text.as_bytes(), LIMITS, &mut Faults::new()).unwrap_err();
+            let told = tolerant::why_not_json(text.as_bytes(), &error);
+            assert!(told.contains("comma"), "{text}: {told}");
+        }
     }
 
     #[test]

@@ -1,9 +1,9 @@
 //! Rows and events as programs write them, read byte by byte: a log is mostly these, and whoever trains a model posts
 //! thousands of logs a second.
 //!
-//! This reader explains nothing. It gives up at whatever is unusual: an unknown or missing member, a number with a
-//! fraction or out of its range, a text with an escape or a character beyond ASCII. The shapes of rows and events then
-//! read the same text again, with care.
+//! This reader explains nothing. It gives up at whatever is unusual: an unknown, missing or repeated member, a number that
+//! is no plain integer of its range, a text with an escape or anything but printable ASCII. The shapes of rows and events
+//! then read the same text again, with care.
 
 use super::events::range;
 use super::rows::Row;
@@ -22,18 +22,20 @@ pub(super) struct NamedEvent<'a> {
     pub(super) material: Option<&'a [u8]>,
 }
 
-/// Reads an array of rows from JSON that is known to be valid, or returns `None` if anything in it is unusual.
-pub(super) fn quick_rows(json: &str) -> Option<Vec<Row>> {
+/// Reads an array of at most `most` rows from JSON that is known to be valid, or returns `None` if there are more, or if
+/// anything is unusual.
+pub(super) fn quick_rows(json: &str, most: usize) -> Option<Vec<Row>> {
     // The shortest row, with its comma, has eight bytes.
-    let rows = Vec::with_capacity(json.len() / 8 + 1);
-    Scanner { rest: json.as_bytes() }.array(rows, Scanner::row)
+    let rows = Vec::with_capacity(most.min(json.len() / 8 + 1));
+    Scanner { rest: json.as_bytes() }.array(rows, most, Scanner::row)
 }
 
-/// Reads an array of events from JSON that is known to be valid, or returns `None` if anything in it is unusual.
-pub(super) fn quick_events(json: &str) -> Option<Vec<NamedEvent<'_>>> {
+/// Reads an array of at most `most` events from JSON that is known to be valid, or returns `None` if there are more, or if
+/// anything is unusual.
+pub(super) fn quick_events(json: &str, most: usize) -> Option<Vec<NamedEvent<'_>>> {
     // The shortest event, with its comma, has 38 bytes.
-    let events = Vec::with_capacity(json.len() / 38 + 1);
-    Scanner { rest: json.as_bytes() }.array(events, |scanner, _| scanner.event())
+    let events = Vec::with_capacity(most.min(json.len() / 38 + 1));
+    Scanner { rest: json.as_bytes() }.array(events, most, |scanner, _| scanner.event())
 }
 
 struct Scanner<'a> {
@@ -42,10 +44,18 @@ struct Scanner<'a> {
 
 impl<'a> Scanner<'a> {
     /// Reads the whole text as an array, each element by its index.
-    fn array<T>(mut self, mut items: Vec<T>, mut item: impl FnMut(&mut Self, usize) -> Option<T>) -> Option<Vec<T>> {
+    fn array<T>(
+        mut self,
+        mut items: Vec<T>,
+        most: usize,
+        mut item: impl FnMut(&mut Self, usize) -> Option<T>,
+    ) -> Option<Vec<T>> {
         self.skip(b'[')?;
         if self.skip(b']').is_none() {
             loop {
+                if items.len() == most {
+                    return None;
+                }
                 let read = item(&mut self, items.len())?;
                 items.push(read);
                 if self.skip(b',').is_none() {

@@ -44,8 +44,9 @@ impl<'de> Shape<'de> for PaletteShape<'_, '_> {
 
 /// Reads an array of rows from its JSON, at the current location. Returns `None` if it is faulty.
 pub(super) fn read_rows(json: &RawValue, reader: &mut Reader<'_>) -> Option<Vec<Row>> {
-    let quick = quick_rows(json.get()).filter(|rows| reader.count_events(rows.len()));
-    quick.or_else(|| read_with_care(json.get(), reader))
+    let Some(rows) = quick_rows(json.get(), reader.events_left()) else { return read_with_care(json.get(), reader) };
+    reader.events += rows.len();
+    Some(rows)
 }
 
 fn read_with_care(json: &str, reader: &mut Reader<'_>) -> Option<Vec<Row>> {
@@ -167,7 +168,7 @@ mod tests {
             ("[[-1,-2048,30000000,7],[0,2047,-30000000]]", 2),
             ("[\n\t[ 1 , 2 , 3 , 0 ] ,\r\n\t[ 1 , 2 , -0 ]\n]", 2),
         ] {
-            assert_eq!(quick_rows(text).map(|rows| rows.len()), Some(count), "{text}");
+            assert_eq!(quick_rows(text, 4).map(|rows| rows.len()), Some(count), "{text}");
         }
     }
 

@@ -166,7 +166,18 @@ pub fn why_not_json(text: &[u8], error: &serde_json::Error) -> String {
             return format!("{error}: JSON has no {word}");
         }
     }
+    if follows_comma(text, error) {
+        return format!("{error}: JSON has no comma after the last value");
+    }
     error.to_string()
+}
+
+/// Returns whether the parser stopped at a bracket that a comma stands before.
+fn follows_comma(text: &[u8], error: &serde_json::Error) -> bool {
+    let lines = text.split_inclusive(|byte| *byte == b'\n').take(error.line().saturating_sub(1));
+    let at = lines.map(<[u8]>::len).sum::<usize>() + error.column();
+    let Some((b']' | b'}', before)) = text.get(..at).and_then(<[u8]>::split_last) else { return false };
+    before.trim_ascii_end().ends_with(b",")
 }
 
 /// Explains why one line of an NDJSON text is not JSON, and gives the column only: the parser's own line number is

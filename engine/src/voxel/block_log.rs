@@ -194,7 +194,7 @@ fn write_rows(json: &mut Vec<u8>, turn: &[Event], renumbered: &[Option<MaterialI
     }
 }
 
-/// Writes an integer. Most of a log have one digit.
+/// Writes an integer. Most integers of a log have one digit.
 fn write_number(json: &mut Vec<u8>, number: impl itoa::Integer + TryInto<u8> + Copy) {
     match number.try_into() {
         Ok(digit @ 0..=9) => json.push(b'0' + digit),

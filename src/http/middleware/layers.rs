@@ -132,7 +132,7 @@ async fn as_problem(response: Response, asked: impl Fn() -> String) -> Response 
         }
         StatusCode::REQUEST_TIMEOUT => {
             let detail = format!("the request took longer than {} s", LIMITS.request_seconds);
-            // What held it up, such as a dead line to the database, may be over.
+            // What held it up, such as a dead connection to the database, may be over.
             AppError::new(Kind::RequestTimeout, detail).retry_after(1)
         }
         StatusCode::UNSUPPORTED_MEDIA_TYPE => {
