@@ -64,7 +64,7 @@ async fn what_is_not_json_is_told_with_its_line() {
     assert_eq!(service.post("/v1/submissions", json, "{\"task\": 1,").await.faults(400), ["null "]);
     assert_eq!(service.post("/v1/submissions", json, "").await.faults(400), ["null "]);
     let huge = "{\"colour\":1,\"turns\":[{\"events\":[{\"x\":1e400}]}],\"task\":1}";
-    let faults = service.post("/v1/submissions", json, huge).await.faults(400);
+    let faults = service.post("/v1/submissions", json, huge).await.faults(422);
     assert_eq!(faults, ["null /colour", "null /turns/0/events/0/x"]);
     let lines = service.post("/v1/submissions", "application/x-ndjson", "{\"task\":1\n{}\nnone").await;
     assert_eq!(lines.faults(400), ["1 ", "2 /task", "2 /turns", "3 "]);
@@ -154,8 +154,8 @@ async fn unknown_places_and_methods_are_problems_too() {
     let turns = |x: &str| format!("{{\"task\":113,\"turns\":[{{\"events\":[{{\"action\":\"place\",\"x\":{x}}}]}}]}}");
     for door in ["/v1/validate", "/v1/grade"] {
         let answer = service.post(door, "application/json", turns("NaN")).await;
-        assert_eq!(answer.faults(400), ["null /turns/0/events/0/x"]);
-        assert!(answer.text.contains("JSON has no NaN"), "{}", answer.text);
+        assert_eq!(answer.faults(400), ["null /turns/0/events"]);
+        assert!(answer.text.contains("at line 1 column 55: JSON has no NaN"), "{}", answer.text);
         let answer = service.post(door, "application/json", b"{\"task\": \"\xff\"}".to_vec()).await;
         assert!(answer.status == 400 && answer.text.contains("not UTF-8: byte 0xff at offset 10"), "{}", answer.text);
     }

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use crate::checks::Check;
-use crate::intake::tolerant::on_its_line;
+use crate::intake::not_json::on_its_line;
 use crate::intake::{Fault, Faults};
 use crate::tasks::published::read_checks;
 use crate::tasks::{Instruction, Task};

@@ -1,18 +1,16 @@
 //! The plain form of a turn: an array of events.
 
-use std::ops::RangeInclusive;
-
 use serde::de::{IgnoredAny, MapAccess, SeqAccess};
 use serde_json::value::RawValue;
 
 use super::Reader;
 use super::faults::Faults;
 use super::key::Key;
-use super::quick::{NamedEvent, quick_events};
+use super::quick::{NamedEvent, quick_events, range};
 use super::schema::EventAction;
 use super::tolerant::{Integer, OrNull, Read, Scalar, Shape, Text, read_document};
 use crate::voxel::block_log::{Event, Turn};
-use crate::voxel::cell::{Cell, MAX_HORIZONTAL, MAX_Y, MIN_Y};
+use crate::voxel::cell::Cell;
 use crate::voxel::palette::MaterialId;
 
 /// Reads an array of events from its JSON, at the current location. Returns `None` if it is faulty.
@@ -151,11 +149,6 @@ pub(super) fn cell_of(at: [Option<i64>; 3]) -> Option<Cell> {
     Some(Cell::new(i32::try_from(x?).ok()?, i32::try_from(y?).ok()?, i32::try_from(z?).ok()?))
 }
 
-/// Returns the supported range of a coordinate on axis 0 (x), 1 (y) or 2 (z).
-pub(super) const fn range(axis: usize) -> RangeInclusive<i32> {
-    if axis == 1 { MIN_Y..=MAX_Y } else { -MAX_HORIZONTAL..=MAX_HORIZONTAL }
-}
-
 /// Returns the shape of a coordinate on axis 0 (x), 1 (y) or 2 (z), within the supported range.
 pub(super) fn coordinate(axis: usize, faults: &mut Faults) -> Integer<'_> {
     let range = range(axis);
@@ -220,8 +213,8 @@ impl Shape<'_> for MaterialShape<'_, '_> {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::LogLimits;
     use super::*;
+    use crate::intake::LogLimits;
 
     const LIMITS: LogLimits = LogLimits { max_turns: 2, max_events: 4, max_materials: 2, max_material_chars: 10 };
 

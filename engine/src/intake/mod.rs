@@ -9,7 +9,7 @@ use serde_json::value::RawValue;
 
 use crate::text::agreeing;
 use crate::voxel::block_log::{BlockLog, Event, Turn};
-use crate::voxel::palette::{MaterialId, Palette};
+use crate::voxel::palette::MaterialId;
 use tolerant::{OrNull, Read, Shape, Texts, Verbatim};
 
 /// Reads the value of the member whose key was just read; its faults get the location of that member. If the text is
@@ -55,7 +55,9 @@ mod events;
 pub mod faults;
 mod file;
 mod key;
+pub mod not_json;
 mod quick;
+mod reader;
 mod rows;
 pub mod schema;
 pub mod stored;
@@ -67,7 +69,9 @@ pub use faults::{Fault, Faults};
 use code::{SentLog, TurnCode, TurnFile};
 use events::{EventsShape, read_events};
 use file::CornerShape;
-use rows::{PaletteShape, Row, read_rows};
+use quick::Row;
+use reader::Reader;
+use rows::{PaletteShape, read_rows};
 
 /// Limits on the size of a log. Served at `/v1/limits`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -157,59 +161,6 @@ impl<'de> Shape<'de> for TurnEvents<'_> {
 
 /// Greatest number of files of action code in a turn.
 pub const MAX_FILES: usize = 64;
-
-/// The state while one log is read.
-struct Reader<'f> {
-    faults: &'f mut Faults,
-    limits: LogLimits,
-    codes: Vec<TurnCode>,
-    files: Vec<TurnFile>,
-    palette: Palette,
-    events: usize,
-}
-
-impl<'f> Reader<'f> {
-    fn new(faults: &'f mut Faults, limits: LogLimits) -> Self {
-        Self { faults, limits, codes: Vec::new(), files: Vec::new(), palette: Palette::new(), events: 0 }
-    }
-
-    /// Returns how many more events the log may have.
-    fn events_left(&self) -> usize {
-        self.limits.max_events.saturating_sub(self.events)
-    }
-
-    /// Counts an event. Returns false if the event exceeds the limit and need not be kept.
-    fn count_event(&mut self) -> bool {
-        self.events += 1;
-        self.events <= self.limits.max_events
-    }
-
-    /// Records why reading ended within a value: it is valid JSON that cannot be read, such as the number 1e999. Its place
-    /// in the document is known better than in the text, and reading goes on after the value, at this depth.
-    fn cut_short<T>(&mut self, depth: usize, error: &serde_json::Error) -> Option<T> {
-        let text = error.to_string();
-        self.faults.add(text.split(" at line ").next().unwrap_or(&text));
-        self.faults.leave_to(depth);
-        None
-    }
-
-    fn check_totals(&mut self) {
-        if self.events > self.limits.max_events {
-            self.faults.add(format!("{} events; at most {} are allowed", self.events, self.limits.max_events));
-        }
-        if self.palette.len() > self.limits.max_materials {
-            let (found, max) = (self.palette.len(), self.limits.max_materials);
-            self.faults.add(format!("{found} different materials; at most {max} are allowed"));
-        }
-    }
-
-    /// Returns the id of `name`; a new name gets 0 once the palette exceeds its limit, so that a faulty log cannot grow it
-    /// further.
-    fn intern(&mut self, name: &str) -> MaterialId {
-        let is_full = self.palette.len() > self.limits.max_materials;
-        if is_full { self.palette.get(name).unwrap_or(0) } else { self.palette.intern(name) }
-    }
-}
 
 const UNKNOWN: &str = "unknown field; a turn has events, or palette and rows, or action_code, or structure";
 const ONE_OF: &str = "give either events, or palette and rows, or action_code, or structure";
@@ -414,7 +365,7 @@ mod tests {
             r#"[{"events":[]},]"#,
         ] {
             let error = read_turns(text.as_bytes(), LIMITS, &mut Faults::new()).unwrap_err();
-            let told = tolerant::why_not_json(text.as_bytes(), &error);
+            let told = not_json::why_not_json(text.as_bytes(), &error);
             assert!(told.contains("comma"), "{text}: {told}");
         }
     }

@@ -5,12 +5,20 @@
 //! is no plain integer of its range, a text with an escape or anything but printable ASCII. The shapes of rows and events
 //! then read the same text again, with care.
 
-use super::events::range;
-use super::rows::Row;
-use crate::voxel::cell::Cell;
+use std::ops::RangeInclusive;
+
+use crate::voxel::cell::{Cell, MAX_HORIZONTAL, MAX_Y, MIN_Y};
 
 /// Most digits of a number that is read here, so that it cannot overflow.
 const MAX_DIGITS: usize = 9;
+
+/// A row of the compact form; its material is an index of the palette that came with it.
+#[derive(Debug, PartialEq)]
+pub(super) struct Row {
+    pub(super) index: usize,
+    pub(super) cell: Cell,
+    pub(super) material: Option<i64>,
+}
 
 /// An event whose material is still a name.
 #[derive(Debug, Clone, Copy)]
@@ -36,6 +44,11 @@ pub(super) fn quick_events(json: &str, most: usize) -> Option<Vec<NamedEvent<'_>
     // The shortest event, with its comma, has 38 bytes.
     let events = Vec::with_capacity(most.min(json.len() / 38 + 1));
     Scanner { rest: json.as_bytes() }.array(events, most, |scanner, _| scanner.event())
+}
+
+/// Returns the supported range of a coordinate on axis 0 (x), 1 (y) or 2 (z).
+pub(super) const fn range(axis: usize) -> RangeInclusive<i32> {
+    if axis == 1 { MIN_Y..=MAX_Y } else { -MAX_HORIZONTAL..=MAX_HORIZONTAL }
 }
 
 struct Scanner<'a> {

@@ -6,10 +6,9 @@ use serde_json::value::RawValue;
 use super::Reader;
 use super::events::{MaterialShape, cell_of, coordinate};
 use super::faults::Faults;
-use super::quick::quick_rows;
+use super::quick::{Row, quick_rows};
 use super::tolerant::{Integer, Read, Shape, read_document};
 use crate::text::counted;
-use crate::voxel::cell::Cell;
 use crate::voxel::palette::MaterialId;
 
 pub(super) struct PaletteShape<'r, 'f> {
@@ -57,13 +56,6 @@ fn read_with_care(json: &str, reader: &mut Reader<'_>) -> Option<Vec<Row>> {
 
 struct RowsShape<'r, 'f> {
     reader: &'r mut Reader<'f>,
-}
-
-#[derive(Debug, PartialEq)]
-pub(super) struct Row {
-    pub(super) index: usize,
-    pub(super) cell: Cell,
-    pub(super) material: Option<i64>,
 }
 
 impl<'de> Shape<'de> for RowsShape<'_, '_> {
@@ -143,8 +135,8 @@ impl<'de> Shape<'de> for RowShape<'_> {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::LogLimits;
     use super::*;
+    use crate::intake::LogLimits;
 
     const LIMITS: LogLimits = LogLimits { max_turns: 2, max_events: 4, max_materials: 2, max_material_chars: 10 };
 

@@ -5,7 +5,8 @@ use serde_json::value::RawValue;
 
 use super::code::SentLog;
 use super::faults::Faults;
-use super::rows::{PaletteShape, Row, read_rows};
+use super::quick::Row;
+use super::rows::{PaletteShape, read_rows};
 use super::tolerant::{OrNull, ProfileShape, Read, Shape};
 use super::{LogLimits, Reader, resolve_rows};
 use crate::voxel::block_log::{BlockLog, Turn};

@@ -29,7 +29,7 @@ use crate::store::submissions::{NewSubmission, PackedLog};
 use plumbline_engine::hidden::evidence::GivenReceipt;
 use plumbline_engine::hidden::receipts::ReceiptFile;
 use plumbline_engine::intake::Faults;
-use plumbline_engine::intake::tolerant::why_not_json;
+use plumbline_engine::intake::not_json::why_not_json;
 use plumbline_engine::tasks::{Task, hex};
 use plumbline_engine::voxel::BlockLog;
 use plumbline_engine::voxel::replay::Replay;

@@ -25,7 +25,7 @@ use plumbline_engine::grading::cost::{Cost, cost};
 use plumbline_engine::grading::reward::{RewardComponents, Scheme};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::SentLog;
-use plumbline_engine::intake::tolerant::why_not_json;
+use plumbline_engine::intake::not_json::why_not_json;
 use plumbline_engine::tasks::catalogue::Catalogue;
 use plumbline_engine::tasks::embedded::FULL;
 use plumbline_engine::tasks::{Task, hex};

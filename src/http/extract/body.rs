@@ -21,7 +21,7 @@ use crate::app::submissions::posted::Format;
 use crate::http::state::AppState;
 use crate::near::{did_you_mean, reworded};
 use plumbline_engine::intake::Faults;
-use plumbline_engine::intake::tolerant::why_not_json;
+use plumbline_engine::intake::not_json::why_not_json;
 
 /// Byte order mark that a UTF-8 text may begin with.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";

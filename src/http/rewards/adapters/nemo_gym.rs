@@ -24,7 +24,7 @@ use crate::store::keys::Scope;
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::grading::reward::RewardComponents;
 use plumbline_engine::intake::Faults;
-use plumbline_engine::intake::tolerant::why_not_json;
+use plumbline_engine::intake::not_json::why_not_json;
 use plumbline_engine::voxel::Profile;
 
 /// Members that name the task, its reward scheme and the profile.
