@@ -6,11 +6,11 @@ use serde_json::value::RawValue;
 use super::Reader;
 use super::faults::Faults;
 use super::key::Key;
-use super::quick::{NamedEvent, quick_events, range};
+use super::quick::{NamedEvent, quick_events};
 use super::schema::EventAction;
 use super::tolerant::{Integer, OrNull, Read, Scalar, Shape, Text, read_document};
 use crate::voxel::block_log::{Event, Turn};
-use crate::voxel::cell::Cell;
+use crate::voxel::cell::{Cell, range};
 use crate::voxel::palette::MaterialId;
 
 /// Reads an array of events from its JSON, at the current location. Returns `None` if it is faulty.

@@ -5,9 +5,7 @@
 //! is no plain integer of its range, a text with an escape or anything but printable ASCII. The shapes of rows and events
 //! then read the same text again, with care.
 
-use std::ops::RangeInclusive;
-
-use crate::voxel::cell::{Cell, MAX_HORIZONTAL, MAX_Y, MIN_Y};
+use crate::voxel::cell::{Cell, range};
 
 /// Most digits of a number that is read here, so that it cannot overflow.
 const MAX_DIGITS: usize = 9;
@@ -44,11 +42,6 @@ pub(super) fn quick_events(json: &str, most: usize) -> Option<Vec<NamedEvent<'_>
     // The shortest event, with its comma, has 38 bytes.
     let events = Vec::with_capacity(most.min(json.len() / 38 + 1));
     Scanner { rest: json.as_bytes() }.array(events, most, |scanner, _| scanner.event())
-}
-
-/// Returns the supported range of a coordinate on axis 0 (x), 1 (y) or 2 (z).
-pub(super) const fn range(axis: usize) -> RangeInclusive<i32> {
-    if axis == 1 { MIN_Y..=MAX_Y } else { -MAX_HORIZONTAL..=MAX_HORIZONTAL }
 }
 
 struct Scanner<'a> {

@@ -1,6 +1,7 @@
 //! Cells of the block grid, their neighbours, and the boxes that bound sets of cells.
 
 use std::collections::{HashMap, HashSet};
+use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
@@ -10,6 +11,12 @@ pub const MAX_HORIZONTAL: i32 = 30_000_000;
 pub const MIN_Y: i32 = -2_048;
 /// Greatest y (the upper bound of what Minecraft worlds can hold).
 pub const MAX_Y: i32 = 2_047;
+
+/// Returns the supported range of a coordinate on axis 0 (x), 1 (y) or 2 (z).
+#[must_use]
+pub const fn range(axis: usize) -> RangeInclusive<i32> {
+    if axis == 1 { MIN_Y..=MAX_Y } else { -MAX_HORIZONTAL..=MAX_HORIZONTAL }
+}
 
 /// A cell of the block grid; `y` is up and the ground surface is `y <= 0` (`docs/rules.md#words`).
 ///
