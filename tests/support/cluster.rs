@@ -13,7 +13,8 @@ use super::repository;
 /// Starts the server, and stops it and removes its folder when standard input ends: that is when the process that
 /// holds the other end is gone, however it went.
 const KEEPER: &str = r#"
-cd / && "$0/pg_ctl" -D "$1" -w -t 60 -l "$1/log" -o "$2" start >/dev/null && echo ready
+cd / && "$0/pg_ctl" -D "$1" -w -t 60 -l "$1/log" -o "$2" start >/dev/null || exit
+echo ready
 cat >/dev/null
 "$0/pg_ctl" -D "$1" -m immediate stop >/dev/null 2>&1
 rm -rf "$1"
@@ -88,27 +89,16 @@ impl Cluster {
             .output()
             .unwrap();
         assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
-        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-        let mut options = format!(
-            "-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories='' -c max_connections=400 -c \
-             shared_buffers=64MB -c autovacuum_naptime=2s"
-        );
-        if let Ok(folder) = std::env::var("PLUMBLINE_TEST_STATEMENTS") {
-            options
-                .push_str(" -c logging_collector=on -c log_destination=jsonlog -c log_statement=all -c log_directory=");
-            options.push_str(&folder);
+        // Whoever connects somewhere meanwhile may be given the port that was free.
+        for _ in 0..3 {
+            let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+            if let Some(keeper) = keep(&programs, &data, port, settings) {
+                return Self { programs, data, port, keeper: Mutex::new(keeper), programs_folder: None };
+            }
         }
-        for setting in settings {
-            options.push_str(" -c ");
-            options.push_str(setting);
-        }
-        let mut keeper = unprivileged(Path::new("sh"));
-        keeper.args(["-c", KEEPER]).arg(&programs).arg(&data).arg(&options);
-        let mut keeper = keeper.stdin(Stdio::piped()).stdout(Stdio::piped()).current_dir("/").spawn().unwrap();
-        let mut ready = [0; 6];
-        let is_ready = std::io::Read::read_exact(keeper.stdout.as_mut().unwrap(), &mut ready);
-        assert!(is_ready.is_ok(), "{}", std::fs::read_to_string(data.join("log")).unwrap_or_default());
-        Self { programs, data, port, keeper: Mutex::new(keeper), programs_folder: None }
+        let said = std::fs::read_to_string(data.join("log")).unwrap_or_default();
+        let _ = std::fs::remove_dir_all(&data);
+        panic!("{said}");
     }
 
     /// Returns the URL of a database.
@@ -179,6 +169,32 @@ impl Drop for Cluster {
         drop(keeper.stdin.take());
         let _ = keeper.wait();
     }
+}
+
+/// Starts a server on a port. Returns what keeps it, or nothing if it did not start.
+fn keep(programs: &Path, data: &Path, port: u16, settings: &[&str]) -> Option<Child> {
+    let mut options = format!(
+        "-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories='' -c max_connections=400 -c \
+         shared_buffers=64MB -c autovacuum_naptime=2s"
+    );
+    if let Ok(folder) = std::env::var("PLUMBLINE_TEST_STATEMENTS") {
+        options.push_str(" -c logging_collector=on -c log_destination=jsonlog -c log_statement=all -c log_directory=");
+        options.push_str(&folder);
+    }
+    for setting in settings {
+        options.push_str(" -c ");
+        options.push_str(setting);
+    }
+    let mut keeper = unprivileged(Path::new("sh"));
+    keeper.args(["-c", KEEPER]).arg(programs).arg(data).arg(&options);
+    let mut keeper = keeper.stdin(Stdio::piped()).stdout(Stdio::piped()).current_dir("/").spawn().unwrap();
+    let mut ready = [0; 6];
+    let is_ready = std::io::Read::read_exact(keeper.stdout.as_mut().unwrap(), &mut ready);
+    if is_ready.is_err() {
+        let _ = keeper.wait();
+        return None;
+    }
+    Some(keeper)
 }
 
 /// Returns a command that runs a program as nobody; PostgreSQL refuses to run as root.
