@@ -26,6 +26,10 @@ pub struct Block {
     pub ahead: [u32; 13],
     /// Index at which the window in each opposite direction begins; 0 if there are no neighbours.
     pub behind: [u32; 13],
+    /// The windows ahead, but 0 where nothing could move by the forces: between particles that are held.
+    pub pulling: [u32; 13],
+    /// Whether any particle in the block is not held.
+    pub is_free: bool,
 }
 
 /// Layout of the stored particles.
@@ -59,6 +63,24 @@ impl Lattice {
         }
         let (fewer, packed) = Numbering::best(&side_by_side(cells));
         Self::from_numbers(if fewer < blocks { &packed } else { &numbering })
+    }
+
+    /// Notes which particles are held: those at indices in a field that are not free.
+    pub fn hold(&mut self, is_free: impl Fn(usize) -> bool) {
+        let taken: Vec<usize> = self.slot.iter().copied().flatten().collect();
+        let mut is_taken = vec![false; self.len];
+        for place in taken {
+            is_taken[place] = true;
+        }
+        for block in &mut self.blocks {
+            let is_pulled =
+                |own: usize, other: usize| is_taken[own] && is_taken[other] && (is_free(own) || is_free(other));
+            for (pulling, ahead) in block.pulling.iter_mut().zip(block.ahead) {
+                let acts = (0..BLOCK).any(|lane| is_pulled(block.slot + lane, ahead as usize + lane));
+                *pulling = if acts { ahead } else { 0 };
+            }
+            block.is_free = (block.slot..block.slot + BLOCK).any(&is_free);
+        }
     }
 
     /// Returns the indices in a field that a range of blocks spans.
@@ -111,7 +133,8 @@ impl Lattice {
         };
         let window = |first: Option<i128>| first.and_then(slot_of).map_or(0, |slot| slot as u32);
         let block = |(block, ahead, behind): &(i128, [Option<i128>; 13], [Option<i128>; 13])| {
-            Some(Block { slot: slot_of(block * WIDTH)?, ahead: ahead.map(window), behind: behind.map(window) })
+            let (slot, ahead, behind) = (slot_of(block * WIDTH)?, ahead.map(window), behind.map(window));
+            Some(Block { slot, ahead, behind, pulling: ahead, is_free: true })
         };
         let blocks: Vec<Block> = views.iter().filter_map(block).collect();
         let mut index = vec![0; stored.len() + 1];
@@ -296,6 +319,27 @@ mod tests {
         let cells = (0..500).flat_map(|i| part.map(|[x, y, z]| Cell::new(x + i * 7_919, y, z + i * 104_729)));
         let blocks = Lattice::of(&cells.collect::<Vec<_>>()).blocks.len();
         assert!(blocks <= 1_500, "{blocks} blocks");
+    }
+
+    /// A floor that is held and a block on it: only the windows that show the block act, and only its own block moves.
+    #[test]
+    fn held_particles_pull_nobody() {
+        let cells: Vec<Cell> = (0..9 * 9).map(|i| Cell::new(i % 9, 0, i / 9)).chain([Cell::new(4, 1, 4)]).collect();
+        let mut lattice = Lattice::of(&cells);
+        let top = lattice.slot[81].expect("the block on the floor has neighbours");
+        lattice.hold(|place| place == top);
+        let with_top: Vec<_> = lattice.blocks.iter().filter(|block| block.is_free).map(|block| block.slot).collect();
+        assert_eq!(with_top, [top / BLOCK * BLOCK]);
+        let acting = lattice.blocks.iter().flat_map(|block| block.pulling.map(|window| (block.slot, window)));
+        for (slot, window) in acting.filter(|(_, window)| *window > 0) {
+            let shows = |first: usize| (first..first + BLOCK).contains(&top);
+            assert!(shows(slot) || shows(window as usize), "{slot} {window}");
+        }
+        let count = |windows: fn(&Block) -> &[u32; 13]| {
+            lattice.blocks.iter().flat_map(windows).filter(|window| **window > 0).count()
+        };
+        assert!(count(|block| &block.pulling) >= 3);
+        assert!(count(|block| &block.ahead) > 10 + count(|block| &block.pulling));
     }
 
     proptest! {

@@ -1,119 +1,94 @@
-//! Numbers per particle, one array for each component, in the layout of the lattice, and parts of them for several
-//! cores.
-
-#![expect(clippy::inline_always, reason = "so that the loops are compiled for the processor that the caller chose")]
-
-use std::ops::Range;
+//! Numbers per particle, one column for each component, in the layout of the lattice.
 
 use crate::elasticity::lattice::BLOCK;
 
-/// `N` numbers per cell of the lattice, stored component after component.
-#[derive(Debug, Clone)]
+/// Length of columns that suffices for structures of some 100 blocks.
+///
+/// All columns of a simulation begin the same number of cache lines apart. That number is odd, so that equal places of
+/// several columns fall into different sets of a cache.
+pub const SHORTER: usize = 45 * BLOCK;
+/// Length of columns that suffices for structures of some 1,000 blocks.
+pub const SHORT: usize = 163 * BLOCK;
+
+/// Bytes of a cache line.
+const LINE: usize = 64;
+
+/// `N` numbers per cell of the lattice, stored column after column. Each column begins with a cache line.
+#[derive(Debug)]
 pub struct Fields<const N: usize> {
-    components: [Vec<f64>; N],
+    numbers: Vec<f64>,
+    /// Index in `numbers` at which the first column begins.
+    first: usize,
+    /// Distance between the beginnings of two columns.
+    stride: usize,
+}
+
+/// Returns the distance between the beginnings of two columns with `len` numbers each.
+pub fn stride(len: usize) -> usize {
+    let of_any_length = (len.div_ceil(BLOCK) | 1) * BLOCK;
+    [SHORTER, SHORT].into_iter().find(|short| len <= *short).unwrap_or(of_any_length)
 }
 
 impl<const N: usize> Fields<N> {
     /// Creates fields of length `len` that are zero everywhere.
     #[must_use]
     pub fn zero(len: usize) -> Self {
-        Self { components: [(); N].map(|()| vec![0.0; len]) }
+        Self::of_stride(stride(len))
+    }
+
+    fn of_stride(stride: usize) -> Self {
+        let numbers = vec![0.0_f64; N * stride + BLOCK];
+        let first = numbers.as_ptr().align_offset(LINE).min(BLOCK);
+        Self { numbers, first, stride }
+    }
+
+    /// Returns the distance between the beginnings of two columns.
+    #[must_use]
+    pub const fn stride(&self) -> usize {
+        self.stride
+    }
+
+    /// Returns all columns, one after another.
+    #[must_use]
+    pub fn columns(&self) -> &[f64] {
+        &self.numbers[self.first..][..N * self.stride]
+    }
+
+    /// Returns all columns for writing, one after another.
+    #[must_use]
+    pub fn columns_mut(&mut self) -> &mut [f64] {
+        &mut self.numbers[self.first..][..N * self.stride]
     }
 
     /// Returns the numbers at an index.
     #[must_use]
     pub fn at(&self, place: usize) -> [f64; N] {
-        std::array::from_fn(|k| self.components[k][place])
+        std::array::from_fn(|k| self.numbers[self.first + k * self.stride + place])
     }
 
     /// Sets the numbers at an index.
     pub fn set(&mut self, place: usize, numbers: [f64; N]) {
-        for (component, number) in self.components.iter_mut().zip(numbers) {
-            component[place] = number;
+        for (k, number) in numbers.into_iter().enumerate() {
+            self.numbers[self.first + k * self.stride + place] = number;
         }
     }
 
     /// Sets the numbers to those of `other`, times one factor per index.
     pub fn set_product(&mut self, other: &Self, factor: &Fields<1>) {
-        for (component, other) in self.components.iter_mut().zip(&other.components) {
-            for ((number, other), factor) in component.iter_mut().zip(other).zip(&factor.components[0]) {
+        let stride = self.stride;
+        for (column, other) in self.columns_mut().chunks_exact_mut(stride).zip(other.columns().chunks_exact(stride)) {
+            for ((number, other), factor) in column.iter_mut().zip(other).zip(factor.columns()) {
                 *number = other * factor;
             }
         }
     }
-
-    /// Returns all components for reading.
-    #[must_use]
-    pub fn view(&self) -> [&[f64]; N] {
-        self.components.each_ref().map(Vec::as_slice)
-    }
-
-    /// Returns a range of all components for writing.
-    #[must_use]
-    pub fn part(&mut self, range: Range<usize>) -> Part<'_, N> {
-        Part {
-            first: range.start,
-            components: self.components.each_mut().map(|component| &mut component[range.clone()]),
-        }
-    }
 }
 
-/// Writable range of fields.
-#[derive(Debug)]
-pub struct Part<'a, const N: usize> {
-    /// Index where the range begins.
-    pub first: usize,
-    /// Numbers of each component in the range.
-    pub components: [&'a mut [f64]; N],
-}
-
-impl<'a, const N: usize> Part<'a, N> {
-    /// Splits the range into the parts before and from an index.
-    #[must_use]
-    pub fn split_at(self, place: usize) -> (Self, Self) {
-        let mut tails: [&'a mut [f64]; N] = [(); N].map(|()| <&mut [f64]>::default());
-        let mut next = tails.iter_mut();
-        let heads = self.components.map(|component| {
-            let (head, tail) = component.split_at_mut(place - self.first);
-            if let Some(slot) = next.next() {
-                *slot = tail;
-            }
-            head
-        });
-        (Self { first: self.first, components: heads }, Self { first: place, components: tails })
+impl<const N: usize> Clone for Fields<N> {
+    /// Copies the numbers; the copy's columns begin with a cache line as well, wherever its memory is.
+    fn clone(&self) -> Self {
+        let mut copy = Self::of_stride(self.stride);
+        copy.columns_mut().copy_from_slice(self.columns());
+        copy
     }
-}
-
-/// Returns the arrays cut to a length that they all have. If the compiler sees that several arrays are equally long, it
-/// compares an index with their length once for all of them.
-#[inline(always)]
-#[must_use]
-pub fn cut<const N: usize>(mut arrays: [&[f64]; N], len: usize) -> [&[f64]; N] {
-    for array in &mut arrays {
-        *array = &array[..len];
-    }
-    arrays
-}
-
-impl<const N: usize> Part<'_, N> {
-    /// Returns the part cut to `len`, see [`cut`].
-    #[inline(always)]
-    #[must_use]
-    pub fn cut(mut self, len: usize) -> Self {
-        for component in &mut self.components {
-            *component = &mut std::mem::take(component)[..len];
-        }
-        self
-    }
-
-    /// Returns the length of the range.
-    #[must_use]
-    pub fn len(&self) -> usize {
-        self.components.first().map_or(0, |component| component.len())
-    }
-}
-
-/// Returns the offset of each SIMD vector of a block from the block's first index.
-pub fn offsets(lanes: usize) -> impl Iterator<Item = usize> {
-    (0..BLOCK).step_by(lanes)
 }

@@ -10,38 +10,53 @@
 use pulp::Simd;
 
 use super::stencil::{Matrices, Place, Vectors, Weights, kind};
+use super::storage::{Part, Storage, View};
 use crate::elasticity::lanes::Lanes;
 use crate::elasticity::neighbours::DIRECTIONS;
 
 /// State that the forces depend on.
 #[derive(Debug, Clone, Copy)]
-pub struct State<'a> {
+pub struct State<'a, T: Storage> {
     /// Displacements.
-    pub displacement: [&'a [f64]; 3],
+    pub displacement: T::View<'a, 3>,
     /// Deformation gradients, row by row.
-    pub deformation: [&'a [f64]; 9],
+    pub deformation: T::View<'a, 9>,
     /// `P A^-1`, row by row.
-    pub corrected_stress: [&'a [f64]; 9],
+    pub corrected_stress: T::View<'a, 9>,
     /// 1 where there is a particle, otherwise 0.
-    pub presence: &'a [f64],
+    pub presence: T::View<'a, 1>,
 }
 
-/// Calls `$visit::<S, D>(arguments)` for each direction D.
+impl<T: Storage> State<'_, T> {
+    /// Returns the state with all columns cut to one length, see [`View::levelled`].
+    #[inline(always)]
+    #[must_use]
+    pub fn levelled(self) -> Self {
+        Self {
+            displacement: self.displacement.levelled(),
+            deformation: self.deformation.levelled(),
+            corrected_stress: self.corrected_stress.levelled(),
+            presence: self.presence.levelled(),
+        }
+    }
+}
+
+/// Calls `$visit::<S, _, D>(arguments)` for each direction D.
 macro_rules! each_direction {
     ($visit:ident($($argument:expr),*)) => {
-        $visit::<S, 0>($($argument),*);
-        $visit::<S, 1>($($argument),*);
-        $visit::<S, 2>($($argument),*);
-        $visit::<S, 3>($($argument),*);
-        $visit::<S, 4>($($argument),*);
-        $visit::<S, 5>($($argument),*);
-        $visit::<S, 6>($($argument),*);
-        $visit::<S, 7>($($argument),*);
-        $visit::<S, 8>($($argument),*);
-        $visit::<S, 9>($($argument),*);
-        $visit::<S, 10>($($argument),*);
-        $visit::<S, 11>($($argument),*);
-        $visit::<S, 12>($($argument),*);
+        $visit::<S, _, 0>($($argument),*);
+        $visit::<S, _, 1>($($argument),*);
+        $visit::<S, _, 2>($($argument),*);
+        $visit::<S, _, 3>($($argument),*);
+        $visit::<S, _, 4>($($argument),*);
+        $visit::<S, _, 5>($($argument),*);
+        $visit::<S, _, 6>($($argument),*);
+        $visit::<S, _, 7>($($argument),*);
+        $visit::<S, _, 8>($($argument),*);
+        $visit::<S, _, 9>($($argument),*);
+        $visit::<S, _, 10>($($argument),*);
+        $visit::<S, _, 11>($($argument),*);
+        $visit::<S, _, 12>($($argument),*);
     };
 }
 
@@ -54,44 +69,48 @@ struct Own<S: Simd> {
     presence: Lanes<S>,
 }
 
-/// Computes the forces on these particles from those ahead. `to` has three components for each direction, and holds
-/// these particles at index `at`.
+/// Computes the forces on these particles from those ahead. `to` has three components for each direction.
 #[inline(always)]
-pub fn pull<S: Simd>(place: &Place<'_, S>, state: &State<'_>, weights: &Weights, at: usize, to: &mut [&mut [f64]; 39]) {
+pub fn pull<S: Simd, T: Storage>(
+    place: &Place<'_, S>,
+    state: &State<'_, T>,
+    weights: &Weights,
+    to: &mut T::Part<'_, 39>,
+) {
     let own = Own {
         displacement: place.load(state.displacement, place.own),
         deformation: rows(place.load(state.deformation, place.own)),
         corrected_stress: rows(place.load(state.corrected_stress, place.own)),
-        presence: Lanes::load(place.simd, state.presence, place.own),
+        presence: Lanes::load(place.simd, state.presence.column(0), place.own),
     };
-    each_direction!(pull_along(place, state, weights, &own, at, to));
+    each_direction!(pull_along(place, state, weights, &own, to));
 }
 
 #[inline(always)]
-fn pull_along<S: Simd, const D: usize>(
+fn pull_along<S: Simd, T: Storage, const D: usize>(
     place: &Place<'_, S>,
-    state: &State<'_>,
+    state: &State<'_, T>,
     weights: &Weights,
     own: &Own<S>,
-    at: usize,
-    to: &mut [&mut [f64]; 39],
+    to: &mut T::Part<'_, 39>,
 ) {
-    if place.block.ahead[D] == 0 {
+    if place.block.pulling[D] == 0 {
         return;
     }
-    let ahead = place.block.ahead[D] as usize + place.offset;
+    let ahead = place.block.pulling[D] as usize + place.offset;
     let kind = const { kind(D) };
-    let is_pair = own.presence * Lanes::load(place.simd, state.presence, ahead);
+    let is_pair = own.presence * Lanes::load(place.simd, state.presence.column(0), ahead);
     let gradient = place.splat(weights.gradient[kind]);
     let r = present_vector::<S, D>(place, place.load(state.displacement, ahead), own.displacement);
     let stretched = along::<S, D>(place, &own.deformation, state.deformation, ahead);
     let stress = along::<S, D>(place, &own.corrected_stress, state.corrected_stress, ahead);
     let ratio = dot(stretched, r) * dot(r, r).reciprocal();
     let spring = place.splat(weights.hourglass[kind]) * (ratio - place.splat(2.0));
+    let at = place.own - to.first();
     for k in 0..3 {
         let force = r[k].subtract_product_from(spring, stress[k] * gradient);
         // Select, do not multiply: beside a particle that diverged, empty cells hold NaN.
-        force.where_positive(is_pair, place.splat(0.0)).store(to[3 * D + k], at);
+        force.where_positive(is_pair, place.splat(0.0)).store(to.column_mut(3 * D + k), at);
     }
 }
 
@@ -100,7 +119,7 @@ fn pull_along<S: Simd, const D: usize>(
 #[inline(always)]
 pub fn sum<S: Simd, const SHARED: bool>(
     place: &Place<'_, S>,
-    forces: [&[f64]; 39],
+    forces: impl View<39>,
     multiplicity: &[f64],
 ) -> Vectors<S> {
     let mut sum = [place.splat(0.0); 3];
@@ -113,25 +132,25 @@ pub fn sum<S: Simd, const SHARED: bool>(
 }
 
 #[inline(always)]
-fn add_forces<S: Simd, const D: usize>(place: &Place<'_, S>, forces: [&[f64]; 39], sum: &mut Vectors<S>) {
+fn add_forces<S: Simd, V: View<39>, const D: usize>(place: &Place<'_, S>, forces: V, sum: &mut Vectors<S>) {
     let Some((_, behind)) = place.beside::<D>() else { return };
     for k in 0..3 {
-        let pulled = Lanes::load(place.simd, forces[3 * D + k], place.own);
-        sum[k] = sum[k] + (pulled - Lanes::load(place.simd, forces[3 * D + k], behind));
+        let pulled = Lanes::load(place.simd, forces.column(3 * D + k), place.own);
+        sum[k] = sum[k] + (pulled - Lanes::load(place.simd, forces.column(3 * D + k), behind));
     }
 }
 
 #[inline(always)]
-fn add_shared_forces<S: Simd, const D: usize>(
+fn add_shared_forces<S: Simd, V: View<39>, const D: usize>(
     place: &Place<'_, S>,
-    forces: [&[f64]; 39],
+    forces: V,
     multiplicity: &[f64],
     sum: &mut Vectors<S>,
 ) {
     let Some((ahead, behind)) = place.beside::<D>() else { return };
     for k in 0..3 {
-        let pulled = Lanes::load(place.simd, forces[3 * D + k], place.own);
-        let pulling = Lanes::load(place.simd, forces[3 * D + k], behind);
+        let pulled = Lanes::load(place.simd, forces.column(3 * D + k), place.own);
+        let pulling = Lanes::load(place.simd, forces.column(3 * D + k), behind);
         let pulled = pulled * Lanes::load(place.simd, multiplicity, ahead);
         sum[k] = sum[k] + (pulled - pulling * Lanes::load(place.simd, multiplicity, behind));
     }
@@ -148,7 +167,7 @@ fn rows<S: Simd>(m: [Lanes<S>; 9]) -> Matrices<S> {
 fn along<S: Simd, const D: usize>(
     place: &Place<'_, S>,
     own: &Matrices<S>,
-    matrix: [&[f64]; 9],
+    matrix: impl View<9>,
     ahead: usize,
 ) -> Vectors<S> {
     let mut sum = own[0];
@@ -156,7 +175,7 @@ fn along<S: Simd, const D: usize>(
         let mut ahead_row = own[i];
         for k in 0..3 {
             if const { DIRECTIONS[D] }[k] != 0 {
-                ahead_row[k] = Lanes::load(place.simd, matrix[3 * i + k], ahead);
+                ahead_row[k] = Lanes::load(place.simd, matrix.column(3 * i + k), ahead);
             }
         }
         sum[i] = signed_sum::<S, D>(own[i]) + signed_sum::<S, D>(ahead_row);

@@ -87,6 +87,8 @@ impl Particles {
             particles.presence.set(place, [1.0]);
             particles.is_free.set(place, [if *is_held { 0.0 } else { 1.0 }]);
         }
+        let is_free = &particles.is_free;
+        particles.lattice.hold(|place| is_free.at(place)[0] > 0.0);
         particles.measure(&count);
         particles.multiplicity = (repeated_cells > 0).then_some(count);
         particles

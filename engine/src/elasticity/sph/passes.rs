@@ -5,15 +5,17 @@
 use pulp::{Arch, Simd, WithSimd};
 
 use super::constitutive;
-use super::fields::{Part, cut, offsets};
+use super::fields::SHORT;
 use super::pairs::{self, State};
-use super::stencil::{Matrices, Place, Weights};
+use super::stencil::{Matrices, Place, Weights, offsets};
+use super::storage::{Part, Storage, View};
 use crate::elasticity::Control;
 use crate::elasticity::lanes::Lanes;
-use crate::elasticity::lattice::Block;
+use crate::elasticity::lattice::{BLOCK, Block};
 
 /// Least number of blocks per share of a pass: handing over fewer costs as much as processing them.
 const BLOCKS_PER_SHARE: usize = 128;
+const _: () = assert!(SHORT / BLOCK < 2 * BLOCKS_PER_SHARE, "short columns cannot be split");
 
 /// Operation on each of a range of blocks, independent of the others.
 pub trait Pass: WithSimd<Output = ()> + Send + Sized {
@@ -40,30 +42,30 @@ pub fn carry_out<P: Pass>(pass: P, arch: Arch, control: &Control<'_>) {
 
 /// First pass: deformation gradients and stress from displacements.
 #[derive(Debug)]
-pub struct Deform<'a> {
+pub struct Deform<'a, T: Storage> {
     /// Blocks to process.
     pub blocks: &'a [Block],
     /// Displacements.
-    pub displacement: [&'a [f64]; 3],
+    pub displacement: T::View<'a, 3>,
     /// Displacements as neighbours count them: times the number of particles in the cell.
-    pub weighted: [&'a [f64]; 3],
+    pub weighted: T::View<'a, 3>,
     /// `sum_j grad W_ij`.
-    pub gradient_sum: [&'a [f64]; 3],
+    pub gradient_sum: T::View<'a, 3>,
     /// `A^-1`: xx, yy, zz, xy, xz, yz.
-    pub moment_inverse: [&'a [f64]; 6],
+    pub moment_inverse: T::View<'a, 6>,
     /// `A A^-1`, the deformation gradient at rest, in the same order.
-    pub at_rest: [&'a [f64]; 6],
+    pub at_rest: T::View<'a, 6>,
     /// Weights of the kernel.
     pub weights: &'a Weights,
     /// Time step, s.
     pub step_s: f64,
     /// Deformation gradients, row by row: those of the previous step, which the pass replaces with those of this step.
-    pub deformation: Part<'a, 9>,
+    pub deformation: T::Part<'a, 9>,
     /// `P A^-1`, row by row.
-    pub corrected_stress: Part<'a, 9>,
+    pub corrected_stress: T::Part<'a, 9>,
 }
 
-impl Pass for Deform<'_> {
+impl<T: Storage> Pass for Deform<'_, T> {
     fn blocks(&self) -> &[Block] {
         self.blocks
     }
@@ -79,19 +81,18 @@ impl Pass for Deform<'_> {
     }
 }
 
-impl WithSimd for Deform<'_> {
+impl<T: Storage> WithSimd for Deform<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
-        let (all, own) = (self.displacement[0].len(), self.deformation.len());
-        self.displacement = cut(self.displacement, all);
-        self.weighted = cut(self.weighted, all);
-        self.gradient_sum = cut(self.gradient_sum, all);
-        self.moment_inverse = cut(self.moment_inverse, all);
-        self.at_rest = cut(self.at_rest, all);
-        self.deformation = self.deformation.cut(own);
-        self.corrected_stress = self.corrected_stress.cut(own);
+        self.displacement = self.displacement.levelled();
+        self.weighted = self.weighted.levelled();
+        self.gradient_sum = self.gradient_sum.levelled();
+        self.moment_inverse = self.moment_inverse.levelled();
+        self.at_rest = self.at_rest.levelled();
+        self.deformation = self.deformation.levelled();
+        self.corrected_stress = self.corrected_stress.levelled();
         for block in self.blocks {
             for offset in offsets(S::F64_LANES) {
                 self.at(&Place::new(simd, block, offset));
@@ -100,7 +101,7 @@ impl WithSimd for Deform<'_> {
     }
 }
 
-impl Deform<'_> {
+impl<T: Storage> Deform<'_, T> {
     #[inline(always)]
     fn at<S: Simd>(&mut self, place: &Place<'_, S>) {
         let own = place.own;
@@ -115,19 +116,19 @@ impl Deform<'_> {
         }
         let inverse = symmetric(place.load(self.moment_inverse, own));
         let f = sum_and_product(&symmetric(place.load(self.at_rest, own)), &sum, &inverse);
-        let at = own - self.deformation.first;
+        let at = own - self.deformation.first();
         let mut before = f;
         for i in 0..3 {
             for j in 0..3 {
-                before[i][j] = Lanes::load(place.simd, self.deformation.components[3 * i + j], at);
+                before[i][j] = Lanes::load(place.simd, self.deformation.column(3 * i + j), at);
             }
         }
         let p = constitutive::stress(place, &f, &before, self.step_s);
         let q = product(&p, &inverse);
         for i in 0..3 {
             for j in 0..3 {
-                f[i][j].store(self.deformation.components[3 * i + j], at);
-                q[i][j].store(self.corrected_stress.components[3 * i + j], at);
+                f[i][j].store(self.deformation.column_mut(3 * i + j), at);
+                q[i][j].store(self.corrected_stress.column_mut(3 * i + j), at);
             }
         }
     }
@@ -165,18 +166,18 @@ fn sum_and_product<S: Simd>(c: &Matrices<S>, a: &Matrices<S>, b: &Matrices<S>) -
 
 /// Second pass: forces between pairs.
 #[derive(Debug)]
-pub struct Pull<'a> {
+pub struct Pull<'a, T: Storage> {
     /// Blocks to process.
     pub blocks: &'a [Block],
     /// State that the forces depend on.
-    pub state: State<'a>,
+    pub state: State<'a, T>,
     /// Weights of the kernel.
     pub weights: &'a Weights,
     /// The forces from particles ahead, three components for each direction.
-    pub forces: Part<'a, 39>,
+    pub forces: T::Part<'a, 39>,
 }
 
-impl Pass for Pull<'_> {
+impl<T: Storage> Pass for Pull<'_, T> {
     fn blocks(&self) -> &[Block] {
         self.blocks
     }
@@ -188,27 +189,16 @@ impl Pass for Pull<'_> {
     }
 }
 
-impl WithSimd for Pull<'_> {
+impl<T: Storage> WithSimd for Pull<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
-        let (all, own) = (self.state.displacement[0].len(), self.forces.len());
-        self.state.displacement = cut(self.state.displacement, all);
-        self.state.deformation = cut(self.state.deformation, all);
-        self.state.corrected_stress = cut(self.state.corrected_stress, all);
-        [self.state.presence] = cut([self.state.presence], all);
-        self.forces = self.forces.cut(own);
+        self.state = self.state.levelled();
+        self.forces = self.forces.levelled();
         for block in self.blocks {
             for offset in offsets(S::F64_LANES) {
-                let place = Place::new(simd, block, offset);
-                pairs::pull(
-                    &place,
-                    &self.state,
-                    self.weights,
-                    place.own - self.forces.first,
-                    &mut self.forces.components,
-                );
+                pairs::pull(&Place::new(simd, block, offset), &self.state, self.weights, &mut self.forces);
             }
         }
     }
@@ -216,17 +206,17 @@ impl WithSimd for Pull<'_> {
 
 /// Third pass: the step in time. `SHARED` says that several particles may share a cell.
 #[derive(Debug)]
-pub struct Move<'a, const SHARED: bool> {
+pub struct Move<'a, T: Storage, const SHARED: bool> {
     /// Blocks to process.
     pub blocks: &'a [Block],
     /// The forces from particles ahead, three components for each direction.
-    pub forces: [&'a [f64]; 39],
+    pub forces: T::View<'a, 39>,
     /// Number of particles in each cell; unused if `SHARED` is false.
-    pub multiplicity: &'a [f64],
+    pub multiplicity: T::View<'a, 1>,
     /// Positions at rest, relative to the least corner.
-    pub rest: [&'a [f64]; 3],
+    pub rest: T::View<'a, 3>,
     /// Above 0 where there is a particle that is not held.
-    pub is_free: &'a [f64],
+    pub is_free: T::View<'a, 1>,
     /// Load on each particle along the axes of the lattice, N.
     pub load_n: [f64; 3],
     /// Time step, s.
@@ -234,12 +224,12 @@ pub struct Move<'a, const SHARED: bool> {
     /// Step over mass, s/kg.
     pub step_per_mass: f64,
     /// Displacements.
-    pub displacement: Part<'a, 3>,
+    pub displacement: T::Part<'a, 3>,
     /// Velocities, half a step later than the displacements.
-    pub velocity: Part<'a, 3>,
+    pub velocity: T::Part<'a, 3>,
 }
 
-impl<const SHARED: bool> Pass for Move<'_, SHARED> {
+impl<T: Storage, const SHARED: bool> Pass for Move<'_, T, SHARED> {
     fn blocks(&self) -> &[Block] {
         self.blocks
     }
@@ -254,18 +244,16 @@ impl<const SHARED: bool> Pass for Move<'_, SHARED> {
     }
 }
 
-impl<const SHARED: bool> WithSimd for Move<'_, SHARED> {
+impl<T: Storage, const SHARED: bool> WithSimd for Move<'_, T, SHARED> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
-        let (all, own) = (self.is_free.len(), self.displacement.len());
-        self.forces = cut(self.forces, all);
-        self.rest = cut(self.rest, all);
-        [self.is_free, self.multiplicity] = cut([self.is_free, self.multiplicity], all);
-        self.displacement = self.displacement.cut(own);
-        self.velocity = self.velocity.cut(own);
-        for block in self.blocks {
+        self.forces = self.forces.levelled();
+        self.rest = self.rest.levelled();
+        self.displacement = self.displacement.levelled();
+        self.velocity = self.velocity.levelled();
+        for block in self.blocks.iter().filter(|block| block.is_free) {
             for offset in offsets(S::F64_LANES) {
                 self.at(&Place::new(simd, block, offset));
             }
@@ -273,24 +261,24 @@ impl<const SHARED: bool> WithSimd for Move<'_, SHARED> {
     }
 }
 
-impl<const SHARED: bool> Move<'_, SHARED> {
+impl<T: Storage, const SHARED: bool> Move<'_, T, SHARED> {
     #[inline(always)]
     fn at<S: Simd>(&mut self, place: &Place<'_, S>) {
-        let sum = pairs::sum::<S, SHARED>(place, self.forces, self.multiplicity);
-        let is_free = Lanes::load(place.simd, self.is_free, place.own);
+        let sum = pairs::sum::<S, SHARED>(place, self.forces, self.multiplicity.column(0));
+        let is_free = Lanes::load(place.simd, self.is_free.column(0), place.own);
         let (step, step_per_mass) = (place.splat(self.step_s), place.splat(self.step_per_mass));
-        let at = place.own - self.displacement.first;
+        let at = place.own - self.displacement.first();
         for i in 0..3 {
             let force = sum[i] + place.splat(self.load_n[i]);
-            let displacement = Lanes::load(place.simd, self.displacement.components[i], at);
-            let velocity = Lanes::load(place.simd, self.velocity.components[i], at);
+            let displacement = Lanes::load(place.simd, self.displacement.column(i), at);
+            let velocity = Lanes::load(place.simd, self.velocity.column(i), at);
             // Round as a position, which is what the published evaluator keeps: in unstable structures this rounding is
             // the seed of the instability.
-            let rest = Lanes::load(place.simd, self.rest[i], place.own);
+            let rest = Lanes::load(place.simd, self.rest.column(i), place.own);
             let moved = velocity.mul_add(step, displacement + rest) - rest;
             let faster = force.mul_add(step_per_mass, velocity);
-            moved.where_positive(is_free, displacement).store(self.displacement.components[i], at);
-            faster.where_positive(is_free, velocity).store(self.velocity.components[i], at);
+            moved.where_positive(is_free, displacement).store(self.displacement.column_mut(i), at);
+            faster.where_positive(is_free, velocity).store(self.velocity.column_mut(i), at);
         }
     }
 }

@@ -9,8 +9,9 @@
 use nalgebra::Vector3;
 use pulp::Simd;
 
+use super::storage::View;
 use crate::elasticity::lanes::Lanes;
-use crate::elasticity::lattice::Block;
+use crate::elasticity::lattice::{BLOCK, Block};
 use crate::elasticity::neighbours::{DIRECTIONS, kernel, kernel_gradient};
 
 /// A 3 x 3 matrix for each lane, row by row.
@@ -59,30 +60,35 @@ impl Weights {
     }
 }
 
-/// Sums over all directions, with one multiplication for each kind: `$visit::<S, D>(arguments, &mut sum)` adds the
+/// Sums over all directions, with one multiplication for each kind: `$visit::<S, _, D>(arguments, &mut sum)` adds the
 /// contribution of direction D, and `$fold(sum, weight, total)` returns `sum * weight + total`.
 macro_rules! sum_by_kind {
     ($weights:expr, $zero:expr, $fold:ident, $visit:ident($($argument:expr),*)) => {{
         let mut sum = $zero;
-        $visit::<S, 0>($($argument,)* &mut sum);
-        $visit::<S, 1>($($argument,)* &mut sum);
-        $visit::<S, 2>($($argument,)* &mut sum);
+        $visit::<S, _, 0>($($argument,)* &mut sum);
+        $visit::<S, _, 1>($($argument,)* &mut sum);
+        $visit::<S, _, 2>($($argument,)* &mut sum);
         let total = $fold(sum, $weights[0], $zero);
         let mut sum = $zero;
-        $visit::<S, 3>($($argument,)* &mut sum);
-        $visit::<S, 4>($($argument,)* &mut sum);
-        $visit::<S, 5>($($argument,)* &mut sum);
-        $visit::<S, 6>($($argument,)* &mut sum);
-        $visit::<S, 7>($($argument,)* &mut sum);
-        $visit::<S, 8>($($argument,)* &mut sum);
+        $visit::<S, _, 3>($($argument,)* &mut sum);
+        $visit::<S, _, 4>($($argument,)* &mut sum);
+        $visit::<S, _, 5>($($argument,)* &mut sum);
+        $visit::<S, _, 6>($($argument,)* &mut sum);
+        $visit::<S, _, 7>($($argument,)* &mut sum);
+        $visit::<S, _, 8>($($argument,)* &mut sum);
         let total = $fold(sum, $weights[1], total);
         let mut sum = $zero;
-        $visit::<S, 9>($($argument,)* &mut sum);
-        $visit::<S, 10>($($argument,)* &mut sum);
-        $visit::<S, 11>($($argument,)* &mut sum);
-        $visit::<S, 12>($($argument,)* &mut sum);
+        $visit::<S, _, 9>($($argument,)* &mut sum);
+        $visit::<S, _, 10>($($argument,)* &mut sum);
+        $visit::<S, _, 11>($($argument,)* &mut sum);
+        $visit::<S, _, 12>($($argument,)* &mut sum);
         $fold(sum, $weights[2], total)
     }};
+}
+
+/// Returns the offset of each SIMD vector of a block from the block's first index.
+pub fn offsets(lanes: usize) -> impl Iterator<Item = usize> {
+    (0..BLOCK).step_by(lanes)
 }
 
 /// Eight particles, or as many of them as a SIMD vector holds.
@@ -112,12 +118,12 @@ impl<'a, S: Simd> Place<'a, S> {
         if ahead + behind > 0 { Some((ahead + self.offset, behind + self.offset)) } else { None }
     }
 
-    /// Loads the numbers of `N` arrays at an index.
+    /// Loads the numbers of `N` columns at an index.
     #[inline(always)]
-    pub fn load<const N: usize>(&self, fields: [&[f64]; N], at: usize) -> [Lanes<S>; N] {
+    pub fn load<const N: usize>(&self, fields: impl View<N>, at: usize) -> [Lanes<S>; N] {
         let mut loaded = [self.splat(0.0); N];
         for k in 0..N {
-            loaded[k] = Lanes::load(self.simd, fields[k], at);
+            loaded[k] = Lanes::load(self.simd, fields.column(k), at);
         }
         loaded
     }
@@ -131,7 +137,7 @@ impl<'a, S: Simd> Place<'a, S> {
     /// Returns `sum_j value_j (x) grad W` over neighbours ahead and behind, with `grad W` along the vector to the
     /// neighbour.
     #[inline(always)]
-    pub fn outer_sum(&self, value: [&[f64]; 3], weights: &Weights) -> Matrices<S> {
+    pub fn outer_sum(&self, value: impl View<3>, weights: &Weights) -> Matrices<S> {
         let zero = [[self.splat(0.0); 3]; 3];
         let [faces, edges, corners] = weights.gradient;
         let weights = [self.splat(faces), self.splat(edges), self.splat(corners)];
@@ -154,11 +160,12 @@ fn fold_matrices<S: Simd>(sum: Matrices<S>, weight: Lanes<S>, total: Matrices<S>
 }
 
 #[inline(always)]
-fn add_outer<S: Simd, const D: usize>(place: &Place<'_, S>, value: [&[f64]; 3], sum: &mut Matrices<S>) {
+fn add_outer<S: Simd, V: View<3>, const D: usize>(place: &Place<'_, S>, value: V, sum: &mut Matrices<S>) {
     let Some((ahead, behind)) = place.beside::<D>() else { return };
     let direction = const { DIRECTIONS[D] };
     for i in 0..3 {
-        let difference = Lanes::load(place.simd, value[i], ahead) - Lanes::load(place.simd, value[i], behind);
+        let difference =
+            Lanes::load(place.simd, value.column(i), ahead) - Lanes::load(place.simd, value.column(i), behind);
         for k in 0..3 {
             match direction[k] {
                 1 => sum[i][k] = sum[i][k] + difference,
