@@ -75,6 +75,7 @@ pub fn routers(HttpParts { app, metrics, rates, role }: HttpParts, has_admin_lis
         event_streams: PermitPool::new(limits.event_streams, limits.event_streams_per_sender),
         rates,
         metrics,
+        parameterless: middleware::queries::Parameterless::of(&openapi),
         openapi: openapi.to_json().expect("the document is JSON").into(),
     });
     let routes = routes.merge(pages::routes()).merge(hidden::log::routes()).merge(router::trainers_elsewhere());

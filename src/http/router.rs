@@ -205,7 +205,8 @@ fn add_errors(path: &str, operation: &mut Operation, writes: bool) {
     let mut errors: Vec<(&str, &str)> = Vec::new();
     errors.extend(operation.request_body.iter().flat_map(|_| BODY));
     errors.extend(writes.then_some(KEY).into_iter().flatten());
-    errors.extend(has(ParameterIn::Query).then_some(("400", "A parameter is wrong")));
+    let is_checked = has(ParameterIn::Query) || path.starts_with("/v1/");
+    errors.extend(is_checked.then_some(("400", "A parameter is wrong")));
     errors.extend(has(ParameterIn::Path).then_some(("404", "There is nothing of this name")));
     // Probes are never refused for being asked too often.
     errors.extend((!PROBES.contains(&path)).then_some(("429", "Too many requests; send it again later")));

@@ -10,6 +10,7 @@ use tokio::sync::Semaphore;
 use super::accounts::event_feed::EventFeed;
 use super::extract::conditional::Documents;
 use super::extract::idempotency::InFlight;
+use super::middleware::queries::Parameterless;
 use super::middleware::rates::Rates;
 use crate::app::App;
 use crate::fair::PermitPool;
@@ -55,6 +56,8 @@ pub struct Shared {
     pub rates: Arc<Rates>,
     /// Renderer of the Prometheus metrics.
     pub metrics: PrometheusHandle,
+    /// Operations that take no parameters in the query string.
+    pub parameterless: Parameterless,
     /// The OpenAPI document, as JSON.
     pub openapi: Arc<str>,
 }

@@ -68,7 +68,10 @@ async fn checked(state: &AppState, mut request: Request, next: Next) -> Response
         Err(refused) => return refused.into_response(),
     };
     let (method, uri) = (request.method().clone(), request.uri().clone());
-    let mut response = next.run(request).await;
+    let mut response = match state.parameterless.check(&request) {
+        Ok(()) => next.run(request).await,
+        Err(refused) => refused.into_response(),
+    };
     let is_error = response.status().is_client_error() || response.status().is_server_error();
     if is_error {
         response = as_problem(response, || format!("{method} {}", without_key(uri.path()))).await;

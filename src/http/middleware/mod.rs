@@ -2,4 +2,5 @@
 
 pub mod layers;
 pub mod observe;
+pub mod queries;
 pub mod rates;
