@@ -187,6 +187,7 @@ impl App {
     /// # Errors
     /// Returns an error if there is no such suite, or if the database fails.
     pub async fn suite(&self, name: &str) -> AppResult<Arc<Entry>> {
-        self.find_suite(name).await?.ok_or_else(|| AppError::not_found(format!("there is no suite {name:?}")))
+        let found = self.find_suite(name).await?;
+        found.ok_or_else(|| AppError::not_found(catalogue::suites::no_suite(&self.catalogue(), name)))
     }
 }

@@ -1,8 +1,10 @@
-//! Draws of Lite suites.
+//! Suites: what a wrong name may have meant, and draws of Lite suites.
 
 use crate::app::App;
 use crate::app::error::{AppError, AppResult, Kind};
+use crate::near::did_you_mean;
 use plumbline_engine::tasks::Suite;
+use plumbline_engine::tasks::catalogue::Catalogue;
 use plumbline_engine::tasks::embedded::{self, LITE_SUFFIX};
 
 /// Draws a Lite suite with another seed.
@@ -17,4 +19,13 @@ pub async fn draw(app: &App, name: &str, seed: u64) -> AppResult<Suite> {
     };
     let full = app.suite(&format!("{full}@{}", entry.suite.version)).await?;
     Ok(embedded::lite(&full.suite, seed))
+}
+
+/// Says that there is no suite of a name, and which one it may have meant.
+#[must_use]
+pub fn no_suite(catalogue: &Catalogue, name: &str) -> String {
+    let suites = catalogue.suites().iter().flat_map(|entry| [entry.suite.name.clone(), entry.suite.id()]);
+    let names: std::collections::BTreeSet<String> = suites.collect();
+    let near = did_you_mean(name, names.iter().map(String::as_str));
+    format!("there is no suite {name:?}; /v1/suites lists them{near}")
 }

@@ -6,6 +6,7 @@ use super::body::NewEpisode;
 use super::state::{Episode, Stored};
 use crate::app::App;
 use crate::app::access::Caller;
+use crate::app::catalogue::suites::no_suite;
 use crate::app::error::{AppError, AppResult};
 use crate::app::hidden::instances::instance;
 use crate::app::limits::LIMITS;
@@ -92,7 +93,7 @@ async fn task_attempt(
         }
     };
     let Some(entry) = app.find_suite(&suite).await? else {
-        faults.add_at("suite", format!("there is no suite {suite:?}; /v1/suites lists them"));
+        faults.add_at("suite", no_suite(&app.catalogue(), &suite));
         return Ok(None);
     };
     let number = task.number_in(&entry, faults).filter(|_| faults.is_empty());

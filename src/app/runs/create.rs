@@ -9,6 +9,7 @@ use super::read::stored;
 use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::cards::StoredForm;
+use crate::app::catalogue::suites::no_suite;
 use crate::app::error::{AppError, AppResult};
 use crate::app::submissions::accept::key_reused;
 use crate::clock::now_ms;
@@ -53,7 +54,7 @@ pub async fn create(
                 }
                 suite_id = Some(entry.suite.id());
             }
-            None => faults.add_at("suite", format!("there is no suite {name:?}; /v1/suites lists them")),
+            None => faults.add_at("suite", no_suite(&app.catalogue(), name)),
         }
     }
     if let Some(agent) = draft.as_ref().and_then(|run| run.agent.as_deref())

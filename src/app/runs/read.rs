@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use crate::app::App;
 use crate::app::access::Caller;
+use crate::app::catalogue::suites::no_suite;
 use crate::app::error::{AppError, AppResult, FaultBody};
 use crate::app::paging::{Page, page_items};
 use crate::clock::{DAY_MS, day_ms, milliseconds};
@@ -78,7 +79,7 @@ pub async fn list(
     if let Some(suite) = filter.suite.as_deref()
         && app.find_suite(suite).await?.is_none()
     {
-        let detail = format!("there is no suite {suite:?}; /v1/suites lists them");
+        let detail = no_suite(&app.catalogue(), suite);
         faults.push(FaultBody::of_parameter("suite", detail));
     }
     if let Some(after) = filter.after.as_deref()

@@ -12,6 +12,7 @@ use super::posted::{Format, Posted, PostedSubmission, check_against_task, read_s
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::access::Caller;
+use crate::app::catalogue::suites::no_suite;
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::replay::run_codes;
 use crate::app::structure_files::{ORDER_IS_CHECKED, checks_order};
@@ -211,7 +212,7 @@ async fn resolve_all(
             continue;
         };
         let Some(entry) = find_once(app, &suite, &mut suites).await? else {
-            faults.add_at("suite", format!("there is no suite {suite:?}; /v1/suites lists them"));
+            faults.add_at("suite", no_suite(&app.catalogue(), &suite));
             places.push(None);
             continue;
         };

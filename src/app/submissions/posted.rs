@@ -54,7 +54,10 @@ impl TaskRef {
         };
         found.map(|(task, _)| task.number).ok_or_else(|| {
             let near = match self {
-                Self::Id(id) => near_tasks(entry, id),
+                Self::Id(id) => match id.parse().ok().and_then(|number| entry.task_numbered(number)) {
+                    Some(_) => format!("; the task with this number is {id}, without quotes"),
+                    None => near_tasks(entry, id),
+                },
                 Self::Number(_) => String::new(),
             };
             format!("{} has no task {named}; /v1/tasks lists them{near}", entry.suite.id())
@@ -65,12 +68,12 @@ impl TaskRef {
 /// Suggests tasks, or families, that a wrong identifier may have meant, in words.
 #[must_use]
 pub fn near_tasks(entry: &Entry, id: &str) -> String {
-    let family = id.split('/').next().unwrap_or_default();
+    let family = &id.split('/').next().unwrap_or_default().to_lowercase();
     let tasks = &entry.suite.tasks;
     let of_family = tasks.iter().filter(|task| task.family() == family).map(|task| task.id.as_str());
     let found = did_you_mean(id, of_family);
     let families: std::collections::BTreeSet<&str> = tasks.iter().map(Task::family).collect();
-    if found.is_empty() && !families.contains(family) { did_you_mean(family, families) } else { found }
+    if found.is_empty() && !families.contains(family.as_str()) { did_you_mean(family, families) } else { found }
 }
 
 request_body! {
@@ -181,6 +184,11 @@ impl Posted {
             self.is_malformed = true;
             faults.add("the body has no lines");
         }
+        if is_one_over_lines(text) {
+            self.is_malformed = true;
+            faults.add("one JSON document over several lines; NDJSON has one a line, so send this as application/json");
+            return;
+        }
         for (count, (line, text)) in filled.enumerate() {
             faults.enter_line(line);
             if count >= LIMITS.ndjson_lines {
@@ -190,6 +198,13 @@ impl Posted {
             self.read(text, Some(line), faults);
         }
     }
+}
+
+/// Returns whether a text is a single JSON document over several lines, of which the first alone is none.
+fn is_one_over_lines(text: &[u8]) -> bool {
+    let is_json = |text: &[u8]| serde_json::from_slice::<serde::de::IgnoredAny>(text).is_ok();
+    let first = text.trim_ascii_start().split(|byte| *byte == b'\n').next().unwrap_or_default();
+    matches!(first.trim_ascii(), b"{" | b"[") && is_json(text)
 }
 
 /// Shape of a reference to a task.

@@ -341,9 +341,9 @@ fn format(headers: &HeaderMap) -> AppResult<Format> {
         "application/x-www-form-urlencoded" => {
             Err(unsupported("the body is sent as a form; with curl, add -H 'Content-Type: application/json'"))
         }
-        other => {
-            Err(unsupported(&format!("{other:?} is not supported; send application/json or application/x-ndjson")))
-        }
+        other => Err(unsupported(&format!(
+            "{other:?} is not supported; send application/json, or application/x-ndjson where a body may have many lines"
+        ))),
     }
 }
 

@@ -97,8 +97,8 @@ pub async fn grade_batch(State(state): State<AppState>, caller: Caller, body: Js
     Ok((kind, Body::new(Chunks(receiver))).into_response())
 }
 
-/// Returns the byte range of each item in the body.
-fn split(bytes: &Bytes, format: Format) -> AppResult<Vec<Range<usize>>> {
+/// Returns the items of the body.
+fn split(bytes: &Bytes, format: Format) -> AppResult<Vec<Item>> {
     let mut items = Vec::new();
     let range_of = |part: &[u8]| {
         let start = part.as_ptr() as usize - bytes.as_ptr() as usize;
@@ -106,8 +106,9 @@ fn split(bytes: &Bytes, format: Format) -> AppResult<Vec<Range<usize>>> {
     };
     match format {
         Format::NdJson => {
-            let lines = bytes.split(|byte| *byte == b'\n');
-            items.extend(lines.filter(|line| !line.iter().all(u8::is_ascii_whitespace)).map(range_of));
+            let lines = (1..).zip(bytes.split(|byte| *byte == b'\n'));
+            let filled = lines.filter(|(_, text)| !text.iter().all(u8::is_ascii_whitespace));
+            items.extend(filled.map(|(line, text)| Item { place: range_of(text), line: Some(line) }));
         }
         Format::Json => {
             let parts: Vec<&RawValue> = serde_json::from_slice(bytes).map_err(|error| {
@@ -117,7 +118,8 @@ fn split(bytes: &Bytes, format: Format) -> AppResult<Vec<Range<usize>>> {
                 ));
                 AppError::malformed(faults)
             })?;
-            items.extend(parts.into_iter().map(|part| range_of(part.get().as_bytes())));
+            let place = |part: &RawValue| range_of(part.get().as_bytes());
+            items.extend(parts.into_iter().map(|part| Item { place: place(part), line: None }));
         }
     }
     if items.is_empty() || items.len() > LIMITS.grade_batch_logs {
@@ -133,8 +135,14 @@ struct Batch {
     who: Arc<str>,
     catalogue: Arc<Catalogue>,
     bytes: Bytes,
-    items: Vec<Range<usize>>,
+    items: Vec<Item>,
     next: AtomicUsize,
+}
+
+/// Place of a request in the body, and its line if the body is NDJSON.
+struct Item {
+    place: Range<usize>,
+    line: Option<u64>,
 }
 
 /// Remaining work on an item that the short lane cannot finish: it has action code, or it takes long.
@@ -170,7 +178,8 @@ impl Batch {
                     Err(error) => {
                         let mut turn = Turn { begun: left.end..left.end, ..Turn::default() };
                         let problem = Problem::from(error.without_reward());
-                        left.clone().for_each(|index| write_line(&mut turn.lines, &failed(index, problem.clone())));
+                        left.clone()
+                            .for_each(|index| write_line(&mut turn.lines, &self.failed(index, problem.clone())));
                         turn
                     }
                 };
@@ -180,7 +189,7 @@ impl Batch {
                 }
                 for (index, rest) in turn.rest {
                     let mut line = Vec::new();
-                    write_line(&mut line, &item(index, self.finish(rest).await));
+                    write_line(&mut line, &self.item(index, self.finish(rest).await));
                     if sender.send(line.into()).await.is_err() {
                         return;
                     }
@@ -199,9 +208,9 @@ impl Batch {
             && let Some(index) = chunk.next()
         {
             match self.grade_now(index, until) {
-                Ok(Ok(graded)) => write_line(&mut turn.lines, &item(index, Ok(graded))),
+                Ok(Ok(graded)) => write_line(&mut turn.lines, &self.item(index, Ok(graded))),
                 Ok(Err(rest)) => turn.rest.push((index, rest)),
-                Err(error) => write_line(&mut turn.lines, &item(index, Err(error))),
+                Err(error) => write_line(&mut turn.lines, &self.item(index, Err(error))),
             }
         }
         turn.begun = chunk;
@@ -210,7 +219,13 @@ impl Batch {
 
     /// Grades an item, or returns the remaining work.
     fn grade_now(&self, index: usize, until: &Until) -> AppResult<Result<GradeBody, Rest>> {
-        let found = ReadRequest::read(&self.bytes[self.items[index].clone()], &self.catalogue)?.find_log()?;
+        let Item { place, line } = &self.items[index];
+        let text = &self.bytes[place.clone()];
+        let found = match *line {
+            Some(line) => ReadRequest::read_line(text, line, &self.catalogue)?,
+            None => ReadRequest::read(text, &self.catalogue)?,
+        };
+        let found = found.find_log()?;
         if found.is_incomplete() {
             return Ok(Err(Rest::Prepare(found)));
         }
@@ -231,17 +246,22 @@ impl Batch {
         };
         prepared.grade_in_turn(&self.state, &self.who).await
     }
-}
 
-fn item(index: usize, graded: AppResult<GradeBody>) -> BatchItem {
-    match graded {
-        Ok(result) => BatchItem { index, status: 200, reward: Some(result.reward), result: Some(result), error: None },
-        Err(error) => failed(index, Problem::from(error)),
+    fn item(&self, index: usize, graded: AppResult<GradeBody>) -> BatchItem {
+        match graded {
+            Ok(result) => {
+                BatchItem { index, status: 200, reward: Some(result.reward), result: Some(result), error: None }
+            }
+            Err(error) => self.failed(index, Problem::from(error)),
+        }
     }
-}
 
-fn failed(index: usize, problem: Problem) -> BatchItem {
-    BatchItem { index, status: problem.status, reward: None, result: None, error: Some(problem) }
+    fn failed(&self, index: usize, mut problem: Problem) -> BatchItem {
+        for fault in &mut problem.faults {
+            fault.line = self.items[index].line;
+        }
+        BatchItem { index, status: problem.status, reward: None, result: None, error: Some(problem) }
+    }
 }
 
 fn write_line(lines: &mut Vec<u8>, item: &BatchItem) {
