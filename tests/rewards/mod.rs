@@ -2,4 +2,5 @@
 
 mod grade;
 mod structures;
+mod texts;
 mod trainers;

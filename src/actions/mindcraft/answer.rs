@@ -51,6 +51,17 @@ pub fn read(sent: &str) -> Reading {
     Reading { code: format!("{}{code}", "\n".repeat(lines)), notes }
 }
 
+/// Note on an answer that is JSON instead of code.
+pub const JSON_IS_NO_CODE: &str = "the answer is JSON, which builds nothing as code; a block log goes into events, rows or turns, and code into a string or a fence of its own";
+
+/// Returns whether the code of an answer is JSON: a list or an object.
+pub fn is_json(code: &str) -> bool {
+    let code = code.trim();
+    // Of the fence's word "json", "js" was taken for the language.
+    let value = code.strip_prefix("on").unwrap_or(code).trim_start();
+    value.starts_with(['{', '[']) && serde_json::from_str::<serde::de::IgnoredAny>(value).is_ok()
+}
+
 /// Returns what follows a word that has its line for itself.
 fn alone<'t>(text: &'t str, word: &str) -> Option<&'t str> {
     text.strip_prefix(word).filter(|rest| rest.trim_start_matches([' ', '\t', '\r']).starts_with('\n'))
@@ -66,6 +77,16 @@ pub fn rewritten(code: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn json_is_told_from_code() {
+        for json in ["{}", " [1]\n", "on\n{\"events\": []}", "{\"code\": \"f();\"}"] {
+            assert!(is_json(json), "{json}");
+        }
+        for code in ["{ f(); }", "f();", "[f()]", "1", "on"] {
+            assert!(!is_json(code), "{code}");
+        }
+    }
 
     #[test]
     fn code_stands_between_the_first_and_the_last_fence() {

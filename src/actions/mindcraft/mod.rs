@@ -200,7 +200,9 @@ fn run_file(sent: &str, prepared: Prepared, limits: &ActionLimits, end_cpu_ms: u
                 ["```", "skills.", "bot.", "=>", "function", ";", "("].iter().any(|word| sent.contains(word));
             let message = if has_code { error.message } else { "there is no code in the answer".to_owned() };
             ended.errors.push(CodeError { message, ..error });
-            if ended.unreadable && code.contains("```") {
+            if ended.unreadable && answer::is_json(&code) {
+                host.borrow_mut().note(answer::JSON_IS_NO_CODE);
+            } else if ended.unreadable && code.contains("```") {
                 host.borrow_mut().note("everything from the first code fence to the last is code, also what stands between fences, as in mindcraft");
             }
         }
@@ -216,7 +218,10 @@ fn run_file(sent: &str, prepared: Prepared, limits: &ActionLimits, end_cpu_ms: u
             ended.errors.extend(sandbox.drive(&fire));
         }
         if is_idle() && !sandbox.is_stopped() {
-            host.borrow_mut().note("the code ended without placing or removing a block");
+            let is_json = answer::is_json(&code);
+            let why =
+                if is_json { answer::JSON_IS_NO_CODE } else { "the code ended without placing or removing a block" };
+            host.borrow_mut().note(why);
         }
     }
     let own = host.borrow().world.bytes();

@@ -13,6 +13,7 @@ use super::request::{Detail, GivenWork, GradeRequest, read_request};
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::aside::aside;
+use crate::app::catalogue::suites::no_suite;
 use crate::app::error::{AppError, AppResult};
 use crate::app::event_budget::EventBudget;
 use crate::app::limits::LIMITS;
@@ -25,7 +26,7 @@ use plumbline_engine::grading::cost::{Cost, cost};
 use plumbline_engine::grading::reward::{RewardComponents, Scheme};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::SentLog;
-use plumbline_engine::intake::not_json::why_not_json;
+use plumbline_engine::intake::not_json::{on_its_line, why_not_json};
 use plumbline_engine::tasks::catalogue::Catalogue;
 use plumbline_engine::tasks::embedded::FULL;
 use plumbline_engine::tasks::{Task, hex};
@@ -70,12 +71,31 @@ impl ReadRequest {
     /// # Errors
     /// Returns 400 if the body is not JSON, and 422 with all its faults if it has any.
     pub fn read(text: &[u8], catalogue: &Catalogue) -> AppResult<Self> {
-        let begun = Instant::now();
+        Self::read_with(text, catalogue, Faults::new(), why_not_json)
+    }
+
+    /// Reads a request that is a line of an NDJSON body, and finds its task in the loaded suites. The faults are those of
+    /// that line, counted from 1.
+    ///
+    /// # Errors
+    /// Returns the same errors as [`Self::read`].
+    pub fn read_line(text: &[u8], line: u64, catalogue: &Catalogue) -> AppResult<Self> {
         let mut faults = Faults::new();
+        faults.enter_line(line);
+        Self::read_with(text, catalogue, faults, on_its_line)
+    }
+
+    fn read_with(
+        text: &[u8],
+        catalogue: &Catalogue,
+        mut faults: Faults,
+        why: fn(&[u8], &serde_json::Error) -> String,
+    ) -> AppResult<Self> {
+        let begun = Instant::now();
         let request = match read_request(text, &mut faults) {
             Ok(request) => request,
             Err(error) => {
-                faults.add(why_not_json(text, &error));
+                faults.add(why(text, &error));
                 return Err(AppError::malformed(faults));
             }
         };
@@ -219,7 +239,7 @@ fn find(request: &GradeRequest, catalogue: &Catalogue, faults: &mut Faults) -> O
     };
     let name = request.suite.as_deref().unwrap_or(FULL);
     let Some(entry) = catalogue.suite(name) else {
-        faults.add_at("suite", format!("there is no suite {name:?}; /v1/suites lists them"));
+        faults.add_at("suite", no_suite(catalogue, name));
         return None;
     };
     task.number_in(entry, faults).map(|number| GivenTask::Listed(Arc::clone(entry), number))

@@ -5,8 +5,8 @@ use serde::Serialize;
 use crate::app::limits::LIMITS;
 use crate::near::counted;
 use plumbline_engine::intake::code::SentLog;
-use plumbline_engine::intake::text::thinking::without_thoughts;
-use plumbline_engine::intake::text::{AnswerKind, FoundAnswer, read_answer};
+use plumbline_engine::intake::text::thinking::{thoughts_removed, without_thoughts};
+use plumbline_engine::intake::text::{AnswerKind, FoundAnswer, NO_LOG, is_other_json, read_answer};
 use plumbline_engine::voxel::Profile;
 
 /// Answers found in the texts of a model.
@@ -85,7 +85,7 @@ pub fn log_in_texts(texts: &[String], turns: usize, profile: Profile) -> Result<
 }
 
 /// Reads a text. Under the profile `mindcraft`, code is found as mindcraft finds it, which is between the first fence
-/// and the last, so the whole text is kept.
+/// and the last, so the whole text is kept, but for what the model only thought.
 fn read_as(profile: Profile, text: &str) -> Result<FoundAnswer, String> {
     let read = read_answer(text, LIMITS.log());
     if profile.is_published() {
@@ -101,8 +101,11 @@ fn read_as(profile: Profile, text: &str) -> Result<FoundAnswer, String> {
     if !is_code {
         return read;
     }
+    if is_other_json(text) {
+        return Err(NO_LOG.to_owned());
+    }
     let line = text.find("```").map_or(1, |at| 1 + text[..at].matches('\n').count());
-    Ok(FoundAnswer { sent: SentLog::of_code(text.to_owned()), kind: AnswerKind::Code, line, passed_over: 0 })
+    Ok(FoundAnswer { sent: SentLog::of_code(thoughts_removed(text)), kind: AnswerKind::Code, line, passed_over: 0 })
 }
 
 impl FoundBody {

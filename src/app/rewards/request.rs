@@ -42,7 +42,8 @@ request_body! {
         #[schema(value_type = Option<StoredLogBody>)]
         log: SentLog = work(stored_log),
         /// Text or list of texts from a language model. The last complete answer outside thinking tags counts: a log as
-        /// JSON, or action code, in a code fence or bare. If there are several texts, each answers a turn.
+        /// JSON, or action code, in a code fence or bare. Under the profile `mindcraft`, the code is everything from the
+        /// first fence to the last, as in mindcraft. If there are several texts, each answers a turn.
         #[schema(value_type = Option<AnswerTextsBody>)]
         answer: Vec<String> = work(|faults| Texts { faults, most: usize::MAX }),
         /// Reward scheme; `strict` by default.
@@ -54,7 +55,11 @@ request_body! {
         #[schema(minimum = 1)]
         deadline_ms: u64 = optional(|faults| Json { faults, read: read_deadline }),
     }
-    unknown: |_| "unknown field; a request has task, suite, profile, turns or log or answer, reward, detail and deadline_ms"
+    unknown: |key| match key {
+        "action_code" | "events" | "palette" | "rows" => "unknown field; it belongs in a turn: \"turns\": [{…}]",
+        "messages" | "completion" | "response" | "text" | "output" => "unknown field; send what the model wrote as \"answer\": a text or a list of texts",
+        _ => "unknown field; a request has task, suite, profile, turns or log or answer, reward, detail and deadline_ms",
+    }
 }
 
 /// Amount of detail in the response.

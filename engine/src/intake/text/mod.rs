@@ -15,6 +15,7 @@ use std::ops::Range;
 
 use super::LogLimits;
 use super::code::{SentLog, on_its_lines};
+use super::not_json::why_not_json;
 use bare_code::{calls_skills, is_script_start, regions};
 use fences::{Fence, fences};
 use thinking::without_thoughts;
@@ -49,6 +50,10 @@ pub fn read_answer(text: &str, limits: LogLimits) -> Result<FoundAnswer, String>
     let (shown, ends_in_thought) = without_thoughts(text);
     let fences = fences(&shown);
     let json = json::logs_in(&shown);
+    // Strings within it may look like code.
+    if is_json_but_no_log(&shown, &fences, &json) {
+        return Err(NO_LOG.to_owned());
+    }
     let mut candidates: Vec<(AnswerKind, Range<usize>)> =
         json.logs.iter().map(|range| (AnswerKind::Log, range.clone())).collect();
     candidates.extend(code_fences(&shown, &fences, &json.logs).map(|range| (AnswerKind::Code, range)));
@@ -63,6 +68,25 @@ pub fn read_answer(text: &str, limits: LogLimits) -> Result<FoundAnswer, String>
     };
     let passed_over = candidates.iter().filter(|(_, other)| other.end < range.start).count();
     Ok(FoundAnswer { sent, kind, line: line_of(&shown, range.start), passed_over })
+}
+
+/// Returns whether a text, without thoughts, is nothing but JSON that is no block log: a list or an object, alone or in
+/// the only fence.
+#[must_use]
+pub fn is_other_json(text: &str) -> bool {
+    let (shown, _) = without_thoughts(text);
+    is_json_but_no_log(&shown, &fences(&shown), &json::logs_in(&shown))
+}
+
+fn is_json_but_no_log(text: &str, fences: &[Fence], json: &json::Scanned) -> bool {
+    let alone = match fences {
+        [] => text.trim(),
+        [fence] => text[fence.content.clone()].trim(),
+        _ => return false,
+    };
+    json.logs.is_empty()
+        && alone.starts_with(['{', '['])
+        && serde_json::from_str::<serde::de::IgnoredAny>(alone).is_ok()
 }
 
 fn line_of(text: &str, at: usize) -> usize {
@@ -104,9 +128,11 @@ fn why_none(text: &str, fences: &[Fence], json: &json::Scanned, ends_in_thought:
     if json.is_given_up {
         return "too many brackets that are not JSON; put the answer into a code fence".to_owned();
     }
+    if let Some(why) = faulty_json(text, fences) {
+        return why;
+    }
     if json.other_values > 0 {
-        return "the JSON in the answer is not a block log: expected an object with turns, events, rows or action_code, or a list of events"
-            .to_owned();
+        return NO_LOG.to_owned();
     }
     match fences.last() {
         Some(fence) if text[fence.content.clone()].trim().is_empty() => "the last code fence is empty".to_owned(),
@@ -115,6 +141,26 @@ fn why_none(text: &str, fences: &[Fence], json: &json::Scanned, ends_in_thought:
         }
         _ => "there is neither a block log as JSON nor action code in the answer".to_owned(),
     }
+}
+
+/// Why JSON of another form is no answer.
+pub const NO_LOG: &str = "the JSON in the answer is not a block log: expected an object with turns, events, rows or action_code, or a list of events";
+
+/// Explains what is wrong with a text that was meant as JSON: the last fence, or the whole text, if it begins and ends with
+/// brackets.
+fn faulty_json(text: &str, fences: &[Fence]) -> Option<String> {
+    let range = fences.last().map_or(0..text.len(), |fence| fence.content.clone());
+    let (begin, meant) =
+        (range.start + text[range.clone()].len() - text[range.clone()].trim_start().len(), text[range].trim());
+    if !meant.starts_with(['{', '[']) || !meant.ends_with(['}', ']']) {
+        return None;
+    }
+    let error = serde_json::from_str::<serde::de::IgnoredAny>(meant).err()?;
+    Some(format!(
+        "the JSON that begins on line {} is not valid: {}",
+        line_of(text, begin),
+        why_not_json(meant.as_bytes(), &error)
+    ))
 }
 
 #[cfg(test)]
@@ -215,6 +261,14 @@ mod tests {
             (
                 "{\"plan\": [1, 2]}",
                 "the JSON in the answer is not a block log: expected an object with turns, events, rows or action_code, or a list of events",
+            ),
+            (
+                "So:\n```json\n{\"events\": [{\"x\": 1},]}\n```",
+                "the JSON that begins on line 3 is not valid: expected value at line 1 column 22: JSON has no comma after the last value",
+            ),
+            (
+                "{'events': []}",
+                "the JSON that begins on line 1 is not valid: key must be a string at line 1 column 2: JSON has straight double quotes around names and strings",
             ),
             ("```python\nprint(1)\n```", "the last code fence is \"python\", which is neither JSON nor JavaScript"),
             (

@@ -42,6 +42,23 @@ pub fn without_thoughts(text: &str) -> (String, bool) {
     (String::from_utf8_lossy(&shown).into_owned(), opened.is_some())
 }
 
+/// Removes thinking tags and the thoughts between them. Lines keep their numbers; what is left of a line with a thought
+/// loses the spaces around it.
+#[must_use]
+pub fn thoughts_removed(text: &str) -> String {
+    let (shown, _) = without_thoughts(text);
+    let mut kept = String::new();
+    for (sent, shown) in text.split_inclusive('\n').zip(shown.split_inclusive('\n')) {
+        if sent == shown {
+            kept.push_str(sent);
+        } else {
+            kept.push_str(shown.trim());
+            kept.push_str(if shown.ends_with('\n') { "\n" } else { "" });
+        }
+    }
+    kept
+}
+
 struct Tag {
     begin: usize,
     end: usize,
@@ -80,6 +97,8 @@ mod tests {
         ] {
             assert_eq!(shown(text), (expected.0.to_owned(), expected.1), "{text}");
         }
+        let text = "<think>a\nb</think>```js\n  c();\n```<think>d";
+        assert_eq!(thoughts_removed(text), "\n```js\n  c();\n```");
         assert_eq!(without_thoughts("<think>\n\n</think>x").0.matches('\n').count(), 2);
     }
 }

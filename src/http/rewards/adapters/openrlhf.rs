@@ -122,13 +122,15 @@ pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: Jso
     let _permit = permit.map_err(AppError::without_reward)?;
     let judge_one = async |i: usize| {
         let prompt = query.prompts.as_ref().and_then(|prompts| prompts.get(i)?.as_deref());
-        let answer = without_prompt(&query.query[i], prompt.unwrap_or_default()).to_owned();
+        let whole = query.query[i].as_str();
+        let answer = without_prompt(whole, prompt.unwrap_or_default()).to_owned();
+        let has_prompt = prompt.is_some_and(|prompt| !prompt.is_empty()) && answer.len() == whole.len();
         let graded = match naming(&query.labels[i]) {
             Ok(naming) => judge(&state, who, &catalogue, &naming, vec![answer]).await,
             Err(error) => Err(error),
         };
         match graded {
-            Ok(graded) => Ok(Ok(graded)),
+            Ok(graded) => Ok(Ok((graded, has_prompt))),
             Err(error) if !error.is_retryable() => Ok(Err(error.at(&format!("/labels/{i}")))),
             Err(error) => Err(error),
         }
@@ -139,8 +141,11 @@ pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: Jso
     answer(judged?)
 }
 
-/// Grade of a sample, or the error in its label.
-type Judged = Result<GradeBody, AppError>;
+/// Added to the problem of an answer that may hold its prompt.
+const NOT_THE_PROMPT: &str = "; the query does not begin with its prompt, so all of it was read as the answer";
+
+/// Grade of a sample, and whether its prompt could not be told from its answer; or the error in its label.
+type Judged = Result<(GradeBody, bool), AppError>;
 
 fn read(body: &JsonBody) -> AppResult<RewardQuery> {
     let query: RewardQuery = read_json(body)?;
@@ -259,7 +264,7 @@ fn answer(judged: Vec<Judged>) -> AppResult<Json<Rewards>> {
     }
     for (index, one) in judged.into_iter().enumerate() {
         let (reward, overall, mean, is_readable, problem) = match one {
-            Ok(graded) => {
+            Ok((graded, has_prompt)) => {
                 // Starts from 0.0 because the `sum` of nothing is negative zero.
                 let sum = graded.criteria.iter().fold(0.0, |sum, criterion| sum + criterion.mean);
                 let mean = sum / graded.criteria.len().max(1) as f64;
@@ -267,7 +272,9 @@ fn answer(judged: Vec<Judged>) -> AppResult<Json<Rewards>> {
                 let is_readable = why.is_none();
                 // Code that ended with an error is graded for what it did, and its error is reported.
                 let broke = graded.action_code.into_iter().find_map(|replay| replay.error).map(|error| error.message);
-                let problem = why.or(broke).map(|detail| SampleProblem { index, detail, faults: Vec::new() });
+                let kept = if has_prompt { NOT_THE_PROMPT } else { "" };
+                let problem =
+                    why.or(broke).map(|detail| SampleProblem { index, detail: detail + kept, faults: Vec::new() });
                 (graded.reward, f64::from(graded.overall), mean, is_readable, problem)
             }
             Err(error) => {

@@ -1,0 +1,151 @@
+//! Texts of models as they come: long thoughts, JSON that is no log, JSON with a slip, and mistakes of those who send them.
+
+use serde_json::{Value, json};
+
+use crate::support::Service;
+
+const WALL: &str =
+    "for (let y = 0; y < 5; y++) for (let x = 0; x < 5; x++) await skills.placeBlock(bot, 'stone', x, y, 0);";
+
+fn wall_log() -> String {
+    let events: Vec<Value> =
+        (0..25).map(|i| json!({ "action": "place", "x": i % 5, "y": i / 5, "z": 0, "material": "stone" })).collect();
+    json!({ "events": events }).to_string()
+}
+
+fn service(folder: &tempfile::TempDir) -> Service {
+    Service::start(&folder.path().join("p.db"), &[])
+}
+
+async fn graded(service: &Service, answer: &str) -> Value {
+    let body = json!({ "task": "walls/5x1x5-raise", "answer": answer });
+    let graded = service.post_json("/v1/grade", &body).await;
+    assert_eq!(graded.status.as_u16(), 200, "{}", graded.text);
+    graded.json()
+}
+
+#[tokio::test]
+async fn thoughts_do_not_count_towards_the_size_of_code() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = service(&folder);
+    for thought in ["so ".repeat(200_000), "嗯\n".repeat(200_000)] {
+        let answer = format!("<think>{thought}</think>\n```js\n{WALL}\n```");
+        let graded = graded(&service, &answer).await;
+        assert_eq!((&graded["reward"], &graded["answer"]["why"]), (&json!(1.0), &Value::Null));
+    }
+    let broken = graded(&service, "<think>a\nb</think>\n```js\nlet = 1;\n```").await;
+    assert!(broken["answer"]["why"].as_str().unwrap().contains("in line 4"), "lines are those of the text: {broken}");
+}
+
+#[tokio::test]
+async fn json_that_is_no_log_is_no_answer() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = service(&folder);
+    assert_eq!(graded(&service, &wall_log()).await["reward"], 1.0);
+    let call = json!({ "name": "build", "arguments": { "code": WALL } }).to_string();
+    let comma = wall_log().replace("}]}", "},]}");
+    let quoted = wall_log().replace('"', "'");
+    for (answer, why) in [
+        (json!({ "code": WALL }).to_string(), "the JSON in the answer is not a block log"),
+        (call.clone(), "the JSON in the answer is not a block log"),
+        (format!("<think>hm</think>\n```json\n{call}\n```\n"), "the JSON in the answer is not a block log"),
+        (comma.clone(), "JSON has no comma after the last value"),
+        (format!("Here:\n```json\n{comma}\n```"), "begins on line 3 is not valid"),
+        (quoted.clone(), "JSON has straight double quotes around names and strings"),
+        (format!("```json\n{quoted}\n```"), "JSON has straight double quotes around names and strings"),
+        (wall_log().replacen("\"x\":0", "\"x\":NaN", 1), "JSON has no NaN"),
+        (wall_log().replace("[{", "[ // the wall\n{"), "JSON has no comments"),
+    ] {
+        for reward in ["strict", "mean"] {
+            let body = json!({ "task": "walls/5x1x5-raise", "answer": answer, "reward": reward });
+            let graded = service.post_json("/v1/grade", &body).await.json();
+            assert_eq!(graded["reward"], 0.0, "{answer}: {graded}");
+            assert!(graded["answer"]["why"].as_str().unwrap_or_default().contains(why), "{answer}: {graded}");
+        }
+    }
+    // Where only code is read, a note says what JSON is.
+    for code in [wall_log(), format!("```json\n{}\n```", wall_log())] {
+        let body = json!({ "profile": "mindcraft", "action_code": code });
+        let replayed = service.post_json("/v1/replay", &body).await;
+        assert!(replayed.text.contains("a block log goes into events, rows or turns"), "{}", replayed.text);
+    }
+}
+
+#[tokio::test]
+async fn a_prompt_that_stays_in_the_answer_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = service(&folder);
+    let prompt = "Raise a wall.";
+    let body = json!({ "query": [format!("{prompt}{WALL}"), format!("{prompt}{WALL}"), "?"],
+                       "prompts": [prompt, "Raise a roof.", "?"], "labels": [113, 113, 113] });
+    let told = service.post_json("/get_reward", &body).await.json();
+    assert_eq!(told["rewards"], json!([1.0, 0.0, 0.0]), "{told}");
+    let problems: Vec<&str> =
+        told["problems"].as_array().unwrap().iter().map(|problem| problem["detail"].as_str().unwrap()).collect();
+    assert!(problems[0].ends_with("the query does not begin with its prompt, so all of it was read as the answer"));
+    assert!(!problems[1].contains("prompt"), "{told}");
+}
+
+#[tokio::test]
+async fn faults_of_a_batch_have_the_lines_of_its_body() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = service(&folder);
+    let half = json!({ "task": 113, "turns": [{ "events": [{ "action": "place", "x": 0.5, "y": 0, "z": 0, "material": "a" }] }] });
+    let twice = json!({ "task": 113, "turns": [{ "events": [] }, { "events": [] }] });
+    let answer =
+        service.post("/v1/grade:batch", "application/x-ndjson", format!("\n{{\"task\":\n\n{half}\n{twice}\n")).await;
+    let mut items: Vec<Value> = answer.text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    items.sort_by_key(|item| item["index"].as_u64());
+    let faults: Vec<&Value> = items.iter().map(|item| &item["error"]["faults"][0]).collect();
+    assert_eq!(faults.iter().map(|fault| &fault["line"]).collect::<Vec<_>>(), [2, 4, 5], "{faults:#?}");
+    assert_eq!(faults[0]["detail"], "EOF while parsing a value at column 8");
+    let pretty = serde_json::to_string_pretty(&json!({ "task": 113, "turns": [{ "events": [] }] })).unwrap();
+    let told = service.post("/v1/validate", "application/x-ndjson", pretty).await;
+    assert_eq!(told.faults(400).len(), 1, "{}", told.text);
+    assert!(told.text.contains("one JSON document over several lines"), "{}", told.text);
+}
+
+#[tokio::test]
+async fn parameters_that_would_have_no_effect_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = service(&folder);
+    let run = service.begin_run("a", "mineceraft-lite").await;
+    let body = json!({ "task": 113, "turns": [{ "events": [] }] });
+    for path in [
+        format!("/v1/runs/{run}/finish?skip=unanswered"),
+        "/v1/grade?reward=mean".to_owned(),
+        "/v1/submissions?suite=mineceraft@1".to_owned(),
+        "/v1/validate?suite=mineceraft@1".to_owned(),
+    ] {
+        let refused = service.post_json(&path, &body).await;
+        assert_eq!(refused.faults(400).len(), 1, "{path}: {}", refused.text);
+        let problem = refused.json();
+        assert_eq!(problem["type"], "urn:plumbline:problem:invalid-query");
+        assert!(problem["faults"][0]["detail"].as_str().unwrap().contains("goes into the body"), "{path}: {problem}");
+    }
+    assert_eq!(service.get(&format!("/v1/runs/{run}")).await.json()["state"], "open", "nothing was done");
+    for path in ["/v1/blocks?limit=2".to_owned(), "/v1/limits?x=1".to_owned(), format!("/v1/runs/{run}?foo=1&bar")] {
+        assert_eq!(service.get(&path).await.status.as_u16(), 400, "{path}");
+    }
+    for path in ["/v1/limits?", "/v1/tasks?family=walls", "/healthz?x=1", "/?x=1"] {
+        assert_eq!(service.get(path).await.status.as_u16(), 200, "{path}");
+    }
+}
+
+#[tokio::test]
+async fn names_that_are_nearly_right_are_suggested() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = service(&folder);
+    let turns = json!([{ "events": [] }]);
+    for (body, told) in [
+        (json!({ "task": 113, "suite": "minecraft", "turns": turns }), "did you mean mineceraft"),
+        (json!({ "task": 113, "suite": "MineCEraft", "turns": turns }), "did you mean mineceraft"),
+        (json!({ "task": "113", "turns": turns }), "the task with this number is 113, without quotes"),
+        (json!({ "task": "Walls/5x1x5-Raise", "turns": turns }), "did you mean walls/5x1x5-raise"),
+        (json!({ "task": 113, "messages": [] }), "send what the model wrote as \\\"answer\\\""),
+    ] {
+        let refused = service.post_json("/v1/grade", &body).await;
+        assert_eq!(refused.status.as_u16(), 422, "{}", refused.text);
+        assert!(refused.text.contains(told), "{body}: {}", refused.text);
+    }
+}
