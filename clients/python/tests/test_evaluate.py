@@ -252,6 +252,42 @@ def test_turn_by_turn_with_feedback_and_pictures(
     assert [(client.submissions.wait(one.id).overall, run.state) for one in answered] == [(True, "open")] * 2
 
 
+def test_answers_that_build_nothing_are_counted(evaluate: Evaluate, endpoint: Any) -> None:
+    replies = iter(
+        [
+            Reply(None, finish_reason="tool_calls"),
+            Reply("  "),
+            Reply("```js\nawait skills.", finish_reason="length"),
+            Reply(None, refusal="No."),
+        ]
+    )
+    model = endpoint(lambda messages: next(replies))
+    # A task has a number as well as an id.
+    tasks = [part for number in (113, 114, 115, 116) for part in ("--task", str(number))]
+    done = evaluate(model, "--suite", "mineceraft", "--agent", "odd", "--concurrency", "1", *tasks)
+    assert "of 4 answers: 2 empty, 1 cut off, 1 refused, 1 with calls of tools" in done.stdout
+    assert evaluate.outcome()["answers"] == {"answers": 4, "empty": 2, "cut_off": 1, "refused": 1, "tool_calls": 1}
+
+
+def test_a_task_that_does_not_exist_and_a_service_that_is_away_are_told(evaluate: Evaluate, endpoint: Any) -> None:
+    model = endpoint(lambda messages: Reply("DONE"))
+    done = evaluate(model, "--suite", "mineceraft", "--agent", "none", "--task", "walls/5x1x5-rais", code=1)
+    assert "has no task walls/5x1x5-rais; did you mean walls/5x1x5-raise?" in done.stderr
+    command = evaluate.command(model, "--suite", "mineceraft", "--agent", "away")
+    command[command.index("--server") + 1] = "http://127.0.0.1:9"
+    away = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=without_settings())
+    assert away.stderr is not None
+    said = ""
+    try:
+        while "trying again for up to two minutes" not in said:
+            line = away.stderr.readline()
+            assert line, said
+            said += line
+    finally:
+        away.kill()
+        away.wait()
+
+
 def test_the_budget_is_kept_and_can_be_raised(evaluate: Evaluate, endpoint: Any, answers: dict[str, str]) -> None:
     model = endpoint(lambda messages: Reply(answers[asked(messages)]))
     arguments = ["--suite", "mineceraft-lite", "--agent", "budget", "--concurrency", "1"]

@@ -252,8 +252,8 @@ LIMITS = httpx.Limits(max_connections=100, max_keepalive_connections=20)
 
 
 def address(url: str | None) -> str:
-    """Returns the address of the service, without a slash at its end."""
-    given = (url or os.environ.get("PLUMBLINE") or DEFAULT_URL).rstrip("/")
+    """Returns the address of the service, without a slash at its end, nor the `/v1` with which its paths begin."""
+    given = (url or os.environ.get("PLUMBLINE") or DEFAULT_URL).rstrip("/").removesuffix("/v1")
     return given if "://" in given else f"http://{given}"
 
 

@@ -14,7 +14,8 @@ from typing import Any
 from tqdm import tqdm
 
 from ..async_client import AsyncClient
-from ..errors import PlumblineError
+from ..calls import Retries
+from ..errors import NotReached, PlumblineError
 from ..evaluate import Outcome, Plan, evaluate
 from ..evaluate.model import Model
 from ..evaluate.plan import Budget, Prices, Sampling
@@ -68,8 +69,8 @@ def add_to(commands: Any) -> None:
         action="append",
         default=[],
         dest="tasks",
-        metavar="ID",
-        help="only this task, repeatable; the run then stays open",
+        metavar="TASK",
+        help="only this task, by its id or number, repeatable; the run then stays open",
     )
     what.add_argument("--repeat", type=whole, default=1, metavar="N", help="number of runs (1)")
     how = parser.add_argument_group("how")
@@ -136,6 +137,7 @@ async def carried_out(
             bar.update(done - bar.n)
 
         try:
+            await tell_if_away(given)
             async with AsyncClient(given.server, given.key) as client:
                 return await evaluate(
                     plan,
@@ -150,6 +152,18 @@ async def carried_out(
                 )
         finally:
             await model.close()
+
+
+async def tell_if_away(given: argparse.Namespace) -> None:
+    """Says at once that the service does not answer; the first request is then tried for a while."""
+    async with AsyncClient(given.server, given.key, retries=Retries(most=0), timeout_s=10.0) as client:
+        try:
+            await client.service.health()
+        except NotReached as error:
+            print(f"{error}; trying again for up to two minutes", file=sys.stderr)
+        except PlumblineError:
+            # What is wrong shows with the first request.
+            pass
 
 
 def refuse_contradictions(given: argparse.Namespace) -> None:
@@ -237,6 +251,10 @@ def tell(outcome: Outcome, folder: Path) -> None:
             if result
             else f"{place} has the result once it is released; run the same command again to see it"
         )
+    odd = {"empty": "empty", "cut_off": "cut off", "refused": "refused", "tool_calls": "with calls of tools"}
+    odd_ones = [f"{outcome.answers[name]} {words}" for name, words in odd.items() if outcome.answers.get(name)]
+    if odd_ones:
+        print(f"of {outcome.answers['answers']} answers: {', '.join(odd_ones)}")
     spending = outcome.spending.as_json()
     tokens = (
         f"{spending['input_tokens']} + {spending['output_tokens']}"
@@ -266,6 +284,7 @@ def as_json(outcome: Outcome) -> dict[str, Any]:
         "complete": outcome.is_complete,
         "stopped": outcome.stopped,
         "failed": outcome.failed,
+        "answers": outcome.answers,
         "spending": outcome.spending.as_json(),
     }
 

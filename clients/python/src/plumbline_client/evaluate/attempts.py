@@ -138,6 +138,18 @@ def words(done: StepDone) -> str:
     return "\n".join(lines)
 
 
+def counts(journal: Journal) -> dict[str, int]:
+    """Counts the answers of the model, and those that most likely build nothing, by the reason."""
+    answers = [Completion.of_json(entry["completion"]) for entry in journal.of_kind("completion")]
+    return {
+        "answers": len(answers),
+        "empty": sum(not answer.text.strip() for answer in answers),
+        "cut_off": sum(answer.finish_reason == "length" for answer in answers),
+        "refused": sum(answer.refusal is not None for answer in answers),
+        "tool_calls": sum(answer.finish_reason in ("tool_calls", "function_call") for answer in answers),
+    }
+
+
 def transcript_of(messages: list[Message], completions: list[dict[str, Any]]) -> bytes:
     """Returns a conversation as JSON, with what the model told beside its text."""
     told = [{name: value for name, value in entry["completion"].items() if name != "text"} for entry in completions]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Awaitable
 from dataclasses import dataclass
 from typing import Any
@@ -38,11 +39,15 @@ class Attempt:
 
 async def tasks_of(client: AsyncClient, plan: Plan, suite: str) -> list[Problem]:
     """Returns the tasks of the plan, in the order of the suite."""
-    found = [Problem(task.id, tuple(task.prompts)) async for task in client.tasks.all(suite, track=plan.track)]
-    unknown = set(plan.tasks) - {problem.id for problem in found}
+    found = {task.number: task async for task in client.tasks.all(suite, track=plan.track)}
+    names = {str(number): task.id for number, task in found.items()} | {task.id: task.id for task in found.values()}
+    unknown = [name for name in plan.tasks if name not in names]
     if unknown:
-        raise PlumblineError(f"{suite} has no task {', '.join(sorted(unknown))}")
-    return [problem for problem in found if not plan.tasks or problem.id in plan.tasks]
+        near = [match for name in unknown for match in difflib.get_close_matches(name, names, n=1)]
+        hint = f"; did you mean {', '.join(near)}?" if near else ""
+        raise PlumblineError(f"{suite} has no task {', '.join(sorted(unknown))}{hint}")
+    wanted = {names[name] for name in plan.tasks or names}
+    return [Problem(task.id, tuple(task.prompts)) for task in found.values() if task.id in wanted]
 
 
 async def begin_runs(client: AsyncClient, plan: Plan, card: dict[str, Any], journal: Journal) -> list[str]:

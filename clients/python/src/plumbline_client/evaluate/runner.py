@@ -40,6 +40,8 @@ class Outcome:
     """The finished runs with their summaries."""
     left_open: list[str] = field(default_factory=list)
     """Runs that have answers to the tasks that were asked for, and take others."""
+    answers: dict[str, int] = field(default_factory=dict)
+    """Number of answers of the model, and of those that were empty, cut off, refusals, or calls of tools."""
     entry: dict[str, Any] | None = None
     """The finalized entry of a hidden evaluation."""
 
@@ -89,6 +91,7 @@ class Evaluation:
             failures = zip(todo, results, strict=True)
             outcome.failed = {attempt.name: reason for attempt, reason in failures if reason is not None}
             outcome.stopped = self._stopped
+            outcome.answers = attempts.counts(self._journal)
             if self._stopped is None and (self._skip_failed or not outcome.failed):
                 await self._finish(outcome)
             return outcome

@@ -64,7 +64,9 @@ def at(column: Sequence[str | None] | None, index: int) -> str | None:
 
 
 def texts_of(completion: Any) -> list[str]:
-    """Returns the texts of a completion, which is a text, or messages of a conversation."""
+    """Returns the texts of a completion, which is a text, or messages of a conversation; None is an empty text."""
+    if completion is None:
+        return [""]
     if isinstance(completion, str):
         return [completion]
     own = [message for message in completion if message.get("role") == "assistant"]
