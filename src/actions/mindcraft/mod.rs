@@ -240,6 +240,7 @@ fn run_file(sent: &str, prepared: Prepared, limits: &ActionLimits, end_cpu_ms: u
     for error in &mut ended.errors {
         naming::name(error, &code, host.borrow().missing.as_ref());
         naming::suggest(error);
+        naming::show_character(error, &code);
         // Columns are those of the rewritten code.
         error.column = None;
     }

@@ -39,6 +39,19 @@ pub fn suggest(error: &mut CodeError) {
     error.message.push_str(&suggestion);
 }
 
+/// Adds which character a syntax error is about: models write quotes, spaces and signs that JavaScript does not take.
+pub fn show_character(error: &mut CodeError, code: &str) {
+    if error.message != "SyntaxError: unexpected character" {
+        return;
+    }
+    let line = error.line.and_then(|line| code.lines().nth((line as usize).checked_sub(1)?)).unwrap_or_default();
+    let is_odd = |c: &char| !c.is_ascii() && !c.is_alphanumeric();
+    if let Some(odd) = line.chars().find(is_odd) {
+        let shown = if odd.is_control() || odd.is_whitespace() { String::new() } else { format!("{odd} ") };
+        error.message = format!("{}; the line has {shown}(U+{:04X})", error.message, u32::from(odd));
+    }
+}
+
 /// Global names that code finds.
 const OBJECTS: [&str; 6] = ["skills", "world", "bot", "log", "Vec3", "console"];
 
@@ -59,6 +72,21 @@ fn called(line: &str) -> impl Iterator<Item = &str> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn odd_characters_are_shown() {
+        let told = |code: &str, line| {
+            let message = "SyntaxError: unexpected character".to_owned();
+            let mut error = CodeError { message, line, column: None, file: None, events: None, is_own: true };
+            show_character(&mut error, code);
+            error.message
+        };
+        assert_eq!(told("a();\nb(“x”);", Some(2)), "SyntaxError: unexpected character; the line has “ (U+201C)");
+        assert_eq!(told("b(−1);", Some(1)), "SyntaxError: unexpected character; the line has − (U+2212)");
+        assert_eq!(told("b\u{a0}(1);", Some(1)), "SyntaxError: unexpected character; the line has (U+00A0)");
+        assert_eq!(told("b(#);", Some(1)), "SyntaxError: unexpected character");
+        assert_eq!(told("b();", None), "SyntaxError: unexpected character");
+    }
 
     #[test]
     fn what_is_not_defined_may_be_a_skill() {
