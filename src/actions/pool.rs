@@ -14,6 +14,13 @@ const FIRST_MS: u64 = 250;
 /// Wall-clock time for the first attempt, in milliseconds: a script may be in a built-in that does not check the time.
 const FIRST_WALL_MS: u64 = 1_000;
 
+/// The machine gave a script so little processor time that it reached no limit of its own. Later it may.
+#[derive(Debug, thiserror::Error)]
+#[error("action code did not finish within {wall_ms} ms")]
+pub struct Overloaded {
+    wall_ms: u64,
+}
+
 /// Runs scripts, a few at a time, each in its own process.
 #[derive(Debug, Clone)]
 pub struct Pool {
@@ -52,7 +59,8 @@ impl Pool {
     /// second attempt does the same.
     ///
     /// # Errors
-    /// Returns an error if no process can be started or used, which is a failure of the service.
+    /// Returns [`Overloaded`] if the machine has too much to do, and another error if no process can be started or used,
+    /// which is a failure of the service.
     pub async fn run(&self, job: &Job, who: &Arc<str>) -> anyhow::Result<Answer> {
         match job.profile {
             Profile::Mindcraft => self.run_job(job, who).await,
@@ -106,8 +114,7 @@ impl Pool {
         }
         let _turn = self.inner.again.take(who).await;
         let done = self.run_within(job, &all).await?;
-        // No script may use that much processor time, so the machine is overloaded.
-        done.ok_or_else(|| anyhow::anyhow!("action code did not finish within {} ms", all.wall_ms))
+        done.ok_or_else(|| Overloaded { wall_ms: all.wall_ms }.into())
     }
 
     /// Runs a script in a process; returns `None` if its wall-clock time ran out.

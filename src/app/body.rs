@@ -125,7 +125,7 @@ macro_rules! request_body {
                         unknown => members.refuse_unknown(unknown, $unknown)?,
                     }
                 }
-                Ok(Self { $($name: members.take(slots.$name),)* })
+                Ok(Self { $($name: members.take(slots.$name, $wanted),)* })
             }
         }
     };
@@ -208,15 +208,19 @@ impl<'de, A: MapAccess<'de>> Members<'_, A> {
     }
 
     /// Returns the value of a member once all are read. Reports a required member that is missing; if no member holds
-    /// the work, reports the first of them that is taken.
-    pub fn take<T>(&mut self, slot: Slot<T>) -> Option<T> {
+    /// the work, reports the first of them that is taken, and what is `wanted`.
+    pub fn take<T>(&mut self, slot: Slot<T>, wanted: &str) -> Option<T> {
         let is_missing = match slot.presence {
             Presence::Required => !slot.is_given,
             Presence::Optional => false,
             Presence::Work => !std::mem::replace(&mut self.has_work, true),
         };
         if is_missing {
-            self.faults.add_at(slot.name, "missing");
+            let detail = match slot.presence {
+                Presence::Work => format!("missing; the body must be {wanted}"),
+                Presence::Required | Presence::Optional => "missing".to_owned(),
+            };
+            self.faults.add_at(slot.name, detail);
         }
         slot.value
     }
@@ -300,7 +304,7 @@ mod tests {
                 "/log: given twice, or beside another member that takes its place; give one of them",
             ]
         );
-        assert_eq!(faults_of("{}"), ["/id: missing", "/turns: missing"]);
+        assert_eq!(faults_of("{}"), ["/id: missing", "/turns: missing; the body must be an object with \"id\""]);
         assert_eq!(faults_of("[]"), ["expected an object with \"id\", found an array"]);
     }
 

@@ -65,7 +65,7 @@ const MINDCRAFT: Guide = Guide {
         "Blocks of earlier turns still stand. Place only what is new, and break what must go.",
         "The order in which you place blocks counts: build from the ground up, part by part, without jumping around.",
         "bot.chat runs commands of the game: /setblock, /fill, /clone.",
-        "Skills take the names of blocks without `minecraft:` before them.",
+        "Skills take the names of blocks without `minecraft:` before them, even if a task allows the prefix.",
         "An unknown function ends the code; what was built before it counts.",
     ],
     functions: functions_of(Profile::Mindcraft),

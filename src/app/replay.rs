@@ -5,10 +5,11 @@ use std::sync::Arc;
 use serde::Serialize;
 
 use crate::actions::job::{Answer, Job, TurnInput};
+use crate::actions::pool::Overloaded;
 use crate::actions::turn_replay::TurnReplay;
 use crate::actions::{Profile, RecordedEvent, Replayed};
 use crate::app::App;
-use crate::app::error::{AppError, AppResult};
+use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::event_budget::EventBudget;
 use crate::app::limits::Limits;
 use crate::app::structure_files::open_files;
@@ -30,7 +31,14 @@ pub fn place(app: &App, who: &Arc<str>) -> AppResult<Permit> {
 }
 
 async fn replayed(app: &App, who: &Arc<str>, job: &Job) -> AppResult<Answer> {
-    app.actions.run(job, who).await.map_err(|error| AppError::internal(&error))
+    app.actions.run(job, who).await.map_err(|error| match error.downcast_ref::<Overloaded>() {
+        Some(overloaded) => {
+            tracing::warn!(%overloaded, "the machine is overloaded");
+            let detail = "the machine has too much to do to run this code; the request may be sent again";
+            AppError::new(Kind::Busy, detail).retry_after(5)
+        }
+        None => AppError::internal(&error),
+    })
 }
 
 /// Replays turns for a request that only replays code.

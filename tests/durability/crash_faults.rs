@@ -19,8 +19,8 @@ const AT_ONCE: usize = 4;
 const COMMITS: [&str; 8] =
     ["create_run", "accept", "claim", "renew", "record", "cancel", "finish_run", "note_key_uses"];
 
-/// Crash points of the ordinary test: what was acknowledged, and what is graded.
-const ORDINARY: [&str; 4] = ["before accept", "after accept", "before record", "after record"];
+/// Crash points of the ordinary test: the third submission is accepted, and the first is graded.
+const ORDINARY: [&str; 4] = ["before accept 3", "after accept 3", "before record", "after record"];
 
 /// Switches a fault on and off, so that work it prevents can go on in between.
 async fn flicker(place: &Place, fault: u64) {
@@ -71,5 +71,7 @@ async fn killed_at_each_commit_under_faults() {
     };
     let scenes = futures_util::stream::iter(scenes).map(scene).buffer_unordered(AT_ONCE);
     let acknowledged: Vec<usize> = scenes.map(Result::unwrap).collect().await;
-    assert!(acknowledged.iter().sum::<usize>() > acknowledged.len(), "hardly anything was acknowledged");
+    // A service that dies at its first run or submission has acknowledged none.
+    let with_any = acknowledged.iter().filter(|count| **count > 0).count();
+    assert!(2 * with_any > acknowledged.len(), "hardly anything was acknowledged: {acknowledged:?}");
 }

@@ -50,7 +50,7 @@ async fn json_that_is_no_log_is_no_answer() {
         (call.clone(), "the JSON in the answer is not a block log"),
         (format!("<think>hm</think>\n```json\n{call}\n```\n"), "the JSON in the answer is not a block log"),
         (comma.clone(), "JSON has no comma after the last value"),
-        (format!("Here:\n```json\n{comma}\n```"), "begins on line 3 is not valid"),
+        (format!("Here:\n```json\n{comma}\n```"), "is not valid in line 3"),
         (quoted.clone(), "JSON has straight double quotes around names and strings"),
         (format!("```json\n{quoted}\n```"), "JSON has straight double quotes around names and strings"),
         (wall_log().replacen("\"x\":0", "\"x\":NaN", 1), "JSON has no NaN"),
@@ -127,7 +127,11 @@ async fn parameters_that_would_have_no_effect_are_refused() {
     for path in ["/v1/blocks?limit=2".to_owned(), "/v1/limits?x=1".to_owned(), format!("/v1/runs/{run}?foo=1&bar")] {
         assert_eq!(service.get(&path).await.status.as_u16(), 400, "{path}");
     }
-    for path in ["/v1/limits?", "/v1/tasks?family=walls", "/healthz?x=1", "/?x=1"] {
+    let head = service.http.head(format!("{}/v1/limits?x=1", service.url)).send().await.unwrap();
+    assert_eq!(head.status().as_u16(), 400);
+    let with_key = format!("/with-key/plk_{}/v1/grade?reward=mean", "a".repeat(40));
+    assert_eq!(service.post_json(&with_key, &body).await.status.as_u16(), 400);
+    for path in ["/v1/limits?", "/v1/limits?&", "/v1/tasks?family=walls", "/healthz?x=1", "/?x=1"] {
         assert_eq!(service.get(path).await.status.as_u16(), 200, "{path}");
     }
 }
@@ -140,7 +144,7 @@ async fn names_that_are_nearly_right_are_suggested() {
     for (body, told) in [
         (json!({ "task": 113, "suite": "minecraft", "turns": turns }), "did you mean mineceraft"),
         (json!({ "task": 113, "suite": "MineCEraft", "turns": turns }), "did you mean mineceraft"),
-        (json!({ "task": "113", "turns": turns }), "the task with this number is 113, without quotes"),
+        (json!({ "task": "113", "turns": turns }), "give 113 as a number"),
         (json!({ "task": "Walls/5x1x5-Raise", "turns": turns }), "did you mean walls/5x1x5-raise"),
         (json!({ "task": 113, "messages": [] }), "send what the model wrote as \\\"answer\\\""),
     ] {

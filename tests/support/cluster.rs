@@ -13,7 +13,10 @@ use super::repository;
 /// Starts the server, and stops it and removes its folder when standard input ends: that is when the process that
 /// holds the other end is gone, however it went.
 const KEEPER: &str = r#"
-cd / && "$0/pg_ctl" -D "$1" -w -t 60 -l "$1/log" -o "$2" start >/dev/null || exit
+cd / && "$0/pg_ctl" -D "$1" -w -t 60 -l "$1/log" -o "$2" start >/dev/null || {
+    "$0/pg_ctl" -D "$1" -m immediate stop >/dev/null 2>&1
+    exit
+}
 echo ready
 cat >/dev/null
 "$0/pg_ctl" -D "$1" -m immediate stop >/dev/null 2>&1

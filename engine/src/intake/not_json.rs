@@ -36,7 +36,8 @@ fn instead_of(text: &[u8]) -> &'static str {
 const WORDS: [&str; 7] = ["NaN", "Infinity", "-Infinity", "undefined", "None", "True", "False"];
 
 /// Says what JSON has instead of what the parser stopped at, if that is a common mistake.
-fn remedy(text: &[u8], error: &serde_json::Error) -> Option<String> {
+#[must_use]
+pub fn remedy(text: &[u8], error: &serde_json::Error) -> Option<String> {
     let message = error.to_string();
     if message.starts_with("control character") {
         return Some("inside a string, write a line break as \\n and a tab as \\t".to_owned());

@@ -39,16 +39,21 @@ pub fn suggest(error: &mut CodeError) {
     error.message.push_str(&suggestion);
 }
 
-/// Adds which character a syntax error is about: models write quotes, spaces and signs that JavaScript does not take.
+/// Adds which character a syntax error is about: models write quotes and signs that JavaScript takes in strings only.
 pub fn show_character(error: &mut CodeError, code: &str) {
     if error.message != "SyntaxError: unexpected character" {
         return;
     }
     let line = error.line.and_then(|line| code.lines().nth((line as usize).checked_sub(1)?)).unwrap_or_default();
-    let is_odd = |c: &char| !c.is_ascii() && !c.is_alphanumeric();
-    if let Some(odd) = line.chars().find(is_odd) {
-        let shown = if odd.is_control() || odd.is_whitespace() { String::new() } else { format!("{odd} ") };
-        error.message = format!("{}; the line has {shown}(U+{:04X})", error.message, u32::from(odd));
+    // Letters are names, and spaces of all kinds are spaces.
+    let is_odd = |c: &char| !c.is_ascii() && !c.is_alphabetic() && !c.is_whitespace() && *c != '\u{feff}';
+    let is_quote = |c: char| matches!(c, '\'' | '"' | '`');
+    let outside_strings = line.split(is_quote).step_by(2);
+    if let Some(odd) = outside_strings.flat_map(str::chars).find(is_odd) {
+        // A character that only formats would not be seen, or disturb the rest of the message.
+        let is_seen = !matches!(odd, '\u{200b}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{fe00}'..='\u{fe0f}');
+        let shown = if is_seen && !odd.is_control() { format!(" ({odd})") } else { String::new() };
+        error.message = format!("{}; the line has U+{:04X}{shown}", error.message, u32::from(odd));
     }
 }
 
@@ -81,9 +86,13 @@ mod tests {
             show_character(&mut error, code);
             error.message
         };
-        assert_eq!(told("a();\nb(“x”);", Some(2)), "SyntaxError: unexpected character; the line has “ (U+201C)");
-        assert_eq!(told("b(−1);", Some(1)), "SyntaxError: unexpected character; the line has − (U+2212)");
-        assert_eq!(told("b\u{a0}(1);", Some(1)), "SyntaxError: unexpected character; the line has (U+00A0)");
+        assert_eq!(told("a();\nb(“x”);", Some(2)), "SyntaxError: unexpected character; the line has U+201C (“)");
+        assert_eq!(told("b(−1);", Some(1)), "SyntaxError: unexpected character; the line has U+2212 (−)");
+        assert_eq!(
+            told("a('–');\u{a0}b\u{200b}(1);", Some(1)),
+            "SyntaxError: unexpected character; the line has U+200B"
+        );
+        assert_eq!(told("b(²);", Some(1)), "SyntaxError: unexpected character; the line has U+00B2 (²)");
         assert_eq!(told("b(#);", Some(1)), "SyntaxError: unexpected character");
         assert_eq!(told("b();", None), "SyntaxError: unexpected character");
     }

@@ -104,8 +104,9 @@ fn read_as(profile: Profile, text: &str) -> Result<FoundAnswer, String> {
     if is_other_json(text) {
         return Err(NO_LOG.to_owned());
     }
-    let line = text.find("```").map_or(1, |at| 1 + text[..at].matches('\n').count());
-    Ok(FoundAnswer { sent: SentLog::of_code(thoughts_removed(text)), kind: AnswerKind::Code, line, passed_over: 0 })
+    let code = thoughts_removed(text);
+    let line = code.find("```").map_or(1, |at| 1 + code[..at].matches('\n').count());
+    Ok(FoundAnswer { sent: SentLog::of_code(code), kind: AnswerKind::Code, line, passed_over: 0 })
 }
 
 impl FoundBody {

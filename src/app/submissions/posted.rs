@@ -55,7 +55,9 @@ impl TaskRef {
         found.map(|(task, _)| task.number).ok_or_else(|| {
             let near = match self {
                 Self::Id(id) => match id.parse().ok().and_then(|number| entry.task_numbered(number)) {
-                    Some(_) => format!("; the task with this number is {id}, without quotes"),
+                    Some((task, _)) => {
+                        format!("; for the task with this number, give {} as a number, not as a text", task.number)
+                    }
                     None => near_tasks(entry, id),
                 },
                 Self::Number(_) => String::new(),
@@ -186,7 +188,11 @@ impl Posted {
         }
         if is_one_over_lines(text) {
             self.is_malformed = true;
-            faults.add("one JSON document over several lines; NDJSON has one a line, so send this as application/json");
+            faults.add(if text.trim_ascii_start().starts_with(b"[") {
+                "one JSON list over several lines; NDJSON has one document in each line, without brackets or commas around them"
+            } else {
+                "one JSON document over several lines; NDJSON has one document in each line; send this one as application/json"
+            });
             return;
         }
         for (count, (line, text)) in filled.enumerate() {

@@ -1,6 +1,6 @@
 //! Refusal of parameters where an operation takes none: ignored, they would look like they had an effect.
 
-use std::collections::HashSet;
+use std::collections::HashMap;
 
 use axum::extract::{MatchedPath, Request};
 use axum::http::Method;
@@ -10,18 +10,18 @@ use utoipa::openapi::{OpenApi, RefOr};
 use crate::app::error::{AppError, AppResult, FaultBody};
 use plumbline_engine::intake::Faults;
 
-/// Paths whose query string is checked. Trainers may add parameters of their own to the paths that they call.
+/// Beginning of the paths whose query string is checked. Trainers may add parameters to the other ones that they call.
 const CHECKED: &str = "/v1/";
 
-/// Operations without parameters in the query string: method and route.
+/// Operations without parameters in the query string, by method and route, and whether they take a body.
 #[derive(Debug, Default)]
-pub struct Parameterless(HashSet<(Method, String)>);
+pub struct Parameterless(HashMap<(Method, String), bool>);
 
 impl Parameterless {
     /// Returns the operations of a document that have no parameters in the query string.
     #[must_use]
     pub fn of(document: &OpenApi) -> Self {
-        let mut found = HashSet::new();
+        let mut found = HashMap::new();
         for (path, item) in document.paths.paths.iter().filter(|(path, _)| path.starts_with(CHECKED)) {
             for (method, operation) in [
                 (Method::GET, &item.get),
@@ -29,8 +29,8 @@ impl Parameterless {
                 (Method::PUT, &item.put),
                 (Method::DELETE, &item.delete),
             ] {
-                if operation.as_ref().is_some_and(|operation| !takes_query(operation)) {
-                    found.insert((method, path.clone()));
+                if let Some(operation) = operation.as_ref().filter(|operation| !takes_query(operation)) {
+                    found.insert((method, path.clone()), operation.request_body.is_some());
                 }
             }
         }
@@ -46,16 +46,15 @@ impl Parameterless {
         let Some(route) = request.extensions().get::<MatchedPath>() else { return Ok(()) };
         let route = route.as_str().strip_prefix("/with-key/{key}").unwrap_or(route.as_str());
         let method = if request.method() == Method::HEAD { &Method::GET } else { request.method() };
-        if !self.0.contains(&(method.clone(), route.to_owned())) {
-            return Ok(());
-        }
-        let detail = match *method {
-            Method::GET | Method::DELETE => "there is no such parameter; this takes none",
-            _ => "there is no such parameter; what this takes goes into the body",
+        let Some(takes_body) = self.0.get(&(method.clone(), route.to_owned())) else { return Ok(()) };
+        let detail = match takes_body {
+            true => "there is no such parameter; what this takes goes into the body",
+            false => "there is no such parameter; this takes none",
         };
-        let named = form_urlencoded::parse(query.as_bytes()).take(Faults::KEPT);
         let fault = |name: &str| FaultBody::of_parameter(name.chars().take(100).collect::<String>(), detail);
-        Err(AppError::invalid_query(named.map(|(name, _)| fault(&name)).collect()))
+        let named = form_urlencoded::parse(query.as_bytes()).take(Faults::KEPT);
+        let faults: Vec<FaultBody> = named.map(|(name, _)| fault(&name)).collect();
+        if faults.is_empty() { Ok(()) } else { Err(AppError::invalid_query(faults)) }
     }
 }
 

@@ -15,7 +15,7 @@ use std::ops::Range;
 
 use super::LogLimits;
 use super::code::{SentLog, on_its_lines};
-use super::not_json::why_not_json;
+use super::not_json::remedy;
 use bare_code::{calls_skills, is_script_start, regions};
 use fences::{Fence, fences};
 use thinking::without_thoughts;
@@ -50,14 +50,17 @@ pub fn read_answer(text: &str, limits: LogLimits) -> Result<FoundAnswer, String>
     let (shown, ends_in_thought) = without_thoughts(text);
     let fences = fences(&shown);
     let json = json::logs_in(&shown);
-    // Strings within it may look like code.
-    if is_json_but_no_log(&shown, &fences, &json) {
-        return Err(NO_LOG.to_owned());
-    }
     let mut candidates: Vec<(AnswerKind, Range<usize>)> =
         json.logs.iter().map(|range| (AnswerKind::Log, range.clone())).collect();
     candidates.extend(code_fences(&shown, &fences, &json.logs).map(|range| (AnswerKind::Code, range)));
     candidates.extend(regions(&shown, &fences, &json.logs).map(|range| (AnswerKind::Code, range)));
+    // Strings within JSON may look like code.
+    let other = other_json(&shown, &fences, &json);
+    if other
+        .is_some_and(|other| candidates.iter().all(|(_, range)| other.start <= range.start && range.end <= other.end))
+    {
+        return Err(NO_LOG.to_owned());
+    }
     // JSON data within code ends before the code, so the code is chosen.
     let Some((kind, range)) = candidates.iter().max_by_key(|(_, range)| (range.end, range.start)).cloned() else {
         return Err(why_none(&shown, &fences, &json, ends_in_thought));
@@ -70,23 +73,23 @@ pub fn read_answer(text: &str, limits: LogLimits) -> Result<FoundAnswer, String>
     Ok(FoundAnswer { sent, kind, line: line_of(&shown, range.start), passed_over })
 }
 
-/// Returns whether a text, without thoughts, is nothing but JSON that is no block log: a list or an object, alone or in
-/// the only fence.
+/// Returns whether a text, without thoughts, is JSON that is no block log: a list or an object, alone or in the only fence.
 #[must_use]
 pub fn is_other_json(text: &str) -> bool {
     let (shown, _) = without_thoughts(text);
-    is_json_but_no_log(&shown, &fences(&shown), &json::logs_in(&shown))
+    other_json(&shown, &fences(&shown), &json::logs_in(&shown)).is_some()
 }
 
-fn is_json_but_no_log(text: &str, fences: &[Fence], json: &json::Scanned) -> bool {
-    let alone = match fences {
-        [] => text.trim(),
-        [fence] => text[fence.content.clone()].trim(),
-        _ => return false,
+/// Returns where a text has JSON that is no block log and all that the text, or its only fence, has.
+fn other_json(text: &str, fences: &[Fence], json: &json::Scanned) -> Option<Range<usize>> {
+    let place = match fences {
+        [] => 0..text.len(),
+        [fence] => fence.content.clone(),
+        _ => return None,
     };
-    json.logs.is_empty()
-        && alone.starts_with(['{', '['])
-        && serde_json::from_str::<serde::de::IgnoredAny>(alone).is_ok()
+    let alone = text[place.clone()].trim();
+    let is_json = alone.starts_with(['{', '[']) && serde_json::from_str::<serde::de::IgnoredAny>(alone).is_ok();
+    (is_json && json.logs.is_empty()).then_some(place)
 }
 
 fn line_of(text: &str, at: usize) -> usize {
@@ -149,18 +152,24 @@ pub const NO_LOG: &str = "the JSON in the answer is not a block log: expected an
 /// Explains what is wrong with a text that was meant as JSON: the last fence, or the whole text, if it begins and ends with
 /// brackets.
 fn faulty_json(text: &str, fences: &[Fence]) -> Option<String> {
-    let range = fences.last().map_or(0..text.len(), |fence| fence.content.clone());
-    let (begin, meant) =
-        (range.start + text[range.clone()].len() - text[range.clone()].trim_start().len(), text[range].trim());
+    let range = match fences.last() {
+        None => 0..text.len(),
+        Some(fence) if ["", "json", "jsonc", "json5"].contains(&fence.language.as_str()) => fence.content.clone(),
+        Some(_) => return None,
+    };
+    let (begin, meant) = (range.end - text[range.clone()].trim_start().len(), text[range].trim());
     if !meant.starts_with(['{', '[']) || !meant.ends_with(['}', ']']) {
         return None;
     }
     let error = serde_json::from_str::<serde::de::IgnoredAny>(meant).err()?;
-    Some(format!(
-        "the JSON that begins on line {} is not valid: {}",
-        line_of(text, begin),
-        why_not_json(meant.as_bytes(), &error)
-    ))
+    let message = error.to_string();
+    let what = message.split(" at line ").next().unwrap_or(&message);
+    if what == "trailing characters" {
+        return None;
+    }
+    let line = line_of(text, begin) + error.line().saturating_sub(1);
+    let remedy = remedy(meant.as_bytes(), &error).map(|remedy| format!(": {remedy}")).unwrap_or_default();
+    Some(format!("the JSON is not valid in line {line}: {what}{remedy}"))
 }
 
 #[cfg(test)]
@@ -234,6 +243,7 @@ mod tests {
             (format!("Here:\n{code}\nThat is all."), code),
             (format!("{code}\nAs JSON:\n{one}"), "1 events"),
             (format!("```\n{code}\n```"), code),
+            (format!("Plan:\n```json\n{{\"steps\": [\"a\"]}}\n```\n{code}"), code),
             (format!("```js\n{code}"), code),
             (format!(r#"{{"turns": [{{"action_code": "{code}"}}]}}"#), code),
             (format!(r#"{{"action_code": "{code}"}}"#), code),
@@ -264,11 +274,17 @@ mod tests {
             ),
             (
                 "So:\n```json\n{\"events\": [{\"x\": 1},]}\n```",
-                "the JSON that begins on line 3 is not valid: expected value at line 1 column 22: JSON has no comma after the last value",
+                "the JSON is not valid in line 3: expected value: JSON has no comma after the last value",
             ),
             (
                 "{'events': []}",
-                "the JSON that begins on line 1 is not valid: key must be a string at line 1 column 2: JSON has straight double quotes around names and strings",
+                "the JSON is not valid in line 1: key must be a string: JSON has straight double quotes around names and strings",
+            ),
+            ("{\"plan\": 1}\n{\"b\": 2}", NO_LOG),
+            ("{\"code\": \"await skills.wait(bot, 1);\"}", NO_LOG),
+            (
+                "```python\n[x for x in y]\n```",
+                "the last code fence is \"python\", which is neither JSON nor JavaScript",
             ),
             ("```python\nprint(1)\n```", "the last code fence is \"python\", which is neither JSON nor JavaScript"),
             (

@@ -124,13 +124,13 @@ pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: Jso
         let prompt = query.prompts.as_ref().and_then(|prompts| prompts.get(i)?.as_deref());
         let whole = query.query[i].as_str();
         let answer = without_prompt(whole, prompt.unwrap_or_default()).to_owned();
-        let has_prompt = prompt.is_some_and(|prompt| !prompt.is_empty()) && answer.len() == whole.len();
+        let is_whole = prompt.is_some_and(|prompt| !prompt.is_empty()) && answer.len() == whole.len();
         let graded = match naming(&query.labels[i]) {
             Ok(naming) => judge(&state, who, &catalogue, &naming, vec![answer]).await,
             Err(error) => Err(error),
         };
         match graded {
-            Ok(graded) => Ok(Ok((graded, has_prompt))),
+            Ok(graded) => Ok(Ok((graded, is_whole))),
             Err(error) if !error.is_retryable() => Ok(Err(error.at(&format!("/labels/{i}")))),
             Err(error) => Err(error),
         }
@@ -264,7 +264,7 @@ fn answer(judged: Vec<Judged>) -> AppResult<Json<Rewards>> {
     }
     for (index, one) in judged.into_iter().enumerate() {
         let (reward, overall, mean, is_readable, problem) = match one {
-            Ok((graded, has_prompt)) => {
+            Ok((graded, is_whole)) => {
                 // Starts from 0.0 because the `sum` of nothing is negative zero.
                 let sum = graded.criteria.iter().fold(0.0, |sum, criterion| sum + criterion.mean);
                 let mean = sum / graded.criteria.len().max(1) as f64;
@@ -272,9 +272,9 @@ fn answer(judged: Vec<Judged>) -> AppResult<Json<Rewards>> {
                 let is_readable = why.is_none();
                 // Code that ended with an error is graded for what it did, and its error is reported.
                 let broke = graded.action_code.into_iter().find_map(|replay| replay.error).map(|error| error.message);
-                let kept = if has_prompt { NOT_THE_PROMPT } else { "" };
+                let note = if is_whole { NOT_THE_PROMPT } else { "" };
                 let problem =
-                    why.or(broke).map(|detail| SampleProblem { index, detail: detail + kept, faults: Vec::new() });
+                    why.or(broke).map(|detail| SampleProblem { index, detail: detail + note, faults: Vec::new() });
                 (graded.reward, f64::from(graded.overall), mean, is_readable, problem)
             }
             Err(error) => {

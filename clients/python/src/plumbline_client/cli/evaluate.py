@@ -70,7 +70,7 @@ def add_to(commands: Any) -> None:
         default=[],
         dest="tasks",
         metavar="TASK",
-        help="only this task, by its id or number, repeatable; the run then stays open",
+        help="only this task, by its id or number, repeatable; to resume, name it the same way; the run then stays open",
     )
     what.add_argument("--repeat", type=whole, default=1, metavar="N", help="number of runs (1)")
     how = parser.add_argument_group("how")
@@ -251,7 +251,7 @@ def tell(outcome: Outcome, folder: Path) -> None:
             if result
             else f"{place} has the result once it is released; run the same command again to see it"
         )
-    odd = {"empty": "empty", "cut_off": "cut off", "refused": "refused", "tool_calls": "with calls of tools"}
+    odd = {"refused": "refused", "tool_calls": "with calls of tools", "cut_off": "cut off", "empty": "empty"}
     odd_ones = [f"{outcome.answers[name]} {words}" for name, words in odd.items() if outcome.answers.get(name)]
     if odd_ones:
         print(f"of {outcome.answers['answers']} answers: {', '.join(odd_ones)}")

@@ -139,15 +139,21 @@ def words(done: StepDone) -> str:
 
 
 def counts(journal: Journal) -> dict[str, int]:
-    """Counts the answers of the model, and those that most likely build nothing, by the reason."""
-    answers = [Completion.of_json(entry["completion"]) for entry in journal.of_kind("completion")]
-    return {
-        "answers": len(answers),
-        "empty": sum(not answer.text.strip() for answer in answers),
-        "cut_off": sum(answer.finish_reason == "length" for answer in answers),
-        "refused": sum(answer.refusal is not None for answer in answers),
-        "tool_calls": sum(answer.finish_reason in ("tool_calls", "function_call") for answer in answers),
-    }
+    """Counts the answers of the model, and those that most likely build nothing, each by one reason."""
+    reasons = [reason_of(Completion.of_json(entry["completion"])) for entry in journal.of_kind("completion")]
+    names = ("refused", "tool_calls", "cut_off", "empty")
+    return {"answers": len(reasons)} | {name: reasons.count(name) for name in names}
+
+
+def reason_of(answer: Completion) -> str | None:
+    """Returns why an answer most likely builds nothing."""
+    if answer.refusal is not None:
+        return "refused"
+    if answer.finish_reason in ("tool_calls", "function_call"):
+        return "tool_calls"
+    if answer.finish_reason == "length":
+        return "cut_off"
+    return None if answer.text.strip() else "empty"
 
 
 def transcript_of(messages: list[Message], completions: list[dict[str, Any]]) -> bytes:

@@ -126,6 +126,9 @@ class Evaluation:
                 self._client, self._plan, self._plan.configuration(system), self._journal
             )
             return [Attempt(index, entry, one) for index, run in enumerate(drawn) for one in run]
+        if self._plan.tasks:
+            # A name that is wrong is told before a run begins.
+            await problems.tasks_of(self._client, self._plan, self._plan.suite)
         runs = await problems.begin_runs(self._client, self._plan, self._card(system), self._journal)
         suite = self._journal.all("", "run")[0]["suite"]
         tasks = await problems.tasks_of(self._client, self._plan, suite)
