@@ -317,7 +317,7 @@ async fn code_that_means_harm_harms_nobody() {
                 }
                 // Tests beside this one may leave a script too little of the processor to reach a limit.
                 StatusCode::SERVICE_UNAVAILABLE => {
-                    assert_eq!(answer.json()["retryable"], true, "{name}: {}", answer.text)
+                    assert_eq!(answer.json()["retryable"], true, "{name}: {}", answer.text);
                 }
                 other => panic!("{name}: {other} {}", answer.text),
             }
