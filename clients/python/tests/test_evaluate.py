@@ -264,7 +264,7 @@ def test_answers_that_build_nothing_are_counted(evaluate: Evaluate, endpoint: An
     model = endpoint(lambda messages: next(replies))
     # A task has a number as well as an id.
     tasks = [part for number in (113, 114, 115, 116) for part in ("--task", str(number))]
-    done = evaluate(model, "--suite", "mineceraft", "--agent", "odd", "--concurrency", "1", *tasks)
+    done = evaluate(model, "--suite", "mineceraft", "--agent", "silent", "--concurrency", "1", *tasks)
     assert "of 4 answers: 1 refused, 1 with calls of tools, 1 cut off, 1 empty" in done.stdout
     assert evaluate.outcome()["answers"] == {"answers": 4, "refused": 1, "tool_calls": 1, "cut_off": 1, "empty": 1}
 
