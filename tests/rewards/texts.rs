@@ -67,7 +67,7 @@ async fn json_that_is_no_log_is_no_answer() {
     for code in [wall_log(), format!("```json\n{}\n```", wall_log())] {
         let body = json!({ "profile": "mindcraft", "action_code": code });
         let replayed = service.post_json("/v1/replay", &body).await;
-        assert!(replayed.text.contains("a block log goes into events, rows or turns"), "{}", replayed.text);
+        assert!(replayed.text.contains("send a block log as events, rows or turns"), "{}", replayed.text);
     }
 }
 

@@ -52,7 +52,7 @@ pub fn read(sent: &str) -> Reading {
 }
 
 /// Note on an answer that is JSON instead of code.
-pub const JSON_IS_NO_CODE: &str = "the answer is JSON, which builds nothing as code; a block log goes into events, rows or turns, and code into a string or a fence of its own";
+pub const JSON_IS_NO_CODE: &str = "the answer is JSON, which builds nothing when it runs as code; send a block log as events, rows or turns, and code in a code fence";
 
 /// Returns whether the code of an answer is JSON: a list or an object.
 pub fn is_json(code: &str) -> bool {

@@ -101,7 +101,8 @@ fn read_as(profile: Profile, text: &str) -> Result<FoundAnswer, String> {
     if !is_code {
         return read;
     }
-    if is_other_json(text) {
+    // Text that calls skills within JSON; an answer that was found is known to be more than that.
+    if read.is_err() && is_other_json(text) {
         return Err(NO_LOG.to_owned());
     }
     let code = thoughts_removed(text);

@@ -47,9 +47,10 @@ impl Parameterless {
         let route = route.as_str().strip_prefix("/with-key/{key}").unwrap_or(route.as_str());
         let method = if request.method() == Method::HEAD { &Method::GET } else { request.method() };
         let Some(takes_body) = self.0.get(&(method.clone(), route.to_owned())) else { return Ok(()) };
-        let detail = match takes_body {
-            true => "there is no such parameter; what this takes goes into the body",
-            false => "there is no such parameter; this takes none",
+        let detail = if *takes_body {
+            "there is no such parameter; what this takes goes into the body"
+        } else {
+            "there is no such parameter; this takes none"
         };
         let fault = |name: &str| FaultBody::of_parameter(name.chars().take(100).collect::<String>(), detail);
         let named = form_urlencoded::parse(query.as_bytes()).take(Faults::KEPT);
