@@ -67,10 +67,9 @@ impl Lattice {
 
     /// Notes which particles are held: those at indices in a field that are not free.
     pub fn hold(&mut self, is_free: impl Fn(usize) -> bool) {
-        let taken: Vec<usize> = self.slot.iter().copied().flatten().collect();
         let mut is_taken = vec![false; self.len];
-        for place in taken {
-            is_taken[place] = true;
+        for place in self.slot.iter().flatten() {
+            is_taken[*place] = true;
         }
         for block in &mut self.blocks {
             let is_pulled =
