@@ -111,23 +111,6 @@ impl BlockMatrix {
         let range = self.start[row]..self.start[row + 1];
         self.column[range.clone()].iter().map(|&column| column as usize).zip(&self.block[range])
     }
-
-    /// Computes the product with a vector.
-    pub fn apply(&self, vector: &[f64], product: &mut [f64]) {
-        for (row, product) in product.chunks_exact_mut(MOTIONS).enumerate() {
-            let mut sums = [0.0; MOTIONS];
-            for (column, block) in self.row(row) {
-                let part = &vector[MOTIONS * column..][..MOTIONS];
-                // The blocks are stored by columns.
-                for (entries, factor) in block.as_slice().chunks_exact(MOTIONS).zip(part) {
-                    for (sum, entry) in sums.iter_mut().zip(entries) {
-                        *sum += entry * factor;
-                    }
-                }
-            }
-            product.copy_from_slice(&sums);
-        }
-    }
 }
 
 /// Returns the matrix that takes a rotation `w` to the displacement `w x arm`.

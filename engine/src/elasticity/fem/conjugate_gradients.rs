@@ -48,11 +48,12 @@ pub fn solve(
         return Ok(convergence);
     }
     control.check(0.0)?;
-    let levels = Levels::new(system, control)?;
+    let mut levels = Levels::new(system, control)?;
     let blocks = system.mesh.nodes.len().max(1);
     let per_look = (WORK_PER_LOOK / blocks).clamp(1, 500) as u32;
     let most = (MAX_WORK / blocks).min(MAX_ITERATIONS) as u32;
-    let (mut direction, mut pulled, mut step) = (vec![0.0; len], vec![0.0; len], vec![0.0; len]);
+    let (mut direction, mut pulled) = (vec![0.0; len], vec![0.0; len]);
+    let (mut step, mut by_step) = (vec![0.0; len], vec![0.0; len]);
     if let Some(first) = levels.first(&residual) {
         system.apply(&first, &mut pulled);
         add(1.0, &first, displacement);
@@ -69,13 +70,12 @@ pub fn solve(
         if convergence.iterations % per_look == 0 {
             control.check((convergence.relative_residual.log10() / TOLERANCE.log10()).clamp(0.0, 1.0))?;
         }
-        levels.step(system, &residual, &mut step);
+        levels.step(system, &residual, &mut step, &mut by_step);
         // The preconditioner is not quite the same in each iteration, so the direction is made conjugate explicitly.
         let part = if energy > 0.0 { dot(&step, &pulled) / energy } else { 0.0 };
-        for (direction, step) in direction.iter_mut().zip(&step) {
+        for (direction, step) in direction.iter_mut().zip(&step).chain(pulled.iter_mut().zip(&by_step)) {
             *direction = step - part * *direction;
         }
-        system.apply(&direction, &mut pulled);
         energy = dot(&direction, &pulled);
         let length = dot(&residual, &direction) / energy;
         add(length, &direction, displacement);

@@ -8,7 +8,7 @@
 
 use std::sync::LazyLock;
 
-use nalgebra::{Matrix3, SMatrix, SVector};
+use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen};
 
 use crate::elasticity::{POISSON, YOUNG_PA};
 
@@ -32,6 +32,9 @@ type Six = SVector<f64, 6>;
 pub struct Element {
     /// Stiffness matrix: forces on the corners per displacement of the corners, N/m.
     pub stiffness: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
+    /// Greatest eigenvalue of the stiffness divided by its diagonal, which is one number. No structure of such cubes has a
+    /// greater one, however its equations are divided by their diagonal.
+    pub greatest: f64,
     /// Stress at each integration point per displacement of the corners, Pa/m.
     stress: [SMatrix<f64, 6, UNKNOWNS>; POINTS],
 }
@@ -64,8 +67,10 @@ impl Element {
         // Eliminate the modes by modes * a = -mixed * u. The matrix of the modes is positive definite.
         let inverse = modes.try_inverse().filter(|_| has_modes).unwrap_or_else(SMatrix::zeros);
         let follow = inverse * mixed;
+        let stiffness = corners - mixed.transpose() * follow;
         Self {
-            stiffness: corners - mixed.transpose() * follow,
+            stiffness,
+            greatest: SymmetricEigen::new(stiffness / stiffness[(0, 0)]).eigenvalues.max(),
             stress: strains.map(|(b, g)| elasticity * (b - g * follow)),
         }
     }

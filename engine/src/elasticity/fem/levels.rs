@@ -1,18 +1,19 @@
 //! The preconditioner: levels of groups that move as rigid bodies, each a smaller set of equations.
 //!
 //! Single nodes spread a load slowly and hardly resolve the bending of long thin parts, but the joint motion of
-//! neighbouring nodes is nearly rigid. So each level solves the equations of each group by itself, and those of the
-//! groups' rigid motions together: directly where that is little work, otherwise by the next level.
+//! neighbouring nodes is nearly rigid. So each level smooths its equations, and solves those of its groups' rigid motions:
+//! directly where that is little work, otherwise by the next level.
 
 use nalgebra::Vector3;
 
 use super::block_matrix::BlockMatrix;
 use super::factor::Factor;
-use super::local::Local;
 use super::motions::{MOTIONS, Motions};
 use super::partition::Partition;
+use super::smoothing::Smoothing;
+use super::sweeps::Sweeps;
 use super::system::System;
-use super::vectors::{dot, subtract};
+use super::vectors::{add, dot};
 use crate::elasticity::{Control, Stopped};
 
 /// Work of a direct solution for each block of the structure, in multiply-adds. More would cost more than it saves.
@@ -21,22 +22,21 @@ const MOST_WORK: usize = 5_000;
 const SOLID: f64 = 1.5;
 /// Least edge of a box of a solid structure, in blocks.
 const LEAST_EDGE: f64 = 4.0;
-/// Number of products by which the greatest eigenvalue of smoothed equations is estimated.
-const ESTIMATES: usize = 8;
-/// Weight of a smoothing step times the estimate. The product with the eigenvalue itself, of which the estimate is a lower
-/// bound, must stay below two.
-const WEIGHT: f64 = 1.6;
-/// Part of the residual at which one step of a nested solution is enough.
+/// Greatest number of steps of a nested solution.
+const MOST_STEPS: usize = 5;
+/// Part of the force that a nested solution may leave.
 const ENOUGH: f64 = 0.25;
 
 /// Approximate solution of a system, as a preconditioner.
 #[derive(Debug)]
 pub struct Levels {
-    local: Local,
+    smoothing: Smoothing,
+    /// Whether the structure is solid: the large groups then leave little for which a second smoothing pays.
+    is_solid: bool,
     motions: Motions<3>,
     coarse: Coarse,
-    /// Weight of the smoothing.
-    weight: f64,
+    /// What a step leaves of the residual.
+    rest: Vec<f64>,
 }
 
 /// Solution of the equations among groups.
@@ -49,11 +49,9 @@ enum Coarse {
 /// Equations among groups that are solved approximately, by way of groups of groups.
 #[derive(Debug)]
 struct Nested {
-    matrix: BlockMatrix,
-    local: Local,
+    sweeps: Sweeps,
     motions: Motions<MOTIONS>,
     coarse: Coarse,
-    weight: f64,
 }
 
 impl Levels {
@@ -64,25 +62,20 @@ impl Levels {
     pub fn new(system: &System<'_>, control: &Control<'_>) -> Result<Self, Stopped> {
         let partition = Partition::of_nodes(system);
         control.check(0.0)?;
-        let local = Local::of_nodes(system, &partition);
-        control.check(0.0)?;
         let position: Vec<Vector3<f64>> =
             system.mesh.position.iter().map(|position| Vector3::from(position.map(f64::from))).collect();
         let motions = Motions::new(partition, &position);
         let matrix = BlockMatrix::of_system(system, &motions);
         control.check(0.0)?;
         let blocks = system.mesh.nodes.len();
-        let (motions, coarse) = if (system.mesh.position.len() as f64) < SOLID * blocks as f64 {
+        let is_solid = (system.mesh.position.len() as f64) < SOLID * blocks as f64;
+        let (motions, coarse) = if is_solid {
             in_boxes(&matrix, motions, MOST_WORK * blocks, control)?
         } else {
             let coarse = Coarse::new(matrix, &motions.middle, MOST_WORK * blocks, control)?;
             (motions, coarse)
         };
-        let weight = match coarse {
-            Coarse::Direct(_) => 1.0,
-            Coarse::Nested(_) => weight(system.len(), &local, |from, to| system.apply(from, to)),
-        };
-        Ok(Self { local, motions, coarse, weight })
+        Ok(Self { smoothing: Smoothing::new(system), is_solid, motions, coarse, rest: vec![0.0; system.len()] })
     }
 
     /// Returns the displacements with which a solution for `force` begins, if groups are solved for directly: those of
@@ -95,17 +88,23 @@ impl Levels {
         Some(first)
     }
 
-    /// Computes an approximate solution for `residual`.
-    pub fn step(&self, system: &System<'_>, residual: &[f64], step: &mut [f64]) {
+    /// Computes an approximate solution for `residual`, and what it pulls.
+    pub fn step(&mut self, system: &System<'_>, residual: &[f64], step: &mut [f64], pulled: &mut [f64]) {
+        let Self { smoothing, motions, coarse, rest, .. } = self;
         step.fill(0.0);
-        self.local.add_solution(self.weight, residual, step);
-        let mut rest = vec![0.0; residual.len()];
-        subtract(residual, |rest| system.apply(step, rest), &mut rest);
-        self.motions.add_to_members(&self.coarse.solve(&self.motions.gathered(&rest)), step);
-        if let Coarse::Nested(_) = self.coarse {
-            subtract(residual, |rest| system.apply(step, rest), &mut rest);
-            self.local.add_solution(self.weight, &rest, step);
+        rest.copy_from_slice(residual);
+        smoothing.smooth(system, rest, step);
+        smoothing.finish(system, rest);
+        let motion = coarse.solve(&motions.gathered(rest));
+        smoothing.take(system, |moved| motions.add_to_members(&motion, moved), rest, step);
+        if !self.is_solid {
+            smoothing.smooth(system, rest, step);
+            smoothing.finish(system, rest);
         }
+        for (pulled, (residual, rest)) in pulled.iter_mut().zip(residual.iter().zip(rest.iter())) {
+            *pulled = residual - rest;
+        }
+        system.release(pulled);
     }
 }
 
@@ -139,12 +138,12 @@ impl Coarse {
             return Ok(Self::Direct(factor));
         }
         control.check(0.0)?;
-        let partition = Partition::of_groups(&matrix);
-        let local = Local::of_groups(&matrix, &partition);
-        let motions = Motions::new(partition, middle);
-        let coarse = Self::new(matrix.coarser(&motions), &motions.middle, most_work, control)?;
-        let weight = weight(MOTIONS * matrix.len(), &local, |from, to| matrix.apply(from, to));
-        Ok(Self::Nested(Box::new(Nested { matrix, local, motions, coarse, weight })))
+        let motions = Motions::new(Partition::of_groups(&matrix), middle);
+        let sweeps = Sweeps::new(&matrix);
+        let coarser = matrix.coarser(&motions);
+        drop(matrix);
+        let coarse = Self::new(coarser, &motions.middle, most_work, control)?;
+        Ok(Self::Nested(Box::new(Nested { sweeps, motions, coarse })))
     }
 
     fn solve(&self, force: &[f64]) -> Vec<f64> {
@@ -156,62 +155,43 @@ impl Coarse {
 }
 
 impl Nested {
-    /// Solves by at most two steps of conjugate gradients (Notay 2008, the K-cycle): the number of iterations then
-    /// hardly depends on the number of levels.
+    /// Solves by a few steps of conjugate gradients (Notay 2008, the K-cycle): the number of iterations then hardly depends
+    /// on the number of levels.
     fn solve(&self, force: &[f64]) -> Vec<f64> {
-        let product = |vector: &[f64]| {
-            let mut product = vec![0.0; vector.len()];
-            self.matrix.apply(vector, &mut product);
-            product
-        };
-        let first = self.step(force);
-        let pulled = product(&first);
-        let energy = dot(&first, &pulled);
-        if energy <= 0.0 {
-            return first;
+        let mut solution = vec![0.0; force.len()];
+        let mut rest = force.to_vec();
+        let enough = ENOUGH * ENOUGH * dot(force, force);
+        // Directions, what they pull, and their energies.
+        let mut taken: Vec<(Vec<f64>, Vec<f64>, f64)> = Vec::with_capacity(MOST_STEPS);
+        while taken.len() < MOST_STEPS && (taken.is_empty() || dot(&rest, &rest) > enough) {
+            let (mut direction, mut pulled) = self.step(&rest);
+            for (earlier, by_earlier, energy) in &taken {
+                let part = dot(&direction, by_earlier) / energy;
+                add(-part, earlier, &mut direction);
+                add(-part, by_earlier, &mut pulled);
+            }
+            let energy = dot(&direction, &pulled);
+            if energy <= 0.0 {
+                break;
+            }
+            let length = dot(&direction, &rest) / energy;
+            add(length, &direction, &mut solution);
+            add(-length, &pulled, &mut rest);
+            taken.push((direction, pulled, energy));
         }
-        let part = dot(&first, force) / energy;
-        let rest: Vec<f64> = force.iter().zip(&pulled).map(|(force, pulled)| force - part * pulled).collect();
-        if dot(&rest, &rest) <= ENOUGH * ENOUGH * dot(force, force) {
-            return first.into_iter().map(|entry| part * entry).collect();
-        }
-        let second = self.step(&rest);
-        let of_second = product(&second);
-        let mixed = dot(&second, &pulled) / energy;
-        let own = dot(&second, &of_second) - mixed * mixed * energy;
-        let more = if own > 0.0 { dot(&second, &rest) / own } else { 0.0 };
-        first.iter().zip(&second).map(|(first, second)| (part - mixed * more) * first + more * second).collect()
+        solution
     }
 
-    fn step(&self, residual: &[f64]) -> Vec<f64> {
-        let mut step = vec![0.0; residual.len()];
-        let mut rest = vec![0.0; residual.len()];
-        self.local.add_solution(self.weight, residual, &mut step);
-        subtract(residual, |rest| self.matrix.apply(&step, rest), &mut rest);
-        self.motions.add_to_members(&self.coarse.solve(&self.motions.gathered(&rest)), &mut step);
-        subtract(residual, |rest| self.matrix.apply(&step, rest), &mut rest);
-        self.local.add_solution(self.weight, &rest, &mut step);
-        step
+    /// Returns a step and what it pulls.
+    fn step(&self, residual: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let zeros = || vec![0.0; self.sweeps.len()];
+        let (mut step, mut rest, mut moved, mut pulled) = (zeros(), zeros(), zeros(), zeros());
+        self.sweeps.sweep(residual, &mut step, &mut rest);
+        self.motions.add_to_members(&self.coarse.solve(&self.motions.gathered(&rest)), &mut moved);
+        self.sweeps.multiply(&moved, &mut pulled);
+        add(1.0, &moved, &mut step);
+        add(-1.0, &rest, &mut pulled);
+        add(1.0, residual, &mut pulled);
+        (step, pulled)
     }
-}
-
-/// Returns a weight with which smoothing reduces every part of an error, as far as an estimate tells.
-fn weight(len: usize, local: &Local, apply: impl Fn(&[f64], &mut [f64])) -> f64 {
-    // Any vector that has a part of the one that is sought will do.
-    let mut vector: Vec<f64> = (0..len).map(|i| 1.0 + (i as f64).sin()).collect();
-    let mut pulled = vec![0.0; len];
-    let mut greatest = 1.0;
-    for _ in 0..ESTIMATES {
-        apply(&vector, &mut pulled);
-        vector.fill(0.0);
-        local.add_solution(1.0, &pulled, &mut vector);
-        greatest = dot(&vector, &vector).sqrt();
-        if greatest == 0.0 {
-            return 1.0;
-        }
-        for entry in &mut vector {
-            *entry /= greatest;
-        }
-    }
-    WEIGHT / greatest
 }

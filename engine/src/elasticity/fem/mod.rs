@@ -11,10 +11,12 @@ mod element;
 mod factor;
 mod groups;
 mod levels;
-mod local;
 mod mesh;
 mod motions;
 mod partition;
+mod root;
+mod smoothing;
+mod sweeps;
 mod system;
 mod vectors;
 #[cfg(test)]

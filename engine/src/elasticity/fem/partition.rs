@@ -17,16 +17,4 @@ impl Partition {
         }
         self.groups += 1;
     }
-
-    /// Returns the members of each group, ascending.
-    #[must_use]
-    pub fn members(&self) -> Vec<Vec<u32>> {
-        let mut members = vec![Vec::new(); self.groups];
-        for (member, group) in (0..).zip(&self.group) {
-            if let Some(group) = group {
-                members[*group as usize].push(member);
-            }
-        }
-        members
-    }
 }

@@ -44,9 +44,14 @@ impl<'a> System<'a> {
 
     /// Computes the forces on the nodes, N, for displacements, m; zero on held nodes.
     pub fn apply(&self, displacement: &[f64], force: &mut [f64]) {
+        self.pull(displacement, force);
+        self.release(force);
+    }
+
+    /// Computes the forces on the nodes, N, for displacements, m, those on held nodes too.
+    pub fn pull(&self, displacement: &[f64], force: &mut [f64]) {
         force.fill(0.0);
         self.arch.dispatch(Apply { nodes: &self.mesh.nodes, columns: &self.columns, displacement, force });
-        self.release(force);
     }
 
     /// Sets the components of held nodes to zero.

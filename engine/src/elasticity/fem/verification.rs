@@ -172,7 +172,7 @@ fn branches(count: usize) -> Vec<Cell> {
     cells
 }
 
-/// Structures of all kinds are solved in fewer than 150 iterations: with nothing but thin winding parts, with large thin
+/// Structures of all kinds are solved in fewer than 100 iterations: with nothing but thin winding parts, with large thin
 /// parts on few columns, and solid ones.
 #[test]
 fn any_structure_takes_few_iterations() {
@@ -194,7 +194,7 @@ fn any_structure_takes_few_iterations() {
     ];
     for (name, cells) in cases {
         let outcome = solve_equilibrium(&cells, &Control::unhurried()).unwrap();
-        assert!(outcome.is_solved && outcome.iterations < 150, "{name}: {} iterations", outcome.iterations);
+        assert!(outcome.is_solved && outcome.iterations < 100, "{name}: {} iterations", outcome.iterations);
         assert!(outcome.relative_residual < 1e-4, "{name}: {}", outcome.relative_residual);
     }
 }
