@@ -32,8 +32,8 @@ type Six = SVector<f64, 6>;
 pub struct Element {
     /// Stiffness matrix: forces on the corners per displacement of the corners, N/m.
     pub stiffness: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
-    /// Greatest eigenvalue of the stiffness divided by its diagonal, which is one number. No structure of such cubes has a
-    /// greater one, however its equations are divided by their diagonal.
+    /// Greatest eigenvalue of the stiffness divided by its diagonal, whose entries are all equal. It bounds the eigenvalues of
+    /// any structure of such cubes with each equation divided by its diagonal.
     pub greatest: f64,
     /// Stress at each integration point per displacement of the corners, Pa/m.
     stress: [SMatrix<f64, 6, UNKNOWNS>; POINTS],

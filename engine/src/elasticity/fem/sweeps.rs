@@ -206,7 +206,7 @@ mod tests {
             assert!((pulled[i] - by_rule[i]).abs() < 1e-9 * (1.0 + by_rule[i].abs()), "{i}");
             assert!((force[i] - by_rule[i] - rest[i]).abs() < 1e-9, "{i}");
         }
-        // A sweep solves for what the groups after the first leave of it.
+        // With the groups before it, and without those after it, each group is in equilibrium.
         let lower =
             dense.map_with_location(|row, column, entry| if column / MOTIONS <= row / MOTIONS { entry } else { 0.0 });
         let left = lower * DVector::from_column_slice(&solution) - force;
