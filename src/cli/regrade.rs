@@ -118,10 +118,14 @@ async fn compute(store: &Store, args: &ComputeArgs) -> anyhow::Result<()> {
         let graded: Vec<(String, PackedReport)> =
             chunk.par_iter().map(|one| grade(entry, one)).collect::<anyhow::Result<_>>()?;
         progress.inc(graded.len() as u64);
-        store.put_regraded(&id, graded).await?;
+        if !store.put_regraded(&id, graded).await? {
+            bail!("the regrade {id} was discarded while it was computed");
+        }
     }
     progress.finish_and_clear();
-    store.end_computing(&id, true, now_ms()).await?;
+    if !store.end_computing(&id, true, now_ms()).await? {
+        bail!("the regrade {id} was discarded while it was computed");
+    }
     show(store, &id).await?;
     println!("\nplumbline regrade apply {id}\nplumbline regrade discard {id}");
     Ok(())

@@ -139,16 +139,20 @@ impl Store {
         Ok(all)
     }
 
-    /// Stores reports of a regrade, alongside the reports in force.
+    /// Stores reports of a regrade, alongside the reports in force. Returns false, and stores nothing, if the regrade is
+    /// no longer computing.
     ///
     /// # Errors
     /// Returns an error if the database fails.
-    pub async fn put_regraded(&self, regrade_id: &str, mut graded: Vec<(String, PackedReport)>) -> StoreResult<()> {
-        if graded.is_empty() {
-            return Ok(());
-        }
+    pub async fn put_regraded(&self, regrade_id: &str, mut graded: Vec<(String, PackedReport)>) -> StoreResult<bool> {
         self.keep_reports(graded.iter_mut().map(|(_, report)| report)).await?;
         let mut tx = self.begin().await?;
+        tx.lock([Lock::Boards]).await?;
+        let state: Option<String> =
+            query_scalar("SELECT state FROM regrades WHERE id = $1").bind(regrade_id).fetch_optional(&mut tx).await?;
+        if state.as_deref() != Some("computing") {
+            return Ok(false);
+        }
         let mut query = Builder::new(
             "INSERT INTO regraded (regrade_id, submission_id, overall, accuracy, scores, body, grading_us) ",
         );
@@ -157,7 +161,8 @@ impl Store {
             report.push_to(row);
         });
         query.build().execute(&mut tx).await?;
-        commit(tx, "put_regraded").await
+        commit(tx, "put_regraded").await?;
+        Ok(true)
     }
 
     /// Marks a regrade as ready, or discards it with all its reports. Returns false if its state does not allow this.

@@ -2,31 +2,38 @@
 //!
 //! `PLUMBLINE_MODEL_STEPS` sets the number of steps, and `PLUMBLINE_MODEL_SEED` the sequence.
 
+mod hidden;
+mod hidden_model;
 mod model;
+mod regrades;
 
+use std::sync::Arc;
 use std::time::Duration;
 
+use plumbline::app::hidden::completion::settle_epochs;
 use plumbline::app::submissions::decision::decide_all;
 use plumbline::store::Store;
 use plumbline::store::acceptance::Acceptability;
 use plumbline::store::claims::Claimed;
+use plumbline::store::db::{Pool, query_scalar};
 use plumbline::store::jobs::Claim;
 use plumbline::store::location::Location;
 use plumbline::store::queue::Lane;
 use plumbline::store::reports::PackedReport;
 use plumbline::store::run_rows::Skip;
 use plumbline::store::runs::NewRun;
-use plumbline::store::states::SubmissionState;
+use plumbline::store::secrets::EpochSecret;
+use plumbline::store::states::{RunState, SubmissionState};
 use plumbline::store::submissions::{NewSubmission, PackedLog};
 use plumbline_engine::builders::build;
 use plumbline_engine::elasticity::Control;
-use plumbline_engine::grading::grade_hashed;
-use plumbline_engine::tasks::{Suite, Track, embedded};
-use plumbline_engine::voxel::Profile;
+use plumbline_engine::grading::{ProblemScores, Report, grade_hashed};
+use plumbline_engine::tasks::{Suite, Task, Track, embedded};
+use plumbline_engine::voxel::{BlockLog, Profile, Turn};
 use rand_mt::Mt64;
 
 use crate::support::audit::audit;
-use crate::support::database::{is_postgres, url};
+use crate::support::database::{is_postgres, pool, url};
 use model::{Lease, Model, OWNERS};
 
 /// Number of steps by default.
@@ -43,10 +50,17 @@ const MOST: usize = 4;
 struct Scene {
     store: Store,
     location: Location,
+    /// Connections behind the store's back.
+    behind: Pool,
     folder: tempfile::TempDir,
     suite: Suite,
     logs: Vec<PackedLog>,
-    reports: Vec<PackedReport>,
+    /// For each task, a report on a build that solves it, and one on an empty log.
+    reports: Vec<[PackedReport; 2]>,
+    /// The scores of the first task's reports.
+    scores: [ProblemScores; 2],
+    /// What all epochs draw from.
+    secret: Arc<EpochSecret>,
     model: Model,
     /// Claims that workers hold, or believe to hold.
     claims: Vec<Claim>,
@@ -58,21 +72,37 @@ impl Scene {
     async fn new(seed: u64) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("p.db");
-        let location: Location = if is_postgres() { url(&file).parse().unwrap() } else { Location::File(file) };
+        let location: Location = if is_postgres() { url(&file).parse().unwrap() } else { Location::File(file.clone()) };
         let store = Store::open(&location, Some(folder.path().join("secrets"))).await.unwrap();
+        let behind = pool(&file).await;
         // A service makes it when it starts.
         store.secrets().signer().unwrap();
         let mut suite = embedded::suite(2).unwrap();
         suite.tasks.truncate(TASKS);
         store.put_suite(&suite, 0).await.unwrap();
-        let graded = |task| {
-            let log = build(task).unwrap();
-            let report = grade_hashed(task, &task.content_hash(), &log, &Control::unhurried()).unwrap();
-            (PackedLog::of(&log.canonical_json()).unwrap(), PackedReport::of(&report, 1).unwrap())
-        };
-        let (logs, reports) = suite.tasks.iter().map(graded).unzip();
+        let built: Vec<BlockLog> = suite.tasks.iter().map(|task| build(task).unwrap()).collect();
+        let logs = built.iter().map(|log| PackedLog::of(&log.canonical_json()).unwrap()).collect();
+        let graded: Vec<[Report; 2]> = suite.tasks.iter().zip(&built).map(|(task, log)| both(task, log)).collect();
+        let scores = graded[0].each_ref().map(Report::scores);
+        let packed = |reports: &[Report; 2]| reports.each_ref().map(|report| PackedReport::of(report, 1).unwrap());
+        let reports = graded.iter().map(packed).collect();
         let (model, claims, random) = (Model::new(TASKS), Vec::new(), Mt64::new(seed));
-        Self { store, location, folder, suite, logs, reports, model, claims, random, now_ms: 1_000 }
+        let secret = Arc::new(hidden::secret());
+        Self {
+            store,
+            location,
+            behind,
+            folder,
+            suite,
+            logs,
+            reports,
+            scores,
+            secret,
+            model,
+            claims,
+            random,
+            now_ms: 1_000,
+        }
     }
 
     fn below(&mut self, count: usize) -> usize {
@@ -82,10 +112,12 @@ impl Scene {
     /// Does one thing, on the store and in the model, and compares what both answer.
     async fn step(&mut self) {
         self.now_ms += 1;
-        match self.below(100) {
+        match self.below(140) {
+            100..110 => self.regrade_step().await,
+            110.. => self.hidden_step().await,
             0..5 => self.create_run().await,
             5..35 => self.accept().await,
-            35..55 => self.claim().await,
+            35..55 => self.claim_from(&[Lane::Quick, Lane::Long]).await,
             55..60 => self.renew().await,
             60..75 => self.record().await,
             75..80 => self.give_back().await,
@@ -149,15 +181,15 @@ impl Scene {
     }
 
     /// Claims jobs, for long or as a worker that dies at once.
-    async fn claim(&mut self) {
+    async fn claim_from(&mut self, lanes: &[Lane]) {
         let dies = self.below(4) == 0;
         let mut lease = if dies { SHORT_MS } else { LONG_MS };
-        let mut found = self.claim_for(lease).await;
-        let claimable = self.model.claimable();
+        let mut found = self.claim_for(lanes, lease).await;
+        let claimable = self.model.claimable(lanes);
         if is_postgres() && matches!(found, Claimed::Nothing) && !claimable.is_empty() {
             // Jobs that were left behind are looked for only from time to time, by the length of the lease.
             lease = SHORT_MS;
-            found = self.claim_for(lease).await;
+            found = self.claim_for(lanes, lease).await;
         }
         let held = if lease == SHORT_MS { Lease::Short } else { Lease::Long };
         match found {
@@ -175,7 +207,7 @@ impl Scene {
             Claimed::Jobs(claims) => {
                 let taken: Vec<(&str, i64)> =
                     claims.iter().map(|claim| (claim.submission_id.as_str(), claim.attempt)).collect();
-                self.model.claim(&taken, held, MOST, !is_postgres() || held == Lease::Short);
+                self.model.claim(lanes, &taken, held, MOST, !is_postgres() || held == Lease::Short);
                 self.claims.extend(claims);
             }
         }
@@ -184,15 +216,21 @@ impl Scene {
         }
     }
 
-    async fn claim_for(&self, lease_ms: i64) -> Claimed {
+    async fn claim_for(&self, lanes: &[Lane], lease_ms: i64) -> Claimed {
         if is_postgres() && lease_ms == SHORT_MS {
             // A look at all jobs is due once the length of the lease has passed since the last one.
             tokio::time::sleep(Duration::from_millis(3)).await;
         }
-        self.store.claim(&[Lane::Quick, Lane::Long], lease_ms, MOST).await.unwrap()
+        self.store.claim(lanes, lease_ms, MOST).await.unwrap()
     }
 
     async fn state_of(&self, id: &str) -> SubmissionState {
+        if self.model.submissions.get(id).is_some_and(|own| own.instance.is_some()) {
+            // The store tells nobody how the grading of a hidden instance goes.
+            assert!(self.store.submission(id).await.unwrap().is_none());
+            let state = query_scalar("SELECT state FROM submissions WHERE id = $1").bind(id);
+            return state.fetch_one(&self.behind).await.unwrap();
+        }
         self.store.submission(id).await.unwrap().unwrap().state
     }
 
@@ -212,23 +250,40 @@ impl Scene {
     }
 
     async fn record(&mut self) {
-        let mut graded = Vec::new();
+        let (mut graded, mut variants) = (Vec::new(), Vec::new());
         for _ in 0..=self.below(MOST) {
             let Some(claim) = self.some_claim() else { break };
-            let report = self.reports[claim.task_number as usize - 1].clone();
             // A worker does not bring a submission twice at once.
             if graded.iter().any(|(other, _): &(Claim, _)| other.submission_id == claim.submission_id) {
                 self.claims.push(claim);
                 break;
             }
+            let variant = self.below(2);
+            variants.push(variant);
+            let report = self.report_on(&claim, variant);
             graded.push((claim, report));
         }
         if graded.is_empty() {
             return;
         }
-        let brought = graded.iter().map(|(claim, _)| (claim.submission_id.as_str(), claim.attempt));
+        let brought = graded.iter().zip(variants);
+        let brought = brought.map(|((claim, _), variant)| (claim.submission_id.as_str(), claim.attempt, variant));
         let expected = self.model.record(brought);
         assert_eq!(self.store.record(&mut graded, self.now_ms).await.unwrap(), expected);
+    }
+
+    fn report(&self, task: u32, variant: usize) -> PackedReport {
+        self.reports[task as usize - 1][variant].clone()
+    }
+
+    /// A report on a job; on hidden instances it is that of the first task.
+    fn report_on(&self, claim: &Claim, variant: usize) -> PackedReport {
+        self.report(if claim.hidden.is_some() { 1 } else { claim.task_number }, variant)
+    }
+
+    /// Which of the first task's reports has these scores.
+    fn variant_of(&self, scores: &ProblemScores) -> usize {
+        self.scores.iter().position(|own| own == scores).expect("scores of one of the two reports")
     }
 
     async fn give_back(&mut self) {
@@ -240,7 +295,8 @@ impl Scene {
 
     async fn fail(&mut self) {
         let Some(claim) = self.some_claim() else { return };
-        let state = [SubmissionState::Rejected, SubmissionState::GraderError][self.below(2)];
+        let may_be_rejected = claim.hidden.is_none() && self.below(2) == 0;
+        let state = if may_be_rejected { SubmissionState::Rejected } else { SubmissionState::GraderError };
         self.store.fail(&claim, state, "it failed", self.now_ms).await.unwrap();
         self.model.fail(&claim.submission_id, claim.attempt, state);
     }
@@ -295,6 +351,9 @@ impl Scene {
             let found = (run.state, run.pending, run.graded, run.grader_errors);
             let (pending, graded, errors) = self.model.counts(id);
             assert_eq!(found, (expected.state, pending, graded, errors), "{id}");
+            let solved = run.summary.map(|summary| summary.problem_level.overall.pass);
+            let is_over = expected.state == RunState::Finished;
+            assert_eq!(solved, is_over.then(|| self.model.solved(id)), "{id}: {expected:?}");
         }
         for owner in OWNERS.into_iter().flatten() {
             let found = self.store.quota(owner).await.unwrap();
@@ -302,27 +361,32 @@ impl Scene {
             let found = (found.granted, found.reserved, found.charged, found.used_before);
             assert_eq!(found, (expected.granted, expected.reserved, expected.charged, expected.used_before), "{owner}");
         }
+        self.compare_hidden().await;
         self.model.forget();
     }
 
     /// Grades everything that still waits.
-    async fn drain(&mut self) {
+    async fn drain(&mut self, lanes: &[Lane]) {
         loop {
             tokio::time::sleep(Duration::from_millis(3)).await;
-            match self.store.claim(&[Lane::Quick, Lane::Long], SHORT_MS, MOST).await.unwrap() {
+            match self.store.claim(lanes, SHORT_MS, MOST).await.unwrap() {
                 Claimed::Nothing => break,
                 Claimed::GivenUp => {}
                 Claimed::Jobs(claims) => {
-                    let report = |claim: Claim| {
-                        let report = self.reports[claim.task_number as usize - 1].clone();
-                        (claim, report)
-                    };
-                    let mut graded: Vec<_> = claims.into_iter().map(report).collect();
+                    let graded = claims.into_iter().map(|claim| (self.report_on(&claim, 0), claim));
+                    let mut graded: Vec<_> = graded.map(|(report, claim)| (claim, report)).collect();
                     self.store.record(&mut graded, self.now_ms).await.unwrap();
                 }
             }
         }
     }
+}
+
+/// Grades a log, and an empty one of as many turns.
+fn both(task: &Task, log: &BlockLog) -> [Report; 2] {
+    let empty = BlockLog { turns: vec![Turn::default(); log.turns.len()], ..log.clone() };
+    let graded = |log| grade_hashed(task, &task.content_hash(), log, &Control::unhurried()).unwrap();
+    [graded(log), graded(&empty)]
 }
 
 fn setting(name: &str, default: u64) -> u64 {
@@ -344,8 +408,12 @@ async fn the_store_does_what_a_plain_model_does() {
     for claim in std::mem::take(&mut scene.claims) {
         scene.store.give_back(&claim, true).await.unwrap();
     }
-    scene.drain().await;
+    scene.end_epoch().await;
+    scene.drain(&[Lane::Quick, Lane::Long]).await;
+    scene.drain(&[Lane::Hidden]).await;
+    settle_epochs(&scene.store, scene.now_ms).await.unwrap();
     let database = scene.folder.path().join("p.db");
     scene.store.close().await;
+    scene.behind.close().await;
     audit(&database, &[], "the model").await;
 }

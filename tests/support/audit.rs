@@ -12,8 +12,11 @@ const WRONG: [(&str, &str); 10] = [
     ("submissions that have not ended", "SELECT id FROM submissions WHERE ended_at_ms IS NULL"),
     (
         "graded submissions without one report, or others with any",
-        "SELECT id FROM submissions s WHERE (SELECT COUNT(*) FROM reports r WHERE r.submission_id = s.id)
-            <> CASE WHEN s.state = 'graded' THEN 1 ELSE 0 END",
+        // A regrade that was applied adds reports.
+        "SELECT id FROM submissions s
+            WHERE (SELECT COUNT(*) FROM reports r WHERE r.submission_id = s.id) NOT BETWEEN
+                CASE WHEN s.state = 'graded' THEN 1 ELSE 0 END AND CASE WHEN s.state = 'graded' THEN
+                    1 + (SELECT COUNT(*) FROM regrades g WHERE g.state = 'applied' AND g.suite_id = s.suite_id) ELSE 0 END",
     ),
     (
         "runs whose counters are not what their submissions say",
@@ -24,11 +27,13 @@ const WRONG: [(&str, &str); 10] = [
     ),
     (
         "submissions of an owner that were not reserved once",
-        // The ledger has no index by submission: count its entries once, not for each.
+        // The ledger has no index by submission: count its entries once, not for each. An answer to a hidden instance that
+        // is given again, because its grading failed, passes on what was reserved for it.
         "SELECT s.id FROM submissions s
             LEFT JOIN (SELECT submission_id, COUNT(*) AS times FROM quota_entries WHERE kind = 'reserve' GROUP BY submission_id) q
                 ON q.submission_id = s.id
-            WHERE s.owner IS NOT NULL AND COALESCE(q.times, 0) <> 1",
+            WHERE s.owner IS NOT NULL AND COALESCE(q.times, 0)
+                <> CASE WHEN s.superseded AND s.instance_id IS NOT NULL THEN 0 ELSE 1 END",
     ),
     (
         "graded submissions that were not charged once, or others that were charged",
@@ -42,7 +47,8 @@ const WRONG: [(&str, &str); 10] = [
         "SELECT s.id FROM submissions s
             LEFT JOIN (SELECT submission_id, COUNT(*) AS times FROM quota_entries WHERE kind = 'refund' GROUP BY submission_id) q
                 ON q.submission_id = s.id
-            WHERE s.owner IS NOT NULL AND COALESCE(q.times, 0) <> CASE WHEN s.state = 'graded' THEN 0 ELSE 1 END",
+            WHERE s.owner IS NOT NULL AND COALESCE(q.times, 0)
+                <> CASE WHEN s.state = 'graded' OR (s.superseded AND s.instance_id IS NOT NULL) THEN 0 ELSE 1 END",
     ),
     (
         "owners whose sums are not those of their ledger",
@@ -50,10 +56,10 @@ const WRONG: [(&str, &str); 10] = [
             (SELECT COUNT(*) FROM quota_entries q WHERE q.owner = o.owner AND kind = 'charge')",
     ),
     (
-        "submissions whose end was not told once",
+        "submissions whose end was not told once, or answers to hidden instances whose end was",
         "SELECT s.id FROM submissions s
             LEFT JOIN (SELECT submission_id, COUNT(*) AS told FROM events GROUP BY submission_id) e ON e.submission_id = s.id
-            WHERE COALESCE(e.told, 0) <> 1",
+            WHERE COALESCE(e.told, 0) <> CASE WHEN s.instance_id IS NULL THEN 1 ELSE 0 END",
     ),
     (
         "runs whose end was not told once, or told before it came",

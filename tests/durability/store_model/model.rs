@@ -9,6 +9,9 @@ use plumbline::store::runs::RunChanged;
 use plumbline::store::states::{RunState, SubmissionState};
 use plumbline::store::submissions::NewSubmission;
 
+use super::hidden_model::Hidden;
+use super::regrades::Regrade;
+
 /// Owners of runs and submissions; some belong to nobody.
 pub const OWNERS: [Option<&str>; 4] = [None, Some("ada"), Some("bea"), Some("cem")];
 /// Greatest number of attempts at a job.
@@ -36,6 +39,10 @@ pub struct Submission {
     pub superseded: bool,
     pub attempt: i64,
     pub lease: Lease,
+    /// Instance of a hidden specification that it answers.
+    pub instance: Option<String>,
+    /// Which of two reports is in force.
+    pub variant: Option<usize>,
 }
 
 impl Submission {
@@ -63,11 +70,14 @@ pub struct Model {
     pub runs: BTreeMap<String, Run>,
     pub submissions: BTreeMap<String, Submission>,
     pub quotas: BTreeMap<String, Quota>,
+    pub regrades: BTreeMap<String, Regrade>,
+    pub hidden: Hidden,
 }
 
 impl Model {
     pub fn new(tasks: usize) -> Self {
-        Self { tasks, runs: BTreeMap::new(), submissions: BTreeMap::new(), quotas: BTreeMap::new() }
+        let (runs, submissions, quotas) = (BTreeMap::new(), BTreeMap::new(), BTreeMap::new());
+        Self { tasks, runs, submissions, quotas, regrades: BTreeMap::new(), hidden: Hidden::default() }
     }
 
     pub fn create_run(&mut self, id: String, owner: Option<&'static str>) {
@@ -117,17 +127,39 @@ impl Model {
                 Some(id) => return Accepted::Other(id),
             }
         }
-        if let Some(owner) = &new.owner {
-            let quota = self.quotas.entry(owner.clone()).or_default();
-            let used = quota.charged + quota.reserved - quota.used_before;
-            if quota.granted.is_some_and(|granted| granted <= used) {
-                return Accepted::QuotaUsedUp;
-            }
-            quota.reserved += 1;
+        if !self.reserve(&new.owner) {
+            return Accepted::QuotaUsedUp;
         }
         if let Some(id) = replaced {
             self.at(&id).superseded = true;
         }
+        self.put(new, None);
+        Accepted::New
+    }
+
+    /// Reserves a unit of an owner's quota, if there is one.
+    pub fn reserve(&mut self, owner: &Option<String>) -> bool {
+        let Some(owner) = owner else { return true };
+        let quota = self.quotas.entry(owner.clone()).or_default();
+        let used = quota.charged + quota.reserved - quota.used_before;
+        let is_left = quota.granted.is_none_or(|granted| granted > used);
+        quota.reserved += i64::from(is_left);
+        is_left
+    }
+
+    /// Charges a reserved unit, or gives it back.
+    pub fn settle_unit(&mut self, owner: Option<&str>, is_charged: bool) {
+        let Some(quota) = owner.and_then(|owner| self.quotas.get_mut(owner)) else { return };
+        quota.reserved -= 1;
+        if is_charged {
+            quota.charged += 1;
+        } else {
+            quota.used_before = quota.used_before.min(quota.charged + quota.reserved);
+        }
+    }
+
+    /// Stores a submission, which waits from now on.
+    pub fn put(&mut self, new: &NewSubmission, instance: Option<String>) {
         let submission = Submission {
             run: new.run_id.clone(),
             task: new.task_number,
@@ -138,25 +170,26 @@ impl Model {
             superseded: false,
             attempt: 0,
             lease: Lease::Free,
+            instance,
+            variant: None,
         };
         self.submissions.insert(new.id.clone(), submission);
-        Accepted::New
     }
 
-    fn at(&mut self, id: &str) -> &mut Submission {
+    pub fn at(&mut self, id: &str) -> &mut Submission {
         self.submissions.get_mut(id).expect("the submission is known")
     }
 
-    /// The jobs that a worker may take.
-    pub fn claimable(&self) -> Vec<String> {
-        let is_free = |one: &Submission| one.has_job() && one.lease != Lease::Long;
+    /// The jobs that a worker of these lanes may take.
+    pub fn claimable(&self, lanes: &[Lane]) -> Vec<String> {
+        let is_free = |one: &Submission| one.has_job() && one.lease != Lease::Long && lanes.contains(&one.lane);
         self.submissions.iter().filter(|(_, one)| is_free(one)).map(|(id, _)| id.clone()).collect()
     }
 
     /// Takes jobs that the store gave out, with their attempts, after it is sure that it might. If the store looked only
     /// for jobs of the current rounds, it may have passed over others.
-    pub fn claim(&mut self, taken: &[(&str, i64)], lease: Lease, most: usize, is_thorough: bool) {
-        let claimable = self.claimable();
+    pub fn claim(&mut self, lanes: &[Lane], taken: &[(&str, i64)], lease: Lease, most: usize, is_thorough: bool) {
+        let claimable = self.claimable(lanes);
         let quick = claimable.iter().filter(|id| self.submissions[*id].lane == Lane::Quick);
         let (quick, new) = (quick.clone().count(), quick.filter(|id| self.submissions[*id].attempt == 0).count());
         let (first, attempt) = taken[0];
@@ -193,16 +226,17 @@ impl Model {
     }
 
     /// Grades what is still held, and returns how many that are.
-    pub fn record<'a>(&mut self, brought: impl Iterator<Item = (&'a str, i64)>) -> usize {
-        let held: Vec<&str> = brought.filter(|(id, attempt)| self.holds(id, *attempt)).map(|(id, _)| id).collect();
-        for id in &held {
-            self.at(id).state = SubmissionState::Graded;
-            if let Some(quota) = self.submissions[*id].owner.as_ref().and_then(|owner| self.quotas.get_mut(owner)) {
-                quota.reserved -= 1;
-                quota.charged += 1;
+    pub fn record<'a>(&mut self, brought: impl Iterator<Item = (&'a str, i64, usize)>) -> usize {
+        let held: Vec<(&str, i64, usize)> = brought.filter(|(id, attempt, _)| self.holds(id, *attempt)).collect();
+        for (id, _, variant) in &held {
+            let one = self.at(id);
+            (one.state, one.variant) = (SubmissionState::Graded, Some(*variant));
+            if one.instance.is_none() {
+                let owner = one.owner.clone();
+                self.settle_unit(owner.as_deref(), true);
             }
         }
-        for id in &held {
+        for (id, ..) in &held {
             self.end_run_of(id);
         }
         held.len()
@@ -223,19 +257,20 @@ impl Model {
     }
 
     pub fn cancel(&mut self, id: &str) -> bool {
-        let has_job = self.submissions[id].has_job();
-        if has_job {
+        let can_end = self.submissions[id].has_job() && self.submissions[id].instance.is_none();
+        if can_end {
             self.end(id, SubmissionState::Cancelled);
         }
-        has_job
+        can_end
     }
 
     /// Ends a submission without a grade.
     fn end(&mut self, id: &str, state: SubmissionState) {
         self.at(id).state = state;
-        if let Some(quota) = self.submissions[id].owner.as_ref().and_then(|owner| self.quotas.get_mut(owner)) {
-            quota.reserved -= 1;
-            quota.used_before = quota.used_before.min(quota.charged + quota.reserved);
+        // The quota of answers to hidden instances is settled when their entry is completed.
+        if self.submissions[id].instance.is_none() {
+            let owner = self.submissions[id].owner.clone();
+            self.settle_unit(owner.as_deref(), false);
         }
         self.end_run_of(id);
     }
@@ -333,12 +368,34 @@ impl Model {
         RunChanged::Done
     }
 
-    /// Forgets submissions without a run that have ended, and all but a few runs that have.
+    /// Counts the answers of a run that solve their task, counted in its result once it has finished.
+    pub fn solved(&self, run: &str) -> u64 {
+        let is_solved =
+            |one: &&Submission| one.run.as_deref() == Some(run) && !one.superseded && one.variant == Some(0);
+        self.submissions.values().filter(is_solved).count() as u64
+    }
+
+    /// The report on the answer to an instance, if it is graded.
+    pub fn graded_answer(&self, instance: &str) -> Option<usize> {
+        self.submissions.values().find(|one| one.instance.as_deref() == Some(instance) && !one.superseded)?.variant
+    }
+
+    /// Forgets answers to hidden instances, whose epoch is settled.
+    pub fn forget_instances(&mut self) {
+        self.submissions.retain(|_, one| one.instance.is_none());
+    }
+
+    /// Forgets submissions without a run that have ended, and all but a few runs that have, unless a regrade may still
+    /// change them.
     pub fn forget(&mut self) {
-        self.submissions.retain(|_, one| one.run.is_some() || one.has_job());
+        let Self { submissions, regrades, .. } = self;
+        let is_concerned = |id: &str| regrades.values().any(|regrade| regrade.concerns(id));
+        submissions.retain(|id, one| one.run.is_some() || one.instance.is_some() || one.has_job() || is_concerned(id));
+        let is_free =
+            |run: &str| !submissions.iter().any(|(id, one)| one.run.as_deref() == Some(run) && is_concerned(id));
         let is_over = |run: &Run| matches!(run.state, RunState::Finished | RunState::Deleted);
-        let over: Vec<String> =
-            self.runs.iter().filter(|(_, run)| is_over(run)).map(|(id, _)| id.clone()).skip(2).collect();
+        let over = self.runs.iter().filter(|(id, run)| is_over(run) && is_free(id));
+        let over: Vec<String> = over.map(|(id, _)| id.clone()).skip(2).collect();
         for id in over {
             self.runs.remove(&id);
             self.submissions.retain(|_, one| one.run.as_ref() != Some(&id));
@@ -346,7 +403,8 @@ impl Model {
     }
 }
 
-fn some<'a>(all: impl ExactSizeIterator<Item = &'a String>, number: u64) -> Option<String> {
+/// Chooses one by a random number.
+pub fn some<'a>(all: impl ExactSizeIterator<Item = &'a String>, number: u64) -> Option<String> {
     let count = all.len() as u64;
     let mut all = all;
     (count > 0).then(|| all.nth((number % count) as usize)).flatten().cloned()
