@@ -52,7 +52,7 @@ enum KeysCommand {
         /// Hours during which both keys work.
         #[arg(long, value_name = "HOURS", default_value_t = 24, value_parser = clap::value_parser!(u32).range(0..=8_760))]
         overlap: u32,
-        /// Lifetime of the new key in days (30, 30d) or hours (12h); by default, the lifetime of the old one.
+        /// Lifetime of the new key in days (30, 30d) or hours (12h); by default, that for which the old one was made.
         #[arg(long, value_name = "TIME", value_parser = lifetime)]
         expires: Option<i64>,
     },
@@ -229,13 +229,15 @@ async fn rotate(store: &Store, given: &str, overlap_hours: u32, expires: Option<
     let now = now_ms();
     let overlap_end = now + i64::from(overlap_hours) * HOUR_MS;
     let end = old.expires_at_ms.map_or(overlap_end, |own| own.min(overlap_end));
-    // A key that expires is replaced by one with the same lifetime.
-    let lifetime_ms = expires.or_else(|| old.expires_at_ms.map(|own| own - old.created_at_ms));
-    let Some(key) = store.rotate_key(&old.id, end, lifetime_ms.map(|lifetime_ms| now + lifetime_ms), now).await? else {
+    // A key that expires is replaced by one with the same lifetime, also if its own was cut short by a replacement.
+    let lifetime_ms = expires.or(old.lifetime_ms).or_else(|| old.expires_at_ms.map(|own| own - old.created_at_ms));
+    let expires_at_ms = lifetime_ms.map(|lifetime_ms| now + lifetime_ms);
+    let Some(key) = store.rotate_key(&old.id, end, expires_at_ms, now).await? else {
         bail!("{:?} has {LIVE_KEYS} live keys; revoke the other one first (plumbline keys list)", old.owner);
     };
     println!("{key}");
-    eprintln!("this key is shown only once; {} of {} works until {}", old.id, old.owner, rfc3339(end));
+    let until = expires_at_ms.map_or_else(String::new, |until| format!(" and works until {}", rfc3339(until)));
+    eprintln!("this key is shown only once{until}; {} of {} works until {}", old.id, old.owner, rfc3339(end));
     Ok(())
 }
 

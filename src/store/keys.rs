@@ -107,6 +107,9 @@ pub struct KeyRow {
     pub created_at_ms: i64,
     /// Time at which the key expires.
     pub expires_at_ms: Option<i64>,
+    /// Time for which the key was made, in milliseconds; its end comes sooner if it was replaced. None if it does not
+    /// expire, and for keys that are older than this column.
+    pub lifetime_ms: Option<i64>,
     /// Time at which the key was revoked.
     pub revoked_at_ms: Option<i64>,
     /// Time of the last use, to the minute.
@@ -148,6 +151,12 @@ pub fn parts(key: &str) -> Option<(&str, &str)> {
     key.strip_prefix(PREFIX)?.strip_prefix('_')?.split_once('_')
 }
 
+/// Returns whether a text begins as the keys of this service do.
+#[must_use]
+pub fn has_form(key: &str) -> bool {
+    key.strip_prefix(PREFIX).is_some_and(|rest| rest.starts_with('_'))
+}
+
 fn hash(secret: &str) -> String {
     hex(&Sha256::digest(secret))
 }
@@ -165,6 +174,7 @@ impl FromRow for KeyRow {
             scopes: Scope::ALL.into_iter().filter(has).collect(),
             created_at_ms: row.get("created_at_ms")?,
             expires_at_ms: row.get("expires_at_ms")?,
+            lifetime_ms: row.get("lifetime_ms")?,
             revoked_at_ms: row.get("revoked_at_ms")?,
             last_used_at_ms: row.get("last_used_at_ms")?,
         })
@@ -175,7 +185,7 @@ macro_rules! select_key {
     ($rest:literal) => {
         concat!(
             "SELECT k.id, k.owner, k.member, m.role, k.secret_hash, k.scopes, k.created_at_ms, k.expires_at_ms,
-                    k.revoked_at_ms, k.last_used_at_ms
+                    k.revoked_at_ms, k.last_used_at_ms, k.lifetime_ms
              FROM keys k LEFT JOIN members m ON m.owner = k.owner AND m.name = k.member ",
             $rest
         )
@@ -215,8 +225,8 @@ async fn enter_key(
     let secret = format!("{}{}", Uuid::new_v4().simple(), Uuid::new_v4().simple());
     let scopes: Vec<&str> = scopes.iter().map(|scope| scope.name()).collect();
     query(
-        "INSERT INTO keys (id, owner, member, secret_hash, scopes, created_at_ms, expires_at_ms)
-         VALUES ($1, $2, $3, $4, $5, $6, $7)",
+        "INSERT INTO keys (id, owner, member, secret_hash, scopes, created_at_ms, expires_at_ms, lifetime_ms)
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8)",
     )
     .bind(&id)
     .bind(holder.owner)
@@ -225,6 +235,7 @@ async fn enter_key(
     .bind(scopes.join(","))
     .bind(now_ms)
     .bind(expires_at_ms)
+    .bind(expires_at_ms.map(|expires_at_ms| expires_at_ms - now_ms))
     .execute(tx)
     .await?;
     Ok(format!("{PREFIX}_{id}_{secret}"))

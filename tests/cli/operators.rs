@@ -94,6 +94,14 @@ async fn keys_are_rotated_revoked_whole_and_named_plainly() {
     // For the overlap there may be three, and no more.
     succeeded(&plumbline(&["keys", "rotate", id, "--overlap", "1"], &database));
     assert!(refused(&plumbline(&["keys", "rotate", id], &database)).contains("2 live keys"));
+    // The end of the first came nearer with its replacement; a further one lives as long as the first was to live.
+    succeeded(&plumbline(&["keys", "create", "--name", "other", "--expires", "90d"], &database));
+    let list = succeeded(&plumbline(&["keys", "list"], &database));
+    let other = list.lines().find(|line| line.contains("other")).unwrap().split('|').nth(1).unwrap().trim().to_owned();
+    let first = told(&plumbline(&["keys", "rotate", &other], &database));
+    let second = told(&plumbline(&["keys", "rotate", &other], &database));
+    let day = |text: &str| text.split("works until ").nth(1).unwrap()[..10].to_owned();
+    assert_eq!(day(&first), day(&second), "{first} {second}");
     // A whole key is taken, and its secret never told again.
     let said = told(&plumbline(&["keys", "revoke", &next], &database));
     assert!(said.contains("revoked") && !said.contains(next.rsplit('_').next().unwrap()), "{said}");

@@ -57,12 +57,20 @@ async fn grading_may_be_open_or_keyed_by_path() {
     assert!(!said.contains(id) && !said.contains(grading.rsplit('_').next().unwrap()), "{said}");
     service.kill();
 
-    // Where none is needed, a key that is none does no harm, and the answer says so.
+    // Where none is needed, what other programs send in its place does no harm, and the answer says so. A key of this
+    // service that is none, or no longer, stands for somebody: nothing is done without its owner.
     let service = Service::start(&database, &[]);
-    let stale = service.http.post(format!("{}/v1/runs", service.url)).bearer_auth("plk_old_key").json(&run);
-    let answer = service.send(stale).await;
+    let with = |key: &str| service.http.post(format!("{}/v1/runs", service.url)).bearer_auth(key).json(&run);
+    let answer = service.send(with("EMPTY")).await;
     assert_eq!(answer.status, StatusCode::CREATED, "{}", answer.text);
     assert!(answer.headers["x-plumbline-warning"].to_str().unwrap().contains("unknown"));
+    for key in [grading.as_str(), "plk_old_key", "plk_typo"] {
+        let answer = service.send(with(key)).await;
+        assert_eq!(answer.status, StatusCode::UNAUTHORIZED, "{}", answer.text);
+    }
+    let mine = service.http.get(format!("{}/v1/runs?mine=true", service.url)).bearer_auth("EMPTY");
+    let mine = service.send(mine).await;
+    assert!(mine.status == StatusCode::BAD_REQUEST && mine.text.contains("the key is unknown"), "{}", mine.text);
 }
 
 #[tokio::test]

@@ -67,9 +67,11 @@ pub async fn list(
 ) -> AppResult<Page<RunRow>> {
     let mut owner = None;
     if filter.mine {
-        owner = caller?.owner().map(str::to_owned);
+        let caller = caller?;
+        owner = caller.owner().map(str::to_owned);
         if owner.is_none() {
-            faults.push(FaultBody::of_parameter("mine", "no key was sent, so the owner is unknown"));
+            let why = caller.refused.unwrap_or("no key was sent");
+            faults.push(FaultBody::of_parameter("mine", format!("{why}, so the owner is unknown")));
         }
     }
     let items = page_items(filter.limit, 100).unwrap_or_else(|error| {

@@ -16,7 +16,7 @@ use crate::app::access::{Caller, Openness, unauthorized};
 use crate::app::error::{AppError, AppResult};
 use crate::http::middleware::rates::{Peer, RateLimitStatus, RateLimited};
 use crate::http::state::AppState;
-use crate::store::keys::{KeyRow, Scope, parts};
+use crate::store::keys::{KeyRow, Scope, has_form, parts};
 
 /// Result of looking up the key of a request, passed to the handler as a request extension.
 #[derive(Debug, Clone)]
@@ -24,7 +24,12 @@ enum Identified {
     Key(KeyRow),
     /// The key is invalid, for this reason.
     Refused(&'static str),
+    /// What was sent has the form of a key of this service, and is none, or no longer.
+    NotLive,
 }
+
+/// Why a key is refused that is none, or no longer.
+const NOT_LIVE: &str = "the key is unknown, revoked or expired";
 
 /// Sender of a request, as identified by its key.
 #[derive(Debug, Clone, Default)]
@@ -95,7 +100,7 @@ pub async fn identify(state: &AppState, request: &mut Request) -> Result<Sender,
                     (Some(Identified::Key(key)), left)
                 }
                 None => {
-                    let refused = Identified::Refused("the key is unknown, revoked or expired");
+                    let refused = if has_form(&sent) { Identified::NotLive } else { Identified::Refused(NOT_LIVE) };
                     (Some(refused), state.rates.without_key(peer, request.headers())?)
                 }
             }
@@ -105,6 +110,7 @@ pub async fn identify(state: &AppState, request: &mut Request) -> Result<Sender,
     match &identified {
         Some(Identified::Key(key)) => sender.owner = Some(key.owner.clone()),
         Some(Identified::Refused(why)) => sender.refused = Some(why),
+        Some(Identified::NotLive) => sender.refused = Some(NOT_LIVE),
         None => {}
     }
     if let Some(identified) = identified {
@@ -150,8 +156,11 @@ impl FromRequestParts<AppState> for Caller {
         let who = Arc::from(who);
         match identified {
             Some(Identified::Key(key)) => Ok(Self { key: Some(key), open, refused: None, who }),
-            // If no key is needed, the request is served without the invalid one, and a response header says so. A key
-            // in the path was put there deliberately, so the request is rejected.
+            // Whoever sends a key that was revoked, or is misspelt, wants its owner, not nobody, and may not do more than
+            // with the key.
+            Some(Identified::NotLive) => Err(unauthorized(NOT_LIVE)),
+            // Other programs send a word of their own where no key is needed: the request is served without it, and a
+            // response header says so. A key in the path was put there deliberately, so the request is rejected.
             Some(Identified::Refused(why)) if open != Openness::Keyed && !is_in_path => {
                 Ok(Self { key: None, open, refused: Some(why), who })
             }
