@@ -1,7 +1,7 @@
 //! Pool of replayers, each ready to run a script in a process of its own, so that no script waits for a program to start.
 
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::job::{Answer, Job, TurnInput};
 use super::replayer::{Outcome, Replayer};
@@ -20,6 +20,11 @@ const FIRST_WALL_MS: u64 = 1_000;
 pub struct Overloaded {
     wall_ms: u64,
 }
+
+/// The time that its sender gave a script has passed.
+#[derive(Debug, thiserror::Error)]
+#[error("action code did not finish in the time that its sender gave it")]
+pub struct TooLate;
 
 /// Runs scripts, a few at a time, each in its own process.
 #[derive(Debug, Clone)]
@@ -58,25 +63,27 @@ impl Pool {
     /// run again in a slot for long scripts, so that short ones need not wait for it. Scripts are deterministic, so the
     /// second attempt does the same.
     ///
+    /// The script may take the time `left`, from which the time that it takes is taken. Waiting for a slot does not count.
+    ///
     /// # Errors
-    /// Returns [`Overloaded`] if the machine has too much to do, and another error if no process can be started or used,
-    /// which is a failure of the service.
-    pub async fn run(&self, job: &Job, who: &Arc<str>) -> anyhow::Result<Answer> {
+    /// Returns [`TooLate`] if that time has passed, [`Overloaded`] if the machine has too much to do, and another error if
+    /// no process can be started or used, which is a failure of the service.
+    pub async fn run(&self, job: &Job, who: &Arc<str>, left: &mut Duration) -> anyhow::Result<Answer> {
         match job.profile {
-            Profile::Mindcraft => self.run_job(job, who).await,
-            Profile::Published => self.run_files(job, who).await,
+            Profile::Mindcraft => self.run_job(job, who, left).await,
+            Profile::Published => self.run_files(job, who, left).await,
         }
     }
 
     /// Runs each file of a job on its own, as files without a common world are run, and puts their results together.
-    async fn run_files(&self, job: &Job, who: &Arc<str>) -> anyhow::Result<Answer> {
+    async fn run_files(&self, job: &Job, who: &Arc<str>, left: &mut Duration) -> anyhow::Result<Answer> {
         let mut answer = Answer::default();
         let mut events = 0;
         for turn in &job.turns {
             let mut replayed: Option<Replayed> = None;
             let files = if let TurnInput::Code(files) = turn { files.as_slice() } else { &[] };
             for (file, number) in files.iter().zip(1..) {
-                let one = self.run_job(&Job::of_code(job.profile, file.clone()), who).await?;
+                let one = self.run_job(&Job::of_code(job.profile, file.clone()), who, left).await?;
                 let one = one.turns.into_iter().next().unwrap_or_default();
                 let one = if files.len() > 1 { one.of_file(number) } else { one };
                 events += one.events.len();
@@ -102,24 +109,33 @@ impl Pool {
         Ok(answer)
     }
 
-    async fn run_job(&self, job: &Job, who: &Arc<str>) -> anyhow::Result<Answer> {
+    async fn run_job(&self, job: &Job, who: &Arc<str>, left: &mut Duration) -> anyhow::Result<Answer> {
         let all = self.inner.limits;
         let first = ActionLimits { cpu_ms: FIRST_MS.min(all.cpu_ms), wall_ms: FIRST_WALL_MS.min(all.wall_ms), ..all };
         let turn = self.inner.first.take(who).await;
-        let done = self.run_within(job, &first).await?;
+        let done = self.run_timed(job, &first, left).await?;
         drop(turn);
         match done {
             Some(done) if done.stopped().is_none_or(|stopped| stopped.limit != "time") => return Ok(done),
             _ => {}
         }
         let _turn = self.inner.again.take(who).await;
-        let done = self.run_within(job, &all).await?;
+        let done = self.run_timed(job, &all, left).await?;
         done.ok_or_else(|| Overloaded { wall_ms: all.wall_ms }.into())
     }
 
-    /// Runs a script in a process; returns `None` if its wall-clock time ran out.
-    async fn run_within(&self, job: &Job, limits: &ActionLimits) -> anyhow::Result<Option<Answer>> {
-        let wall = Duration::from_millis(limits.wall_ms);
+    /// Runs a script in a process for at most the time that is left, and takes from it what the script took; returns
+    /// `None` if its wall-clock time ran out before.
+    async fn run_timed(&self, job: &Job, limits: &ActionLimits, left: &mut Duration) -> anyhow::Result<Option<Answer>> {
+        let (begun, wall) = (Instant::now(), Duration::from_millis(limits.wall_ms));
+        let done = self.run_within(job, limits, wall.min(*left)).await?;
+        let is_cut = done.is_none() && *left < wall;
+        *left = left.saturating_sub(begun.elapsed());
+        if is_cut { Err(TooLate.into()) } else { Ok(done) }
+    }
+
+    /// Runs a script in a process; returns `None` if the wall-clock time ran out.
+    async fn run_within(&self, job: &Job, limits: &ActionLimits, wall: Duration) -> anyhow::Result<Option<Answer>> {
         // Only a script that breaks out of its engine can leave bytes behind. Then another replayer runs this one.
         for _ in 0..2 {
             let mut replayer = self.take()?;

@@ -1,11 +1,12 @@
 //! Replay of action code: runs the code of agents and turns it into block events.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use serde::Serialize;
 
 use crate::actions::job::{Answer, Job, TurnInput};
-use crate::actions::pool::Overloaded;
+use crate::actions::pool::{Overloaded, TooLate};
 use crate::actions::turn_replay::TurnReplay;
 use crate::actions::{Profile, RecordedEvent, Replayed};
 use crate::app::App;
@@ -30,14 +31,24 @@ pub fn place(app: &App, who: &Arc<str>) -> AppResult<Permit> {
         .map_err(|_| AppError::too_many("much action code is waiting to be run; come back in a moment"))
 }
 
-async fn replayed(app: &App, who: &Arc<str>, job: &Job) -> AppResult<Answer> {
-    app.actions.run(job, who).await.map_err(|error| match error.downcast_ref::<Overloaded>() {
-        Some(overloaded) => {
+/// Time for code that has no deadline: its own limits end it.
+const UNHURRIED: Duration = Duration::MAX;
+
+/// Runs a job for at most the time `left`, and takes from it what the job took.
+async fn replayed(app: &App, who: &Arc<str>, job: &Job, left: &mut Duration) -> AppResult<Answer> {
+    app.actions.run(job, who, left).await.map_err(|error| {
+        if let Some(overloaded) = error.downcast_ref::<Overloaded>() {
             tracing::warn!(%overloaded, "the machine is overloaded");
             let detail = "the machine has too much to do to run this code; the request may be sent again";
-            AppError::new(Kind::Busy, detail).retry_after(5)
+            return AppError::new(Kind::Busy, detail).retry_after(5);
         }
-        None => AppError::internal(&error),
+        match error.downcast_ref::<TooLate>() {
+            Some(_) => {
+                let detail = "The deadline passed while the action code ran. A longer deadline_ms may help.";
+                AppError::new(Kind::Deadline, detail).retry_after(1)
+            }
+            None => AppError::internal(&error),
+        }
     })
 }
 
@@ -64,7 +75,8 @@ pub async fn replay(app: &App, who: &Arc<str>, job: &Job) -> AppResult<Answer> {
         return Err(AppError::faulty(faults));
     }
     let _permit = place(app, who)?;
-    let answer = replayed(app, who, job).await?;
+    let mut left = UNHURRIED;
+    let answer = replayed(app, who, job, &mut left).await?;
     if let Some(stopped) = answer.stopped() {
         faults.add_at("action_code", stopped.to_string());
         return Err(AppError::faulty(faults));
@@ -112,11 +124,13 @@ pub async fn run_codes(
         return Ok(());
     }
     let _permit = place(app, who)?;
+    let mut left = UNHURRIED;
     for submission in posted {
         if let Some(line) = submission.line {
             faults.enter_line(line);
         }
-        submission.replays = run_told(app, who, &mut submission.sent, &mut budget, faults, true).await?;
+        let runs = Runs { left: &mut left, is_compared: true };
+        submission.replays = run_told(app, who, &mut submission.sent, &mut budget, faults, runs).await?;
         if !faults.is_empty() {
             break;
         }
@@ -138,31 +152,42 @@ pub async fn run_code(
         return Ok(Vec::new());
     }
     let _permit = place(app, who)?;
-    run_told(app, who, sent, &mut EventBudget::whole(&app.limits), faults, true).await
+    let mut left = UNHURRIED;
+    let runs = Runs { left: &mut left, is_compared: true };
+    run_told(app, who, sent, &mut EventBudget::whole(&app.limits), faults, runs).await
 }
 
-/// Runs the code of one log under its profile, and adds the recorded events to it. Stops at the first fault.
+/// Runs the code of one log under its profile for at most the time `left`, from which it takes what the code took, and
+/// adds the recorded events to the log. Stops at the first fault.
 ///
 /// # Errors
-/// Returns 500 if code cannot be run.
+/// Returns 504 if that time passes, and 500 if code cannot be run.
 pub async fn run_sent(
     app: &App,
     who: &Arc<str>,
     sent: &mut SentLog,
-    budget: &mut EventBudget,
+    left: &mut Duration,
     faults: &mut Faults,
 ) -> AppResult<Vec<TurnReplay>> {
-    run_told(app, who, sent, budget, faults, false).await
+    let runs = Runs { left, is_compared: false };
+    run_told(app, who, sent, &mut EventBudget::whole(&app.limits), faults, runs).await
 }
 
-/// Runs as [`run_sent`] does, and tells when another profile would have built otherwise if `is_compared` is set.
+/// How code is run.
+struct Runs<'a> {
+    /// Time that the code may still take.
+    left: &'a mut Duration,
+    /// Whether to tell when another profile would have built otherwise.
+    is_compared: bool,
+}
+
 async fn run_told(
     app: &App,
     who: &Arc<str>,
     sent: &mut SentLog,
     budget: &mut EventBudget,
     faults: &mut Faults,
-    is_compared: bool,
+    Runs { left, is_compared }: Runs<'_>,
 ) -> AppResult<Vec<TurnReplay>> {
     let mut codes: Vec<(usize, Vec<String>)> =
         std::mem::take(&mut sent.codes).into_iter().map(|code| (code.turn, code.files)).collect();
@@ -187,7 +212,7 @@ async fn run_told(
     'jobs: for codes in jobs {
         let (job, turns) = job_of(&sent.log, codes);
         let job = Job { is_compared, ..job };
-        let answer = replayed(app, who, &job).await?;
+        let answer = replayed(app, who, &job, left).await?;
         let stopped = answer.stopped().map(ToString::to_string);
         for (turn, done) in turns.into_iter().zip(answer.turns).filter_map(|(turn, done)| Some((turn?, done))) {
             faults.enter_index(turn);

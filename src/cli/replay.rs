@@ -62,7 +62,10 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     let (turns, is_structure) = turns(args)?;
     let code = |files: &Vec<File>| TurnInput::Code(files.iter().map(|file| file.text.clone()).collect());
     let job = Job { profile, start: None, turns: turns.iter().map(code).collect(), is_compared: true };
-    let answer = runtime.block_on(async { Pool::new(1, ACTION_LIMITS).run(&job, &std::sync::Arc::from("")).await })?;
+    // Its own limits end it.
+    let mut left = std::time::Duration::MAX;
+    let run = async { Pool::new(1, ACTION_LIMITS).run(&job, &std::sync::Arc::from(""), &mut left).await };
+    let answer = runtime.block_on(run)?;
     match print(&answer, is_structure) {
         // The reader has closed the pipe.
         Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => return Ok(ExitCode::SUCCESS),

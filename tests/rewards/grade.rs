@@ -135,6 +135,14 @@ async fn a_deadline_that_passes_is_no_reward() {
     let problem = late.json();
     assert_eq!((problem.get("reward"), &problem["retryable"]), (Some(&Value::Null), &json!(true)));
     assert!(late.headers.contains_key("retry-after"));
+    // Code of a model that does not end is no score either before its own limit is reached.
+    for work in [json!({ "answer": "while (true) {}" }), json!({ "turns": [{ "action_code": "while (true) {}" }] })] {
+        let mut body = json!({ "task": "walls/5x1x5-raise", "deadline_ms": 100 });
+        body.as_object_mut().unwrap().extend(work.as_object().unwrap().clone());
+        let late = service.post_json("/v1/grade", &body).await;
+        assert_eq!((late.status, late.json().get("reward")), (StatusCode::GATEWAY_TIMEOUT, Some(&Value::Null)));
+        assert!(late.text.contains("while the action code ran"), "{}", late.text);
+    }
 }
 
 #[tokio::test]

@@ -165,6 +165,30 @@ async fn openrlhf_reads_rewards_scores_and_logs() {
     );
 }
 
+/// Each row of a data set asks for a reward that the service gives.
+#[tokio::test]
+async fn a_shaped_data_set_has_no_row_that_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &[]);
+    let rows = |scheme: &'static str| {
+        let path = format!("/v1/tasks?format=openrlhf&suite=mineceraft-lite@1&scheme={scheme}");
+        let service = &service;
+        async move {
+            let text = service.get(&path).await.text;
+            let rows: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+            rows
+        }
+    };
+    let (shaped, strict) = (rows("shaped").await, rows("strict").await);
+    assert!(shaped.len() < strict.len() && shaped.len() > 15, "{} of {}", shaped.len(), strict.len());
+    let labels: Vec<&Value> = shaped.iter().map(|row| &row["label"]).collect();
+    let queries = vec!["I build nothing."; labels.len()];
+    let body = json!({ "query": queries, "prompts": vec![""; labels.len()], "labels": labels });
+    let answer = service.post_json("/get_reward", &body).await;
+    assert_eq!(answer.status, 200, "{}", answer.text);
+    assert!(!answer.text.contains("nothing to shape"), "{}", answer.text);
+}
+
 #[tokio::test]
 async fn all_rollouts_of_a_step_are_rewarded_although_each_comes_by_itself() {
     let folder = tempfile::tempdir().unwrap();
@@ -175,6 +199,16 @@ async fn all_rollouts_of_a_step_are_rewarded_although_each_comes_by_itself() {
                          "reward": "mean" }] });
     let row = json!({ "task": "walls/5x1x5-raise", "profile": "mindcraft", "reward_scheme": "mean",
                       "response": { "output_text": answer } });
+    // Labels for other frameworks name the scheme otherwise.
+    for naming in [
+        json!({ "task": "walls/5x1x5-raise", "profile": "mindcraft", "scheme": "mean" }),
+        json!({ "verifier_metadata": { "task": "walls/5x1x5-raise", "profile": "mindcraft", "reward": "mean" }, "reward": 0.5 }),
+    ] {
+        let mut sent = json!({ "response": { "output_text": answer } });
+        sent.as_object_mut().unwrap().extend(naming.as_object().unwrap().clone());
+        let found = service.post_json("/verify", &sent).await.json();
+        assert_eq!(found["reward"], service.post_json("/verify", &row).await.json()["reward"], "{naming}");
+    }
     let requests = (0..150).flat_map(|_| [("/get_reward", &sample), ("/verify", &row)]);
     let answers = futures_util::future::join_all(requests.map(|(path, body)| service.post_json(path, body))).await;
     let refused: Vec<&str> =

@@ -3,6 +3,9 @@
 /// First bytes of what gzip writes.
 const GZIP: [u8; 2] = [0x1f, 0x8b];
 
+/// Greatest number of lists and objects within each other that the parser reads.
+const MOST_LEVELS: u32 = 127;
+
 /// Explains why a text is not JSON, where, and what to do about it.
 #[must_use]
 pub fn why_not_json(text: &[u8], error: &serde_json::Error) -> String {
@@ -15,6 +18,12 @@ pub fn why_not_json(text: &[u8], error: &serde_json::Error) -> String {
     }
     if error.to_string().starts_with("trailing characters") && error.line() > 1 {
         return format!("{error}: expected a single document; send several, one per line, as application/x-ndjson");
+    }
+    if error.to_string().starts_with("recursion limit exceeded") {
+        let (line, column) = (error.line(), error.column());
+        return format!(
+            "too many brackets within each other at line {line} column {column}: at most {MOST_LEVELS} levels are read"
+        );
     }
     match remedy(text, error) {
         Some(remedy) => format!("{error}: {remedy}"),
@@ -122,6 +131,10 @@ mod tests {
         ] {
             assert_eq!(why_not_json(text.as_bytes(), &error(text.as_bytes())), expected, "{text}");
         }
+        let (deep, deepest) = ("[".repeat(128), format!("{}{}", "[".repeat(127), "]".repeat(127)));
+        let why = why_not_json(deep.as_bytes(), &error(deep.as_bytes()));
+        assert_eq!(why, "too many brackets within each other at line 1 column 128: at most 127 levels are read");
+        assert!(serde_json::from_str::<Value>(&deepest).is_ok());
         let text = b"\"a\nb\"";
         assert!(why_not_json(text, &error(text)).ends_with("write a line break as \\n and a tab as \\t"));
         let text = b"\"\\ud83d\"";

@@ -6,8 +6,9 @@ use plumbline_engine::intake::text::thinking::without_thoughts;
 const FENCE: &str = "```";
 /// Words after a fence that mindcraft removes, in the order in which it looks for them.
 const LANGUAGES: [&str; 3] = ["Javascript", "javascript", "js"];
-/// Words after a fence that mindcraft leaves in the code, where they are an error.
-const OTHER_LANGUAGES: [&str; 8] = ["JavaScript", "JS", "typescript", "TypeScript", "ts", "jsx", "mjs", "node"];
+/// Words after a fence, in any letter case, that stand for JavaScript, but that mindcraft leaves in the code, where they
+/// are an error.
+const OTHER_LANGUAGES: [&str; 8] = ["javascript", "js", "typescript", "ts", "jsx", "mjs", "cjs", "node"];
 
 /// Code in an answer.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -41,11 +42,20 @@ pub fn read(sent: &str) -> Reading {
     };
     let end = end - shown[begin..end].bytes().rev().take_while(|byte| *byte == b'`').count();
     let code = shown[begin..end].trim_start();
-    let code = if let Some((word, rest)) = OTHER_LANGUAGES.iter().find_map(|word| Some((word, alone(code, word)?))) {
-        notes.push(format!("the word {word} after the fence was left out, which mindcraft does not do"));
-        rest
-    } else {
-        LANGUAGES.iter().find_map(|word| code.strip_prefix(word)).unwrap_or(code)
+    let word = word_of(code);
+    let code = match word {
+        Some(word) if OTHER_LANGUAGES.contains(&word.to_lowercase().as_str()) && !LANGUAGES.contains(&word) => {
+            notes.push(format!("the word {word} after the fence was left out, which mindcraft does not do"));
+            &code[word.len()..]
+        }
+        Some(word) if !LANGUAGES.contains(&word) && !is_json(&code[word.len()..]) => {
+            let left = LANGUAGES.iter().find_map(|language| word.strip_prefix(language)).unwrap_or(word);
+            notes.push(format!(
+                "the word {word} after the fence is no language of action code; of it {left:?} is read as code"
+            ));
+            &code[word.len() - left.len()..]
+        }
+        _ => LANGUAGES.iter().find_map(|word| code.strip_prefix(word)).unwrap_or(code),
     };
     let lines = shown[..end - code.len()].matches('\n').count();
     Reading { code: format!("{}{code}", "\n".repeat(lines)), notes }
@@ -62,9 +72,11 @@ pub fn is_json(code: &str) -> bool {
     value.starts_with(['{', '[']) && serde_json::from_str::<serde::de::IgnoredAny>(value).is_ok()
 }
 
-/// Returns what follows a word that has its line for itself.
-fn alone<'t>(text: &'t str, word: &str) -> Option<&'t str> {
-    text.strip_prefix(word).filter(|rest| rest.trim_start_matches([' ', '\t', '\r']).starts_with('\n'))
+/// Returns the word that has the first line of the code for itself and ends as no statement does.
+fn word_of(code: &str) -> Option<&str> {
+    let word = code.split_once('\n')?.0.trim_end();
+    let is_word = !word.is_empty() && word.chars().all(|c| c.is_ascii_alphanumeric() || "+#-".contains(c));
+    is_word.then_some(word)
 }
 
 /// Rewrites the body of a function as mindcraft's coder does before it runs it. The lines stay.
@@ -103,6 +115,13 @@ mod tests {
             ("````js\na();\n````", "\na();\n", 0),
             ("````js\na();", "\na();", 1),
             ("```jsx\na();\n```", "\na();\n", 1),
+            ("```JAVASCRIPT \na();\n```", " \na();\n", 1),
+            ("```JS\r\na();\n```", "\r\na();\n", 1),
+            ("```Javascript\na();\n```", "\na();\n", 0),
+            ("```json\na();\n```", "on\na();\n", 1),
+            ("```json\n{\"a\": 1}\n```", "on\n{\"a\": 1}\n", 0),
+            ("```python\na();\n```", "python\na();\n", 1),
+            ("```\nlet a = 1\n```", "\nlet a = 1\n", 0),
             ("```", "", 1),
         ] {
             let reading = read(sent);

@@ -187,7 +187,9 @@ impl Found {
             open_files(app, who, &mut self.sent, &mut EventBudget::whole(&app.limits), &mut faults).await?;
         }
         if self.has_code() && faults.is_empty() {
-            replays = run_sent(app, who, &mut self.sent, &mut EventBudget::whole(&app.limits), &mut faults).await?;
+            // What the code takes is taken from the time for grading.
+            let left = &mut self.request.deadline;
+            replays = run_sent(app, who, &mut self.sent, left, &mut faults).await?;
         }
         if self.sent.log.event_count() <= INSTANT_EVENTS {
             return self.finish(replays, faults);

@@ -5,6 +5,7 @@
 //! each with its own threads and with fair turns between senders: short work, and long work, which yields to everything
 //! else. If the client has left, its work is not begun, or is stopped.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -24,6 +25,7 @@ use plumbline_engine::grading::baseline::Baseline;
 use plumbline_engine::grading::cost::{Cost, cost};
 use plumbline_engine::grading::{Report, grade_hashed};
 use plumbline_engine::tasks::Task;
+use plumbline_engine::tasks::catalogue::Entry;
 use plumbline_engine::voxel::BlockLog;
 
 /// Number of connections up to which logs are graded on the threads that serve their requests. With more connections,
@@ -228,6 +230,29 @@ impl Grader {
         }
         let (grader, given) = (Arc::clone(self), given.clone());
         self.run(Lane::Long, who, deadline, move |until| grader.baseline(&given, until).map(|_| ())).await
+    }
+
+    /// Returns the numbers of the tasks among these that a log can earn more for than one that does nothing, which the
+    /// scheme `shaped` needs.
+    ///
+    /// # Errors
+    /// Returns 504 if a deadline passes, and 503 if the service stops.
+    pub async fn beatable(
+        self: &Arc<Self>,
+        entry: &Arc<Entry>,
+        numbers: impl Iterator<Item = u32>,
+        who: &Arc<str>,
+    ) -> AppResult<BTreeSet<u32>> {
+        let work = Duration::from_millis(LIMITS.grade_default_deadline_ms);
+        let mut beatable = BTreeSet::new();
+        for number in numbers {
+            let given = GivenTask::Listed(Arc::clone(entry), number);
+            self.know_baseline(&given, work.into(), who).await?;
+            if self.baseline(&given, &Until::within(work))?.can_be_beaten() {
+                beatable.insert(number);
+            }
+        }
+        Ok(beatable)
     }
 
     /// Returns whether the baseline of a task is known.

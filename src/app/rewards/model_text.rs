@@ -31,6 +31,9 @@ pub struct FoundBody {
     pub kind: FoundKind,
     /// Number of earlier answers in the same text, which do not count.
     pub passed_over: usize,
+    /// Line of that text on which JSON begins, after the answer, that the end of the text cuts off, from 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cut_off: Option<usize>,
 }
 
 /// Kind of an answer.
@@ -107,7 +110,7 @@ fn read_as(profile: Profile, text: &str) -> Result<FoundAnswer, String> {
     }
     let code = thoughts_removed(text);
     let line = code.find("```").map_or(1, |at| 1 + code[..at].matches('\n').count());
-    Ok(FoundAnswer { sent: SentLog::of_code(code), kind: AnswerKind::Code, line, passed_over: 0 })
+    Ok(FoundAnswer { sent: SentLog::of_code(code), kind: AnswerKind::Code, line, passed_over: 0, cut_off: None })
 }
 
 impl FoundBody {
@@ -116,7 +119,7 @@ impl FoundBody {
             AnswerKind::Log => FoundKind::Log,
             AnswerKind::Code => FoundKind::ActionCode,
         };
-        Self { text, line: answer.line, kind, passed_over: answer.passed_over }
+        Self { text, line: answer.line, kind, passed_over: answer.passed_over, cut_off: answer.cut_off }
     }
 }
 

@@ -65,6 +65,11 @@ pub struct DataSet {
 }
 
 impl DataSet {
+    /// Returns whether its rewards are shaped. Then it has only tasks for which a log can earn more than by doing nothing.
+    pub fn is_shaped(self) -> bool {
+        self.scheme == RowScheme::Shaped
+    }
+
     /// Returns the rows of tasks, a line each. Tasks of several turns are left out: these frameworks ask once.
     pub fn rows<'t>(self, suite: &Suite, tasks: impl Iterator<Item = &'t Task>) -> Response {
         let mut system = Guide::of(self.profile).markdown();

@@ -10,6 +10,7 @@ use crate::app::catalogue::tasks::{self, FoundTask, TaskFilter};
 use crate::app::error::{AppError, AppResult};
 use crate::app::limits::LIMITS;
 use crate::http::catalogue::datasets::{DataSet, RowScheme, TaskFormat};
+use crate::http::extract::caller::Reader;
 use crate::http::extract::conditional::tagged_json;
 use crate::http::extract::params::Params;
 use crate::http::state::AppState;
@@ -229,6 +230,7 @@ impl From<TaskQuery> for TaskFilter {
 )]
 pub async fn list_tasks(
     State(state): State<AppState>,
+    Reader(who): Reader,
     headers: HeaderMap,
     Params(query): Params<TaskQuery>,
 ) -> AppResult<Response> {
@@ -241,7 +243,14 @@ pub async fn list_tasks(
     let page = tasks::list(&state, &filter).await?;
     must_have(&page.entry.suite, track)?;
     if format != TaskFormat::Json {
-        return Ok(DataSet { format, track, profile, scheme }.rows(&page.entry.suite, page.tasks()));
+        let set = DataSet { format, track, profile, scheme };
+        let mut tasks: Vec<&Task> = page.tasks().collect();
+        if set.is_shaped() {
+            // A trainer that asks for the reward of the others would be refused.
+            let beatable = state.grader.beatable(&page.entry, tasks.iter().map(|task| task.number), &who).await?;
+            tasks.retain(|task| beatable.contains(&task.number));
+        }
+        return Ok(set.rows(&page.entry.suite, tasks.into_iter()));
     }
     let (suite, total, next_after) = (page.entry.suite.id(), page.total, page.next_after);
     tagged_json(

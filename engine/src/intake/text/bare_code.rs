@@ -39,9 +39,13 @@ const STARTS: [&str; 29] = [
 /// Characters with which the last line of a script ends.
 const ENDS: [char; 4] = [';', '}', ')', '/'];
 
+/// Characters without width that may come before a script when it is copied.
+const UNSEEN: [char; 5] = ['\u{feff}', '\u{200b}', '\u{200c}', '\u{200d}', '\u{2060}'];
+
 /// Returns whether a text begins like a script.
 pub(super) fn is_script_start(text: &str) -> bool {
-    let text = text.trim_start();
+    // A byte order mark is space to JavaScript; the others are an error there, which the code's reader names.
+    let text = text.trim_start_matches(|c: char| c.is_whitespace() || UNSEEN.contains(&c));
     STARTS.iter().any(|start| text.starts_with(start))
 }
 

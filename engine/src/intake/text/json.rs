@@ -161,7 +161,7 @@ pub(super) fn read(json: &str, limits: LogLimits) -> Result<SentLog, String> {
             let Stored { palette, turns } = serde_json::from_str(json).map_err(|error| error.to_string())?;
             let palette = palette.map_or("[]", RawValue::get);
             let log = format!("{{\"palette\":{palette},\"turns\":{}}}", turns.get());
-            return whole(read_document(log.as_bytes(), StoredLog { faults: &mut faults, limits }), &faults, "");
+            return whole(read_document(log.as_bytes(), StoredLog { faults: &mut faults, limits }), &faults);
         }
         Form::Turns => {
             let members: Members<'_> = serde_json::from_str(json).map_err(|error| error.to_string())?;
@@ -171,7 +171,8 @@ pub(super) fn read(json: &str, limits: LogLimits) -> Result<SentLog, String> {
         Form::TurnList => json.to_owned(),
         Form::EventList => format!("[{{\"events\":{json}}}]"),
     };
-    whole(read_document(turns.as_bytes(), Turns { faults: &mut faults, limits }), &faults, "turns")
+    faults.enter_key("turns");
+    whole(read_document(turns.as_bytes(), Turns { faults: &mut faults, limits }), &faults)
 }
 
 /// Returns the JSON of a turn without the members that do not belong to a turn.
@@ -191,12 +192,9 @@ fn turn_of(json: &str) -> Result<String, String> {
     serde_json::to_string(&turn).map_err(|error| error.to_string())
 }
 
-fn whole(read: Result<Option<SentLog>, serde_json::Error>, faults: &Faults, place: &str) -> Result<SentLog, String> {
+fn whole(read: Result<Option<SentLog>, serde_json::Error>, faults: &Faults) -> Result<SentLog, String> {
     match read.map_err(|error| error.to_string())? {
         Some(log) if faults.is_empty() => Ok(log),
-        _ => Err(faults
-            .list()
-            .first()
-            .map_or_else(|| "the log has faults".to_owned(), |fault| format!("{place}{fault}"))),
+        _ => Err(faults.list().first().map_or_else(|| "the log has faults".to_owned(), ToString::to_string)),
     }
 }

@@ -40,6 +40,8 @@ pub struct FoundAnswer {
     pub line: usize,
     /// Number of earlier answers, which do not count.
     pub passed_over: usize,
+    /// Line on which JSON begins after the answer that the end of the text cuts off, from 1.
+    pub cut_off: Option<usize>,
 }
 
 /// Finds the last complete answer in `text` and reads it.
@@ -70,7 +72,8 @@ pub fn read_answer(text: &str, limits: LogLimits) -> Result<FoundAnswer, String>
         AnswerKind::Log => json::read(&shown[range.clone()], limits)?,
     };
     let passed_over = candidates.iter().filter(|(_, other)| other.end < range.start).count();
-    Ok(FoundAnswer { sent, kind, line: line_of(&shown, range.start), passed_over })
+    let cut_off = json.unfinished.filter(|at| *at >= range.end).map(|at| line_of(&shown, at));
+    Ok(FoundAnswer { sent, kind, line: line_of(&shown, range.start), passed_over, cut_off })
 }
 
 /// Returns whether a text, without thoughts, is JSON that is no block log: a list or an object, alone or in the only fence.
@@ -252,7 +255,18 @@ mod tests {
         }
         let text = format!("{one}\n\nrather\n{two}");
         let answer = read_answer(&text, LIMITS).unwrap();
-        assert_eq!((answer.line, answer.passed_over), (4, 1));
+        assert_eq!((answer.line, answer.passed_over, answer.cut_off), (4, 1, None));
+        let text = format!("Like {one}:\n```json\n{{\"events\": [{{\"action\":");
+        assert_eq!(read_answer(&text, LIMITS).unwrap().cut_off, Some(3));
+    }
+
+    #[test]
+    fn characters_without_width_hide_no_line_of_code() {
+        let code = "(async (bot) => {\n  await skills.placeBlock(bot, 'stone', 0, 0, 0);\n})";
+        for before in ["\u{feff}", "\u{200b}", " \u{feff}\n"] {
+            let found = read_answer(&format!("{before}{code}"), LIMITS).unwrap();
+            assert!(found.sent.codes[0].files[0].contains("(async (bot)"), "{before:?}");
+        }
     }
 
     #[test]
@@ -289,7 +303,7 @@ mod tests {
             ("```python\nprint(1)\n```", "the last code fence is \"python\", which is neither JSON nor JavaScript"),
             (
                 "{\"events\":[{\"action\":\"place\",\"x\":0.5,\"y\":0,\"z\":0,\"material\":\"stone\"}]}",
-                "turns/0/events/0/x: 0.5 is not an integer",
+                "/turns/0/events/0/x: 0.5 is not an integer",
             ),
         ] {
             assert_eq!(found(text), Err(why.to_owned()), "{text}");

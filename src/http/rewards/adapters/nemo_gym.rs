@@ -237,7 +237,13 @@ fn naming(request: &Map<String, Value>) -> AppResult<Map<String, Value>> {
     let task = find("task").or_else(|| part("task_id").and_then(|id| id.get("task_id")).cloned());
     // A dataset may have a member of this name for something else, which is no text.
     let profile = find("profile").filter(Value::is_string);
-    let naming = [("task", task), ("suite", find("suite")), ("reward", find("reward_scheme")), ("profile", profile)];
+    // Labels for other frameworks call it `scheme`, or `reward`, which at the top level is the reward of an earlier
+    // response.
+    let named = |object: &Map<String, Value>, key| object.get(key).filter(|value| value.is_string()).cloned();
+    let scheme = find("reward_scheme")
+        .or_else(|| find("scheme").filter(Value::is_string))
+        .or_else(|| parts.iter().find_map(|(_, object)| named(object, "reward")));
+    let naming = [("task", task), ("suite", find("suite")), ("reward", scheme), ("profile", profile)];
     Ok(naming.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect())
 }
 
