@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::Parser as _;
-use plumbline::cli::{Cli, run};
+use plumbline::cli::{Cli, environment, run};
 
 /// Requests are taken up on one thread and dropped on another; the allocator of glibc makes these threads wait for each
 /// other.
@@ -21,13 +21,19 @@ fn main() -> ExitCode {
         sigpipe::reset();
     }
     let (is_json, failure) = (cli.command.logs_json(), cli.command.failure());
-    run(cli).unwrap_or_else(|error| {
+    let tell = |level: &str, message: &str| {
         if is_json {
             let time = plumbline::clock::rfc3339(plumbline::clock::now_ms());
-            eprintln!("{}", serde_json::json!({ "timestamp": time, "level": "ERROR", "message": told(&error) }));
+            eprintln!("{}", serde_json::json!({ "timestamp": time, "level": level, "message": message }));
         } else {
-            eprintln!("plumbline: {}", told(&error));
+            eprintln!("plumbline: {message}");
         }
+    };
+    for warning in environment::warnings() {
+        tell("WARN", &warning);
+    }
+    run(cli).unwrap_or_else(|error| {
+        tell("ERROR", &told(&error));
         ExitCode::from(failure)
     })
 }

@@ -9,6 +9,7 @@ use crate::app::error::{AppError, AppResult, Kind};
 use crate::clock::now_ms;
 use crate::store::Store;
 use crate::store::location::Location;
+use crate::store::schema;
 
 /// How long a result holds; more frequent probes cost nothing.
 const HOLDS_FOR: Duration = Duration::from_secs(1);
@@ -61,6 +62,18 @@ impl Readiness {
             Ok(Err(error)) => {
                 tracing::error!(%error, "not ready");
                 Err("The database cannot be written or read; the service's log says why.")
+            }
+            Err(_late) if matches!(store.location(), Location::Server(_)) => {
+                // Whoever waits for a connection of the pool does not learn why there is none.
+                let why = match tokio::time::timeout(PATIENCE, schema::state(store.location())).await {
+                    Ok(Ok(_)) => "it answers a new connection".to_owned(),
+                    Ok(Err(error)) => error.to_string(),
+                    Err(_late) => "a new connection gets no answer either".to_owned(),
+                };
+                tracing::error!(%why, "not ready: the database server did not answer in time");
+                Err(
+                    "The database server did not answer in time: it may be down, or out of reach; the service's log says why.",
+                )
             }
             Err(_late) => {
                 tracing::error!(seconds = PATIENCE.as_secs(), "not ready: the database could not be written in time");

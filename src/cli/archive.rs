@@ -60,6 +60,9 @@ pub struct VerifyArchiveArgs {
     keys: Vec<String>,
 }
 
+/// Tiers of an epoch, whose boards an archive holds.
+const TIERS: [&str; 2] = ["official", "dev"];
+
 /// Everything that an epoch published.
 #[derive(Debug, Serialize, Deserialize)]
 struct Archive {
@@ -121,7 +124,7 @@ async fn download(service: &Service, name: &str) -> anyhow::Result<Archive> {
         log.push(page);
     }
     let mut boards = Vec::new();
-    for tier in ["official", "dev"] {
+    for tier in TIERS {
         boards.push(service.get(&format!("{of_epoch}/leaderboard?tier={tier}")).await?);
     }
     Ok(Archive {
@@ -161,6 +164,8 @@ pub fn verify(args: &VerifyArchiveArgs) -> anyhow::Result<ExitCode> {
         take_epoch(&mut kept, read_json(path)?).with_context(|| path.display().to_string())?;
         kept.pool = kept.pool.or(pool);
     }
+    let has_board = |tier: &str| archive.boards.iter().any(|board| board["tier"] == tier);
+    let missing: Vec<&str> = TIERS.into_iter().filter(|tier| !has_board(tier)).collect();
     let tree = tree_of(&archive)?;
     kept.log = archive.log.into_iter().flat_map(|page| page.receipts).collect();
     // Pages are read one after the other: each has the end of the log as it was then.
@@ -197,6 +202,9 @@ pub fn verify(args: &VerifyArchiveArgs) -> anyhow::Result<ExitCode> {
             println!("BROKEN  witness {}: has not cosigned the log with all receipts of the epoch", witness.name);
             is_good = false;
         }
+    }
+    for tier in missing {
+        println!("NOT CHECKED  the {tier} board: it is not in the archive");
     }
     if args.witnesses.is_empty() {
         println!("NOT CHECKED  cosignatures: no witness to trust was named (--witness)");

@@ -6,6 +6,7 @@ pub mod conformance;
 pub mod copies;
 pub mod database;
 pub mod demo;
+pub mod environment;
 pub mod epochs;
 pub mod grade;
 pub mod keys;

@@ -59,7 +59,7 @@ pub struct ServeArgs {
     /// Server of the public randomness beacon, such as <https://api.drand.sh>, from which the rounds that epochs are
     /// bound to are fetched. Without it, `plumbline epochs beacon` or anybody with `POST /v1/epochs/NAME/beacon` brings
     /// them.
-    #[arg(long, env = "PLUMBLINE_BEACON_URL", value_name = "URL")]
+    #[arg(long, env = "PLUMBLINE_BEACON_URL", value_name = "URL", value_parser = web_address)]
     beacon_url: Option<String>,
     /// Key of a witness of the transparency log, as `plumbline witness --name` prints it, whose cosignatures are taken
     /// and shown. May be given more than once.
@@ -180,4 +180,11 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
         let key = if args.open { None } else { Some(app.demo_key().await?) };
         Ok(Some(tokio::spawn(super::demo::run(format!("http://{}", app.address), key))))
     })
+}
+
+/// Checks that a text is the address of a web server.
+fn web_address(text: &str) -> Result<String, String> {
+    let address =
+        reqwest::Url::parse(text).ok().filter(|url| matches!(url.scheme(), "http" | "https") && url.has_host());
+    address.map(|_| text.to_owned()).ok_or_else(|| "expected an address such as https://api.drand.sh".to_owned())
 }

@@ -29,8 +29,10 @@ use crate::http::role::Role;
 use crate::http::{self, HttpParts};
 use crate::store::Store;
 use crate::store::blobs::BlobPlace;
+use crate::store::epochs::EpochRow;
 use crate::store::keys::{Holder, KeyCreated, Scope};
 use crate::store::location::Location;
+use crate::store::schema::{self, SchemaState};
 use crate::store::serving::Serving;
 use crate::store::suites::SuiteStored;
 use crate::worker::{WorkerSettings, Workers};
@@ -137,6 +139,9 @@ impl RunningService {
         let (serving, shared) = config.database.file().map_or((None, None), serving_notice);
         notices.extend(shared);
         notices.extend(unreached);
+        if config.role != Role::GradeOnly {
+            notices.extend(notices_of_secrets(&store).await?);
+        }
         notices.extend((config.role == Role::GradeOnly).then(|| GRADE_ONLY.to_owned()));
         for notice in &notices {
             tracing::warn!("{notice}");
@@ -249,6 +254,13 @@ async fn open_store(config: &Config) -> anyhow::Result<(Store, Option<String>)> 
     if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
         anyhow::bail!("cannot create the database {}: there is no folder {}", config.database, folder.display());
     }
+    // What cannot be read here is told when it is opened.
+    if let Ok(SchemaState { found, known, lacking, is_there: true }) = schema::state(&config.database).await
+        && !lacking.is_empty()
+        && found <= known
+    {
+        tracing::info!(found, needed = known, "bringing the schema of the database up to date");
+    }
     let store = Store::open(&config.database, config.secrets.clone())
         .await
         .with_context(|| format!("cannot open the database {}", config.database))?;
@@ -261,6 +273,31 @@ async fn open_store(config: &Config) -> anyhow::Result<(Store, Option<String>)> 
         store.follow_notices();
     }
     Ok((store, unreached))
+}
+
+/// Returns what the operator must know of the secrets: who else may read them, and which epochs cannot be revealed.
+async fn notices_of_secrets(store: &Store) -> anyhow::Result<Vec<String>> {
+    let secrets = store.secrets();
+    if !secrets.folder().is_dir() {
+        return Ok(Vec::new());
+    }
+    let exposed = secrets.exposed()?.map(|(path, mode)| {
+        let (path, folder) = (path.display(), secrets.folder().display());
+        format!("other users may read the secrets: {path} has mode {mode:04o}. Close the folder: chmod -R go= {folder}")
+    });
+    let now = now_ms();
+    let epochs = store.epochs().await?;
+    let lost: Vec<&str> =
+        epochs.iter().filter(|epoch| epoch.is_over(now) && !secrets.has_epoch(epoch.id())).map(EpochRow::id).collect();
+    let unrevealed = (!lost.is_empty()).then(|| {
+        format!(
+            "the keys of these epochs, which are over, are not in {}, so nobody can get their reveal and verify them: {}. Put \
+             them back from a backup made with --with-secrets",
+            secrets.folder().display(),
+            lost.join(", ")
+        )
+    });
+    Ok(exposed.into_iter().chain(unrevealed).collect())
 }
 
 async fn listen(option: &str, place: &str) -> anyhow::Result<TcpListener> {

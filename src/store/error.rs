@@ -8,7 +8,7 @@ use super::location::Location;
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// The database failed, refused a statement, or holds a value that it should not.
-    #[error("database: {0}")]
+    #[error("database: {0}{hint}", hint = remedy(.0))]
     Database(#[from] sqlx::Error),
     /// The schema of the database could not be migrated.
     #[error("migration: {0}")]
@@ -142,6 +142,18 @@ impl StoreError {
     /// Creates the error for a stored row that cannot be read.
     pub fn corrupt(table: &'static str, detail: impl std::fmt::Display) -> Self {
         Self::Corrupt { table, detail: detail.to_string() }
+    }
+}
+
+/// Says what the operator can do about a file that cannot be opened, of which SQLite says no more than that.
+fn remedy(error: &sqlx::Error) -> &'static str {
+    const SQLITE_CANTOPEN: i32 = 14;
+    let code = error.as_database_error().and_then(sqlx::error::DatabaseError::code);
+    match code.and_then(|code| code.parse::<i32>().ok()) {
+        Some(code) if code & 0xff == SQLITE_CANTOPEN => {
+            "; check that its folder exists, and that this user may read and write the file and create others beside it"
+        }
+        _ => "",
     }
 }
 

@@ -84,6 +84,7 @@ impl FromStr for Location {
         };
         match scheme.to_ascii_lowercase().as_str() {
             "postgres" | "postgresql" => match PgConnectOptions::from_str(&format!("postgres://{rest}")) {
+                Ok(_) if let Some(why) = unknown_parameter(rest) => Ok(Self::Unreadable(why)),
                 Ok(options) => Ok(Self::Server(Box::new(Server { options, shown: without_password(rest) }))),
                 Err(_) => unreadable(
                     "not a PostgreSQL URL, postgres://USER:PASSWORD@HOST:PORT/NAME: percent-encode what is special in \
@@ -94,6 +95,35 @@ impl FromStr for Location {
             _ => unreadable("no known database: give the path of a file, or postgres://USER@HOST/NAME"),
         }
     }
+}
+
+/// Parameters of a PostgreSQL URL.
+const PARAMETERS: [&str; 13] = [
+    "sslmode",
+    "sslrootcert",
+    "sslcert",
+    "sslkey",
+    "host",
+    "hostaddr",
+    "port",
+    "dbname",
+    "user",
+    "password",
+    "application_name",
+    "options",
+    "statement-cache-capacity",
+];
+
+/// Says which parameter of a URL does not exist, if one does not: with a misspelt `sslmode` the connection would have no
+/// TLS.
+fn unknown_parameter(rest: &str) -> Option<String> {
+    let (_, query) = rest.split_once('?')?;
+    let mut names = form_urlencoded::parse(query.as_bytes()).map(|(name, _)| name.into_owned());
+    let unknown = names.find(|name| !PARAMETERS.contains(&name.as_str()) && !name.starts_with("options["))?;
+    // With an @ after it, the question mark may belong to a password.
+    let named =
+        if query.contains('@') { "an unknown parameter".to_owned() } else { format!("no parameter {unknown:?}") };
+    Some(format!("the URL postgres://… has {named}; it may have {}", PARAMETERS.join(", ")))
 }
 
 /// Returns the URL of what follows `postgres://`, without its password and its parameters, which may hold one.
@@ -124,10 +154,23 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_misspelt_parameter_is_no_connection_without_tls() {
+        for query in ["sslmode=verify-full&options=-c%20x=1", "options[search_path]=x", "host=/run/postgresql"] {
+            assert!(matches!(format!("postgres://a@b/c?{query}").parse(), Ok(Location::Server(_))), "{query}");
+        }
+        for (query, named) in
+            [("sslmod=verify-full", "\"sslmod\""), ("sslMode=require", "\"sslMode\""), ("secret@d/e", "an unknown")]
+        {
+            let Ok(Location::Unreadable(why)) = format!("postgres://a@b/c?{query}").parse() else { panic!("{query}") };
+            assert!(why.contains(named) && why.contains("sslmode") && !why.contains("secret"), "{query}: {why}");
+        }
+    }
+
+    #[test]
     fn the_scheme_decides_and_passwords_are_not_shown() {
         assert!(matches!("data/p.db".parse(), Ok(Location::File(file)) if file == Path::new("data/p.db")));
         assert!(matches!("sqlite://p.db".parse(), Ok(Location::File(file)) if file == Path::new("p.db")));
-        let server: Location = "postgres://lab:secret@db.example:5433/grades?sslpassword=hush".parse().unwrap();
+        let server: Location = "postgres://lab:secret@db.example:5433/grades?password=hush".parse().unwrap();
         assert_eq!(server.to_string(), "postgres://lab@db.example:5433/grades");
         let server: Location = "Postgres://lab:se@cret@db.example/grades".parse().unwrap();
         assert_eq!(server.to_string(), "postgres://lab@db.example/grades");

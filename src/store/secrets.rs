@@ -2,7 +2,7 @@
 //! that only the user of the service may read, and copies of the database do not contain them.
 
 use std::io::{ErrorKind, Write as _};
-use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
+use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
@@ -199,6 +199,32 @@ impl Secrets {
         let content = serde_json::to_vec(&pool).map_err(|error| StoreError::corrupt("secrets", error))?;
         self.put(&pool_file(&commitment.epoch), &content)?;
         Ok(pool)
+    }
+
+    /// Returns the first path, the folder or a file in it, that other users may read or change, with its mode.
+    ///
+    /// # Errors
+    /// Returns an error if the folder cannot be read.
+    pub fn exposed(&self) -> StoreResult<Option<(PathBuf, u32)>> {
+        const OTHERS: u32 = 0o077;
+        let mode = |path: &Path| -> StoreResult<u32> {
+            let found = std::fs::metadata(path).map_err(|error| failed(path, &error))?;
+            Ok(found.permissions().mode() & 0o777)
+        };
+        // Files in a folder that only its owner enters are out of reach, whatever their own mode.
+        let folder = mode(&self.folder)?;
+        if folder & OTHERS == 0 {
+            return Ok(None);
+        }
+        let entries = std::fs::read_dir(&self.folder).map_err(|error| failed(&self.folder, &error))?;
+        for entry in entries {
+            let path = entry.map_err(|error| failed(&self.folder, &error))?.path();
+            let own = mode(&path)?;
+            if own & OTHERS != 0 {
+                return Ok(Some((path, own)));
+            }
+        }
+        Ok(Some((self.folder.clone(), folder)))
     }
 
     /// Copies every secret to another folder; existing files stay unchanged.
