@@ -290,6 +290,11 @@ impl From<StoreError> for AppError {
             tracing::warn!(%error, "the database is busy");
             return Self::new(Kind::Busy, "The database is busy. The request may be sent again.").retry_after(1);
         }
+        if error.is_full() {
+            tracing::error!(%error, "the disk of the database is full");
+            let detail = "The disk of the database is full; nothing was stored. The request may be sent again once there is room.";
+            return Self::new(Kind::Busy, detail).retry_after(10);
+        }
         if let StoreError::Blobs { .. } = error {
             tracing::warn!(%error, "refused");
             let detail = "The place of large logs and reports does not answer. The request may be sent again.";

@@ -139,6 +139,13 @@ impl StoreError {
         }
     }
 
+    /// Returns whether the disk of the database is full, so that the same operation may succeed once there is room.
+    #[must_use]
+    pub fn is_full(&self) -> bool {
+        let Self::Database(sqlx::Error::Database(error)) = self else { return false };
+        error.code().is_some_and(|code| is_full_code(&code))
+    }
+
     /// Creates the error for a stored row that cannot be read.
     pub fn corrupt(table: &'static str, detail: impl std::fmt::Display) -> Self {
         Self::Corrupt { table, detail: detail.to_string() }
@@ -169,6 +176,13 @@ fn is_busy_code(code: &str) -> bool {
         return POSTGRES.contains(&code) || code.starts_with("08");
     }
     code.parse::<i32>().is_ok_and(|code| matches!(code & 0xff, SQLITE_BUSY | SQLITE_LOCKED))
+}
+
+/// Returns whether a code of the database says that its disk is full.
+fn is_full_code(code: &str) -> bool {
+    const SQLITE_FULL: &str = "13";
+    const POSTGRES: &str = "53100";
+    code == SQLITE_FULL || code == POSTGRES
 }
 
 /// Result of a store function.

@@ -163,7 +163,7 @@ impl Scene {
         (submission.suite_id, submission.task_hash, submission.lane) =
             (HIDDEN_SUITE.to_owned(), task_hash, Lane::Hidden);
         // Most repeat what was said first.
-        submission.log_hash = ["one", "other"][usize::from(self.below(5) == 0)].to_owned();
+        ["one", "other"][usize::from(self.below(5) == 0)].clone_into(&mut submission.log_hash);
         let transcript = [None, Some("shown"), Some("another")][self.below(3)];
         let new = NewAnswer { instance_id: &id, submission: &submission, transcript_hash: transcript };
         let found = self.store.answer_instance(&new, decide_answer, decide_all, self.now_ms).await.unwrap();

@@ -193,7 +193,7 @@ impl Model {
             return Err(AnswerRefusal::Closed);
         } else if now_ms >= instance.expires_at_ms {
             return Err(AnswerRefusal::Expired);
-        } else if !self.reserve(&new.owner) {
+        } else if !self.reserve(new.owner.as_deref()) {
             return Err(AnswerRefusal::QuotaUsedUp);
         }
         if takes_over.is_none() {

@@ -127,7 +127,7 @@ impl Model {
                 Some(id) => return Accepted::Other(id),
             }
         }
-        if !self.reserve(&new.owner) {
+        if !self.reserve(new.owner.as_deref()) {
             return Accepted::QuotaUsedUp;
         }
         if let Some(id) = replaced {
@@ -138,9 +138,9 @@ impl Model {
     }
 
     /// Reserves a unit of an owner's quota, if there is one.
-    pub fn reserve(&mut self, owner: &Option<String>) -> bool {
+    pub fn reserve(&mut self, owner: Option<&str>) -> bool {
         let Some(owner) = owner else { return true };
-        let quota = self.quotas.entry(owner.clone()).or_default();
+        let quota = self.quotas.entry(owner.to_owned()).or_default();
         let used = quota.charged + quota.reserved - quota.used_before;
         let is_left = quota.granted.is_none_or(|granted| granted > used);
         quota.reserved += i64::from(is_left);

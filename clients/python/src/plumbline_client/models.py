@@ -4341,6 +4341,10 @@ class FoundBody(BaseModel):
     """
     Number of earlier answers in the same text, which do not count.
     """
+    cut_off: Annotated[int | None, Field(ge=0)] = None
+    """
+    Line of that text on which JSON begins, after the answer, that the end of the text cuts off, from 1.
+    """
 
 
 class Graded(BaseModel):
