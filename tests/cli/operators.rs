@@ -168,7 +168,8 @@ async fn a_new_receipt_key_is_told_and_the_log_verifies_under_both() {
     let dry = succeeded(&plumbline(&["restore", "--dry-run", path("copy.db").to_str().unwrap()], &path("r.db")));
     assert!(dry.contains("without keys") && dry.contains("r.db") && dry.contains("1 submission,"), "{dry}");
     assert!(!path("r.db").exists());
-    succeeded(&plumbline(&["restore", path("copy.db").to_str().unwrap()], &path("r.db")));
+    let done = succeeded(&plumbline(&["restore", path("copy.db").to_str().unwrap()], &path("r.db")));
+    assert!(done.contains("shorter than witnesses have seen it"), "{done}");
     let restored = Service::start(&path("r.db"), &[]);
     let new = key_of(&restored).await;
     assert_ne!(new, old);
@@ -189,6 +190,13 @@ async fn a_new_receipt_key_is_told_and_the_log_verifies_under_both() {
     restored.kill();
     let again = Service::start(&path("r.db"), &[]);
     assert_eq!(again.get("/v1/receipts").await.json()["receipts"].as_array().unwrap().len(), 3);
+    again.kill();
+    // Its keys are still there when an earlier copy takes its place.
+    for file in ["r.db", "r.db-wal", "r.db-shm"] {
+        let _ = std::fs::remove_file(path(file));
+    }
+    let dry = succeeded(&plumbline(&["restore", "--dry-run", path("copy.db").to_str().unwrap()], &path("r.db")));
+    assert!(dry.contains("r.db.secrets stay as they are"), "{dry}");
 }
 
 #[tokio::test]

@@ -87,6 +87,11 @@ async fn an_epoch_is_verified_from_one_file() {
         assert_eq!(output.status.code(), Some(1), "{what}: {}", refused(&output));
         assert!(refused(&output).contains("BROKEN"), "{what}");
     }
+    // What is not there cannot be checked.
+    let mut lacking = archive.clone();
+    lacking["boards"].as_array_mut().unwrap().pop();
+    let told = succeeded(&verified(&pack(&scene, "lacking", &lacking), &["--commitment", &kept, "--witness", &key]));
+    assert!(told.contains("NOT CHECKED  the dev board"), "{told}");
     // What is no archive is no breach.
     let whole = std::fs::read(&out).unwrap();
     std::fs::write(scene.file("cut"), &whole[..whole.len() / 2]).unwrap();

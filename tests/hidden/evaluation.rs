@@ -223,7 +223,7 @@ async fn a_run_that_was_drawn_is_answered_in_time_or_failed_and_budgets_end() {
 
 #[tokio::test]
 async fn a_lost_key_closes_the_epoch_and_says_so() {
-    let scene = Scene::new(&[]);
+    let mut scene = Scene::new(&[]);
     let lab = scene.key("lab");
     let secrets = scene.file("p.db.secrets");
     let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
@@ -258,6 +258,14 @@ async fn a_lost_key_closes_the_epoch_and_says_so() {
     scene.is_sealed().await;
     let reveal = scene.service.get("/v1/epochs/autumn/reveal").await;
     assert_eq!(reveal.json()["type"], "urn:plumbline:problem:key-lost", "{}", reveal.text);
+    // Without the file the start says which epochs nobody can verify, and who else may read what is left.
+    std::fs::remove_file(secrets.join("epoch-autumn.json")).unwrap();
+    let opened = std::os::unix::fs::PermissionsExt::from_mode(0o755);
+    std::fs::set_permissions(&secrets, opened).unwrap();
+    scene.restart(None);
+    let told = scene.service.said.lock().unwrap().join("\n");
+    assert!(told.contains("so nobody can get their reveal") && told.contains("autumn"), "{told}");
+    assert!(told.contains("other users may read the secrets") && told.contains("mode 0755"), "{told}");
 }
 
 #[tokio::test]

@@ -10,6 +10,7 @@ use plumbline::store::states::{RunState, SubmissionState};
 use plumbline::store::submissions::NewSubmission;
 
 use super::hidden_model::Hidden;
+use super::quota_model::Quota;
 use super::regrades::Regrade;
 
 /// Owners of runs and submissions; some belong to nobody.
@@ -55,14 +56,6 @@ impl Submission {
 pub struct Run {
     pub owner: Option<&'static str>,
     pub state: RunState,
-}
-
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Quota {
-    pub granted: Option<i64>,
-    pub reserved: i64,
-    pub charged: i64,
-    pub used_before: i64,
 }
 
 pub struct Model {
@@ -135,27 +128,6 @@ impl Model {
         }
         self.put(new, None);
         Accepted::New
-    }
-
-    /// Reserves a unit of an owner's quota, if there is one.
-    pub fn reserve(&mut self, owner: Option<&str>) -> bool {
-        let Some(owner) = owner else { return true };
-        let quota = self.quotas.entry(owner.to_owned()).or_default();
-        let used = quota.charged + quota.reserved - quota.used_before;
-        let is_left = quota.granted.is_none_or(|granted| granted > used);
-        quota.reserved += i64::from(is_left);
-        is_left
-    }
-
-    /// Charges a reserved unit, or gives it back.
-    pub fn settle_unit(&mut self, owner: Option<&str>, is_charged: bool) {
-        let Some(quota) = owner.and_then(|owner| self.quotas.get_mut(owner)) else { return };
-        quota.reserved -= 1;
-        if is_charged {
-            quota.charged += 1;
-        } else {
-            quota.used_before = quota.used_before.min(quota.charged + quota.reserved);
-        }
     }
 
     /// Stores a submission, which waits from now on.
@@ -302,23 +274,6 @@ impl Model {
             own().filter(is_graded).count() as i64,
             own().filter(is_error).count() as i64,
         )
-    }
-
-    pub fn grant(&mut self, owner: &str, units: i64) {
-        let quota = self.quotas.entry(owner.to_owned()).or_default();
-        if quota.granted.is_none() {
-            quota.used_before = quota.charged + quota.reserved;
-        }
-        quota.granted = Some(quota.granted.unwrap_or(0) + units);
-    }
-
-    pub fn lift(&mut self, owner: &str) -> bool {
-        let quota = self.quotas.entry(owner.to_owned()).or_default();
-        let was_limited = quota.granted.take().is_some();
-        if was_limited {
-            quota.used_before = 0;
-        }
-        was_limited
     }
 
     pub fn finish(&mut self, id: &str, skip: Option<&Skip>) -> RunChanged {
