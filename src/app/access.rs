@@ -11,6 +11,7 @@ use crate::app::App;
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::clock::now_ms;
 use crate::store::keys::{KeyRow, Scope, parts};
+use crate::store::location::Location;
 use crate::store::{Store, StoreResult};
 
 /// Time for which a key is trusted before it is looked up again; a revoked key works no longer than this.
@@ -122,6 +123,12 @@ impl App {
     /// Returns an error if the database fails.
     pub async fn live_key(&self, sent: &str) -> AppResult<Option<KeyRow>> {
         self.keys.live(&self.store, sent).await
+    }
+
+    /// Returns whether this node knows the keys of the service; one without a database knows none.
+    #[must_use]
+    pub fn keeps_keys(&self) -> bool {
+        !matches!(self.store.location(), Location::Memory)
     }
 
     /// Stores the last uses of keys in one transaction. Requests never wait for this.

@@ -85,8 +85,13 @@ pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
     let kept = args.database.kept_secrets();
     match (args.with_secrets, keys.folder().exists()) {
         (true, _) => println!("with the keys in {}", keys.folder().display()),
+        (false, true) => {
+            println!("without the keys in {}; --with-secrets includes them", keys.folder().display());
+            if kept.has_signer()? {
+                println!("the keys in {} stay as they are", kept.folder().display());
+            }
+        }
         _ if kept.has_signer()? => println!("the keys in {} stay as they are", kept.folder().display()),
-        (false, true) => println!("without the keys in {}; --with-secrets includes them", keys.folder().display()),
         (false, false) => println!(
             "without keys: open epochs close, those that are over cannot be revealed any more, and receipts are signed with a \
              new key, which their log notes"
@@ -110,8 +115,8 @@ pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
     let contents = copy_checked(&args.file, database)?;
     tell("restored to", database, contents);
     println!(
-        "if the service accepted anything after this backup, its log of receipts is now shorter than witnesses have seen it, \
-         and they will say so: tell them before you start it"
+        "if the service accepted anything after this backup, its log of receipts is now shorter than witnesses may have seen \
+         it, and they will say so: tell them before you start it"
     );
     Ok(ExitCode::SUCCESS)
 }

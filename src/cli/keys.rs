@@ -230,7 +230,8 @@ async fn rotate(store: &Store, given: &str, overlap_hours: u32, expires: Option<
     let overlap_end = now + i64::from(overlap_hours) * HOUR_MS;
     let end = old.expires_at_ms.map_or(overlap_end, |own| own.min(overlap_end));
     // A key that expires is replaced by one with the same lifetime, also if its own was cut short by a replacement.
-    let lifetime_ms = expires.or(old.lifetime_ms).or_else(|| old.expires_at_ms.map(|own| own - old.created_at_ms));
+    let by_its_end = || old.expires_at_ms.map(|own| own - old.created_at_ms);
+    let lifetime_ms = expires.or_else(|| old.lifetime_ms.map_or_else(by_its_end, |own| (own > 0).then_some(own)));
     let expires_at_ms = lifetime_ms.map(|lifetime_ms| now + lifetime_ms);
     let Some(key) = store.rotate_key(&old.id, end, expires_at_ms, now).await? else {
         bail!("{:?} has {LIVE_KEYS} live keys; revoke the other one first (plumbline keys list)", old.owner);

@@ -278,13 +278,16 @@ async fn open_store(config: &Config) -> anyhow::Result<(Store, Option<String>)> 
 /// Returns what the operator must know of the secrets: who else may read them, and which epochs cannot be revealed.
 async fn notices_of_secrets(store: &Store) -> anyhow::Result<Vec<String>> {
     let secrets = store.secrets();
-    if !secrets.folder().is_dir() {
-        return Ok(Vec::new());
-    }
-    let exposed = secrets.exposed()?.map(|(path, mode)| {
+    let exposed = secrets.exposed().map(|(path, mode)| {
         let (path, folder) = (path.display(), secrets.folder().display());
-        format!("other users may read the secrets: {path} has mode {mode:04o}. Close the folder: chmod -R go= {folder}")
+        format!(
+            "others may read or change the secrets: {path} has mode {mode:04o}. Close the folder: chmod -R go= {folder}"
+        )
     });
+    // Another node of a server may have the keys that this one lacks.
+    if matches!(store.location(), Location::Server(_)) {
+        return Ok(exposed.into_iter().collect());
+    }
     let now = now_ms();
     let epochs = store.epochs().await?;
     let lost: Vec<&str> =

@@ -107,8 +107,8 @@ pub struct KeyRow {
     pub created_at_ms: i64,
     /// Time at which the key expires.
     pub expires_at_ms: Option<i64>,
-    /// Time for which the key was made, in milliseconds; its end comes sooner if it was replaced. None if it does not
-    /// expire, and for keys that are older than this column.
+    /// Time for which the key was made, in milliseconds, 0 if it was made to live for ever; its end comes sooner if it was
+    /// replaced. None if a former version made it.
     pub lifetime_ms: Option<i64>,
     /// Time at which the key was revoked.
     pub revoked_at_ms: Option<i64>,
@@ -235,7 +235,7 @@ async fn enter_key(
     .bind(scopes.join(","))
     .bind(now_ms)
     .bind(expires_at_ms)
-    .bind(expires_at_ms.map(|expires_at_ms| expires_at_ms - now_ms))
+    .bind(expires_at_ms.map_or(0, |expires_at_ms| expires_at_ms - now_ms))
     .execute(tx)
     .await?;
     Ok(format!("{PREFIX}_{id}_{secret}"))

@@ -84,7 +84,7 @@ impl FromStr for Location {
         };
         match scheme.to_ascii_lowercase().as_str() {
             "postgres" | "postgresql" => match PgConnectOptions::from_str(&format!("postgres://{rest}")) {
-                Ok(_) if let Some(why) = unknown_parameter(rest) => Ok(Self::Unreadable(why)),
+                Ok(_) if let Some(why) = misspelt_parameter(rest) => Ok(Self::Unreadable(why)),
                 Ok(options) => Ok(Self::Server(Box::new(Server { options, shown: without_password(rest) }))),
                 Err(_) => unreadable(
                     "not a PostgreSQL URL, postgres://USER:PASSWORD@HOST:PORT/NAME: percent-encode what is special in \
@@ -98,8 +98,13 @@ impl FromStr for Location {
 }
 
 /// Parameters of a PostgreSQL URL.
-const PARAMETERS: [&str; 13] = [
+const PARAMETERS: [&str; 18] = [
     "sslmode",
+    "ssl-mode",
+    "ssl-root-cert",
+    "ssl-ca",
+    "ssl-cert",
+    "ssl-key",
     "sslrootcert",
     "sslcert",
     "sslkey",
@@ -114,24 +119,32 @@ const PARAMETERS: [&str; 13] = [
     "statement-cache-capacity",
 ];
 
-/// Says which parameter of a URL does not exist, if one does not: with a misspelt `sslmode` the connection would have no
-/// TLS.
-fn unknown_parameter(rest: &str) -> Option<String> {
+/// Greatest number of slips in a misspelt parameter.
+const SLIPS: usize = 2;
+
+/// Says which parameter of a URL is misspelt, if one is: without `sslmode` the connection would have no TLS. Parameters of
+/// other clients are left alone. Says nothing else of the URL, which may hold a password.
+fn misspelt_parameter(rest: &str) -> Option<String> {
     let (_, query) = rest.split_once('?')?;
-    let mut names = form_urlencoded::parse(query.as_bytes()).map(|(name, _)| name.into_owned());
-    let unknown = names.find(|name| !PARAMETERS.contains(&name.as_str()) && !name.starts_with("options["))?;
-    // With an @ after it, the question mark may belong to a password.
-    let named =
-        if query.contains('@') { "an unknown parameter".to_owned() } else { format!("no parameter {unknown:?}") };
-    Some(format!("the URL postgres://… has {named}; it may have {}", PARAMETERS.join(", ")))
+    form_urlencoded::parse(query.as_bytes()).find_map(|(name, _)| {
+        if PARAMETERS.contains(&&*name) || name.starts_with("options[") {
+            return None;
+        }
+        let slips = |own: &str| strsim::osa_distance(&name.to_lowercase(), own);
+        let near = PARAMETERS.into_iter().filter(|own| slips(own) <= SLIPS.min(own.len() / 3));
+        let meant = near.min_by_key(|own| slips(own))?;
+        Some(format!("the URL postgres://… has no parameter {name:?}; did you mean {meant}?"))
+    })
 }
 
 /// Returns the URL of what follows `postgres://`, without its password and its parameters, which may hold one.
 fn without_password(rest: &str) -> String {
+    // In a URL that can be read, a question mark begins the parameters.
+    let rest = rest.split('?').next().unwrap_or_default();
     let (authority, name) = rest.split_once('/').unwrap_or((rest, ""));
     let (who, place) = authority.rsplit_once('@').unwrap_or(("", authority));
-    let (who, name) = (who.split(':').next().unwrap_or_default(), name.split('?').next().unwrap_or_default());
-    let (place, at) = (place.split('?').next().unwrap_or_default(), if who.is_empty() { "" } else { "@" });
+    let who = who.split(':').next().unwrap_or_default();
+    let at = if who.is_empty() { "" } else { "@" };
     format!("postgres://{who}{at}{place}/{name}")
 }
 
@@ -155,14 +168,22 @@ mod tests {
 
     #[test]
     fn a_misspelt_parameter_is_no_connection_without_tls() {
-        for query in ["sslmode=verify-full&options=-c%20x=1", "options[search_path]=x", "host=/run/postgresql"] {
+        for query in [
+            "sslmode=verify-full&options=-c%20x=1",
+            "ssl-mode=require&ssl-ca=/x",
+            "options[search_path]=x&connect_timeout=3&channel_binding=require",
+            "host=/run/postgresql",
+            "password=ab&cdSecret",
+        ] {
             assert!(matches!(format!("postgres://a@b/c?{query}").parse(), Ok(Location::Server(_))), "{query}");
         }
-        for (query, named) in
-            [("sslmod=verify-full", "\"sslmod\""), ("sslMode=require", "\"sslMode\""), ("secret@d/e", "an unknown")]
-        {
+        for (query, named) in [
+            ("sslmod=verify-full", "\"sslmod\"; did you mean sslmode?"),
+            ("sslMode=require", "\"sslMode\"; did you mean sslmode?"),
+            ("a=1&ssl_mode=require", "\"ssl_mode\"; did you mean sslmode?"),
+        ] {
             let Ok(Location::Unreadable(why)) = format!("postgres://a@b/c?{query}").parse() else { panic!("{query}") };
-            assert!(why.contains(named) && why.contains("sslmode") && !why.contains("secret"), "{query}: {why}");
+            assert!(why.ends_with(named), "{query}: {why}");
         }
     }
 
@@ -172,6 +193,13 @@ mod tests {
         assert!(matches!("sqlite://p.db".parse(), Ok(Location::File(file)) if file == Path::new("p.db")));
         let server: Location = "postgres://lab:secret@db.example:5433/grades?password=hush".parse().unwrap();
         assert_eq!(server.to_string(), "postgres://lab@db.example:5433/grades");
+        for hidden in ["lab@db?password=p@q", "lab@db?password=a/b", "db?user=lab&password=p@q", "lab@db/?password=x"] {
+            let server: Location = format!("postgres://{hidden}").parse().unwrap();
+            assert!(
+                matches!(&server, Location::Server(_)) && !server.to_string().contains(['=', '?', 'q']),
+                "{server}"
+            );
+        }
         let server: Location = "Postgres://lab:se@cret@db.example/grades".parse().unwrap();
         assert_eq!(server.to_string(), "postgres://lab@db.example/grades");
         for text in

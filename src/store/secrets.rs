@@ -201,30 +201,23 @@ impl Secrets {
         Ok(pool)
     }
 
-    /// Returns the first path, the folder or a file in it, that other users may read or change, with its mode.
-    ///
-    /// # Errors
-    /// Returns an error if the folder cannot be read.
-    pub fn exposed(&self) -> StoreResult<Option<(PathBuf, u32)>> {
+    /// Returns a file that other users may read or change, or the folder if they may change what is in it, with its mode.
+    /// What cannot be looked at is left out.
+    #[must_use]
+    pub fn exposed(&self) -> Option<(PathBuf, u32)> {
         const OTHERS: u32 = 0o077;
-        let mode = |path: &Path| -> StoreResult<u32> {
-            let found = std::fs::metadata(path).map_err(|error| failed(path, &error))?;
-            Ok(found.permissions().mode() & 0o777)
-        };
-        // Files in a folder that only its owner enters are out of reach, whatever their own mode.
+        const OTHERS_WRITE: u32 = 0o022;
+        let mode = |path: &Path| Some(std::fs::metadata(path).ok()?.permissions().mode() & 0o777);
         let folder = mode(&self.folder)?;
+        if folder & OTHERS_WRITE != 0 {
+            return Some((self.folder.clone(), folder));
+        }
+        // Files in a folder that only its owner enters are out of reach, whatever their own mode.
         if folder & OTHERS == 0 {
-            return Ok(None);
+            return None;
         }
-        let entries = std::fs::read_dir(&self.folder).map_err(|error| failed(&self.folder, &error))?;
-        for entry in entries {
-            let path = entry.map_err(|error| failed(&self.folder, &error))?.path();
-            let own = mode(&path)?;
-            if own & OTHERS != 0 {
-                return Ok(Some((path, own)));
-            }
-        }
-        Ok(Some((self.folder.clone(), folder)))
+        let files = std::fs::read_dir(&self.folder).ok()?.flatten().map(|entry| entry.path());
+        files.filter_map(|path| mode(&path).map(|own| (path, own))).find(|(_, own)| own & OTHERS != 0)
     }
 
     /// Copies every secret to another folder; existing files stay unchanged.

@@ -128,6 +128,9 @@ async fn a_node_that_only_grades_needs_no_database() {
     let mut body = crate::support::good_build(&task, false, None);
     let graded = node.post_json("/v1/grade", &body).await;
     assert_eq!((graded.status, graded.json()["overall"].as_bool()), (StatusCode::OK, Some(true)), "{}", graded.text);
+    // It knows no key, so one of the service that it stands beside is as good as none.
+    let keyed = node.http.post(format!("{}/v1/grade", node.url)).bearer_auth("plk_000000000000_0").json(&body);
+    assert_eq!(node.send(keyed).await.status, StatusCode::OK);
     body["task"] = json!("no-such");
     assert_eq!(node.post_json("/v1/grade", &body).await.faults(422), ["null /task"]);
     assert_eq!(node.get("/v1/tasks").await.status, StatusCode::OK);

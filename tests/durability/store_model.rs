@@ -52,8 +52,8 @@ struct Scene {
     logs: Vec<PackedLog>,
     /// For each task, a report on a build that solves it, and one on an empty log.
     reports: Vec<[PackedReport; 2]>,
-    /// The scores of the first task's reports.
-    scores: [ProblemScores; 2],
+    /// The scores of these reports.
+    scores: Vec<[ProblemScores; 2]>,
     /// What all epochs draw from.
     secret: Arc<EpochSecret>,
     model: Model,
@@ -78,7 +78,7 @@ impl Scene {
         let built: Vec<BlockLog> = suite.tasks.iter().map(|task| build(task).unwrap()).collect();
         let logs = built.iter().map(|log| PackedLog::of(&log.canonical_json()).unwrap()).collect();
         let graded: Vec<[Report; 2]> = suite.tasks.iter().zip(&built).map(|(task, log)| both(task, log)).collect();
-        let scores = graded[0].each_ref().map(Report::scores);
+        let scores = graded.iter().map(|reports| reports.each_ref().map(Report::scores)).collect();
         let packed = |reports: &[Report; 2]| reports.each_ref().map(|report| PackedReport::of(report, 1).unwrap());
         let reports = graded.iter().map(packed).collect();
         let (model, claims, random) = (Model::new(TASKS), Vec::new(), Mt64::new(seed));
@@ -219,6 +219,7 @@ impl Scene {
     async fn compare(&mut self) {
         for (id, expected) in &self.model.submissions {
             assert_eq!(self.state_of(id).await, expected.state, "{id}: {expected:?}");
+            self.compare_reports(id, expected).await;
         }
         for (id, expected) in &self.model.runs {
             let run = self.store.run(id).await.unwrap().unwrap();

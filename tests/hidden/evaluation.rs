@@ -260,12 +260,16 @@ async fn a_lost_key_closes_the_epoch_and_says_so() {
     assert_eq!(reveal.json()["type"], "urn:plumbline:problem:key-lost", "{}", reveal.text);
     // Without the file the start says which epochs nobody can verify, and who else may read what is left.
     std::fs::remove_file(secrets.join("epoch-autumn.json")).unwrap();
-    let opened = std::os::unix::fs::PermissionsExt::from_mode(0o755);
-    std::fs::set_permissions(&secrets, opened).unwrap();
+    for (path, mode) in [(secrets.clone(), 0o755), (secrets.join("receipts.key"), 0o644)] {
+        std::fs::set_permissions(path, std::os::unix::fs::PermissionsExt::from_mode(mode)).unwrap();
+    }
     scene.restart(None);
     let told = scene.service.said.lock().unwrap().join("\n");
     assert!(told.contains("so nobody can get their reveal") && told.contains("autumn"), "{told}");
-    assert!(told.contains("other users may read the secrets") && told.contains("mode 0755"), "{told}");
+    assert!(
+        told.contains("others may read or change the secrets") && told.contains("receipts.key has mode 0644"),
+        "{told}"
+    );
 }
 
 #[tokio::test]

@@ -181,12 +181,18 @@ async fn a_shaped_data_set_has_no_row_that_is_refused() {
     };
     let (shaped, strict) = (rows("shaped").await, rows("strict").await);
     assert!(shaped.len() < strict.len() && shaped.len() > 15, "{} of {}", shaped.len(), strict.len());
-    let labels: Vec<&Value> = shaped.iter().map(|row| &row["label"]).collect();
-    let queries = vec!["I build nothing."; labels.len()];
-    let body = json!({ "query": queries, "prompts": vec![""; labels.len()], "labels": labels });
-    let answer = service.post_json("/get_reward", &body).await;
-    assert_eq!(answer.status, 200, "{}", answer.text);
-    assert!(!answer.text.contains("nothing to shape"), "{}", answer.text);
+    let task = |row: &Value| {
+        let label: Value = serde_json::from_str(row["label"].as_str().unwrap()).unwrap();
+        label["task"].as_str().unwrap().to_owned()
+    };
+    let kept: Vec<String> = shaped.iter().map(task).collect();
+    for task in strict.iter().map(task) {
+        let body =
+            json!({ "task": task, "suite": "mineceraft-lite@1", "reward": "shaped", "answer": "{\"events\": []}" });
+        let graded = service.post_json("/v1/grade", &body).await;
+        let expected = if kept.contains(&task) { 200 } else { 422 };
+        assert_eq!(graded.status, expected, "{task}: {}", graded.text);
+    }
 }
 
 #[tokio::test]
@@ -202,6 +208,7 @@ async fn all_rollouts_of_a_step_are_rewarded_although_each_comes_by_itself() {
     // Labels for other frameworks name the scheme otherwise.
     for naming in [
         json!({ "task": "walls/5x1x5-raise", "profile": "mindcraft", "scheme": "mean" }),
+        json!({ "scheme": 3, "task": "walls/5x1x5-raise", "profile": "mindcraft", "verifier_metadata": { "scheme": "mean" } }),
         json!({ "verifier_metadata": { "task": "walls/5x1x5-raise", "profile": "mindcraft", "reward": "mean" }, "reward": 0.5 }),
     ] {
         let mut sent = json!({ "response": { "output_text": answer } });

@@ -68,6 +68,13 @@ async fn grading_may_be_open_or_keyed_by_path() {
         let answer = service.send(with(key)).await;
         assert_eq!(answer.status, StatusCode::UNAUTHORIZED, "{}", answer.text);
     }
+    for authorization in
+        [grading.clone(), format!("Basic {}", base64::Engine::encode(&base64::prelude::BASE64_STANDARD, "plk_typo:"))]
+    {
+        let sent =
+            service.http.post(format!("{}/v1/runs", service.url)).header("authorization", authorization).json(&run);
+        assert_eq!(service.send(sent).await.status, StatusCode::UNAUTHORIZED);
+    }
     let mine = service.http.get(format!("{}/v1/runs?mine=true", service.url)).bearer_auth("EMPTY");
     let mine = service.send(mine).await;
     assert!(mine.status == StatusCode::BAD_REQUEST && mine.text.contains("the key is unknown"), "{}", mine.text);

@@ -187,9 +187,10 @@ impl Found {
             open_files(app, who, &mut self.sent, &mut EventBudget::whole(&app.limits), &mut faults).await?;
         }
         if self.has_code() && faults.is_empty() {
-            // What the code takes is taken from the time for grading.
-            let left = &mut self.request.deadline;
-            replays = run_sent(app, who, &mut self.sent, left, &mut faults).await?;
+            let GradeRequest { deadline, for_code, .. } = &mut self.request;
+            replays = run_sent(app, who, &mut self.sent, for_code, &mut faults).await?;
+            // What the code took is taken from the time for grading.
+            *deadline = (*deadline).min(*for_code);
         }
         if self.sent.log.event_count() <= INSTANT_EVENTS {
             return self.finish(replays, faults);

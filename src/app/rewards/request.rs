@@ -99,6 +99,8 @@ pub struct GradeRequest {
     pub detail: Detail,
     /// Time that grading may take.
     pub deadline: Duration,
+    /// Time that action code may take, if the request has a deadline; otherwise its own limits end it.
+    pub for_code: Duration,
 }
 
 /// Reads a request to grade and adds all its faults to `faults`. Returns `None` if it has no task or no work that could
@@ -113,6 +115,7 @@ pub fn read_request(text: &[u8], faults: &mut Faults) -> Result<Option<GradeRequ
     }
     let work = body.answer.map(GivenWork::Answer).or_else(|| body.turns.or(body.log).map(GivenWork::Log));
     let (Some(task), Some(work)) = (body.task, work) else { return Ok(None) };
+    let asked = body.deadline_ms.map(Duration::from_millis);
     Ok(Some(GradeRequest {
         task,
         suite: body.suite,
@@ -120,7 +123,8 @@ pub fn read_request(text: &[u8], faults: &mut Faults) -> Result<Option<GradeRequ
         work,
         scheme: body.reward.unwrap_or_default(),
         detail: body.detail.unwrap_or_default(),
-        deadline: Duration::from_millis(body.deadline_ms.unwrap_or(LIMITS.grade_default_deadline_ms)),
+        deadline: asked.unwrap_or(Duration::from_millis(LIMITS.grade_default_deadline_ms)),
+        for_code: asked.unwrap_or(Duration::MAX),
     }))
 }
 

@@ -226,6 +226,7 @@ impl From<TaskQuery> for TaskFilter {
          )),
         (status = 304, description = "Not modified: If-None-Match names the current entity tag"),
         (status = 404, description = "There is no such suite"),
+        (status = 504, description = "What the tasks of a data set can earn was not known in time"),
     )
 )]
 pub async fn list_tasks(
@@ -244,7 +245,7 @@ pub async fn list_tasks(
     must_have(&page.entry.suite, track)?;
     if format != TaskFormat::Json {
         let set = DataSet { format, track, profile, scheme };
-        let mut tasks: Vec<&Task> = page.tasks().collect();
+        let mut tasks: Vec<&Task> = page.tasks().filter(|task| task.turns.len() == 1).collect();
         if set.is_shaped() {
             // A trainer that asks for the reward of the others would be refused.
             let beatable = state.grader.beatable(&page.entry, tasks.iter().map(|task| task.number), &who).await?;

@@ -16,7 +16,7 @@ use crate::app::access::{Caller, Openness, unauthorized};
 use crate::app::error::{AppError, AppResult};
 use crate::http::middleware::rates::{Peer, RateLimitStatus, RateLimited};
 use crate::http::state::AppState;
-use crate::store::keys::{KeyRow, Scope, has_form, parts};
+use crate::store::keys::{KeyRow, Scope, has_form};
 
 /// Result of looking up the key of a request, passed to the handler as a request extension.
 #[derive(Debug, Clone)]
@@ -100,7 +100,9 @@ pub async fn identify(state: &AppState, request: &mut Request) -> Result<Sender,
                     (Some(Identified::Key(key)), left)
                 }
                 None => {
-                    let refused = if has_form(&sent) { Identified::NotLive } else { Identified::Refused(NOT_LIVE) };
+                    // A node without a database knows no key, and serves everybody.
+                    let is_meant = has_form(&sent) && state.keeps_keys();
+                    let refused = if is_meant { Identified::NotLive } else { Identified::Refused(NOT_LIVE) };
                     (Some(refused), state.rates.without_key(peer, request.headers())?)
                 }
             }
@@ -186,9 +188,11 @@ fn in_headers(headers: &HeaderMap) -> Sent {
         Some((scheme, key)) if scheme.eq_ignore_ascii_case("bearer") => Sent::Key(key.trim().to_owned()),
         Some((scheme, pair)) if scheme.eq_ignore_ascii_case("basic") => {
             let decoded = BASE64_STANDARD.decode(pair.trim()).ok().and_then(|bytes| String::from_utf8(bytes).ok());
-            let key = decoded.as_deref().and_then(|pair| pair.split(':').find(|part| parts(part).is_some()));
+            let key = decoded.as_deref().and_then(|pair| pair.split(':').find(|part| has_form(part)));
             key.map_or(Sent::Unreadable, |key| Sent::Key(key.to_owned()))
         }
+        // The word before the key is easily forgotten.
+        None if value.to_str().is_ok_and(has_form) => Sent::Key(value.to_str().unwrap_or_default().to_owned()),
         _ => Sent::Unreadable,
     }
 }

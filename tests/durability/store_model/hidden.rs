@@ -136,7 +136,13 @@ impl Scene {
         let rows = match (found, self.model.hidden.draw(&entry_id, run, nonce, self.now_ms)) {
             (Issued::Refused(found), Err(expected)) => return assert_eq!(found, expected),
             (Issued::Instances(rows), Ok(false)) => {
-                return assert!(rows.iter().all(|row| self.model.hidden.instances[&row.id].entry == entry_id));
+                let drawn = self.model.hidden.instances.iter();
+                let mut expected: Vec<&String> =
+                    drawn.filter(|(_, own)| own.entry == entry_id && own.run == run).map(|(id, _)| id).collect();
+                let mut found: Vec<&String> = rows.iter().map(|row| &row.id).collect();
+                expected.sort();
+                found.sort();
+                return assert!(!found.is_empty() && found == expected, "{found:?}, not {expected:?}");
             }
             (Issued::Instances(rows), Ok(true)) => rows,
             (found, expected) => panic!("{found:?}, not {expected:?}"),
@@ -146,6 +152,7 @@ impl Scene {
             assert!(row.expires_at_ms == epoch.commitment.closes_at_ms.min(self.now_ms + INSTANCE_MS), "{row:?}");
             let instance = Instance {
                 entry: entry_id.clone(),
+                run,
                 task_hash: row.task_hash,
                 expires_at_ms: row.expires_at_ms,
                 transcript: None,
@@ -207,9 +214,11 @@ impl Scene {
             let found = self.store.entry(id).await.unwrap().unwrap();
             let found = (found.finalized_at_ms.is_some(), found.completed_at_ms.is_some());
             assert_eq!(found, (expected.is_finalized, expected.is_completed), "{id}: {expected:?}");
-            for outcome in self.store.outcomes_of_entry(id).await.unwrap() {
+            let outcomes = self.store.outcomes_of_entry(id).await.unwrap();
+            assert_eq!(outcomes.len(), self.model.hidden.instances.values().filter(|own| own.entry == *id).count());
+            for outcome in outcomes {
                 let graded = self.model.graded_answer(&outcome.instance);
-                let variant = outcome.scores.map(|scores| self.variant_of(&scores));
+                let variant = outcome.scores.map(|scores| self.variant_of(1, &scores));
                 assert_eq!(variant, graded, "{}", outcome.instance);
             }
         }

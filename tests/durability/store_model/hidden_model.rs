@@ -62,6 +62,7 @@ impl Entry {
 #[derive(Debug, Clone)]
 pub struct Instance {
     pub entry: String,
+    pub run: u32,
     pub task_hash: String,
     pub expires_at_ms: i64,
     pub transcript: Option<String>,

@@ -42,8 +42,9 @@ pub struct Submission {
     pub lease: Lease,
     /// Instance of a hidden specification that it answers.
     pub instance: Option<String>,
-    /// Which of two reports is in force.
+    /// Which of two reports is in force, and how many there are.
     pub variant: Option<usize>,
+    pub reports: i64,
 }
 
 impl Submission {
@@ -144,6 +145,7 @@ impl Model {
             lease: Lease::Free,
             instance,
             variant: None,
+            reports: 0,
         };
         self.submissions.insert(new.id.clone(), submission);
     }
@@ -202,7 +204,7 @@ impl Model {
         let held: Vec<(&str, i64, usize)> = brought.filter(|(id, attempt, _)| self.holds(id, *attempt)).collect();
         for (id, _, variant) in &held {
             let one = self.at(id);
-            (one.state, one.variant) = (SubmissionState::Graded, Some(*variant));
+            (one.state, one.variant, one.reports) = (SubmissionState::Graded, Some(*variant), 1);
             if one.instance.is_none() {
                 let owner = one.owner.clone();
                 self.settle_unit(owner.as_deref(), true);

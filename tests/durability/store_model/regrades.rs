@@ -43,7 +43,7 @@ impl Model {
             if one.variant == Some(variant) {
                 continue;
             }
-            one.variant = Some(variant);
+            (one.variant, one.reports) = (Some(variant), one.reports + 1);
             let run = one.run.clone().filter(|run| !one.superseded && self.runs[run].state == RunState::Finished);
             changed.extend(run);
         }
@@ -54,8 +54,6 @@ impl Model {
 impl Scene {
     /// Does one thing with a regrade.
     pub(super) async fn regrade_step(&mut self) {
-        let is_open = |own: &Regrade| matches!(own.state, State::Computing | State::Ready);
-        self.model.regrades.retain(|_, own| is_open(own) || own.state == State::Discarded);
         let number = self.random.next_u64();
         match (some(self.model.regrades.keys(), number), self.below(10)) {
             (Some(id), 1..6) => self.grade_again(&id).await,

@@ -11,7 +11,7 @@ use plumbline::store::states::SubmissionState;
 use plumbline_engine::grading::ProblemScores;
 
 use super::Scene;
-use super::model::Lease;
+use super::model::{Lease, Submission};
 use crate::support::database::is_postgres;
 
 /// A lease that does not end during the test, and one that ends at once.
@@ -122,9 +122,21 @@ impl Scene {
         self.report(if claim.hidden.is_some() { 1 } else { claim.task_number }, variant)
     }
 
-    /// Which of the first task's reports has these scores.
-    pub(super) fn variant_of(&self, scores: &ProblemScores) -> usize {
-        self.scores.iter().position(|own| own == scores).expect("scores of one of the two reports")
+    /// Which of a task's two reports has these scores.
+    pub(super) fn variant_of(&self, task: u32, scores: &ProblemScores) -> usize {
+        let of_task = &self.scores[task as usize - 1];
+        of_task.iter().position(|own| own == scores).expect("scores of one of the two reports")
+    }
+
+    /// Compares the report in force, and the number of all, with what the model says of a submission.
+    pub(super) async fn compare_reports(&self, id: &str, expected: &Submission) {
+        let count = query_scalar("SELECT COUNT(*) FROM reports WHERE submission_id = $1").bind(id);
+        let count: i64 = count.fetch_one(&self.behind).await.unwrap();
+        assert_eq!(count, expected.reports, "{id}: {expected:?}");
+        let report = self.store.report(id, None).await.unwrap();
+        let variant = report.map(|row| self.variant_of(expected.task, &row.report.scores()));
+        // The store shows nobody a report on a hidden instance.
+        assert_eq!(variant, expected.variant.filter(|_| expected.instance.is_none()), "{id}: {expected:?}");
     }
 
     pub(super) async fn give_back(&mut self) {

@@ -237,7 +237,10 @@ class Viewer {
     fill(this.lines, gl.ARRAY_BUFFER, new Float32Array(this.axes().flatMap(([from, to]) => [...from, ...to])));
     [this.faces, this.steps] = [drawn, way.length / 3];
     Object.assign(this.canvas.dataset, { blocks: shown, faces, mode: this.mode, step: this.at });
-    this.told.textContent = `${this.at} of ${counted(this.events.length, "event")}, ${counted(blocks.size, "block")}${this.buried ? `, ${counted(this.buried, "block")} below the ground` : ""}`;
+    const top = slice + this.origin[1], isCut = slice < Number(this.slice.max);
+    this.slice.setAttribute("aria-valuetext", `y = ${top}`);
+    this.height.textContent = `y = ${top}${isCut ? `: ${shown} of ${counted(blocks.size, "block")}` : ""}`;
+    this.told.textContent = `${this.at} of ${counted(this.events.length, "event")}, ${counted(blocks.size, "block")}${this.buried ? `; the top lies ${counted(this.buried, "block")} deep in the ground` : ""}`;
     // Whoever listens hears where the view rests, not each step on the way.
     clearTimeout(this.telling);
     if (!this.playing) this.telling = setTimeout(() => (this.status.textContent = this.told.textContent), 700);
@@ -288,7 +291,7 @@ class Viewer {
 
   controls() {
     const find = (name) => this.root.querySelector(`[data-control=${name}]`);
-    [this.slice, this.time, this.walk, this.ground, this.told, this.status, this.legend] = ["slice", "time", "walk", "ground", "told", "status", "legend"].map(find);
+    [this.slice, this.height, this.time, this.walk, this.ground, this.told, this.status, this.legend] = ["slice", "height", "time", "walk", "ground", "told", "status", "legend"].map(find);
     this.coloured = find("colour");
     Object.assign(this.slice, { min: this.low[1], max: this.high[1] - 1, value: this.high[1] - 1 });
     Object.assign(this.time, { min: 0, max: this.events.length, value: this.at });

@@ -60,8 +60,8 @@ pub fn draw(charted: &Charted) -> Option<Figure> {
         cells: profile.iter().map(|part: &crate::http::pages::lines::Part| html::percent(part.value)).collect(),
     };
     let title = "Criteria of the best agents";
-    let about = "One mark for each agent's best run. Stability and efficiency are mean scores over problems that have a build, \
-                 the other criteria shares of all problems."
+    let about = "One mark for each agent's best run. Each criterion counts the problems that have such a check: the share of them \
+                 that passes, or for stability and efficiency the mean score of those with a build."
         .to_owned();
     Some(Figure {
         svg: drawing.finish(title, &about),

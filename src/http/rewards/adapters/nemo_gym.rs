@@ -239,9 +239,12 @@ fn naming(request: &Map<String, Value>) -> AppResult<Map<String, Value>> {
     let profile = find("profile").filter(Value::is_string);
     // Labels for other frameworks call it `scheme`, or `reward`, which at the top level is the reward of an earlier
     // response.
-    let named = |object: &Map<String, Value>, key| object.get(key).filter(|value| value.is_string()).cloned();
+    let is_scheme = |value: &&Value| value.is_string() || value.get("weights").is_some();
+    let named = |object: &Map<String, Value>, key| object.get(key).filter(is_scheme).cloned();
     let scheme = find("reward_scheme")
-        .or_else(|| find("scheme").filter(Value::is_string))
+        .or_else(|| {
+            std::iter::once(request).chain(parts.iter().map(|(_, object)| *object)).find_map(|own| named(own, "scheme"))
+        })
         .or_else(|| parts.iter().find_map(|(_, object)| named(object, "reward")));
     let naming = [("task", task), ("suite", find("suite")), ("reward", scheme), ("profile", profile)];
     Ok(naming.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect())
