@@ -219,9 +219,9 @@ impl Service {
         self.process.wait().unwrap().success()
     }
 
-    /// Waits until SIGKILL has ended it; fails after a minute.
+    /// Waits until SIGKILL has ended it; fails after five minutes: a statement on a line that stands still takes more than one.
     pub async fn wait_for_end(mut self, when: &str) {
-        for _ in 0..600 {
+        for _ in 0..3_000 {
             if let Some(status) = self.process.try_wait().unwrap() {
                 assert_eq!(status.signal(), Some(9), "{when}: {status}");
                 return;
