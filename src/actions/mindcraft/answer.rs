@@ -72,7 +72,7 @@ pub fn is_json(code: &str) -> bool {
     value.starts_with(['{', '[']) && serde_json::from_str::<serde::de::IgnoredAny>(value).is_ok()
 }
 
-/// Returns the word that has the first line of the code for itself and ends as no statement does.
+/// Returns the word that stands alone on the first line of the code, if there is one.
 fn word_of(code: &str) -> Option<&str> {
     let word = code.split_once('\n')?.0.trim_end();
     let is_word = !word.is_empty() && word.chars().all(|c| c.is_ascii_alphanumeric() || "+#-".contains(c));
