@@ -63,12 +63,13 @@ impl Pool {
     /// run again in a slot for long scripts, so that short ones need not wait for it. Scripts are deterministic, so the
     /// second attempt does the same.
     ///
-    /// The script may take the time `left`, from which the time that it takes is taken. Waiting for a slot does not count.
+    /// The script may take the time `left`, from which the time that it takes is taken; without one, only its own limits
+    /// end it. Waiting for a slot does not count.
     ///
     /// # Errors
     /// Returns [`TooLate`] if that time has passed, [`Overloaded`] if the machine has too much to do, and another error if
     /// no process can be started or used, which is a failure of the service.
-    pub async fn run(&self, job: &Job, who: &Arc<str>, left: &mut Duration) -> anyhow::Result<Answer> {
+    pub async fn run(&self, job: &Job, who: &Arc<str>, left: &mut Option<Duration>) -> anyhow::Result<Answer> {
         match job.profile {
             Profile::Mindcraft => self.run_job(job, who, left).await,
             Profile::Published => self.run_files(job, who, left).await,
@@ -76,7 +77,7 @@ impl Pool {
     }
 
     /// Runs each file of a job on its own, as files without a common world are run, and puts their results together.
-    async fn run_files(&self, job: &Job, who: &Arc<str>, left: &mut Duration) -> anyhow::Result<Answer> {
+    async fn run_files(&self, job: &Job, who: &Arc<str>, left: &mut Option<Duration>) -> anyhow::Result<Answer> {
         let mut answer = Answer::default();
         let mut events = 0;
         for turn in &job.turns {
@@ -109,7 +110,7 @@ impl Pool {
         Ok(answer)
     }
 
-    async fn run_job(&self, job: &Job, who: &Arc<str>, left: &mut Duration) -> anyhow::Result<Answer> {
+    async fn run_job(&self, job: &Job, who: &Arc<str>, left: &mut Option<Duration>) -> anyhow::Result<Answer> {
         let all = self.inner.limits;
         let first = ActionLimits { cpu_ms: FIRST_MS.min(all.cpu_ms), wall_ms: FIRST_WALL_MS.min(all.wall_ms), ..all };
         let turn = self.inner.first.take(who).await;
@@ -126,11 +127,16 @@ impl Pool {
 
     /// Runs a script in a process for at most the time that is left, and takes from it what the script took; returns
     /// `None` if its wall-clock time ran out before.
-    async fn run_timed(&self, job: &Job, limits: &ActionLimits, left: &mut Duration) -> anyhow::Result<Option<Answer>> {
+    async fn run_timed(
+        &self,
+        job: &Job,
+        limits: &ActionLimits,
+        left: &mut Option<Duration>,
+    ) -> anyhow::Result<Option<Answer>> {
         let (begun, wall) = (Instant::now(), Duration::from_millis(limits.wall_ms));
-        let done = self.run_within(job, limits, wall.min(*left)).await?;
-        let is_cut = done.is_none() && *left < wall;
-        *left = left.saturating_sub(begun.elapsed());
+        let done = self.run_within(job, limits, left.map_or(wall, |left| wall.min(left))).await?;
+        let is_cut = done.is_none() && left.is_some_and(|left| left < wall);
+        *left = left.map(|left| left.saturating_sub(begun.elapsed()));
         if is_cut { Err(TooLate.into()) } else { Ok(done) }
     }
 

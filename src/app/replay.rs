@@ -31,11 +31,8 @@ pub fn place(app: &App, who: &Arc<str>) -> AppResult<Permit> {
         .map_err(|_| AppError::too_many("much action code is waiting to be run; come back in a moment"))
 }
 
-/// Time for code that has no deadline: its own limits end it.
-const UNHURRIED: Duration = Duration::MAX;
-
-/// Runs a job for at most the time `left`, and takes from it what the job took.
-async fn replayed(app: &App, who: &Arc<str>, job: &Job, left: &mut Duration) -> AppResult<Answer> {
+/// Runs a job for at most the time `left`, if it has a deadline, and takes from it what the job took.
+async fn replayed(app: &App, who: &Arc<str>, job: &Job, left: &mut Option<Duration>) -> AppResult<Answer> {
     app.actions.run(job, who, left).await.map_err(|error| {
         if let Some(overloaded) = error.downcast_ref::<Overloaded>() {
             tracing::warn!(%overloaded, "the machine is overloaded");
@@ -75,8 +72,7 @@ pub async fn replay(app: &App, who: &Arc<str>, job: &Job) -> AppResult<Answer> {
         return Err(AppError::faulty(faults));
     }
     let _permit = place(app, who)?;
-    let mut left = UNHURRIED;
-    let answer = replayed(app, who, job, &mut left).await?;
+    let answer = replayed(app, who, job, &mut None).await?;
     if let Some(stopped) = answer.stopped() {
         faults.add_at("action_code", stopped.to_string());
         return Err(AppError::faulty(faults));
@@ -124,12 +120,11 @@ pub async fn run_codes(
         return Ok(());
     }
     let _permit = place(app, who)?;
-    let mut left = UNHURRIED;
     for submission in posted {
         if let Some(line) = submission.line {
             faults.enter_line(line);
         }
-        let runs = Runs { left: &mut left, is_compared: true };
+        let runs = Runs { left: &mut None, is_compared: true };
         submission.replays = run_told(app, who, &mut submission.sent, &mut budget, faults, runs).await?;
         if !faults.is_empty() {
             break;
@@ -152,13 +147,12 @@ pub async fn run_code(
         return Ok(Vec::new());
     }
     let _permit = place(app, who)?;
-    let mut left = UNHURRIED;
-    let runs = Runs { left: &mut left, is_compared: true };
+    let runs = Runs { left: &mut None, is_compared: true };
     run_told(app, who, sent, &mut EventBudget::whole(&app.limits), faults, runs).await
 }
 
-/// Runs the code of one log under its profile for at most the time `left`, from which it takes what the code took, and
-/// adds the recorded events to the log. Stops at the first fault.
+/// Runs the code of one log under its profile for at most the time `left`, if it has a deadline, takes from it what the
+/// code took, and adds the recorded events to the log. Stops at the first fault.
 ///
 /// # Errors
 /// Returns 504 if that time passes, and 500 if code cannot be run.
@@ -166,7 +160,7 @@ pub async fn run_sent(
     app: &App,
     who: &Arc<str>,
     sent: &mut SentLog,
-    left: &mut Duration,
+    left: &mut Option<Duration>,
     faults: &mut Faults,
 ) -> AppResult<Vec<TurnReplay>> {
     let runs = Runs { left, is_compared: false };
@@ -175,8 +169,8 @@ pub async fn run_sent(
 
 /// How code is run.
 struct Runs<'a> {
-    /// Time that the code may still take.
-    left: &'a mut Duration,
+    /// Time that the code may still take, if it has a deadline.
+    left: &'a mut Option<Duration>,
     /// Whether to tell when another profile would have built otherwise.
     is_compared: bool,
 }

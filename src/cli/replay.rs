@@ -62,9 +62,7 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     let (turns, is_structure) = turns(args)?;
     let code = |files: &Vec<File>| TurnInput::Code(files.iter().map(|file| file.text.clone()).collect());
     let job = Job { profile, start: None, turns: turns.iter().map(code).collect(), is_compared: true };
-    // Its own limits end it.
-    let mut left = std::time::Duration::MAX;
-    let run = async { Pool::new(1, ACTION_LIMITS).run(&job, &std::sync::Arc::from(""), &mut left).await };
+    let run = async { Pool::new(1, ACTION_LIMITS).run(&job, &std::sync::Arc::from(""), &mut None).await };
     let answer = runtime.block_on(run)?;
     match print(&answer, is_structure) {
         // The reader has closed the pipe.
