@@ -2,6 +2,22 @@
 
 pub use plumbline_engine::text::{agreeing, counted, reworded};
 
+/// Returns the number of slips between two names: letters added, left out, exchanged or swapped with the next one, whatever
+/// their case.
+fn slips(one: &str, other: &str) -> usize {
+    strsim::osa_distance(&one.to_lowercase(), &other.to_lowercase())
+}
+
+/// Returns the name with the fewest slips, if it has at most as many as `allowed` allows for it.
+pub fn nearest<'n>(
+    given: &str,
+    names: impl IntoIterator<Item = &'n str>,
+    allowed: impl Fn(&str) -> usize,
+) -> Option<&'n str> {
+    let counted = names.into_iter().map(|name| (slips(given, name), name));
+    counted.filter(|(slips, name)| *slips <= allowed(name)).min().map(|(_, name)| name)
+}
+
 /// Returns at most `most` names that are near to `given`, the nearest first.
 fn near<'n>(given: &str, names: impl IntoIterator<Item = &'n str>, most: usize) -> Vec<&'n str> {
     let given: String = given.to_lowercase().chars().take(100).collect();
@@ -9,7 +25,7 @@ fn near<'n>(given: &str, names: impl IntoIterator<Item = &'n str>, most: usize) 
     let mut found: Vec<(usize, &str)> = names
         .into_iter()
         .filter_map(|name| {
-            let distance = strsim::osa_distance(&given, &name.to_lowercase());
+            let distance = slips(&given, name);
             let begins = given.chars().count() >= 3 && name.to_lowercase().starts_with(&given);
             (distance <= allowed || begins).then_some((distance, name))
         })
@@ -42,5 +58,14 @@ mod tests {
         assert!(near("image", names, 1).is_empty());
         assert_eq!(did_you_mean("wals", ["walls", "halls", "roofs"]), "; did you mean walls, halls?");
         assert_eq!(did_you_mean("nothing", names), "");
+    }
+
+    #[test]
+    fn the_nearest_name_is_within_what_it_allows() {
+        let names = ["task", "tasks", "suite"];
+        assert_eq!(nearest("TAKS", names, |_| 1), Some("task"));
+        assert_eq!(nearest("taskss", names, |_| 1), Some("tasks"));
+        assert_eq!(nearest("sweet", names, |name| name.len() / 3), None);
+        assert_eq!(nearest("sweet", names, |_| 3), Some("suite"));
     }
 }

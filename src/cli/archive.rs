@@ -19,6 +19,7 @@ use super::witness::{folder_of, witness_key};
 use crate::client::Service;
 use crate::near::agreeing;
 use plumbline_engine::hidden::canonical::unhex;
+use plumbline_engine::hidden::feedback::Tier;
 use plumbline_engine::hidden::receipts::LogPage;
 use plumbline_engine::hidden::reveal::Reveal;
 use plumbline_engine::hidden::tlog::cosignature::Witness;
@@ -59,9 +60,6 @@ pub struct VerifyArchiveArgs {
     #[arg(long = "key", value_name = "HEX")]
     keys: Vec<String>,
 }
-
-/// Tiers of an epoch, whose boards an archive holds.
-const TIERS: [&str; 2] = ["official", "dev"];
 
 /// Everything that an epoch published.
 #[derive(Debug, Serialize, Deserialize)]
@@ -124,7 +122,7 @@ async fn download(service: &Service, name: &str) -> anyhow::Result<Archive> {
         log.push(page);
     }
     let mut boards = Vec::new();
-    for tier in TIERS {
+    for tier in Tier::ALL.map(Tier::name) {
         boards.push(service.get(&format!("{of_epoch}/leaderboard?tier={tier}")).await?);
     }
     Ok(Archive {
@@ -165,7 +163,7 @@ pub fn verify(args: &VerifyArchiveArgs) -> anyhow::Result<ExitCode> {
         kept.pool = kept.pool.or(pool);
     }
     let has_board = |tier: &str| archive.boards.iter().any(|board| board["tier"] == tier);
-    let missing: Vec<&str> = TIERS.into_iter().filter(|tier| !has_board(tier)).collect();
+    let missing: Vec<&str> = Tier::ALL.map(Tier::name).into_iter().filter(|tier| !has_board(tier)).collect();
     let tree = tree_of(&archive)?;
     kept.log = archive.log.into_iter().flat_map(|page| page.receipts).collect();
     // Pages are read one after the other: each has the end of the log as it was then.

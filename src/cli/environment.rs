@@ -3,6 +3,7 @@
 use clap::{Command, CommandFactory as _};
 
 use super::Cli;
+use crate::near::nearest;
 
 /// Beginning of the names of all variables of the program.
 const PREFIX: &str = "PLUMBLINE_";
@@ -28,9 +29,8 @@ fn add_known(command: &Command, known: &mut Vec<String>) {
 fn warning(name: &str, known: &[String]) -> Option<String> {
     let given = name.strip_prefix(PREFIX).filter(|_| !known.iter().any(|own| own == name))?;
     let meant = known.iter().filter_map(|own| own.strip_prefix(PREFIX));
-    let (slips, meant) = meant.map(|own| (strsim::osa_distance(given, own), own)).min()?;
-    (slips <= SLIPS)
-        .then(|| format!("{name} is set in the environment, but nothing reads it; did you mean {PREFIX}{meant}?"))
+    let meant = nearest(given, meant, |_| SLIPS)?;
+    Some(format!("{name} is set in the environment, but nothing reads it; did you mean {PREFIX}{meant}?"))
 }
 
 #[cfg(test)]

@@ -201,4 +201,15 @@ mod tests {
             assert!(!is_busy_code(code), "{code}");
         }
     }
+
+    #[test]
+    fn a_full_disk_is_told_from_the_code() {
+        for code in ["13", "53100"] {
+            assert!(is_full_code(code), "{code}");
+        }
+        // Out of memory, a disk that fails, and PostgreSQL's other resources.
+        for code in ["7", "10", "778", "53000", "53200", "53300"] {
+            assert!(!is_full_code(code), "{code}");
+        }
+    }
 }

@@ -7,6 +7,8 @@ use std::str::FromStr;
 
 use sqlx::postgres::PgConnectOptions;
 
+use crate::near::nearest;
+
 /// Location of a database. It prints without the password.
 #[derive(Debug, Clone)]
 pub enum Location {
@@ -130,9 +132,7 @@ fn misspelt_parameter(rest: &str) -> Option<String> {
         if PARAMETERS.contains(&&*name) || name.starts_with("options[") {
             return None;
         }
-        let slips = |own: &str| strsim::osa_distance(&name.to_lowercase(), own);
-        let near = PARAMETERS.into_iter().filter(|own| slips(own) <= SLIPS.min(own.len() / 3));
-        let meant = near.min_by_key(|own| slips(own))?;
+        let meant = nearest(&name, PARAMETERS, |own| SLIPS.min(own.len() / 3))?;
         Some(format!("the URL postgres://… has no parameter {name:?}; did you mean {meant}?"))
     })
 }
@@ -180,7 +180,7 @@ mod tests {
         for (query, named) in [
             ("sslmod=verify-full", "\"sslmod\"; did you mean sslmode?"),
             ("sslMode=require", "\"sslMode\"; did you mean sslmode?"),
-            ("a=1&ssl_mode=require", "\"ssl_mode\"; did you mean sslmode?"),
+            ("a=1&ssl_mode=require", "\"ssl_mode\"; did you mean ssl-mode?"),
         ] {
             let Ok(Location::Unreadable(why)) = format!("postgres://a@b/c?{query}").parse() else { panic!("{query}") };
             assert!(why.ends_with(named), "{query}: {why}");

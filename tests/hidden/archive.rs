@@ -75,7 +75,7 @@ async fn an_epoch_is_verified_from_one_file() {
         ("an answer", |it| drop(it["answers"].as_array_mut().unwrap().pop())),
         ("a receipt", |it| drop(it["log"][0]["receipts"].as_array_mut().unwrap().remove(3))),
         ("the last receipt", |it| drop(it["log"][0]["receipts"].as_array_mut().unwrap().pop())),
-        ("a board", |it| it["boards"][0]["rows"][0]["passed"] = json!(26)),
+        ("a board", |it| it["boards"][1]["rows"][0]["passed"] = json!(26)),
         ("the checkpoint", |it| it["checkpoint"] = json!("plumbline.log/1\n3\nAAAA\n\n— plumbline.log/1 AAAA\n")),
         ("the cosignature", |it| it["witnesses"]["witnesses"][0]["note"] = Value::Null),
     ];
@@ -91,7 +91,7 @@ async fn an_epoch_is_verified_from_one_file() {
     let mut lacking = archive.clone();
     lacking["boards"].as_array_mut().unwrap().pop();
     let told = succeeded(&verified(&pack(&scene, "lacking", &lacking), &["--commitment", &kept, "--witness", &key]));
-    assert!(told.contains("NOT CHECKED  the dev board"), "{told}");
+    assert!(told.contains("NOT CHECKED  the official board"), "{told}");
     // What is no archive is no breach.
     let whole = std::fs::read(&out).unwrap();
     std::fs::write(scene.file("cut"), &whole[..whole.len() / 2]).unwrap();

@@ -6,17 +6,15 @@ pub mod openrlhf;
 
 use serde_json::{Map, Value};
 
+use crate::near::nearest;
 use plumbline_engine::intake::Faults;
 
 /// Adds a fault for each member that looks like a misspelling of a missing option, which the trainer believes to have
 /// set. A dataset has fields of its own, so an option of up to 8 characters allows one edit, and a longer one three.
 fn add_misspelt(object: &Map<String, Value>, missing: &[&str], faults: &mut Faults) {
     for key in object.keys().filter(|key| !missing.contains(&key.as_str())) {
-        let meant = missing.iter().find(|option| {
-            let allowed = if option.len() > 8 { 3 } else { 1 };
-            strsim::osa_distance(&key.to_lowercase(), option) <= allowed
-        });
-        if let Some(meant) = meant {
+        let allowed = |option: &str| if option.len() > 8 { 3 } else { 1 };
+        if let Some(meant) = nearest(key, missing.iter().copied(), allowed) {
             faults.add_at(key, format!("unknown; did you mean {meant}?"));
         }
     }
