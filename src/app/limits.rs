@@ -104,6 +104,12 @@ pub struct Limits {
     /// Bytes of a model's text that are read without success in the search for JSON, or 16 times the text if that is
     /// more; then the search ends.
     pub answer_search_bytes: usize,
+    /// Bytes of the path and the query of a request.
+    pub path_bytes: usize,
+    /// Bytes of a request before its body: request line and headers.
+    pub head_bytes: usize,
+    /// Headers of a request.
+    pub headers: usize,
     /// Seconds in which the headers of a request must arrive.
     pub header_seconds: u64,
     /// Seconds from the headers of a request to the beginning of its response.
@@ -298,6 +304,10 @@ pub const LIMITS: Limits = Limits {
     query_parameters: 200,
     metric_names: 1_000,
     answer_search_bytes: WASTE_BYTES,
+    // The HTTP library's own.
+    path_bytes: 65_534,
+    head_bytes: 128 << 10,
+    headers: 100,
     header_seconds: 10,
     request_seconds: 60,
     requests_per_second_per_key: 100_000,

@@ -274,6 +274,28 @@ async fn a_request_names_one_host() {
 }
 
 #[tokio::test]
+async fn heads_are_as_long_as_the_limits_say() {
+    let (_folder, service) = start(&[]);
+    let limits = service.get("/v1/limits").await.json();
+    let most = |name: &str| usize::try_from(limits[name].as_u64().unwrap()).unwrap();
+    let asking =
+        |path: &str, headers: &str| format!("GET {path} HTTP/1.1\r\nHost: a\r\n{headers}Connection: close\r\n\r\n");
+    let path = |bytes: usize| format!("/{}", "a".repeat(bytes - 1));
+    assert_eq!(raw(&service, &asking(&path(most("path_bytes")), "")).await, "HTTP/1.1 404 Not Found");
+    assert_eq!(raw(&service, &asking(&path(most("path_bytes") + 1), "")).await, "HTTP/1.1 414 URI Too Long");
+    // Two are there already.
+    let headers = |count: usize| "X: y\r\n".repeat(count - 2);
+    assert_eq!(raw(&service, &asking("/healthz", &headers(most("headers")))).await, "HTTP/1.1 200 OK");
+    let refused = "HTTP/1.1 431 Request Header Fields Too Large";
+    assert_eq!(raw(&service, &asking("/healthz", &headers(most("headers") + 1))).await, refused);
+    let long = |bytes: usize| format!("X: {}\r\n", "y".repeat(bytes));
+    assert_eq!(raw(&service, &asking("/healthz", &long(most("head_bytes") - 100))).await, "HTTP/1.1 200 OK");
+    // Not a byte more than is read: what is left unread when a connection closes may take the answer with it.
+    let cut = &asking("/healthz", &long(most("head_bytes")))[..most("head_bytes")];
+    assert_eq!(raw(&service, cut).await, refused);
+}
+
+#[tokio::test]
 async fn who_takes_no_answers_does_not_delay_the_end() {
     let (_folder, service) = start(&[]);
     let request = "GET /openapi.json HTTP/1.1\r\nHost: a\r\n\r\n".repeat(500);

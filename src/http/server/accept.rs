@@ -28,9 +28,6 @@ use crate::http::middleware::rates::{Peer, network};
 
 /// How long responses may take to finish after a shutdown is requested.
 const GRACE: Duration = Duration::from_secs(10);
-/// Maximum size of a connection's buffer for reading, and of that for writing, in bytes. A client that pipelines
-/// requests fills them.
-const BUFFER_BYTES: usize = 128 << 10;
 /// Pause after accepting a connection failed, for example because there are no file descriptors left.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(50);
 
@@ -139,7 +136,10 @@ async fn serve_one(
     // Only HTTP/1: detecting HTTP/2 would wait for the first bytes without a time limit.
     let mut builder = http1::Builder::new();
     let headers = Duration::from_secs(LIMITS.header_seconds);
-    builder.timer(TokioTimer::new()).header_read_timeout(headers).max_buf_size(BUFFER_BYTES);
+    builder.timer(TokioTimer::new()).header_read_timeout(headers);
+    // The size of a connection's buffer for reading, which bounds a request's head, and of that for writing. A client
+    // that pipelines requests fills them.
+    builder.max_buf_size(LIMITS.head_bytes);
     let service = router.map_request(move |mut request: Request<Incoming>| {
         request.extensions_mut().insert(Peer(peer));
         request.map(Body::new)
