@@ -6,7 +6,7 @@ use serde_json::value::RawValue;
 use super::Reader;
 use super::faults::Faults;
 use super::key::Key;
-use super::quick::{NamedEvent, quick_events};
+use super::quick::{NamedEvent, quick_events, with_materials};
 use super::schema::EventAction;
 use super::tolerant::{Integer, OrNull, Read, Scalar, Shape, Text, read_document};
 use crate::voxel::block_log::{Event, Turn};
@@ -20,28 +20,13 @@ pub(super) fn read_events(json: &RawValue, reader: &mut Reader<'_>) -> Option<Tu
     let quick = quick_events(json.get(), reader.events_left()).filter(|events| events.iter().all(fits));
     let Some(events) = quick else { return read_with_care(json.get(), reader) };
     reader.events += events.len();
-    Some(with_materials(&events, reader))
+    Some(with_materials(&events, |name| reader.intern(name)))
 }
 
 fn read_with_care(json: &str, reader: &mut Reader<'_>) -> Option<Turn> {
     let depth = reader.faults.depth();
     let turn = read_document(json.as_bytes(), EventsShape { reader: &mut *reader });
     turn.unwrap_or_else(|error| reader.cut_short(depth, &error))
-}
-
-/// Gives each event the id of its material. A removal may name one too, which says nothing.
-fn with_materials(events: &[NamedEvent<'_>], reader: &mut Reader<'_>) -> Turn {
-    let mut last: (&[u8], MaterialId) = (&[], 0);
-    let mut turn = Turn::with_capacity(events.len());
-    for event in events {
-        // Most blocks are of the kind of the one before.
-        if let Some(name) = event.material.filter(|name| name.is_empty() || *name != last.0) {
-            last = (name, reader.intern(std::str::from_utf8(name).expect("ASCII")));
-        }
-        let cell = event.cell;
-        turn.push(if event.is_place { Event::Place { cell, material: last.1 } } else { Event::Remove { cell } });
-    }
-    turn
 }
 
 pub(super) struct EventsShape<'r, 'f> {

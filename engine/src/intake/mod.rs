@@ -56,7 +56,7 @@ pub mod faults;
 mod file;
 mod key;
 pub mod not_json;
-mod quick;
+pub mod quick;
 mod reader;
 mod rows;
 pub mod schema;

@@ -5,6 +5,7 @@ use std::time::Duration;
 use serde_json::Value;
 
 use super::named_task::{GivenTaskBody, NamedTask, NamedTaskShape};
+use super::quick::quick_request;
 use super::scheme::{SchemeBody, read_scheme};
 use crate::app::body::values::Json;
 use crate::app::body::{name, profile, read_body, request_body};
@@ -100,7 +101,7 @@ pub struct GradeRequest {
     /// Time that grading may take.
     pub deadline: Duration,
     /// Time that action code may take, if the request has a deadline; otherwise its own limits end it.
-    pub for_code: Duration,
+    pub for_code: Option<Duration>,
 }
 
 /// Reads a request to grade and adds all its faults to `faults`. Returns `None` if it has no task or no work that could
@@ -109,7 +110,13 @@ pub struct GradeRequest {
 /// # Errors
 /// Returns an error if the text is not JSON.
 pub fn read_request(text: &[u8], faults: &mut Faults) -> Result<Option<GradeRequest>, serde_json::Error> {
-    let Some(body) = read_body::<NewGrade>(text, faults)? else { return Ok(None) };
+    let body = match quick_request(text) {
+        Some(body) => body,
+        None => match read_body::<NewGrade>(text, faults)? {
+            Some(body) => body,
+            None => return Ok(None),
+        },
+    };
     if matches!(body.task, Some(NamedTask::Inline(_))) && body.suite.is_some() {
         faults.add_at("suite", "an inline task belongs to no suite; leave suite out");
     }
@@ -124,7 +131,7 @@ pub fn read_request(text: &[u8], faults: &mut Faults) -> Result<Option<GradeRequ
         scheme: body.reward.unwrap_or_default(),
         detail: body.detail.unwrap_or_default(),
         deadline: asked.unwrap_or(Duration::from_millis(LIMITS.grade_default_deadline_ms)),
-        for_code: asked.unwrap_or(Duration::MAX),
+        for_code: asked,
     }))
 }
 
@@ -138,22 +145,32 @@ pub enum AnswerTextsBody {
     Several(Vec<String>),
 }
 
-fn read_detail(value: &Value, faults: &mut Faults) -> Option<Detail> {
-    match value.as_str() {
-        Some("scores") => Some(Detail::Scores),
-        Some("report") => Some(Detail::Report),
-        _ => {
-            faults.add("expected \"scores\" or \"report\"");
-            None
-        }
+/// Returns the amount of detail with this name.
+pub(super) fn detail_named(name: &str) -> Option<Detail> {
+    match name {
+        "scores" => Some(Detail::Scores),
+        "report" => Some(Detail::Report),
+        _ => None,
     }
 }
 
+fn read_detail(value: &Value, faults: &mut Faults) -> Option<Detail> {
+    let detail = value.as_str().and_then(detail_named);
+    if detail.is_none() {
+        faults.add("expected \"scores\" or \"report\"");
+    }
+    detail
+}
+
+/// Returns whether a deadline is one that a request may set, in milliseconds.
+pub(super) fn is_deadline(ms: &u64) -> bool {
+    (1..=LIMITS.grade_max_deadline_ms).contains(ms)
+}
+
 fn read_deadline(value: &Value, faults: &mut Faults) -> Option<u64> {
-    let most = LIMITS.grade_max_deadline_ms;
-    let deadline = value.as_u64().filter(|ms| (1..=most).contains(ms));
+    let deadline = value.as_u64().filter(is_deadline);
     if deadline.is_none() {
-        faults.add(format!("expected milliseconds, 1 to {most}"));
+        faults.add(format!("expected milliseconds, 1 to {}", LIMITS.grade_max_deadline_ms));
     }
     deadline
 }

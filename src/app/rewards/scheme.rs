@@ -37,12 +37,17 @@ pub struct WeightsBody {
     pub weights: std::collections::BTreeMap<Criterion, f64>,
 }
 
+/// Returns the scheme with this name. A scheme of weights has none.
+pub fn scheme_named(name: &str) -> Option<Scheme> {
+    [Scheme::Strict, Scheme::Mean, Scheme::Shaped].into_iter().find(|scheme| scheme.name() == name)
+}
+
 /// Reads a scheme: `"strict"`, `"shaped"`, `"mean"`, or `{"weights": {criterion: weight}}`.
 pub fn read_scheme(value: &Value, faults: &mut Faults) -> Option<Scheme> {
+    if let Some(scheme) = value.as_str().and_then(scheme_named) {
+        return Some(scheme);
+    }
     match value {
-        Value::String(name) if name == "strict" => return Some(Scheme::Strict),
-        Value::String(name) if name == "mean" => return Some(Scheme::Mean),
-        Value::String(name) if name == "shaped" => return Some(Scheme::Shaped),
         Value::Object(members) if members.len() == 1 && members.get("weights").is_some_and(Value::is_object) => {}
         _ => {
             faults.add("expected \"strict\", \"shaped\", \"mean\" or {\"weights\": {\"material\": 1, …}}");

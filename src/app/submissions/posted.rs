@@ -16,6 +16,9 @@ use plumbline_engine::tasks::catalogue::Entry;
 use plumbline_engine::voxel::replay::Replay;
 use plumbline_engine::voxel::{BlockLog, Event, Profile};
 
+/// Characters in the identifier of a task. Those that exist are shorter.
+pub const TASK_CHARS: usize = 200;
+
 /// Format of a body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
@@ -240,7 +243,7 @@ impl Shape<'_> for TaskShape<'_> {
                 Some(TaskRef::Number(*number as u32))
             }
             text @ Scalar::Text(_) => {
-                Text { faults: self.faults, min_chars: 1, max_chars: 200 }.scalar(text).map(TaskRef::Id)
+                Text { faults: self.faults, min_chars: 1, max_chars: TASK_CHARS }.scalar(text).map(TaskRef::Id)
             }
             other => {
                 self.faults.add(format!("expected a task's id or number, found {other}"));
