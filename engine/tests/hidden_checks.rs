@@ -7,7 +7,7 @@ use plumbline_engine::builders::saboteurs::SABOTEURS;
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::elasticity::Control;
 use plumbline_engine::grading::baseline::Baseline;
-use plumbline_engine::grading::{Report, grade_log};
+use plumbline_engine::grading::{Report, Scores, grade_log, score_log};
 use plumbline_engine::hidden::pool::Generator;
 use plumbline_engine::hidden::secret::EpochKey;
 use plumbline_engine::tasks::{Task, embedded};
@@ -30,6 +30,13 @@ fn specifications() -> Vec<Task> {
 
 fn grade(task: &Task, log: &BlockLog) -> Report {
     grade_log(task, log, &Control::unhurried()).unwrap()
+}
+
+/// Returns the scores, which are those of the report.
+fn scores(task: &Task, log: &BlockLog) -> Scores {
+    let scores = score_log(task, log, &Control::unhurried()).unwrap();
+    assert_eq!(scores, Scores::from(&grade(task, log)), "{}", task.id);
+    scores
 }
 
 fn log(turns: usize, blocks: impl Fn(usize) -> Vec<(Cell, &'static str)>) -> BlockLog {
@@ -93,7 +100,7 @@ fn saboteurs_fail_and_every_check_is_failed_by_one() {
         for (i, saboteur) in SABOTEURS.iter().enumerate() {
             let report = grade(task, &saboteur.spoil(good.clone()));
             for check in report.turns.iter().flat_map(|turn| &turn.checks) {
-                let name = (task.family().to_owned(), check.name.clone());
+                let name = (task.family().to_owned(), check.name.to_string());
                 if check.finding.holds() {
                     unfailed.insert(name);
                 } else {
@@ -138,7 +145,7 @@ fn shaped_rewards_pay_nothing_for_nothing_and_all_for_a_good_build() {
             turn.checks.retain(|check| check.criterion() != Criterion::StructuralStability);
         }
         let baseline = Baseline::of(&task, &Control::unhurried()).unwrap();
-        let shaped = |log: &BlockLog| baseline.shaped(&grade(&task, log));
+        let shaped = |log: &BlockLog| baseline.shaped(&scores(&task, log));
         assert!(baseline.can_be_beaten(), "{}", task.id);
         let turns = task.turns.len();
         assert_eq!(shaped(&build(&task).unwrap()), 1.0, "{}", task.id);

@@ -58,6 +58,8 @@ fn run_all(structure: &Structure) {
         let finding = check.evaluate(&Subject::unhurried(structure)).unwrap();
         assert!((0.0..=1.0).contains(&finding.score), "{}: {}", check.name(), finding.score);
         assert!(finding.witnesses.len() <= 20, "{}", check.name());
+        let alone = check.evaluate(&Subject::unhurried(structure).for_scores()).unwrap();
+        assert_eq!(finding.score, alone.score, "{}", check.name());
     }
 }
 

@@ -332,7 +332,7 @@ mod tests {
             let report = grade_log(task, &find(name).unwrap().spoil(good.clone()), &Control::unhurried()).unwrap();
             let checks = report.turns.into_iter().flat_map(|turn| turn.checks);
             let mut failed: Vec<String> =
-                checks.filter(|check| check.finding.score < 1.0).map(|check| check.name).collect();
+                checks.filter(|check| check.finding.score < 1.0).map(|check| check.name.into_owned()).collect();
             // The courses are checked one by one.
             failed.dedup();
             failed

@@ -123,10 +123,10 @@ impl Finding {
             + self.stress.as_ref().map_or(0, |_| STRESS_BYTES)
     }
 
-    /// Returns whether the check holds, which takes a score of 1 (`docs/rules.md#scores`).
+    /// Returns whether the check holds.
     #[must_use]
     pub fn holds(&self) -> bool {
-        self.score >= 1.0
+        holds(self.score)
     }
 
     /// Adds the cells as witnesses.
@@ -152,6 +152,12 @@ impl Finding {
         self.vacuous = vacuous;
         self
     }
+}
+
+/// Returns whether a check with this score holds, which takes a score of 1 (`docs/rules.md#scores`).
+#[must_use]
+pub fn holds(score: f64) -> bool {
+    score >= 1.0
 }
 
 /// Upper bound on the heap memory of a stress check's figures, in bytes.

@@ -38,6 +38,8 @@ pub struct Subject<'a> {
     pub structure: &'a Structure,
     /// Control over long computations: progress, cancellation and additional cores.
     pub control: &'a Control<'a>,
+    /// Whether findings are to have evidence beside their scores.
+    wants_evidence: bool,
     /// What walking rules look at, computed when the first of them asks.
     surroundings: OnceCell<Option<Surroundings>>,
 }
@@ -52,7 +54,18 @@ impl<'a> Subject<'a> {
     /// Returns a subject whose computations `control` can stop.
     #[must_use]
     pub const fn new(structure: &'a Structure, control: &'a Control<'a>) -> Self {
-        Self { structure, control, surroundings: OnceCell::new() }
+        Self { structure, control, wants_evidence: true, surroundings: OnceCell::new() }
+    }
+
+    /// Returns the same subject, of which only the scores are asked: findings need no evidence.
+    #[must_use]
+    pub fn for_scores(self) -> Self {
+        Self { wants_evidence: false, ..self }
+    }
+
+    /// Returns a part of the evidence, or what is empty where only the score is asked.
+    pub fn tell<T: Default>(&self, evidence: impl FnOnce() -> T) -> T {
+        if self.wants_evidence { evidence() } else { T::default() }
     }
 
     /// Returns the terrain of the build and the air around and inside it, which several checks of a turn share. `None`

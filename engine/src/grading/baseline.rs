@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use super::Report;
+use super::Scores;
 use crate::checks::{Check, Criterion, Subject};
 use crate::elasticity::{Control, Stopped};
 use crate::tasks::Task;
@@ -73,7 +73,7 @@ impl Baseline {
         self.single < 1.0 && self.empty.iter().flatten().any(|empty| *empty < 1.0)
     }
 
-    /// Computes the shaped reward of a report on the same task, in [0, 1].
+    /// Computes the shaped reward of scores on the same task, in [0, 1].
     ///
     /// A check on which an empty log scores *e* < 1 gains max(0, (*s* - *e*) / (1 - *e*)) for its score *s*. Gains are
     /// averaged per criterion, and then over the criteria that have such checks. This mean, times the mean score of all
@@ -81,12 +81,12 @@ impl Baseline {
     /// is max(0, (earned - *b*) / (1 - *b*)), or 0 if at most one block stands after every turn. The reward never falls
     /// when the score of a check rises, and is 1 if all scores are 1.
     #[must_use]
-    pub fn shaped(&self, report: &Report) -> f64 {
-        if report.turns.iter().all(|turn| turn.blocks <= 1) {
+    pub fn shaped(&self, scores: &Scores) -> f64 {
+        if scores.turns.iter().all(|turn| turn.blocks <= 1) {
             return 0.0;
         }
-        let scored = report.turns.iter().zip(&self.empty).flat_map(|(turn, empty)| {
-            turn.checks.iter().zip(empty).map(|(check, empty)| (check.criterion, check.finding.score, *empty))
+        let scored = scores.turns.iter().zip(&self.empty).flat_map(|(turn, empty)| {
+            turn.checks.iter().zip(empty).map(|(check, empty)| (check.criterion, check.score, *empty))
         });
         ((earned(scored) - self.single) / (1.0 - self.single)).max(0.0)
     }
@@ -125,7 +125,7 @@ fn scores(
     known: Option<&Vec<Vec<f64>>>,
     control: &Control<'_>,
 ) -> Result<Vec<Vec<f64>>, Stopped> {
-    let subject = Subject::new(structure, control);
+    let subject = Subject::new(structure, control).for_scores();
     let mut turns = Vec::with_capacity(task.turns.len());
     for (i, instruction) in task.turns.iter().enumerate() {
         let mut scores = Vec::with_capacity(instruction.checks.len());
@@ -168,7 +168,7 @@ mod tests {
     use super::*;
     use crate::builders::build;
     use crate::builders::saboteurs::SABOTEURS;
-    use crate::grading::grade_log;
+    use crate::grading::{grade_log, score_log};
     use crate::tasks::embedded;
     use crate::voxel::BlockLog;
     use std::collections::BTreeMap;
@@ -188,9 +188,11 @@ mod tests {
         tasks.into_values().collect()
     }
 
-    fn shaped(task: &Task, log: &BlockLog) -> (f64, Report) {
+    fn shaped(task: &Task, log: &BlockLog) -> (f64, Scores) {
+        let scores = score_log(task, log, &Control::unhurried()).unwrap();
         let report = grade_log(task, log, &Control::unhurried()).unwrap();
-        (Baseline::of(task, &Control::unhurried()).unwrap().shaped(&report), report)
+        assert_eq!(scores, Scores::from(&report), "{}: scores depend on whether evidence is asked", task.id);
+        (Baseline::of(task, &Control::unhurried()).unwrap().shaped(&scores), scores)
     }
 
     #[test]
@@ -212,9 +214,8 @@ mod tests {
             // A spoiled build earns something in between, and every baseline can be beaten.
             assert!(Baseline::of(task, &Control::unhurried()).unwrap().can_be_beaten(), "{}", task.id);
             for saboteur in SABOTEURS {
-                let (reward, report) = shaped(task, &saboteur.spoil(good.clone()));
-                let is_whole =
-                    report.turns.iter().flat_map(|turn| &turn.checks).all(|check| check.finding.score >= 1.0);
+                let (reward, scores) = shaped(task, &saboteur.spoil(good.clone()));
+                let is_whole = scores.turns.iter().flat_map(|turn| &turn.checks).all(|check| check.score >= 1.0);
                 assert!((0.0..=1.0).contains(&reward) && (reward >= 1.0) == is_whole, "{}: {reward}", task.id);
             }
         }
@@ -224,18 +225,18 @@ mod tests {
     fn a_score_that_rises_never_lowers_the_reward() {
         for task in one_of_each_family() {
             let baseline = Baseline::of(&task, &Control::unhurried()).unwrap();
-            let (_, mut report) = shaped(&task, &build(&task).unwrap());
-            for turn in 0..report.turns.len() {
-                for check in 0..report.turns[turn].checks.len() {
+            let (_, mut scores) = shaped(&task, &build(&task).unwrap());
+            for turn in 0..scores.turns.len() {
+                for check in 0..scores.turns[turn].checks.len() {
                     let mut before = -1.0;
                     for tenths in 0..=10 {
-                        report.turns[turn].checks[check].finding.score = f64::from(tenths) / 10.0;
-                        let reward = baseline.shaped(&report);
+                        scores.turns[turn].checks[check].score = f64::from(tenths) / 10.0;
+                        let reward = baseline.shaped(&scores);
                         assert!(reward >= before, "{}", task.id);
                         before = reward;
                     }
                     // Leaves this check half earned while the next one varies.
-                    report.turns[turn].checks[check].finding.score = 0.5;
+                    scores.turns[turn].checks[check].score = 0.5;
                 }
             }
         }

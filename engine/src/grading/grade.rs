@@ -1,8 +1,12 @@
 //! Grading: the checks of a task on the structures of a log, and what follows for criteria and problem
 //! (`docs/rules.md#scores`).
 
+use std::borrow::Cow;
+
 use super::advisories::{advise, advise_on_removals};
 use super::report::{CheckReport, CriterionReport, Report, TurnReport};
+use super::scores::{ScoredCheck, Scores, TurnScores};
+use crate::checks::evidence::holds;
 use crate::checks::{CHECKS_VERSION, Check, Criterion, Dimension, Finding, Subject};
 use crate::elasticity::{Control, Stopped};
 use crate::tasks::Task;
@@ -29,6 +33,31 @@ pub fn grade_hashed(task: &Task, hash: &str, log: &BlockLog, control: &Control<'
     let mut report = grade(task, hash.to_owned(), structures, control)?;
     advise_on_removals(log, &mut report.advisories);
     Ok(Report { profile: log.profile, ..report })
+}
+
+/// Grades a log against a task as [`grade_log`] does, and keeps only the scores: checks gather no evidence, and those that
+/// do not count are left out.
+///
+/// # Errors
+/// Returns an error only if `control` stops a long computation.
+pub fn score_log(task: &Task, log: &BlockLog, control: &Control<'_>) -> Result<Scores, Stopped> {
+    let mut structures = Replay::read_as(log, task.reading);
+    let mut standing = Structure::from_named([]);
+    let mut turns = Vec::with_capacity(task.turns.len());
+    for instruction in &task.turns {
+        standing = structures.next().unwrap_or(standing);
+        let subject = Subject::new(&standing, control).for_scores();
+        let mut checks = Vec::with_capacity(instruction.checks.len());
+        for check in &instruction.checks {
+            let score = evaluate(check, &subject)?.score;
+            checks.push(ScoredCheck { name: Cow::Borrowed(check.name()), criterion: check.criterion(), score });
+        }
+        turns.push(TurnScores { blocks: blocks(&standing), checks });
+    }
+    let scored = turns.iter().flat_map(|turn| &turn.checks).map(|check| (check.criterion, check.score));
+    let criteria = criterion_reports(scored);
+    let Verdicts { overall, accuracy } = verdicts(&criteria);
+    Ok(Scores { overall, accuracy, criteria, turns })
 }
 
 /// Grades structures, one per turn, against a task. They are read as those of a log of the profile `published`.
@@ -59,27 +88,20 @@ fn grade(
         let subject = Subject::new(&standing, control);
         let checks = check_reports(&instruction.checks, &subject)?;
         let informational = check_reports(&instruction.informational, &subject)?;
-        // An object in two cells, such as a door, counts once.
-        let blocks = standing.cells().iter().filter(|cell| standing.other_half(**cell).is_none()).count() as u64;
-        let report = TurnReport { turn, blocks, checks, informational };
+        let report = TurnReport { turn, blocks: blocks(&standing), checks, informational };
         advise(&standing, instruction, &report, &mut advisories);
         turns.push(report);
     }
-    let criteria = criterion_reports(&turns);
-    let holds = |wanted: &dyn Fn(&CriterionReport) -> bool| {
-        let mut applicable = criteria.iter().filter(|c| wanted(c)).peekable();
-        applicable.peek().is_some().then(|| applicable.all(|c| c.holds))
-    };
-    let accuracy = holds(&|c| c.dimension == Dimension::Accuracy);
-    let plausible = holds(&|c| c.criterion == Criterion::PhysicalPlausibility);
-    let ordered = holds(&|c| c.criterion == Criterion::Dependency);
+    let scored = turns.iter().flat_map(|turn| &turn.checks).map(|check| (check.criterion, check.finding.score));
+    let criteria = criterion_reports(scored);
+    let Verdicts { overall, accuracy } = verdicts(&criteria);
     Ok(Report {
         task: task.id.clone(),
         number: task.number,
         task_hash,
         checks_version: CHECKS_VERSION,
         profile: Profile::Published,
-        overall: [accuracy, plausible, ordered].into_iter().all(|part| part.unwrap_or(true)),
+        overall,
         accuracy,
         criteria,
         turns,
@@ -87,38 +109,63 @@ fn grade(
     })
 }
 
+/// Counts the blocks of a structure; an object in two cells, such as a door, counts once.
+fn blocks(structure: &Structure) -> u64 {
+    structure.cells().iter().filter(|cell| structure.other_half(**cell).is_none()).count() as u64
+}
+
+fn evaluate(check: &Check, subject: &Subject<'_>) -> Result<Finding, Stopped> {
+    if (subject.control.stop)() {
+        return Err(Stopped);
+    }
+    check.evaluate(subject)
+}
+
 fn check_reports(checks: &[Check], subject: &Subject<'_>) -> Result<Vec<CheckReport>, Stopped> {
     let mut reports = Vec::with_capacity(checks.len());
     for check in checks {
-        if (subject.control.stop)() {
-            return Err(Stopped);
-        }
-        reports.push(check_report(check, check.evaluate(subject)?.bounded()));
+        let finding = evaluate(check, subject)?.bounded();
+        let name = Cow::Borrowed(check.name());
+        reports.push(CheckReport { name, args: check.args(), criterion: check.criterion(), finding });
     }
     Ok(reports)
 }
 
-fn check_report(check: &Check, finding: Finding) -> CheckReport {
-    CheckReport { name: check.name().to_owned(), args: check.args(), criterion: check.criterion(), finding }
-}
-
-fn criterion_reports(turns: &[TurnReport]) -> Vec<CriterionReport> {
+/// Sums up the scores of checks, each with its criterion.
+fn criterion_reports(scored: impl Iterator<Item = (Criterion, f64)> + Clone) -> Vec<CriterionReport> {
     let mut reports = Vec::new();
     for criterion in Criterion::ALL {
-        let checks = || turns.iter().flat_map(|t| &t.checks).filter(|c| c.criterion == criterion);
-        let count = checks().count();
+        let scores = || scored.clone().filter(|(of, _)| *of == criterion).map(|(_, score)| score);
+        let count = scores().count();
         if count == 0 {
             continue;
         }
-        let at_1 = checks().filter(|c| c.finding.holds()).count();
+        let at_1 = scores().filter(|score| holds(*score)).count();
         reports.push(CriterionReport {
             criterion,
             dimension: criterion.dimension(),
             holds: at_1 == count,
-            mean: checks().map(|c| c.finding.score).sum::<f64>() / count as f64,
+            mean: scores().sum::<f64>() / count as f64,
             checks: u32::try_from(count).unwrap_or(u32::MAX),
             checks_at_1: u32::try_from(at_1).unwrap_or(u32::MAX),
         });
     }
     reports
+}
+
+/// What the criteria mean for the problem as a whole.
+struct Verdicts {
+    overall: bool,
+    accuracy: Option<bool>,
+}
+
+fn verdicts(criteria: &[CriterionReport]) -> Verdicts {
+    let holds = |wanted: &dyn Fn(&CriterionReport) -> bool| {
+        let mut applicable = criteria.iter().filter(|c| wanted(c)).peekable();
+        applicable.peek().is_some().then(|| applicable.all(|c| c.holds))
+    };
+    let accuracy = holds(&|c| c.dimension == Dimension::Accuracy);
+    let plausible = holds(&|c| c.criterion == Criterion::PhysicalPlausibility);
+    let ordered = holds(&|c| c.criterion == Criterion::Dependency);
+    Verdicts { overall: [accuracy, plausible, ordered].into_iter().all(|part| part.unwrap_or(true)), accuracy }
 }

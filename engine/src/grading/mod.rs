@@ -12,10 +12,12 @@ pub mod repeats;
 pub mod report;
 pub mod reward;
 pub mod saboteur_table;
+pub mod scores;
 pub mod standings;
 pub mod statistics;
 pub mod summary;
 
-pub use grade::{grade_hashed, grade_log, grade_structures};
+pub use grade::{grade_hashed, grade_log, grade_structures, score_log};
 pub use report::Report;
+pub use scores::Scores;
 pub use summary::{ProblemScores, Summary};

@@ -1,5 +1,7 @@
 //! The report on one submission, by turn, check and criterion, and for the problem as a whole (`docs/rules.md#scores`).
 
+use std::borrow::Cow;
+
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -14,7 +16,8 @@ use crate::voxel::Profile;
 pub struct CheckReport {
     /// Name of the check, such as `size.is_equal`.
     #[serde(rename = "fn")]
-    pub name: String,
+    #[schema(value_type = String)]
+    pub name: Cow<'static, str>,
     /// Arguments of the check, by name.
     pub args: Value,
     /// Criterion that the check belongs to.
@@ -88,8 +91,7 @@ impl Report {
     #[must_use]
     pub fn memory_bytes(&self) -> usize {
         let checks = |list: &Vec<CheckReport>| {
-            let own =
-                |check: &CheckReport| check.name.capacity() + value_bytes(&check.args) + check.finding.heap_bytes();
+            let own = |check: &CheckReport| value_bytes(&check.args) + check.finding.heap_bytes();
             list.capacity() * size_of::<CheckReport>() + list.iter().map(own).sum::<usize>()
         };
         let turns = self.turns.iter().map(|turn| checks(&turn.checks) + checks(&turn.informational)).sum::<usize>();

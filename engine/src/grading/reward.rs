@@ -1,12 +1,12 @@
-//! Rewards: one number from a report, by a scheme that the trainer chooses.
+//! Rewards: one number from scores, by a scheme that the trainer chooses.
 
 use serde::{Deserialize, Serialize};
 
-use super::Report;
+use super::Scores;
 use super::baseline::Baseline;
 use crate::checks::Criterion;
 
-/// Scheme that turns a report into a number in [0, 1].
+/// Scheme that turns scores into a number in [0, 1].
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Scheme {
     /// 1 if the problem passes overall (`docs/rules.md#scores`), else 0.
@@ -32,10 +32,10 @@ impl Scheme {
         }
     }
 
-    /// Computes the reward of a report. Returns `None` if no criterion that applies has a weight. [`Self::Shaped`]
+    /// Computes the reward of scores. Returns `None` if no criterion that applies has a weight. [`Self::Shaped`]
     /// needs the `baseline` of the task, and returns `None` unless it can be beaten.
     #[must_use]
-    pub fn reward(&self, report: &Report, baseline: Option<&Baseline>) -> Option<f64> {
+    pub fn reward(&self, scores: &Scores, baseline: Option<&Baseline>) -> Option<f64> {
         let weight = |criterion: Criterion| match self {
             Self::Strict | Self::Mean | Self::Shaped => 1.0,
             Self::Weighted(weights) => {
@@ -43,13 +43,13 @@ impl Scheme {
             }
         };
         if *self == Self::Strict {
-            return Some(f64::from(report.overall));
+            return Some(f64::from(scores.overall));
         }
         if *self == Self::Shaped {
-            return baseline.filter(|baseline| baseline.can_be_beaten()).map(|baseline| baseline.shaped(report));
+            return baseline.filter(|baseline| baseline.can_be_beaten()).map(|baseline| baseline.shaped(scores));
         }
-        let total: f64 = report.criteria.iter().map(|c| weight(c.criterion)).sum();
-        let sum: f64 = report.criteria.iter().map(|c| weight(c.criterion) * c.mean).sum();
+        let total: f64 = scores.criteria.iter().map(|c| weight(c.criterion)).sum();
+        let sum: f64 = scores.criteria.iter().map(|c| weight(c.criterion) * c.mean).sum();
         (total > 0.0).then(|| sum / total)
     }
 }
@@ -107,12 +107,12 @@ impl RewardComponents {
         }
     }
 
-    /// Returns the components of a report.
+    /// Returns the components of scores.
     #[must_use]
-    pub fn of(report: &Report) -> Self {
-        let mean = |wanted| report.criteria.iter().find(|c| c.criterion == wanted).map(|c| c.mean);
+    pub fn of(scores: &Scores) -> Self {
+        let mean = |wanted| scores.criteria.iter().find(|c| c.criterion == wanted).map(|c| c.mean);
         Self {
-            overall: f64::from(report.overall),
+            overall: f64::from(scores.overall),
             material: mean(Criterion::Material),
             shape: mean(Criterion::Shape),
             size: mean(Criterion::Size),
@@ -130,7 +130,7 @@ mod tests {
     use crate::builders::build;
     use crate::builders::saboteurs::find;
     use crate::elasticity::Control;
-    use crate::grading::grade_log;
+    use crate::grading::score_log;
     use crate::tasks::embedded;
 
     #[test]
@@ -141,8 +141,8 @@ mod tests {
         // Extra blocks spoil one check of three for material, one course of five for shape, one of two for size, and
         // movement.
         let wide = find("widen").unwrap().spoil(good.clone());
-        let report = |log| grade_log(task, log, &Control::unhurried()).unwrap();
-        let (good, wide) = (report(&good), report(&wide));
+        let scores = |log| score_log(task, log, &Control::unhurried()).unwrap();
+        let (good, wide) = (scores(&good), scores(&wide));
         let efficiency = wide.criteria.iter().find(|c| c.criterion == Criterion::Efficiency).unwrap().mean;
         let weights = |of: &[(Criterion, f64)]| Scheme::Weighted(of.to_vec());
         for scheme in [Scheme::Strict, Scheme::Mean, weights(&[(Criterion::Size, 2.0)])] {

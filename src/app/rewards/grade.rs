@@ -10,6 +10,7 @@ use super::grader::{Deadline, Graded, Until};
 use super::model_text::{AnswerBody, log_in_texts};
 use super::named_task::NamedTask;
 use super::request::{Detail, GivenWork, GradeRequest, read_request};
+use super::results::{Outcome, Work};
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::aside::aside;
@@ -55,9 +56,7 @@ pub struct Found {
 #[derive(Debug)]
 pub struct Prepared {
     request: GradeRequest,
-    given: GivenTask,
-    log: BlockLog,
-    log_hash: String,
+    work: Arc<Work>,
     replays: Vec<TurnReplay>,
     answer: Option<AnswerBody>,
     not_measured: Vec<UnmeasuredCheck>,
@@ -190,7 +189,7 @@ impl Found {
             let GradeRequest { deadline, for_code, .. } = &mut self.request;
             replays = run_sent(app, who, &mut self.sent, for_code, &mut faults).await?;
             // What the code took is taken from the time for grading.
-            *deadline = (*deadline).min(*for_code);
+            *deadline = for_code.map_or(*deadline, |left| left.min(*deadline));
         }
         if self.sent.log.event_count() <= INSTANT_EVENTS {
             return self.finish(replays, faults);
@@ -217,9 +216,9 @@ impl Found {
             answer.why = faults.list().first().map(ToString::to_string);
             sent = nothing(task);
         }
-        let log_hash = hash(&sent.log);
-        let (log, read_us) = (sent.log, micros(begun));
-        Ok(Prepared { request, given, log, log_hash, replays, answer, not_measured, begun, read_us })
+        let (log_hash, detail) = (hash(&sent.log), request.detail);
+        let work = Arc::new(Work { given, log: sent.log, log_hash, detail });
+        Ok(Prepared { request, work, replays, answer, not_measured, begun, read_us: micros(begun) })
     }
 }
 
@@ -272,16 +271,14 @@ impl Prepared {
         Ok(self.grade_within(app, who, deadline).await?.0)
     }
 
-    async fn grade_within(mut self, app: &App, who: &Arc<str>, deadline: Deadline) -> AppResult<(GradeBody, bool)> {
+    async fn grade_within(self, app: &App, who: &Arc<str>, deadline: Deadline) -> AppResult<(GradeBody, bool)> {
         if self.is_unreadable() {
             return Ok((self.unreadable()?, false));
         }
-        let log = std::mem::take(&mut self.log);
-        let graded = app.grader.grade(self.given.clone(), log, &self.log_hash, deadline, who).await;
-        let graded = graded.map_err(AppError::without_reward)?;
+        let graded = app.grader.grade(&self.work, deadline, who).await.map_err(AppError::without_reward)?;
         let is_cached = graded.is_cached;
         if self.request.scheme == Scheme::Shaped {
-            app.grader.know_baseline(&self.given, deadline, who).await.map_err(AppError::without_reward)?;
+            app.grader.know_baseline(&self.work.given, deadline, who).await.map_err(AppError::without_reward)?;
         }
         Ok((self.answer(app, graded)?, is_cached))
     }
@@ -290,8 +287,8 @@ impl Prepared {
     #[must_use]
     pub fn is_short(&self, app: &App) -> bool {
         let is_shaped = self.request.scheme == Scheme::Shaped;
-        self.given.task().is_ok_and(|(task, _)| cost(task, &self.log) != Cost::Long)
-            && (!is_shaped || app.grader.knows_baseline(&self.given))
+        self.work.task().is_ok_and(|(task, _)| cost(task, &self.work.log) != Cost::Long)
+            && (!is_shaped || app.grader.knows_baseline(&self.work.given))
     }
 
     /// Grades it on this thread.
@@ -303,7 +300,7 @@ impl Prepared {
             return self.unreadable();
         }
         let until = until.and_within(self.request.deadline);
-        let graded = app.grader.grade_here(&self.given, &self.log, &self.log_hash, &until);
+        let graded = app.grader.grade_here(&self.work, &until);
         self.answer(app, graded.map_err(AppError::without_reward)?)
     }
 
@@ -313,12 +310,12 @@ impl Prepared {
 
     /// Returns the result for a model that wrote nothing that can be graded: the reward is 0.
     fn unreadable(self) -> AppResult<GradeBody> {
-        let (task, task_hash) = self.given.task()?;
+        let (task, task_hash) = self.work.task()?;
         let criteria = task.criteria();
         Ok(GradeBody {
             task: task.id.clone(),
             task_hash: task_hash.to_owned(),
-            log_hash: self.log_hash,
+            log_hash: self.work.log_hash.clone(),
             checks_version: CHECKS_VERSION,
             reward: 0.0,
             scheme: self.request.scheme.name(),
@@ -336,12 +333,13 @@ impl Prepared {
     }
 
     fn answer(self, app: &App, graded: Graded) -> AppResult<GradeBody> {
-        let (report, scheme) = (graded.report, &self.request.scheme);
+        let ((task, task_hash), scheme) = (self.work.task()?, &self.request.scheme);
+        let Outcome { scores, report } = graded.outcome;
         let baseline = match scheme {
-            Scheme::Shaped => Some(app.grader.baseline(&self.given, &Until::within(self.request.deadline))?),
+            Scheme::Shaped => Some(app.grader.baseline(&self.work.given, &Until::within(self.request.deadline))?),
             _ => None,
         };
-        let Some(reward) = scheme.reward(&report, baseline.as_deref()) else {
+        let Some(reward) = scheme.reward(&scores, baseline.as_deref()) else {
             let mut faults = Faults::new();
             faults.enter_key("reward");
             if baseline.is_some() {
@@ -351,28 +349,29 @@ impl Prepared {
             }
             return Err(AppError::faulty(faults));
         };
-        let checks = report.turns.iter().flat_map(|turn| turn.checks.iter().map(|check| (turn.turn, check)));
+        let turns = scores.turns.iter().zip(1..);
+        let checks = turns.flat_map(|(turn, number)| turn.checks.iter().map(move |check| (number, check)));
         Ok(GradeBody {
-            task: report.task.clone(),
-            task_hash: report.task_hash.clone(),
-            log_hash: self.log_hash,
+            task: task.id.clone(),
+            task_hash: task_hash.to_owned(),
+            log_hash: self.work.log_hash.clone(),
             checks_version: CHECKS_VERSION,
             reward,
             scheme: self.request.scheme.name(),
-            overall: report.overall,
-            accuracy: report.accuracy,
-            components: RewardComponents::of(&report),
-            criteria: report.criteria.clone(),
+            overall: scores.overall,
+            accuracy: scores.accuracy,
+            components: RewardComponents::of(&scores),
+            criteria: scores.criteria.clone(),
             checks: checks
                 .map(|(turn, check)| CheckScore {
                     turn,
                     name: check.name.clone(),
                     criterion: check.criterion,
-                    score: check.finding.score,
+                    score: check.score,
                 })
                 .collect(),
             not_measured: self.not_measured,
-            report: (self.request.detail == Detail::Report).then(|| Arc::clone(&report)),
+            report: report.filter(|_| self.request.detail == Detail::Report),
             action_code: self.replays,
             answer: self.answer,
             timings: Timings { read_us: self.read_us, grade_us: micros(self.begun).saturating_sub(self.read_us) },

@@ -9,12 +9,13 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use quick_cache::Weighter;
 use quick_cache::sync::Cache;
 use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 
 use super::given_task::GivenTask;
+use super::request::Detail;
+use super::results::{Outcome, Results, Work};
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::grading::{Cores, Unfinished, execute};
 use crate::app::limits::LIMITS;
@@ -23,10 +24,8 @@ use crate::fair::{FairSlots, NoPermit, Permit, PermitPool};
 use crate::threads::yield_to_others;
 use plumbline_engine::grading::baseline::Baseline;
 use plumbline_engine::grading::cost::{Cost, cost};
-use plumbline_engine::grading::{Report, grade_hashed};
-use plumbline_engine::tasks::Task;
+use plumbline_engine::grading::{grade_hashed, score_log};
 use plumbline_engine::tasks::catalogue::Entry;
-use plumbline_engine::voxel::BlockLog;
 
 /// Number of connections up to which logs are graded on the threads that serve their requests. With more connections,
 /// logs would wait unseen in the queue of these threads, and other requests behind them.
@@ -37,18 +36,6 @@ const SHORT_NICENESS: i32 = 5;
 const LONG_NICENESS: i32 = 10;
 /// Number of baselines in the cache: enough for all tasks of a few suites.
 const BASELINES: usize = 4_096;
-
-/// Cache key: hashes of log and task. The version of the checks is that of the program.
-type Key = (Box<str>, Box<str>);
-
-#[derive(Debug, Clone)]
-struct ByMemory;
-
-impl Weighter<Key, Arc<Report>> for ByMemory {
-    fn weight(&self, key: &Key, report: &Arc<Report>) -> u64 {
-        (report.memory_bytes() + key.0.len() + key.1.len()) as u64
-    }
-}
 
 /// Lane in which work is done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -82,18 +69,18 @@ pub struct Grader {
     short: Threads,
     long: Threads,
     connections: Connections,
-    cache: Option<Cache<Key, Arc<Report>, ByMemory>>,
+    results: Option<Results>,
     /// Baselines by the hash of the task.
     baselines: Cache<Box<str>, Arc<Baseline>>,
     stop: CancellationToken,
 }
 
-/// Report, with its origin.
+/// Result of grading, with its origin.
 #[derive(Debug, Clone)]
 pub struct Graded {
-    /// Report of the grading.
-    pub report: Arc<Report>,
-    /// Whether the report came from the cache.
+    /// Scores, and the report if it was asked.
+    pub outcome: Outcome,
+    /// Whether they came from the cache.
     pub is_cached: bool,
 }
 
@@ -146,9 +133,6 @@ impl Grader {
     /// # Errors
     /// Returns an error if a thread cannot be started.
     pub fn new(cache_bytes: usize, connections: &Connections, stop: CancellationToken) -> anyhow::Result<Self> {
-        const TYPICAL_BYTES: usize = 4 << 10;
-        let cache = (cache_bytes > 0)
-            .then(|| Cache::with_weighter(cache_bytes.div_ceil(TYPICAL_BYTES), cache_bytes as u64, ByMemory));
         let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         Ok(Self {
             waiting: PermitPool::new(LIMITS.grades_waiting, LIMITS.grades_waiting_per_sender),
@@ -158,7 +142,7 @@ impl Grader {
             // idles.
             long: Threads::start("grade-long", cores, cores.saturating_sub(1), LONG_NICENESS)?,
             connections: connections.clone(),
-            cache,
+            results: (cache_bytes > 0).then(|| Results::within(cache_bytes)),
             baselines: Cache::new(BASELINES),
             stop,
         })
@@ -284,52 +268,46 @@ impl Grader {
     ///
     /// # Errors
     /// Returns 504 if the deadline passes, 503 if the service stops, and 500 if grading fails; never a score.
-    pub async fn grade(
-        self: &Arc<Self>,
-        given: GivenTask,
-        log: BlockLog,
-        log_hash: &str,
-        deadline: Deadline,
-        who: &Arc<str>,
-    ) -> AppResult<Graded> {
-        let (task, hash) = given.task()?;
-        let (lane, cores) = match cost(task, &log) {
+    pub async fn grade(self: &Arc<Self>, work: &Arc<Work>, deadline: Deadline, who: &Arc<str>) -> AppResult<Graded> {
+        let (task, hash) = work.task()?;
+        let (lane, cores) = match cost(task, &work.log) {
             Cost::Immediate if self.connections.open() <= FEW_CONNECTIONS => {
-                return self.grade_on(Cores::One, &given, &log, log_hash, &Until::within(deadline.work));
+                return self.grade_on(Cores::One, work, &Until::within(deadline.work));
             }
             Cost::Immediate | Cost::Short => (Lane::Short, Cores::One),
             // The threads of the lane that are idle share the work.
             Cost::Long => (Lane::Long, Cores::Idle),
         };
-        if let Some(kept) = self.kept(log_hash, hash) {
+        if let Some(kept) = self.kept(work, hash) {
             return Ok(kept);
         }
-        let (grader, log_hash) = (Arc::clone(self), log_hash.to_owned());
-        self.run(lane, who, deadline, move |until| grader.grade_on(cores, &given, &log, &log_hash, until)).await
+        let (grader, work) = (Arc::clone(self), Arc::clone(work));
+        self.run(lane, who, deadline, move |until| grader.grade_on(cores, &work, until)).await
     }
 
     /// Grades a log on this thread, however long it takes.
     ///
     /// # Errors
     /// Returns the same errors as [`Self::grade`].
-    pub fn grade_here(&self, given: &GivenTask, log: &BlockLog, log_hash: &str, until: &Until) -> AppResult<Graded> {
-        self.grade_on(Cores::One, given, log, log_hash, until)
+    pub fn grade_here(&self, work: &Work, until: &Until) -> AppResult<Graded> {
+        self.grade_on(Cores::One, work, until)
     }
 
-    fn grade_on(
-        &self,
-        cores: Cores,
-        given: &GivenTask,
-        log: &BlockLog,
-        log_hash: &str,
-        until: &Until,
-    ) -> AppResult<Graded> {
-        let (task, hash) = given.task()?;
-        if let Some(kept) = self.kept(log_hash, hash) {
+    fn grade_on(&self, cores: Cores, work: &Work, until: &Until) -> AppResult<Graded> {
+        let (_, hash) = work.task()?;
+        if let Some(kept) = self.kept(work, hash) {
             return Ok(kept);
         }
-        let report = self.compute(cores, task, hash, log, until)?;
-        Ok(self.keep(log_hash, hash, report))
+        let outcome = self.compute(cores, work, until)?;
+        if let Some(results) = &self.results {
+            results.keep(work, hash, &outcome);
+        }
+        Ok(Graded { outcome, is_cached: false })
+    }
+
+    fn kept(&self, work: &Work, hash: &str) -> Option<Graded> {
+        let outcome = self.results.as_ref()?.get(work, hash)?;
+        Some(Graded { outcome, is_cached: true })
     }
 
     fn is_over(&self, until: &Until) -> bool {
@@ -351,30 +329,17 @@ impl Grader {
         AppError::new(Kind::Stopping, detail).retry_after(5)
     }
 
-    fn compute(&self, cores: Cores, task: &Task, hash: &str, log: &BlockLog, until: &Until) -> AppResult<Report> {
+    fn compute(&self, cores: Cores, work: &Work, until: &Until) -> AppResult<Outcome> {
+        let (task, hash) = work.task()?;
         let stop = || self.is_over(until);
         let begun = Instant::now();
-        let graded = execute(cores, &stop, |control| grade_hashed(task, hash, log, control));
-        let report = graded.map_err(|why| self.unfinished(why, &task.id))?;
+        let outcome = execute(cores, &stop, |control| match work.detail {
+            Detail::Scores => score_log(task, &work.log, control).map(Outcome::from),
+            Detail::Report => grade_hashed(task, hash, &work.log, control).map(Outcome::from),
+        });
+        let outcome = outcome.map_err(|why| self.unfinished(why, &task.id))?;
         metrics::histogram!("plumbline_grade_seconds").record(begun.elapsed().as_secs_f64());
-        Ok(report)
-    }
-
-    fn kept(&self, log_hash: &str, task_hash: &str) -> Option<Graded> {
-        let cache = self.cache.as_ref()?;
-        let found = cache.get(&(Box::from(log_hash), Box::from(task_hash)));
-        let outcome = if found.is_some() { "hit" } else { "miss" };
-        metrics::counter!("plumbline_grade_cache_total", "outcome" => outcome).increment(1);
-        found.map(|report| Graded { report, is_cached: true })
-    }
-
-    fn keep(&self, log_hash: &str, task_hash: &str, report: Report) -> Graded {
-        let report = Arc::new(report);
-        if let Some(cache) = &self.cache {
-            cache.insert((Box::from(log_hash), Box::from(task_hash)), Arc::clone(&report));
-            metrics::gauge!("plumbline_grade_cache_bytes").set(cache.weight() as f64);
-        }
-        Graded { report, is_cached: false }
+        Ok(outcome)
     }
 }
 

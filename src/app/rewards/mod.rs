@@ -8,5 +8,6 @@ pub mod model_text;
 pub mod named_task;
 pub mod quick;
 pub mod request;
+pub mod results;
 pub mod scheme;
 pub mod score;

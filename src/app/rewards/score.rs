@@ -1,5 +1,6 @@
 //! Result of grading within a request: a reward and its components.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use serde::Serialize;
@@ -18,7 +19,8 @@ pub struct CheckScore {
     pub turn: u32,
     /// Name of the check.
     #[serde(rename = "fn")]
-    pub name: String,
+    #[schema(value_type = String)]
+    pub name: Cow<'static, str>,
     /// Criterion that the check counts for.
     pub criterion: Criterion,
     /// Score in [0, 1].

@@ -10,7 +10,7 @@ use plumbline_engine::grading::report::CheckReport;
 #[must_use]
 pub fn found(check: &CheckReport) -> String {
     let measured = Args(&check.finding.measured);
-    let told = match check.name.as_str() {
+    let told = match &*check.name {
         "shape.level_has" => level_found(measured),
         "size.is_equal" | "size.is_geq" | "size.is_leq" | "size.all_dimensions_geq" => extents_found(measured),
         "material.is_made_of" => check.finding.measured.as_f64().map(|share| format!("{} % are", plain(share * 100.0))),
@@ -59,7 +59,7 @@ mod tests {
     fn findings_are_told_without_what_was_required() {
         let told = |name: &str, measured: Value, summary: &str| {
             let finding = Finding::binary(false, measured, json!({}), summary);
-            found(&CheckReport { name: name.to_owned(), args: json!({}), criterion: Criterion::Shape, finding })
+            found(&CheckReport { name: name.to_owned().into(), args: json!({}), criterion: Criterion::Shape, finding })
         };
         let none = json!({ "blocks": 0, "parts": 0, "widest": [0, 0] });
         assert_eq!(told("shape.level_has", none, "0 blocks in 0 separate parts"), "No block");

@@ -98,6 +98,8 @@ fn scored(name: &str, bytes: &mut Unstructured<'_>) -> arbitrary::Result<()> {
     let found = || check.evaluate(&Subject::unhurried(&structure)).expect("nothing stops it");
     let finding = found();
     assert_eq!(format!("{finding:?}"), format!("{:?}", found()));
+    let alone = check.evaluate(&Subject::unhurried(&structure).for_scores()).expect("nothing stops it");
+    assert_eq!(finding.score, alone.score, "{name} {arguments}: the score depends on whether evidence is asked");
     let twin = twins::score(name, &arguments, &twins::Build::of(&structure));
     let told = || format!("{name} {arguments} on {:?}", twins::Build::of(&structure).blocks);
     assert!(twin.is_none_or(|score| score == finding.score), "{} {finding:?}, its twin {twin:?}", told());

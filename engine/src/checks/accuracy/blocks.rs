@@ -78,15 +78,17 @@ const fn whole() -> f64 {
 impl Rule for BlocksKnown {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let structure = subject.structure;
-        let required = json!({ "unknown": 0 });
+        let required = subject.tell(|| json!({ "unknown": 0 }));
         if structure.is_empty() {
             return Finding::nothing_stands(false, required);
         }
         let unknown = structure.cells_of(|name| !is_known(name) || is_air(name));
-        let summary = format!(
-            "{} not exist in Minecraft {GAME_VERSION}",
-            agreeing(unknown.len(), "block is air or does", "blocks are air or do")
-        );
+        let summary = subject.tell(|| {
+            format!(
+                "{} not exist in Minecraft {GAME_VERSION}",
+                agreeing(unknown.len(), "block is air or does", "blocks are air or do")
+            )
+        });
         Finding::binary(unknown.is_empty(), unknown.len(), required, summary).with_witnesses(unknown, "no such block")
     }
 }
@@ -99,9 +101,12 @@ impl Rule for CountWithin {
         let is_counted = |(cell, id): &(Cell, u32)| found[*id as usize] && structure.other_half(*cell).is_none();
         let count = structure.entries().filter(is_counted).count();
         let holds = count >= self.min as usize && self.max.is_none_or(|max| count <= max as usize);
-        let what = self.of.map_or_else(|| "blocks".to_owned(), |of| format!("blocks of {of}"));
-        let required = json!({ ">=": self.min, "<=": self.max });
-        Finding::binary(holds, count, required, format!("{count} {what}")).vacuous_if(holds && structure.is_empty())
+        let required = subject.tell(|| json!({ ">=": self.min, "<=": self.max }));
+        let summary = subject.tell(|| match self.of {
+            None => format!("{count} blocks"),
+            Some(of) => format!("{count} blocks of {of}"),
+        });
+        Finding::binary(holds, count, required, summary).vacuous_if(holds && structure.is_empty())
     }
 }
 
@@ -185,7 +190,7 @@ fn of_rooms(part: Part, y: i32, subject: &Subject<'_>) -> Vec<usize> {
 impl Rule for MadeOf {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let structure = subject.structure;
-        let required = json!({ "of": self.of, "share >=": self.min_share });
+        let required = subject.tell(|| json!({ "of": self.of, "share >=": self.min_share }));
         if structure.is_empty() {
             return Finding::nothing_stands(false, required);
         }
@@ -206,11 +211,13 @@ impl Rule for MadeOf {
             if is_whole(part) { own as f64 / part.len() as f64 } else { 0.0 }
         };
         let least = parts.iter().map(share).fold(1.0, f64::min);
-        let summary = if self.is_of_rooms() && parts.iter().all(Vec::is_empty) {
-            format!("no room was found, so there is no part of it to be of {}", self.of)
-        } else {
-            format!("{:.0} % of the part is of {}", 100.0 * least, self.of)
-        };
+        let summary = subject.tell(|| {
+            if self.is_of_rooms() && parts.iter().all(Vec::is_empty) {
+                format!("no room was found, so there is no part of it to be of {}", self.of)
+            } else {
+                format!("{:.0} % of the part is of {}", 100.0 * least, self.of)
+            }
+        });
         let others = parts.iter().flatten().filter(|i| !is_own(i)).map(|&i| structure.cells()[i]);
         Finding::binary(least >= self.min_share, least, required, summary).with_witnesses(others, "another material")
     }

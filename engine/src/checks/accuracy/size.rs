@@ -36,7 +36,7 @@ fn size_finding(
     relation: &str,
     compare: fn(f64, f64) -> bool,
 ) -> Finding {
-    let required = json!({ relation: { "xz": xz, "y": y } });
+    let required = subject.tell(|| json!({ relation: { "xz": xz, "y": y } }));
     let Some(bounds) = subject.structure.bounds() else {
         return Finding::nothing_stands(false, required);
     };
@@ -48,12 +48,15 @@ fn size_finding(
     let holds =
         compare(found[0], wanted[0]) && compare(found[1], wanted[1]) && y.is_none_or(|y| compare(dy, y.0 - 1.0));
     let spans = [dx + 1.0, dy + 1.0, dz + 1.0];
-    let height = y.map_or_else(|| "any height".to_owned(), |y| format!("height {relation} {y}"));
-    let summary = format!(
-        "spans {} x {} in plan and {} in height; required plan {relation} {} x {}, {height}",
-        spans[0], spans[2], spans[1], xz[0], xz[1]
-    );
-    let finding = Finding::binary(holds, json!({ "x": spans[0], "y": spans[1], "z": spans[2] }), required, summary);
+    let summary = subject.tell(|| {
+        let height = y.map_or_else(|| "any height".to_owned(), |y| format!("height {relation} {y}"));
+        format!(
+            "spans {} x {} in plan and {} in height; required plan {relation} {} x {}, {height}",
+            spans[0], spans[2], spans[1], xz[0], xz[1]
+        )
+    });
+    let measured = subject.tell(|| json!({ "x": spans[0], "y": spans[1], "z": spans[2] }));
+    let finding = Finding::binary(holds, measured, required, summary);
     if holds { finding } else { finding.with_witnesses([bounds.min, bounds.max], "corner of the bounding box") }
 }
 
@@ -101,13 +104,14 @@ fn height_finding(
     bound: Amount,
     compare: fn(f64, f64) -> bool,
 ) -> Finding {
-    let required = json!({ relation: bound });
+    let required = subject.tell(|| json!({ relation: bound }));
     let Some(bounds) = subject.structure.bounds() else {
         return Finding::nothing_stands(false, required);
     };
     let y = pick(&bounds);
     let holds = compare(f64::from(y), bound.0);
-    let finding = Finding::binary(holds, y, required, format!("{what} y is {y}; required {relation} {bound}"));
+    let summary = subject.tell(|| format!("{what} y is {y}; required {relation} {bound}"));
+    let finding = Finding::binary(holds, y, required, summary);
     if holds {
         return finding;
     }
@@ -143,14 +147,15 @@ pub struct AllDimensionsAtLeast {
 
 impl Rule for AllDimensionsAtLeast {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = json!({ ">=": self.min_size });
+        let required = subject.tell(|| json!({ ">=": self.min_size }));
         let Some(bounds) = subject.structure.bounds() else {
             return Finding::nothing_stands(false, required);
         };
         let [x, y, z] = bounds.extent().map(|d| d + 1);
         let holds = [x, y, z].iter().all(|&blocks| (blocks - 1) as f64 >= self.min_size.0 - 1.0);
-        let measured: Value = json!({ "x": x, "y": y, "z": z });
-        let summary = format!("spans {x} x {y} x {z}; required at least {} on each axis", self.min_size);
+        let measured: Value = subject.tell(|| json!({ "x": x, "y": y, "z": z }));
+        let summary =
+            subject.tell(|| format!("spans {x} x {y} x {z}; required at least {} on each axis", self.min_size));
         let finding = Finding::binary(holds, measured, required, summary);
         if holds { finding } else { finding.with_witnesses([bounds.min, bounds.max], "corner of the bounding box") }
     }

@@ -24,7 +24,7 @@ const fn yes() -> bool {
 impl Rule for MaterialSequenceOrder {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let wanted = &self.material_sequence;
-        let required = json!({ "sequence": wanted });
+        let required = subject.tell(|| json!({ "sequence": wanted }));
         if wanted.is_empty() {
             return Finding::binary(true, 0, required, "no order is required").vacuous_if(true);
         }

@@ -17,12 +17,13 @@ impl Rule for L1Distance {
         let cells = subject.structure.cells();
         let steps = || cells.iter().zip(cells.iter().skip(1));
         let shortest = cells.len().saturating_sub(1);
-        let required = json!({ "path": shortest });
+        let required = subject.tell(|| json!({ "path": shortest }));
         let length: i64 = steps().map(|(a, b)| a.l1_distance(*b)).sum();
         if cells.len() <= 1 || length <= 0 {
             return Finding::graded(1.0, length, required, "there is no path to measure").vacuous_if(true);
         }
-        let summary = format!("path of {}; the shortest possible is {shortest}", counted(length, "cell"));
+        let summary =
+            subject.tell(|| format!("path of {}; the shortest possible is {shortest}", counted(length, "cell")));
         let mut finding = Finding::graded(shortest as f64 / length as f64, length, required, summary);
         for (a, b) in steps() {
             if a.l1_distance(*b) > 1 {

@@ -26,7 +26,7 @@ const fn one() -> u32 {
 impl Rule for LayersFollow {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let structure = subject.structure;
-        let required = json!({ "sequence": self.layers, "overlap": false });
+        let required = subject.tell(|| json!({ "sequence": self.layers, "overlap": false }));
         if structure.is_empty() {
             return Finding::nothing_stands(false, required);
         }
@@ -42,13 +42,14 @@ impl Rule for LayersFollow {
                 last = Some(at);
             }
             if count < self.min_blocks as usize {
-                let summary = format!("{} of {layer}; required at least {}", counted(count, "block"), self.min_blocks);
+                let summary = subject
+                    .tell(|| format!("{} of {layer}; required at least {}", counted(count, "block"), self.min_blocks));
                 return Finding::binary(false, i, required, summary);
             }
             if let (Some(first), Some(end)) = (first, last_end)
                 && first < end
             {
-                let summary = format!("{layer} begins before {} is complete", self.layers[i - 1]);
+                let summary = subject.tell(|| format!("{layer} begins before {} is complete", self.layers[i - 1]));
                 let earlier = structure.palette().mask(|name| self.layers[i - 1].has(name));
                 let late =
                     structure.entries().skip(first).filter(|(_, id)| earlier[*id as usize]).map(|(cell, _)| cell);

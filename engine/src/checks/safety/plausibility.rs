@@ -18,12 +18,12 @@ pub struct GroundConnected {
 
 impl Rule for GroundConnected {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = json!({ "floating": 0 });
+        let required = subject.tell(|| json!({ "floating": 0 }));
         if subject.structure.is_empty() {
             return Finding::nothing_stands(true, required);
         }
         let floating = floating_cells(subject.structure);
-        let summary = format!("{} of {} blocks float", floating.len(), subject.structure.len());
+        let summary = subject.tell(|| format!("{} of {} blocks float", floating.len(), subject.structure.len()));
         Finding::binary(floating.is_empty(), floating.len(), required, summary).with_witnesses(floating, "floats")
     }
 }

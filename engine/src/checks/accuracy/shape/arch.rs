@@ -179,7 +179,8 @@ const fn is_below(p: (i64, i64), a: (i64, i64), b: (i64, i64), by: i64) -> bool 
 
 impl Rule for TrueArch {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = json!({ "supports": 2, "underside": "bulges up", "upper_surface": "bulges up" });
+        let required =
+            subject.tell(|| json!({ "supports": 2, "underside": "bulges up", "upper_surface": "bulges up" }));
         let structure = subject.structure;
         if structure.is_empty() {
             return Finding::nothing_stands(false, required);
@@ -188,7 +189,8 @@ impl Rule for TrueArch {
         let clusters = Clusters::of(&cells, Touch::Sides);
         let fails = |measured, summary: String| Finding::binary(false, measured, required.clone(), summary);
         if clusters.count != 2 {
-            let summary = format!("{} separate supports at y = {}; an arch has two", clusters.count, self.support_y);
+            let summary = subject
+                .tell(|| format!("{} separate supports at y = {}; an arch has two", clusters.count, self.support_y));
             return fails(json!({ "supports": clusters.count }), summary);
         }
         let Some(span) = ClearSpan::between(&cells, &clusters) else {
@@ -208,7 +210,7 @@ impl Rule for TrueArch {
         };
         let holds = |cut: &&Cut| break_of(&cut.underside).is_none() && rises(cut);
         if let Some(cut) = cuts.iter().find(holds) {
-            let summary = format!("an arch over {} clear blocks along {axis}", span.length());
+            let summary = subject.tell(|| format!("an arch over {} clear blocks along {axis}", span.length()));
             return Finding::binary(true, measured(Some(cut)), required, summary);
         }
         let Some(cut) = cuts.first() else {

@@ -35,7 +35,7 @@ const fn four() -> u32 {
 
 impl Rule for HasCeilings {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = json!({ "levels": { ">=": self.min_levels }, "top": { ">=": self.min_top } });
+        let required = subject.tell(|| json!({ "levels": { ">=": self.min_levels }, "top": { ">=": self.min_top } }));
         let Some(around) = subject.surroundings() else {
             return without_terrain(subject, required);
         };

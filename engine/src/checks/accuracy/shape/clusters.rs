@@ -88,15 +88,17 @@ impl Rule for ClusterCountAtY {
 
 impl Rule for ClustersAtYHaveMinSpan {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = json!({ ">=": self.min_span });
+        let required = subject.tell(|| json!({ ">=": self.min_span }));
         let (cells, clusters) = clusters_at(subject, self.y, self.use_8_neighbors);
         let Some(closest) = closest_pair_between(&cells, &clusters.label) else {
-            let summary = format!("{} at y={}: no pair to measure", counted(clusters.count, "cluster"), self.y);
+            let summary =
+                subject.tell(|| format!("{} at y={}: no pair to measure", counted(clusters.count, "cluster"), self.y));
             return Finding::binary(true, json!(null), required, summary).vacuous_if(true);
         };
         let span = closest.length();
         let holds = span >= self.min_span.0;
-        let summary = format!("nearest clusters at y={} are {span} apart; required {}", self.y, self.min_span);
+        let summary =
+            subject.tell(|| format!("nearest clusters at y={} are {span} apart; required {}", self.y, self.min_span));
         let finding = Finding::binary(holds, span, required, summary);
         if holds { finding } else { finding.with_witnesses(raised([closest.a, closest.b], self.y), "too near") }
     }
@@ -111,7 +113,7 @@ fn not_one_cluster(y: i32, cells: &[PlaneCell], clusters: &Clusters, required: s
 
 impl Rule for ClusterAtYHasMinRadius {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = json!({ ">=": self.min_radius });
+        let required = subject.tell(|| json!({ ">=": self.min_radius }));
         let (cells, clusters) = clusters_at(subject, self.y, self.use_8_neighbors);
         if clusters.count != 1 {
             return not_one_cluster(self.y, &cells, &clusters, required);
@@ -129,7 +131,7 @@ impl Rule for ClusterAtYHasMinRadius {
             }
         }
         let holds = radius >= self.min_radius.0;
-        let summary = format!("radius {radius} at y={}; required {}", self.y, self.min_radius);
+        let summary = subject.tell(|| format!("radius {radius} at y={}; required {}", self.y, self.min_radius));
         let finding = Finding::binary(holds, radius, required, summary);
         if holds { finding } else { finding.with_witnesses(raised([farthest], self.y), "farthest from the mean") }
     }
@@ -137,7 +139,7 @@ impl Rule for ClusterAtYHasMinRadius {
 
 impl Rule for ClusterAtYHasMinDiameter {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = json!({ ">=": self.min_diameter });
+        let required = subject.tell(|| json!({ ">=": self.min_diameter }));
         let (cells, clusters) = clusters_at(subject, self.y, self.use_8_neighbors);
         let farthest = farthest_pair(&cells).filter(|_| clusters.count == 1);
         let Some(farthest) = farthest else {
@@ -145,7 +147,7 @@ impl Rule for ClusterAtYHasMinDiameter {
         };
         let diameter = farthest.length();
         let holds = diameter >= self.min_diameter.0;
-        let summary = format!("diameter {diameter} at y={}; required {}", self.y, self.min_diameter);
+        let summary = subject.tell(|| format!("diameter {diameter} at y={}; required {}", self.y, self.min_diameter));
         let finding = Finding::binary(holds, diameter, required, summary);
         if holds { finding } else { finding.with_witnesses(raised([farthest.a, farthest.b], self.y), "farthest apart") }
     }

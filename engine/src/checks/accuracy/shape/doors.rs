@@ -19,7 +19,7 @@ pub struct DoorsPassable {}
 
 impl Rule for DoorsPassable {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = json!({ "blocked": 0 });
+        let required = subject.tell(|| json!({ "blocked": 0 }));
         if subject.structure.is_empty() {
             return Finding::nothing_stands(true, required);
         }
@@ -41,7 +41,7 @@ impl Rule for DoorsPassable {
                 blocked.push(cell);
             }
         }
-        let summary = format!("{} of {doors} doors are blocked", blocked.len());
+        let summary = subject.tell(|| format!("{} of {doors} doors are blocked", blocked.len()));
         Finding::binary(blocked.is_empty(), blocked.len(), required, summary)
             .vacuous_if(doors == 0)
             .with_witnesses(blocked, "blocked door")
@@ -65,9 +65,10 @@ const fn yes() -> bool {
 
 impl Rule for Adjacent {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = json!({ "touching": self.materials });
+        let required = subject.tell(|| json!({ "touching": self.materials }));
         let [a, b] = self.materials.as_slice() else {
-            let summary = format!("{} given; exactly two are needed", counted(self.materials.len(), "material"));
+            let summary =
+                subject.tell(|| format!("{} given; exactly two are needed", counted(self.materials.len(), "material")));
             return Finding::binary(false, json!(null), required, summary);
         };
         if subject.structure.is_empty() {
@@ -84,10 +85,10 @@ impl Rule for Adjacent {
         let others: CellSet = second.iter().copied().collect();
         let touching = first.iter().find(|cell| cell.face_neighbours().iter().any(|n| others.contains(n)));
         if let Some(&cell) = touching {
-            let summary = format!("a {a:?} touches a {b:?}");
+            let summary = subject.tell(|| format!("a {a:?} touches a {b:?}"));
             return Finding::binary(true, true, required, summary).with_witnesses([cell], "touches");
         }
-        let summary = format!("none of {} {a:?} touches any of {} {b:?}", first.len(), second.len());
+        let summary = subject.tell(|| format!("none of {} {a:?} touches any of {} {b:?}", first.len(), second.len()));
         Finding::binary(false, false, required, summary).with_witnesses(first, a).with_witnesses(second, b)
     }
 }

@@ -44,16 +44,16 @@ pub(super) fn without_terrain(subject: &Subject<'_>, required: Value) -> Finding
     if subject.structure.is_empty() {
         return Finding::nothing_stands(false, required);
     }
-    let summary = format!("the build measures more than {MAX_EXTENT} blocks along an axis");
+    let summary = subject.tell(|| format!("the build measures more than {MAX_EXTENT} blocks along an axis"));
     Finding::binary(false, Value::Null, required, summary)
 }
 
 impl Rule for EnclosedRooms {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = match self.max_rooms {
+        let required = subject.tell(|| match self.max_rooms {
             None => json!({ ">=": self.min_rooms }),
             Some(most) => json!({ ">=": self.min_rooms, "<=": most }),
-        };
+        });
         let Some(around) = subject.surroundings() else {
             return without_terrain(subject, required);
         };
@@ -64,19 +64,21 @@ impl Rule for EnclosedRooms {
         let of_size = spaces.pieces[1..].iter().filter(|piece| piece.floor_cells >= self.min_floor_cells).count();
         let is_not_too_many = self.max_rooms.is_none_or(|most| of_size <= most as usize);
         let holds = rooms.len() >= self.min_rooms as usize && is_not_too_many;
-        let summary = format!(
-            "{} rooms with a roof, a door and head room; {closed} other enclosed spaces; required {}",
-            rooms.len(),
-            self.min_rooms
-        );
-        Finding::binary(holds, rooms.len(), required, summary)
-            .with_witnesses(rooms.iter().map(|&room| spaces.pieces[room].first), "room")
+        let summary = subject.tell(|| {
+            format!(
+                "{} rooms with a roof, a door and head room; {closed} other enclosed spaces; required {}",
+                rooms.len(),
+                self.min_rooms
+            )
+        });
+        let witnesses = subject.tell(|| rooms.iter().map(|&room| spaces.pieces[room].first).collect::<Vec<_>>());
+        Finding::binary(holds, rooms.len(), required, summary).with_witnesses(witnesses, "room")
     }
 }
 
 impl Rule for DoorsLeadThrough {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = json!({ "doors": { ">=": self.min_doors }, "blocked": 0 });
+        let required = subject.tell(|| json!({ "doors": { ">=": self.min_doors }, "blocked": 0 }));
         let Some(around) = subject.surroundings() else {
             return without_terrain(subject, required);
         };
@@ -84,13 +86,15 @@ impl Rule for DoorsLeadThrough {
         let doors = terrain.doors();
         let blocked: Vec<_> = doors.iter().copied().filter(|door| terrain.joins(*door, spaces).is_none()).collect();
         let holds = blocked.is_empty() && doors.len() >= self.min_doors as usize;
-        let summary = format!(
-            "{} of {} doors are blocked; required {}",
-            blocked.len(),
-            doors.len(),
-            counted(self.min_doors, "door")
-        );
-        Finding::binary(holds, json!({ "doors": doors.len(), "blocked": blocked.len() }), required, summary)
-            .with_witnesses(blocked, "blocked")
+        let summary = subject.tell(|| {
+            format!(
+                "{} of {} doors are blocked; required {}",
+                blocked.len(),
+                doors.len(),
+                counted(self.min_doors, "door")
+            )
+        });
+        let measured = subject.tell(|| json!({ "doors": doors.len(), "blocked": blocked.len() }));
+        Finding::binary(holds, measured, required, summary).with_witnesses(blocked, "blocked")
     }
 }

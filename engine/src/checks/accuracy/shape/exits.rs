@@ -116,14 +116,15 @@ pub(super) fn starts(structure: &Structure, bounds: &Bounds, start_material: Opt
 
 fn exit_finding(subject: &Subject<'_>, size: [i32; 3], start_material: Option<&str>) -> Result<Finding, Stopped> {
     let [width, depth, height] = size;
-    let required: Value = json!({ "exit": { "width": width, "depth": depth, "height": height } });
+    let required: Value = subject.tell(|| json!({ "exit": { "width": width, "depth": depth, "height": height } }));
     let structure = subject.structure;
     let Some(bounds) = structure.bounds() else {
         return Ok(Finding::nothing_stands(true, required));
     };
     let starts = starts(structure, &bounds, start_material);
     if starts.is_empty() {
-        let summary = format!("no block matches {:?}: no exit is required", start_material.unwrap_or_default());
+        let summary =
+            subject.tell(|| format!("no block matches {:?}: no exit is required", start_material.unwrap_or_default()));
         return Ok(Finding::binary(true, json!(null), required, summary).vacuous_if(true));
     }
     let solid = structure.cells_of(|name| !contains_lower(name, "door") && !contains_lower(name, "bed"));
@@ -133,10 +134,12 @@ fn exit_finding(subject: &Subject<'_>, size: [i32; 3], start_material: Option<&s
         space.escapes(starts.iter().flat_map(beside), &|| (subject.control.stop)()).ok_or(Stopped)
     };
     let holds = escapes(width, depth)? || (width != depth && escapes(depth, width)?);
-    let summary = format!(
-        "a box {width} wide, {depth} deep and {height} high {} out",
-        if holds { "gets" } else { "does not get" }
-    );
+    let summary = subject.tell(|| {
+        format!(
+            "a box {width} wide, {depth} deep and {height} high {} out",
+            if holds { "gets" } else { "does not get" }
+        )
+    });
     let finding = Finding::binary(holds, holds, required, summary);
     Ok(if holds { finding } else { finding.with_witnesses(starts, "start") })
 }

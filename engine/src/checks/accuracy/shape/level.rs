@@ -55,8 +55,8 @@ fn extents(cells: &[PlaneCell], clusters: &Clusters) -> Vec<[u32; 2]> {
 
 impl Rule for LevelHas {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = json!({ "y": self.y, "blocks": { ">=": self.min_blocks, "<=": self.max_blocks },
-                               "parts": { ">=": self.min_parts, "<=": self.max_parts }, "size": { ">=": self.min_size } });
+        let required = subject.tell(|| json!({ "y": self.y, "blocks": { ">=": self.min_blocks, "<=": self.max_blocks },
+                               "parts": { ">=": self.min_parts, "<=": self.max_parts }, "size": { ">=": self.min_size } }));
         if subject.structure.is_empty() {
             return Finding::nothing_stands(false, required);
         }
@@ -70,18 +70,20 @@ impl Rule for LevelHas {
         let holds = is_within(cells.len(), self.min_blocks, self.max_blocks)
             && is_within(clusters.count, self.min_parts, self.max_parts)
             && self.min_size.is_none_or(reaches);
-        let widest = extents.iter().max_by_key(|[x, z]| u64::from(*x) * u64::from(*z)).copied().unwrap_or_default();
-        let what = self.of.map_or_else(String::new, |of| format!(" of {of}"));
-        let summary = format!(
-            "{} blocks{what} in {} separate parts stand at y = {}; the widest part measures {} by {}",
-            cells.len(),
-            clusters.count,
-            self.y,
-            widest[0],
-            widest[1]
-        );
-        let measured = json!({ "blocks": cells.len(), "parts": clusters.count, "widest": widest });
-        let witnesses = clusters.representatives(&cells).into_iter().map(|(x, z)| Cell::new(x, self.y, z));
+        let widest = || extents.iter().max_by_key(|[x, z]| u64::from(*x) * u64::from(*z)).copied().unwrap_or_default();
+        let summary = subject.tell(|| {
+            let what = self.of.map_or_else(String::new, |of| format!(" of {of}"));
+            let [wide, long] = widest();
+            format!(
+                "{} blocks{what} in {} separate parts stand at y = {}; the widest part measures {wide} by {long}",
+                cells.len(),
+                clusters.count,
+                self.y
+            )
+        });
+        let measured = subject.tell(|| json!({ "blocks": cells.len(), "parts": clusters.count, "widest": widest() }));
+        let witnesses =
+            subject.tell(|| clusters.representatives(&cells)).into_iter().map(|(x, z)| Cell::new(x, self.y, z));
         Finding::binary(holds, measured, required, summary).with_witnesses(witnesses, "part")
     }
 }

@@ -29,7 +29,7 @@ const fn default_y() -> i32 {
 
 impl Rule for HasRooms {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = json!({ ">=": self.room_cnt });
+        let required = subject.tell(|| json!({ ">=": self.room_cnt }));
         if self.room_cnt.0 <= 0.0 {
             return Finding::binary(true, json!(null), required, "no room is required").vacuous_if(true);
         }
@@ -40,7 +40,8 @@ impl Rule for HasRooms {
         let plan = FloorPlan::of(sorted_distinct(walls.collect()));
         let found = plan.rooms().len();
         let holds = found as f64 >= self.room_cnt.0;
-        let summary = format!("{} at y={}; required {}", counted(found, "room"), self.y, self.room_cnt);
+        let summary =
+            subject.tell(|| format!("{} at y={}; required {}", counted(found, "room"), self.y, self.room_cnt));
         let raised = |(x, z): (i32, i32)| Cell::new(x, self.y, z);
         let finding = Finding::binary(holds, found, required, summary)
             .with_witnesses(plan.rooms().iter().map(|room| raised(room.first)), "room");

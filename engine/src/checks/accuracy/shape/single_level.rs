@@ -84,20 +84,20 @@ impl Floor {
 
 impl Rule for SingleLevel {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = json!({ "stuck": 0 });
+        let required = subject.tell(|| json!({ "stuck": 0 }));
         let structure = subject.structure;
         let Some(bounds) = structure.bounds() else {
             return Finding::nothing_stands(true, required);
         };
         let y = bounds.min.y;
         if y > -1 {
-            let summary = format!("the lowest level is y={y}; required -1 or lower");
+            let summary = subject.tell(|| format!("the lowest level is y={y}; required -1 or lower"));
             return Finding::binary(false, json!({ "floor": y }), required, summary);
         }
         let starts = starts(structure, &bounds, self.start_material.as_deref());
         if starts.is_empty() {
             let material = self.start_material.as_deref().unwrap_or_default();
-            let summary = format!("no block matches {material:?}: no exit is required");
+            let summary = subject.tell(|| format!("no block matches {material:?}: no exit is required"));
             return Finding::binary(true, json!(null), required, summary).vacuous_if(true);
         }
         let mut floor_cells: Vec<Cell> = structure.cells().iter().copied().filter(|c| c.y == y).collect();
@@ -123,7 +123,8 @@ impl Rule for SingleLevel {
             start.y == y + 1 && floor.can_step_to(at) && has_way()
         };
         let stuck: Vec<Cell> = starts.iter().copied().filter(|start| !gets_out(start)).collect();
-        let summary = format!("{} of {} starts have no flat path outside at y={y}", stuck.len(), starts.len());
+        let summary =
+            subject.tell(|| format!("{} of {} starts have no flat path outside at y={y}", stuck.len(), starts.len()));
         Finding::binary(stuck.is_empty(), stuck.len(), required, summary).with_witnesses(stuck, "no flat path outside")
     }
 }

@@ -33,7 +33,7 @@ const fn is_one(n: &u32) -> bool {
 impl Rule for HasClearSpan {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let structure = subject.structure;
-        let required = json!({ "free": { ">=": self.min_free }, "height": self.height, "deck": true });
+        let required = subject.tell(|| json!({ "free": { ">=": self.min_free }, "height": self.height, "deck": true }));
         if structure.is_empty() {
             return Finding::nothing_stands(false, required);
         }
@@ -53,7 +53,8 @@ impl Rule for HasClearSpan {
             let here = ClearSpan::between(&cells, &clusters);
             let free = here.map_or(0, |here| here.length());
             if free < self.min_free as usize {
-                let summary = format!("{free} free cells between the supports at y = {y}; required {}", self.min_free);
+                let summary = subject
+                    .tell(|| format!("{free} free cells between the supports at y = {y}; required {}", self.min_free));
                 return fails(json!({ "free": free }), summary);
             }
             span = span.or(here);
@@ -64,7 +65,7 @@ impl Rule for HasClearSpan {
         decks.retain(|cut| is_deck(&cut.upper));
         let rows = decks.chunk_by(|a, b| a.across + 1 == b.across).find(|rows| rows.len() >= self.min_width as usize);
         let crossing = rows.and_then(<[_]>::first);
-        let measured = json!({ "free": span.length(), "deck": crossing.is_some() });
+        let measured = subject.tell(|| json!({ "free": span.length(), "deck": crossing.is_some() }));
         let summary = match crossing {
             None if !decks.is_empty() => {
                 format!("no deck {} wide crosses the {} free cells", self.min_width, span.length())

@@ -17,7 +17,7 @@ pub struct ReachableByStairs {
 
 impl Rule for ReachableByStairs {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = json!({ ">=": self.min_floor_y });
+        let required = subject.tell(|| json!({ ">=": self.min_floor_y }));
         let structure = subject.structure;
         if structure.is_empty() {
             return Finding::nothing_stands(false, required);
@@ -49,7 +49,7 @@ impl Rule for ReachableByStairs {
             return Finding::binary(false, json!(null), required, summary);
         };
         let holds = f64::from(highest.y) >= self.min_floor_y.0;
-        let summary = format!("stairs lead up to y={}; required {}", highest.y, self.min_floor_y);
+        let summary = subject.tell(|| format!("stairs lead up to y={}; required {}", highest.y, self.min_floor_y));
         Finding::binary(holds, highest.y, required, summary).with_witnesses([highest], "highest block reached")
     }
 }

@@ -102,7 +102,7 @@ fn surface_finding(subject: &Subject<'_>, side: Side, strictness: Strictness) ->
         Side::Top => ("upper", "up", 1),
         Side::Bottom => ("lower", "down", -1),
     };
-    let required = json!({ "bulges": direction, "strict": strictness });
+    let required = subject.tell(|| json!({ "bulges": direction, "strict": strictness }));
     if subject.structure.is_empty() {
         return Finding::nothing_stands(true, required);
     }
@@ -115,19 +115,21 @@ fn surface_finding(subject: &Subject<'_>, side: Side, strictness: Strictness) ->
     for slice in &slices {
         let Some(at) = first_break(slice, sign, strictness) else {
             let (first, last) = (raise(slice, 0), raise(slice, slice.columns.len() - 1));
-            let summary = format!(
-                "the {name} surface bulges {direction} from {:?} to {:?}",
-                <[i32; 3]>::from(first),
-                <[i32; 3]>::from(last)
-            );
-            let measured = json!({ "slice": [first, last], "heights": slice.heights.len() });
+            let summary = subject.tell(|| {
+                format!(
+                    "the {name} surface bulges {direction} from {:?} to {:?}",
+                    <[i32; 3]>::from(first),
+                    <[i32; 3]>::from(last)
+                )
+            });
+            let measured = subject.tell(|| json!({ "slice": [first, last], "heights": slice.heights.len() }));
             return Finding::binary(true, measured, required, summary).vacuous_if(slice.columns.len() < 3);
         };
         if closest.is_none_or(|(best, _)| slice.columns.len() > best.columns.len()) {
             closest = Some((slice, at));
         }
     }
-    let summary = format!("none of {} slices of the {name} surface bulges {direction}", slices.len());
+    let summary = subject.tell(|| format!("none of {} slices of the {name} surface bulges {direction}", slices.len()));
     let finding = Finding::binary(false, json!({ "slices": slices.len() }), required, summary);
     finding.with_witnesses(closest.map(|(slice, at)| raise(slice, at)), "the longest slice breaks here")
 }

@@ -44,7 +44,7 @@ fn symmetries(structure: &Structure) -> (Vec<&'static str>, Vec<Cell>) {
 }
 
 fn symmetry_finding(subject: &Subject<'_>, wanted: bool) -> Finding {
-    let required = json!({ "symmetric": wanted });
+    let required = subject.tell(|| json!({ "symmetric": wanted }));
     if subject.structure.is_empty() {
         return Finding::nothing_stands(wanted, required);
     }

@@ -49,7 +49,7 @@ fn covered_share(tops: &BTreeMap<(i32, i32), i32>) -> f64 {
 
 impl Rule for IsVault {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = json!({ "clear": { ">=": self.min_clear }, "falls_to_all_sides": true });
+        let required = subject.tell(|| json!({ "clear": { ">=": self.min_clear }, "falls_to_all_sides": true }));
         let structure = subject.structure;
         let Some(bounds) = structure.bounds() else { return Finding::nothing_stands(false, required) };
         let (x, z) = (i32::midpoint(bounds.min.x, bounds.max.x), i32::midpoint(bounds.min.z, bounds.max.z));
@@ -80,7 +80,8 @@ impl Rule for IsVault {
         let has_gaps = self.no_gaps && has_gaps(structure, &tops);
         let falls = lines.iter().all(|line| falls_to_both_ends(line));
         let holds = is_closed && plan_share >= self.min_cover && !has_gaps && has_room && falls;
-        let measured = json!({ "clear": clear, "closed": is_closed, "along_x": lines[0], "along_z": lines[1] });
+        let measured =
+            subject.tell(|| json!({ "clear": clear, "closed": is_closed, "along_x": lines[0], "along_z": lines[1] }));
         let failed: Vec<&str> = [
             (is_closed, "some row of the plan is not covered from end to end"),
             (plan_share >= self.min_cover, "the plan covers too little of the rectangle around it"),

@@ -58,7 +58,7 @@ const MAX_WIDTH: u32 = 2;
 
 impl Rule for WalksOut {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = json!({ "starts": { ">=": self.min_starts }, "stuck": 0 });
+        let required = subject.tell(|| json!({ "starts": { ">=": self.min_starts }, "stuck": 0 }));
         let Some(around) = subject.surroundings() else {
             return without_terrain(subject, required);
         };
@@ -84,33 +84,37 @@ impl Rule for WalksOut {
         };
         let stuck: Vec<Cell> = starts.iter().copied().filter(|start| !gets_out(start)).collect();
         let holds = stuck.is_empty() && starts.len() >= self.min_starts as usize;
-        let summary = format!(
-            "no path {width} wide leads outside from {} of {} blocks of {}; at least {} such blocks are required",
-            stuck.len(),
-            starts.len(),
-            self.from,
-            self.min_starts
-        );
-        Finding::binary(holds, json!({ "starts": starts.len(), "stuck": stuck.len() }), required, summary)
-            .with_witnesses(stuck, "no path outside")
+        let summary = subject.tell(|| {
+            format!(
+                "no path {width} wide leads outside from {} of {} blocks of {}; at least {} such blocks are required",
+                stuck.len(),
+                starts.len(),
+                self.from,
+                self.min_starts
+            )
+        });
+        let measured = subject.tell(|| json!({ "starts": starts.len(), "stuck": stuck.len() }));
+        Finding::binary(holds, measured, required, summary).with_witnesses(stuck, "no path outside")
     }
 }
 
 impl Rule for HasUpperFloor {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = json!({ "cells": { ">=": self.min_cells }, "y": { ">=": self.min_y } });
+        let required = subject.tell(|| json!({ "cells": { ">=": self.min_cells }, "y": { ">=": self.min_y } }));
         let Some(around) = subject.surroundings() else {
             return without_terrain(subject, required);
         };
         let (terrain, spaces) = (&around.terrain, around.spaces());
         let mut reached = terrain.reached(terrain.around(1), 1, 1);
         reached.retain(|feet| feet.y > self.min_y && terrain.is_floor(*feet) && terrain.is_enclosed(*feet, spaces));
-        let summary = format!(
-            "{} enclosed cells of floor at y = {} or higher can be reached from outside; required {}",
-            reached.len(),
-            self.min_y,
-            self.min_cells
-        );
+        let summary = subject.tell(|| {
+            format!(
+                "{} enclosed cells of floor at y = {} or higher can be reached from outside; required {}",
+                reached.len(),
+                self.min_y,
+                self.min_cells
+            )
+        });
         Finding::binary(reached.len() >= self.min_cells as usize, reached.len(), required, summary)
             .with_witnesses(reached.first().map(|feet| feet.offset(0, -1, 0)), "upper floor")
     }
@@ -118,14 +122,14 @@ impl Rule for HasUpperFloor {
 
 impl Rule for ClimbsTo {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = json!({ ">=": self.min_y });
+        let required = subject.tell(|| json!({ ">=": self.min_y }));
         let Some(around) = subject.surroundings() else {
             return without_terrain(subject, required);
         };
         let terrain = &around.terrain;
         let highest = terrain.highest_climbed();
         let y = highest.map_or(i32::MIN, |block| block.y);
-        let summary = format!("the climb reaches a block at y={y}; required {}", self.min_y);
+        let summary = subject.tell(|| format!("the climb reaches a block at y={y}; required {}", self.min_y));
         Finding::binary(y >= self.min_y, y, required, summary).with_witnesses(highest, "highest block reached")
     }
 }
