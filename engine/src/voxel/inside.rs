@@ -15,26 +15,36 @@ pub struct Surroundings {
     /// The build on natural ground.
     pub terrain: Terrain,
     spaces: OnceCell<Spaces>,
+    /// For each region of the air, whether one can enter it through doors.
+    entered: OnceCell<Vec<bool>>,
 }
 
 impl Surroundings {
     /// Creates the surroundings of a build. Returns `None` if it is empty or too large for a terrain.
     #[must_use]
     pub fn of(structure: &Structure) -> Option<Self> {
-        Some(Self { terrain: Terrain::of(structure)?, spaces: OnceCell::new() })
+        Some(Self { terrain: Terrain::of(structure)?, spaces: OnceCell::new(), entered: OnceCell::new() })
     }
 
     /// Returns the air, divided into regions; computed when it is first asked for.
     pub fn spaces(&self) -> &Spaces {
         self.spaces.get_or_init(|| self.terrain.spaces())
     }
-}
 
-impl Terrain {
     /// Returns the indices of the enclosed regions with at least `min_floor_cells` cells to stand in that doors connect
     /// to the outside, directly or through other regions.
     #[must_use]
-    pub fn rooms(&self, spaces: &Spaces, min_floor_cells: u32) -> Vec<usize> {
+    pub fn rooms(&self, min_floor_cells: u32) -> Vec<usize> {
+        let pieces = &self.spaces().pieces;
+        let entered = self.entered.get_or_init(|| self.terrain.entered(self.spaces()));
+        let is_room = |piece: &usize| entered[*piece] && pieces[*piece].floor_cells >= min_floor_cells;
+        (1..pieces.len()).filter(is_room).collect()
+    }
+}
+
+impl Terrain {
+    /// Returns for each region whether doors connect it to the outside, directly or through other regions.
+    fn entered(&self, spaces: &Spaces) -> Vec<bool> {
         let mut beyond: Vec<Vec<usize>> = vec![Vec::new(); spaces.pieces.len()];
         for [one, other] in self.doors().iter().filter_map(|door| self.joins(*door, spaces)) {
             beyond[one].push(other);
@@ -48,8 +58,7 @@ impl Terrain {
                 open.extend(&beyond[piece]);
             }
         }
-        let is_room = |piece: &usize| is_entered[*piece] && spaces.pieces[*piece].floor_cells >= min_floor_cells;
-        (1..spaces.pieces.len()).filter(is_room).collect()
+        is_entered
     }
 
     /// Returns the cells of these regions, by height, then x, then z.

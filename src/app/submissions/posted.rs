@@ -51,11 +51,15 @@ impl TaskRef {
     /// # Errors
     /// Returns the reason in words if there is no such task.
     pub fn find_in(&self, entry: &Entry) -> Result<u32, String> {
-        let (found, named) = match self {
-            Self::Id(id) => (entry.task(id), format!("{id:?}")),
-            Self::Number(number) => (entry.task_numbered(*number), format!("number {number}")),
+        let found = match self {
+            Self::Id(id) => entry.task(id),
+            Self::Number(number) => entry.task_numbered(*number),
         };
         found.map(|(task, _)| task.number).ok_or_else(|| {
+            let named = match self {
+                Self::Id(id) => format!("{id:?}"),
+                Self::Number(number) => format!("number {number}"),
+            };
             let near = match self {
                 Self::Id(id) => match id.parse().ok().and_then(|number| entry.task_numbered(number)) {
                     Some((task, _)) => {
@@ -256,7 +260,7 @@ impl Shape<'_> for TaskShape<'_> {
 /// Returns the greatest number of blocks that may stand after a turn of a task.
 #[must_use]
 pub fn most_blocks(task: &Task) -> usize {
-    let has_stress = task.criteria().contains(&Criterion::StructuralStability);
+    let has_stress = task.checks().any(|check| check.criterion() == Criterion::StructuralStability);
     if has_stress { LIMITS.blocks_with_stress } else { LIMITS.blocks }
 }
 

@@ -1,5 +1,6 @@
 //! Grading many logs in one request. Results stream back as they are ready, each with its own status.
 
+use std::io::BufRead as _;
 use std::ops::Range;
 use std::pin::Pin;
 use std::sync::Arc;
@@ -32,8 +33,8 @@ use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::tasks::catalogue::Catalogue;
 
-/// Number of logs in a chunk, which one worker grades in one or more time slices.
-const CHUNK: usize = 16;
+/// Least and greatest number of logs in a chunk, which one worker grades in one or more time slices.
+const CHUNK: [usize; 2] = [16, 64];
 /// Length of a time slice, after which other senders get theirs.
 const TURN: Duration = Duration::from_millis(20);
 /// Results that wait for a slow client: at most this many time slices, each of about `TURN_BYTES` bytes.
@@ -79,10 +80,12 @@ pub async fn grade_batch(State(state): State<AppState>, caller: Caller, body: Js
     let (bytes, items) = splitting.await.map_err(|error| AppError::internal(&error))??;
     let (sender, receiver) = mpsc::channel(WAITING);
     let who = Arc::clone(caller.who());
-    let batch = Arc::new(Batch { state, who, catalogue, bytes, items, next: AtomicUsize::new(0) });
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    // Small enough to keep all cores busy, and otherwise large: each chunk is handed to another thread and back.
+    let chunk = (items.len() / (2 * cores)).clamp(CHUNK[0], CHUNK[1]);
+    let batch = Arc::new(Batch { state, who, catalogue, bytes, items, chunk, next: AtomicUsize::new(0) });
     let held = Arc::new((place, share));
-    for _ in 0..(2 * cores).min(batch.items.len().div_ceil(CHUNK)) {
+    for _ in 0..(2 * cores).min(batch.items.len().div_ceil(chunk)) {
         let (batch, sender, held) = (Arc::clone(&batch), sender.clone(), Arc::clone(&held));
         tokio::spawn(async move {
             let _held = held;
@@ -106,9 +109,18 @@ fn split(bytes: &Bytes, format: Format) -> AppResult<Vec<Item>> {
     };
     match format {
         Format::NdJson => {
-            let lines = (1..).zip(bytes.split(|byte| *byte == b'\n'));
-            let filled = lines.filter(|(_, text)| !text.iter().all(u8::is_ascii_whitespace));
-            items.extend(filled.map(|(line, text)| Item { place: range_of(text), line: Some(line) }));
+            let mut rest = &bytes[..];
+            for line in 1.. {
+                let text = rest;
+                let length = rest.skip_until(b'\n').map_err(|error| AppError::internal(&error))?;
+                if length == 0 {
+                    break;
+                }
+                let text = text[..length].trim_ascii_end();
+                if !text.is_empty() {
+                    items.push(Item { place: range_of(text), line: Some(line) });
+                }
+            }
         }
         Format::Json => {
             let parts: Vec<&RawValue> = serde_json::from_slice(bytes).map_err(|error| {
@@ -136,6 +148,8 @@ struct Batch {
     catalogue: Arc<Catalogue>,
     bytes: Bytes,
     items: Vec<Item>,
+    /// Number of logs that are graded in a row.
+    chunk: usize,
     next: AtomicUsize,
 }
 
@@ -164,11 +178,11 @@ impl Batch {
     /// Grades one chunk after the other until none is left.
     async fn work(self: &Arc<Self>, sender: &mpsc::Sender<Bytes>) {
         loop {
-            let first = self.next.fetch_add(CHUNK, Ordering::Relaxed);
+            let first = self.next.fetch_add(self.chunk, Ordering::Relaxed);
             if first >= self.items.len() {
                 return;
             }
-            let mut left = first..(first + CHUNK).min(self.items.len());
+            let mut left = first..(first + self.chunk).min(self.items.len());
             while !left.is_empty() {
                 let (batch, chunk) = (Arc::clone(self), left.clone());
                 let patience = Duration::from_secs(LIMITS.grade_batch_wait_seconds).into();

@@ -156,7 +156,7 @@ fn of_rooms(part: Part, y: i32, subject: &Subject<'_>) -> Vec<usize> {
     let Some(around) = subject.surroundings() else { return Vec::new() };
     let (terrain, spaces) = (&around.terrain, around.spaces());
     let structure = subject.structure;
-    let rooms = terrain.rooms(spaces, LEAST_FLOOR);
+    let rooms = around.rooms(LEAST_FLOOR);
     // Only the level that is asked for, or for the roof one cell of each column.
     let is_wanted = |cell: &Cell| part == Part::RoomRoof || cell.y == y;
     let flat = |cell: Cell| if part == Part::RoomRoof { Cell::new(cell.x, 0, cell.z) } else { cell };

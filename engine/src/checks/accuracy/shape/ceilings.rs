@@ -40,7 +40,7 @@ impl Rule for HasCeilings {
             return without_terrain(subject, required);
         };
         let (terrain, spaces) = (&around.terrain, around.spaces());
-        let rooms = terrain.rooms(spaces, LEAST_FLOOR);
+        let rooms = around.rooms(LEAST_FLOOR);
         let mut over: BTreeMap<i32, (u32, Cell)> = BTreeMap::new();
         for feet in terrain.cells_of(spaces, &rooms).filter(|cell| terrain.is_floor(*cell)) {
             if let Some(y) = terrain.ceiling_above(feet) {

@@ -57,8 +57,8 @@ impl Rule for EnclosedRooms {
         let Some(around) = subject.surroundings() else {
             return without_terrain(subject, required);
         };
-        let (terrain, spaces) = (&around.terrain, around.spaces());
-        let rooms = terrain.rooms(spaces, self.min_floor_cells);
+        let spaces = around.spaces();
+        let rooms = around.rooms(self.min_floor_cells);
         let closed = spaces.pieces.len() - 1 - rooms.len();
         // Closed spaces that nobody can enter count against a greatest number: doors alone would open them.
         let of_size = spaces.pieces[1..].iter().filter(|piece| piece.floor_cells >= self.min_floor_cells).count();
