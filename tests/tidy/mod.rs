@@ -21,7 +21,7 @@ const SERVICE: &[(&str, &[&str])] = &[
     ("actions", &["fair", "near"]),
     ("formats", &[]),
     ("pictures", &[]),
-    ("store", &["clock", "tls"]),
+    ("store", &["clock", "near", "tls"]),
     ("app", &["actions", "clock", "fair", "formats", "near", "pictures", "store", "threads", "tls"]),
     ("worker", &["app", "clock", "store", "threads"]),
     ("http", &["actions", "app", "clock", "fair", "formats", "near", "pictures", "store"]),

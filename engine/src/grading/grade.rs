@@ -55,7 +55,7 @@ pub fn score_log(task: &Task, log: &BlockLog, control: &Control<'_>) -> Result<S
         turns.push(TurnScores { blocks: blocks(&standing), checks });
     }
     let scored = turns.iter().flat_map(|turn| &turn.checks).map(|check| (check.criterion, check.score));
-    let criteria = criterion_reports(scored);
+    let criteria = criterion_reports(&scored);
     let Verdicts { overall, accuracy } = verdicts(&criteria);
     Ok(Scores { overall, accuracy, criteria, turns })
 }
@@ -93,7 +93,7 @@ fn grade(
         turns.push(report);
     }
     let scored = turns.iter().flat_map(|turn| &turn.checks).map(|check| (check.criterion, check.finding.score));
-    let criteria = criterion_reports(scored);
+    let criteria = criterion_reports(&scored);
     let Verdicts { overall, accuracy } = verdicts(&criteria);
     Ok(Report {
         task: task.id.clone(),
@@ -132,7 +132,7 @@ fn check_reports(checks: &[Check], subject: &Subject<'_>) -> Result<Vec<CheckRep
 }
 
 /// Sums up the scores of checks, each with its criterion.
-fn criterion_reports(scored: impl Iterator<Item = (Criterion, f64)> + Clone) -> Vec<CriterionReport> {
+fn criterion_reports(scored: &(impl Iterator<Item = (Criterion, f64)> + Clone)) -> Vec<CriterionReport> {
     let mut reports = Vec::new();
     for criterion in Criterion::ALL {
         let scores = || scored.clone().filter(|(of, _)| *of == criterion).map(|(_, score)| score);

@@ -27,7 +27,7 @@ pub(super) struct NamedEvent<'a> {
     pub(super) is_place: bool,
     pub(super) cell: Cell,
     /// Printable ASCII. Never absent if the event places a block.
-    pub(super) material: Option<&'a str>,
+    pub(super) material: Option<&'a [u8]>,
 }
 
 /// Reads an array of at most `most` rows, or returns `None` if there are more, or if anything is unusual.
@@ -47,12 +47,12 @@ pub(super) fn quick_events(json: &str, most: usize) -> Option<Vec<NamedEvent<'_>
 
 /// Gives each event the id of its material. A removal may name one too, which says nothing.
 pub(super) fn with_materials(events: &[NamedEvent<'_>], mut intern: impl FnMut(&str) -> MaterialId) -> Turn {
-    let mut last: (&str, MaterialId) = ("", 0);
+    let mut last: (&[u8], MaterialId) = (&[], 0);
     let mut turn = Turn::with_capacity(events.len());
     for event in events {
         // Most blocks are of the kind of the one before.
         if let Some(name) = event.material.filter(|name| name.is_empty() || *name != last.0) {
-            last = (name, intern(name));
+            last = (name, intern(std::str::from_utf8(name).expect("ASCII")));
         }
         let cell = event.cell;
         turn.push(if event.is_place { Event::Place { cell, material: last.1 } } else { Event::Remove { cell } });
@@ -81,13 +81,14 @@ impl<'a> Scanner<'a> {
     }
 
     /// Reads an object, each member's value by its name.
-    pub fn object(&mut self, mut member: impl FnMut(&mut Self, &'a str) -> Option<()>) -> Option<()> {
+    #[inline]
+    pub fn object(&mut self, mut member: impl FnMut(&mut Self, &'a [u8]) -> Option<()>) -> Option<()> {
         self.skip(b'{')?;
         if self.skip(b'}').is_some() {
             return Some(());
         }
         loop {
-            let name = self.text()?;
+            let name = self.ascii()?;
             self.skip(b':')?;
             member(self, name)?;
             if self.skip(b',').is_none() {
@@ -111,15 +112,15 @@ impl<'a> Scanner<'a> {
     fn turn(&mut self, palette: &mut Palette, most: usize, limits: LogLimits) -> Option<Turn> {
         let mut names: Option<Vec<MaterialId>> = None;
         let mut turn = None;
-        let is_short = |name: &str| name.len() <= limits.max_material_chars;
+        let is_short = |name: &[u8]| name.len() <= limits.max_material_chars;
         self.object(|scanner, member| {
             match member {
-                "palette" if names.is_none() && turn.is_none() => {
+                b"palette" if names.is_none() && turn.is_none() => {
                     names = Some(scanner.array(Vec::new(), limits.max_materials, |scanner, _| {
-                        scanner.text().filter(|name| is_short(name)).map(|name| palette.intern(name))
+                        scanner.text().filter(|name| is_short(name.as_bytes())).map(|name| palette.intern(name))
                     })?);
                 }
-                "rows" if turn.is_none() => {
+                b"rows" if turn.is_none() => {
                     let names = names.as_ref()?;
                     let event = |_, cell, material: Option<u32>| match material {
                         Some(i) => names.get(i as usize).map(|&material| Event::Place { cell, material }),
@@ -127,7 +128,7 @@ impl<'a> Scanner<'a> {
                     };
                     turn = Some(scanner.rows(most, event)?);
                 }
-                "events" if names.is_none() && turn.is_none() => {
+                b"events" if names.is_none() && turn.is_none() => {
                     let events = scanner.events(most)?;
                     if !events.iter().filter_map(|event| event.material).all(is_short) {
                         return None;
@@ -203,19 +204,19 @@ impl<'a> Scanner<'a> {
         let (mut is_place, mut at, mut material, mut has_material) = (None, [None; 3], None, false);
         self.object(|scanner, key| {
             match key {
-                "x" if at[0].is_none() => at[0] = Some(scanner.coordinate(0)?),
-                "y" if at[1].is_none() => at[1] = Some(scanner.coordinate(1)?),
-                "z" if at[2].is_none() => at[2] = Some(scanner.coordinate(2)?),
-                "action" if is_place.is_none() => {
-                    is_place = match scanner.text()? {
-                        "place" => Some(true),
-                        "remove" => Some(false),
+                b"x" if at[0].is_none() => at[0] = Some(scanner.coordinate(0)?),
+                b"y" if at[1].is_none() => at[1] = Some(scanner.coordinate(1)?),
+                b"z" if at[2].is_none() => at[2] = Some(scanner.coordinate(2)?),
+                b"action" if is_place.is_none() => {
+                    is_place = match scanner.ascii()? {
+                        b"place" => Some(true),
+                        b"remove" => Some(false),
                         _ => return None,
                     }
                 }
-                "material" if !has_material => {
+                b"material" if !has_material => {
                     has_material = true;
-                    material = if scanner.null().is_some() { None } else { Some(scanner.text()?) };
+                    material = if scanner.null().is_some() { None } else { Some(scanner.ascii()?) };
                 }
                 _ => return None,
             }
@@ -260,13 +261,17 @@ impl<'a> Scanner<'a> {
     }
 
     /// Reads a string of printable ASCII without escapes.
-    #[inline]
     pub fn text(&mut self) -> Option<&'a str> {
+        self.ascii().map(|text| std::str::from_utf8(text).expect("ASCII"))
+    }
+
+    #[inline]
+    fn ascii(&mut self) -> Option<&'a [u8]> {
         self.skip(b'"')?;
         let end = self.rest.iter().position(|byte| matches!(byte, b'"' | b'\\' | ..b' ' | 0x7f..))?;
         let (text, rest) = self.rest.split_at(end);
         self.rest = rest.strip_prefix(b"\"")?;
-        Some(std::str::from_utf8(text).expect("ASCII"))
+        Some(text)
     }
 
     /// Skips space and then this byte, if it comes next. Skips the space in any case.

@@ -6,7 +6,7 @@ pub mod grader;
 pub mod judge;
 pub mod model_text;
 pub mod named_task;
-pub mod quick;
+pub mod reading;
 pub mod request;
 pub mod results;
 pub mod scheme;

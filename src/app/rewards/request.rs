@@ -1,14 +1,14 @@
-//! Parser of requests to grade, which reports all faults at once.
+//! Requests to grade: their body, and what it asks.
 
+use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use serde_json::Value;
 
 use super::named_task::{GivenTaskBody, NamedTask, NamedTaskShape};
-use super::quick::quick_request;
 use super::scheme::{SchemeBody, read_scheme};
 use crate::app::body::values::Json;
-use crate::app::body::{name, profile, read_body, request_body};
+use crate::app::body::{name, profile, request_body};
 use crate::app::limits::LIMITS;
 use crate::app::submissions::log_member::{stored_log, turns};
 use plumbline_engine::grading::reward::Scheme;
@@ -104,35 +104,26 @@ pub struct GradeRequest {
     pub for_code: Option<Duration>,
 }
 
-/// Reads a request to grade and adds all its faults to `faults`. Returns `None` if it has no task or no work that could
-/// be read.
-///
-/// # Errors
-/// Returns an error if the text is not JSON.
-pub fn read_request(text: &[u8], faults: &mut Faults) -> Result<Option<GradeRequest>, serde_json::Error> {
-    let body = match quick_request(text) {
-        Some(body) => body,
-        None => match read_body::<NewGrade>(text, faults)? {
-            Some(body) => body,
-            None => return Ok(None),
-        },
-    };
-    if matches!(body.task, Some(NamedTask::Inline(_))) && body.suite.is_some() {
-        faults.add_at("suite", "an inline task belongs to no suite; leave suite out");
+impl GradeRequest {
+    /// Takes the request from its body and adds the faults of members that do not go together. Returns `None` if it has no
+    /// task or no work that could be read.
+    pub fn of(body: NewGrade, faults: &mut Faults) -> Option<Self> {
+        if matches!(body.task, Some(NamedTask::Inline(_))) && body.suite.is_some() {
+            faults.add_at("suite", "an inline task belongs to no suite; leave suite out");
+        }
+        let work = body.answer.map(GivenWork::Answer).or_else(|| body.turns.or(body.log).map(GivenWork::Log));
+        let asked = body.deadline_ms.map(Duration::from_millis);
+        Some(Self {
+            task: body.task?,
+            suite: body.suite,
+            profile: body.profile,
+            work: work?,
+            scheme: body.reward.unwrap_or_default(),
+            detail: body.detail.unwrap_or_default(),
+            deadline: asked.unwrap_or(Duration::from_millis(LIMITS.grade_default_deadline_ms)),
+            for_code: asked,
+        })
     }
-    let work = body.answer.map(GivenWork::Answer).or_else(|| body.turns.or(body.log).map(GivenWork::Log));
-    let (Some(task), Some(work)) = (body.task, work) else { return Ok(None) };
-    let asked = body.deadline_ms.map(Duration::from_millis);
-    Ok(Some(GradeRequest {
-        task,
-        suite: body.suite,
-        profile: body.profile,
-        work,
-        scheme: body.reward.unwrap_or_default(),
-        detail: body.detail.unwrap_or_default(),
-        deadline: asked.unwrap_or(Duration::from_millis(LIMITS.grade_default_deadline_ms)),
-        for_code: asked,
-    }))
 }
 
 /// Text that a model wrote.
@@ -162,13 +153,11 @@ fn read_detail(value: &Value, faults: &mut Faults) -> Option<Detail> {
     detail
 }
 
-/// Returns whether a deadline is one that a request may set, in milliseconds.
-pub(super) fn is_deadline(ms: &u64) -> bool {
-    (1..=LIMITS.grade_max_deadline_ms).contains(ms)
-}
+/// Deadlines that a request may set, in milliseconds.
+pub(super) const DEADLINES: RangeInclusive<u64> = 1..=LIMITS.grade_max_deadline_ms;
 
 fn read_deadline(value: &Value, faults: &mut Faults) -> Option<u64> {
-    let deadline = value.as_u64().filter(is_deadline);
+    let deadline = value.as_u64().filter(|ms| DEADLINES.contains(ms));
     if deadline.is_none() {
         faults.add(format!("expected milliseconds, 1 to {}", LIMITS.grade_max_deadline_ms));
     }

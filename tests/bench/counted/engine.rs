@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use plumbline::app::rewards::request::read_request;
+use plumbline::app::rewards::reading::read_request;
 use plumbline::app::submissions::decision::decide_all;
 use plumbline::store::Store;
 use plumbline::store::claims::Claimed;
@@ -17,7 +17,7 @@ use plumbline::store::submissions::NewSubmission;
 use plumbline_engine::builders::build;
 use plumbline_engine::checks::{Check, Subject};
 use plumbline_engine::elasticity::{Control, fem, sph};
-use plumbline_engine::grading::{grade_hashed, grade_log};
+use plumbline_engine::grading::{grade_hashed, grade_log, score_log};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::tasks::{Task, embedded};
 use plumbline_engine::voxel::replay::Replay;
@@ -132,7 +132,10 @@ fn cases() -> anyhow::Result<Vec<Case>> {
     for id in ["walls/10x2x7-raise", "bedrooms/r5-build", "theatres/s35-build", "frames/s10-frame-build"] {
         let task = task(id)?;
         let log = log_of(&task)?;
+        let (same_task, same_log) = (task.clone(), log.clone());
+        let scores = move || score_log(&same_task, &same_log, &Control::unhurried()).is_ok();
         cases.push(case(format!("grade {id}"), 10, move || grade_log(&task, &log, &Control::unhurried()).is_ok()));
+        cases.push(case(format!("score {id}"), 10, scores));
     }
     let roof = log_of(&task("one-layer-roofs/c5-span")?)?;
     let cells: Vec<Cell> = Replay::new(&roof).last().as_ref().map(Structure::cells).unwrap_or_default().to_vec();

@@ -1,8 +1,8 @@
 //! Bodies of `/v1/grade`: what is read in one pass is what is read with care.
 
 use plumbline::app::body::read_body;
-use plumbline::app::rewards::quick::quick_request;
-use plumbline::app::rewards::request::{NewGrade, read_request};
+use plumbline::app::rewards::reading::{quick_request, read_request};
+use plumbline::app::rewards::request::NewGrade;
 use plumbline_engine::intake::Faults;
 
 pub fn run(data: &[u8]) {

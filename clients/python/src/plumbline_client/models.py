@@ -1021,6 +1021,18 @@ class Limits(BaseModel):
     Bytes of a model's text that are read without success in the search for JSON, or 16 times the text if that is
     more; then the search ends.
     """
+    path_bytes: Annotated[int, Field(ge=0)]
+    """
+    Bytes of the path and the query of a request.
+    """
+    head_bytes: Annotated[int, Field(ge=0)]
+    """
+    Bytes of a request before its body: request line and headers.
+    """
+    headers: Annotated[int, Field(ge=0)]
+    """
+    Headers of a request.
+    """
     header_seconds: Annotated[int, Field(ge=0)]
     """
     Seconds in which the headers of a request must arrive.

@@ -1,13 +1,28 @@
-//! Requests to grade as trainers' programs write them, read in one pass.
+//! Reads requests to grade: in one pass those that trainers' programs write, and with care all others, with all their
+//! faults.
 
 use super::named_task::NamedTask;
-use super::request::{NewGrade, detail_named, is_deadline};
+use super::request::{DEADLINES, GradeRequest, NewGrade, detail_named};
 use super::scheme::scheme_named;
-use crate::app::body::NAME_CHARS;
+use crate::app::body::{NAME_CHARS, read_body};
 use crate::app::limits::LIMITS;
 use crate::app::submissions::posted::{TASK_CHARS, TaskRef};
+use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::quick::Scanner;
 use plumbline_engine::voxel::Profile;
+
+/// Reads a request to grade and adds all its faults to `faults`. Returns `None` if it has no task or no work that could
+/// be read.
+///
+/// # Errors
+/// Returns an error if the text is not JSON.
+pub fn read_request(text: &[u8], faults: &mut Faults) -> Result<Option<GradeRequest>, serde_json::Error> {
+    let body = match quick_request(text) {
+        Some(body) => Some(body),
+        None => read_body::<NewGrade>(text, faults)?,
+    };
+    Ok(body.and_then(|body| GradeRequest::of(body, faults)))
+}
 
 /// Reads a request with the turns of a log for a task of a suite. Returns `None` for whatever else a request may be, and
 /// for one with a fault, which is then read again with care.
@@ -26,18 +41,21 @@ pub fn quick_request(text: &[u8]) -> Option<NewGrade> {
     let mut scanner = Scanner::new(text);
     scanner.object(|scanner, member| {
         match member {
-            "task" if body.task.is_none() => {
-                let id = short(scanner, TASK_CHARS)?;
-                body.task = Some(NamedTask::Listed(TaskRef::Id(id)));
+            b"task" if body.task.is_none() => {
+                let task = match scanner.integer() {
+                    Some(number) => TaskRef::Number(u32::try_from(number).ok()?),
+                    None => TaskRef::Id(short(scanner, TASK_CHARS)?),
+                };
+                body.task = Some(NamedTask::Listed(task));
             }
-            "suite" if body.suite.is_none() => body.suite = Some(short(scanner, NAME_CHARS)?),
-            "profile" if body.profile.is_none() => body.profile = Some(Profile::named(scanner.text()?)?),
-            "turns" if body.turns.is_none() => body.turns = Some(scanner.turns(LIMITS.log())?.into()),
-            "reward" if body.reward.is_none() => body.reward = Some(scheme_named(scanner.text()?)?),
-            "detail" if body.detail.is_none() => body.detail = Some(detail_named(scanner.text()?)?),
-            "deadline_ms" if body.deadline_ms.is_none() => {
+            b"suite" if body.suite.is_none() => body.suite = Some(short(scanner, NAME_CHARS)?),
+            b"profile" if body.profile.is_none() => body.profile = Some(Profile::named(scanner.text()?)?),
+            b"turns" if body.turns.is_none() => body.turns = Some(scanner.turns(LIMITS.log())?.into()),
+            b"reward" if body.reward.is_none() => body.reward = Some(scheme_named(scanner.text()?)?),
+            b"detail" if body.detail.is_none() => body.detail = Some(detail_named(scanner.text()?)?),
+            b"deadline_ms" if body.deadline_ms.is_none() => {
                 let ms = u64::try_from(scanner.integer()?).ok()?;
-                body.deadline_ms = Some(Some(ms).filter(is_deadline)?);
+                body.deadline_ms = Some(DEADLINES.contains(&ms).then_some(ms)?);
             }
             _ => return None,
         }
@@ -54,8 +72,6 @@ fn short(scanner: &mut Scanner<'_>, most: usize) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::app::body::read_body;
-    use plumbline_engine::intake::Faults;
 
     /// Describes what was read. A log is described by its canonical form.
     fn described(body: &NewGrade) -> String {
@@ -72,6 +88,7 @@ mod tests {
             format!(r#" "task" : "x","suite":"mineceraft@2","profile":"mindcraft",{turns} "#),
             format!(r#"{turns},"reward":"shaped","detail":"report","deadline_ms":100,"task":"x""#),
             format!(r#""task":"x","reward":"mean","detail":"scores",{turns}"#),
+            format!(r#""task": 532 ,{turns}"#),
         ] {
             let text = format!("\n{{{members}}}\n");
             let quick = quick_request(text.as_bytes()).unwrap_or_else(|| panic!("{text}"));
@@ -89,7 +106,9 @@ mod tests {
         for members in [
             r#""task":"x""#.to_owned(),
             turns.to_owned(),
-            format!(r#""task":1,{turns}"#),
+            format!(r#""task":-1,{turns}"#),
+            format!(r#""task":1.0,{turns}"#),
+            format!(r#""task":null,{turns}"#),
             format!(r#""task":"",{turns}"#),
             format!(r#""task":"{long}",{turns}"#),
             format!(r#""task":"\u0061",{turns}"#),
