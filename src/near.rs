@@ -8,7 +8,7 @@ fn slips(one: &str, other: &str) -> usize {
     strsim::osa_distance(&one.to_lowercase(), &other.to_lowercase())
 }
 
-/// Returns the name with the fewest slips, if it has at most as many as `allowed` allows for it.
+/// Returns the name with the fewest slips among those that have at most the number that `allowed` gives for them.
 pub fn nearest<'n>(
     given: &str,
     names: impl IntoIterator<Item = &'n str>,

@@ -304,9 +304,9 @@ pub const LIMITS: Limits = Limits {
     query_parameters: 200,
     metric_names: 1_000,
     answer_search_bytes: WASTE_BYTES,
-    // The HTTP library's own.
-    path_bytes: 65_534,
     head_bytes: 128 << 10,
+    // The HTTP library's own, which it is not told.
+    path_bytes: 65_534,
     headers: 100,
     header_seconds: 10,
     request_seconds: 60,

@@ -57,13 +57,14 @@ impl<'a> Subject<'a> {
         Self { structure, control, wants_evidence: true, surroundings: OnceCell::new() }
     }
 
-    /// Returns the same subject, of which only the scores are asked: findings need no evidence.
+    /// Returns the same subject, of which only the scores are asked for: findings need no evidence.
     #[must_use]
     pub fn for_scores(self) -> Self {
         Self { wants_evidence: false, ..self }
     }
 
-    /// Returns a part of the evidence, or what is empty where only the score is asked.
+    /// Returns a part of the evidence, or what is empty where only the score is asked for. It must
+    /// never enter a score or a branch.
     pub fn tell<T: Default>(&self, evidence: impl FnOnce() -> T) -> T {
         if self.wants_evidence { evidence() } else { T::default() }
     }

@@ -191,7 +191,7 @@ mod tests {
     fn shaped(task: &Task, log: &BlockLog) -> (f64, Scores) {
         let scores = score_log(task, log, &Control::unhurried()).unwrap();
         let report = grade_log(task, log, &Control::unhurried()).unwrap();
-        assert_eq!(scores, Scores::from(&report), "{}: scores depend on whether evidence is asked", task.id);
+        assert_eq!(scores, Scores::from(&report), "{}: scores depend on whether evidence is asked for", task.id);
         (Baseline::of(task, &Control::unhurried()).unwrap().shaped(&scores), scores)
     }
 

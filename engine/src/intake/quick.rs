@@ -11,6 +11,8 @@ use crate::voxel::palette::{MaterialId, Palette};
 
 /// Most digits of a number that is read here, so that it cannot overflow.
 const MAX_DIGITS: usize = 9;
+/// Most rows or events of a turn that memory is reserved for before they are read.
+const EXPECTED: usize = 1_024;
 
 /// A row of the compact form; its material is an index of the palette that came with it.
 #[derive(Debug, PartialEq)]
@@ -35,14 +37,14 @@ pub(super) fn quick_rows(json: &str, most: usize) -> Option<Vec<Row>> {
     let mut scanner = Scanner::new(json.as_bytes());
     let rows =
         scanner.rows(most, |index, cell, material| Some(Row { index, cell, material: material.map(i64::from) }))?;
-    scanner.end().then_some(rows)
+    scanner.is_at_end().then_some(rows)
 }
 
 /// Reads an array of at most `most` events, or returns `None` if there are more, or if anything is unusual.
 pub(super) fn quick_events(json: &str, most: usize) -> Option<Vec<NamedEvent<'_>>> {
     let mut scanner = Scanner::new(json.as_bytes());
     let events = scanner.events(most)?;
-    scanner.end().then_some(events)
+    scanner.is_at_end().then_some(events)
 }
 
 /// Gives each event the id of its material. A removal may name one too, which says nothing.
@@ -61,7 +63,7 @@ pub(super) fn with_materials(events: &[NamedEvent<'_>], mut intern: impl FnMut(&
 }
 
 /// Reader of JSON text. Each of its functions skips the space before a value and reads it, or returns `None` if it is
-/// unusual; then what has been read is of no use.
+/// unusual. Unless a function says otherwise, the reader is then of no more use.
 #[derive(Debug)]
 pub struct Scanner<'a> {
     rest: &'a [u8],
@@ -76,7 +78,7 @@ impl<'a> Scanner<'a> {
 
     /// Returns whether nothing but space is left.
     #[must_use]
-    pub fn end(&self) -> bool {
+    pub fn is_at_end(&self) -> bool {
         self.rest.iter().all(|byte| is_space(*byte))
     }
 
@@ -106,7 +108,7 @@ impl<'a> Scanner<'a> {
             left -= turn.len();
             Some(turn)
         })?;
-        (palette.len() <= limits.max_materials).then(|| BlockLog { palette, turns, ..BlockLog::default() })
+        Some(BlockLog { palette, turns, ..BlockLog::default() })
     }
 
     fn turn(&mut self, palette: &mut Palette, most: usize, limits: LogLimits) -> Option<Turn> {
@@ -139,13 +141,13 @@ impl<'a> Scanner<'a> {
             }
             Some(())
         })?;
-        turn
+        turn.filter(|_| palette.len() <= limits.max_materials)
     }
 
     /// Reads an array of at most `most` rows, each given by its index, its cell and its entry in the palette.
     fn rows<T>(&mut self, most: usize, mut row: impl FnMut(usize, Cell, Option<u32>) -> Option<T>) -> Option<Vec<T>> {
         // The shortest row, with its comma, has eight bytes.
-        let rows = Vec::with_capacity(most.min(self.rest.len() / 8 + 1));
+        let rows = Vec::with_capacity(most.min(self.rest.len() / 8 + 1).min(EXPECTED));
         self.array(rows, most, |scanner, index| {
             let (cell, material) = scanner.row()?;
             row(index, cell, material)
@@ -155,7 +157,7 @@ impl<'a> Scanner<'a> {
     /// Reads an array of at most `most` events.
     fn events(&mut self, most: usize) -> Option<Vec<NamedEvent<'a>>> {
         // The shortest event, with its comma, has 38 bytes.
-        let events = Vec::with_capacity(most.min(self.rest.len() / 38 + 1));
+        let events = Vec::with_capacity(most.min(self.rest.len() / 38 + 1).min(EXPECTED));
         self.array(events, most, |scanner, _| scanner.event())
     }
 
@@ -234,9 +236,17 @@ impl<'a> Scanner<'a> {
         self.integer().filter(|number| range(axis).contains(number))
     }
 
-    /// Reads an integer of at most nine digits.
+    /// Reads an integer of at most nine digits. If none comes next, something else may be read instead.
     #[inline]
     pub fn integer(&mut self) -> Option<i32> {
+        let mut ahead = Self { rest: self.rest };
+        let number = ahead.digits()?;
+        self.rest = ahead.rest;
+        Some(number)
+    }
+
+    #[inline]
+    fn digits(&mut self) -> Option<i32> {
         let is_negative = self.skip(b'-').is_some();
         let mut number = 0;
         for (digits, byte) in self.rest.iter().enumerate() {
@@ -254,9 +264,11 @@ impl<'a> Scanner<'a> {
         None
     }
 
+    /// Reads `null`. If it does not come next, something else may be read instead.
     fn null(&mut self) -> Option<()> {
-        self.skip(b'n')?;
-        self.rest = self.rest.strip_prefix(b"ull")?;
+        let mut ahead = Self { rest: self.rest };
+        ahead.skip(b'n')?;
+        self.rest = ahead.rest.strip_prefix(b"ull")?;
         Some(())
     }
 
@@ -308,7 +320,7 @@ mod tests {
     /// Reads turns in one pass.
     fn quick(text: &str) -> Option<BlockLog> {
         let mut scanner = Scanner::new(text.as_bytes());
-        scanner.turns(LIMITS).filter(|_| scanner.end())
+        scanner.turns(LIMITS).filter(|_| scanner.is_at_end())
     }
 
     /// Returns what tells two logs apart: the events, and the names in the order of their ids.
@@ -348,6 +360,9 @@ mod tests {
             r#"[{"palette":["a"],"rows":[[0,0,1,-1]]}]"#,
             r#"[{"palette":["a"],"rows":[[0,0,1,0],]}]"#,
             r#"[{"palette":["123456789"],"rows":[]}]"#,
+            r#"[{"events":[{"action":"place","x":0,"y":0,"z":0,"material":n"dirt"}]}]"#,
+            r#"[{"events":[{"action":"place","x":0,"y":0,"z":0,"material":nul}]}]"#,
+            r#"[{"events":[{"action":"remove","x":0,"y":0,"z":00}]}]"#,
             r#"[{"palette":["1","2","3","4"],"rows":[]}]"#,
             r#"[{"palette":["1","2"],"rows":[]},{"palette":["3","4"],"rows":[]}]"#,
             r#"[{"events":[]},{"events":[]},{"events":[]},{"events":[]}]"#,

@@ -82,7 +82,7 @@ pub struct Grader {
 /// Result of grading, with its origin.
 #[derive(Debug, Clone)]
 pub struct Graded {
-    /// Scores, and the report if it was asked.
+    /// Scores, and the report if it was asked for.
     pub outcome: Outcome,
     /// Whether they came from the cache.
     pub is_cached: bool,

@@ -55,13 +55,16 @@ pub fn quick_request(text: &[u8]) -> Option<NewGrade> {
             b"detail" if body.detail.is_none() => body.detail = Some(detail_named(scanner.text()?)?),
             b"deadline_ms" if body.deadline_ms.is_none() => {
                 let ms = u64::try_from(scanner.integer()?).ok()?;
-                body.deadline_ms = Some(DEADLINES.contains(&ms).then_some(ms)?);
+                if !DEADLINES.contains(&ms) {
+                    return None;
+                }
+                body.deadline_ms = Some(ms);
             }
             _ => return None,
         }
         Some(())
     })?;
-    (scanner.end() && body.task.is_some() && body.turns.is_some()).then_some(body)
+    (scanner.is_at_end() && body.task.is_some() && body.turns.is_some()).then_some(body)
 }
 
 /// Reads a text of 1 to `most` characters.
@@ -108,6 +111,11 @@ mod tests {
             turns.to_owned(),
             format!(r#""task":-1,{turns}"#),
             format!(r#""task":1.0,{turns}"#),
+            format!(r#""task":-"x",{turns}"#),
+            format!(r#""task":- "x",{turns}"#),
+            format!(r#""task":00"x",{turns}"#),
+            format!(r#""task":-01"x",{turns}"#),
+            format!("\"task\":\"5\n,{turns}"),
             format!(r#""task":null,{turns}"#),
             format!(r#""task":"",{turns}"#),
             format!(r#""task":"{long}",{turns}"#),

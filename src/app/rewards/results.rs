@@ -21,7 +21,7 @@ pub struct Work {
     pub log: BlockLog,
     /// SHA-256 of the log's canonical JSON, in hex.
     pub log_hash: String,
-    /// Whether a report is asked, or only scores.
+    /// Whether a report is asked for, or only scores.
     pub detail: Detail,
 }
 
@@ -40,7 +40,7 @@ impl Work {
 pub struct Outcome {
     /// The scores.
     pub scores: Arc<Scores>,
-    /// The report, if it was asked.
+    /// The report, if it was asked for.
     pub report: Option<Arc<Report>>,
 }
 
@@ -84,7 +84,7 @@ impl Results {
         Self { cache: Cache::with_weighter(bytes.div_ceil(TYPICAL_BYTES), bytes as u64, ByMemory) }
     }
 
-    /// Returns the result for this work, if one with the detail that is asked is kept.
+    /// Returns the result for this work, if one with the detail that is asked for is kept.
     #[must_use]
     pub fn get(&self, work: &Work, task_hash: &str) -> Option<Outcome> {
         let found = self.cache.get(&key(work, task_hash));

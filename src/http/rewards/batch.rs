@@ -33,7 +33,7 @@ use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::tasks::catalogue::Catalogue;
 
-/// Least and greatest number of logs in a chunk, which one worker grades in one or more time slices.
+/// Bounds of the number of logs in a chunk, which one worker grades in one or more time slices. The last one may be smaller.
 const CHUNK: [usize; 2] = [16, 64];
 /// Length of a time slice, after which other senders get theirs.
 const TURN: Duration = Duration::from_millis(20);
@@ -81,8 +81,9 @@ pub async fn grade_batch(State(state): State<AppState>, caller: Caller, body: Js
     let (sender, receiver) = mpsc::channel(WAITING);
     let who = Arc::clone(caller.who());
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    // Small enough to keep all cores busy, and otherwise large: each chunk is handed to another thread and back.
-    let chunk = (items.len() / (2 * cores)).clamp(CHUNK[0], CHUNK[1]);
+    // Each chunk is handed to another thread and back, so large ones cost less; several for each core let those that are
+    // done early take more.
+    let chunk = items.len().div_ceil(8 * cores).clamp(CHUNK[0], CHUNK[1]);
     let batch = Arc::new(Batch { state, who, catalogue, bytes, items, chunk, next: AtomicUsize::new(0) });
     let held = Arc::new((place, share));
     for _ in 0..(2 * cores).min(batch.items.len().div_ceil(chunk)) {
@@ -116,8 +117,8 @@ fn split(bytes: &Bytes, format: Format) -> AppResult<Vec<Item>> {
                 if length == 0 {
                     break;
                 }
-                let text = text[..length].trim_ascii_end();
-                if !text.is_empty() {
+                let text = text[..length].strip_suffix(b"\n").unwrap_or(&text[..length]);
+                if !text.iter().all(u8::is_ascii_whitespace) {
                     items.push(Item { place: range_of(text), line: Some(line) });
                 }
             }

@@ -58,7 +58,7 @@ pub async fn grade(State(state): State<AppState>, caller: Caller, body: JsonBody
     let outcome = HeaderValue::from_static(if is_cached { "hit" } else { "miss" });
     // Grown from nothing, the text would be copied several times.
     let mut text = Vec::with_capacity(TYPICAL_BYTES);
-    serde_json::to_writer(&mut text, &graded).map_err(|error| AppError::internal(&error))?;
+    serde_json::to_writer(&mut text, &graded).map_err(|error| AppError::internal(&error).without_reward())?;
     let headers = [(CACHE_HEADER, outcome), (CONTENT_TYPE, HeaderValue::from_static("application/json"))];
     Ok((headers, text).into_response())
 }
