@@ -63,8 +63,8 @@ impl<'a> Subject<'a> {
         Self { wants_evidence: false, ..self }
     }
 
-    /// Returns a part of the evidence, or what is empty where only the score is asked for. It must
-    /// never enter a score or a branch.
+    /// Returns a part of the evidence, or what is empty where only the score is asked for. It must never enter a score or
+    /// a branch.
     pub fn tell<T: Default>(&self, evidence: impl FnOnce() -> T) -> T {
         if self.wants_evidence { evidence() } else { T::default() }
     }

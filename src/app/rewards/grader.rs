@@ -38,7 +38,7 @@ const LONG_NICENESS: i32 = 10;
 /// Number of baselines in the cache: enough for all tasks of a few suites.
 const BASELINES: usize = 4_096;
 
-/// Time that grading took. Looking the series up takes as long as a check.
+/// Time that grading took: the series is looked up once, and not for each log.
 static GRADE_SECONDS: LazyLock<Histogram> = LazyLock::new(|| metrics::histogram!("plumbline_grade_seconds"));
 
 /// Lane in which work is done.
