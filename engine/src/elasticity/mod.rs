@@ -50,6 +50,18 @@ impl<'a> Control<'a> {
         Self { stop, progress: None, join: None }
     }
 
+    /// Runs two jobs, on two cores if the caller lends them.
+    pub(crate) fn both(&self, first: impl FnOnce() + Send, second: impl FnOnce() + Send) {
+        let Some(join) = self.join else {
+            first();
+            return second();
+        };
+        let (mut first, mut second) = (Some(first), Some(second));
+        join(&mut || first.take().into_iter().for_each(|job| job()), &mut || {
+            second.take().into_iter().for_each(|job| job());
+        });
+    }
+
     /// Reports the fraction that is done, and polls the stop signal.
     ///
     /// # Errors
@@ -66,4 +78,13 @@ impl std::fmt::Debug for Control<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Control").finish_non_exhaustive()
     }
+}
+
+/// Runs two jobs on two threads: a [`Join`] for tests.
+#[cfg(test)]
+pub(crate) fn on_two_threads(first: &mut (dyn FnMut() + Send), second: &mut (dyn FnMut() + Send)) {
+    std::thread::scope(|scope| {
+        scope.spawn(second);
+        first();
+    });
 }

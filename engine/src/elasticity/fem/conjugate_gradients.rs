@@ -2,7 +2,7 @@
 
 use super::levels::Levels;
 use super::system::System;
-use super::vectors::{add, dot, subtract};
+use super::vectors::{add, dot, in_strips, subtract};
 use crate::elasticity::{Control, Stopped};
 
 /// Residual force, relative to the load, at which a solution is accepted.
@@ -54,14 +54,15 @@ pub fn solve(
     let most = (MAX_WORK / blocks).min(MAX_ITERATIONS) as u32;
     let (mut direction, mut pulled) = (vec![0.0; len], vec![0.0; len]);
     let (mut step, mut by_step) = (vec![0.0; len], vec![0.0; len]);
-    if let Some(first) = levels.first(&residual) {
+    if let Some(first) = levels.first(&residual, control) {
         system.apply(&first, &mut pulled);
         add(1.0, &first, displacement);
         add(-1.0, &pulled, &mut residual);
     }
     let mut energy = 0.0;
+    let mut square = dot(&residual, &residual);
     loop {
-        convergence.relative_residual = dot(&residual, &residual).sqrt() / scale;
+        convergence.relative_residual = square.sqrt() / scale;
         convergence.is_solved = convergence.relative_residual <= TOLERANCE;
         let is_lost = convergence.relative_residual.is_nan();
         if convergence.is_solved || is_lost || convergence.iterations >= most {
@@ -70,16 +71,25 @@ pub fn solve(
         if convergence.iterations % per_look == 0 {
             control.check((convergence.relative_residual.log10() / TOLERANCE.log10()).clamp(0.0, 1.0))?;
         }
-        levels.step(system, &residual, &mut step, &mut by_step);
+        levels.step(system, control, &residual, &mut step, &mut by_step);
         // The preconditioner is not quite the same in each iteration, so the direction is made conjugate explicitly.
-        let part = if energy > 0.0 { dot(&step, &pulled) / energy } else { 0.0 };
-        for (direction, step) in direction.iter_mut().zip(&step).chain(pulled.iter_mut().zip(&by_step)) {
-            *direction = step - part * *direction;
-        }
-        energy = dot(&direction, &pulled);
-        let length = dot(&residual, &direction) / energy;
-        add(length, &direction, displacement);
-        add(-length, &pulled, &mut residual);
+        let [common] = in_strips(control, [&step, &pulled], [], |[step, pulled], []| [dot(step, pulled)]);
+        let part = if energy > 0.0 { common / energy } else { 0.0 };
+        let (read, written) = ([&*step, &by_step, &residual], [&mut *direction, &mut pulled]);
+        let sums = in_strips(control, read, written, |[step, by_step, residual], [direction, pulled]| {
+            for (direction, step) in direction.iter_mut().zip(step).chain(pulled.iter_mut().zip(by_step)) {
+                *direction = step - part * *direction;
+            }
+            [dot(direction, pulled), dot(residual, direction)]
+        });
+        energy = sums[0];
+        let length = sums[1] / energy;
+        let (read, written) = ([&*direction, &pulled], [&mut *displacement, &mut residual]);
+        [square] = in_strips(control, read, written, |[direction, pulled], [displacement, residual]| {
+            add(length, direction, displacement);
+            add(-length, pulled, residual);
+            [dot(residual, residual)]
+        });
         convergence.iterations += 1;
     }
     subtract(load, |pulled| system.apply(displacement, pulled), &mut residual);

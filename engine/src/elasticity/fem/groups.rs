@@ -51,6 +51,7 @@ impl Partition {
                 partition.begin(rest.into_iter());
             }
         }
+        partition.renumber();
         partition
     }
 

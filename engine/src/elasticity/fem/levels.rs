@@ -13,7 +13,7 @@ use super::partition::Partition;
 use super::smoothing::Smoothing;
 use super::sweeps::Sweeps;
 use super::system::System;
-use super::vectors::{add, dot};
+use super::vectors::{add, dot, in_strips};
 use crate::elasticity::{Control, Stopped};
 
 /// Work of a direct solution for each block of the structure, in multiply-adds. More would cost more than it saves.
@@ -52,6 +52,21 @@ struct Nested {
     sweeps: Sweeps,
     motions: Motions<MOTIONS>,
     coarse: Coarse,
+    /// Motions of the members by those of their groups.
+    moved: Vec<f64>,
+    /// What a step leaves of a force.
+    rest: Vec<f64>,
+    /// Steps that are taken.
+    taken: Vec<Taken>,
+}
+
+/// Step of a nested solution.
+#[derive(Debug)]
+struct Taken {
+    step: Vec<f64>,
+    /// What the step pulls.
+    pulled: Vec<f64>,
+    energy: f64,
 }
 
 impl Levels {
@@ -81,30 +96,26 @@ impl Levels {
     /// Returns the displacements with which a solution for `force` begins, if groups are solved for directly: those of
     /// their rigid motions. The steps by [`Levels::step`] then need not find them.
     #[must_use]
-    pub fn first(&self, force: &[f64]) -> Option<Vec<f64>> {
+    pub fn first(&self, force: &[f64], control: &Control<'_>) -> Option<Vec<f64>> {
         let Coarse::Direct(factor) = &self.coarse else { return None };
         let mut first = vec![0.0; force.len()];
-        self.motions.add_to_members(&factor.solve(&self.motions.gathered(force)), &mut first);
+        self.motions.move_all(control, &factor.solve(&self.motions.gathered(control, force)), &mut first);
         Some(first)
     }
 
     /// Computes an approximate solution for `residual`, and what it pulls.
-    pub fn step(&mut self, system: &System<'_>, residual: &[f64], step: &mut [f64], pulled: &mut [f64]) {
+    pub fn step(
+        &mut self,
+        system: &System<'_>,
+        control: &Control<'_>,
+        residual: &[f64],
+        step: &mut [f64],
+        pulled: &mut [f64],
+    ) {
         let Self { smoothing, motions, coarse, rest, .. } = self;
-        step.fill(0.0);
-        rest.copy_from_slice(residual);
-        smoothing.smooth(system, rest, step);
-        smoothing.finish(system, rest);
-        let motion = coarse.solve(&motions.gathered(rest));
-        smoothing.take(system, |moved| motions.add_to_members(&motion, moved), rest, step);
-        if !self.is_solid {
-            smoothing.smooth(system, rest, step);
-            smoothing.finish(system, rest);
-        }
-        for (pulled, (residual, rest)) in pulled.iter_mut().zip(residual.iter().zip(rest.iter())) {
-            *pulled = residual - rest;
-        }
-        system.release(pulled);
+        smoothing.begin(system, control, residual, rest, step, pulled);
+        let motion = coarse.solve(control, &motions.gathered(control, rest));
+        smoothing.end(system, control, (motions, &motion), !self.is_solid, (residual, rest, step, pulled));
     }
 }
 
@@ -143,13 +154,14 @@ impl Coarse {
         let coarser = matrix.coarser(&motions);
         drop(matrix);
         let coarse = Self::new(coarser, &motions.middle, most_work, control)?;
-        Ok(Self::Nested(Box::new(Nested { sweeps, motions, coarse })))
+        let (moved, rest) = (vec![0.0; sweeps.len()], vec![0.0; sweeps.len()]);
+        Ok(Self::Nested(Box::new(Nested { sweeps, motions, coarse, moved, rest, taken: Vec::new() })))
     }
 
-    fn solve(&self, force: &[f64]) -> Vec<f64> {
+    fn solve(&mut self, control: &Control<'_>, force: &[f64]) -> Vec<f64> {
         match self {
             Self::Direct(factor) => factor.solve(force),
-            Self::Nested(nested) => nested.solve(force),
+            Self::Nested(nested) => nested.solve(control, force),
         }
     }
 }
@@ -157,41 +169,61 @@ impl Coarse {
 impl Nested {
     /// Solves by a few steps of conjugate gradients (Notay 2008, the K-cycle): the number of iterations then hardly depends
     /// on the number of levels.
-    fn solve(&self, force: &[f64]) -> Vec<f64> {
+    fn solve(&mut self, control: &Control<'_>, force: &[f64]) -> Vec<f64> {
         let mut solution = vec![0.0; force.len()];
         let mut rest = force.to_vec();
-        let enough = ENOUGH * ENOUGH * dot(force, force);
-        // Directions, what they pull, and their energies.
-        let mut taken: Vec<(Vec<f64>, Vec<f64>, f64)> = Vec::with_capacity(MOST_STEPS);
-        while taken.len() < MOST_STEPS && (taken.is_empty() || dot(&rest, &rest) > enough) {
-            let (mut direction, mut pulled) = self.step(&rest);
-            for (earlier, by_earlier, energy) in &taken {
-                let part = dot(&direction, by_earlier) / energy;
-                add(-part, earlier, &mut direction);
-                add(-part, by_earlier, &mut pulled);
+        let mut square = dot(force, force);
+        let enough = ENOUGH * ENOUGH * square;
+        let mut taken = 0;
+        while taken < MOST_STEPS && (taken == 0 || square > enough) {
+            if self.taken.len() == taken {
+                self.taken.push(Taken { step: vec![0.0; force.len()], pulled: vec![0.0; force.len()], energy: 0.0 });
             }
-            let energy = dot(&direction, &pulled);
-            if energy <= 0.0 {
+            self.step(control, &rest, taken);
+            let (earlier, next) = self.taken.split_at_mut(taken);
+            let Taken { step, pulled, energy } = &mut next[0];
+            for earlier in &*earlier {
+                let [common] = in_strips(control, [step, &earlier.pulled], [], |[a, b], []| [dot(a, b)]);
+                let part = common / earlier.energy;
+                let (read, written) = ([&*earlier.step, &earlier.pulled], [&mut **step, pulled]);
+                in_strips(control, read, written, |[by_step, by_pulled], [step, pulled]| {
+                    add(-part, by_step, step);
+                    add(-part, by_pulled, pulled);
+                    []
+                });
+            }
+            let of_step = |[step, pulled, rest]: [&[f64]; 3], []: [&mut [f64]; 0]| [dot(step, pulled), dot(step, rest)];
+            let [own, gain] = in_strips(control, [step, pulled, &rest], [], of_step);
+            if own <= 0.0 {
                 break;
             }
-            let length = dot(&direction, &rest) / energy;
-            add(length, &direction, &mut solution);
-            add(-length, &pulled, &mut rest);
-            taken.push((direction, pulled, energy));
+            *energy = own;
+            let length = gain / own;
+            let (read, written) = ([&**step, pulled], [&mut *solution, &mut rest]);
+            [square] = in_strips(control, read, written, |[step, pulled], [solution, rest]| {
+                add(length, step, solution);
+                add(-length, pulled, rest);
+                [dot(rest, rest)]
+            });
+            taken += 1;
         }
         solution
     }
 
-    /// Returns a step and what it pulls.
-    fn step(&self, residual: &[f64]) -> (Vec<f64>, Vec<f64>) {
-        let zeros = || vec![0.0; self.sweeps.len()];
-        let (mut step, mut rest, mut moved, mut pulled) = (zeros(), zeros(), zeros(), zeros());
-        self.sweeps.sweep(residual, &mut step, &mut rest);
-        self.motions.add_to_members(&self.coarse.solve(&self.motions.gathered(&rest)), &mut moved);
-        self.sweeps.multiply(&moved, &mut pulled);
-        add(1.0, &moved, &mut step);
-        add(-1.0, &rest, &mut pulled);
-        add(1.0, residual, &mut pulled);
-        (step, pulled)
+    /// Writes a step for `residual`, and what it pulls, to the directions at `place`.
+    fn step(&mut self, control: &Control<'_>, residual: &[f64], place: usize) {
+        let Self { sweeps, motions, coarse, moved, rest, taken } = self;
+        let Taken { step, pulled, .. } = &mut taken[place];
+        let motion = coarse.solve(control, &motions.gathered(control, residual));
+        motions.move_all(control, &motion, moved);
+        rest.copy_from_slice(residual);
+        sweeps.improve(control, moved, step, rest);
+        in_strips(control, [residual, rest, moved], [pulled, step], |[residual, rest, moved], [pulled, step]| {
+            for ((residual, rest), pulled) in residual.iter().zip(rest).zip(pulled) {
+                *pulled = residual - rest;
+            }
+            add(1.0, moved, step);
+            []
+        });
     }
 }

@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use foldhash::fast::RandomState;
 
 use super::element::CORNERS;
+use super::shares::half;
 use crate::voxel::connectivity::linked_by_faces;
 use crate::voxel::{Cell, CellMap};
 
@@ -87,7 +88,8 @@ impl CornerGroups {
 /// Distinct cells that are connected through faces to a cell at the least y.
 #[derive(Debug)]
 pub struct Supported {
-    /// Distinct supported cells, in the order in which they are first listed.
+    /// Distinct supported cells, one layer across the longest axis after the other: neighbours are then near each other.
+    /// The second share of a large structure begins at its far end, so that the shares end where they meet.
     pub cells: Vec<Cell>,
     /// Index of each entry in `cells`; `None` for an unsupported entry.
     pub index: Vec<Option<u32>>,
@@ -103,19 +105,37 @@ impl Supported {
             entry.entry(cell).or_insert(i);
         }
         let linked = linked_by_faces(cells, &entry, |cell| cell.y == lowest);
-        let mut distinct = Vec::new();
-        let mut number = vec![None; cells.len()];
-        let mut index = Vec::with_capacity(cells.len());
-        for cell in cells {
-            let first = entry[cell] as usize;
-            if linked[first] && number[first].is_none() {
-                number[first] = Some(distinct.len() as u32);
-                distinct.push(*cell);
-            }
-            index.push(number[first]);
+        let firsts = (0..cells.len()).filter(|&i| linked[i] && entry[&cells[i]] as usize == i);
+        let mut firsts: Vec<usize> = firsts.collect();
+        let axes = longest_first(firsts.iter().map(|&first| cells[first]));
+        firsts.sort_unstable_by_key(|&first| axes.map(|axis| <[i32; 3]>::from(cells[first])[axis]));
+        if let Some(half) = half(firsts.len()) {
+            firsts[half..].reverse();
         }
-        Self { cells: distinct, index }
+        let mut number = vec![None; cells.len()];
+        for (at, &first) in (0..).zip(&firsts) {
+            number[first] = Some(at);
+        }
+        Self {
+            cells: firsts.iter().map(|&first| cells[first]).collect(),
+            index: cells.iter().map(|cell| number[entry[cell] as usize]).collect(),
+        }
     }
+}
+
+/// Returns the axes, the one along which these cells extend farthest first.
+fn longest_first(cells: impl Iterator<Item = Cell>) -> [usize; 3] {
+    let (mut least, mut most) = ([i32::MAX; 3], [i32::MIN; 3]);
+    for cell in cells {
+        let place = <[i32; 3]>::from(cell);
+        for k in 0..3 {
+            least[k] = least[k].min(place[k]);
+            most[k] = most[k].max(place[k]);
+        }
+    }
+    let mut axes = [0, 1, 2];
+    axes.sort_by_key(|&k| std::cmp::Reverse(i64::from(most[k]) - i64::from(least[k])));
+    axes
 }
 
 #[cfg(test)]

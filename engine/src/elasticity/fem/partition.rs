@@ -17,4 +17,16 @@ impl Partition {
         }
         self.groups += 1;
     }
+
+    /// Numbers the groups in the order of their first members: vectors of groups are then read as those of members are.
+    pub fn renumber(&mut self) {
+        let mut number = vec![None; self.groups];
+        let mut next = 0;
+        for group in self.group.iter_mut().flatten() {
+            *group = *number[*group as usize].get_or_insert_with(|| {
+                next += 1;
+                next - 1
+            });
+        }
+    }
 }

@@ -1,7 +1,10 @@
 //! Smoothing of the equations of all nodes: a polynomial of them, which takes away what a few blocks resist.
 
+use super::motions::Motions;
+use super::pipeline::Open;
+use super::steps::{Step, Vectors};
 use super::system::System;
-use super::vectors::add;
+use crate::elasticity::Control;
 
 /// Degree of the polynomial.
 const DEGREE: usize = 3;
@@ -13,11 +16,13 @@ const RATIO: f64 = 20.0;
 pub struct Smoothing {
     /// Reciprocal of each unknown's entry on the diagonal, m/N; zero for a held node.
     compliance: Vec<f64>,
-    /// Bound on the eigenvalues of the divided equations.
-    greatest: f64,
-    /// Direction of the last step.
+    /// Factor of a force divided by the diagonal in the first step of the polynomial.
+    of_force: f64,
+    /// Steps of the polynomial after the first.
+    next: [Step; DEGREE - 1],
+    /// Last step.
     direction: Vec<f64>,
-    pulled: Vec<f64>,
+    open: Open,
 }
 
 impl Smoothing {
@@ -30,58 +35,66 @@ impl Smoothing {
         }
         let of_block = system.element.stiffness[(0, 0)] * system.edge_m;
         let compliance = |(blocks, is_held): (f64, &bool)| if *is_held { 0.0 } else { 1.0 / (blocks * of_block) };
+        let greatest = system.element.greatest;
+        let least = greatest / RATIO;
+        let (middle, half) = (f64::midpoint(greatest, least), (greatest - least) / 2.0);
+        let mut recurrence = half / middle;
         Self {
             compliance: blocks.into_iter().zip(&system.is_held).map(compliance).flat_map(|node| [node; 3]).collect(),
-            greatest: system.element.greatest,
+            of_force: 1.0 / middle,
+            next: std::array::from_fn(|_| {
+                let next = 1.0 / (2.0 * middle / half - recurrence);
+                let step = Step::Next { of_direction: next * recurrence, of_rest: 2.0 * next / half };
+                recurrence = next;
+                step
+            }),
             direction: vec![0.0; system.len()],
-            pulled: vec![0.0; system.len()],
+            open: Open::new(&system.shares),
         }
     }
 
-    /// Adds to `solution` steps that smooth its error, and subtracts from `rest`, the force that it leaves, what all but the
-    /// last of them pull.
-    pub fn smooth(&mut self, system: &System<'_>, rest: &mut [f64], solution: &mut [f64]) {
-        let least = self.greatest / RATIO;
-        let (middle, half) = (f64::midpoint(self.greatest, least), (self.greatest - least) / 2.0);
-        let unknowns = self.direction.iter_mut().zip(&*rest).zip(&self.compliance).zip(&mut *solution);
-        for (((direction, rest), compliance), solution) in unknowns {
-            *direction = compliance / middle * rest;
-            *solution += *direction;
-        }
-        let mut recurrence = half / middle;
-        for _ in 1..DEGREE {
-            system.pull(&self.direction, &mut self.pulled);
-            let next = 1.0 / (2.0 * middle / half - recurrence);
-            let (of_direction, of_rest) = (next * recurrence, 2.0 * next / half);
-            let unknowns = self.direction.iter_mut().zip(&mut *rest).zip(&self.compliance);
-            let unknowns = unknowns.zip(&mut *solution).zip(&self.pulled);
-            for ((((direction, rest), compliance), solution), pulled) in unknowns {
-                *rest -= pulled;
-                *direction = of_direction * *direction + of_rest * compliance * *rest;
-                *solution += *direction;
-            }
-            recurrence = next;
-        }
-    }
-
-    /// Subtracts from `rest` what the last step pulls.
-    pub fn finish(&mut self, system: &System<'_>, rest: &mut [f64]) {
-        system.pull(&self.direction, &mut self.pulled);
-        add(-1.0, &self.pulled, rest);
-    }
-
-    /// Takes a step that `moves` writes: adds it to `solution`, and subtracts from `rest` what it pulls.
-    pub fn take(
+    /// Smooths from a solution of zero for `force`: writes the sum of the steps to `solution`, and to `rest` the force that
+    /// they leave. `pulled` stays as it is.
+    pub fn begin(
         &mut self,
         system: &System<'_>,
-        moves: impl FnOnce(&mut [f64]),
+        control: &Control<'_>,
+        force: &[f64],
         rest: &mut [f64],
         solution: &mut [f64],
+        pulled: &mut [f64],
     ) {
-        self.direction.fill(0.0);
-        moves(&mut self.direction);
-        add(1.0, &self.direction, solution);
-        self.finish(system, rest);
+        let Self { compliance, direction, open, of_force, next: [second, third] } = self;
+        let vectors = Vectors { force, compliance, direction, rest, solution, pulled };
+        let steps = [*second, *third, Step::Settle];
+        system.pipeline().take(control, &steps, open, vectors, &|_, vectors| {
+            let Vectors { force, compliance, direction, rest, solution, .. } = vectors;
+            rest.copy_from_slice(force);
+            for ((direction, compliance), force) in direction.iter_mut().zip(compliance).zip(force) {
+                *direction = *of_force * compliance * force;
+            }
+            solution.copy_from_slice(direction);
+        });
+    }
+
+    /// Adds to `solution` the motions of groups, and then, if `smooths`, steps that smooth the error. Writes to `pulled`
+    /// what all steps for `force` pull, zero on held nodes, if `rest` holds what those before have left.
+    pub fn end(
+        &mut self,
+        system: &System<'_>,
+        control: &Control<'_>,
+        (motions, motion): (&Motions<3>, &[f64]),
+        smooths: bool,
+        vectors: (&[f64], &mut [f64], &mut [f64], &mut [f64]),
+    ) {
+        let (force, rest, solution, pulled) = vectors;
+        let Self { compliance, direction, open, of_force, next: [second, third] } = self;
+        let vectors = Vectors { force, compliance, direction, rest, solution, pulled };
+        let steps = [Step::First { of_rest: *of_force }, *second, *third, Step::End { adds: false }];
+        let steps = if smooths { &steps[..] } else { &[Step::End { adds: true }] };
+        system.pipeline().take(control, steps, open, vectors, &|nodes, vectors| {
+            motions.move_members(motion, nodes, vectors.direction);
+        });
     }
 }
 
@@ -109,10 +122,9 @@ mod tests {
         system.release(&mut rough);
         let mut force = vec![0.0; system.len()];
         system.apply(&rough, &mut force);
-        let (mut rest, mut solution, mut pulled) = (force.clone(), vec![0.0; system.len()], force.clone());
+        let (mut rest, mut solution, mut pulled) = (force.clone(), force.clone(), force.clone());
         let mut smoothing = Smoothing::new(&system);
-        smoothing.smooth(&system, &mut rest, &mut solution);
-        smoothing.finish(&system, &mut rest);
+        smoothing.begin(&system, &Control::unhurried(), &force, &mut rest, &mut solution, &mut pulled);
         system.release(&mut rest);
         system.apply(&solution, &mut pulled);
         let greatest = force.iter().copied().fold(0.0, f64::max);

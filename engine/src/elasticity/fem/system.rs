@@ -7,10 +7,10 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::element::{Element, UNKNOWNS};
 use super::mesh::Mesh;
-use crate::elasticity::lanes::Lanes;
-
-/// Number of vectors of rows that are computed at the same time; with eight lanes, all rows.
-const TOGETHER: usize = 3;
+use super::modes::Modes;
+use super::pipeline::Pipeline;
+use super::shares::{Corners, Shares};
+use crate::elasticity::lanes::{Lanes, MOST_LANES};
 
 /// Equations of a mesh with an edge length and held nodes.
 #[derive(Debug)]
@@ -23,8 +23,10 @@ pub struct System<'a> {
     pub edge_m: f64,
     /// Whether each node is held.
     pub is_held: Vec<bool>,
-    /// Stiffness matrix of a block, column by column, N/m.
-    columns: Vec<f64>,
+    /// Stiffness of a block, N/m.
+    modes: Modes,
+    /// Blocks of the mesh as several cores share them.
+    pub shares: Shares,
     arch: Arch,
 }
 
@@ -32,8 +34,15 @@ impl<'a> System<'a> {
     /// Sets up the equations of a mesh of blocks with edge `edge_m`. `is_held` receives each node's position, in edges.
     #[must_use]
     pub fn new(mesh: &'a Mesh, element: &'a Element, edge_m: f64, is_held: impl Fn(&[i32; 3]) -> bool) -> Self {
-        let columns = element.stiffness.iter().map(|entry| entry * edge_m).collect();
-        Self { mesh, element, edge_m, is_held: mesh.position.iter().map(is_held).collect(), columns, arch: Arch::new() }
+        Self {
+            mesh,
+            element,
+            edge_m,
+            is_held: mesh.position.iter().map(is_held).collect(),
+            modes: Modes::new(&(element.stiffness * edge_m)),
+            shares: Shares::new(&mesh.nodes, mesh.position.len()),
+            arch: Arch::new(),
+        }
     }
 
     /// Returns the number of unknowns, including those of held nodes.
@@ -51,7 +60,13 @@ impl<'a> System<'a> {
     /// Computes the forces on the nodes, N, for displacements, m, those on held nodes too.
     pub fn pull(&self, displacement: &[f64], force: &mut [f64]) {
         force.fill(0.0);
-        self.arch.dispatch(Apply { nodes: &self.mesh.nodes, columns: &self.columns, displacement, force });
+        self.arch.dispatch(Apply { blocks: &self.mesh.nodes, modes: &self.modes, displacement, force });
+    }
+
+    /// Returns what takes steps of smoothing through the structure.
+    #[must_use]
+    pub fn pipeline(&self) -> Pipeline<'_> {
+        Pipeline { shares: &self.shares, modes: &self.modes, arch: self.arch }
     }
 
     /// Sets the components of held nodes to zero.
@@ -94,10 +109,10 @@ pub fn centre(corners: &SVector<f64, UNKNOWNS>) -> [f64; 3] {
     (sum / 8.0).into()
 }
 
-/// Operation that adds up the forces of all blocks.
+/// Adds the forces of blocks.
 struct Apply<'a> {
-    nodes: &'a [[u32; 8]],
-    columns: &'a [f64],
+    blocks: &'a [Corners],
+    modes: &'a Modes,
     displacement: &'a [f64],
     force: &'a mut [f64],
 }
@@ -107,38 +122,54 @@ impl WithSimd for Apply<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Some((columns, _)) = self.columns.split_first_chunk::<{ UNKNOWNS * UNKNOWNS }>() else { return };
-        for nodes in self.nodes {
-            let mut corners = [0.0; UNKNOWNS];
-            for (triple, &node) in corners.chunks_exact_mut(3).zip(nodes) {
-                let at = 3 * node as usize;
-                triple.copy_from_slice(&self.displacement[at..at + 3]);
-            }
-            let mut pulled = [0.0; UNKNOWNS];
-            // Several rows at a time, with separate sums for even and odd columns: none waits for another.
-            for first in (0..UNKNOWNS).step_by(TOGETHER * S::F64_LANES) {
-                let mut sums = [[Lanes::splat(simd, 0.0); 2]; TOGETHER];
-                for pair in 0..UNKNOWNS / 2 {
-                    let (even, odd) = (2 * pair, 2 * pair + 1);
-                    let moved = [Lanes::splat(simd, corners[even]), Lanes::splat(simd, corners[odd])];
-                    for k in 0..TOGETHER {
-                        let row = first + k * S::F64_LANES;
-                        let entries = Lanes::load(simd, columns, UNKNOWNS * even + row);
-                        sums[k][0] = entries.mul_add(moved[0], sums[k][0]);
-                        let entries = Lanes::load(simd, columns, UNKNOWNS * odd + row);
-                        sums[k][1] = entries.mul_add(moved[1], sums[k][1]);
-                    }
-                }
-                for (k, [even, odd]) in sums.into_iter().enumerate() {
-                    (even + odd).store(&mut pulled, first + k * S::F64_LANES);
-                }
-            }
-            for (triple, &node) in pulled.chunks_exact(3).zip(nodes) {
-                let at = 3 * node as usize;
-                for (sum, part) in self.force[at..at + 3].iter_mut().zip(triple) {
-                    *sum += part;
+        add(simd, self.blocks, self.modes, self.displacement, self.force, |node| 3 * node as usize);
+    }
+}
+
+/// Adds the forces of blocks to those on their nodes. `place` returns where in `force` a node has its three entries.
+#[inline(always)]
+pub fn add<S: Simd>(
+    simd: S,
+    blocks: &[Corners],
+    modes: &Modes,
+    displacement: &[f64],
+    force: &mut [f64],
+    place: impl Fn(u32) -> usize,
+) {
+    for blocks in blocks.chunks(S::F64_LANES) {
+        let forces = forces(simd, blocks, modes, |node, k| displacement[3 * node as usize + k]);
+        for (lane, nodes) in blocks.iter().enumerate() {
+            for (corner, &node) in nodes.iter().enumerate() {
+                let at = place(node);
+                for (sum, of_corners) in force[at..at + 3].iter_mut().zip(&forces) {
+                    *sum += of_corners[corner][lane];
                 }
             }
         }
     }
+}
+
+/// Returns the forces on the corners of up to as many blocks as there are lanes, for the displacements of nodes: by
+/// components and corners, a block in each lane.
+#[inline(always)]
+pub fn forces<S: Simd>(
+    simd: S,
+    blocks: &[Corners],
+    modes: &Modes,
+    displacement: impl Fn(u32, usize) -> f64,
+) -> [[[f64; MOST_LANES]; 8]; 3] {
+    // Lanes without a block take the first one's.
+    let nodes: [&Corners; MOST_LANES] = std::array::from_fn(|lane| blocks.get(lane).unwrap_or(&blocks[0]));
+    let moved = |k: usize, corner: usize| {
+        let lanes: [f64; MOST_LANES] = std::array::from_fn(|lane| displacement(nodes[lane][corner], k));
+        Lanes::load(simd, &lanes, 0)
+    };
+    let pulled = modes.forces(simd, std::array::from_fn(|k| std::array::from_fn(|corner| moved(k, corner))));
+    let mut forces = [[[0.0; MOST_LANES]; 8]; 3];
+    for (of_corners, pulled) in forces.iter_mut().zip(pulled) {
+        for (lanes, pulled) in of_corners.iter_mut().zip(pulled) {
+            pulled.store(lanes, 0);
+        }
+    }
+    forces
 }

@@ -1,8 +1,10 @@
 //! Verification against closed-form solutions: bars, beams and patches.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use super::element::Element;
 use crate::elasticity::fem::*;
-use crate::elasticity::{POISSON, YOUNG_PA};
+use crate::elasticity::{POISSON, YOUNG_PA, on_two_threads};
 
 /// Returns the cells of a box.
 fn cuboid(x: i32, y: i32, z: i32) -> Vec<Cell> {
@@ -207,4 +209,26 @@ fn figures_of_which_rounding_leaves_nothing_have_a_caution() {
     let outcome = solve_equilibrium(&cells, &Control::unhurried()).unwrap();
     assert!(outcome.is_solved && outcome.relative_residual > 1.0, "{}", outcome.relative_residual);
     assert!(outcome.cautions()[0].ends_with("the figures of fem are not reliable"), "{:?}", outcome.cautions());
+}
+
+/// A large structure's figures are the same on two cores, and whatever the order of its blocks.
+#[test]
+fn neither_cores_nor_the_order_of_blocks_matter() {
+    let blocks = cuboid(62, 13, 62).into_iter().filter(|c| c.y == 12 || c.x % 4 == 0 && c.z % 4 == 0 || c.y % 3 == 0);
+    let blocks: Vec<Cell> = blocks.collect();
+    assert!(blocks.len() > 20_000, "{}", blocks.len());
+    let alone = solve_equilibrium(&blocks, &Control::unhurried()).unwrap();
+    let joined = AtomicUsize::new(0);
+    let join = |first: &mut (dyn FnMut() + Send), second: &mut (dyn FnMut() + Send)| {
+        joined.fetch_add(1, Ordering::Relaxed);
+        on_two_threads(first, second);
+    };
+    let together = solve_equilibrium(&blocks, &Control { join: Some(&join), ..Control::unhurried() }).unwrap();
+    assert!(joined.into_inner() > together.iterations as usize, "each iteration takes two cores");
+    let reversed: Vec<Cell> = blocks.iter().rev().copied().collect();
+    let mut turned = solve_equilibrium(&reversed, &Control::unhurried()).unwrap();
+    turned.von_mises_pa.reverse();
+    assert!(alone.is_solved);
+    assert_eq!(alone.von_mises_pa, together.von_mises_pa);
+    assert_eq!(alone.von_mises_pa, turned.von_mises_pa);
 }

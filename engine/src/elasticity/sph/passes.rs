@@ -28,15 +28,11 @@ pub trait Pass: WithSimd<Output = ()> + Send + Sized {
 /// Runs a pass, on several cores if it is large and the caller lends them.
 pub fn carry_out<P: Pass>(pass: P, arch: Arch, control: &Control<'_>) {
     let blocks = pass.blocks().len();
-    match control.join {
-        Some(join) if blocks >= 2 * BLOCKS_PER_SHARE => {
-            let (first, second) = pass.split_at(blocks / 2);
-            let (mut first, mut second) = (Some(first), Some(second));
-            let mut do_first = || first.take().into_iter().for_each(|pass| carry_out(pass, arch, control));
-            let mut do_second = || second.take().into_iter().for_each(|pass| carry_out(pass, arch, control));
-            join(&mut do_first, &mut do_second);
-        }
-        _ => arch.dispatch(pass),
+    if control.join.is_some() && blocks >= 2 * BLOCKS_PER_SHARE {
+        let (first, second) = pass.split_at(blocks / 2);
+        control.both(|| carry_out(first, arch, control), || carry_out(second, arch, control));
+    } else {
+        arch.dispatch(pass);
     }
 }
 
