@@ -80,11 +80,13 @@ impl std::fmt::Debug for Control<'_> {
     }
 }
 
-/// Runs two jobs on two threads: a [`Join`] for tests.
 #[cfg(test)]
-pub(crate) fn on_two_threads(first: &mut (dyn FnMut() + Send), second: &mut (dyn FnMut() + Send)) {
-    std::thread::scope(|scope| {
-        scope.spawn(second);
-        first();
-    });
+mod tests {
+    /// Runs two jobs on two threads: a [`super::Join`].
+    pub(super) fn on_two_threads(first: &mut (dyn FnMut() + Send), second: &mut (dyn FnMut() + Send)) {
+        std::thread::scope(|scope| {
+            scope.spawn(second);
+            first();
+        });
+    }
 }

@@ -10,10 +10,9 @@ use std::ops::Range;
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::modes::Modes;
+use super::modes::{Modes, add, forces};
 use super::shares::{Corners, Share, Shares};
 use super::steps::{Step, Vectors};
-use super::system;
 use crate::elasticity::Control;
 
 /// Greatest number of steps that follow each other.
@@ -126,7 +125,7 @@ impl<F: Fn(Range<usize>, Vectors<'_>)> Front<'_, F> {
         let Ring { force, mask } = &mut self.open[step];
         let mask = *mask;
         let place = |node: u32| 3 * (node as usize & mask);
-        system::add(simd, self.share.run(run), self.modes, self.vectors.direction, force, place);
+        add(simd, self.share.run(run), self.modes, self.vectors.direction, force, place);
         self.run[step] += 1;
         self.complete(step, self.share.complete[run]);
     }
@@ -212,7 +211,7 @@ fn add_between<'a, S: Simd, F>(
     let middle = second.from;
     let modes = first.modes;
     for blocks in blocks.chunks(S::F64_LANES) {
-        let forces = system::forces(simd, blocks, modes, |node, k| {
+        let forces = forces(simd, blocks, modes, |node, k| {
             let node = node as usize;
             let (of, node) = if node < middle { (&*first, node) } else { (&*second, node - middle) };
             of.vectors.direction[3 * node + k]
@@ -236,7 +235,7 @@ mod tests {
     use crate::elasticity::fem::ELEMENT;
     use crate::elasticity::fem::mesh::{Mesh, Supported};
     use crate::elasticity::fem::system::System;
-    use crate::elasticity::on_two_threads;
+    use crate::elasticity::tests::on_two_threads;
     use crate::voxel::Cell;
 
     /// Vectors as [`Vectors`] has them, of all unknowns.

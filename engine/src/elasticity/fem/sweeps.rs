@@ -278,7 +278,7 @@ mod tests {
     use crate::elasticity::fem::motions::Motions;
     use crate::elasticity::fem::partition::Partition;
     use crate::elasticity::fem::system::System;
-    use crate::elasticity::on_two_threads;
+    use crate::elasticity::tests::on_two_threads;
     use crate::voxel::Cell;
 
     /// Stiffness among the groups of a wall with windows.

@@ -7,10 +7,9 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::element::{Element, UNKNOWNS};
 use super::mesh::Mesh;
-use super::modes::Modes;
+use super::modes::{Modes, add};
 use super::pipeline::Pipeline;
 use super::shares::{Corners, Shares};
-use crate::elasticity::lanes::{Lanes, MOST_LANES};
 
 /// Equations of a mesh with an edge length and held nodes.
 #[derive(Debug)]
@@ -124,52 +123,4 @@ impl WithSimd for Apply<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         add(simd, self.blocks, self.modes, self.displacement, self.force, |node| 3 * node as usize);
     }
-}
-
-/// Adds the forces of blocks to those on their nodes. `place` returns where in `force` a node has its three entries.
-#[inline(always)]
-pub fn add<S: Simd>(
-    simd: S,
-    blocks: &[Corners],
-    modes: &Modes,
-    displacement: &[f64],
-    force: &mut [f64],
-    place: impl Fn(u32) -> usize,
-) {
-    for blocks in blocks.chunks(S::F64_LANES) {
-        let forces = forces(simd, blocks, modes, |node, k| displacement[3 * node as usize + k]);
-        for (lane, nodes) in blocks.iter().enumerate() {
-            for (corner, &node) in nodes.iter().enumerate() {
-                let at = place(node);
-                for (sum, of_corners) in force[at..at + 3].iter_mut().zip(&forces) {
-                    *sum += of_corners[corner][lane];
-                }
-            }
-        }
-    }
-}
-
-/// Returns the forces on the corners of up to as many blocks as there are lanes, for the displacements of nodes: by
-/// components and corners, a block in each lane.
-#[inline(always)]
-pub fn forces<S: Simd>(
-    simd: S,
-    blocks: &[Corners],
-    modes: &Modes,
-    displacement: impl Fn(u32, usize) -> f64,
-) -> [[[f64; MOST_LANES]; 8]; 3] {
-    // Lanes without a block take the first one's.
-    let nodes: [&Corners; MOST_LANES] = std::array::from_fn(|lane| blocks.get(lane).unwrap_or(&blocks[0]));
-    let moved = |k: usize, corner: usize| {
-        let lanes: [f64; MOST_LANES] = std::array::from_fn(|lane| displacement(nodes[lane][corner], k));
-        Lanes::load(simd, &lanes, 0)
-    };
-    let pulled = modes.forces(simd, std::array::from_fn(|k| std::array::from_fn(|corner| moved(k, corner))));
-    let mut forces = [[[0.0; MOST_LANES]; 8]; 3];
-    for (of_corners, pulled) in forces.iter_mut().zip(pulled) {
-        for (lanes, pulled) in of_corners.iter_mut().zip(pulled) {
-            pulled.store(lanes, 0);
-        }
-    }
-    forces
 }

@@ -82,7 +82,7 @@ pub fn parts<'a, const W: usize>(vectors: &'a mut [&mut [f64]; W], part: Range<u
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::elasticity::on_two_threads;
+    use crate::elasticity::tests::on_two_threads;
 
     #[test]
     fn strips_cover_all_entries_once_on_one_core_and_on_two() {

@@ -4,7 +4,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::element::Element;
 use crate::elasticity::fem::*;
-use crate::elasticity::{POISSON, YOUNG_PA, on_two_threads};
+use crate::elasticity::tests::on_two_threads;
+use crate::elasticity::{POISSON, YOUNG_PA};
 
 /// Returns the cells of a box.
 fn cuboid(x: i32, y: i32, z: i32) -> Vec<Cell> {
