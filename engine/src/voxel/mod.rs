@@ -16,6 +16,7 @@ pub mod palette;
 pub mod planar;
 pub mod profile;
 pub mod reading;
+mod regions;
 pub mod replay;
 pub mod rooms;
 pub mod structure;

@@ -40,11 +40,10 @@ pub struct HasWideExit {
 }
 
 impl HasExit {
-    /// Returns how much work a block of the build makes at most: the lines that it blocks for the box in both orientations,
-    /// times the levels that are looked at for each.
+    /// Returns how much work a block of the build makes at most: the sides of what it keeps the box out of.
     #[must_use]
     pub const fn work(&self) -> u64 {
-        ((self.width.0 + self.depth.0) * self.height.0 * self.height.0) as u64
+        (self.width.0 + self.depth.0 + self.height.0) as u64
     }
 
     /// Scores the subject.
@@ -60,7 +59,7 @@ impl HasWideExit {
     /// Returns how much work a block of the build makes at most, as [`HasExit::work`] does.
     #[must_use]
     pub const fn work(&self) -> u64 {
-        (self.width.0 * 2 * 2) as u64
+        (2 * self.width.0 + 2) as u64
     }
 
     /// Scores the subject.
