@@ -6,10 +6,13 @@ use std::time::Duration;
 
 use crate::support::commands::key;
 use crate::support::{Answer, Service};
+use rand_mt::Mt64;
 use reqwest::StatusCode;
 use serde_json::{Value, json};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
+
+type StepRange = std::iter::StepBy<std::ops::RangeInclusive<i32>>;
 
 fn start(options: &[&str]) -> (tempfile::TempDir, Arc<Service>) {
     let folder = tempfile::tempdir().unwrap();
@@ -31,20 +34,29 @@ fn asking(check: &Value, checks: usize, turns: usize, blocks: Value, deadline_ms
     json!({ "task": { "id": "hard/one", "turns": vec![asked; turns] }, "turns": log, "deadline_ms": deadline_ms })
 }
 
-/// A hall whose walls are single blocks, with gaps that a box 16 wide does not fit through.
-fn hall() -> Value {
-    let posts = (0..30).flat_map(|x| (0..13).map(move |y| (x, y)));
-    turn(posts.flat_map(|(x, y)| {
-        let is_end = x == 0 || x == 29;
-        let along = if is_end { &[0, 15, 30, 40][..] } else { &[0, 40] };
-        along.iter().map(move |z| [15 * x, 15 * y, *z])
-    }))
+/// A hall whose walls are single blocks, with gaps that a box 16 wide does not fit through. Between them are single blocks
+/// that leave it many ways, which end at the walls, and beds to start from.
+fn filled_hall() -> Value {
+    const SIZE: [i32; 3] = [150, 120, 600];
+    let [x, y, z] = SIZE.map(|size| (0..=size).step_by(15));
+    let pairs = |a: StepRange, b: StepRange| a.flat_map(move |i| b.clone().map(move |j| (i, j)));
+    let faces = pairs(x.clone(), y.clone())
+        .flat_map(|(i, j)| [[i, j, 0], [i, j, SIZE[2]]])
+        .chain(pairs(x, z.clone()).flat_map(|(i, k)| [[i, 0, k], [i, SIZE[1], k]]))
+        .chain(pairs(y, z).flat_map(|(j, k)| [[0, j, k], [SIZE[0], j, k]]));
+    let mut random = Mt64::new(24);
+    let mut inside = move || SIZE.map(|size| 1 + (random.next_u64() % (size as u64 - 1)) as i32);
+    let mut log = turn(faces.chain(std::iter::repeat_with(&mut inside).take(2_500)));
+    let bed = |[x, y, z]: [i32; 3]| json!({ "action": "place", "x": x, "y": y, "z": z, "material": "red_bed" });
+    let beds = std::iter::repeat_with(&mut inside).take(200).map(bed);
+    log["events"].as_array_mut().unwrap().extend(beds);
+    log
 }
 
 /// Minutes of work: a wide way out is looked for all over a hall that has none.
 fn hard(deadline_ms: u64) -> Value {
-    let exit = json!({ "fn": "shape.has_exit", "args": { "width": 16, "depth": 15, "height": 16 } });
-    asking(&exit, 16, 64, hall(), deadline_ms)
+    let args = json!({ "width": 16, "depth": 15, "height": 16, "start_material": "bed" });
+    asking(&json!({ "fn": "shape.has_exit", "args": args }), 16, 64, filled_hall(), deadline_ms)
 }
 
 /// A beam that holds a stress simulation for long.

@@ -16,7 +16,6 @@ pub mod palette;
 pub mod planar;
 pub mod profile;
 pub mod reading;
-mod regions;
 pub mod replay;
 pub mod rooms;
 pub mod structure;

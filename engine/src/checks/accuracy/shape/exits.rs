@@ -40,10 +40,11 @@ pub struct HasWideExit {
 }
 
 impl HasExit {
-    /// Returns how much work a block of the build makes at most: the sides of what it keeps the box out of.
+    /// Returns how much work a block of the build makes at most: the lines along z that it blocks for the box, in both
+    /// orientations.
     #[must_use]
     pub const fn work(&self) -> u64 {
-        (self.width.0 + self.depth.0 + self.height.0) as u64
+        ((self.width.0 + self.depth.0) * self.height.0) as u64
     }
 
     /// Scores the subject.
@@ -59,7 +60,7 @@ impl HasWideExit {
     /// Returns how much work a block of the build makes at most, as [`HasExit::work`] does.
     #[must_use]
     pub const fn work(&self) -> u64 {
-        (2 * self.width.0 + 2) as u64
+        (self.width.0 * 2) as u64
     }
 
     /// Scores the subject.
