@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # An operator: a database, keys, quotas, a backup and an epoch of hidden evaluation, in a folder of its own.
 set -euo pipefail
-plumbline=${PLUMBLINE_PROGRAM:-plumbline}
+# A program that is given by its path is still found from the new folder.
+plumbline=$(realpath "$(command -v "${PLUMBLINE_PROGRAM:-plumbline}")")
 cd "$(mktemp -d)"
 export PLUMBLINE_DATABASE=plumbline.db
 

@@ -40,8 +40,8 @@ use plumbline_engine::hidden::tlog::cosignature::Witness;
 use plumbline_engine::tasks::embedded;
 
 /// Notice of a node that only grades within requests.
-const GRADE_ONLY: &str = "this node only grades within requests: it has no database, and grading needs no key. Let nobody \
-                          reach it who should not";
+const GRADE_ONLY: &str = "this node only grades within requests: it has no database, and grading needs no key. Only \
+                          those who may use it should be able to reach it";
 
 /// Settings of the use cases and of HTTP.
 #[derive(Debug, Clone, Copy)]

@@ -123,6 +123,26 @@ async fn all_faults_of_a_request_are_told() {
 
 /// A stress simulation that cannot end in time is no score but a problem that says so.
 #[tokio::test]
+async fn a_task_that_a_request_brings_is_read_strictly() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &[]);
+    let mut task = service.get("/v1/tasks/walls/5x1x5-raise").await.json();
+    task["nonsense"] = json!(1);
+    task["turns"][0]["promtp"] = json!("x");
+    task["turns"][0]["checks"][0]["arg"] = json!({});
+    task["turns"][0]["checks"][1]["args"] = json!([5, 1]);
+    let told = service.post_json("/v1/grade", &json!({ "task": task, "turns": [{ "events": [] }] })).await.json();
+    let fault = |pointer: &str, detail: &str| json!({ "pointer": pointer, "detail": detail });
+    let expected = json!([
+        fault("/task/nonsense", "unknown field"),
+        fault("/task/turns/0/promtp", "unknown field; did you mean prompt?"),
+        fault("/task/turns/0/checks/0/arg", "unknown field; did you mean args?"),
+        fault("/task/turns/0/checks/1/args", "expected an object with the arguments by their names"),
+    ]);
+    assert_eq!(told["faults"], expected, "{told:#}");
+}
+
+#[tokio::test]
 async fn a_deadline_that_passes_is_no_reward() {
     let folder = tempfile::tempdir().unwrap();
     let service = Service::start(&folder.path().join("p.db"), &[]);

@@ -14,7 +14,7 @@ pub mod sample;
 use std::cell::OnceCell;
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 pub use amount::Amount;
 pub use evidence::{Finding, Witness};
@@ -187,6 +187,21 @@ macro_rules! catalogue {
         impl Check {
             /// Name and requirement of each check, in the order of the catalogue.
             pub const LIST: &'static [(&'static str, &'static str)] = &[ $( $( ($name, $what), )* )* ];
+
+            /// Reads the arguments of the check with this published name. Returns `None` if no check has that name.
+            ///
+            /// # Errors
+            /// Returns an error with the path to the argument that is wrong.
+            #[must_use]
+            pub fn read(
+                name: &str,
+                args: &Map<String, Value>,
+            ) -> Option<Result<Self, serde_path_to_error::Error<serde_json::Error>>> {
+                Some(match name {
+                    $( $( $name => serde_path_to_error::deserialize::<_, $rule>(args).map(Self::$variant), )* )*
+                    _ => return None,
+                })
+            }
 
             /// Returns the arguments, as a task file has them.
             #[must_use]

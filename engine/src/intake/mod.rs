@@ -240,6 +240,10 @@ impl<'de> Shape<'de> for TurnShape<'_, '_> {
         }
         Ok(match (events, palette, rows) {
             (Some(events), None, None) => events,
+            (None, None, Some(Some(rows))) if rows.iter().any(|row| row.material.is_some()) => {
+                reader.faults.add_at("palette", "missing; the last number of a row is an index of the palette");
+                None
+            }
             (None, palette, Some(rows)) => rows.and_then(|rows| {
                 let names = palette.unwrap_or_else(|| Some(Vec::new()));
                 names.map(|names| {

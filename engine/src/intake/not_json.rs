@@ -26,6 +26,7 @@ pub fn why_not_json(text: &[u8], error: &serde_json::Error) -> String {
         );
     }
     match remedy(text, error) {
+        Some(remedy) if error.is_eof() => remedy,
         Some(remedy) => format!("{error}: {remedy}"),
         None => error.to_string(),
     }
@@ -48,6 +49,14 @@ const WORDS: [&str; 7] = ["NaN", "Infinity", "-Infinity", "undefined", "None", "
 #[must_use]
 pub fn remedy(text: &[u8], error: &serde_json::Error) -> Option<String> {
     let message = error.to_string();
+    if error.is_eof() {
+        let within = message.split(" at line ").next().unwrap_or_default().trim_start_matches("EOF while parsing ");
+        let (line, column) = (error.line(), error.column());
+        return Some(format!("cut off: the text ends within {within} at line {line} column {column}"));
+    }
+    if message.starts_with("trailing characters") {
+        return Some("nothing may follow the document".to_owned());
+    }
     if message.starts_with("control character") {
         return Some("inside a string, write a line break as \\n and a tab as \\t".to_owned());
     }
@@ -127,7 +136,10 @@ mod tests {
             ("{\"a\": NaN}", "expected value at line 1 column 7: JSON has no NaN"),
             ("{\"a\": None}", "expected value at line 1 column 7: JSON has no None"),
             (" \n", "empty: expected a JSON document"),
-            ("[1] x", "trailing characters at line 1 column 5"),
+            ("[1] x", "trailing characters at line 1 column 5: nothing may follow the document"),
+            ("{\"a\": [\"b", "cut off: the text ends within a string at line 1 column 9"),
+            ("{\"a\": [1,", "cut off: the text ends within a value at line 1 column 9"),
+            ("{\"a\":\n [1", "cut off: the text ends within a list at line 2 column 3"),
         ] {
             assert_eq!(why_not_json(text.as_bytes(), &error(text.as_bytes())), expected, "{text}");
         }

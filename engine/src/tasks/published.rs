@@ -2,11 +2,12 @@
 //! checks per turn.
 
 use serde_json::{Map, Value};
+use serde_path_to_error::Segment;
 
 use super::{Instruction, Task};
 use crate::checks::Check;
 use crate::intake::{Fault, Faults};
-use crate::text::{counted, reworded};
+use crate::text::{counted, did_you_mean, reworded};
 
 /// Text of a task file.
 #[derive(Debug, Clone, Copy)]
@@ -150,20 +151,74 @@ pub fn read_check(check: &Value, faults: &mut Faults) -> Option<Check> {
         faults.add_at("fn", "expected the name of a check");
         return None;
     };
-    if Check::LIST.iter().all(|(known, _)| *known != name) {
-        faults.add_at("fn", format!("no check is called {name:?}"));
-        return None;
-    }
-    let mut check = members.clone();
-    check.entry("args").or_insert_with(|| Value::Object(Map::new()));
-    match serde_path_to_error::deserialize::<_, Check>(Value::Object(check)) {
-        Ok(check) => Some(check),
-        Err(error) => {
-            let path = error.path().to_string();
-            let place = if path == "." || path.is_empty() { String::new() } else { format!("{path}: ") };
-            faults.add_at("args", format!("{place}{} ({name})", reworded(&error.into_inner().to_string())));
+    let none = Map::new();
+    let args = match members.get("args") {
+        None | Some(Value::Null) => &none,
+        Some(Value::Object(args)) => args,
+        Some(_) => {
+            faults.add_at("args", "expected an object with the arguments by their names");
+            return None;
+        }
+    };
+    match Check::read(name, args) {
+        None => {
+            faults.add_at("fn", format!("no check is called {name:?}{}", near_checks(name)));
             None
         }
+        Some(Ok(check)) => Some(check),
+        Some(Err(error)) => {
+            faults.enter_key("args");
+            add_wrong_argument(name, &error, faults);
+            faults.leave();
+            None
+        }
+    }
+}
+
+/// Suggests checks for a name that none has, be it misspelt or without its group.
+fn near_checks(name: &str) -> String {
+    let short = |full: &'static str| full.split_once('.').map_or(full, |(_, short)| short);
+    let names = || Check::LIST.iter().map(|(full, _)| *full);
+    if let Some(full) = names().find(|full| short(full) == name) {
+        return format!("; did you mean {full}?");
+    }
+    did_you_mean(name, names())
+}
+
+/// Adds a fault of an argument at its place.
+fn add_wrong_argument(check: &str, error: &serde_path_to_error::Error<serde_json::Error>, faults: &mut Faults) {
+    let why = reworded(&error.inner().to_string());
+    let quoted: Vec<&str> = why.split('`').skip(1).step_by(2).collect();
+    let (named, others) = quoted.split_first().map_or(("", &[][..]), |(first, others)| (*first, others));
+    let text = if why.starts_with("missing field") {
+        format!("missing; {check} needs it")
+    } else if why.starts_with("unknown field") && others.is_empty() {
+        format!("{check} takes no arguments")
+    } else if why.starts_with("unknown field") {
+        let near = did_you_mean(named, others.iter().copied());
+        let known = if near.is_empty() { format!("; it takes {}", others.join(", ")) } else { near };
+        format!("{check} has no such argument{known}")
+    } else {
+        format!("{why} ({check})")
+    };
+    let mut depth = 0;
+    for segment in error.path() {
+        match segment {
+            Segment::Seq { index } => faults.enter_index(*index),
+            Segment::Map { key } => faults.enter_key(key),
+            Segment::Enum { variant } => faults.enter_key(variant),
+            Segment::Unknown => continue,
+        }
+        depth += 1;
+    }
+    // The path ends at an unknown argument, but at the object that lacks one.
+    if why.starts_with("missing field") {
+        faults.add_at(named, text);
+    } else {
+        faults.add(text);
+    }
+    for _ in 0..depth {
+        faults.leave();
     }
 }
 
@@ -187,7 +242,8 @@ fn object<'a>(
     };
     for key in members.keys() {
         if !required.contains(&key.as_str()) && !optional.contains(&key.as_str()) {
-            faults.add_at(key, "unknown field");
+            let known = required.iter().chain(optional).copied();
+            faults.add_at(key, format!("unknown field{}", did_you_mean(key, known)));
         }
     }
     let missing: Vec<&&str> = required.iter().filter(|key| !members.contains_key(**key)).collect();
@@ -199,6 +255,8 @@ fn object<'a>(
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
 
     #[test]
@@ -216,6 +274,59 @@ mod tests {
         assert!(told[2].contains("/0/checks/0/1/fn"), "{told:#?}");
         assert!(told[3].contains("/0/checks/0/2/args"), "{told:#?}");
         assert!(told[4].contains("/0/prompts/1: 2 prompts for 1 turn "), "{told:#?}");
+    }
+
+    /// Reads a check and returns its faults.
+    fn told(check: &Value) -> Vec<String> {
+        let mut faults = Faults::new();
+        let read = read_check(check, &mut faults);
+        assert!(read.is_some() || !faults.is_empty(), "{check}");
+        faults.into_list().iter().map(|fault| format!("{}: {}", fault.pointer, fault.detail)).collect()
+    }
+
+    #[test]
+    fn faults_of_a_check_name_the_argument_and_the_remedy() {
+        let cases = [
+            (
+                json!({ "fn": "shape.has_exti" }),
+                "/fn: no check is called \"shape.has_exti\"; did you mean shape.has_exit, shape.has_rooms?",
+            ),
+            (json!({ "fn": "has_exit" }), "/fn: no check is called \"has_exit\"; did you mean shape.has_exit?"),
+            (json!({ "fnn": "shape.has_exit", "fn": "shape.has_exit" }), "/fnn: unknown field; did you mean fn?"),
+            (
+                json!({ "fn": "shape.has_exit", "args": [16, 15, 16, null] }),
+                "/args: expected an object with the arguments by their names",
+            ),
+            (
+                json!({ "fn": "shape.has_exit", "args": { "height": 99 } }),
+                "/args/height: 99 is out of range: 1 to 16 cells (shape.has_exit)",
+            ),
+            (
+                json!({ "fn": "shape.has_exit", "args": { "hight": 9 } }),
+                "/args/hight: shape.has_exit has no such argument; did you mean height?",
+            ),
+            (
+                json!({ "fn": "shape.has_exit", "args": { "q": 9 } }),
+                "/args/q: shape.has_exit has no such argument; it takes width, depth, height, start_material",
+            ),
+            (json!({ "fn": "shape.has_rooms" }), "/args/room_cnt: missing; shape.has_rooms needs it"),
+            (
+                json!({ "fn": "shape.has_rooms", "args": { "room_cnt": "two" } }),
+                "/args/room_cnt: expected a number, found string (shape.has_rooms)",
+            ),
+            (
+                json!({ "fn": "size.is_equal", "args": { "xz": [1, "2"] } }),
+                "/args/xz/1: expected a number, found string (size.is_equal)",
+            ),
+            (
+                json!({ "fn": "shape.are_doors_passable", "args": { "q": 1 } }),
+                "/args/q: shape.are_doors_passable takes no arguments",
+            ),
+        ];
+        let (checks, expected): (Vec<Value>, Vec<&str>) = cases.into_iter().unzip();
+        let all: Vec<String> = checks.iter().flat_map(told).collect();
+        assert_eq!(all, expected, "{all:#?}");
+        assert!(told(&json!({ "fn": "shape.has_exit", "args": null })).is_empty());
     }
 
     #[test]

@@ -173,7 +173,7 @@ fn in_world(log: &BlockLog) -> AppResult<BlockLog> {
                 Some(look) => taken.place(cell, look.state.block().name),
                 None => {
                     let name = log.palette.name(material);
-                    faults.add_at("material", format!("{name:?} is no block of Minecraft {GAME_VERSION}"));
+                    faults.add_at("material", format!("{name:?} is not a block of Minecraft {GAME_VERSION}"));
                 }
             },
         }

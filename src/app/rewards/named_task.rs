@@ -5,7 +5,7 @@ use serde_json::{Map, Value};
 
 use crate::app::limits::LIMITS;
 use crate::app::submissions::posted::{TaskRef, TaskShape};
-use crate::near::counted;
+use crate::near::{counted, did_you_mean};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::tolerant::{Scalar, Shape};
 use plumbline_engine::tasks::published::read_checks;
@@ -32,7 +32,7 @@ pub enum GivenTaskBody {
     Whole(InlineTask),
 }
 
-/// An inline task, as `GET /v1/tasks/{family}/{instance}` returns it; other members of the task are ignored.
+/// An inline task, as `GET /v1/tasks/{family}/{instance}` returns it. The other members of that answer are passed over.
 #[derive(Debug, utoipa::ToSchema)]
 pub struct InlineTask {
     /// Identifier of the task in the response.
@@ -106,9 +106,23 @@ fn written_bytes(object: &Map<String, Value>) -> usize {
     serde_json::to_vec(object).map_or(usize::MAX, |bytes| bytes.len())
 }
 
-/// Reads a task as `GET /v1/tasks/{id}` shows it: `turns` with `checks`. Other members are ignored, except `id` and
-/// prompts.
+/// Members of a task as `GET /v1/tasks/{family}/{instance}` shows it. Only `id` and `turns` are read.
+const OF_TASK: [&str; 11] =
+    ["id", "turns", "number", "family", "category", "type", "parameters", "suite", "hash", "criteria", "unmeasured"];
+
+/// Members of a turn there. Only `prompt` and `checks` are read.
+const OF_TURN: [&str; 4] = ["prompt", "checks", "brief", "informational"];
+
+/// Adds a fault for each member that has none of the names.
+fn refuse_others(members: &Map<String, Value>, names: &[&str], faults: &mut Faults) {
+    for name in members.keys().filter(|name| !names.contains(&name.as_str())) {
+        faults.add_at(name, format!("unknown field{}", did_you_mean(name, names.iter().copied())));
+    }
+}
+
+/// Reads a task as `GET /v1/tasks/{family}/{instance}` shows it: `id`, and `turns` with `prompt` and `checks`.
 fn inline_task(object: &Map<String, Value>, faults: &mut Faults) -> Task {
+    refuse_others(object, &OF_TASK, faults);
     let id = object.get("id").and_then(Value::as_str).unwrap_or("inline/task");
     if id.len() > 200 {
         faults.add_at("id", "longer than 200 bytes");
@@ -153,6 +167,11 @@ fn longest_list(value: &Value, depth: usize) -> usize {
 }
 
 fn inline_turn(turn: &Value, faults: &mut Faults) -> Instruction {
+    let Some(members) = turn.as_object() else {
+        faults.add("expected an object with \"checks\"");
+        return Instruction::new(String::new(), Vec::new());
+    };
+    refuse_others(members, &OF_TURN, faults);
     let prompt = turn.get("prompt").and_then(Value::as_str).unwrap_or_default().to_owned();
     faults.enter_key("checks");
     let mut checks = turn.get("checks").cloned().unwrap_or_default();

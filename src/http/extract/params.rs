@@ -112,7 +112,7 @@ fn fault(name: &str, value: &str, detail: &str) -> FaultBody {
         || detail.starts_with("number too large")
         || detail.starts_with("cannot parse integer")
     {
-        format!("{shown:?} is not an integer in range")
+        format!("{shown:?} is not a whole number in range")
     } else if detail.starts_with("provided string was not") {
         format!("{shown:?} is neither true nor false")
     } else {
@@ -157,7 +157,7 @@ mod tests {
         assert_eq!(
             faults("run=1&limit=x&order=ascendin&limits=2"),
             [
-                "limit: \"x\" is not an integer in range",
+                "limit: \"x\" is not a whole number in range",
                 "order: \"ascendin\" is not one of ascending; did you mean ascending?",
                 "limits: there is no such parameter; did you mean limit? The parameters are run, limit, order",
             ]

@@ -5,8 +5,6 @@ use rand_mt::Mt64;
 
 use super::strokes::{MATERIALS, Stroke};
 
-/// Greatest number of blocks of a hall to begin with.
-const MOST_OF_HALL: usize = 4_000;
 /// Greatest number of strokes.
 const MOST_STROKES: usize = 8;
 
@@ -17,6 +15,13 @@ impl Stroke {
 
     fn scatter(size: [u32; 3], count: usize) -> Self {
         Self::Scatter { from: [0; 3], size, count: count as u32, seed: 7, material: 0 }
+    }
+
+    /// A lattice somewhere else, of another material.
+    fn at(mut self, from: [i32; 3], material: usize) -> Self {
+        *self.from() = from;
+        *self.material() = material;
+        self
     }
 
     fn from(&mut self) -> &mut [i32; 3] {
@@ -38,8 +43,7 @@ pub fn beginnings(most: usize) -> Vec<Vec<Stroke>> {
     let plane = (most as f64).sqrt().ceil() as usize;
     let (x, y, z) = ([1, 0, 0], [0, 1, 0], [0, 0, 1]);
     let mut checks = vec![Stroke::lattice([[2, 0, 0], [0, 0, 2], y], [plane / 2, plane, 1]); 2];
-    *checks[1].from() = [1, 0, 1];
-    *checks[1].material() = 1;
+    checks[1] = checks[1].clone().at([1, 0, 1], 1);
     let alone = [
         Stroke::lattice([y, x, z], [side, side, side]),
         Stroke::lattice([x, z, y], [plane, plane, 1]),
@@ -57,36 +61,53 @@ pub fn beginnings(most: usize) -> Vec<Vec<Stroke>> {
         Stroke::scatter([10_000_000, 300, 10_000_000], most),
         Stroke::scatter([10_000_000, 1, 10_000_000], most),
     ];
-    // A search in a larger one would take minutes.
-    let halls = [2, 15].map(|gap| hall(((most.min(MOST_OF_HALL) / 8) as f64).sqrt() as i32 * gap, gap));
-    alone.into_iter().map(|stroke| vec![stroke]).chain([checks]).chain(halls).collect()
+    let halls = [[2, 2, 2], [15, 15, 15], [15, 1, 15]].map(|gaps| hall(most, gaps));
+    let shaped = [floor_with_beds(plane / 2), arch(most), span(most)];
+    alone.into_iter().map(|stroke| vec![stroke]).chain([checks]).chain(halls).chain(shaped).collect()
 }
 
-/// Returns a hall whose walls, floor and ceiling are single blocks with gaps, and a bed in its middle.
-fn hall(side: i32, gap: i32) -> Vec<Stroke> {
-    let height = side.min(MAX_Y);
+/// Returns a hall of about so many blocks, whose walls, floor and ceiling are single blocks with gaps, and a bed in its
+/// middle.
+fn hall(most: usize, gaps: [i32; 3]) -> Vec<Stroke> {
+    // Faces have the same number of blocks along each axis.
+    let along = ((most / 6) as f64).sqrt() as i32 - 1;
+    let steps = gaps.map(|gap| along.min(MAX_Y / gap));
+    let [x, top, z] = std::array::from_fn(|axis| steps[axis] * gaps[axis]);
     let face = |from: [i32; 3], one: usize, other: usize| {
-        let step = |axis: usize| std::array::from_fn(|at| if at == axis { gap } else { 0 });
-        let count = |axis: usize| (if axis == 1 { height } else { side } / gap + 1) as u32;
-        Stroke::Lattice {
-            from,
-            steps: [step(one), step(other), [0; 3]],
-            counts: [count(one), count(other), 1],
-            material: 0,
-        }
+        let step = |axis: usize| std::array::from_fn(|at| if at == axis { gaps[axis] } else { 0 });
+        let count = |axis: usize| steps[axis] as usize + 1;
+        Stroke::lattice([step(one), step(other), [0; 3]], [count(one), count(other), 1]).at(from, 0)
     };
-    let (far, top) = (side / gap * gap, height / gap * gap);
-    let mut strokes = vec![
+    vec![
+        Stroke::lattice([[0; 3]; 3], [1; 3]).at([x / 2, top / 2, z / 2], 3),
         face([0, 0, 0], 0, 1),
-        face([0, 0, far], 0, 1),
+        face([0, 0, z], 0, 1),
         face([0, 0, 0], 2, 1),
-        face([far, 0, 0], 2, 1),
+        face([x, 0, 0], 2, 1),
         face([0, 0, 0], 0, 2),
         face([0, top, 0], 0, 2),
-    ];
-    let bed = Stroke::Lattice { from: [far / 2, top / 2, far / 2], steps: [[0; 3]; 3], counts: [1; 3], material: 3 };
-    strokes.insert(0, bed);
-    strokes
+    ]
+}
+
+/// Returns a square floor below the ground with beds on all of it but its edge.
+fn floor_with_beds(side: usize) -> Vec<Stroke> {
+    let square = |side| Stroke::lattice([[1, 0, 0], [0, 0, 1], [0; 3]], [side, side, 1]);
+    vec![square(side).at([0, -1, 0], 0), square(side.saturating_sub(2)).at([1, 0, 1], 3)]
+}
+
+/// Returns two ramps that meet at the top: an arch as wide as it is high.
+fn arch(most: usize) -> Vec<Stroke> {
+    let side = ((most / 2) as f64).sqrt() as usize;
+    let ramp = |forth| Stroke::lattice([[forth, 1, 0], [0, 0, 1], [0; 3]], [side, side, 1]);
+    vec![ramp(1), ramp(-1).at([2 * side as i32 - 1, 0, 0], 0)]
+}
+
+/// Returns two walls with a deck on them.
+fn span(most: usize) -> Vec<Stroke> {
+    let side = ((most / 2) as f64).sqrt() as usize;
+    let wall = || Stroke::lattice([[0, 1, 0], [0, 0, 1], [0; 3]], [1, side, 1]);
+    let deck = Stroke::lattice([[1, 0, 0], [0, 0, 1], [0; 3]], [side, side, 1]).at([0, 1, 0], 6);
+    vec![wall(), wall().at([side as i32 - 1, 0, 0], 0), deck]
 }
 
 fn below(random: &mut Mt64, count: u64) -> u64 {

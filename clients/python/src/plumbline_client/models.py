@@ -4387,7 +4387,7 @@ class Graded(BaseModel):
 
 class InlineTask(BaseModel):
     """
-    An inline task, as `GET /v1/tasks/{family}/{instance}` returns it; other members of the task are ignored.
+    An inline task, as `GET /v1/tasks/{family}/{instance}` returns it. The other members of that answer are passed over.
     """
 
     model_config = ConfigDict(

@@ -183,9 +183,7 @@ def refuse_contradictions(given: argparse.Namespace) -> None:
         raise PlumblineError("--model is empty")
     has_key = bool(os.environ.get(given.model_key_env or "OPENAI_API_KEY"))
     if not has_key and (given.model_key_env is not None or "api.openai.com" in given.base_url):
-        raise PlumblineError(
-            f"the endpoint's key is to be in {given.model_key_env or 'OPENAI_API_KEY'}, which is empty"
-        )
+        raise PlumblineError(f"no key for the endpoint: {given.model_key_env or 'OPENAI_API_KEY'} is empty; set it")
 
 
 def plan_of(given: argparse.Namespace) -> Plan:
