@@ -62,7 +62,7 @@ pub fn beginnings(most: usize) -> Vec<Vec<Stroke>> {
         Stroke::scatter([10_000_000, 1, 10_000_000], most),
     ];
     let halls = [[2, 2, 2], [15, 15, 15], [15, 1, 15]].map(|gaps| hall(most, gaps));
-    let shaped = [floor_with_beds(plane / 2), arch(most), span(most)];
+    let shaped = [filled_hall(most), floor_with_beds(plane / 2), arch(most), span(most)];
     alone.into_iter().map(|stroke| vec![stroke]).chain([checks]).chain(halls).chain(shaped).collect()
 }
 
@@ -87,6 +87,17 @@ fn hall(most: usize, gaps: [i32; 3]) -> Vec<Stroke> {
         face([0, 0, 0], 0, 2),
         face([0, top, 0], 0, 2),
     ]
+}
+
+/// Returns a closed hall with single blocks in it that leave many ways, and beds to start from.
+fn filled_hall(most: usize) -> Vec<Stroke> {
+    // A block in 5,000 cells leaves a large box about as much free as blocked space.
+    let (blocks, beds) = (most / 2, most / 20);
+    let along = (((blocks * 5_000) as f64).cbrt() as u32 / 15).min(MAX_Y as u32 / 15);
+    let mut strokes = hall(6 * (along as usize + 1).pow(2), [15; 3]);
+    strokes[0] = Stroke::scatter([15 * along; 3], beds).at([0; 3], 3);
+    strokes.push(Stroke::scatter([15 * along; 3], blocks));
+    strokes
 }
 
 /// Returns a square floor below the ground with beds on all of it but its edge.

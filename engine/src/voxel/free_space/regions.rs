@@ -16,23 +16,27 @@ pub(super) struct Cuboid {
 /// The number of a node, a free region or an obstacle.
 type Index = u32;
 
-/// A part of the tree.
-#[derive(Debug)]
+/// A part of the tree. Queries pass many of them, so they are small.
+#[derive(Debug, Clone, Copy)]
 enum Node {
-    /// Nobody has asked for it yet.
-    Undivided {
-        space: Cuboid,
-        /// The obstacles that reach into this space, of which none fills it.
-        obstacles: Vec<Index>,
-    },
+    /// Nobody has asked for it yet; its number in the list of such parts.
+    Undivided(Index),
     /// Two parts, of which the second begins at `cut` on the axis. Its number follows that of the first.
     Divided {
-        axis: usize,
+        axis: u8,
         cut: i32,
         first: Index,
     },
     Blocked,
+    /// The number of the free region.
     Free(Index),
+}
+
+/// A space that is not divided yet, and the obstacles that reach into it, of which none fills it.
+#[derive(Debug)]
+struct Undivided {
+    space: Cuboid,
+    obstacles: Vec<Index>,
 }
 
 /// The tree.
@@ -43,6 +47,7 @@ pub(super) struct Regions {
     size: [i32; 3],
     obstacles: Vec<Cuboid>,
     nodes: Vec<Node>,
+    undivided: Vec<Undivided>,
     free: Vec<Cuboid>,
     /// Nodes that a query still has to look at, kept to reuse its allocation.
     open: Vec<Index>,
@@ -96,11 +101,9 @@ impl Regions {
         let greatest = |axis: usize| obstacles.iter().map(|one| one.max[axis]).max().unwrap_or(0);
         let space =
             Cuboid { min: [least(0) - 1, levels[0], least(2) - 1], max: [greatest(0) + 1, levels[1], greatest(2) + 1] };
-        let all = 0..obstacles.len() as Index;
-        let mut tree = Self { space, size, obstacles, nodes: Vec::new(), free: Vec::new(), open: Vec::new() };
-        let root = tree.node(space, all);
-        tree.nodes.push(root);
-        tree
+        let root = Undivided { space, obstacles: (0..obstacles.len() as Index).collect() };
+        let (nodes, undivided) = (vec![Node::Undivided(0)], vec![root]);
+        Self { space, size, obstacles, nodes, undivided, free: Vec::new(), open: Vec::new() }
     }
 
     /// Returns the space that the tree covers.
@@ -118,20 +121,19 @@ impl Regions {
         let mut open = std::mem::take(&mut self.open);
         open.push(0);
         while let Some(number) = open.pop() {
-            match &mut self.nodes[number as usize] {
+            match self.nodes[number as usize] {
                 Node::Blocked => {}
-                Node::Free(region) => found.push(*region),
+                Node::Free(region) => found.push(region),
                 Node::Divided { axis, cut, first } => {
-                    if space.max[*axis] >= *cut {
-                        open.push(*first + 1);
+                    if space.max[usize::from(axis)] >= cut {
+                        open.push(first + 1);
                     }
-                    if space.min[*axis] < *cut {
-                        open.push(*first);
+                    if space.min[usize::from(axis)] < cut {
+                        open.push(first);
                     }
                 }
-                Node::Undivided { space, obstacles } => {
-                    let (space, obstacles) = (*space, std::mem::take(obstacles));
-                    self.nodes[number as usize] = self.divided(&space, &obstacles);
+                Node::Undivided(one) => {
+                    self.nodes[number as usize] = self.divided(one);
                     open.push(number);
                 }
             }
@@ -140,33 +142,48 @@ impl Regions {
     }
 
     /// Divides a space in two, or makes it a free region if nothing reaches into it.
-    fn divided(&mut self, space: &Cuboid, obstacles: &[Index]) -> Node {
-        let Some((axis, cut)) = self.cut(space, obstacles) else {
-            self.free.push(*space);
+    fn divided(&mut self, number: Index) -> Node {
+        let obstacles = std::mem::take(&mut self.undivided[number as usize].obstacles);
+        let space = self.undivided[number as usize].space;
+        let Some((axis, cut)) = self.cut(&space, &obstacles) else {
+            self.free.push(space);
             return Node::Free(self.free.len() as Index - 1);
         };
-        let (mut below, mut above) = (*space, *space);
+        let (mut below, mut above) = (space, space);
         below.max[axis] = cut - 1;
         above.min[axis] = cut;
+        // One of the parts takes the place of the whole.
+        let mut place = Some(number);
         let first = self.nodes.len() as Index;
-        let parts = [below, above].map(|part| self.node(part, obstacles.iter().copied()));
-        self.nodes.extend(parts);
-        Node::Divided { axis, cut, first }
+        for part in [below, above] {
+            let node = match self.reaching(part, &obstacles) {
+                None => Node::Blocked,
+                Some(part) => Node::Undivided(if let Some(place) = place.take() {
+                    self.undivided[place as usize] = part;
+                    place
+                } else {
+                    self.undivided.push(part);
+                    self.undivided.len() as Index - 1
+                }),
+            };
+            self.nodes.push(node);
+        }
+        Node::Divided { axis: axis as u8, cut, first }
     }
 
-    /// Makes a node from a space and from the obstacles around it.
-    fn node(&self, space: Cuboid, obstacles: impl Iterator<Item = Index>) -> Node {
+    /// Finds the obstacles that reach into a space. Returns `None` if one of them fills it.
+    fn reaching(&self, space: Cuboid, obstacles: &[Index]) -> Option<Undivided> {
         let mut reaching = Vec::new();
         for number in obstacles {
-            let obstacle = &self.obstacles[number as usize];
+            let obstacle = &self.obstacles[*number as usize];
             if obstacle.covers(&space) {
-                return Node::Blocked;
+                return None;
             }
             if obstacle.meets(&space) {
-                reaching.push(number);
+                reaching.push(*number);
             }
         }
-        Node::Undivided { space, obstacles: reaching }
+        Some(Undivided { space, obstacles: reaching })
     }
 
     /// Returns where to divide a space: at the median of the edges in it, across the side that is longest relative to the
