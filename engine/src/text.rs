@@ -55,6 +55,9 @@ fn plain(wanted: &str) -> String {
     }
 }
 
+/// Greatest length in bytes of a name that is compared with others: comparing takes time by both lengths.
+const LONGEST_SLIP: usize = 100;
+
 /// Returns the number of slips between two names: letters added, left out, exchanged or swapped with the next one, whatever
 /// their case.
 fn slips(one: &str, other: &str) -> usize {
@@ -93,6 +96,9 @@ fn near<'n>(given: &str, names: impl IntoIterator<Item = &'n str>, most: usize) 
 /// Returns near names as a suggestion to append to a fault, `; did you mean a, b?`, or an empty string.
 #[must_use]
 pub fn did_you_mean<'n>(given: &str, names: impl IntoIterator<Item = &'n str>) -> String {
+    if given.len() > LONGEST_SLIP {
+        return String::new();
+    }
     match near(given, names, 3).as_slice() {
         [] => String::new(),
         found => format!("; did you mean {}?", found.join(", ")),

@@ -121,7 +121,6 @@ async fn all_faults_of_a_request_are_told() {
     assert!(lines.status == StatusCode::UNSUPPORTED_MEDIA_TYPE && lines.text.contains("grade:batch"), "{}", lines.text);
 }
 
-/// A stress simulation that cannot end in time is no score but a problem that says so.
 #[tokio::test]
 async fn a_task_that_a_request_brings_is_read_strictly() {
     let folder = tempfile::tempdir().unwrap();
@@ -142,6 +141,7 @@ async fn a_task_that_a_request_brings_is_read_strictly() {
     assert_eq!(told["faults"], expected, "{told:#}");
 }
 
+/// A stress simulation that cannot end in time is no score but a problem that says so.
 #[tokio::test]
 async fn a_deadline_that_passes_is_no_reward() {
     let folder = tempfile::tempdir().unwrap();

@@ -98,7 +98,7 @@ async fn faults_of_a_batch_have_the_lines_of_its_body() {
     items.sort_by_key(|item| item["index"].as_u64());
     let faults: Vec<&Value> = items.iter().map(|item| &item["error"]["faults"][0]).collect();
     assert_eq!(faults.iter().map(|fault| &fault["line"]).collect::<Vec<_>>(), [2, 4, 5], "{faults:#?}");
-    assert_eq!(faults[0]["detail"], "cut off: the text ends within a value at column 8");
+    assert_eq!(faults[0]["detail"], "cut off within a value at column 8");
     let pretty = serde_json::to_string_pretty(&json!({ "task": 113, "turns": [{ "events": [] }] })).unwrap();
     let told = service.post("/v1/validate", "application/x-ndjson", pretty).await;
     assert_eq!(told.faults(400).len(), 1, "{}", told.text);

@@ -124,6 +124,12 @@ impl Faults {
         self.leave();
     }
 
+    /// Returns whether no further fault is kept, so that nothing is gained by a text that takes long to make.
+    #[must_use]
+    pub fn are_full(&self) -> bool {
+        self.list().len() >= Self::KEPT
+    }
+
     /// Returns the JSON pointer of the current location.
     #[must_use]
     pub fn pointer(&self) -> String {

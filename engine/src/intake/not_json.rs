@@ -26,10 +26,15 @@ pub fn why_not_json(text: &[u8], error: &serde_json::Error) -> String {
         );
     }
     match remedy(text, error) {
-        Some(remedy) if error.is_eof() => remedy,
-        Some(remedy) => format!("{error}: {remedy}"),
-        None => error.to_string(),
+        Some(remedy) => format!("{}: {remedy}", message(error)),
+        None => message(error),
     }
+}
+
+/// Returns the parser's message in plain words.
+#[must_use]
+pub fn message(error: &serde_json::Error) -> String {
+    error.to_string().replace("EOF while parsing", "cut off within")
 }
 
 /// Returns the offset of the first byte that is not UTF-8.
@@ -49,11 +54,6 @@ const WORDS: [&str; 7] = ["NaN", "Infinity", "-Infinity", "undefined", "None", "
 #[must_use]
 pub fn remedy(text: &[u8], error: &serde_json::Error) -> Option<String> {
     let message = error.to_string();
-    if error.is_eof() {
-        let within = message.split(" at line ").next().unwrap_or_default().trim_start_matches("EOF while parsing ");
-        let (line, column) = (error.line(), error.column());
-        return Some(format!("cut off: the text ends within {within} at line {line} column {column}"));
-    }
     if message.starts_with("trailing characters") {
         return Some("nothing may follow the document".to_owned());
     }
@@ -137,9 +137,9 @@ mod tests {
             ("{\"a\": None}", "expected value at line 1 column 7: JSON has no None"),
             (" \n", "empty: expected a JSON document"),
             ("[1] x", "trailing characters at line 1 column 5: nothing may follow the document"),
-            ("{\"a\": [\"b", "cut off: the text ends within a string at line 1 column 9"),
-            ("{\"a\": [1,", "cut off: the text ends within a value at line 1 column 9"),
-            ("{\"a\":\n [1", "cut off: the text ends within a list at line 2 column 3"),
+            ("{\"a\": [\"b", "cut off within a string at line 1 column 9"),
+            ("{\"a\": [1,", "cut off within a value at line 1 column 9"),
+            ("{\"a\":\n [1", "cut off within a list at line 2 column 3"),
         ] {
             assert_eq!(why_not_json(text.as_bytes(), &error(text.as_bytes())), expected, "{text}");
         }

@@ -6,6 +6,7 @@ use serde_path_to_error::Segment;
 
 use super::{Instruction, Task};
 use crate::checks::Check;
+use crate::intake::not_json::message;
 use crate::intake::{Fault, Faults};
 use crate::text::{counted, did_you_mean, reworded};
 
@@ -48,7 +49,7 @@ pub fn read_task_files(files: &[TaskFile<'_>]) -> Result<Vec<Task>, Vec<TaskFile
                 let fault = Fault {
                     line: u64::try_from(error.line()).ok(),
                     pointer: String::new(),
-                    detail: format!("not JSON: {error}"),
+                    detail: format!("not JSON: {}", message(&error)),
                 };
                 problems.push(TaskFileFault { file: file.name.to_owned(), fault });
             }
@@ -162,7 +163,7 @@ pub fn read_check(check: &Value, faults: &mut Faults) -> Option<Check> {
     };
     match Check::read(name, args) {
         None => {
-            faults.add_at("fn", format!("no check is called {name:?}{}", near_checks(name)));
+            faults.add_at("fn", format!("no check is called {name:?}{}", near_checks(name, faults)));
             None
         }
         Some(Ok(check)) => Some(check),
@@ -176,7 +177,10 @@ pub fn read_check(check: &Value, faults: &mut Faults) -> Option<Check> {
 }
 
 /// Suggests checks for a name that none has, be it misspelt or without its group.
-fn near_checks(name: &str) -> String {
+fn near_checks(name: &str, faults: &Faults) -> String {
+    if faults.are_full() {
+        return String::new();
+    }
     let short = |full: &'static str| full.split_once('.').map_or(full, |(_, short)| short);
     let names = || Check::LIST.iter().map(|(full, _)| *full);
     if let Some(full) = names().find(|full| short(full) == name) {
@@ -187,19 +191,24 @@ fn near_checks(name: &str) -> String {
 
 /// Adds a fault of an argument at its place.
 fn add_wrong_argument(check: &str, error: &serde_path_to_error::Error<serde_json::Error>, faults: &mut Faults) {
-    let why = reworded(&error.inner().to_string());
-    let quoted: Vec<&str> = why.split('`').skip(1).step_by(2).collect();
-    let (named, others) = quoted.split_first().map_or(("", &[][..]), |(first, others)| (*first, others));
+    let why = error.inner().to_string();
+    // The names that are known stand in backticks after the one that is not, which may hold anything.
+    let (_, known) = why.rsplit_once(", expected ").unwrap_or(("", ""));
+    let others: Vec<&str> = known.split('`').skip(1).step_by(2).collect();
+    let last = error.path().iter().next_back().map(ToString::to_string).unwrap_or_default();
+    let missing = why.strip_prefix("missing field `").map_or("", |rest| rest.trim_end_matches('`'));
     let text = if why.starts_with("missing field") {
         format!("missing; {check} needs it")
+    } else if why.starts_with("unknown field") && faults.are_full() {
+        format!("{check} has no such argument")
     } else if why.starts_with("unknown field") && others.is_empty() {
         format!("{check} takes no arguments")
     } else if why.starts_with("unknown field") {
-        let near = did_you_mean(named, others.iter().copied());
+        let near = did_you_mean(&last, others.iter().copied());
         let known = if near.is_empty() { format!("; it takes {}", others.join(", ")) } else { near };
         format!("{check} has no such argument{known}")
     } else {
-        format!("{why} ({check})")
+        format!("{} ({check})", reworded(&why))
     };
     let mut depth = 0;
     for segment in error.path() {
@@ -213,7 +222,7 @@ fn add_wrong_argument(check: &str, error: &serde_path_to_error::Error<serde_json
     }
     // The path ends at an unknown argument, but at the object that lacks one.
     if why.starts_with("missing field") {
-        faults.add_at(named, text);
+        faults.add_at(missing, text);
     } else {
         faults.add(text);
     }
@@ -230,6 +239,12 @@ fn array<'a>(value: &'a Value, wanted: &str, faults: &mut Faults) -> Option<&'a 
     array
 }
 
+/// Adds a fault for a member with a name that is not known, with those that are similar.
+pub fn add_unknown<'n>(name: &str, known: impl IntoIterator<Item = &'n str>, faults: &mut Faults) {
+    let near = if faults.are_full() { String::new() } else { did_you_mean(name, known) };
+    faults.add_at(name, format!("unknown field{near}"));
+}
+
 fn object<'a>(
     value: &'a Value,
     required: &[&str],
@@ -242,8 +257,7 @@ fn object<'a>(
     };
     for key in members.keys() {
         if !required.contains(&key.as_str()) && !optional.contains(&key.as_str()) {
-            let known = required.iter().chain(optional).copied();
-            faults.add_at(key, format!("unknown field{}", did_you_mean(key, known)));
+            add_unknown(key, required.iter().chain(optional).copied(), faults);
         }
     }
     let missing: Vec<&&str> = required.iter().filter(|key| !members.contains_key(**key)).collect();

@@ -5,10 +5,10 @@ use serde_json::{Map, Value};
 
 use crate::app::limits::LIMITS;
 use crate::app::submissions::posted::{TaskRef, TaskShape};
-use crate::near::{counted, did_you_mean};
+use crate::near::counted;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::tolerant::{Scalar, Shape};
-use plumbline_engine::tasks::published::read_checks;
+use plumbline_engine::tasks::published::{add_unknown, read_checks};
 use plumbline_engine::tasks::{Instruction, Task};
 
 /// The task of a request to grade.
@@ -116,7 +116,7 @@ const OF_TURN: [&str; 4] = ["prompt", "checks", "brief", "informational"];
 /// Adds a fault for each member that has none of the names.
 fn refuse_others(members: &Map<String, Value>, names: &[&str], faults: &mut Faults) {
     for name in members.keys().filter(|name| !names.contains(&name.as_str())) {
-        faults.add_at(name, format!("unknown field{}", did_you_mean(name, names.iter().copied())));
+        add_unknown(name, names.iter().copied(), faults);
     }
 }
 
@@ -185,11 +185,12 @@ fn inline_turn(turn: &Value, faults: &mut Faults) -> Instruction {
         faults.add(format!("a list of more than {most} names in the arguments of a check"));
         checks = Value::Array(Vec::new());
     }
-    let checks = read_checks(&checks, faults);
-    if checks.len() > LIMITS.grade_inline_checks {
-        let found = counted(checks.len(), "check");
-        faults.add(format!("{found}; at most {} are allowed", LIMITS.grade_inline_checks));
+    let (sent, most) = (checks.as_array().map_or(0, Vec::len), LIMITS.grade_inline_checks);
+    if sent > most {
+        faults.add(format!("{}; at most {most} are allowed", counted(sent, "check")));
+        checks = Value::Array(Vec::new());
     }
+    let checks = read_checks(&checks, faults);
     faults.leave();
     Instruction::new(prompt, checks)
 }

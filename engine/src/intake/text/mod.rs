@@ -15,7 +15,7 @@ use std::ops::Range;
 
 use super::LogLimits;
 use super::code::{SentLog, on_its_lines};
-use super::not_json::remedy;
+use super::not_json::{message, remedy};
 use bare_code::{calls_skills, is_script_start, regions};
 use fences::{Fence, fences};
 use thinking::without_thoughts;
@@ -165,7 +165,7 @@ fn faulty_json(text: &str, fences: &[Fence]) -> Option<String> {
         return None;
     }
     let error = serde_json::from_str::<serde::de::IgnoredAny>(meant).err()?;
-    let message = error.to_string();
+    let message = message(&error);
     let what = message.split(" at line ").next().unwrap_or(&message);
     if what == "trailing characters" {
         return None;

@@ -346,8 +346,10 @@ impl<'e> CompiledCheck<'e> {
         }
         let mut faults = Faults::new();
         let check = read_check(&serde_json::json!({ "fn": self.entry.name.get_ref(), "args": args }), &mut faults);
-        let detail = || faults.into_list().into_iter().next().map_or_else(String::new, |fault| fault.detail);
-        check.ok_or_else(|| Misfit { place: self.place.clone(), detail: detail() })
+        check.ok_or_else(|| {
+            let fault = faults.into_list().into_iter().next().expect("a check that cannot be read has a fault");
+            Misfit { place: self.place.clone(), detail: format!("{}: {}", fault.pointer, fault.detail) }
+        })
     }
 }
 
