@@ -129,7 +129,11 @@ fn faults_name_file_line_and_field() {
         ("category = \"structural-elements\"", "category = \"steel\"", "walls.toml: line 4: unknown variant `steel`"),
         ("args.y = \"{{ h }}\"", "args.y = \"{{ hight }}\"", "checks.2.args.y: undefined value"),
         ("args.y = \"{{ h }}\"", "args.y = \"{{ h + }}\"", "checks.2.args.y: syntax error"),
-        ("args.y = \"{{ h }}\"", "args.hight = 3", "checks.2.fn: unknown field `hight`"),
+        (
+            "args.y = \"{{ h }}\"",
+            "args.hight = 3",
+            "checks.2.args.hight: size.is_equal has no such argument; it takes xz, y",
+        ),
         ("fn = \"size.is_equal\"", "fn = \"size.is_equel\"", "checks.2.fn: no check is called \"size.is_equel\""),
         ("t = [1, 2]", "t = [1, 2]\nu = [1]", "grid.u: 1 value, but others have 2"),
         ("{{ w }} blocks wide", "{{ wide }} blocks wide", "wordings.prompts: undefined value"),

@@ -348,7 +348,12 @@ impl<'e> CompiledCheck<'e> {
         let check = read_check(&serde_json::json!({ "fn": self.entry.name.get_ref(), "args": args }), &mut faults);
         check.ok_or_else(|| {
             let fault = faults.into_list().into_iter().next().expect("a check that cannot be read has a fault");
-            Misfit { place: self.place.clone(), detail: format!("{}: {}", fault.pointer, fault.detail) }
+            let mut place = self.place.clone();
+            // The place is that of `fn`, and the fault's begins there or at `args` beside it.
+            if let Some(of_check) = place.field.strip_suffix("fn") {
+                place.field = format!("{of_check}{}", fault.pointer.trim_start_matches('/').replace('/', "."));
+            }
+            Misfit { place, detail: fault.detail }
         })
     }
 }
