@@ -393,7 +393,7 @@ def test_requests_without_an_answer_are_counted(evaluate: Evaluate, endpoint: An
         (["--steps", "2"], "--mode episodes"),
         (["--mode", "episodes", "--profile", "published"], "rules of mindcraft"),
         (["--extra", '{"model": "other"}'], "use the option for it"),
-        (["--model-key-env", "NOBODY_SET_THIS"], "which is empty"),
+        (["--model-key-env", "NOBODY_SET_THIS"], "NOBODY_SET_THIS is empty; set it"),
         (["--suite", "none"], "none"),
         (["--folder", "/proc/none"], "cannot be written"),
         (["--base-url", "127.0.0.1:9/v1"], "begins with http"),
