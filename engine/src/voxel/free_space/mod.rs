@@ -43,7 +43,7 @@ impl<'a> FreeSpace<'a> {
     }
 
     /// Returns whether a box whose anchor starts at one of `starts` can leave. Each step goes to one of the four sides,
-    /// on the same level or one up or down. Starts at which the box does not fit are skipped.
+    /// on the same level or one up or down. Starts are on levels of the bounds; those at which the box does not fit are skipped.
     ///
     /// The box has left once no block can be in its way any more on its level.
     ///
@@ -154,6 +154,23 @@ mod tests {
             [(&closed, 2, false), (&windowed, 2, false), (&windowed, 3, true), (&windowed, 4, true)]
         {
             assert_eq!(escapes(solid, size, &[Cell::new(6, start, 5)]), gets_out, "from level {start}");
+        }
+    }
+
+    #[test]
+    fn each_level_of_a_shaft_is_a_place_of_its_own() {
+        let size = BoxSize { x: 1, y: 1, z: 1 };
+        // The far blocks make the build so wide that its parts along y stay whole.
+        let far = [Cell::new(-100, 0, -100), Cell::new(100, 8, 100)];
+        let walls = (0..=8).flat_map(|y| [(5, 5), (7, 5), (6, 4), (6, 6)].map(|(x, z)| Cell::new(x, y, z)));
+        let closed: Vec<Cell> = walls.chain([0, 8].map(|y| Cell::new(6, y, 5))).chain(far).collect();
+        for window in 1..=7 {
+            let solid: Vec<Cell> = closed.iter().copied().filter(|cell| *cell != Cell::new(7, window, 5)).collect();
+            for starts in (0..7 * 7 * 7).map(|n| [1 + n % 7, 1 + n / 7 % 7, 1 + n / 49]) {
+                let gets_out = escapes(&solid, size, &starts.map(|level| Cell::new(6, level, 5)));
+                let is_near = starts.iter().any(|level: &i32| level.abs_diff(window) <= 1);
+                assert_eq!(gets_out, is_near, "from levels {starts:?} to a window on level {window}");
+            }
         }
     }
 
