@@ -2,6 +2,7 @@
 
 use std::io::BufRead as _;
 use std::ops::Range;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -13,6 +14,7 @@ use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
 use bytes::Bytes;
+use futures_util::stream::{self, StreamExt as _};
 use hyper::body::Frame;
 use serde::Serialize;
 use serde_json::value::RawValue;
@@ -31,15 +33,20 @@ use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::not_json::message;
 use plumbline_engine::tasks::catalogue::Catalogue;
 
-/// Bounds of the number of logs in a chunk, which one worker grades in one or more time slices. The last one may be smaller.
-const CHUNK: [usize; 2] = [16, 64];
+/// Greatest number of logs in a chunk, which is what a worker takes at a time from those that are left.
+const CHUNK: usize = 8;
+/// Number of logs that a worker has in work at a time outside the short lane.
+const SLOW_AT_A_TIME: usize = 2;
 /// Length of a time slice, after which other senders get theirs.
 const TURN: Duration = Duration::from_millis(20);
 /// Results that wait for a slow client: at most this many time slices, each of about `TURN_BYTES` bytes.
 const WAITING: usize = 4;
 const TURN_BYTES: usize = 1 << 20;
+/// Up to this size, lines are found on the thread that serves the request, sooner than another thread would begin.
+const SMALL_BODY: usize = 1 << 20;
 
 /// The result of one log of a batch.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -76,17 +83,21 @@ pub async fn grade_batch(State(state): State<AppState>, caller: Caller, body: Js
     let place = state.grader.admit_batch(caller.who())?;
     let JsonBody { bytes, format, share } = body;
     let catalogue = state.current_catalogue().await?;
-    let splitting = tokio::task::spawn_blocking(move || split(&bytes, format).map(|items| (bytes, items)));
-    let (bytes, items) = splitting.await.map_err(|error| AppError::internal(&error))??;
+    let (bytes, items) = if format == Format::NdJson && bytes.len() <= SMALL_BODY {
+        let items = split(&bytes, format)?;
+        (bytes, items)
+    } else {
+        let splitting = tokio::task::spawn_blocking(move || split(&bytes, format).map(|items| (bytes, items)));
+        splitting.await.map_err(|error| AppError::internal(&error))??
+    };
     let (sender, receiver) = mpsc::channel(WAITING);
     let who = Arc::clone(caller.who());
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    // Each chunk is handed to another thread and back, so large ones cost less; several for each core let those that are
-    // done early take more.
-    let chunk = items.len().div_ceil(8 * cores).clamp(CHUNK[0], CHUNK[1]);
+    // Several chunks for each core let those that are done early take more.
+    let chunk = items.len().div_ceil(8 * cores).min(CHUNK);
     let batch = Arc::new(Batch { state, who, catalogue, bytes, items, chunk, next: AtomicUsize::new(0) });
     let held = Arc::new((place, share));
-    for _ in 0..(2 * cores).min(batch.items.len().div_ceil(chunk)) {
+    for _ in 0..cores.min(batch.items.len().div_ceil(chunk)) {
         let (batch, sender, held) = (Arc::clone(&batch), sender.clone(), Arc::clone(&held));
         tokio::spawn(async move {
             let _held = held;
@@ -128,7 +139,7 @@ fn split(bytes: &Bytes, format: Format) -> AppResult<Vec<Item>> {
                 let mut faults = Faults::new();
                 faults.add(format!(
                     "expected a list of requests ({}); send one request per line as application/x-ndjson",
-                    plumbline_engine::intake::not_json::message(&error)
+                    message(&error)
                 ));
                 AppError::malformed(faults)
             })?;
@@ -150,8 +161,9 @@ struct Batch {
     catalogue: Arc<Catalogue>,
     bytes: Bytes,
     items: Vec<Item>,
-    /// Number of logs that are graded in a row.
+    /// Number of logs in a chunk.
     chunk: usize,
+    /// The first log that no worker has taken.
     next: AtomicUsize,
 }
 
@@ -172,19 +184,24 @@ enum Rest {
 struct Turn {
     lines: Vec<u8>,
     rest: Vec<(usize, Rest)>,
-    /// Items that the time slice was too short for.
+    /// The rest of the last chunk, which the time slice was too short for.
     begun: Range<usize>,
 }
 
 impl Batch {
+    /// Takes a chunk, which is empty if none is left.
+    fn next_chunk(&self) -> Range<usize> {
+        let first = self.next.fetch_add(self.chunk, Ordering::Relaxed).min(self.items.len());
+        first..(first + self.chunk).min(self.items.len())
+    }
+
     /// Grades one chunk after the other until none is left.
     async fn work(self: &Arc<Self>, sender: &mpsc::Sender<Bytes>) {
         loop {
-            let first = self.next.fetch_add(self.chunk, Ordering::Relaxed);
-            if first >= self.items.len() {
+            let mut left = self.next_chunk();
+            if left.is_empty() {
                 return;
             }
-            let mut left = first..(first + self.chunk).min(self.items.len());
             while !left.is_empty() {
                 let (batch, chunk) = (Arc::clone(self), left.clone());
                 let patience = Duration::from_secs(LIMITS.grade_batch_wait_seconds).into();
@@ -203,9 +220,11 @@ impl Batch {
                 if sender.send(turn.lines.into()).await.is_err() {
                     return;
                 }
-                for (index, rest) in turn.rest {
+                let finished = turn.rest.into_iter().map(|(index, rest)| self.finish(index, rest));
+                let mut finished = stream::iter(finished).buffer_unordered(SLOW_AT_A_TIME);
+                while let Some(item) = finished.next().await {
                     let mut line = Vec::new();
-                    write_line(&mut line, &self.item(index, self.finish(rest).await));
+                    write_line(&mut line, &item);
                     if sender.send(line.into()).await.is_err() {
                         return;
                     }
@@ -214,16 +233,19 @@ impl Batch {
         }
     }
 
-    /// Grades items until the time slice ends. Items that do not suit the short lane go to `rest`.
+    /// Grades a chunk and those after it until the time slice ends. Items that do not suit the short lane go to `rest`.
     fn take_turn(&self, mut chunk: Range<usize>, until: &Until) -> Turn {
         let begun = Instant::now();
         let mut turn = Turn::default();
-        while begun.elapsed() < TURN
-            && turn.lines.len() < TURN_BYTES
-            && !until.has_left()
-            && let Some(index) = chunk.next()
-        {
-            match self.grade_now(index, until) {
+        while begun.elapsed() < TURN && turn.lines.len() < TURN_BYTES && !until.has_left() {
+            // A turn has its price, so it goes on with what others have not taken, unless there is more to do about this chunk.
+            if chunk.is_empty() && turn.rest.is_empty() {
+                chunk = self.next_chunk();
+            }
+            let Some(index) = chunk.next() else { break };
+            // A panic takes the result of its log alone.
+            let graded = catch_unwind(AssertUnwindSafe(|| self.grade_now(index, until)));
+            match graded.unwrap_or_else(|_panic| Err(AppError::internal(&"reading a log of a batch panicked"))) {
                 Ok(Ok(graded)) => write_line(&mut turn.lines, &self.item(index, Ok(graded))),
                 Ok(Err(rest)) => turn.rest.push((index, rest)),
                 Err(error) => write_line(&mut turn.lines, &self.item(index, Err(error))),
@@ -252,15 +274,20 @@ impl Batch {
         prepared.grade_here(&self.state, until).map(Ok)
     }
 
-    async fn finish(&self, rest: Rest) -> AppResult<GradeBody> {
+    /// Does the remaining work on an item.
+    async fn finish(&self, index: usize, rest: Rest) -> BatchItem {
         let prepared = match rest {
-            Rest::Grade(prepared) => prepared,
+            Rest::Grade(prepared) => Ok(prepared),
             Rest::Prepare(found) => {
                 let prepared = found.prepare(&self.state, &self.who).await;
-                prepared.map_err(AppError::without_reward_where_ours)?
+                prepared.map_err(AppError::without_reward_where_ours)
             }
         };
-        prepared.grade_in_turn(&self.state, &self.who).await
+        let graded = match prepared {
+            Ok(prepared) => prepared.grade_in_turn(&self.state, &self.who).await,
+            Err(error) => Err(error),
+        };
+        self.item(index, graded)
     }
 
     fn item(&self, index: usize, graded: AppResult<GradeBody>) -> BatchItem {
