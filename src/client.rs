@@ -7,9 +7,9 @@ use anyhow::{Context as _, bail};
 use reqwest::{Client, ClientBuilder, RequestBuilder};
 use serde_json::{Value, json};
 
-use crate::near::counted;
 use crate::tls::use_tls;
 use plumbline_engine::hidden::beacon::{Beacon, Round};
+use plumbline_engine::text::counted;
 use plumbline_engine::voxel::BlockLog;
 
 /// Maximum number of submissions in one body.

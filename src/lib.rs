@@ -10,7 +10,6 @@ pub mod clock;
 pub mod fair;
 pub mod formats;
 pub mod http;
-pub mod near;
 pub mod pictures;
 pub mod startup;
 pub mod store;

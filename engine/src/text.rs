@@ -77,7 +77,7 @@ pub fn nearest<'n>(
 
 /// Returns at most `most` names that are near to `given`, the nearest first.
 fn near<'n>(given: &str, names: impl IntoIterator<Item = &'n str>, most: usize) -> Vec<&'n str> {
-    let given: String = given.to_lowercase().chars().take(100).collect();
+    let given: String = given.to_lowercase();
     let allowed = 1 + given.chars().count() / 3;
     let mut found: Vec<(usize, &str)> = names
         .into_iter()

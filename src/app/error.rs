@@ -8,9 +8,9 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::near::counted;
 use crate::store::StoreError;
 use plumbline_engine::intake::{Fault, Faults};
+use plumbline_engine::text::counted;
 
 /// Result of a use case.
 pub type AppResult<T> = Result<T, AppError>;

@@ -17,7 +17,6 @@ use serde_json::Value;
 use super::verify_epoch::{answers_in, read_json, take_epoch, verified};
 use super::witness::{folder_of, witness_key};
 use crate::client::Service;
-use crate::near::agreeing;
 use plumbline_engine::hidden::canonical::unhex;
 use plumbline_engine::hidden::feedback::Tier;
 use plumbline_engine::hidden::receipts::LogPage;
@@ -26,6 +25,7 @@ use plumbline_engine::hidden::tlog::cosignature::Witness;
 use plumbline_engine::hidden::tlog::note::{Checkpoint, read_verifier_key};
 use plumbline_engine::hidden::tlog::tree::{Tree, leaf};
 use plumbline_engine::hidden::verify::Kept;
+use plumbline_engine::text::agreeing;
 
 /// Receipts on a page of the log.
 const PAGE: usize = 1_000;

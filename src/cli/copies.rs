@@ -11,11 +11,11 @@ use clap::Args;
 
 use super::database::DatabaseArgs;
 use crate::app::submissions::decision::lane_of;
-use crate::near::counted;
 use crate::store::secrets::Secrets;
 use crate::store::sqlite::copies::{Contents, copy, inspect};
 use crate::store::transfer::export;
 use crate::store::transfer_tables::{KINDS, Kind};
+use plumbline_engine::text::counted;
 
 /// Remedy where a command copies files and the database is on a server.
 const NO_BACKUP: &str = "backup and restore copy a file; back up PostgreSQL with pg_dump, and the folder of secrets with \

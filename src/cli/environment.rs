@@ -3,7 +3,7 @@
 use clap::{Command, CommandFactory as _};
 
 use super::Cli;
-use crate::near::nearest;
+use plumbline_engine::text::nearest;
 
 /// Beginning of the names of all variables of the program.
 const PREFIX: &str = "PLUMBLINE_";

@@ -7,8 +7,8 @@ use clap::{Args, Subcommand};
 
 use super::database::DatabaseArgs;
 use crate::clock::{now_ms, rfc3339};
-use crate::near::did_you_mean;
 use crate::store::Store;
+use plumbline_engine::text::did_you_mean;
 
 /// Arguments of `quota`.
 #[derive(Debug, Args)]

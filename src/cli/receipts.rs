@@ -9,7 +9,6 @@ use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 
 use super::verify_epoch::read_given;
-use crate::near::{agreeing, counted};
 use plumbline_engine::hidden::canonical::{canonical_json, unhex};
 use plumbline_engine::hidden::evidence::GivenReceipt;
 use plumbline_engine::hidden::receipts::{
@@ -17,6 +16,7 @@ use plumbline_engine::hidden::receipts::{
 };
 use plumbline_engine::hidden::tlog::note::Checkpoint;
 use plumbline_engine::tasks::hex;
+use plumbline_engine::text::{agreeing, counted};
 
 /// Arguments of `verify-receipt`.
 #[derive(Debug, Args)]

@@ -15,7 +15,6 @@ use super::database::DatabaseArgs;
 use super::progress::bar;
 use crate::app::signing::signing;
 use crate::clock::{now_ms, rfc3339};
-use crate::near::{agreeing, counted};
 use crate::store::Store;
 use crate::store::boards::BoardCursor;
 use crate::store::regrades::{Difference, ToRegrade};
@@ -23,6 +22,7 @@ use crate::store::reports::PackedReport;
 use plumbline_engine::elasticity::Control;
 use plumbline_engine::grading::{Summary, grade_hashed};
 use plumbline_engine::tasks::catalogue::Entry;
+use plumbline_engine::text::{agreeing, counted};
 
 /// Number of submissions graded between two writes.
 const CHUNK: i64 = 200;

@@ -11,7 +11,7 @@ use crate::actions::job::{Answer, Job, TurnInput};
 use crate::actions::pool::Pool;
 use crate::actions::{ACTION_LIMITS, CodeError, Profile, Replayed};
 use crate::app::replay::{ReplayedEvent, standing, told};
-use crate::near::counted;
+use plumbline_engine::text::counted;
 
 /// Writes a line to standard error; it does not matter whether anybody reads it.
 macro_rules! say {

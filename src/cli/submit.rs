@@ -9,8 +9,8 @@ use serde_json::json;
 
 use super::{grade, progress};
 use crate::client::{Answer, Service};
-use crate::near::counted;
 use plumbline_engine::grading::raw_records::RecordedProblem;
+use plumbline_engine::text::counted;
 use plumbline_engine::voxel::replay::events_between;
 use plumbline_engine::voxel::{BlockLog, Structure};
 

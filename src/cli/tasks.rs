@@ -12,7 +12,6 @@ use serde_json::Value;
 use super::database::DatabaseArgs;
 use super::validate::{self, ValidateArgs};
 use crate::clock::now_ms;
-use crate::near::{agreeing, counted, did_you_mean};
 use crate::store::location::Location;
 use crate::store::suites::SuiteStored;
 use plumbline_engine::checks::Criterion;
@@ -22,6 +21,7 @@ use plumbline_engine::hidden::siblings::Siblings;
 use plumbline_engine::tasks::family::{entailment_table, json_schema};
 use plumbline_engine::tasks::published::{TaskFile, read_task_files};
 use plumbline_engine::tasks::{Suite, Task, embedded, hidden};
+use plumbline_engine::text::{agreeing, counted, did_you_mean};
 
 /// Suite names that are reserved for this program.
 const OWN_SUITES: [&str; 3] = [embedded::FULL, "mineceraft-lite", "hidden"];

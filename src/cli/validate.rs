@@ -9,13 +9,13 @@ use clap::Args;
 use rayon::prelude::*;
 
 use super::progress;
-use crate::near::{agreeing, counted};
 use plumbline_engine::builders::{build, has_builder};
 use plumbline_engine::elasticity::Control;
 use plumbline_engine::grading::grade_log;
 use plumbline_engine::tasks::family::SuiteSource;
 use plumbline_engine::tasks::published::{TaskFile, TaskFileFault};
 use plumbline_engine::tasks::{Suite, Task, embedded};
+use plumbline_engine::text::{agreeing, counted};
 
 /// Name of the hidden suite in its files.
 const HIDDEN: &str = "hidden";

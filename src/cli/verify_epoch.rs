@@ -8,12 +8,12 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::{Deserializer, Value};
 
-use crate::near::counted;
 use plumbline_engine::hidden::commitment::Commitment;
 use plumbline_engine::hidden::evidence::GivenReceipt;
 use plumbline_engine::hidden::receipts::LogPage;
 use plumbline_engine::hidden::reveal::Reveal;
 use plumbline_engine::hidden::verify::{Kept, verify};
+use plumbline_engine::text::counted;
 use plumbline_engine::voxel::BlockLog;
 
 /// Arguments of `verify-epoch`. Each file enables more checks; the output names the checks that could not be made.

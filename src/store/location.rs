@@ -7,7 +7,7 @@ use std::str::FromStr;
 
 use sqlx::postgres::PgConnectOptions;
 
-use crate::near::nearest;
+use plumbline_engine::text::nearest;
 
 /// Location of a database. It prints without the password.
 #[derive(Debug, Clone)]

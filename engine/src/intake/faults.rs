@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use serde::{Deserialize, Serialize};
+use serde_path_to_error::Segment;
 
 /// A single error in an input.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -96,13 +97,27 @@ impl Faults {
         }
     }
 
+    /// Enters what a path of serde leads to, and returns how deep the location was before. Steps that serde cannot name are
+    /// left out.
+    pub fn enter_path(&mut self, path: &serde_path_to_error::Path) -> usize {
+        let depth = self.depth();
+        for segment in path {
+            match segment {
+                Segment::Seq { index } => self.enter_index(*index),
+                Segment::Map { key } | Segment::Enum { variant: key } => self.enter_key(key),
+                Segment::Unknown => {}
+            }
+        }
+        depth
+    }
+
     /// Returns how many members and elements deep the current location is.
     pub(super) fn depth(&self) -> usize {
         self.path.len()
     }
 
-    /// Leaves members and elements until the location is this deep, after reading ended within them.
-    pub(super) fn leave_to(&mut self, depth: usize) {
+    /// Leaves members and elements until the location is this deep.
+    pub fn leave_to(&mut self, depth: usize) {
         while self.path.len() > depth {
             self.leave();
         }

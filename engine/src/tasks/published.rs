@@ -2,7 +2,6 @@
 //! checks per turn.
 
 use serde_json::{Map, Value};
-use serde_path_to_error::Segment;
 
 use super::{Instruction, Task};
 use crate::checks::Check;
@@ -210,25 +209,14 @@ fn add_wrong_argument(check: &str, error: &serde_path_to_error::Error<serde_json
     } else {
         format!("{} ({check})", reworded(&why))
     };
-    let mut depth = 0;
-    for segment in error.path() {
-        match segment {
-            Segment::Seq { index } => faults.enter_index(*index),
-            Segment::Map { key } => faults.enter_key(key),
-            Segment::Enum { variant } => faults.enter_key(variant),
-            Segment::Unknown => continue,
-        }
-        depth += 1;
-    }
+    let depth = faults.enter_path(error.path());
     // The path ends at an unknown argument, but at the object that lacks one.
     if why.starts_with("missing field") {
         faults.add_at(missing, text);
     } else {
         faults.add(text);
     }
-    for _ in 0..depth {
-        faults.leave();
-    }
+    faults.leave_to(depth);
 }
 
 fn array<'a>(value: &'a Value, wanted: &str, faults: &mut Faults) -> Option<&'a Vec<Value>> {

@@ -5,10 +5,10 @@ use std::collections::{BTreeMap, HashMap};
 
 use crate::actions::ACTION_LIMITS;
 use crate::actions::turn_replay::LOG_CUT;
-use crate::near::did_you_mean;
 use plumbline_engine::game::command::{Command, SetMode};
 use plumbline_engine::game::coordinates::{Coordinate, Coordinates};
 use plumbline_engine::game::{Look, World};
+use plumbline_engine::text::did_you_mean;
 
 /// Greatest number of different notes, and of reasons of dropped calls, of a turn.
 pub const MOST_NOTES: usize = 50;

@@ -3,7 +3,7 @@
 use super::host::Missing;
 use crate::actions::CodeError;
 use crate::actions::functions::functions_of;
-use crate::near::did_you_mean;
+use plumbline_engine::text::did_you_mean;
 use plumbline_engine::voxel::Profile;
 
 /// Puts the name of what is not a function into an error that lacks it.

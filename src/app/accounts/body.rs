@@ -4,10 +4,10 @@ use serde_json::Value;
 
 use crate::app::body::values::{Json, Parsed};
 use crate::app::body::{name, request_body};
-use crate::near::did_you_mean;
 use crate::store::keys::{Role, Scope};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::tolerant::Integer;
+use plumbline_engine::text::did_you_mean;
 
 /// Greatest lifetime of a key, in days.
 pub const MAX_DAYS: i64 = 36_500;

@@ -10,11 +10,11 @@ use super::read;
 use crate::app::App;
 use crate::app::catalogue::tasks::SearchText;
 use crate::app::error::{AppError, AppResult};
-use crate::near::did_you_mean;
 use crate::store::run_rows::RunRow;
 use crate::store::runs::RunsWanted;
 use crate::store::states::RunState;
 use plumbline_engine::grading::standings::Standing;
+use plumbline_engine::text::did_you_mean;
 
 /// Number of tasks that are shown as an agent's best and worst.
 const TELLING: usize = 4;

@@ -6,9 +6,9 @@ use sha2::{Digest as _, Sha256};
 use super::card::{Card, SystemPrompt};
 use crate::app::limits::LIMITS;
 use crate::clock::day_ms;
-use crate::near::did_you_mean;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::tasks::hex;
+use plumbline_engine::text::did_you_mean;
 
 /// What a member of a card may be.
 #[derive(Debug, Clone, Copy)]

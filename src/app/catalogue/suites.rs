@@ -2,10 +2,10 @@
 
 use crate::app::App;
 use crate::app::error::{AppError, AppResult, Kind};
-use crate::near::did_you_mean;
 use plumbline_engine::tasks::Suite;
 use plumbline_engine::tasks::catalogue::Catalogue;
 use plumbline_engine::tasks::embedded::{self, LITE_SUFFIX};
+use plumbline_engine::text::did_you_mean;
 
 /// Draws a Lite suite with another seed.
 ///

@@ -7,13 +7,13 @@ use crate::app::App;
 use crate::app::error::{AppError, AppResult};
 use crate::app::paging::page_items;
 use crate::app::submissions::posted::near_tasks;
-use crate::near::did_you_mean;
 use plumbline_engine::builders::build;
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::tasks::Task;
 use plumbline_engine::tasks::catalogue::Entry;
 use plumbline_engine::tasks::embedded::FULL;
 use plumbline_engine::tasks::family::Category;
+use plumbline_engine::text::did_you_mean;
 use plumbline_engine::voxel::BlockLog;
 
 /// Filter for listing tasks.

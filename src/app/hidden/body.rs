@@ -3,11 +3,11 @@
 use crate::app::body::values::Parsed;
 use crate::app::body::{agent_name, name, request_body};
 use crate::app::limits::LIMITS;
-use crate::near::did_you_mean;
 use plumbline_engine::hidden::canonical::unhex;
 use plumbline_engine::hidden::feedback::Tier;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::tolerant::{Integer, Text};
+use plumbline_engine::text::did_you_mean;
 
 request_body! {
     /// Request to register an entry.

@@ -12,7 +12,6 @@ use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
 use crate::clock::{now_ms, rfc3339};
-use crate::near::counted;
 use crate::store::draws::{DrawRefusal, Issued, NewDraw};
 use crate::store::entries::EntryRow;
 use crate::store::epochs::EpochRow;
@@ -20,6 +19,7 @@ use crate::store::keys::Scope;
 use plumbline_engine::hidden::issue::Lot;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::tasks::hex;
+use plumbline_engine::text::counted;
 
 /// A drawn run.
 #[derive(Debug)]

@@ -18,7 +18,6 @@ use crate::app::replay::run_code;
 use crate::app::submissions::decision::decide_all;
 use crate::app::submissions::posted::Format;
 use crate::clock::{now_ms, rfc3339};
-use crate::near::{agreeing, counted};
 use crate::store::epochs::HIDDEN_SUITE;
 use crate::store::hidden_answers::{AnswerRefusal, Answered, NewAnswer};
 use crate::store::instances::InstanceRow;
@@ -31,6 +30,7 @@ use plumbline_engine::hidden::receipts::ReceiptFile;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::not_json::why_not_json;
 use plumbline_engine::tasks::{Task, hex};
+use plumbline_engine::text::{agreeing, counted};
 use plumbline_engine::voxel::BlockLog;
 use plumbline_engine::voxel::replay::Replay;
 

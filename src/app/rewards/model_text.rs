@@ -3,10 +3,10 @@
 use serde::Serialize;
 
 use crate::app::limits::LIMITS;
-use crate::near::counted;
 use plumbline_engine::intake::code::SentLog;
 use plumbline_engine::intake::text::thinking::{thoughts_removed, without_thoughts};
 use plumbline_engine::intake::text::{AnswerKind, FoundAnswer, NO_LOG, is_other_json, read_answer};
+use plumbline_engine::text::counted;
 use plumbline_engine::voxel::Profile;
 
 /// Answers found in the texts of a model.

@@ -5,11 +5,11 @@ use serde_json::{Map, Value};
 
 use crate::app::limits::LIMITS;
 use crate::app::submissions::posted::{TaskRef, TaskShape};
-use crate::near::counted;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::tolerant::{Scalar, Shape};
 use plumbline_engine::tasks::published::{add_unknown, read_checks};
 use plumbline_engine::tasks::{Instruction, Task};
+use plumbline_engine::text::counted;
 
 /// The task of a request to grade.
 #[derive(Debug, Clone, PartialEq)]

@@ -7,12 +7,12 @@ use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
 use crate::app::submissions::posted::TaskRef;
 use crate::clock::now_ms;
-use crate::near::{agreeing, counted};
 use crate::store::keys::Scope;
 use crate::store::run_rows::{RunRow, Skip};
 use crate::store::runs::RunChanged;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::tasks::catalogue::Entry;
+use plumbline_engine::text::{agreeing, counted};
 
 /// Finishes a run: accepts no more submissions, and records the tasks that it skips. Returns the run. The draft is
 /// `None` if its body is no object; `faults` holds the faults of the body so far.

@@ -9,8 +9,8 @@ use crate::app::body::{TURNS_TEXT, turns_text};
 use crate::app::error::AppResult;
 use crate::app::limits::LIMITS;
 use crate::clock::{DAY_MS, day_ms, milliseconds, now_ms};
-use crate::near::did_you_mean;
 use plumbline_engine::intake::Faults;
+use plumbline_engine::text::did_you_mean;
 
 /// Embargo that a run begins with.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, utoipa::ToSchema)]

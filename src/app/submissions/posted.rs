@@ -4,7 +4,6 @@ use super::log_member::{stored_log, turns};
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::body::{name, profile, read_body, request_body};
 use crate::app::limits::LIMITS;
-use crate::near::{agreeing, counted, did_you_mean};
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::SentLog;
@@ -13,6 +12,7 @@ use plumbline_engine::intake::schema::{NewTurn, StoredLogBody};
 use plumbline_engine::intake::tolerant::{Scalar, Shape, Text};
 use plumbline_engine::tasks::Task;
 use plumbline_engine::tasks::catalogue::Entry;
+use plumbline_engine::text::{agreeing, counted, did_you_mean};
 use plumbline_engine::voxel::replay::Replay;
 use plumbline_engine::voxel::{BlockLog, Event, Profile};
 

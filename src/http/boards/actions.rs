@@ -18,11 +18,11 @@ use crate::clock::rfc3339;
 use crate::http::extract::body::{JsonBody, read_json};
 use crate::http::extract::origin::Origin;
 use crate::http::state::AppState;
-use crate::near::counted;
 use crate::store::board_actions::ActionKind;
 use crate::store::boards::ActionRow;
 use crate::store::keys::Scope;
 use plumbline_engine::grading::standings::Standing;
+use plumbline_engine::text::counted;
 
 /// Kind of an action on a row.
 #[derive(Debug, utoipa::ToSchema, serde::Serialize)]

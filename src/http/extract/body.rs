@@ -11,7 +11,6 @@ use http_body_util::BodyExt as _;
 use hyper::body::Body as _;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
-use serde_path_to_error::Segment;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use crate::app::body::{self, read_body};
@@ -19,9 +18,9 @@ use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::limits::LIMITS;
 use crate::app::submissions::posted::Format;
 use crate::http::state::AppState;
-use crate::near::{did_you_mean, reworded};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::not_json::why_not_json;
+use plumbline_engine::text::{did_you_mean, reworded};
 
 /// Byte order mark that a UTF-8 text may begin with.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
@@ -222,16 +221,7 @@ fn missing_of(error: &DataError) -> Option<String> {
 }
 
 fn add_fault(error: &DataError, faults: &mut Faults) {
-    let mut depth = 0;
-    for segment in error.path() {
-        match segment {
-            Segment::Seq { index } => faults.enter_index(*index),
-            Segment::Map { key } => faults.enter_key(key),
-            Segment::Enum { variant } => faults.enter_key(variant),
-            Segment::Unknown => continue,
-        }
-        depth += 1;
-    }
+    let depth = faults.enter_path(error.path());
     let text = error.inner().to_string();
     // The position in the text is meaningless for a value that was parsed before.
     let told = text.split(" at line ").next().unwrap_or(&text);
@@ -241,7 +231,6 @@ fn add_fault(error: &DataError, faults: &mut Faults) {
         // The path ends at the member itself if it is at the top level, and otherwise at the object that contains it.
         if error.path().iter().next_back().is_none_or(|last| last.to_string() != name) {
             faults.enter_key(name);
-            depth += 1;
         }
         faults.add(format!("unknown field{}", did_you_mean(name, known.iter().copied())));
     } else if let Some(name) = told.strip_prefix("missing field `").map(|rest| rest.trim_end_matches('`')) {
@@ -251,7 +240,7 @@ fn add_fault(error: &DataError, faults: &mut Faults) {
     } else {
         faults.add(reworded(told));
     }
-    (0..depth).for_each(|_| faults.leave());
+    faults.leave_to(depth);
 }
 
 fn too_large() -> AppError {

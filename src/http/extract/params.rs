@@ -6,8 +6,8 @@ use serde::de::DeserializeOwned;
 
 use crate::app::error::{AppError, AppResult, FaultBody};
 use crate::app::limits::LIMITS;
-use crate::near::{did_you_mean, reworded};
 use plumbline_engine::intake::Faults;
+use plumbline_engine::text::{did_you_mean, reworded};
 
 /// Extractor for the parameters of a query string.
 #[derive(Debug, Clone, Copy, Default)]

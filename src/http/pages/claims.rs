@@ -2,8 +2,8 @@
 
 use serde_json::Value;
 
-use crate::near::counted;
 use plumbline_engine::checks::Check;
+use plumbline_engine::text::counted;
 
 /// Says what a check requires in one sentence, such as "All blocks are stone".
 #[must_use]

@@ -3,8 +3,8 @@
 use serde_json::Value;
 
 use super::claims::{Args, plain, sentence};
-use crate::near::counted;
 use plumbline_engine::grading::report::CheckReport;
+use plumbline_engine::text::counted;
 
 /// Says what a check found in one sentence, without what it requires.
 #[must_use]

@@ -13,7 +13,7 @@ use plumbline_engine::grading::statistics::interval::Interval;
 use plumbline_engine::grading::statistics::ranks::RankRange;
 use plumbline_engine::hidden::gauge::Gauge;
 
-pub use crate::near::counted;
+pub use plumbline_engine::text::counted;
 
 /// What messengers and feeds show of a page.
 pub struct Preview {

@@ -20,11 +20,11 @@ use crate::app::error::AppError;
 use crate::http::extract::origin::Origin;
 use crate::http::extract::params;
 use crate::http::state::AppState;
-use crate::near::did_you_mean;
 use plumbline_engine::builders::build;
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::grading::standings::Standing;
 use plumbline_engine::tasks::{Suite, Task};
+use plumbline_engine::text::did_you_mean;
 use plumbline_engine::voxel::BlockLog;
 use plumbline_engine::voxel::replay::Replay;
 

@@ -3,7 +3,7 @@
 /// Least number of blocks that have two shares. Two cores gain little on fewer, as measured.
 const LEAST_BLOCKS: usize = 20_000;
 /// Number of blocks after which nodes are looked for that no later block has.
-pub const RUN: usize = 64;
+const RUN: usize = 64;
 
 /// Numbers of the nodes at a block's corners.
 pub type Corners = [u32; 8];

@@ -19,7 +19,7 @@ use super::html::{self, PageResult, escaped};
 use crate::app::error::{AppError, AppResult};
 use crate::http::extract::origin::Origin;
 use crate::http::state::AppState;
-use crate::near::did_you_mean;
+use plumbline_engine::text::did_you_mean;
 
 /// Returns the routes of the reference.
 pub fn routes() -> Router<AppState> {

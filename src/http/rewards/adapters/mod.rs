@@ -6,8 +6,8 @@ pub mod openrlhf;
 
 use serde_json::{Map, Value};
 
-use crate::near::nearest;
 use plumbline_engine::intake::Faults;
+use plumbline_engine::text::nearest;
 
 /// Adds a fault for each member that looks like a misspelling of a missing option, which the trainer believes to have
 /// set. A dataset has fields of its own, so an option of up to 8 characters allows one edit, and a longer one three.

@@ -19,9 +19,9 @@ use crate::app::rewards::score::GradeBody;
 use crate::http::extract::body::{JsonBody, read_json};
 use crate::http::problem::Problem;
 use crate::http::state::AppState;
-use crate::near::counted;
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
+use plumbline_engine::text::counted;
 
 /// Members of a label that are read.
 const OPTIONS: [&str; 4] = ["task", "suite", "reward", "profile"];
