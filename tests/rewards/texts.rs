@@ -35,6 +35,8 @@ async fn thoughts_do_not_count_towards_the_size_of_code() {
     }
     let broken = graded(&service, "<think>a\nb</think>\n```js\nlet = 1;\n```").await;
     assert!(broken["answer"]["why"].as_str().unwrap().contains("in line 4"), "lines are those of the text: {broken}");
+    let two = graded(&service, "```js\nlet a = 1;\n```\nand then\n```js\nlet b = 1;\n```").await;
+    assert!(two["answer"]["why"].as_str().unwrap().contains("also what stands between fences"), "{two}");
 }
 
 #[tokio::test]

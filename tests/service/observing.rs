@@ -64,6 +64,9 @@ async fn grading_may_be_open_or_keyed_by_path() {
     let answer = service.send(with("EMPTY")).await;
     assert_eq!(answer.status, StatusCode::CREATED, "{}", answer.text);
     assert!(answer.headers["x-plumbline-warning"].to_str().unwrap().contains("unknown"));
+    let refused = service.send(service.http.get(format!("{}/v1/nothing", service.url)).bearer_auth("EMPTY")).await;
+    assert_eq!(refused.status, StatusCode::NOT_FOUND, "{}", refused.text);
+    assert!(refused.headers["x-plumbline-warning"].to_str().unwrap().contains("without a key"));
     for key in [grading.as_str(), "plk_old_key", "plk_typo"] {
         let answer = service.send(with(key)).await;
         assert_eq!(answer.status, StatusCode::UNAUTHORIZED, "{}", answer.text);

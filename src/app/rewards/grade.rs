@@ -223,11 +223,12 @@ impl Found {
     }
 }
 
-/// Describes the fault of code that is not JavaScript and was therefore not run.
+/// Describes the fault of code that is not JavaScript and was therefore not run, with what was noted when it was read.
 fn unreadable_code(replay: &TurnReplay) -> Option<String> {
     let error = replay.error.as_ref().filter(|_| replay.unreadable)?;
     let place = error.line.map(|line| format!(" in line {line}")).unwrap_or_default();
-    Some(format!("the code is not JavaScript: {}{place}", error.message))
+    let notes: String = replay.notes.iter().map(|note| format!("; {note}")).collect();
+    Some(format!("the code is not JavaScript: {}{place}{notes}", error.message))
 }
 
 /// Returns a log without events, with as many turns as the task.

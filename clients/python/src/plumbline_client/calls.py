@@ -72,7 +72,7 @@ class Retries:
     jitter. Nothing is sent again after `deadline_s` seconds or `most` retries.
     """
 
-    most: int = 10
+    most: int = 20
     deadline_s: float = 120.0
     first_s: float = 0.25
     longest_s: float = 20.0
