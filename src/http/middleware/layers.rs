@@ -128,7 +128,9 @@ async fn as_problem(response: Response, asked: impl Fn() -> String) -> Response 
     }
     let (parts, body) = response.into_parts();
     let error = match status {
-        StatusCode::NOT_FOUND => AppError::not_found(format!("no resource matches {}; /docs/ lists all of them", asked())),
+        StatusCode::NOT_FOUND => {
+            AppError::not_found(format!("no resource matches {}; /docs/ lists all of them", asked()))
+        }
         StatusCode::METHOD_NOT_ALLOWED => {
             let detail = format!("{} is not allowed; the Allow header lists the allowed methods", asked());
             AppError::new(Kind::MethodNotAllowed, detail)

@@ -38,18 +38,22 @@ const RAMP_STEPS: f64 = 400.0;
 /// Work between two polls of the stop signal, in steps times blocks of eight cells: some milliseconds.
 const WORK_PER_LOOK: usize = 20_000;
 
-/// Least number of blocks at which the data of a step do not stay in the cache.
-const LARGE_BLOCKS: usize = 5_000;
+/// Least number of blocks at which the data of a step do not stay in the cache of a core.
+const LARGE_BLOCKS: usize = 2_000;
 /// Number of blocks by which a wave of passes goes on.
 const WAVE_BLOCKS: usize = 64;
+/// Number of blocks whose data stay in the cache that cores share, while the waves of several steps go over them.
+const CACHED_BLOCKS: usize = 2_500;
+/// Greatest number of steps whose waves follow each other.
+const MOST_AT_ONCE: usize = 8;
 
 /// Simulates `cells` (particles at block centres; a cell listed twice is two particles) and returns their stress.
 ///
 /// Stress and displacement of a cell do not depend on the order of `cells`, nor on how cores share the work.
 ///
 /// # Errors
-/// Returns an error if `control` stops the computation; it is polled after some milliseconds of steps, or after each
-/// step of a structure that takes longer, and before and after setup, which takes some microseconds per block.
+/// Returns an error if `control` stops the computation; it is polled after some milliseconds of steps, or about ten times
+/// a second in a large structure, and before and after setup, which takes some microseconds per block.
 pub fn simulate(cells: &[Cell], control: &Control<'_>) -> Result<Outcome, Stopped> {
     simulate_with(Arch::new(), cells, control)
 }
@@ -69,15 +73,14 @@ fn simulate_with(arch: Arch, cells: &[Cell], control: &Control<'_>) -> Result<Ou
 fn run<T: Storage>(mut simulation: Simulation<T>, cells: &[Cell], control: &Control<'_>) -> Result<Outcome, Stopped> {
     // If every particle is held, nothing moves: strain and its rate stay those of the second step.
     let steps = if simulation.particles.are_all_held { 2 } else { STEPS };
-    let per_look = (WORK_PER_LOOK / simulation.particles.lattice.blocks.len().max(1)).clamp(1, 200) as u32;
-    for step in 0..steps - 1 {
-        if step % per_look == 0 {
-            control.check(f64::from(step) / f64::from(steps))?;
-        }
-        simulation.advance(step, control);
+    let per_look = (WORK_PER_LOOK / simulation.particles.lattice.blocks.len().max(1)).clamp(1, 200);
+    let per_look = per_look.next_multiple_of(simulation.at_once) as u32;
+    for step in (0..steps - 1).step_by(per_look as usize) {
+        control.check(f64::from(step) / f64::from(steps))?;
+        simulation.advance(step..(step + per_look).min(steps - 1), control);
     }
     let (deformation, velocity) = (simulation.deformation.clone(), simulation.velocity.clone());
-    simulation.advance(steps - 1, control);
+    simulation.advance(steps - 1..steps, control);
     Ok(simulation.outcome(cells, &deformation, &velocity))
 }
 
@@ -97,6 +100,8 @@ struct Simulation<T: Storage> {
     weighted: Option<Fields<3>>,
     /// How far, in blocks, a pass must be ahead of the next one; `None` if everything fits into the cache.
     reach: Option<usize>,
+    /// Number of steps whose passes follow each other.
+    at_once: usize,
     storage: PhantomData<T>,
 }
 
@@ -107,6 +112,13 @@ impl<T: Storage> Simulation<T> {
         for place in particles.entries.iter().filter_map(|entry| entry.place) {
             deformation.set(place, [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
         }
+        let reach = (particles.lattice.blocks.len() >= LARGE_BLOCKS).then(|| particles.lattice.reach());
+        // Displacements of cells that hold two particles are weighed once for a whole step.
+        let follows = reach.filter(|_| particles.multiplicity.is_none());
+        let at_once = follows.map_or(1, |reach| {
+            let between_looks = 10 * WORK_PER_LOOK / particles.lattice.blocks.len();
+            (CACHED_BLOCKS / (2 * reach + WAVE_BLOCKS)).min(between_looks).clamp(1, MOST_AT_ONCE)
+        });
         Self {
             arch,
             displacement: Fields::zero(len),
@@ -115,43 +127,57 @@ impl<T: Storage> Simulation<T> {
             corrected_stress: Fields::zero(len),
             forces: Fields::zero(len),
             weighted: particles.multiplicity.is_some().then(|| Fields::zero(len)),
-            reach: (particles.lattice.blocks.len() >= LARGE_BLOCKS).then(|| particles.lattice.reach()),
+            reach,
+            at_once,
             particles,
             storage: PhantomData,
         }
     }
 
-    /// Takes one step of the published integrator. Its forces are those of the positions before the step, so they lag
-    /// one step behind a velocity Verlet scheme; scores depend on this.
-    fn advance(&mut self, step: u32, control: &Control<'_>) {
-        let weight = WEIGHT_N * (f64::from(step) / RAMP_STEPS).min(1.0);
-        let load_n = self.particles.lattice.axes.map(|axis| if axis == 1 { -weight } else { 0.0 });
-        let blocks = self.particles.lattice.blocks.len();
-        if let Some(reach) = self.reach.filter(|_| control.join.is_none()) {
-            self.advance_in_waves(reach, load_n, control);
-        } else {
-            self.deform(0..blocks, control);
-            self.move_on(0..blocks, load_n, control);
-        }
-        if let (Some(weighted), Some(multiplicity)) = (&mut self.weighted, &self.particles.multiplicity) {
-            weighted.set_product(&self.displacement, multiplicity);
+    /// Takes steps of the published integrator. Its forces are those of the positions before the step, so they lag one step
+    /// behind a velocity Verlet scheme; scores depend on this.
+    fn advance(&mut self, steps: Range<u32>, control: &Control<'_>) {
+        let steps: Vec<u32> = steps.collect();
+        for steps in steps.chunks(self.at_once) {
+            if let Some(reach) = self.reach.filter(|_| control.join.is_none()) {
+                self.advance_in_waves(reach, steps, control);
+            } else {
+                let blocks = self.particles.lattice.blocks.len();
+                for step in steps {
+                    self.deform(0..blocks, control);
+                    self.move_on(0..blocks, *step, control);
+                }
+            }
+            if let (Some(weighted), Some(multiplicity)) = (&mut self.weighted, &self.particles.multiplicity) {
+                weighted.set_product(&self.displacement, multiplicity);
+            }
         }
     }
 
-    /// Lets the passes of a step follow each other through the structure, as close as they may: what one pass writes is
+    /// Lets the passes of these steps follow each other through the structure, as close as they may: what one pass writes is
     /// then still in the cache when the next reads it. Each number is computed as by one pass after the other.
-    fn advance_in_waves(&mut self, reach: usize, load_n: [f64; 3], control: &Control<'_>) {
+    fn advance_in_waves(&mut self, reach: usize, steps: &[u32], control: &Control<'_>) {
         let blocks = self.particles.lattice.blocks.len();
-        let (mut deformed, mut moved) = (0, 0);
-        while moved < blocks {
-            let next = (deformed + WAVE_BLOCKS).min(blocks);
-            self.deform(deformed..next, control);
-            deformed = next;
-            // Forces need the stress of all blocks in reach, and a block moves once nothing reads where it was.
-            let free = if deformed == blocks { blocks } else { deformed.saturating_sub(reach).max(moved) };
-            if free > moved {
-                self.move_on(moved..free, load_n, control);
-                moved = free;
+        // Up to where a pass may go after one that has come this far, because it reads what is in reach.
+        let behind = |done: usize| if done == blocks { blocks } else { done.saturating_sub(reach) };
+        // Up to where each step has deformed and moved blocks.
+        let mut done = vec![(0, 0); steps.len()];
+        while done[steps.len() - 1].1 < blocks {
+            let mut before = blocks;
+            for (step, (deformed, moved)) in steps.iter().zip(&mut done) {
+                // Stress follows from where the step before has moved all blocks in reach. By then nothing reads the old one.
+                let next = (*deformed + WAVE_BLOCKS).min(behind(before));
+                if next > *deformed {
+                    self.deform(*deformed..next, control);
+                    *deformed = next;
+                }
+                // Forces need the stress of all blocks in reach, and a block moves once nothing reads where it was.
+                let free = behind(*deformed);
+                if free > *moved {
+                    self.move_on(*moved..free, *step, control);
+                    *moved = free;
+                }
+                before = *moved;
             }
         }
     }
@@ -177,7 +203,9 @@ impl<T: Storage> Simulation<T> {
     }
 
     /// Takes the rest of a step for a range of blocks: computes the forces between pairs, and moves the particles.
-    fn move_on(&mut self, range: Range<usize>, load_n: [f64; 3], control: &Control<'_>) {
+    fn move_on(&mut self, range: Range<usize>, step: u32, control: &Control<'_>) {
+        let weight = WEIGHT_N * (f64::from(step) / RAMP_STEPS).min(1.0);
+        let load_n = self.particles.lattice.axes.map(|axis| if axis == 1 { -weight } else { 0.0 });
         if self.particles.multiplicity.is_none() {
             self.move_particles::<false>(range, load_n, control);
         } else {
@@ -303,10 +331,8 @@ mod tests {
             let cells: Vec<Cell> = cells.iter().copied().chain(repeated).collect();
             let mut short = Simulation::<Short<SHORTER>>::new(Arch::new(), Particles::new(&cells));
             let mut long = Simulation::<Long>::new(Arch::new(), Particles::new(&cells));
-            for step in 0..50 {
-                short.advance(step, &Control::unhurried());
-                long.advance(step, &Control::unhurried());
-            }
+            short.advance(0..50, &Control::unhurried());
+            long.advance(0..50, &Control::unhurried());
             assert!(long.displacement.columns().iter().any(|moved| *moved < 0.0));
             assert_eq!(bits(&short.displacement), bits(&long.displacement));
             assert_eq!(bits(&short.velocity), bits(&long.velocity));
@@ -343,10 +369,10 @@ mod tests {
             let lattice = &in_waves.particles.lattice;
             assert!(4 * lattice.reach() < lattice.blocks.len());
             (in_waves.reach, in_turn.reach) = (Some(lattice.reach()), None);
-            for step in 0..20 {
-                in_waves.advance(step, &Control::unhurried());
-                in_turn.advance(step, &Control::unhurried());
-            }
+            // Seven do not divide the steps; waves of several steps have no place for weighing in between.
+            in_waves.at_once = if repeated.is_none() { 7 } else { 1 };
+            in_waves.advance(0..20, &Control::unhurried());
+            in_turn.advance(0..20, &Control::unhurried());
             assert!(in_turn.displacement.columns().iter().any(|moved| *moved < 0.0));
             assert_eq!(bits(&in_waves.displacement), bits(&in_turn.displacement));
             assert_eq!(bits(&in_waves.velocity), bits(&in_turn.velocity));
