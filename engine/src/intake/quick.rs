@@ -4,6 +4,8 @@
 //! is no plain integer of its range, a text with an escape or anything but printable ASCII, and what is not JSON. The
 //! [shapes](super::tolerant) then read the same text again, with care.
 
+#![expect(clippy::inline_always, reason = "a call for each number takes longer than reading it")]
+
 use super::LogLimits;
 use crate::voxel::block_log::{BlockLog, Event, Turn};
 use crate::voxel::cell::{Cell, range};
@@ -185,7 +187,7 @@ impl<'a> Scanner<'a> {
         Some(items)
     }
 
-    #[inline]
+    #[inline(always)]
     fn row(&mut self) -> Option<(Cell, Option<u32>)> {
         self.skip(b'[')?;
         let x = self.coordinate(0)?;
@@ -231,13 +233,13 @@ impl<'a> Scanner<'a> {
         Some(NamedEvent { is_place, cell: Cell::new(at[0]?, at[1]?, at[2]?), material })
     }
 
-    #[inline]
+    #[inline(always)]
     fn coordinate(&mut self, axis: usize) -> Option<i32> {
         self.integer().filter(|number| range(axis).contains(number))
     }
 
     /// Reads an integer of at most nine digits. If none comes next, something else may be read instead.
-    #[inline]
+    #[inline(always)]
     pub fn integer(&mut self) -> Option<i32> {
         let mut ahead = Self { rest: self.rest };
         let number = ahead.digits()?;
@@ -245,7 +247,7 @@ impl<'a> Scanner<'a> {
         Some(number)
     }
 
-    #[inline]
+    #[inline(always)]
     fn digits(&mut self) -> Option<i32> {
         let is_negative = self.skip(b'-').is_some();
         let mut number = 0;
@@ -287,7 +289,7 @@ impl<'a> Scanner<'a> {
     }
 
     /// Skips space and then this byte, if it comes next. Skips the space in any case.
-    #[inline]
+    #[inline(always)]
     fn skip(&mut self, byte: u8) -> Option<()> {
         while let Some((first, rest)) = self.rest.split_first() {
             if *first == byte {
