@@ -55,7 +55,7 @@ fn plain(wanted: &str) -> String {
     }
 }
 
-/// Greatest length in bytes of a name that is compared with others: comparing takes time by both lengths.
+/// Greatest length in bytes of a name for which others are suggested: comparing takes time by both lengths.
 const LONGEST_SLIP: usize = 100;
 
 /// Returns the number of slips between two names: letters added, left out, exchanged or swapped with the next one, whatever
@@ -77,7 +77,7 @@ pub fn nearest<'n>(
 
 /// Returns at most `most` names that are near to `given`, the nearest first.
 fn near<'n>(given: &str, names: impl IntoIterator<Item = &'n str>, most: usize) -> Vec<&'n str> {
-    let given: String = given.to_lowercase();
+    let given = given.to_lowercase();
     let allowed = 1 + given.chars().count() / 3;
     let mut found: Vec<(usize, &str)> = names
         .into_iter()

@@ -205,6 +205,42 @@ async fn a_batch_answers_each_log_for_itself() {
     }
 }
 
+/// Code in a batch whose client does not read holds nothing that others wait for, and its results are all there later.
+#[tokio::test]
+async fn a_batch_that_nobody_reads_holds_up_no_code() {
+    const LOGS: usize = 1_000;
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &["--grade-cache-mib", "0"]);
+    // Six kilobytes a result, all together more than buffers take.
+    let code = "for (let x = 0; x < 5; x++) placeBlock(x, 0, 0, 'stone');";
+    let line =
+        json!({ "task": "walls/5x1x5-raise", "turns": [{ "action_code": code }], "detail": "report" }).to_string();
+    let body = vec![line; LOGS].join("\n");
+    let batch = service.http.post(format!("{}/v1/grade:batch", service.url));
+    let mut unread = batch.header("content-type", "application/x-ndjson").body(body).send().await.unwrap();
+    assert_eq!(unread.status(), StatusCode::OK);
+    for _ in 0..40 {
+        let other = json!({ "profile": "mindcraft", "action_code": "placeBlock(0, 0, 0, 'stone')" });
+        let replayed = service.post_json("/v1/replay", &other);
+        let replayed = tokio::time::timeout(std::time::Duration::from_secs(10), replayed).await;
+        let replayed = replayed.expect("code waits for a client that does not read");
+        assert_eq!(replayed.status, StatusCode::OK, "{}", replayed.text);
+        tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+    }
+    let mut text = Vec::new();
+    while let Some(chunk) = unread.chunk().await.unwrap() {
+        text.extend_from_slice(&chunk);
+    }
+    let items: Vec<Value> =
+        text.split(|byte| *byte == b'\n').filter_map(|line| serde_json::from_slice(line).ok()).collect();
+    let mut indices: Vec<u64> = items.iter().map(|item| item["index"].as_u64().unwrap()).collect();
+    indices.sort_unstable();
+    assert!(indices.into_iter().eq(0..LOGS as u64), "each log has one result");
+    assert!(items.iter().all(|item| item["status"] == 200), "{}", items[0]);
+    let sent = text.len();
+    assert!(sent > 4_000_000, "{sent} bytes might fit into buffers");
+}
+
 /// What earns nothing with `shaped` and what `mean` pays for it.
 #[tokio::test]
 async fn shaped_rewards_begin_above_nothing() {

@@ -70,6 +70,7 @@ async fn grading_may_be_open_or_keyed_by_path() {
     for key in [grading.as_str(), "plk_old_key", "plk_typo"] {
         let answer = service.send(with(key)).await;
         assert_eq!(answer.status, StatusCode::UNAUTHORIZED, "{}", answer.text);
+        assert!(!answer.headers.contains_key("x-plumbline-warning"), "{:?}", answer.headers);
     }
     for authorization in
         [grading.clone(), format!("Basic {}", base64::Engine::encode(&base64::prelude::BASE64_STANDARD, "plk_typo:"))]

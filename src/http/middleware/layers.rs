@@ -24,7 +24,7 @@ use crate::http::extract::caller::{MODERATION, identify, without_key};
 use crate::http::problem::{PROBLEM_JSON, Problem};
 use crate::http::state::AppState;
 
-/// Header with a warning about a request that was not refused for it.
+/// Header with a warning about something for which a request was not refused.
 const WARNING: HeaderName = HeaderName::from_static("x-plumbline-warning");
 /// Maximum length of an error text from a library that is passed on, in bytes.
 const MAX_DETAIL_BYTES: usize = 2_048;
@@ -79,7 +79,8 @@ async fn checked(state: &AppState, mut request: Request, next: Next) -> Response
     if let Some(left) = sender.left {
         left.write_to(response.headers_mut());
     }
-    if let Some(why) = sender.refused {
+    // A response that refuses the key says so itself.
+    if let Some(why) = sender.refused.filter(|_| response.status() != StatusCode::UNAUTHORIZED) {
         let told = HeaderValue::try_from(format!("{why}; the request was treated as one without a key"));
         response.headers_mut().extend(told.ok().map(|told| (WARNING, told)));
     }
@@ -129,7 +130,7 @@ async fn as_problem(response: Response, asked: impl Fn() -> String) -> Response 
     let (parts, body) = response.into_parts();
     let error = match status {
         StatusCode::NOT_FOUND => {
-            AppError::not_found(format!("no resource matches {}; /docs/ lists all of them", asked()))
+            AppError::not_found(format!("no resource matches {}; the API reference lists all operations", asked()))
         }
         StatusCode::METHOD_NOT_ALLOWED => {
             let detail = format!("{} is not allowed; the Allow header lists the allowed methods", asked());

@@ -19,12 +19,13 @@ use hyper::body::Frame;
 use serde::Serialize;
 use serde_json::value::RawValue;
 use tokio::sync::mpsc;
+use tokio_util::task::AbortOnDropHandle;
 
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
 use crate::app::limits::LIMITS;
 use crate::app::rewards::grade::{Found, Prepared, ReadRequest};
-use crate::app::rewards::grader::{Lane, Until};
+use crate::app::rewards::grader::{Deadline, Lane, Until};
 use crate::app::rewards::request::NewGrade;
 use crate::app::rewards::score::GradeBody;
 use crate::app::submissions::posted::Format;
@@ -38,15 +39,15 @@ use plumbline_engine::tasks::catalogue::Catalogue;
 
 /// Greatest number of logs in a chunk, which is what a worker takes at a time from those that are left.
 const CHUNK: usize = 8;
-/// Number of logs that a worker has in work at a time outside the short lane.
+/// Number of logs that a worker works on at a time outside the short lane.
 const SLOW_AT_A_TIME: usize = 2;
 /// Length of a time slice, after which other senders get theirs.
-const TURN: Duration = Duration::from_millis(20);
+const TURN: Duration = Duration::from_millis(5);
 /// Results that wait for a slow client: at most this many time slices, each of about `TURN_BYTES` bytes.
 const WAITING: usize = 4;
 const TURN_BYTES: usize = 1 << 20;
-/// Up to this size, lines are found on the thread that serves the request, sooner than another thread would begin.
-const SMALL_BODY: usize = 1 << 20;
+/// Up to this size, lines are found on the thread that serves the request, mostly sooner than another thread would begin.
+const SMALL_BODY: usize = 1 << 18;
 
 /// The result of one log of a batch.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -204,7 +205,9 @@ impl Batch {
             }
             while !left.is_empty() {
                 let (batch, chunk) = (Arc::clone(self), left.clone());
-                let patience = Duration::from_secs(LIMITS.grade_batch_wait_seconds).into();
+                let patience = Duration::from_secs(LIMITS.grade_batch_wait_seconds);
+                // A turn that begins late has as long as any other.
+                let patience = Deadline { work: patience, wait: Some(patience) };
                 let work = move |until: &Until| Ok(batch.take_turn(chunk, until));
                 let turn = match self.state.grader.run(Lane::Short, &self.who, patience, work).await {
                     Ok(turn) => turn,
@@ -238,17 +241,22 @@ impl Batch {
         let begun = Instant::now();
         let mut turn = Turn::default();
         while begun.elapsed() < TURN && turn.lines.len() < TURN_BYTES && !until.has_left() {
-            // A turn has its price, so it goes on with what others have not taken, unless there is more to do about this chunk.
+            // Handing over a turn costs time, so it goes on with logs that no worker has taken, unless logs of this chunk wait
+            // in `rest`.
             if chunk.is_empty() && turn.rest.is_empty() {
                 chunk = self.next_chunk();
             }
             let Some(index) = chunk.next() else { break };
-            // A panic takes the result of its log alone.
-            let graded = catch_unwind(AssertUnwindSafe(|| self.grade_now(index, until)));
-            match graded.unwrap_or_else(|_panic| Err(AppError::internal(&"reading a log of a batch panicked"))) {
+            let written = turn.lines.len();
+            let done = catch_unwind(AssertUnwindSafe(|| match self.grade_now(index, until) {
                 Ok(Ok(graded)) => write_line(&mut turn.lines, &self.item(index, Ok(graded))),
                 Ok(Err(rest)) => turn.rest.push((index, rest)),
                 Err(error) => write_line(&mut turn.lines, &self.item(index, Err(error))),
+            }));
+            if done.is_err() {
+                // A panic costs only its own log the result.
+                turn.lines.truncate(written);
+                write_line(&mut turn.lines, &self.item(index, Err(panicked())));
             }
         }
         turn.begun = chunk;
@@ -274,20 +282,21 @@ impl Batch {
         prepared.grade_here(&self.state, until).map(Ok)
     }
 
-    /// Does the remaining work on an item.
-    async fn finish(&self, index: usize, rest: Rest) -> BatchItem {
-        let prepared = match rest {
-            Rest::Grade(prepared) => Ok(prepared),
-            Rest::Prepare(found) => {
-                let prepared = found.prepare(&self.state, &self.who).await;
-                prepared.map_err(AppError::without_reward_where_ours)
-            }
-        };
-        let graded = match prepared {
-            Ok(prepared) => prepared.grade_in_turn(&self.state, &self.who).await,
-            Err(error) => Err(error),
-        };
-        self.item(index, graded)
+    /// Does the remaining work on an item, in a task of its own: it goes on while its worker waits for a slow client, and a
+    /// panic costs only its own log the result.
+    async fn finish(self: &Arc<Self>, index: usize, rest: Rest) -> BatchItem {
+        let batch = Arc::clone(self);
+        let grading = AbortOnDropHandle::new(tokio::spawn(async move {
+            let prepared = match rest {
+                Rest::Grade(prepared) => prepared,
+                Rest::Prepare(found) => {
+                    let prepared = found.prepare(&batch.state, &batch.who).await;
+                    prepared.map_err(AppError::without_reward_where_ours)?
+                }
+            };
+            prepared.grade_in_turn(&batch.state, &batch.who).await
+        }));
+        self.item(index, grading.await.unwrap_or_else(|_panic| Err(panicked())))
     }
 
     fn item(&self, index: usize, graded: AppResult<GradeBody>) -> BatchItem {
@@ -305,6 +314,10 @@ impl Batch {
         }
         BatchItem { index, status: problem.status, reward: None, result: None, error: Some(problem) }
     }
+}
+
+fn panicked() -> AppError {
+    AppError::internal(&"a log of a batch panicked").without_reward()
 }
 
 fn write_line(lines: &mut Vec<u8>, item: &BatchItem) {

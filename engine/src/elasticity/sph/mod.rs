@@ -113,7 +113,8 @@ impl<T: Storage> Simulation<T> {
             deformation.set(place, [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
         }
         let reach = (particles.lattice.blocks.len() >= LARGE_BLOCKS).then(|| particles.lattice.reach());
-        // Displacements of cells that hold two particles are weighed once for a whole step.
+        // Where cells hold several particles, displacements are multiplied for the whole structure after each step, so steps
+        // cannot overlap.
         let follows = reach.filter(|_| particles.multiplicity.is_none());
         let at_once = follows.map_or(1, |reach| {
             let between_looks = 10 * WORK_PER_LOOK / particles.lattice.blocks.len();
@@ -165,7 +166,8 @@ impl<T: Storage> Simulation<T> {
         while done[steps.len() - 1].1 < blocks {
             let mut before = blocks;
             for (step, (deformed, moved)) in steps.iter().zip(&mut done) {
-                // Stress follows from where the step before has moved all blocks in reach. By then nothing reads the old one.
+                // The stress of a block needs the positions that the step before gave to all blocks in reach. By then nothing
+                // reads its old stress.
                 let next = (*deformed + WAVE_BLOCKS).min(behind(before));
                 if next > *deformed {
                     self.deform(*deformed..next, control);
@@ -318,7 +320,7 @@ mod tests {
     use super::*;
 
     /// Returns the bits of all numbers.
-    fn bits(fields: &Fields<3>) -> Vec<u64> {
+    fn bits<const N: usize>(fields: &Fields<N>) -> Vec<u64> {
         fields.columns().iter().map(|number| number.to_bits()).collect()
     }
 
@@ -369,13 +371,15 @@ mod tests {
             let lattice = &in_waves.particles.lattice;
             assert!(4 * lattice.reach() < lattice.blocks.len());
             (in_waves.reach, in_turn.reach) = (Some(lattice.reach()), None);
-            // Seven do not divide the steps; waves of several steps have no place for weighing in between.
+            // Seven does not divide the number of steps. Where displacements are multiplied, steps cannot overlap.
             in_waves.at_once = if repeated.is_none() { 7 } else { 1 };
             in_waves.advance(0..20, &Control::unhurried());
             in_turn.advance(0..20, &Control::unhurried());
             assert!(in_turn.displacement.columns().iter().any(|moved| *moved < 0.0));
             assert_eq!(bits(&in_waves.displacement), bits(&in_turn.displacement));
             assert_eq!(bits(&in_waves.velocity), bits(&in_turn.velocity));
+            assert_eq!(bits(&in_waves.deformation), bits(&in_turn.deformation));
+            assert_eq!(bits(&in_waves.corrected_stress), bits(&in_turn.corrected_stress));
         }
     }
 }

@@ -12,7 +12,7 @@ mod regions;
 use super::cell::{Bounds, Cell};
 
 /// Greatest number of lines of anchors for each block with which the search goes by lines. In halls full of scattered blocks
-/// both took the same time for boxes of 6 x 6 x 6.
+/// both took the same time for boxes of 6 x 6 x 6 when this was chosen; the search by regions has become twice as fast there.
 const MOST_LINES: i32 = 25;
 
 /// Size of a moving box in cells along x, y and z; each is at least 1.
@@ -160,7 +160,7 @@ mod tests {
     #[test]
     fn each_level_of_a_shaft_is_a_place_of_its_own() {
         let size = BoxSize { x: 1, y: 1, z: 1 };
-        // The far blocks make the build so wide that its parts along y stay whole.
+        // The far blocks make the build so wide that it is divided along x and z first, and the shaft stays one region.
         let far = [Cell::new(-100, 0, -100), Cell::new(100, 8, 100)];
         let walls = (0..=8).flat_map(|y| [(5, 5), (7, 5), (6, 4), (6, 6)].map(|(x, z)| Cell::new(x, y, z)));
         let closed: Vec<Cell> = walls.chain([0, 8].map(|y| Cell::new(6, y, 5))).chain(far).collect();
@@ -225,7 +225,7 @@ mod tests {
         };
         let size = BoxSize { x: 16, y: 16, z: 15 };
         assert_eq!(FreeSpace::new(&solid, &bounds, size).escapes([bounds.centre()], &look), Some(false));
-        assert!(looks.get() <= 50, "{} looks, one in a hundred steps", looks.get());
+        assert!(looks.get() <= 2, "{} looks, one in 100,000 nodes or obstacles", looks.get());
     }
 
     #[test]

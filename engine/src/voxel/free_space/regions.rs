@@ -139,8 +139,8 @@ impl<'a> Regions<'a> {
                 Node::Spent => {}
                 Node::Divided { axis, cut, first } => {
                     match [self.nodes[first as usize], self.nodes[first as usize + 1]] {
-                        // The other part takes the place of both. It may then lie in a larger space than its own, but
-                        // whoever comes to a space or a region compares it anyway.
+                        // The other part takes the place of both. Its space may then seem larger than it is, but a space or
+                        // a region is compared when it is reached.
                         [Node::Spent, rest] | [rest, Node::Spent] => {
                             self.nodes[number as usize] = rest;
                             open.push(number);
@@ -259,6 +259,9 @@ impl<'a> Regions<'a> {
             if obstacle.meets(&space) {
                 reaching.push(*number);
             }
+        }
+        if reaching.len() < obstacles.len() / 2 {
+            reaching.shrink_to_fit();
         }
         Some(Undivided { space, obstacles: reaching })
     }
