@@ -227,8 +227,8 @@ impl Found {
 fn unreadable_code(replay: &TurnReplay) -> Option<String> {
     let error = replay.error.as_ref().filter(|_| replay.unreadable)?;
     let place = error.line.map(|line| format!(" in line {line}")).unwrap_or_default();
-    let notes: String = replay.notes.iter().map(|note| format!("; {note}")).collect();
-    Some(format!("the code is not JavaScript: {}{place}{notes}", error.message))
+    let told = format!("the code is not JavaScript: {}{place}", error.message);
+    Some(replay.notes.iter().fold(told, |told, note| told + "; " + note))
 }
 
 /// Returns a log without events, with as many turns as the task.
