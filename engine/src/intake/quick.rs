@@ -5,7 +5,6 @@
 //! [shapes](super::tolerant) then read the same text again, with care.
 
 #![expect(clippy::inline_always, reason = "a call for each number takes longer than reading it")]
-
 use super::LogLimits;
 use crate::voxel::block_log::{BlockLog, Event, Turn};
 use crate::voxel::cell::{Cell, range};
@@ -312,10 +311,9 @@ const fn is_space(byte: u8) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use proptest::prelude::*;
-
     use super::*;
     use crate::intake::{Faults, read_turns};
+    use proptest::prelude::*;
 
     const LIMITS: LogLimits = LogLimits { max_turns: 3, max_events: 5, max_materials: 3, max_material_chars: 8 };
 
