@@ -9,7 +9,7 @@ json='content-type: application/json'
 id() { sed -E 's/.*"id": ?"([^"]+)".*/\1/'; }
 
 # What there is to build.
-curl "$server/v1/tasks?suite=mineceraft-lite&limit=2"
+curl "$server/v1/tasks?suite=mineceraft&limit=2"
 echo
 
 run=$(curl -H "$json" "$server/v1/runs" -d '{"agent": "my-agent 1", "suite": "mineceraft"}' | id)

@@ -28,7 +28,7 @@ pub fn reworded(error: &str) -> String {
     // The value itself is not repeated, because it may be long.
     let found = match found.split(' ').next().unwrap_or(found) {
         "map" => "object",
-        "sequence" => "list",
+        "sequence" => "array",
         "floating" => "number",
         "unit" => "null",
         "newtype" | "unit variant" | "newtype variant" => "text",
@@ -41,7 +41,7 @@ pub fn reworded(error: &str) -> String {
 fn plain(wanted: &str) -> String {
     match wanted {
         "a map" => "an object".to_owned(),
-        "a sequence" => "a list".to_owned(),
+        "a sequence" => "an array".to_owned(),
         "unit" => "null".to_owned(),
         "u8" | "u16" | "u32" | "u64" | "usize" => "a whole number of at least 0".to_owned(),
         "i8" | "i16" | "i32" | "i64" | "isize" => "a whole number".to_owned(),
@@ -51,7 +51,7 @@ fn plain(wanted: &str) -> String {
         wanted => wanted
             .strip_prefix("an array of length ")
             .or_else(|| wanted.strip_prefix("a tuple of size "))
-            .map_or_else(|| wanted.replace("a sequence", "a list"), |length| format!("a list of length {length}")),
+            .map_or_else(|| wanted.replace("a sequence", "an array"), |length| format!("an array of length {length}")),
     }
 }
 
@@ -123,12 +123,12 @@ mod tests {
             reworded(&serde_json::from_str::<T>(json).unwrap_err().to_string())
         }
         assert_eq!(told::<u32>("{}"), "expected a whole number of at least 0, found object");
-        assert_eq!(told::<f64>("[]"), "expected a number, found list");
+        assert_eq!(told::<f64>("[]"), "expected a number, found array");
         assert_eq!(told::<i32>("1.5"), "expected a whole number, found number");
         assert_eq!(told::<u8>("-1"), "expected a whole number of at least 0, found integer");
-        assert_eq!(told::<Vec<u8>>("\"a, expected b\""), "expected a list, found string");
+        assert_eq!(told::<Vec<u8>>("\"a, expected b\""), "expected an array, found string");
         assert_eq!(told::<String>("null"), "expected a string, found null");
-        assert_eq!(told::<[u8; 2]>("3"), "expected a list of length 2, found integer");
+        assert_eq!(told::<[u8; 2]>("3"), "expected an array of length 2, found integer");
         assert_eq!(reworded("missing field `a` at line 1 column 2"), "missing field `a`");
     }
 

@@ -217,7 +217,7 @@ impl<'de, A: MapAccess<'de>> Members<'_, A> {
         };
         if is_missing {
             let detail = match slot.presence {
-                Presence::Work => format!("missing; the body must be {wanted}"),
+                Presence::Work => format!("missing or null; the body must be {wanted}"),
                 Presence::Required | Presence::Optional => "missing".to_owned(),
             };
             self.faults.add_at(slot.name, detail);
@@ -304,7 +304,7 @@ mod tests {
                 "/log: given twice, or beside another member that takes its place; give one of them",
             ]
         );
-        assert_eq!(faults_of("{}"), ["/id: missing", "/turns: missing; the body must be an object with \"id\""]);
+        assert_eq!(faults_of("{}"), ["/id: missing", "/turns: missing or null; the body must be an object with \"id\""]);
         assert_eq!(faults_of("[]"), ["expected an object with \"id\", found an array"]);
     }
 

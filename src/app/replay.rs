@@ -41,7 +41,11 @@ async fn replayed(app: &App, who: &Arc<str>, job: &Job, left: &mut Option<Durati
         }
         match error.downcast_ref::<TooLate>() {
             Some(_) => {
-                let detail = "The deadline passed while the action code ran. A longer deadline_ms may help.";
+                let detail = format!(
+                    "The deadline passed while the action code ran. Code that does not end is stopped after {} ms of \
+                     processor time, and the answer says so; a longer deadline_ms leaves time for that.",
+                    app.limits.action_cpu_ms
+                );
                 AppError::new(Kind::Deadline, detail).retry_after(1)
             }
             None => AppError::internal(&error),

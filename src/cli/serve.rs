@@ -107,14 +107,11 @@ pub struct ServeArgs {
     demo: bool,
 }
 
-/// Prints the addresses of the service, its notices, and who needs a key.
+/// Prints the addresses of the service, and who needs a key.
 fn greet(args: &ServeArgs, app: &RunningService) {
     eprintln!("plumbline is at http://{}/ (API reference: /docs/); Ctrl-C stops it", app.address);
     if let Some(address) = app.admin_address {
         eprintln!("metrics and administration are at http://{address}/");
-    }
-    for notice in &app.notices {
-        eprintln!("NOTE: {notice}");
     }
     if args.grade_only {
         return;

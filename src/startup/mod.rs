@@ -100,8 +100,6 @@ pub struct RunningService {
     pub address: SocketAddr,
     /// Address of the administration listener, if there is one.
     pub admin_address: Option<SocketAddr>,
-    /// Notices for the operator who starts the service.
-    pub notices: Vec<String>,
     app: Arc<App>,
     store: Store,
     workers: Option<Workers>,
@@ -211,7 +209,7 @@ impl RunningService {
         }
         let admin = admin_address.map(|address| address.to_string());
         tracing::info!(%address, admin_address = admin, database = %config.database, workers = config.workers, "listening");
-        Ok(Self { address, admin_address, notices, app, store, workers, stop, listeners, _serving: serving })
+        Ok(Self { address, admin_address, app, store, workers, stop, listeners, _serving: serving })
     }
 
     /// Creates a key for the demo agents that is valid for a day, and revokes their earlier keys.

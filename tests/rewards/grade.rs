@@ -127,14 +127,18 @@ async fn a_task_that_a_request_brings_is_read_strictly() {
     let service = Service::start(&folder.path().join("p.db"), &[]);
     let mut task = service.get("/v1/tasks/walls/5x1x5-raise").await.json();
     task["nonsense"] = json!(1);
+    task["id"] = json!(7);
     task["turns"][0]["promtp"] = json!("x");
+    task["turns"][0]["prompt"] = json!(["two blocks"]);
     task["turns"][0]["checks"][0]["arg"] = json!({});
     task["turns"][0]["checks"][1]["args"] = json!([5, 1]);
     let told = service.post_json("/v1/grade", &json!({ "task": task, "turns": [{ "events": [] }] })).await.json();
     let fault = |pointer: &str, detail: &str| json!({ "pointer": pointer, "detail": detail });
     let expected = json!([
         fault("/task/nonsense", "unknown field"),
+        fault("/task/id", "expected a string"),
         fault("/task/turns/0/promtp", "unknown field; did you mean prompt?"),
+        fault("/task/turns/0/prompt", "expected a string"),
         fault("/task/turns/0/checks/0/arg", "unknown field; did you mean args?"),
         fault("/task/turns/0/checks/1/args", "expected an object with the arguments by their names"),
     ]);

@@ -34,7 +34,7 @@ pub fn why_not_json(text: &[u8], error: &serde_json::Error) -> String {
 /// Returns the parser's message in plain words.
 #[must_use]
 pub fn message(error: &serde_json::Error) -> String {
-    error.to_string().replace("EOF while parsing", "cut off within")
+    error.to_string().replace("EOF while parsing", "cut off within").replace("within a list", "within an array")
 }
 
 /// Returns the offset of the first byte that is not UTF-8.
@@ -139,7 +139,7 @@ mod tests {
             ("[1] x", "trailing characters at line 1 column 5: nothing may follow the document"),
             ("{\"a\": [\"b", "cut off within a string at line 1 column 9"),
             ("{\"a\": [1,", "cut off within a value at line 1 column 9"),
-            ("{\"a\":\n [1", "cut off within a list at line 2 column 3"),
+            ("{\"a\":\n [1", "cut off within an array at line 2 column 3"),
         ] {
             assert_eq!(why_not_json(text.as_bytes(), &error(text.as_bytes())), expected, "{text}");
         }

@@ -7,7 +7,7 @@ use super::Reader;
 use super::events::{MaterialShape, cell_of, coordinate};
 use super::faults::Faults;
 use super::quick::{Row, quick_rows};
-use super::tolerant::{Integer, Read, Shape, read_document};
+use super::tolerant::{Read, Scalar, Shape, read_document};
 use crate::text::counted;
 use crate::voxel::palette::MaterialId;
 
@@ -106,7 +106,7 @@ impl<'de> Shape<'de> for RowShape<'_> {
             faults.enter_index(length);
             let value = match length {
                 0..=2 => elements.next_element_seed(Read(coordinate(length, faults)))?,
-                3 => elements.next_element_seed(Read(Integer { faults, min: 0, max: i64::from(u32::MAX) }))?,
+                3 => elements.next_element_seed(Read(EntryShape { faults }))?,
                 _ => elements.next_element::<IgnoredAny>()?.map(|_| None),
             };
             faults.leave();
@@ -128,6 +128,36 @@ impl<'de> Shape<'de> for RowShape<'_> {
             Some(Some(i)) => Some(Row { index: self.index, cell, material: Some(i) }),
             Some(None) => None,
         })
+    }
+}
+
+/// The shape of the number of a palette entry.
+struct EntryShape<'f> {
+    faults: &'f mut Faults,
+}
+
+impl Shape<'_> for EntryShape<'_> {
+    type Out = i64;
+
+    fn wanted(&self) -> &'static str {
+        "the number of a palette entry, from 0"
+    }
+
+    fn faults(&mut self) -> &mut Faults {
+        self.faults
+    }
+
+    fn scalar(self, value: &Scalar<'_>) -> Option<i64> {
+        let number = match value {
+            Scalar::Integer(i) => Some(*i),
+            Scalar::Number(x) if x.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(x) => Some(*x as i64),
+            _ => None,
+        };
+        let number = number.filter(|number| u32::try_from(*number).is_ok());
+        if number.is_none() {
+            self.faults.add(format!("expected {}, found {value}", self.wanted()));
+        }
+        number
     }
 }
 
@@ -171,6 +201,16 @@ mod tests {
         assert!(read_rows(json("[[1,2,3],[1,1e999,3]]").unwrap(), &mut reader).is_none());
         assert_eq!(faults.list()[0].to_string(), "/1/1: number out of range");
         assert_eq!(faults.depth(), 0);
+    }
+
+    #[test]
+    fn the_number_of_an_entry_is_asked_for_in_the_words_of_a_palette() {
+        for (entry, told) in [("-1", "-1"), ("1e300", &format!("{}", 1e300)), ("null", "null"), ("0.5", "0.5")] {
+            let text = format!("[[1,2,3,{entry}]]");
+            let (_, faults) = found(|reader| read_rows(json(&text).unwrap(), reader));
+            assert_eq!(faults, [format!("/0/3: expected the number of a palette entry, from 0, found {told}")]);
+        }
+        assert_eq!(found(|reader| read_rows(json("[[1,2,3,1.0]]").unwrap(), reader)).1, [""; 0]);
     }
 
     proptest! {

@@ -69,7 +69,7 @@ fn family_name(file_name: &str) -> String {
 }
 
 fn read_items(value: &Value, family: &str, tasks: &mut Vec<Task>, faults: &mut Faults) {
-    let Some(items) = array(value, "a list of items", faults) else { return };
+    let Some(items) = array(value, "an array of items", faults) else { return };
     if items.is_empty() {
         faults.add("the file has no items");
     }
@@ -92,7 +92,7 @@ fn read_item(item: &Value, family: &str, item_number: usize, tasks: &mut Vec<Tas
     if item["prompts"].as_array().is_some_and(Vec::is_empty) {
         faults.add("no wordings");
     }
-    for (w, wording) in array(&item["prompts"], "a list of wordings", faults).into_iter().flatten().enumerate() {
+    for (w, wording) in array(&item["prompts"], "an array of wordings", faults).into_iter().flatten().enumerate() {
         faults.enter_index(w);
         let prompts = read_prompts(wording, checks.len(), faults);
         faults.leave();
@@ -106,7 +106,7 @@ fn read_item(item: &Value, family: &str, item_number: usize, tasks: &mut Vec<Tas
 }
 
 fn read_prompts(wording: &Value, turns: usize, faults: &mut Faults) -> Vec<String> {
-    let Some(prompts) = array(wording, "a list of prompts, one per turn", faults) else { return Vec::new() };
+    let Some(prompts) = array(wording, "an array of prompts, one per turn", faults) else { return Vec::new() };
     if prompts.len() != turns {
         faults.add(format!("{} for {} of checks", counted(prompts.len(), "prompt"), counted(turns, "turn")));
     }
@@ -125,7 +125,7 @@ fn read_prompts(wording: &Value, turns: usize, faults: &mut Faults) -> Vec<Strin
 
 fn read_turns(turns: &Value, faults: &mut Faults) -> Vec<Vec<Check>> {
     let mut all = Vec::new();
-    for (t, turn) in array(turns, "a list of turns", faults).into_iter().flatten().enumerate() {
+    for (t, turn) in array(turns, "an array of turns", faults).into_iter().flatten().enumerate() {
         faults.enter_index(t);
         all.push(read_checks(turn, faults));
         faults.leave();
@@ -136,7 +136,7 @@ fn read_turns(turns: &Value, faults: &mut Faults) -> Vec<Vec<Check>> {
 /// Reads the checks of one turn as task files and raw records list them. Adds each fault at its location.
 pub fn read_checks(turn: &Value, faults: &mut Faults) -> Vec<Check> {
     let mut checks = Vec::new();
-    for (c, check) in array(turn, "a list of checks", faults).into_iter().flatten().enumerate() {
+    for (c, check) in array(turn, "an array of checks", faults).into_iter().flatten().enumerate() {
         faults.enter_index(c);
         checks.extend(read_check(check, faults));
         faults.leave();
@@ -319,6 +319,10 @@ mod tests {
             (
                 json!({ "fn": "size.is_equal", "args": { "xz": [1, "2"] } }),
                 "/args/xz/1: expected a number, found string (size.is_equal)",
+            ),
+            (
+                json!({ "fn": "shape.is_top_surface_concave", "args": { "strict": "non flat" } }),
+                "/args/strict: expected true, false or \"non-flat\" (shape.is_top_surface_concave)",
             ),
             (
                 json!({ "fn": "shape.are_doors_passable", "args": { "q": 1 } }),

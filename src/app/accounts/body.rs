@@ -48,7 +48,7 @@ fn role_named(name: &str) -> Result<Role, String> {
 /// Reads a list of words, of which each must be known; adds the faults of all that are not.
 pub fn read_words<T: Copy>(value: &Value, known: &[(&'static str, T)], faults: &mut Faults) -> Option<Vec<T>> {
     let Some(items) = value.as_array() else {
-        faults.add("expected a list");
+        faults.add("expected an array");
         return None;
     };
     if items.is_empty() {

@@ -192,7 +192,7 @@ fn read_object(members: &[(&str, Member, bool)], value: &Value, faults: &mut Fau
 
 fn read_list(most: usize, members: &[(&str, Member, bool)], value: &Value, faults: &mut Faults) -> Option<Value> {
     let Some(items) = value.as_array() else {
-        faults.add("expected a list");
+        faults.add("expected an array");
         return None;
     };
     if items.len() > most {

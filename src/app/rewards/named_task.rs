@@ -120,10 +120,19 @@ fn refuse_others(members: &Map<String, Value>, names: &[&str], faults: &mut Faul
     }
 }
 
+/// Returns a member that is a string. Adds a fault if it is anything else but null.
+fn text_of<'v>(members: &'v Map<String, Value>, name: &str, faults: &mut Faults) -> Option<&'v str> {
+    let value = members.get(name).filter(|value| !value.is_null())?;
+    if !value.is_string() {
+        faults.add_at(name, "expected a string");
+    }
+    value.as_str()
+}
+
 /// Reads a task as `GET /v1/tasks/{family}/{instance}` shows it: `id`, and `turns` with `prompt` and `checks`.
 fn inline_task(object: &Map<String, Value>, faults: &mut Faults) -> Task {
     refuse_others(object, &OF_TASK, faults);
-    let id = object.get("id").and_then(Value::as_str).unwrap_or("inline/task");
+    let id = text_of(object, "id", faults).unwrap_or("inline/task");
     if id.len() > 200 {
         faults.add_at("id", "longer than 200 bytes");
     }
@@ -131,7 +140,7 @@ fn inline_task(object: &Map<String, Value>, faults: &mut Faults) -> Task {
     let before = faults.total();
     faults.enter_key("turns");
     match object.get("turns").and_then(Value::as_array) {
-        None => faults.add("expected a list of turns, each with \"checks\""),
+        None => faults.add("expected an array of turns, each with \"checks\""),
         Some(list) if list.is_empty() || list.len() > LIMITS.turns => {
             faults.add(format!("{}; expected 1 to {}", counted(list.len(), "turn"), LIMITS.turns));
         }
@@ -172,7 +181,7 @@ fn inline_turn(turn: &Value, faults: &mut Faults) -> Instruction {
         return Instruction::new(String::new(), Vec::new());
     };
     refuse_others(members, &OF_TURN, faults);
-    let prompt = turn.get("prompt").and_then(Value::as_str).unwrap_or_default().to_owned();
+    let prompt = text_of(members, "prompt", faults).unwrap_or_default().to_owned();
     faults.enter_key("checks");
     let mut checks = turn.get("checks").cloned().unwrap_or_default();
     for check in checks.as_array_mut().into_iter().flatten().filter_map(Value::as_object_mut) {
@@ -182,7 +191,7 @@ fn inline_turn(turn: &Value, faults: &mut Faults) -> Instruction {
     }
     let most = LIMITS.grade_inline_list_items;
     if longest_list(&checks, 0) > most {
-        faults.add(format!("a list of more than {most} names in the arguments of a check"));
+        faults.add(format!("an array of more than {most} names in the arguments of a check"));
         checks = Value::Array(Vec::new());
     }
     let (sent, most) = (checks.as_array().map_or(0, Vec::len), LIMITS.grade_inline_checks);

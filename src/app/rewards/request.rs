@@ -58,7 +58,7 @@ request_body! {
     }
     unknown: |key| match key {
         "action_code" | "events" | "palette" | "rows" => "unknown field; it belongs in a turn: \"turns\": [{…}]",
-        "messages" | "completion" | "response" | "text" | "output" => "unknown field; send what the model wrote as \"answer\": a text or a list of texts",
+        "messages" | "completion" | "response" | "text" | "output" => "unknown field; send what the model wrote as \"answer\": a string or an array of strings",
         _ => "unknown field; a request has task, suite, profile, turns or log or answer, reward, detail and deadline_ms",
     }
 }

@@ -170,7 +170,7 @@ impl<'de> Shape<'de> for SkipShape<'_> {
     type Out = SkipRequest;
 
     fn wanted(&self) -> &'static str {
-        "\"unanswered\", or a list of tasks"
+        "\"unanswered\", or an array of tasks"
     }
 
     fn faults(&mut self) -> &mut Faults {

@@ -139,7 +139,7 @@ fn split(bytes: &Bytes, format: Format) -> AppResult<Vec<Item>> {
             let parts: Vec<&RawValue> = serde_json::from_slice(bytes).map_err(|error| {
                 let mut faults = Faults::new();
                 faults.add(format!(
-                    "expected a list of requests ({}); send one request per line as application/x-ndjson",
+                    "expected an array of requests ({}); send one request per line as application/x-ndjson",
                     message(&error)
                 ));
                 AppError::malformed(faults)

@@ -150,7 +150,7 @@ fn why_none(text: &str, fences: &[Fence], json: &json::Scanned, ends_in_thought:
 }
 
 /// Why JSON of another form is no answer.
-pub const NO_LOG: &str = "the JSON in the answer is not a block log: expected an object with turns, events, rows or action_code, or a list of events";
+pub const NO_LOG: &str = "the JSON in the answer is not a block log: expected an object with turns, events, rows or action_code, or an array of events";
 
 /// Explains what is wrong with a text that was meant as JSON: the last fence, or the whole text, if it begins and ends with
 /// brackets.
@@ -284,7 +284,7 @@ mod tests {
             ("So:\n{\"events\": [{\"action\":", "the JSON that begins on line 2 is incomplete"),
             (
                 "{\"plan\": [1, 2]}",
-                "the JSON in the answer is not a block log: expected an object with turns, events, rows or action_code, or a list of events",
+                "the JSON in the answer is not a block log: expected an object with turns, events, rows or action_code, or an array of events",
             ),
             (
                 "So:\n```json\n{\"events\": [{\"x\": 1},]}\n```",

@@ -328,7 +328,7 @@ impl<'e> CompiledCheck<'e> {
         let Some((name, list)) = &self.each else { return Ok(vec![self.instance(context)?]) };
         let values = list.value(context)?;
         let Some(values) = values.as_array() else {
-            return Err(Misfit { place: list.place.clone(), detail: format!("expected a list, found {values}") });
+            return Err(Misfit { place: list.place.clone(), detail: format!("expected an array, found {values}") });
         };
         let mut context = context.clone();
         let mut checks = Vec::with_capacity(values.len());

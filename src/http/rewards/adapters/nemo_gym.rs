@@ -273,14 +273,14 @@ fn texts(request: &Map<String, Value>) -> AppResult<Vec<String>> {
         AppError::faulty(faults)
     };
     let Some(response) = response.filter(|response| response.is_object()) else {
-        return Err(wrong("", "expected the model's response: an object of the Responses API, with a list output"));
+        return Err(wrong("", "expected the model's response: an object of the Responses API, with an array output"));
     };
     if let Some(choices) = response.get("choices").and_then(Value::as_array) {
         return Ok(choices.iter().take(1).map(|choice| content_of(&choice["message"])).collect());
     }
     let Some(output) = response.get("output").and_then(Value::as_array) else {
         let text = response.get("output_text").and_then(Value::as_str);
-        return text.map(|text| vec![text.to_owned()]).ok_or_else(|| wrong("output", "expected a list of items"));
+        return text.map(|text| vec![text.to_owned()]).ok_or_else(|| wrong("output", "expected an array of items"));
     };
     let is_said = |item: &&Value| {
         let kind = item.get("type").and_then(Value::as_str);

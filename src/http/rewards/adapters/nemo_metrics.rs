@@ -58,7 +58,7 @@ pub async fn aggregate_metrics(
         let request = object(&body.bytes)?;
         let Some(rows) = request.get("verify_responses").and_then(Value::as_array) else {
             let mut faults = Faults::new();
-            faults.add_at("verify_responses", "expected a list of rows");
+            faults.add_at("verify_responses", "expected an array of rows");
             return Err(AppError::faulty(faults));
         };
         let names: BTreeSet<String> = rows.iter().flat_map(numbers).map(|(name, _)| name).collect();

@@ -27,7 +27,7 @@ pub enum Strictness {
 }
 
 #[derive(Serialize, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "expected true, false or \"non-flat\"")]
 enum StrictArgument {
     Flag(bool),
     Word(StrictWord),
