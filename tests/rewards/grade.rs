@@ -203,9 +203,35 @@ async fn a_batch_answers_each_log_for_itself() {
     assert_eq!(items[5]["error"]["faults"][0]["pointer"], "/task");
     let array = format!("[{}]", [lines[0].as_str(), lines[1].as_str()].join(","));
     assert_eq!(read(&service.post("/v1/grade:batch", "application/json", array).await.text).len(), 2);
-    for (body, status) in [("[]", 422), ("{}", 400), ("[1", 400)] {
+    for (body, status) in [("[]", 422), ("{}", 422), ("[1", 400), ("", 400)] {
         let refused = service.post("/v1/grade:batch", "application/json", body).await;
         assert_eq!(refused.status.as_u16(), status, "{body}: {}", refused.text);
+    }
+}
+
+/// Neither rows nor code that ends soon wait for code that does not end.
+#[tokio::test]
+async fn what_is_quick_in_a_batch_passes_what_is_slow() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &["--grade-cache-mib", "0"]);
+    let wall = turns(&build(task(&embedded::latest().unwrap(), "walls/5x1x5-raise")).unwrap());
+    let (code, endless) = ("placeBlock(0, 0, 0, 'stone');", "while (true) {}");
+    let of_code = |code: &str| json!([{ "action_code": code }]);
+    let lines: Vec<String> = (0..400)
+        .map(|i| match i {
+            0..6 | 100 | 200 => of_code(endless),
+            10..20 | 390..400 => of_code(code),
+            _ => wall.clone(),
+        })
+        .map(|turns| json!({ "task": "walls/5x1x5-raise", "profile": "published", "turns": turns }).to_string())
+        .collect();
+    let answer = service.post("/v1/grade:batch", "application/x-ndjson", lines.join("\n")).await;
+    let items: Vec<Value> = answer.text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let is_endless = |item: &Value| matches!(item["index"].as_u64(), Some(0..6 | 100 | 200));
+    assert_eq!(items.iter().map(is_endless).position(|is| is), Some(392), "{}", answer.text);
+    for item in &items {
+        let status = if is_endless(item) { 422 } else { 200 };
+        assert_eq!(item["status"], status, "{item}");
     }
 }
 

@@ -14,17 +14,17 @@ use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
 use bytes::Bytes;
-use futures_util::stream::{self, StreamExt as _};
+use futures_util::FutureExt as _;
 use hyper::body::Frame;
 use serde::Serialize;
 use serde_json::value::RawValue;
-use tokio::sync::mpsc;
-use tokio_util::task::AbortOnDropHandle;
+use tokio::sync::{Semaphore, mpsc};
+use tokio::task::JoinSet;
 
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
 use crate::app::limits::LIMITS;
-use crate::app::rewards::grade::{Found, Prepared, ReadRequest};
+use crate::app::rewards::grade::ReadRequest;
 use crate::app::rewards::grader::{Deadline, Lane, Until};
 use crate::app::rewards::request::NewGrade;
 use crate::app::rewards::score::GradeBody;
@@ -34,13 +34,15 @@ use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
-use plumbline_engine::intake::not_json::message;
+use plumbline_engine::intake::not_json::why_not_json;
 use plumbline_engine::tasks::catalogue::Catalogue;
 
 /// Greatest number of logs in a chunk, which is what a worker takes at a time from those that are left.
 const CHUNK: usize = 8;
-/// Number of logs that a worker works on at a time outside the short lane.
+/// Number of logs of a batch, for each core, that are graded at a time outside the turns.
 const SLOW_AT_A_TIME: usize = 2;
+/// Number of logs of a batch whose code runs or waits, that wait to be graded, or whose result waits for a slow client.
+const SLOW_IN_ALL: usize = 64;
 /// Length of a time slice, after which other senders get theirs.
 const TURN: Duration = Duration::from_millis(5);
 /// Results that wait for a slow client: at most this many time slices, each of about `TURN_BYTES` bytes.
@@ -48,6 +50,9 @@ const WAITING: usize = 4;
 const TURN_BYTES: usize = 1 << 20;
 /// Up to this size, lines are found on the thread that serves the request, mostly sooner than another thread would begin.
 const SMALL_BODY: usize = 1 << 18;
+
+/// What a body should be.
+const NO_ARRAY: &str = "expected an array of requests, or one request per line as application/x-ndjson";
 
 /// The result of one log of a batch.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -96,19 +101,29 @@ pub async fn grade_batch(State(state): State<AppState>, caller: Caller, body: Js
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     // Several chunks for each core let those that are done early take more.
     let chunk = items.len().div_ceil(8 * cores).min(CHUNK);
-    let batch = Arc::new(Batch { state, who, catalogue, bytes, items, chunk, next: AtomicUsize::new(0) });
+    let grading = Semaphore::new(SLOW_AT_A_TIME * cores);
+    let batch = Arc::new(Batch { state, who, catalogue, bytes, items, chunk, next: AtomicUsize::new(0), grading });
     let held = Arc::new((place, share));
+    let (slow, of_slow) = mpsc::unbounded_channel();
     for _ in 0..cores.min(batch.items.len().div_ceil(chunk)) {
-        let (batch, sender, held) = (Arc::clone(&batch), sender.clone(), Arc::clone(&held));
+        let (batch, slow, sender, held) = (Arc::clone(&batch), slow.clone(), sender.clone(), Arc::clone(&held));
         tokio::spawn(async move {
             let _held = held;
             // Work for a client that has disconnected ends here.
             tokio::select! {
-                () = batch.work(&sender) => {}
+                () = batch.work(&sender, &slow) => {}
                 () = sender.closed() => {}
             }
         });
     }
+    drop(slow);
+    tokio::spawn(async move {
+        let _held = held;
+        tokio::select! {
+            () = batch.work_slowly(&sender, of_slow) => {}
+            () = sender.closed() => {}
+        }
+    });
     let kind = [(header::CONTENT_TYPE, "application/x-ndjson")];
     Ok((kind, Body::new(Chunks(receiver))).into_response())
 }
@@ -138,10 +153,11 @@ fn split(bytes: &Bytes, format: Format) -> AppResult<Vec<Item>> {
         Format::Json => {
             let parts: Vec<&RawValue> = serde_json::from_slice(bytes).map_err(|error| {
                 let mut faults = Faults::new();
-                faults.add(format!(
-                    "expected an array of requests ({}); send one request per line as application/x-ndjson",
-                    message(&error)
-                ));
+                if error.is_data() {
+                    faults.add(format!("{NO_ARRAY}, found another value"));
+                    return AppError::faulty(faults);
+                }
+                faults.add(format!("{}; {NO_ARRAY}", why_not_json(bytes, &error)));
                 AppError::malformed(faults)
             })?;
             let place = |part: &RawValue| range_of(part.get().as_bytes());
@@ -166,6 +182,8 @@ struct Batch {
     chunk: usize,
     /// The first log that no worker has taken.
     next: AtomicUsize,
+    /// Permits to grade outside the turns. Whoever waits for one does not wait in a lane, where time counts.
+    grading: Semaphore,
 }
 
 /// Place of a request in the body, and its line if the body is NDJSON.
@@ -174,17 +192,12 @@ struct Item {
     line: Option<u64>,
 }
 
-/// Remaining work on an item that the short lane cannot finish: it has action code, or it takes long.
-enum Rest {
-    Prepare(Found),
-    Grade(Prepared),
-}
-
 /// Result of a time slice on the short lane.
 #[derive(Default)]
 struct Turn {
     lines: Vec<u8>,
-    rest: Vec<(usize, Rest)>,
+    /// Logs that the short lane cannot finish: they have action code, or take long.
+    slow: Vec<usize>,
     /// The rest of the last chunk, which the time slice was too short for.
     begun: Range<usize>,
 }
@@ -196,8 +209,8 @@ impl Batch {
         first..(first + self.chunk).min(self.items.len())
     }
 
-    /// Grades one chunk after the other until none is left.
-    async fn work(self: &Arc<Self>, sender: &mpsc::Sender<Bytes>) {
+    /// Grades one chunk after the other until none is left, and passes slow logs on.
+    async fn work(self: &Arc<Self>, sender: &mpsc::Sender<Bytes>, slow: &mpsc::UnboundedSender<usize>) {
         loop {
             let mut left = self.next_chunk();
             if left.is_empty() {
@@ -220,20 +233,40 @@ impl Batch {
                     }
                 };
                 left = turn.begun;
-                if sender.send(turn.lines.into()).await.is_err() {
-                    return;
+                for index in turn.slow {
+                    // The receiver goes when the client does.
+                    let _ = slow.send(index);
                 }
-                let finished = turn.rest.into_iter().map(|(index, rest)| self.finish(index, rest));
-                let mut finished = stream::iter(finished).buffer_unordered(SLOW_AT_A_TIME);
-                while let Some(item) = finished.next().await {
-                    let mut line = Vec::new();
-                    write_line(&mut line, &item);
-                    if sender.send(line.into()).await.is_err() {
-                        return;
-                    }
+                if !turn.lines.is_empty() && sender.send(turn.lines.into()).await.is_err() {
+                    return;
                 }
             }
         }
+    }
+
+    /// Finishes slow logs as they come, several at a time, each in a task of its own: code that ends soon passes code that
+    /// does not.
+    async fn work_slowly(self: &Arc<Self>, sender: &mpsc::Sender<Bytes>, mut slow: mpsc::UnboundedReceiver<usize>) {
+        let mut running = JoinSet::new();
+        while let Some(index) = slow.recv().await {
+            if running.len() >= SLOW_IN_ALL {
+                running.join_next().await;
+            }
+            let place = self.state.grader.slow_places.take(&self.who).await;
+            let (batch, sender) = (Arc::clone(self), sender.clone());
+            running.spawn(async move {
+                let graded = AssertUnwindSafe(batch.finish(index)).catch_unwind().await;
+                // A panic costs only its own log the result.
+                let item = batch.item(index, graded.unwrap_or_else(|_panic| Err(panicked())));
+                // Others need not wait for a client that does not read.
+                drop(place);
+                let mut line = Vec::new();
+                write_line(&mut line, &item);
+                // The client may have left.
+                let _ = sender.send(line.into()).await;
+            });
+        }
+        while running.join_next().await.is_some() {}
     }
 
     /// Grades a chunk and those after it until the time slice ends. Items that do not suit the short lane go to `rest`.
@@ -241,16 +274,15 @@ impl Batch {
         let begun = Instant::now();
         let mut turn = Turn::default();
         while begun.elapsed() < TURN && turn.lines.len() < TURN_BYTES && !until.has_left() {
-            // Handing over a turn costs time, so it goes on with logs that no worker has taken, unless logs of this chunk wait
-            // in `rest`.
-            if chunk.is_empty() && turn.rest.is_empty() {
+            // Handing over a turn costs time, so it goes on with logs that no worker has taken.
+            if chunk.is_empty() {
                 chunk = self.next_chunk();
             }
             let Some(index) = chunk.next() else { break };
             let written = turn.lines.len();
             let done = catch_unwind(AssertUnwindSafe(|| match self.grade_now(index, until) {
-                Ok(Ok(graded)) => write_line(&mut turn.lines, &self.item(index, Ok(graded))),
-                Ok(Err(rest)) => turn.rest.push((index, rest)),
+                Ok(Some(graded)) => write_line(&mut turn.lines, &self.item(index, Ok(graded))),
+                Ok(None) => turn.slow.push(index),
                 Err(error) => write_line(&mut turn.lines, &self.item(index, Err(error))),
             }));
             if done.is_err() {
@@ -263,40 +295,37 @@ impl Batch {
         turn
     }
 
-    /// Grades an item, or returns the remaining work.
-    fn grade_now(&self, index: usize, until: &Until) -> AppResult<Result<GradeBody, Rest>> {
+    fn read(&self, index: usize) -> AppResult<ReadRequest> {
         let Item { place, line } = &self.items[index];
         let text = &self.bytes[place.clone()];
-        let found = match *line {
-            Some(line) => ReadRequest::read_line(text, line, &self.catalogue)?,
-            None => ReadRequest::read(text, &self.catalogue)?,
-        };
-        let found = found.find_log()?;
+        match *line {
+            Some(line) => ReadRequest::read_line(text, line, &self.catalogue),
+            None => ReadRequest::read(text, &self.catalogue),
+        }
+    }
+
+    /// Grades an item, unless it is slow.
+    fn grade_now(&self, index: usize, until: &Until) -> AppResult<Option<GradeBody>> {
+        let found = self.read(index)?.find_log()?;
         if found.is_incomplete() {
-            return Ok(Err(Rest::Prepare(found)));
+            return Ok(None);
         }
         let prepared = found.finish(Vec::new(), Faults::new())?;
         if !prepared.is_short(&self.state) {
-            return Ok(Err(Rest::Grade(prepared)));
+            return Ok(None);
         }
-        prepared.grade_here(&self.state, until).map(Ok)
+        prepared.grade_here(&self.state, until).map(Some)
     }
 
-    /// Does the remaining work on an item, in a task of its own: it goes on while its worker waits for a slow client, and a
-    /// panic costs only its own log the result.
-    async fn finish(self: &Arc<Self>, index: usize, rest: Rest) -> BatchItem {
+    /// Grades a slow item. It is read again, so that only those that are worked on are in memory.
+    async fn finish(self: &Arc<Self>, index: usize) -> AppResult<GradeBody> {
         let batch = Arc::clone(self);
-        let grading = AbortOnDropHandle::new(tokio::spawn(async move {
-            let prepared = match rest {
-                Rest::Grade(prepared) => prepared,
-                Rest::Prepare(found) => {
-                    let prepared = found.prepare(&batch.state, &batch.who).await;
-                    prepared.map_err(AppError::without_reward_where_ours)?
-                }
-            };
-            prepared.grade_in_turn(&batch.state, &batch.who).await
-        }));
-        self.item(index, grading.await.unwrap_or_else(|_panic| Err(panicked())))
+        let request = tokio::task::spawn_blocking(move || batch.read(index)).await;
+        let request = request.map_err(|error| AppError::internal(&error))??;
+        let prepared = request.prepare_in_turn(&self.state, &self.who).await;
+        let prepared = prepared.map_err(AppError::without_reward_where_ours)?;
+        let _permit = self.grading.acquire().await.expect("the semaphore is never closed");
+        prepared.grade_in_turn(&self.state, &self.who).await
     }
 
     fn item(&self, index: usize, graded: AppResult<GradeBody>) -> BatchItem {
