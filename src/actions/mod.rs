@@ -102,6 +102,16 @@ pub struct Replayed {
     pub log: Vec<String>,
 }
 
+/// Note on code with a null character.
+fn null_noted(code: &str) -> Option<&'static str> {
+    code.contains('\0').then_some("the code has a null character (U+0000), which is read as U+FFFD")
+}
+
+/// Replaces null characters, with which the engine takes no text.
+fn without_null(code: &str) -> String {
+    code.replace('\0', "\u{fffd}")
+}
+
 /// Returns a note with the number of the file of the turn that it is about.
 fn in_file(number: usize, note: &str) -> String {
     format!("file {number}: {note}")

@@ -17,14 +17,24 @@ pub struct Reading {
     pub code: String,
     /// Where the reading is more lenient than mindcraft's.
     pub notes: Vec<String>,
+    /// What explains an error of the code, if it has one.
+    pub if_it_fails: Option<String>,
 }
+
+/// Note on code that fails and stands in no fence.
+const NO_FENCE: &str = "without a code fence (```) the whole answer is read as code; put the code, and nothing else, in one fence";
+/// Note on code that a thought without an end cuts off.
+const ENDLESS_THOUGHT: &str = "a thinking tag is opened and never closed; everything after it is left out";
 
 /// Reads an answer: the code is what stands between the first and the last fence, or the whole text if there is none.
 pub fn read(sent: &str) -> Reading {
     let mut notes = Vec::new();
-    let (shown, _) = without_thoughts(sent);
+    let (shown, ends_in_thought) = without_thoughts(sent);
+    if ends_in_thought {
+        notes.push(ENDLESS_THOUGHT.to_owned());
+    }
     let (Some(first), Some(last)) = (shown.find(FENCE), shown.rfind(FENCE)) else {
-        return Reading { code: shown, notes };
+        return Reading { code: shown, notes, if_it_fails: Some(NO_FENCE.to_owned()) };
     };
     // A fence may have more than three marks.
     let begin = first + shown[first..].bytes().take_while(|byte| *byte == b'`').count();
@@ -35,9 +45,11 @@ pub fn read(sent: &str) -> Reading {
         // Only the closing fence is there, because the opening one is in the prompt, or the answer was cut off.
         if !before.trim().is_empty() && shown[begin..].trim().is_empty() {
             notes.push("the answer has a closing fence only; what precedes it was taken as the code".to_owned());
-            return Reading { code: before.to_owned(), notes };
+            return Reading { code: before.to_owned(), notes, if_it_fails: None };
         }
-        notes.push("the answer ends without a closing fence, so it may be incomplete".to_owned());
+        if !ends_in_thought {
+            notes.push("the answer ends without a closing fence, so it may be incomplete".to_owned());
+        }
         shown.len()
     };
     let end = end - shown[begin..end].bytes().rev().take_while(|byte| *byte == b'`').count();
@@ -57,8 +69,9 @@ pub fn read(sent: &str) -> Reading {
         }
         _ => LANGUAGES.iter().find_map(|word| code.strip_prefix(word)).unwrap_or(code),
     };
+    let if_it_fails = beside_the_fence(code);
     let lines = shown[..end - code.len()].matches('\n').count();
-    Reading { code: format!("{}{code}", "\n".repeat(lines)), notes }
+    Reading { code: format!("{}{code}", "\n".repeat(lines)), notes, if_it_fails }
 }
 
 /// Note on an answer that is JSON instead of code.
@@ -77,6 +90,17 @@ fn word_of(code: &str) -> Option<&str> {
     let word = code.split_once('\n')?.0.trim_end();
     let is_word = !word.is_empty() && word.chars().all(|c| c.is_ascii_alphanumeric() || "+#-".contains(c));
     is_word.then_some(word)
+}
+
+/// Explains what stands on the line of the fence after its language, such as a title, if code follows on other lines.
+fn beside_the_fence(code: &str) -> Option<String> {
+    let beside = code.split_once('\n')?.0.trim();
+    let told = || format!("{:?} on the line of the code fence is read as code, as mindcraft reads it", shortened(beside));
+    (!beside.is_empty()).then(told)
+}
+
+fn shortened(text: &str) -> &str {
+    text.char_indices().nth(60).map_or(text, |(at, _)| &text[..at])
 }
 
 /// Rewrites the body of a function as mindcraft's coder does before it runs it. The lines stay.
@@ -127,6 +151,17 @@ mod tests {
             let reading = read(sent);
             assert_eq!((reading.code.as_str(), reading.notes.len()), (code, notes), "{sent:?}");
         }
+        for (sent, told) in [
+            ("```js title=\"b.js\"\na();\n```", Some("\"title=\\\"b.js\\\"\" on the line of the code fence is read as code, as mindcraft reads it")),
+            ("```javascript:build.js\na();\n```", Some("\":build.js\" on the line of the code fence is read as code, as mindcraft reads it")),
+            ("```js a();\n```", Some("\"a();\" on the line of the code fence is read as code, as mindcraft reads it")),
+            ("```js\na();\n```", None),
+            ("~~~js\na();\n~~~", Some(NO_FENCE)),
+        ] {
+            assert_eq!(read(sent).if_it_fails.as_deref(), told, "{sent}");
+        }
+        let cut = read("```js\na('<think>');\nb();\n```");
+        assert_eq!((cut.code.trim(), cut.notes), ("a('", vec![ENDLESS_THOUGHT.to_owned()]));
         let thought = read("<think>\n```js\nno();\n```\n</think>\n```js\na();\n```");
         assert_eq!(thought.code.trim(), "a();");
         assert_eq!(thought.code.find("a();"), Some(6));

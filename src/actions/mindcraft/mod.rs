@@ -24,7 +24,7 @@ use super::in_file;
 use super::job::{Answer, Job, TurnInput};
 use super::memory::PeakMemory;
 use super::sandbox::{self, FILE, Fire, Sandbox, Watch, cpu_ms, told};
-use super::{ActionLimits, CodeError, Dropped, LimitReached, Replayed};
+use super::{ActionLimits, CodeError, Dropped, LimitReached, Replayed, null_noted, without_null};
 use answer::Reading;
 use host::{Host, Told};
 use plumbline_engine::text::counted;
@@ -173,12 +173,11 @@ fn run_file(sent: &str, prepared: Prepared, limits: &ActionLimits, end_cpu_ms: u
     let sandbox = prepared.sandbox;
     let (host, fire) = (prepared.host, prepared.fire);
     let given = prepared.given;
-    let Reading { code, notes } = answer::read(sent);
-    // The engine takes no text with a null character.
-    let code = code.replace('\0', "\u{fffd}");
-    for note in notes {
-        host.borrow_mut().note(&note);
+    let Reading { code, notes, mut if_it_fails } = answer::read(sent);
+    for note in notes.iter().map(String::as_str).chain(null_noted(&code)) {
+        host.borrow_mut().note(note);
     }
+    let code = without_null(&code);
     let changes = host.borrow().world.changes().len();
     host.borrow_mut().done_at_ms = None;
     host.borrow_mut().missing = None;
@@ -199,6 +198,7 @@ fn run_file(sent: &str, prepared: Prepared, limits: &ActionLimits, end_cpu_ms: u
             let has_code =
                 ["```", "skills.", "bot.", "=>", "function", ";", "("].iter().any(|word| sent.contains(word));
             let message = if has_code { error.message } else { "there is no code in the answer".to_owned() };
+            if_it_fails = if_it_fails.filter(|_| has_code);
             ended.errors.push(CodeError { message, ..error });
             if ended.unreadable && answer::is_json(&code) {
                 host.borrow_mut().note(answer::JSON_IS_NO_CODE);
@@ -236,6 +236,10 @@ fn run_file(sent: &str, prepared: Prepared, limits: &ActionLimits, end_cpu_ms: u
     } else if ended.errors.is_empty() && host.borrow().done_at_ms.is_none() {
         let message = "the code waits for something that never happens, so what follows was not run".to_owned();
         ended.errors.push(CodeError { message, line: None, column: None, file: None, events: None, is_own: false });
+    }
+    let is_explained = !ended.errors.is_empty() && is_idle() && (ended.unreadable || sent.contains("```"));
+    if let Some(told) = if_it_fails.filter(|_| is_explained) {
+        host.borrow_mut().note(&told);
     }
     for error in &mut ended.errors {
         naming::name(error, &code, host.borrow().missing.as_ref());

@@ -14,7 +14,7 @@ use rquickjs::{CaughtError, Ctx, Function, Object, Persistent, Value};
 
 use super::memory::PeakMemory;
 use super::sandbox::{self, FILE, Sandbox, Watch, cpu_ms, is_parse_error, told};
-use super::{ActionLimits, CodeError, Dropped, LimitReached, RecordedEvent, Replayed};
+use super::{ActionLimits, CodeError, Dropped, LimitReached, RecordedEvent, Replayed, null_noted, without_null};
 use plumbline_engine::text::counted;
 use plumbline_engine::voxel::cell;
 use script::{Script, functions_of, nothing_recorded};
@@ -84,7 +84,7 @@ impl Recorder {
 /// Runs a script to completion: its main function, then promises and timers until none is left.
 pub fn run(code: &str, limits: &ActionLimits, peak: &PeakMemory) -> Replayed {
     let recorder = Rc::new(RefCell::new(Recorder::default()));
-    let script = Script::of(code);
+    let script = Script::of(&without_null(code));
     let sandbox = match Sandbox::new(limits) {
         Ok(sandbox) => sandbox,
         Err(error) => return Replayed { error: Some(error), ..Replayed::default() },
@@ -102,6 +102,7 @@ pub fn run(code: &str, limits: &ActionLimits, peak: &PeakMemory) -> Replayed {
         recorder.dropped.into_iter().map(|(reason, count)| Dropped { reason: reason.to_owned(), count }).collect();
     let error_or_unheard = error.is_some() || !unheard.is_empty();
     let mut notes = if recorder.unreadable { script.hints() } else { Vec::new() };
+    notes.extend(null_noted(code).map(str::to_owned));
     if events == 0 && !error_or_unheard && stopped.is_none() {
         notes.push(nothing_recorded(recorder.has_main, &recorder.functions));
     }

@@ -13,6 +13,12 @@ const LONGEST: usize = 10;
 /// because some templates put the opening tag into the prompt.
 #[must_use]
 pub fn without_thoughts(text: &str) -> (String, bool) {
+    let (shown, unclosed) = blanked(text);
+    (shown, unclosed.is_some())
+}
+
+/// Does the same as [`without_thoughts`], and returns the tag that is never closed.
+fn blanked(text: &str) -> (String, Option<Tag>) {
     let mut shown = text.as_bytes().to_vec();
     let mut blank = |from: usize, to: usize| {
         for byte in &mut shown[from..to] {
@@ -21,12 +27,12 @@ pub fn without_thoughts(text: &str) -> (String, bool) {
             }
         }
     };
-    let (mut opened, mut stray): (Option<usize>, usize) = (None, 0);
+    let (mut opened, mut stray): (Option<Tag>, usize) = (None, 0);
     for tag in tags(text) {
-        match (opened, tag.is_closing) {
-            (None, false) => opened = Some(tag.begin),
-            (Some(begin), true) => {
-                blank(begin, tag.end);
+        match (&opened, tag.is_closing) {
+            (None, false) => opened = Some(tag),
+            (Some(open), true) => {
+                blank(open.begin, tag.end);
                 opened = None;
             }
             (None, true) => stray = tag.end,
@@ -35,18 +41,20 @@ pub fn without_thoughts(text: &str) -> (String, bool) {
         }
     }
     blank(0, stray);
-    if let Some(begin) = opened {
-        blank(begin, text.len());
+    if let Some(open) = &opened {
+        blank(open.begin, text.len());
     }
     // Each byte of a blanked character became a space, so the text is still valid UTF-8.
-    (String::from_utf8_lossy(&shown).into_owned(), opened.is_some())
+    (String::from_utf8_lossy(&shown).into_owned(), opened)
 }
 
 /// Removes thinking tags and the thoughts between them. Lines keep their numbers; what is left of a line with a thought
-/// loses the spaces around it.
+/// loses the spaces around it. A tag that is never closed stays, so that whoever reads the rest can tell.
 #[must_use]
 pub fn thoughts_removed(text: &str) -> String {
-    let (shown, _) = without_thoughts(text);
+    let (shown, unclosed) = blanked(text);
+    let (end, tag) = unclosed.map_or((text.len(), ""), |tag| (tag.begin, &text[tag.begin..tag.end]));
+    let (text, shown) = (&text[..end], &shown[..end]);
     let mut kept = String::new();
     for (sent, shown) in text.split_inclusive('\n').zip(shown.split_inclusive('\n')) {
         if sent == shown {
@@ -56,7 +64,7 @@ pub fn thoughts_removed(text: &str) -> String {
             kept.push_str(if shown.ends_with('\n') { "\n" } else { "" });
         }
     }
-    kept
+    kept + tag
 }
 
 struct Tag {
@@ -98,7 +106,7 @@ mod tests {
             assert_eq!(shown(text), (expected.0.to_owned(), expected.1), "{text}");
         }
         let text = "<think>a\nb</think>```js\n  c();\n```<think>d";
-        assert_eq!(thoughts_removed(text), "\n```js\n  c();\n```");
+        assert_eq!(thoughts_removed(text), "\n```js\n  c();\n```<think>");
         assert_eq!(without_thoughts("<think>\n\n</think>x").0.matches('\n').count(), 2);
     }
 }
