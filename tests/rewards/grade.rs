@@ -91,6 +91,22 @@ async fn a_trainer_brings_its_own_task_and_weights() {
     let wall = build(task(&embedded::latest().unwrap(), "walls/5x1x5-raise")).unwrap();
     let graded = service.post_json("/v1/grade", &json!({ "task": shown, "turns": turns(&wall) })).await.json();
     assert_eq!(graded["reward"], json!(1.0), "{graded}");
+    // Its blocks are read as the suite reads them: a door is one object, in two cells.
+    assert_eq!(shown["reading"], "game");
+    let door = json!([{ "palette": ["oak_door[half=lower]", "oak_door[half=upper]"], "rows": [[0, 0, 0, 0], [0, 1, 0, 1]] }]);
+    let one = json!([{ "prompt": "a door", "checks": [
+        { "fn": "material.count_is_within", "args": { "of": "oak_door", "min": 1, "max": 1 } }] }]);
+    let mut asked = json!({ "task": { "reading": "game", "turns": one }, "turns": door, "reward": "mean" });
+    assert_eq!(service.post_json("/v1/grade", &asked).await.json()["reward"], 1.0);
+    asked["task"]["reading"] = json!("as_listed");
+    assert_eq!(service.post_json("/v1/grade", &asked).await.json()["reward"], 0.0);
+    asked["task"]["reading"] = json!("gmae");
+    assert_eq!(service.post_json("/v1/grade", &asked).await.faults(422), ["null /task/reading"]);
+    // So can a sibling.
+    let siblings = service.get("/v1/siblings").await;
+    let sibling: Value = serde_json::from_str(siblings.text.lines().next().unwrap()).unwrap();
+    let asked = json!({ "task": sibling["task"], "turns": [{ "events": [] }] });
+    assert_eq!(service.post_json("/v1/grade", &asked).await.status, StatusCode::OK);
 }
 
 #[tokio::test]
@@ -98,7 +114,7 @@ async fn all_faults_of_a_request_are_told() {
     let folder = tempfile::tempdir().unwrap();
     let service = Service::start(&folder.path().join("p.db"), &[]);
     let bad = json!({ "task": { "turns": [{ "checks": [{ "fn": "shape.none" }] }] }, "turns": [{ "events": [{ "action": "fly" }] }],
-                      "reward": { "weights": { "beauty": 1, "size": -1 } }, "detail": "all", "deadline_ms": 0, "extra": 1 });
+                      "reward": { "weights": { "beauty": 1, "size": -1, "shape": 1e308, "material": 1e-320 } }, "detail": "all", "deadline_ms": 0, "extra": 1 });
     let mut faults = service.post_json("/v1/grade", &bad).await.faults(422);
     faults.sort();
     for place in [
@@ -106,6 +122,8 @@ async fn all_faults_of_a_request_are_told() {
         "/detail",
         "/extra",
         "/reward/weights/beauty",
+        "/reward/weights/material",
+        "/reward/weights/shape",
         "/reward/weights/size",
         "/task/turns/0/checks/0/fn",
     ] {

@@ -79,6 +79,12 @@ async fn nemo_gym_verifies_the_last_message() {
     let mut misspelt = said("[]");
     misspelt["verifier_metadata"]["reward_schem"] = json!("mean");
     assert_eq!(service.post_json("/verify", &misspelt).await.faults(422), ["null /verifier_metadata/reward_schem"]);
+    for wrong in ["schme", "rewrd", "profle"] {
+        let mut misspelt = said("[]");
+        misspelt["verifier_metadata"][wrong] = json!("mean");
+        let told = service.post_json("/verify", &misspelt).await.faults(422);
+        assert_eq!(told, [format!("null /verifier_metadata/{wrong}")]);
+    }
     assert_eq!(service.post_json("/seed_session", &json!({})).await.json(), json!({}));
     // The calls of the framework's environment servers, and what they must bring back.
     let begun = json!({ "resources_session_id": "s1", "episode_id": { "rollout_id": "r", "attempt": 0 },

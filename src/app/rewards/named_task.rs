@@ -1,5 +1,6 @@
 //! The task of a request to grade: of a suite, or brought by the request.
 
+use serde::Deserialize as _;
 use serde::de::MapAccess;
 use serde_json::{Map, Value};
 
@@ -10,6 +11,7 @@ use plumbline_engine::intake::tolerant::{Scalar, Shape};
 use plumbline_engine::tasks::published::{add_unknown, read_checks};
 use plumbline_engine::tasks::{Instruction, Task};
 use plumbline_engine::text::counted;
+use plumbline_engine::voxel::Reading;
 
 /// The task of a request to grade.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,6 +39,9 @@ pub enum GivenTaskBody {
 pub struct InlineTask {
     /// Identifier of the task in the response.
     pub id: Option<String>,
+    /// How the blocks of a log are read before they are checked.
+    #[schema(default = "as_listed")]
+    pub reading: Option<Reading>,
     /// Turns of the task.
     #[schema(min_items = 1)]
     pub turns: Vec<InlineTurn>,
@@ -106,9 +111,9 @@ fn written_bytes(object: &Map<String, Value>) -> usize {
     serde_json::to_vec(object).map_or(usize::MAX, |bytes| bytes.len())
 }
 
-/// Members of a task as `GET /v1/tasks/{family}/{instance}` shows it. Only `id` and `turns` are read.
-const OF_TASK: [&str; 11] =
-    ["id", "turns", "number", "family", "category", "type", "parameters", "suite", "hash", "criteria", "unmeasured"];
+/// Members of a task as `GET /v1/tasks/{family}/{instance}` shows it. Only `id`, `reading` and `turns` are read.
+const OF_TASK: [&str; 12] =
+    ["id", "reading", "turns", "number", "family", "category", "type", "parameters", "suite", "hash", "criteria", "unmeasured"];
 
 /// Members of a turn there. Only `prompt` and `checks` are read.
 const OF_TURN: [&str; 4] = ["prompt", "checks", "brief", "informational"];
@@ -129,13 +134,24 @@ fn text_of<'v>(members: &'v Map<String, Value>, name: &str, faults: &mut Faults)
     value.as_str()
 }
 
-/// Reads a task as `GET /v1/tasks/{family}/{instance}` shows it: `id`, and `turns` with `prompt` and `checks`.
+/// Reads how blocks are read. Adds a fault if there is no such reading.
+fn reading_of(object: &Map<String, Value>, faults: &mut Faults) -> Reading {
+    let named = object.get("reading").filter(|value| !value.is_null());
+    let reading = named.map(Reading::deserialize).transpose();
+    if reading.is_err() {
+        faults.add_at("reading", "expected \"as_listed\" or \"game\"");
+    }
+    reading.ok().flatten().unwrap_or_default()
+}
+
+/// Reads a task as `GET /v1/tasks/{family}/{instance}` shows it: `id`, `reading`, and `turns` with `prompt` and `checks`.
 fn inline_task(object: &Map<String, Value>, faults: &mut Faults) -> Task {
     refuse_others(object, &OF_TASK, faults);
     let id = text_of(object, "id", faults).unwrap_or("inline/task");
     if id.len() > 200 {
         faults.add_at("id", "longer than 200 bytes");
     }
+    let reading = reading_of(object, faults);
     let mut turns = Vec::new();
     let before = faults.total();
     faults.enter_key("turns");
@@ -160,7 +176,7 @@ fn inline_task(object: &Map<String, Value>, faults: &mut Faults) -> Task {
         faults.add("a task needs a check; one without any would be passed by every log");
     }
     faults.leave();
-    Task::foreign(id.to_owned(), 0, turns)
+    Task { reading, ..Task::foreign(id.to_owned(), 0, turns) }
 }
 
 /// Returns the length of the longest list in the arguments of checks.

@@ -32,10 +32,13 @@ pub enum SchemeName {
 /// Weights of criteria.
 #[derive(Debug, utoipa::ToSchema)]
 pub struct WeightsBody {
-    /// Weight of each criterion, 0 or more; criteria that are not listed have 0.
+    /// Weight of each criterion: 0, or between 1e-9 and 1e9. Criteria that are not listed have 0.
     #[schema(example = json!({ "material": 1, "shape": 2 }))]
     pub weights: std::collections::BTreeMap<Criterion, f64>,
 }
+
+/// Weights above 0 that are allowed. Their sums and products lose nothing.
+const WEIGHTS: std::ops::RangeInclusive<f64> = 1e-9..=1e9;
 
 /// Returns the scheme with this name. A scheme of weights has none.
 pub fn scheme_named(name: &str) -> Option<Scheme> {
@@ -58,14 +61,14 @@ pub fn read_scheme(value: &Value, faults: &mut Faults) -> Option<Scheme> {
     let mut weights = Vec::new();
     for (name, weight) in value["weights"].as_object().into_iter().flatten() {
         let criterion = Criterion::ALL.into_iter().find(|criterion| criterion.name() == name);
-        let number = weight.as_f64().filter(|weight| *weight >= 0.0 && weight.is_finite());
+        let number = weight.as_f64().filter(|weight| *weight == 0.0 || WEIGHTS.contains(weight));
         match (criterion, number) {
             (Some(criterion), Some(weight)) => weights.push((criterion, weight)),
             (None, _) => {
                 let known = Criterion::ALL.map(Criterion::name).join(", ");
                 faults.add_at(name, format!("not a criterion; there are {known}"));
             }
-            (_, None) => faults.add_at(name, "expected a number of 0 or more"),
+            (_, None) => faults.add_at(name, "expected 0, or a number between 1e-9 and 1e9"),
         }
     }
     if faults.is_empty() && weights.iter().all(|(_, weight)| *weight == 0.0) {

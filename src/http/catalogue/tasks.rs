@@ -17,7 +17,7 @@ use crate::http::state::AppState;
 use plumbline_engine::checks::{Check, Criterion};
 use plumbline_engine::tasks::family::Category;
 use plumbline_engine::tasks::{Suite, Task, Track};
-use plumbline_engine::voxel::Profile;
+use plumbline_engine::voxel::{Profile, Reading};
 
 /// Summary of a task in a list.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -133,6 +133,10 @@ pub struct TaskBody {
     /// SHA-256 of the task's content, in hex.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub hash: String,
+    /// How the blocks of a log are read before they are checked, unless each entry counts as it is listed; absent for an
+    /// agent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reading: Option<Reading>,
     /// Criteria that apply to the task; absent for an agent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub criteria: Option<Vec<Criterion>>,
@@ -314,7 +318,7 @@ pub async fn get_task(
 impl TaskBody {
     /// Leaves out what tells the checks.
     fn hide_checks(&mut self) {
-        (self.parameters, self.criteria) = (None, None);
+        (self.parameters, self.reading, self.criteria) = (None, None, None);
         for turn in &mut self.turns {
             turn.checks = None;
             turn.brief = None;
@@ -334,6 +338,7 @@ fn body(found: &FoundTask, track: Track) -> TaskBody {
         parameters: Some(Value::Object(task.parameters.clone())),
         suite: found.entry.suite.id(),
         hash: found.hash().to_owned(),
+        reading: Some(task.reading).filter(|reading| !reading.is_as_listed()),
         criteria: Some(task.criteria()),
         unmeasured: task.unmeasured.clone(),
         turns: task

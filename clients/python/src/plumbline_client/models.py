@@ -3361,7 +3361,7 @@ class WeightsBody(BaseModel):
         Field(examples=[{"material": 1, "shape": 2}]),
     ]
     """
-    Weight of each criterion, 0 or more; criteria that are not listed have 0.
+    Weight of each criterion: 0, or between 1e-9 and 1e9. Criteria that are not listed have 0.
     """
 
 
@@ -4397,6 +4397,7 @@ class InlineTask(BaseModel):
     """
     Identifier of the task in the response.
     """
+    reading: Literal["as_listed", "game"] | None = "as_listed"
     turns: Annotated[list[InlineTurn], Field(max_length=64, min_length=1)]
     """
     Turns of the task.
@@ -5777,6 +5778,7 @@ class TaskBody(BaseModel):
     """
     SHA-256 of the task's content, in hex.
     """
+    reading: Literal["as_listed", "game"] | None = None
     criteria: list[Literal["material", "shape", "size", "physical_plausibility", "structural_stability", "efficiency", "dependency"]] | None = (
         None
     )

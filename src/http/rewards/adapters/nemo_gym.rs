@@ -220,15 +220,18 @@ fn naming(request: &Map<String, Value>) -> AppResult<Map<String, Value>> {
     };
     let missing: Vec<&str> = OPTIONS.into_iter().filter(|option| find(option).is_none()).collect();
     let mut faults = Faults::new();
-    // A dataset may have any fields of its own at the top level, so only long options are checked for misspellings
-    // there.
-    let long: Vec<&str> = missing.iter().copied().filter(|option| option.len() > 8).collect();
+    // A dataset may have any fields of its own at the top level, so only options that nothing else is near to are checked
+    // for misspellings there.
+    let long: Vec<&str> = missing.iter().copied().filter(|option| option.len() > 6).collect();
     let sent: Map<String, Value> =
         request.iter().filter(|(key, _)| !is_own(key)).map(|(key, value)| (key.clone(), value.clone())).collect();
     add_misspelt(&sent, &long, &mut faults);
     for (key, object) in &parts {
         faults.enter_key(key);
-        add_misspelt(object, &missing, &mut faults);
+        let has_scheme = ["reward_scheme", "scheme", "reward"].iter().any(|name| object.contains_key(*name));
+        let schemes = ["scheme", "reward"].iter().filter(|_| !has_scheme && missing.contains(&"reward_scheme"));
+        let names: Vec<&str> = missing.iter().chain(schemes).copied().collect();
+        add_misspelt(object, &names, &mut faults);
         faults.leave();
     }
     if !faults.is_empty() {
