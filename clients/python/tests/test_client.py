@@ -126,6 +126,7 @@ class Flaky:
                     "many": (429, "too-many-requests"),
                     "in-flight": (409, "idempotency-in-flight"),
                     "proxy": (502, ""),
+                    "late": (504, "deadline"),
                 }[step]
                 problem = f'{{"type":"urn:plumbline:problem:{kind}","title":"t","status":{status},"detail":"d","retryable":true}}'
                 text = body if status == 200 else b"<html>Bad gateway" if step == "proxy" else problem.encode()
@@ -186,6 +187,13 @@ def test_what_may_not_happen_twice_is_not_sent_twice(flaky: Any) -> None:
     # The service says that it did nothing.
     server = flaky("busy")
     assert Client(server.url, retries=Retries(first_s=0.01)).runs.delete("x").state == "open"
+
+
+def test_work_that_takes_too_long_is_not_sent_again(flaky: Any) -> None:
+    server = flaky("late")
+    with Client(server.url) as client, pytest.raises(errors.ApiError, match="504"):
+        client.rewards.grade(task=WALL, answer="while (true) {}", deadline_ms=100)
+    assert len(server.seen) == 1
 
 
 def test_retries_end_at_the_deadline_and_the_last_failure_is_told(flaky: Any) -> None:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 from conftest import Running, build, without_settings
 from endpoint import Endpoint, Reply, code_of
@@ -216,8 +217,11 @@ def test_an_evaluation_that_is_killed_goes_on_and_pays_for_nothing_twice(
     assert [(run.graded, run.state) for run in runs] == [(25, "finished")]
     prompts = sum(len(task.prompts) for task in client.tasks.all("mineceraft-lite"))
     assert len(evaluate.journal("completion")) == prompts
-    # At most the answers that were under way when the process was killed.
+    # At most the answers that were under way when the process was killed. They may have been paid for.
     assert len(model.seen) <= prompts + 3 * 2
+    spending = evaluate.outcome()["spending"]
+    assert len(model.seen) <= spending["requests"] <= prompts + 3 * 2
+    assert (spending["input_tokens"] is None) == (spending["requests"] > prompts)
 
 
 def test_turn_by_turn_with_feedback_and_pictures(
@@ -250,6 +254,13 @@ def test_turn_by_turn_with_feedback_and_pictures(
     [run] = client.runs.list(agent="episodes").runs
     answered = client.runs.submissions(run.id).submissions
     assert [(client.submissions.wait(one.id).overall, run.state) for one in answered] == [(True, "open")] * 2
+    # The card says how the model was asked, and with which prompt.
+    card = httpx.get(f"{client.url}/v1/runs/{run.id}/card").json()["versions"][0]["card"]
+    sent = json.loads(next(evaluate.folder.rglob("transcripts/**/*.json")).read_text())["messages"][0]["content"]
+    assert "You have 4 answers a turn" in sent
+    assert card["system_prompt"]["sha256"] == hashlib.sha256(sent.encode()).hexdigest()
+    assert card["harness"]["name"] == "plumbline-client evaluate, episodes of 4 answers a turn and pictures"
+    assert f"{client.url}/runs/{run.id}" in done.stdout
 
 
 def test_answers_that_build_nothing_are_counted(evaluate: Evaluate, endpoint: Any) -> None:
@@ -266,7 +277,15 @@ def test_answers_that_build_nothing_are_counted(evaluate: Evaluate, endpoint: An
     tasks = [part for number in (113, 114, 115, 116) for part in ("--task", str(number))]
     done = evaluate(model, "--suite", "mineceraft", "--agent", "silent", "--concurrency", "1", *tasks)
     assert "of 4 answers: 1 refused, 1 with calls of tools, 1 cut off, 1 empty" in done.stdout
-    assert evaluate.outcome()["answers"] == {"answers": 4, "refused": 1, "tool_calls": 1, "cut_off": 1, "empty": 1}
+    assert evaluate.outcome()["answers"] == {
+        "answers": 4,
+        "refused": 1,
+        "tool_calls": 1,
+        "cut_off": 1,
+        "empty": 1,
+        "code_stopped": 0,
+        "code_failed": 2,
+    }
 
 
 def test_a_task_that_does_not_exist_and_a_service_that_is_away_are_told(evaluate: Evaluate, endpoint: Any) -> None:
@@ -339,7 +358,8 @@ def test_code_without_an_end_is_graded_as_an_empty_turn(
     def answer(messages: Messages) -> Reply:
         return Reply(endless.pop() if endless else answers[asked(messages)])
 
-    evaluate(endpoint(answer), "--suite", "mineceraft-lite", "--agent", "endless")
+    done = evaluate(endpoint(answer), "--suite", "mineceraft-lite", "--agent", "endless")
+    assert "turns whose answers reached a limit and count as empty: 2" in done.stdout
     [run] = client.runs.list(agent="endless").runs
     assert (run.state, run.graded) == ("finished", 25)
     refused = [entry["result"]["refused"] for entry in evaluate.journal("submitted") if "refused" in entry["result"]]
@@ -383,6 +403,18 @@ def test_requests_without_an_answer_are_counted(evaluate: Evaluate, endpoint: An
     spending = evaluate.outcome()["spending"]
     assert (spending["requests"], spending["cost"], spending["input_tokens"]) == (3, None, None)
     assert "cost: unknown" in done.stdout
+
+
+@pytest.mark.parametrize(("status", "tokens"), [(500, None), (429, 0)])
+def test_each_try_is_a_request_of_the_budget(
+    evaluate: Evaluate, endpoint: Any, status: int, tokens: int | None
+) -> None:
+    model = endpoint(lambda messages: Reply("not now", status=status, retry_after="0"))
+    done = evaluate(model, "--suite", "mineceraft-lite", "--concurrency", "2", "--max-requests", "3", code=3)
+    spending = evaluate.outcome()["spending"]
+    assert (len(model.seen), spending["requests"], spending["input_tokens"]) == (3, 3, tokens)
+    assert "the budget of 3 requests is used up" in done.stderr
+    assert "25 of 25 problems have no answer" in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -23,8 +23,11 @@ pytest.importorskip("inspect_ai")
 
 from inspect_ai import eval as inspect_eval
 from inspect_ai import eval_retry
+from inspect_ai._util.error import PrerequisiteError
 from inspect_ai.log import EvalLog, read_eval_log
 from inspect_ai.model import ModelOutput, ModelUsage, get_model
+
+from plumbline_client.inspect_plugin.tasks import mineceraft_lite
 
 BIN = Path(sys.executable).parent
 
@@ -244,6 +247,11 @@ def opened(url: str) -> dict[str, Any]:
         raise AssertionError("the viewer did not start")
     shown: dict[str, Any] = json.loads(httpx.get(f"{url}/api/logs/{quote(files[0]['name'], safe='')}").text)
     return shown
+
+
+def test_a_mode_that_does_not_exist_is_refused(inspect: Path) -> None:
+    with pytest.raises(PrerequisiteError, match="did you mean episodes"):
+        mineceraft_lite(mode="episode")  # type: ignore[arg-type]
 
 
 def test_a_hidden_evaluation_is_answered_and_finalized(inspect: Path, tmp_path: Path) -> None:

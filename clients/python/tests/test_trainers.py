@@ -13,7 +13,7 @@ from conftest import WALL, Running, build
 from endpoint import Endpoint, Reply, code_of
 
 from plumbline_client import Client, Retries, errors
-from plumbline_client.trainers import trl, verl
+from plumbline_client.trainers import labels, trl, verl
 
 
 @pytest.fixture
@@ -70,6 +70,11 @@ async def test_trl_gets_none_where_the_service_failed_and_an_error_where_the_dat
         await trl.plumbline(prompts=["x"], completions=[good], task=["walls/none"])
     with pytest.raises(ValueError, match="names no task"):
         await trl.plumbline(prompts=["x"], completions=[good], task=[""])
+    for wrong, meant in {"rewrad": "reward", "Reward": "reward", "profle": "profile", "suit": "suite"}.items():
+        with pytest.raises(ValueError, match=f"did you mean {meant}"):
+            labels.request({"task": WALL, wrong: "mean"}, [good])
+    others = {"rewards": 1, "reward_model": {}, "data_source": "x", "tasks": []}
+    assert labels.request({"task": WALL, "reward": "mean", **others}, [good])["reward"] == "mean"
     monkeypatch.setenv("PLUMBLINE", "http://127.0.0.1:1")
     monkeypatch.setattr("plumbline_client.async_client.Retries", lambda: Retries(most=1, first_s=0.01))
 

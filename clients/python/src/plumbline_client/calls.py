@@ -101,7 +101,9 @@ class Attempts:
             is_refusal = (
                 error.status == 429 or (error.status == 503 and is_own) or error.kind == "idempotency-in-flight"
             )
-            if not error.is_retryable or not (is_refusal or self.is_repeatable):
+            # The same work would take as long again.
+            is_too_long = error.kind == "deadline"
+            if not error.is_retryable or is_too_long or not (is_refusal or self.is_repeatable):
                 raise error
             asked = error.retry_after_s
         elif was_sent and not self.is_repeatable:

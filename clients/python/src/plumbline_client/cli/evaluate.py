@@ -237,9 +237,10 @@ def tell(outcome: Outcome, folder: Path) -> None:
     """Prints what became of the evaluation."""
     for run in outcome.finished:
         passed = len(run.summary.passed_runs.overall) if run.summary is not None else 0
-        print(f"run {run.id} is finished: {passed} of {run.tasks} problems pass")
+        print(f"run {run.id} is finished: {passed} of {run.tasks} problems pass; {outcome.url}/runs/{run.id}")
     for open_run in outcome.left_open:
         print(f"run {open_run} has answers to the tasks given by --task and stays open for the rest")
+        print(f"builds and scores, as they are graded: {outcome.url}/runs/{open_run}")
     if outcome.entry is not None:
         print(f"entry {outcome.entry['id']} is finalized")
         result = outcome.entry.get("result")
@@ -253,6 +254,10 @@ def tell(outcome: Outcome, folder: Path) -> None:
     odd_ones = [f"{outcome.answers[name]} {words}" for name, words in odd.items() if outcome.answers.get(name)]
     if odd_ones:
         print(f"of {outcome.answers['answers']} answers: {', '.join(odd_ones)}")
+    of_code = {"code_failed": "have no code that builds", "code_stopped": "reached a limit and count as empty"}
+    for name, words in of_code.items():
+        if count := outcome.answers.get(name):
+            print(f"turns whose answers {words}: {count}")
     spending = outcome.spending.as_json()
     tokens = (
         f"{spending['input_tokens']} + {spending['output_tokens']}"
@@ -261,12 +266,12 @@ def tell(outcome: Outcome, folder: Path) -> None:
     )
     cost = f"{spending['cost']} {spending['currency']}" if spending["cost"] is not None else "unknown"
     print(f"requests: {spending['requests']}; tokens: {tokens}; cost: {cost}; transcripts and journal: {folder}")
-    for name, reason in list(outcome.failed.items())[:10]:
+    own = {name: why for name, why in outcome.failed.items() if why != outcome.stopped and "not begun" not in why[:9]}
+    for name, reason in list(own.items())[:10]:
         run_number, _, problem = name.partition("/")
-        if reason != outcome.stopped and not reason.startswith("not begun"):
-            print(f"no answer to {problem} in run {run_number}: {reason}", file=sys.stderr)
-    if len(outcome.failed) > 10:
-        print(f"no answer to {len(outcome.failed) - 10} more", file=sys.stderr)
+        print(f"no answer to {problem} in run {run_number}: {reason}", file=sys.stderr)
+    if outcome.failed:
+        print(f"{len(outcome.failed)} of {outcome.problems} problems have no answer", file=sys.stderr)
     if outcome.stopped is not None:
         print(f"stopped: {outcome.stopped}", file=sys.stderr)
     if not outcome.is_complete:

@@ -23,6 +23,11 @@ EPISODE_RULES = (
 )
 
 
+def system_of(plan: Plan, system: str) -> str:
+    """Returns the system prompt that the model gets."""
+    return system + EPISODE_RULES.format(steps=plan.steps) if plan.mode == "episodes" else system
+
+
 class Asks(Protocol):
     """Asks the model, or returns the answer that the journal already has."""
 
@@ -46,7 +51,7 @@ async def by_episode(
 ) -> tuple[str, list[Message]]:
     """Goes through an episode, as far as the journal has not. Returns its identifier, and the conversation."""
     episode = await opened(client, journal, attempt)
-    messages: list[Message] = [{"role": "system", "content": system + EPISODE_RULES.format(steps=plan.steps)}]
+    messages: list[Message] = [{"role": "system", "content": system_of(plan, system)}]
     asked = answered = 0
     for turn, prompt in enumerate(attempt.problem.prompts):
         if turn > 0 and len(journal.all(episode, "turn")) < turn:
@@ -142,7 +147,11 @@ def counts(journal: Journal) -> dict[str, int]:
     """Counts the answers of the model, and those that most likely build nothing, each by one reason."""
     reasons = [reason_of(Completion.of_json(entry["completion"])) for entry in journal.of_kind("completion")]
     names = ("refused", "tool_calls", "cut_off", "empty")
-    return {"answers": len(reasons)} | {name: reasons.count(name) for name in names}
+    found = {"answers": len(reasons)} | {name: reasons.count(name) for name in names}
+    results = [entry["result"] for entry in journal.of_kind("submitted")]
+    found["code_stopped"] = sum(len(result.get("refused") or ()) for result in results)
+    found["code_failed"] = sum(result.get("code_failed") or 0 for result in results)
+    return found
 
 
 def reason_of(answer: Completion) -> str | None:

@@ -6,9 +6,9 @@ import asyncio
 import random
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import httpx
 
@@ -66,6 +66,30 @@ class Completion:
         return cls(**{**found, "usage": Usage(**found["usage"])})
 
 
+class Meter(Protocol):
+    """Counts the requests for an answer."""
+
+    def begin(self) -> None:
+        """Called before a request is sent. May raise an error, which ends the tries."""
+
+    def end(self, reason: str, is_billed: bool) -> None:
+        """Called after a request that brought no answer; `is_billed` says whether it may have been paid for."""
+
+
+@dataclass(frozen=True)
+class NoMeter:
+    """Counts nothing."""
+
+    def begin(self) -> None:
+        """Does nothing."""
+
+    def end(self, reason: str, is_billed: bool) -> None:
+        """Does nothing."""
+
+
+NO_METER = NoMeter()
+
+
 class Model:
     """A model behind an endpoint. 429 and 5xx, timeouts and broken connections are retried until `patience_s` is over,
     not before the `Retry-After` of the endpoint."""
@@ -106,22 +130,22 @@ class Model:
         """Closes the connections."""
         await self._http.aclose()
 
-    async def answer(
-        self, messages: Sequence[Message], run: int, unmetered: Callable[[str], None] = lambda reason: None
-    ) -> Completion:
+    async def answer(self, messages: Sequence[Message], run: int, meter: Meter = NO_METER) -> Completion:
         """Returns the model's answer to a conversation. `run` is the index of the run, from 0, for the seed.
 
-        Calls `unmetered` for each request that may have been paid for and brought no answer.
+        A refusal (a status from 400 to 499, 503 or 529) is not paid for; any other request without an answer may be.
         """
         until, delay, tries, empty = time.monotonic() + self._patience_s, self._first_delay_s, 0, 0
         while True:
             began, tries, named = time.monotonic(), tries + 1, self._most_tokens
             asked: float | None = None
+            meter.begin()
             try:
                 response = await self._http.post(self._url, json=self._request(messages, run))
                 if response.is_success:
                     return read(response, time.monotonic() - began)
                 reason = self._without_key(f"{response.status_code} {excerpt(response.text)}")
+                meter.end(reason, response.status_code >= 500 and response.status_code not in (503, 529))
                 if named == "max_tokens" and response.status_code == 400 and "max_completion_tokens" in response.text:
                     # Newer models take their limit under another name, and say so.
                     self._most_tokens = "max_completion_tokens"
@@ -133,15 +157,16 @@ class Model:
                 asked = retry_after(response.headers.get("retry-after"))
             except NoAnswer as error:
                 reason, empty = self._without_key(str(error)), empty + 1
-                unmetered(reason)
+                meter.end(reason, is_billed=True)
                 if empty == MOST_EMPTY:
                     raise ModelError(f"{self.shown}: {reason}, {empty} times") from error
             except (httpx.LocalProtocolError, httpx.UnsupportedProtocol, httpx.TooManyRedirects) as error:
+                meter.end(str(error), is_billed=False)
                 raise EndpointRefuses(self._without_key(f"{self.shown}: {error}")) from error
             except httpx.RequestError as error:
                 reason = self._without_key(str(error) or type(error).__name__)
-                if not isinstance(error, (httpx.ConnectError, httpx.ConnectTimeout, httpx.PoolTimeout)):
-                    unmetered(reason)
+                is_sent = not isinstance(error, (httpx.ConnectError, httpx.ConnectTimeout, httpx.PoolTimeout))
+                meter.end(reason, is_billed=is_sent)
             pause = random.uniform(0.5, 1.0) * delay if asked is None else asked + random.uniform(0.0, 1.0)
             delay = min(60.0, 2.0 * delay)
             if time.monotonic() + pause > until:

@@ -79,6 +79,11 @@ class Plan:
         """Returns the hash of the plan, which names its folder."""
         return hashed(self.as_json())
 
+    def manner(self) -> str:
+        """Returns how the model is asked, to add to the name of the program; nothing if it answers each turn once."""
+        pictures = " and pictures" if self.pictures else ""
+        return f", episodes of {self.steps} answers a turn{pictures}" if self.mode == "episodes" else ""
+
     def configuration(self, system: str) -> str:
         """Returns the hash of everything that determines an answer: model, sampling, prompts and the way of asking.
 

@@ -44,7 +44,7 @@ async def tasks_of(client: AsyncClient, plan: Plan, suite: str) -> list[Problem]
     unknown = [name for name in plan.tasks if name not in names]
     if unknown:
         near = [match for name in unknown for match in difflib.get_close_matches(name, names, n=1)]
-        hint = f"; did you mean {', '.join(near)}?" if near else ""
+        hint = f"; did you mean {', '.join(near)}?" if near else f"; {client.url}/suites/{suite}/tasks lists them"
         raise PlumblineError(f"{suite} has no task {', '.join(sorted(unknown))}{hint}")
     wanted = {names[name] for name in plan.tasks or names}
     return [Problem(task.id, tuple(task.prompts)) for task in found.values() if task.id in wanted]

@@ -32,6 +32,10 @@ class Outcome:
     runs: list[str]
     """Identifiers of the runs, or of the entry of a hidden evaluation."""
     spending: Spending
+    url: str = ""
+    """Address of the service."""
+    problems: int = 0
+    """Number of problems that were to be answered, over all runs."""
     failed: dict[str, str] = field(default_factory=dict)
     """Attempts without an answer, each with the reason."""
     stopped: str | None = None
@@ -41,7 +45,8 @@ class Outcome:
     left_open: list[str] = field(default_factory=list)
     """Runs that have answers to the tasks that were asked for, and take others."""
     answers: dict[str, int] = field(default_factory=dict)
-    """Number of answers of the model, and of those that were empty, cut off, refusals, or calls of tools."""
+    """Number of answers of the model, of those that were empty, cut off, refusals, or calls of tools, and of those whose
+    code reached a limit or failed before it built anything."""
     entry: dict[str, Any] | None = None
     """The finalized entry of a hidden evaluation."""
 
@@ -83,7 +88,8 @@ class Evaluation:
             self._compare_plan()
             system = await self._system()
             todo = await self._problems(system)
-            outcome = Outcome(list(dict.fromkeys(attempt.run for attempt in todo)), self._spending)
+            runs = list(dict.fromkeys(attempt.run for attempt in todo))
+            outcome = Outcome(runs, self._spending, url=self._client.url, problems=len(todo))
             self._progress(0, len(todo))
             async with asyncio.TaskGroup() as group:
                 answers = [group.create_task(self._answer(attempt, system, len(todo))) for attempt in todo]
@@ -137,10 +143,11 @@ class Evaluation:
     def _card(self, system: str) -> dict[str, Any]:
         """Returns what is known of a run before it begins."""
         sampling = asdict(self._plan.sampling)
+        sent = attempts.system_of(self._plan, system)
         return {
-            "harness": {"name": "plumbline-client evaluate", "version": __version__},
+            "harness": {"name": f"plumbline-client evaluate{self._plan.manner()}", "version": __version__},
             "model": {"name": self._plan.model},
-            "system_prompt": {"sha256": hashlib.sha256(system.encode()).hexdigest()},
+            "system_prompt": {"sha256": hashlib.sha256(sent.encode()).hexdigest()},
             "sampling": {name: value for name, value in sampling.items() if value is not None and name != "extra"},
             "configuration_sha256": self._plan.configuration(system),
         }
@@ -172,9 +179,8 @@ class Evaluation:
             except (OSError, ValueError, TypeError, KeyError) as error:
                 # One odd answer must not cost the others theirs.
                 return f"{type(error).__name__}: {error}"
-            finally:
-                self._done += 1
-                self._progress(self._done, of)
+        self._done += 1
+        self._progress(self._done, of)
         return None
 
     async def _submit(self, attempt: Attempt, system: str) -> None:
@@ -221,7 +227,9 @@ class Evaluation:
         accepted = await self._client.submissions.create(
             run=attempt.run, task=attempt.problem.id, profile=profile, turns=turns
         )
-        return {"submission": str(accepted.id)}
+        replays = accepted.action_code or []
+        failed = sum(1 for replay in replays if replay.error is not None and replay.events == 0)
+        return {"submission": str(accepted.id), "code_failed": failed}
 
     def _promise(self, attempt: Attempt, messages: list[Message]) -> str | None:
         """Keeps the transcript, and returns its hash if the answer promises one."""
@@ -237,19 +245,25 @@ class Evaluation:
             raise BudgetSpent(self._stopped)
         self._spending.refuse_beyond(self._budget, self._under_way)
 
-        def unmetered(reason: str) -> None:
-            self._journal.add(attempt.name, "unmetered", reason=reason)
-            self._spending.add_unmetered()
-
         self._under_way += 1
         try:
-            completion = await self._model.answer(messages, attempt.run_index, unmetered)
+            completion = await self._model.answer(messages, attempt.run_index, Tries(self, attempt))
         finally:
             self._under_way -= 1
         self._journal.add(attempt.name, "completion", completion=completion.as_json())
         self._spending.add(completion.usage)
         self._failures_in_a_row = 0
         return completion
+
+    def begin_try(self, attempt: Attempt) -> None:
+        """Notes a request before it is sent. Raises `BudgetSpent` if there may be no other."""
+        self._spending.refuse_beyond(self._budget, self._under_way - 1)
+        self._journal.add(attempt.name, "asked")
+
+    def end_try(self, attempt: Attempt, reason: str, is_billed: bool) -> None:
+        """Counts a request that brought no answer."""
+        self._journal.add(attempt.name, "unmetered" if is_billed else "unbilled", reason=reason)
+        self._spending.add_failed(is_billed)
 
     async def _finish(self, outcome: Outcome) -> None:
         if self._plan.epoch is not None:
@@ -283,6 +297,22 @@ class Evaluation:
                 cost = {"amount": told["cost"], "currency": told["currency"], "prices_as_of": told["prices_as_of"]}
                 card["cost"] = cost
         return card
+
+
+@dataclass(frozen=True)
+class Tries:
+    """Counts the requests for one answer."""
+
+    evaluation: Evaluation
+    attempt: Attempt
+
+    def begin(self) -> None:
+        """Called before a request is sent."""
+        self.evaluation.begin_try(self.attempt)
+
+    def end(self, reason: str, is_billed: bool) -> None:
+        """Called after a request that brought no answer."""
+        self.evaluation.end_try(self.attempt, reason, is_billed)
 
 
 async def evaluate(

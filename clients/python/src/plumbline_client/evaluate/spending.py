@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,10 +41,10 @@ class Spending:
         self.cached_input = both(self.cached_input, usage.cached_input)
         self.reasoning = both(self.reasoning, usage.reasoning)
 
-    def add_unmetered(self) -> None:
-        """Counts a request that brought no answer."""
+    def add_failed(self, is_billed: bool) -> None:
+        """Counts a request that brought no answer; `is_billed` says whether it may have been paid for."""
         self.requests += 1
-        self.unmetered += 1
+        self.unmetered += is_billed
 
     def cost(self) -> float | None:
         """Returns the cost; None if it is unknown, because there are no prices or because token counts are missing."""
@@ -98,6 +99,18 @@ def spent(prices: Prices | None, journal: Journal) -> Spending:
     spending = Spending(prices)
     for entry in journal.of_kind("completion"):
         spending.add(Completion.of_json(entry["completion"]).usage)
-    for _ in journal.of_kind("unmetered"):
-        spending.add_unmetered()
+    for kind in ("unmetered", "unbilled"):
+        for _ in journal.of_kind(kind):
+            spending.add_failed(kind == "unmetered")
+    for _ in range(lost(journal)):
+        spending.add_failed(is_billed=True)
     return spending
+
+
+def lost(journal: Journal) -> int:
+    """Returns how many requests were sent by a process that did not live to see what became of them."""
+    ended = Counter(
+        entry["attempt"] for kind in ("completion", "unmetered", "unbilled") for entry in journal.of_kind(kind)
+    )
+    asked = Counter(entry["attempt"] for entry in journal.of_kind("asked"))
+    return (asked - ended).total()

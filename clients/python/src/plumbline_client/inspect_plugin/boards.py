@@ -49,12 +49,16 @@ async def open_run(client: AsyncClient, state: TaskState, agent: str) -> str | N
 
 async def begun(client: AsyncClient, state: TaskState, agent: str, place: tuple[str, int]) -> str:
     """Creates a run."""
+    manner = ", episodes" if state.metadata["mode"] == "episodes" else ""
     run = await client.runs.create(
         agent=agent,
         suite=state.metadata["suite"],
         track=state.metadata["track"],
         metadata=metadata_of(state),
-        card={"harness": {"name": "inspect_ai", "version": version("inspect_ai")}, "model": {"name": str(state.model)}},
+        card={
+            "harness": {"name": f"inspect_ai{manner}", "version": version("inspect_ai")},
+            "model": {"name": str(state.model)},
+        },
         idempotency_key=f"inspect-{place[0]}-{place[1]}",
     )
     _begun.add(place)
@@ -63,4 +67,5 @@ async def begun(client: AsyncClient, state: TaskState, agent: str, place: tuple[
 
 def metadata_of(state: TaskState) -> dict[str, Any]:
     """Returns what tells the run of an epoch."""
-    return {"harness": "inspect_ai", "model": str(state.model), "epoch": state.epoch}
+    known = {"harness": "inspect_ai", "model": str(state.model), "epoch": state.epoch}
+    return {**known, "mode": "episodes"} if state.metadata["mode"] == "episodes" else known

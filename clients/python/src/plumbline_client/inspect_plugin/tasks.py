@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 import json
 import secrets
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from inspect_ai import Task, task
 from inspect_ai._util.error import PrerequisiteError
@@ -69,7 +70,7 @@ def mineceraft_hidden(
       profile: Rules under which code becomes a build: mindcraft or published.
       mode: one-shot or episodes.
     """
-    refuse_published_episodes(mode, profile)
+    check_mode(mode, profile)
     given = {"agent": agent, "mode": mode, "profile": profile}
     configuration = hashlib.sha256(json.dumps(given, sort_keys=True).encode()).hexdigest()
     try:
@@ -104,7 +105,7 @@ def mineceraft_hidden(
 
 def suite_task(suite: str, track: Track, profile: Profile, mode: Mode, board: str | None) -> Task:
     """Returns the task for a suite, as the service has it now."""
-    refuse_published_episodes(mode, profile)
+    check_mode(mode, profile)
     try:
         with Client() as client:
             found = client.suites.get(suite)
@@ -112,7 +113,8 @@ def suite_task(suite: str, track: Track, profile: Profile, mode: Mode, board: st
             tasks = list(client.tasks.all(found.id, track=track))
     except PlumblineError as error:
         raise PrerequisiteError(str(error)) from error
-    shared: dict[str, Any] = {"suite": found.id, "track": track, "profile": profile, "nonce": secrets.token_hex(16)}
+    shared: dict[str, Any] = {"suite": found.id, "track": track, "profile": profile, "mode": mode}
+    shared["nonce"] = secrets.token_hex(16)
     if board is not None:
         shared["board"] = board
     samples = [
@@ -133,8 +135,12 @@ def suite_task(suite: str, track: Track, profile: Profile, mode: Mode, board: st
     )
 
 
-def refuse_published_episodes(mode: Mode, profile: Profile) -> None:
-    """Episodes have the rules of mindcraft."""
+def check_mode(mode: Mode, profile: Profile) -> None:
+    """Refuses modes that do not exist, and episodes with other rules than mindcraft's."""
+    if mode not in get_args(Mode):
+        near = difflib.get_close_matches(str(mode), get_args(Mode), n=1)
+        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(get_args(Mode))}"
+        raise PrerequisiteError(f"no mode is called {mode!r}; {hint}")
     if mode == "episodes" and profile == "published":
         raise PrerequisiteError("episodes have the rules of mindcraft; leave profile=published out")
 
