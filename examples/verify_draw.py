@@ -61,8 +61,12 @@ def check(draw, epoch):
     return output is not None and output.hex() == draw["output"]
 
 
+if len(sys.argv) != 3 or sys.argv[1].startswith("-"):
+    sys.exit(__doc__)
 try:
     holds = check(*(json.load(open(path, encoding="utf-8")) for path in sys.argv[1:3]))
+except OSError as error:
+    sys.exit(f"{error.filename} cannot be read: {error.strerror}")
 except (AttributeError, KeyError, TypeError, ValueError) as error:
     sys.exit(f"these are not a draw and an epoch with a key of draws: {error!r}")
 print("the draw is as committed" if holds else "the proof does NOT hold")
