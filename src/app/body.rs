@@ -304,7 +304,10 @@ mod tests {
                 "/log: given twice, or beside another member that takes its place; give one of them",
             ]
         );
-        assert_eq!(faults_of("{}"), ["/id: missing", "/turns: missing or null; the body must be an object with \"id\""]);
+        assert_eq!(
+            faults_of("{}"),
+            ["/id: missing", "/turns: missing or null; the body must be an object with \"id\""]
+        );
         assert_eq!(faults_of("[]"), ["expected an object with \"id\", found an array"]);
     }
 

@@ -143,7 +143,7 @@ pub struct Limits {
     pub grade_batches: usize,
     /// Batches of one sender processed at the same time.
     pub grade_batches_per_sender: usize,
-    /// Seconds that the logs of a batch wait to be graded; then they end with status 504.
+    /// Seconds that a log of a batch waits in a lane to be graded; then it ends with status 504.
     pub grade_batch_wait_seconds: u64,
     /// Logs for `/v1/grade` graded or waiting at the same time; further ones are refused with 429 and may be retried.
     pub grades_waiting: usize,

@@ -37,11 +37,10 @@ async fn nemo_gym_verifies_the_last_message() {
     assert_eq!(verified["response"], good["response"], "the request is repeated");
     // What was answered can be verified again as it is, whatever names a dataset has beside it.
     let mut again = verified.clone();
-    for name in ["mask", "tags", "site", "data_source", "reward_model", "rewards", "tasks"] {
+    for name in ["mask", "tags", "site", "schema", "data_source", "reward_model", "rewards", "tasks"] {
         again[name] = json!("x");
         again["verifier_metadata"][name] = json!("x");
     }
-    again["verifier_metadata"].as_object_mut().unwrap().remove("site");
     let again = service.post_json("/verify", &again).await;
     assert_eq!(again.json()["reward"], json!(1.0), "{}", again.text);
     // A trainer that is wired wrongly is told, and no model blamed.

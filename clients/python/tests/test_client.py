@@ -189,11 +189,11 @@ def test_what_may_not_happen_twice_is_not_sent_twice(flaky: Any) -> None:
     assert Client(server.url, retries=Retries(first_s=0.01)).runs.delete("x").state == "open"
 
 
-def test_work_that_takes_too_long_is_not_sent_again(flaky: Any) -> None:
-    server = flaky("late")
+def test_work_that_takes_too_long_is_sent_once_more(flaky: Any) -> None:
+    server = flaky("late", "late", "late")
     with Client(server.url) as client, pytest.raises(errors.ApiError, match="504"):
         client.rewards.grade(task=WALL, answer="while (true) {}", deadline_ms=100)
-    assert len(server.seen) == 1
+    assert len(server.seen) == 2
 
 
 def test_retries_end_at_the_deadline_and_the_last_failure_is_told(flaky: Any) -> None:

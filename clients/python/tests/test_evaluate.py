@@ -405,6 +405,24 @@ def test_requests_without_an_answer_are_counted(evaluate: Evaluate, endpoint: An
     assert "cost: unknown" in done.stdout
 
 
+def test_a_request_that_broke_counts_as_the_largest_in_a_budget(
+    evaluate: Evaluate, endpoint: Any, answers: dict[str, str]
+) -> None:
+    broken = [3, 5]
+
+    def answer(messages: Messages) -> Reply:
+        is_broken = len(model.seen) in broken
+        return Reply("bad gateway", status=502) if is_broken else Reply(answers[asked(messages)])
+
+    model = endpoint(answer)
+    arguments = ["--suite", "mineceraft-lite", "--agent", "broken", "--concurrency", "1"]
+    # 110 tokens each.
+    done = evaluate(model, *arguments, "--max-total-tokens", "1100", code=3)
+    assert "1100 tokens were used (2 requests without an answer counted as the largest)" in done.stderr
+    assert (len(model.seen), evaluate.outcome()["spending"]["input_tokens"]) == (10, None)
+    evaluate(model, *arguments)
+
+
 @pytest.mark.parametrize(("status", "tokens"), [(500, None), (429, 0)])
 def test_each_try_is_a_request_of_the_budget(
     evaluate: Evaluate, endpoint: Any, status: int, tokens: int | None

@@ -37,6 +37,6 @@ def test_the_options_of_the_readme_exist() -> None:
         "--apply_chat_template",
         "--model_args",
     }
-    others |= {"--tasks", "--reward", "--data", "--client", "--model-base-url"}
+    others |= {"--tasks", "--reward", "--data", "--client", "--env", "--model-base-url"}
     named = set(re.findall(r"--[a-z][a-z_-]*", README)) - others
     assert named <= set(re.findall(r"--[a-z_-]+", "".join(parts)))

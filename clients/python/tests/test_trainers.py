@@ -73,7 +73,11 @@ async def test_trl_gets_none_where_the_service_failed_and_an_error_where_the_dat
     for wrong, meant in {"rewrad": "reward", "Reward": "reward", "profle": "profile", "suit": "suite"}.items():
         with pytest.raises(ValueError, match=f"did you mean {meant}"):
             labels.request({"task": WALL, wrong: "mean"}, [good])
-    others = {"rewards": 1, "reward_model": {}, "data_source": "x", "tasks": []}
+    with pytest.raises(ValueError, match="did you mean scheme"):
+        await trl.plumbline(prompts=["x"], completions=[good], task=[WALL], schme=["mean"])
+    others = dict.fromkeys(
+        ["rewards", "reward_model", "reward_fn", "schema", "site", "profile_id", "data_source", "tasks"], 1
+    )
     assert labels.request({"task": WALL, "reward": "mean", **others}, [good])["reward"] == "mean"
     monkeypatch.setenv("PLUMBLINE", "http://127.0.0.1:1")
     monkeypatch.setattr("plumbline_client.async_client.Retries", lambda: Retries(most=1, first_s=0.01))

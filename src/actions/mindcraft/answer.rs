@@ -15,14 +15,15 @@ const OTHER_LANGUAGES: [&str; 8] = ["javascript", "js", "typescript", "ts", "jsx
 pub struct Reading {
     /// The code, on the lines that it has in the answer.
     pub code: String,
-    /// Where the reading is more lenient than mindcraft's.
+    /// What the author should know of the reading, such as where it is more lenient than mindcraft's.
     pub notes: Vec<String>,
     /// What explains an error of the code, if it has one.
     pub if_it_fails: Option<String>,
 }
 
 /// Note on code that fails and stands in no fence.
-const NO_FENCE: &str = "without a code fence (```) the whole answer is read as code; put the code, and nothing else, in one fence";
+const NO_FENCE: &str =
+    "without a code fence (```) the whole answer is read as code; put the code, and nothing else, in one fence";
 /// Note on code that a thought without an end cuts off.
 const ENDLESS_THOUGHT: &str = "a thinking tag is opened and never closed; everything after it is left out";
 
@@ -69,7 +70,9 @@ pub fn read(sent: &str) -> Reading {
         }
         _ => LANGUAGES.iter().find_map(|word| code.strip_prefix(word)).unwrap_or(code),
     };
-    let if_it_fails = beside_the_fence(code);
+    // A word alone is told, and JSON too.
+    let is_told = notes.iter().any(|note| note.starts_with("the word ")) || is_json(code);
+    let if_it_fails = beside_the_fence(code).filter(|_| !is_told);
     let lines = shown[..end - code.len()].matches('\n').count();
     Reading { code: format!("{}{code}", "\n".repeat(lines)), notes, if_it_fails }
 }
@@ -95,7 +98,8 @@ fn word_of(code: &str) -> Option<&str> {
 /// Explains what stands on the line of the fence after its language, such as a title, if code follows on other lines.
 fn beside_the_fence(code: &str) -> Option<String> {
     let beside = code.split_once('\n')?.0.trim();
-    let told = || format!("{:?} on the line of the code fence is read as code, as mindcraft reads it", shortened(beside));
+    let told =
+        || format!("{:?} on the line of the code fence is read as code, as mindcraft reads it", shortened(beside));
     (!beside.is_empty()).then(told)
 }
 
@@ -113,6 +117,7 @@ pub fn rewritten(code: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use plumbline_engine::intake::text::thinking::thoughts_removed;
 
     #[test]
     fn json_is_told_from_code() {
@@ -152,16 +157,27 @@ mod tests {
             assert_eq!((reading.code.as_str(), reading.notes.len()), (code, notes), "{sent:?}");
         }
         for (sent, told) in [
-            ("```js title=\"b.js\"\na();\n```", Some("\"title=\\\"b.js\\\"\" on the line of the code fence is read as code, as mindcraft reads it")),
-            ("```javascript:build.js\na();\n```", Some("\":build.js\" on the line of the code fence is read as code, as mindcraft reads it")),
+            (
+                "```js title=\"b.js\"\na();\n```",
+                Some("\"title=\\\"b.js\\\"\" on the line of the code fence is read as code, as mindcraft reads it"),
+            ),
+            (
+                "```javascript:build.js\na();\n```",
+                Some("\":build.js\" on the line of the code fence is read as code, as mindcraft reads it"),
+            ),
             ("```js a();\n```", Some("\"a();\" on the line of the code fence is read as code, as mindcraft reads it")),
             ("```js\na();\n```", None),
+            ("```python\na();\n```", None),
+            ("```json\n{\"a\": 1}\n```", None),
             ("~~~js\na();\n~~~", Some(NO_FENCE)),
         ] {
             assert_eq!(read(sent).if_it_fails.as_deref(), told, "{sent}");
         }
         let cut = read("```js\na('<think>');\nb();\n```");
         assert_eq!((cut.code.trim(), cut.notes), ("a('", vec![ENDLESS_THOUGHT.to_owned()]));
+        // What is found in a text keeps the tag.
+        let found = thoughts_removed("é\n```js\na();\n```<think>x```");
+        assert_eq!((read(&found).code.trim(), read(&found).notes.len()), ("a();", 1));
         let thought = read("<think>\n```js\nno();\n```\n</think>\n```js\na();\n```");
         assert_eq!(thought.code.trim(), "a();");
         assert_eq!(thought.code.find("a();"), Some(6));

@@ -35,8 +35,8 @@ const FEW_CONNECTIONS: usize = 256;
 const SHORT_NICENESS: i32 = 5;
 /// Niceness of the threads that do long work, which yield to all others.
 const LONG_NICENESS: i32 = 10;
-/// Slow logs of batches in memory at the same time; a sender has a quarter of the places.
-const SLOW_PLACES: usize = 256;
+/// Slow logs of batches in memory at the same time; a sender has a quarter of the slots.
+const SLOW_SLOTS: usize = 256;
 /// Number of baselines in the cache: enough for all tasks of a few suites.
 const BASELINES: usize = 4_096;
 
@@ -72,8 +72,8 @@ impl Threads {
 pub struct Grader {
     waiting: Arc<PermitPool>,
     batches: Arc<PermitPool>,
-    /// Places of logs of batches that have code or take long, with their logs in memory.
-    pub slow_places: Arc<FairSlots>,
+    /// Slots of logs of batches that have code or take long.
+    pub slow_slots: Arc<FairSlots>,
     short: Threads,
     long: Threads,
     connections: Connections,
@@ -145,7 +145,7 @@ impl Grader {
         Ok(Self {
             waiting: PermitPool::new(LIMITS.grades_waiting, LIMITS.grades_waiting_per_sender),
             batches: PermitPool::new(LIMITS.grade_batches, LIMITS.grade_batches_per_sender),
-            slow_places: FairSlots::new(SLOW_PLACES, SLOW_PLACES / 4),
+            slow_slots: FairSlots::new(SLOW_SLOTS, SLOW_SLOTS / 4),
             short: Threads::start("grade-short", cores, cores, SHORT_NICENESS)?,
             // A single sender leaves one slot free for others. A large build is split between the threads, so none
             // idles.

@@ -112,8 +112,20 @@ fn written_bytes(object: &Map<String, Value>) -> usize {
 }
 
 /// Members of a task as `GET /v1/tasks/{family}/{instance}` shows it. Only `id`, `reading` and `turns` are read.
-const OF_TASK: [&str; 12] =
-    ["id", "reading", "turns", "number", "family", "category", "type", "parameters", "suite", "hash", "criteria", "unmeasured"];
+const OF_TASK: [&str; 12] = [
+    "id",
+    "reading",
+    "turns",
+    "number",
+    "family",
+    "category",
+    "type",
+    "parameters",
+    "suite",
+    "hash",
+    "criteria",
+    "unmeasured",
+];
 
 /// Members of a turn there. Only `prompt` and `checks` are read.
 const OF_TURN: [&str; 4] = ["prompt", "checks", "brief", "informational"];

@@ -37,7 +37,7 @@ pub struct WeightsBody {
     pub weights: std::collections::BTreeMap<Criterion, f64>,
 }
 
-/// Weights above 0 that are allowed. Their sums and products lose nothing.
+/// Weights above 0 that are allowed. Their sums and products neither overflow nor become 0.
 const WEIGHTS: std::ops::RangeInclusive<f64> = 1e-9..=1e9;
 
 /// Returns the scheme with this name. A scheme of weights has none.

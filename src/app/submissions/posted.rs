@@ -250,7 +250,9 @@ impl Shape<'_> for TaskShape<'_> {
                 Text { faults: self.faults, min_chars: 1, max_chars: TASK_CHARS }.scalar(text).map(TaskRef::Id)
             }
             other => {
-                self.faults.add(format!("expected a task's id (a string) or its number, from 1, found {other}; /v1/tasks lists them"));
+                self.faults.add(format!(
+                    "expected a task's id (a string) or its number, from 1, found {other}; /v1/tasks lists them"
+                ));
                 None
             }
         }

@@ -153,7 +153,8 @@ fn split(bytes: &Bytes, format: Format) -> AppResult<Vec<Item>> {
         Format::Json => {
             let parts: Vec<&RawValue> = serde_json::from_slice(bytes).map_err(|error| {
                 let mut faults = Faults::new();
-                if error.is_data() {
+                let is_json = serde_json::from_slice::<serde::de::IgnoredAny>(bytes).is_ok();
+                if is_json {
                     faults.add(format!("{NO_ARRAY}, found another value"));
                     return AppError::faulty(faults);
                 }
@@ -244,24 +245,23 @@ impl Batch {
         }
     }
 
-    /// Finishes slow logs as they come, several at a time, each in a task of its own: code that ends soon passes code that
-    /// does not.
+    /// Finishes slow logs as they come, many at a time, each in a task of its own: code that ends soon passes code that does
+    /// not, as long as a sender has a free slot.
     async fn work_slowly(self: &Arc<Self>, sender: &mpsc::Sender<Bytes>, mut slow: mpsc::UnboundedReceiver<usize>) {
         let mut running = JoinSet::new();
         while let Some(index) = slow.recv().await {
             if running.len() >= SLOW_IN_ALL {
                 running.join_next().await;
             }
-            let place = self.state.grader.slow_places.take(&self.who).await;
+            let slot = self.state.grader.slow_slots.take(&self.who).await;
             let (batch, sender) = (Arc::clone(self), sender.clone());
             running.spawn(async move {
                 let graded = AssertUnwindSafe(batch.finish(index)).catch_unwind().await;
-                // A panic costs only its own log the result.
-                let item = batch.item(index, graded.unwrap_or_else(|_panic| Err(panicked())));
-                // Others need not wait for a client that does not read.
-                drop(place);
                 let mut line = Vec::new();
-                write_line(&mut line, &item);
+                // A panic costs only its own log the result.
+                write_line(&mut line, &batch.item(index, graded.unwrap_or_else(|_panic| Err(panicked()))));
+                // Others need not wait for a client that does not read.
+                drop(slot);
                 // The client may have left.
                 let _ = sender.send(line.into()).await;
             });
@@ -269,7 +269,7 @@ impl Batch {
         while running.join_next().await.is_some() {}
     }
 
-    /// Grades a chunk and those after it until the time slice ends. Items that do not suit the short lane go to `rest`.
+    /// Grades a chunk and those after it until the time slice ends. It leaves the slow ones.
     fn take_turn(&self, mut chunk: Range<usize>, until: &Until) -> Turn {
         let begun = Instant::now();
         let mut turn = Turn::default();
@@ -295,6 +295,7 @@ impl Batch {
         turn
     }
 
+    /// Reads the request of an item.
     fn read(&self, index: usize) -> AppResult<ReadRequest> {
         let Item { place, line } = &self.items[index];
         let text = &self.bytes[place.clone()];
@@ -321,7 +322,7 @@ impl Batch {
     async fn finish(self: &Arc<Self>, index: usize) -> AppResult<GradeBody> {
         let batch = Arc::clone(self);
         let request = tokio::task::spawn_blocking(move || batch.read(index)).await;
-        let request = request.map_err(|error| AppError::internal(&error))??;
+        let request = request.map_err(|_panic| panicked())??;
         let prepared = request.prepare_in_turn(&self.state, &self.who).await;
         let prepared = prepared.map_err(AppError::without_reward_where_ours)?;
         let _permit = self.grading.acquire().await.expect("the semaphore is never closed");

@@ -101,8 +101,8 @@ class Attempts:
             is_refusal = (
                 error.status == 429 or (error.status == 503 and is_own) or error.kind == "idempotency-in-flight"
             )
-            # The same work would take as long again.
-            is_too_long = error.kind == "deadline"
+            # It may have passed while the work waited; otherwise the same work takes as long again.
+            is_too_long = error.kind == "deadline" and self.made > 1
             if not error.is_retryable or is_too_long or not (is_refusal or self.is_repeatable):
                 raise error
             asked = error.retry_after_s

@@ -150,7 +150,10 @@ fn node<'e>(environment: &'e Environment<'e>, value: &'e toml::Value) -> Result<
         }
         toml::Value::Integer(_) | toml::Value::Float(_) | toml::Value::Boolean(_) => Node::Fixed(plain(value)),
         toml::Value::Datetime(_) | toml::Value::Table(_) => {
-            return Err(Error::new(ErrorKind::InvalidOperation, "expected a number, a string, true, false or an array"));
+            return Err(Error::new(
+                ErrorKind::InvalidOperation,
+                "expected a number, a string, true, false or an array",
+            ));
         }
     })
 }

@@ -254,7 +254,7 @@ def tell(outcome: Outcome, folder: Path) -> None:
     odd_ones = [f"{outcome.answers[name]} {words}" for name, words in odd.items() if outcome.answers.get(name)]
     if odd_ones:
         print(f"of {outcome.answers['answers']} answers: {', '.join(odd_ones)}")
-    of_code = {"code_failed": "have no code that builds", "code_stopped": "reached a limit and count as empty"}
+    of_code = {"code_failed": "failed before they built anything", "code_stopped": "reached a limit and count as empty"}
     for name, words in of_code.items():
         if count := outcome.answers.get(name):
             print(f"turns whose answers {words}: {count}")
@@ -266,7 +266,9 @@ def tell(outcome: Outcome, folder: Path) -> None:
     )
     cost = f"{spending['cost']} {spending['currency']}" if spending["cost"] is not None else "unknown"
     print(f"requests: {spending['requests']}; tokens: {tokens}; cost: {cost}; transcripts and journal: {folder}")
-    own = {name: why for name, why in outcome.failed.items() if why != outcome.stopped and "not begun" not in why[:9]}
+    own = {
+        name: why for name, why in outcome.failed.items() if why != outcome.stopped and not why.startswith("not begun")
+    }
     for name, reason in list(own.items())[:10]:
         run_number, _, problem = name.partition("/")
         print(f"no answer to {problem} in run {run_number}: {reason}", file=sys.stderr)

@@ -143,14 +143,17 @@ def words(done: StepDone) -> str:
     return "\n".join(lines)
 
 
-def counts(journal: Journal) -> dict[str, int]:
+def counts(journal: Journal) -> dict[str, int | None]:
     """Counts the answers of the model, and those that most likely build nothing, each by one reason."""
     reasons = [reason_of(Completion.of_json(entry["completion"])) for entry in journal.of_kind("completion")]
     names = ("refused", "tool_calls", "cut_off", "empty")
-    found = {"answers": len(reasons)} | {name: reasons.count(name) for name in names}
+    found: dict[str, int | None] = {"answers": len(reasons)}
+    found |= {name: reasons.count(name) for name in names}
     results = [entry["result"] for entry in journal.of_kind("submitted")]
     found["code_stopped"] = sum(len(result.get("refused") or ()) for result in results)
-    found["code_failed"] = sum(result.get("code_failed") or 0 for result in results)
+    # The service tells it of code that was posted to a public suite.
+    failed = [result.get("code_failed") for result in results]
+    found["code_failed"] = sum(failed) if all(count is not None for count in failed) else None
     return found
 
 

@@ -7,7 +7,7 @@ import random
 import re
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Protocol
 
 import httpx
@@ -64,6 +64,23 @@ class Completion:
     def of_json(cls, found: dict[str, Any]) -> Completion:
         """Reads it from the journal."""
         return cls(**{**found, "usage": Usage(**found["usage"])})
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A request that brought no answer."""
+
+    reason: str
+    is_billed: bool
+    """Whether it may have been paid for."""
+    error: ModelError | None = None
+    """What to raise, if it is no use to ask again."""
+    is_empty: bool = False
+    """Whether the endpoint answered with success and without an answer."""
+    is_misnamed: bool = False
+    """Whether the limit of tokens has another name, under which to ask again at once."""
+    after_s: float | None = None
+    """Seconds to wait before the next try, if the endpoint says so."""
 
 
 class Meter(Protocol):
@@ -137,47 +154,66 @@ class Model:
         """
         until, delay, tries, empty = time.monotonic() + self._patience_s, self._first_delay_s, 0, 0
         while True:
-            began, tries, named = time.monotonic(), tries + 1, self._most_tokens
-            asked: float | None = None
+            request, tries = self._request(messages, run), tries + 1
             meter.begin()
-            try:
-                response = await self._http.post(self._url, json=self._request(messages, run))
-                if response.is_success:
-                    return read(response, time.monotonic() - began)
-                reason = self._without_key(f"{response.status_code} {excerpt(response.text)}")
-                meter.end(reason, response.status_code >= 500 and response.status_code not in (503, 529))
-                if named == "max_tokens" and response.status_code == 400 and "max_completion_tokens" in response.text:
-                    # Newer models take their limit under another name, and say so.
-                    self._most_tokens = "max_completion_tokens"
-                    continue
-                if response.status_code in (401, 402, 403, 404) or "insufficient_quota" in response.text:
-                    raise EndpointRefuses(f"{self.shown} refuses: {reason}")
-                if response.status_code not in (408, 409, 425, 429) and response.status_code < 500:
-                    raise ModelError(f"{self.shown} refuses this request: {reason}")
-                asked = retry_after(response.headers.get("retry-after"))
-            except NoAnswer as error:
-                reason, empty = self._without_key(str(error)), empty + 1
-                meter.end(reason, is_billed=True)
-                if empty == MOST_EMPTY:
-                    raise ModelError(f"{self.shown}: {reason}, {empty} times") from error
-            except (httpx.LocalProtocolError, httpx.UnsupportedProtocol, httpx.TooManyRedirects) as error:
-                meter.end(str(error), is_billed=False)
-                raise EndpointRefuses(self._without_key(f"{self.shown}: {error}")) from error
-            except httpx.RequestError as error:
-                reason = self._without_key(str(error) or type(error).__name__)
-                is_sent = not isinstance(error, (httpx.ConnectError, httpx.ConnectTimeout, httpx.PoolTimeout))
-                meter.end(reason, is_billed=is_sent)
-            pause = random.uniform(0.5, 1.0) * delay if asked is None else asked + random.uniform(0.0, 1.0)
+            done = await self._try(request)
+            if isinstance(done, Completion):
+                return done
+            meter.end(done.reason, done.is_billed)
+            if done.error is not None:
+                raise done.error
+            if done.is_misnamed:
+                continue
+            empty += done.is_empty
+            if empty == MOST_EMPTY:
+                raise ModelError(f"{self.shown}: {done.reason}, {empty} times")
+            pause = (
+                random.uniform(0.5, 1.0) * delay if done.after_s is None else done.after_s + random.uniform(0.0, 1.0)
+            )
             delay = min(60.0, 2.0 * delay)
             if time.monotonic() + pause > until:
-                raise ModelError(f"no answer from {self.shown} after {tries} tries: {reason}")
+                raise ModelError(f"no answer from {self.shown} after {tries} tries: {done.reason}")
             await asyncio.sleep(pause)
+
+    async def _try(self, request: httpx.Request) -> Completion | Failed:
+        """Sends a request once."""
+        began, named = time.monotonic(), self._most_tokens
+        try:
+            response = await self._http.send(request)
+            if not response.is_success:
+                return self._failed(response, named)
+            return read(response, time.monotonic() - began)
+        except NoAnswer as error:
+            return Failed(self._without_key(str(error)), is_billed=True, is_empty=True)
+        except EndpointRefuses as refused:
+            return Failed(str(refused), is_billed=True, error=refused)
+        except (httpx.LocalProtocolError, httpx.UnsupportedProtocol, httpx.TooManyRedirects) as error:
+            reason = self._without_key(f"{self.shown}: {error}")
+            return Failed(reason, is_billed=False, error=EndpointRefuses(reason))
+        except httpx.RequestError as error:
+            is_sent = not isinstance(error, (httpx.ConnectError, httpx.ConnectTimeout, httpx.PoolTimeout))
+            return Failed(self._without_key(str(error) or type(error).__name__), is_billed=is_sent)
+
+    def _failed(self, response: httpx.Response, named: str) -> Failed:
+        """Reads an error answer. `named` is the name that the limit of tokens had in the request."""
+        status, text = response.status_code, response.text
+        reason = self._without_key(f"{status} {excerpt(text)}")
+        failed = Failed(reason, is_billed=status >= 500 and status not in (503, 529))
+        if named == "max_tokens" and status == 400 and "max_completion_tokens" in text:
+            # Newer models take their limit under another name, and say so.
+            self._most_tokens = "max_completion_tokens"
+            return replace(failed, is_misnamed=True)
+        if status in (401, 402, 403, 404) or "insufficient_quota" in text:
+            return replace(failed, error=EndpointRefuses(f"{self.shown} refuses: {reason}"))
+        if status not in (408, 409, 425, 429) and status < 500:
+            return replace(failed, error=ModelError(f"{self.shown} refuses this request: {reason}"))
+        return replace(failed, after_s=retry_after(response.headers.get("retry-after")))
 
     def _without_key(self, text: str) -> str:
         """Endpoints repeat in their errors what they were sent."""
         return text.replace(self._key, "…") if self._key else text
 
-    def _request(self, messages: Sequence[Message], run: int) -> dict[str, Any]:
+    def _request(self, messages: Sequence[Message], run: int) -> httpx.Request:
         sampling = self._sampling
         request: dict[str, Any] = {
             "model": self.name,
@@ -188,7 +224,8 @@ class Model:
             "reasoning_effort": sampling.reasoning_effort,
             "seed": None if sampling.seed is None else sampling.seed + run,
         }
-        return {name: value for name, value in request.items() if value is not None} | sampling.extra
+        members = {name: value for name, value in request.items() if value is not None} | sampling.extra
+        return self._http.build_request("POST", self._url, json=members)
 
 
 class NoAnswer(PlumblineError):

@@ -44,9 +44,9 @@ class Outcome:
     """The finished runs with their summaries."""
     left_open: list[str] = field(default_factory=list)
     """Runs that have answers to the tasks that were asked for, and take others."""
-    answers: dict[str, int] = field(default_factory=dict)
+    answers: dict[str, int | None] = field(default_factory=dict)
     """Number of answers of the model, of those that were empty, cut off, refusals, or calls of tools, and of those whose
-    code reached a limit or failed before it built anything."""
+    code reached a limit or failed before it built anything (None if that is unknown)."""
     entry: dict[str, Any] | None = None
     """The finalized entry of a hidden evaluation."""
 

@@ -28,28 +28,44 @@ class Spending:
     output: int = 0
     cached_input: int | None = 0
     reasoning: int | None = 0
-    unmetered: int = 0
-    """Requests that may have been billed but came without token counts."""
+    untold: int = 0
+    """Answers without token counts."""
+    broken: int = 0
+    """Requests without an answer that may have been paid for."""
+    most_tokens: int = 0
+    most_cost: float = 0.0
+    """The most that one answer took. The budget counts as much for a request without an answer."""
+
+    @property
+    def unmetered(self) -> int:
+        """Requests that may have been paid for but came without token counts."""
+        return self.untold + self.broken
 
     def add(self, usage: Usage) -> None:
         """Counts an answer."""
         self.requests += 1
-        if usage.input is None or usage.output is None:
-            self.unmetered += 1
+        self.untold += usage.input is None or usage.output is None
+        took, paid = self.input + self.output, self._paid()
         self.input += usage.input or 0
         self.output += usage.output or 0
         self.cached_input = both(self.cached_input, usage.cached_input)
         self.reasoning = both(self.reasoning, usage.reasoning)
+        self.most_tokens = max(self.most_tokens, self.input + self.output - took)
+        self.most_cost = max(self.most_cost, self._paid() - paid)
 
     def add_failed(self, is_billed: bool) -> None:
         """Counts a request that brought no answer; `is_billed` says whether it may have been paid for."""
         self.requests += 1
-        self.unmetered += is_billed
+        self.broken += is_billed
 
     def cost(self) -> float | None:
         """Returns the cost; None if it is unknown, because there are no prices or because token counts are missing."""
-        if self.prices is None or self.unmetered:
-            return None
+        return None if self.prices is None or self.unmetered else self._paid()
+
+    def _paid(self) -> float:
+        """Returns the cost of the tokens that are known."""
+        if self.prices is None:
+            return 0.0
         cached = (self.cached_input or 0) if self.prices.cached_input is not None else 0
         cost = (self.input - cached) * self.prices.input + self.output * self.prices.output
         return (cost + cached * (self.prices.cached_input or 0.0)) / MILLION
@@ -58,19 +74,22 @@ class Spending:
         """Raises `BudgetSpent` if a limit is reached, with the requests that are under way."""
         if budget.requests is not None and self.requests + under_way >= budget.requests:
             raise BudgetSpent(f"the budget of {budget.requests} requests is used up; raise --max-requests to continue")
-        tokens = self.input + self.output
+        broken = f" ({self.broken} requests without an answer counted as the largest)" if self.broken else ""
+        tokens = self.input + self.output + self.broken * self.most_tokens
         if budget.tokens is not None and tokens >= budget.tokens:
             raise BudgetSpent(
-                f"{tokens} tokens were used; the budget is {budget.tokens}; raise --max-total-tokens to continue"
+                f"{tokens} tokens were used{broken}; the budget is {budget.tokens}; raise --max-total-tokens to continue"
             )
-        if self.unmetered and (budget.tokens is not None or budget.cost is not None):
+        if self.untold and (budget.tokens is not None or budget.cost is not None):
             raise BudgetSpent(
                 "some answers came without token counts, so the budget cannot be checked; "
                 "remove --max-total-tokens and --max-cost to continue"
             )
-        cost = self.cost()
-        if budget.cost is not None and cost is not None and cost >= budget.cost:
-            raise BudgetSpent(f"{cost:.4f} was spent; the budget is {budget.cost:.4f}; raise --max-cost to continue")
+        cost = self._paid() + self.broken * self.most_cost
+        if budget.cost is not None and cost >= budget.cost:
+            raise BudgetSpent(
+                f"{cost:.4f} was spent{broken}; the budget is {budget.cost:.4f}; raise --max-cost to continue"
+            )
 
     def as_json(self) -> dict[str, Any]:
         """Returns the tokens and the cost; what is unknown is null."""
@@ -109,8 +128,9 @@ def spent(prices: Prices | None, journal: Journal) -> Spending:
 
 def lost(journal: Journal) -> int:
     """Returns how many requests were sent by a process that did not live to see what became of them."""
-    ended = Counter(
-        entry["attempt"] for kind in ("completion", "unmetered", "unbilled") for entry in journal.of_kind(kind)
-    )
     asked = Counter(entry["attempt"] for entry in journal.of_kind("asked"))
+    # Requests of earlier versions were not noted before they were sent.
+    first = {attempt: journal.all(attempt, "asked")[0]["at"] for attempt in asked}
+    ends = (entry for kind in ("completion", "unmetered", "unbilled") for entry in journal.of_kind(kind))
+    ended = Counter(end["attempt"] for end in ends if end["at"] >= first.get(end["attempt"], float("inf")))
     return (asked - ended).total()

@@ -49,7 +49,7 @@ async def open_run(client: AsyncClient, state: TaskState, agent: str) -> str | N
 
 async def begun(client: AsyncClient, state: TaskState, agent: str, place: tuple[str, int]) -> str:
     """Creates a run."""
-    manner = ", episodes" if state.metadata["mode"] == "episodes" else ""
+    manner = ", episodes" if state.metadata.get("mode") == "episodes" else ""
     run = await client.runs.create(
         agent=agent,
         suite=state.metadata["suite"],
@@ -68,4 +68,4 @@ async def begun(client: AsyncClient, state: TaskState, agent: str, place: tuple[
 def metadata_of(state: TaskState) -> dict[str, Any]:
     """Returns what tells the run of an epoch."""
     known = {"harness": "inspect_ai", "model": str(state.model), "epoch": state.epoch}
-    return {**known, "mode": "episodes"} if state.metadata["mode"] == "episodes" else known
+    return {**known, "mode": "episodes"} if state.metadata.get("mode") == "episodes" else known

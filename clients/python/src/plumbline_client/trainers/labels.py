@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import difflib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ..refused import clean
 
 MEMBERS = ("task", "suite", "profile", "reward")
+WORDS = {"schema", "site"}
+"""Names of a data set's own that are near to others."""
 SCHEMES = ("reward", "scheme", "reward_scheme")
 """Names under which data sets have the reward's scheme."""
 
@@ -38,15 +39,24 @@ def request(label: object, texts: list[str]) -> dict[str, Any]:
     return {**named, "answer": [clean(text) for text in texts]}
 
 
-def refuse_misspelt(members: Mapping[str, Any]) -> None:
-    """Raises ValueError if a member is likely meant as one that is not there."""
-    is_rewarded = any(name in members for name in SCHEMES)
-    missing = [name for name in (*MEMBERS, *SCHEMES) if name not in members and not (is_rewarded and name in SCHEMES)]
-    for name in members:
-        # A plural is another name.
-        near = difflib.get_close_matches(str(name).lower(), missing, n=1, cutoff=0.8)
-        if near and name not in (*MEMBERS, *SCHEMES) and name != f"{near[0]}s":
-            raise ValueError(f"the label has {name!r}, which is unknown; did you mean {near[0]}?")
+def refuse_misspelt(names: Iterable[str]) -> None:
+    """Raises ValueError if a name is a slip away from one that is not there. A plural is another name."""
+    known = {*MEMBERS, *SCHEMES}
+    given = set(names)
+    missing = known - given - (set(SCHEMES) if given & set(SCHEMES) else set())
+    for name in given - known - WORDS:
+        for meant in missing:
+            if is_slip(str(name).lower(), meant) and name != f"{meant}s":
+                raise ValueError(f"the label has {name!r}, which is unknown; did you mean {meant}?")
+
+
+def is_slip(name: str, meant: str) -> bool:
+    """Whether a name has at most one letter more, less or other, or two letters swapped."""
+    pairs = zip(name, meant, strict=False)
+    same = next((i for i, (a, b) in enumerate(pairs) if a != b), min(len(name), len(meant)))
+    one, other = name[same:], meant[same:]
+    is_swapped = one[:2] == other[1::-1] and one[2:] == other[2:]
+    return is_swapped or one[1:] == other or one == other[1:] or one[1:] == other[1:]
 
 
 def components(graded: Mapping[str, Any], names: tuple[str, ...]) -> dict[str, float | None]:

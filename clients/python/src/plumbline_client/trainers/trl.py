@@ -13,7 +13,7 @@ from typing import Any
 from .. import errors
 from ..batches import Request
 from ..models import Problem
-from .labels import CRITERIA, components, request
+from .labels import CRITERIA, components, refuse_misspelt, request
 from .loops import coalescer
 
 LOGGER = logging.getLogger(__name__)
@@ -32,8 +32,11 @@ async def plumbline(
 ) -> list[float | None]:
     """Returns the reward of each completion; None, which the trainer leaves out, where the service failed to give one.
 
-    Raises an error if the data set is wrong: if a row names no task of the suite.
+    Raises an error if the data set is wrong: if a row names no task of the suite, or a column looks like one of these
+    misspelt.
     """
+    given = {"task": task, "scheme": scheme, "suite": suite, "profile": profile}
+    refuse_misspelt([*columns, *(name for name, column in given.items() if column is not None)])
     requests: list[Request] = []
     for index, completion in enumerate(completions):
         label = {"task": task[index], "reward": at(scheme, index), "suite": at(suite, index)}
