@@ -39,6 +39,29 @@ async fn thoughts_do_not_count_towards_the_size_of_code() {
     assert!(two["answer"]["why"].as_str().unwrap().contains("also what stands between fences"), "{two}");
 }
 
+/// What stands beside a fence, or in its place, explains why code fails; where the code builds, nothing is said.
+#[tokio::test]
+async fn what_surrounds_code_explains_why_it_fails() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = service(&folder);
+    for (answer, told) in [
+        (format!("```js linenums\n{WALL}\n```"), "\"linenums\" on the line of the code fence"),
+        (format!("```javascript:build.js\n{WALL}\n```"), "\":build.js\" on the line of the code fence"),
+        (format!("I build:\n{WALL}\nDone, I hope it's fine."), "without a code fence (```) the whole answer is read"),
+        (format!("```js\nlog(bot, '<think>');\n{WALL}\n```"), "a thinking tag is opened and never closed"),
+        (format!("```js\n{WALL}\0\n```"), "a null character (U+0000)"),
+    ] {
+        let graded = graded(&service, &answer).await;
+        let notes = graded["action_code"][0]["notes"].to_string().replace("\\\"", "\"");
+        assert!(notes.contains(told) && graded["reward"] == 0.0, "{answer}: {graded}");
+    }
+    let (one_line, bare) = (format!("```js {}\n```", WALL.replace('\n', " ")), WALL.to_owned());
+    for answer in [one_line, bare, format!("```js\r\n{WALL}\r\n```")] {
+        let graded = graded(&service, &answer).await;
+        assert_eq!((&graded["reward"], &graded["action_code"][0]["notes"]), (&json!(1.0), &Value::Null), "{graded}");
+    }
+}
+
 #[tokio::test]
 async fn json_that_is_no_log_is_no_answer() {
     let folder = tempfile::tempdir().unwrap();
