@@ -1100,7 +1100,7 @@ class Limits(BaseModel):
     """
     grade_batch_wait_seconds: Annotated[int, Field(ge=0)]
     """
-    Seconds that the logs of a batch wait to be graded; then they end with status 504.
+    Seconds that a log of a batch waits in a lane to be graded; then it ends with status 504.
     """
     grades_waiting: Annotated[int, Field(ge=0)]
     """
