@@ -418,7 +418,7 @@ def test_a_request_that_broke_counts_as_the_largest_in_a_budget(
     arguments = ["--suite", "mineceraft-lite", "--agent", "broken", "--concurrency", "1"]
     # 110 tokens each.
     done = evaluate(model, *arguments, "--max-total-tokens", "1100", code=3)
-    assert "1100 tokens were used (2 requests without an answer counted as the largest)" in done.stderr
+    assert "1100 tokens were used (requests without an answer counted as the largest: 2)" in done.stderr
     assert (len(model.seen), evaluate.outcome()["spending"]["input_tokens"]) == (10, None)
     evaluate(model, *arguments)
 
@@ -432,7 +432,7 @@ def test_each_try_is_a_request_of_the_budget(
     spending = evaluate.outcome()["spending"]
     assert (len(model.seen), spending["requests"], spending["input_tokens"]) == (3, 3, tokens)
     assert "the budget of 3 requests is used up" in done.stderr
-    assert "25 of 25 problems have no answer" in done.stderr
+    assert "problems without an answer: 25 of 25" in done.stderr
 
 
 @pytest.mark.parametrize(

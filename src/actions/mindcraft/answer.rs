@@ -70,8 +70,8 @@ pub fn read(sent: &str) -> Reading {
         }
         _ => LANGUAGES.iter().find_map(|word| code.strip_prefix(word)).unwrap_or(code),
     };
-    // A word alone is told, and JSON too.
-    let is_told = notes.iter().any(|note| note.starts_with("the word ")) || is_json(code);
+    // Another word than a language has a note already, and so will JSON.
+    let is_told = word.is_some_and(|word| !LANGUAGES.contains(&word)) || is_json(code);
     let if_it_fails = beside_the_fence(code).filter(|_| !is_told);
     let lines = shown[..end - code.len()].matches('\n').count();
     Reading { code: format!("{}{code}", "\n".repeat(lines)), notes, if_it_fails }

@@ -273,7 +273,7 @@ def tell(outcome: Outcome, folder: Path) -> None:
         run_number, _, problem = name.partition("/")
         print(f"no answer to {problem} in run {run_number}: {reason}", file=sys.stderr)
     if outcome.failed:
-        print(f"{len(outcome.failed)} of {outcome.problems} problems have no answer", file=sys.stderr)
+        print(f"problems without an answer: {len(outcome.failed)} of {outcome.problems}", file=sys.stderr)
     if outcome.stopped is not None:
         print(f"stopped: {outcome.stopped}", file=sys.stderr)
     if not outcome.is_complete:

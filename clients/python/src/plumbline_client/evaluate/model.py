@@ -93,20 +93,6 @@ class Meter(Protocol):
         """Called after a request that brought no answer; `is_billed` says whether it may have been paid for."""
 
 
-@dataclass(frozen=True)
-class NoMeter:
-    """Counts nothing."""
-
-    def begin(self) -> None:
-        """Does nothing."""
-
-    def end(self, reason: str, is_billed: bool) -> None:
-        """Does nothing."""
-
-
-NO_METER = NoMeter()
-
-
 class Model:
     """A model behind an endpoint. 429 and 5xx, timeouts and broken connections are retried until `patience_s` is over,
     not before the `Retry-After` of the endpoint."""
@@ -147,7 +133,7 @@ class Model:
         """Closes the connections."""
         await self._http.aclose()
 
-    async def answer(self, messages: Sequence[Message], run: int, meter: Meter = NO_METER) -> Completion:
+    async def answer(self, messages: Sequence[Message], run: int, meter: Meter) -> Completion:
         """Returns the model's answer to a conversation. `run` is the index of the run, from 0, for the seed.
 
         A refusal (a status from 400 to 499, 503 or 529) is not paid for; any other request without an answer may be.

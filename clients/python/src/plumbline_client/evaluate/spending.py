@@ -74,7 +74,7 @@ class Spending:
         """Raises `BudgetSpent` if a limit is reached, with the requests that are under way."""
         if budget.requests is not None and self.requests + under_way >= budget.requests:
             raise BudgetSpent(f"the budget of {budget.requests} requests is used up; raise --max-requests to continue")
-        broken = f" ({self.broken} requests without an answer counted as the largest)" if self.broken else ""
+        broken = f" (requests without an answer counted as the largest: {self.broken})" if self.broken else ""
         tokens = self.input + self.output + self.broken * self.most_tokens
         if budget.tokens is not None and tokens >= budget.tokens:
             raise BudgetSpent(

@@ -47,7 +47,7 @@ def refuse_misspelt(names: Iterable[str]) -> None:
     for name in given - known - WORDS:
         for meant in missing:
             if is_slip(str(name).lower(), meant) and name != f"{meant}s":
-                raise ValueError(f"the label has {name!r}, which is unknown; did you mean {meant}?")
+                raise ValueError(f"{name!r} is unknown; did you mean {meant}?")
 
 
 def is_slip(name: str, meant: str) -> bool:
