@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # An agent that builds step by step: it looks at what stands, goes on, and submits.
 set -euo pipefail
-server=${PLUMBLINE:-http://localhost:7586}
+server=${PLUMBLINE_SERVER:-http://localhost:7586}
 # Faults are shown; a key is sent if there is one.
 curl() { command curl -sS --fail-with-body ${PLUMBLINE_KEY:+-H "authorization: Bearer $PLUMBLINE_KEY"} "$@"; }
 post() { curl -H 'content-type: application/json' "$server$1" --data "$2"; }

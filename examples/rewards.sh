@@ -2,7 +2,7 @@
 # A trainer: rewards for what a model wrote, for one log and for a batch. Nothing is stored.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-server=${PLUMBLINE:-http://localhost:7586}
+server=${PLUMBLINE_SERVER:-http://localhost:7586}
 # Faults are shown; a key is sent if there is one.
 curl() { command curl -sS --fail-with-body ${PLUMBLINE_KEY:+-H "authorization: Bearer $PLUMBLINE_KEY"} "$@"; }
 

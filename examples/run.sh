@@ -2,7 +2,7 @@
 # An agent's author: begins a run, submits an answer, reads its report, finishes the run and reads the board.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-server=${PLUMBLINE:-http://localhost:7586}
+server=${PLUMBLINE_SERVER:-http://localhost:7586}
 # Faults are shown; a key is sent if there is one.
 curl() { command curl -sS --fail-with-body ${PLUMBLINE_KEY:+-H "authorization: Bearer $PLUMBLINE_KEY"} "$@"; }
 json='content-type: application/json'

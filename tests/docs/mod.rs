@@ -204,7 +204,7 @@ async fn examples_run_as_they_stand() {
     let service = Service::start(&folder.path().join("p.db"), &["--board-coverage", "0"]);
     let against = |script: &str| {
         let mut command = example(script);
-        command.env("PLUMBLINE", &service.url);
+        command.env("PLUMBLINE_SERVER", &service.url);
         command
     };
     let board = succeeded(against("run.sh"));

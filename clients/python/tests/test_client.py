@@ -178,6 +178,14 @@ def test_one_call_has_one_key_however_often_it_is_sent(flaky: Any) -> None:
     assert server.seen[-1]["authorization"] == "Bearer plk_x"
 
 
+def test_the_address_is_that_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PLUMBLINE", "grader:1/")
+    assert Client().url == "http://grader:1"
+    monkeypatch.setenv("PLUMBLINE_SERVER", "https://grader/v1")
+    assert Client().url == "https://grader"
+    assert Client("http://grader:3").url == "http://grader:3"
+
+
 def test_what_may_not_happen_twice_is_not_sent_twice(flaky: Any) -> None:
     server = flaky("cut")
     client = Client(server.url, retries=Retries(first_s=0.01))

@@ -34,7 +34,7 @@ BIN = Path(sys.executable).parent
 
 @pytest.fixture
 def inspect(service: Running, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    monkeypatch.setenv("PLUMBLINE", service.url)
+    monkeypatch.setenv("PLUMBLINE_SERVER", service.url)
     return tmp_path / "logs"
 
 
@@ -142,11 +142,11 @@ def test_an_evaluation_that_is_tried_again_goes_on_with_its_run(
 def test_a_service_that_is_gone_scores_nothing(inspect: Path, texts: dict[str, str], tmp_path: Path) -> None:
     running = Running(tmp_path, "--open")
     try:
-        os.environ["PLUMBLINE"] = running.url
+        os.environ["PLUMBLINE_SERVER"] = running.url
 
         def leaving(messages: list[Any], tools: Any, choice: Any, config: Any) -> ModelOutput:
             running.process.kill()
-            os.environ["PLUMBLINE"] = "http://127.0.0.1:1"
+            os.environ["PLUMBLINE_SERVER"] = "http://127.0.0.1:1"
             return always("nothing")(messages, tools, choice, config)  # type: ignore[no-any-return]
 
         model = get_model("mockllm/model", custom_outputs=leaving)
@@ -213,7 +213,7 @@ def test_the_command_leaves_a_log_that_the_viewer_opens(inspect: Path, service: 
     stub.mkdir(parents=True)
     counting = "class Words:\n    def encode(self, text, **_):\n        return text.split()\n"
     (stub / "__init__.py").write_text(f"{counting}\ndef get_encoding(name):\n    return Words()\n")
-    environment = {**without_settings(), "PLUMBLINE": service.url, "PYTHONPATH": str(stub.parent)}
+    environment = {**without_settings(), "PLUMBLINE_SERVER": service.url, "PYTHONPATH": str(stub.parent)}
     environment["XDG_DATA_HOME"] = str(tmp_path / "data")
     command = [str(BIN / "inspect"), "eval", "plumbline_client/mineceraft_lite", "--model", "mockllm/model"]
     command += ["--limit", "2", "--display", "none", "--log-dir", str(inspect)]
@@ -258,7 +258,7 @@ def test_a_hidden_evaluation_is_answered_and_finalized(inspect: Path, tmp_path: 
     running = Running(tmp_path, "--open")
     try:
         running.run("epochs", "create", "e1", "--closes", "2099-01-01")
-        os.environ["PLUMBLINE"] = running.url
+        os.environ["PLUMBLINE_SERVER"] = running.url
         model = get_model("mockllm/model", custom_outputs=always("bot.chat('/setblock 0 0 3 stone');"))
         [log] = inspect_eval(
             "plumbline_client/mineceraft_hidden",

@@ -18,7 +18,7 @@ EXAMPLES = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
 def test_an_example_runs(example: str, service: Running, tmp_path: Path) -> None:
     program = tmp_path / "example.py"
     program.write_text(example)
-    environment = {**without_settings(), "PLUMBLINE": service.url}
+    environment = {**without_settings(), "PLUMBLINE_SERVER": service.url}
     done = subprocess.run([sys.executable, program], check=True, capture_output=True, text=True, env=environment)
     assert done.stdout.strip(), done.stderr
 

@@ -23,7 +23,7 @@ def good() -> str:
 
 @pytest.fixture(autouse=True)
 def at_service(service: Running, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PLUMBLINE", service.url)
+    monkeypatch.setenv("PLUMBLINE_SERVER", service.url)
 
 
 def rows(service: Running, form: str, **query: str) -> list[dict[str, Any]]:
@@ -79,7 +79,7 @@ async def test_trl_gets_none_where_the_service_failed_and_an_error_where_the_dat
         ["rewards", "reward_model", "reward_fn", "schema", "site", "profile_id", "data_source", "tasks"], 1
     )
     assert labels.request({"task": WALL, "reward": "mean", **others}, [good])["reward"] == "mean"
-    monkeypatch.setenv("PLUMBLINE", "http://127.0.0.1:1")
+    monkeypatch.setenv("PLUMBLINE_SERVER", "http://127.0.0.1:1")
     monkeypatch.setattr("plumbline_client.async_client.Retries", lambda: Retries(most=1, first_s=0.01))
 
     def elsewhere() -> list[float | None]:
@@ -218,7 +218,7 @@ async def test_verifiers_runs_tasks_of_one_turn_and_of_several(
                 assert episode.traces[0].metrics["shape"] == 1.0
             # A service that is gone gives no reward, not a reward of 0.
             [task] = env.taskset.include(ids=[WALL])
-            monkeypatch.setenv("PLUMBLINE", "http://127.0.0.1:1")
+            monkeypatch.setenv("PLUMBLINE_SERVER", "http://127.0.0.1:1")
             monkeypatch.setattr("plumbline_client.async_client.Retries", lambda: Retries(most=1, first_s=0.01))
             episode = await env.run_episode(task, context)
             assert not episode.ok

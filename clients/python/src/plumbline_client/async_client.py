@@ -143,7 +143,7 @@ class AsyncEvents:
 class AsyncClient:
     """An asynchronous client of one service.
 
-    `url` is the service's address, by default that in `PLUMBLINE`; `key` is the key, by default that in `PLUMBLINE_KEY`.
+    `url` is the service's address, by default that in `PLUMBLINE_SERVER`; `key` is the key, by default that in `PLUMBLINE_KEY`.
     `timeout_s` is for one attempt of one request; `retries` says when a request is sent again.
     """
 

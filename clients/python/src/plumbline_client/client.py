@@ -143,7 +143,7 @@ class Events:
 class Client:
     """A blocking client of one service. It may be used by many threads at once.
 
-    `url` is the service's address, by default that in `PLUMBLINE`; `key` is the key, by default that in `PLUMBLINE_KEY`.
+    `url` is the service's address, by default that in `PLUMBLINE_SERVER`; `key` is the key, by default that in `PLUMBLINE_KEY`.
     `timeout_s` is for one attempt of one request; `retries` says when a request is sent again.
     """
 
@@ -253,7 +253,9 @@ LIMITS = httpx.Limits(max_connections=100, max_keepalive_connections=20)
 
 def address(url: str | None) -> str:
     """Returns the address of the service, without a slash at its end, nor the `/v1` with which its paths begin."""
-    given = (url or os.environ.get("PLUMBLINE") or DEFAULT_URL).rstrip("/").removesuffix("/v1")
+    # Earlier versions of this package called it `PLUMBLINE`.
+    told = os.environ.get("PLUMBLINE_SERVER") or os.environ.get("PLUMBLINE")
+    given = (url or told or DEFAULT_URL).rstrip("/").removesuffix("/v1")
     return given if "://" in given else f"http://{given}"
 
 

@@ -14,7 +14,7 @@ class GradingConfig(vf.TaskConfig):
     """How builds are graded."""
 
     url: str | None = None
-    """Address of the service; by default that in `PLUMBLINE`."""
+    """Address of the service; by default that in `PLUMBLINE_SERVER`."""
     key_var: str = "PLUMBLINE_KEY"
     """Name of the variable that holds the key; a key itself would be written beside the results."""
     scheme: str = "shaped"

@@ -40,7 +40,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def add_service(parser: argparse.ArgumentParser, default: str | None) -> None:
     """Adds the options that say which service."""
     parser.add_argument(
-        "--server", default=default, help="address of the service; by default $PLUMBLINE or http://localhost:7586"
+        "--server",
+        default=default,
+        help="address of the service; by default $PLUMBLINE_SERVER or http://localhost:7586",
     )
     parser.add_argument("--key", default=default, help="key of the service; by default $PLUMBLINE_KEY")
 
@@ -48,7 +50,7 @@ def add_service(parser: argparse.ArgumentParser, default: str | None) -> None:
 def hint_for(error: PlumblineError) -> str:
     """Says where the address or the key of the service comes from."""
     if isinstance(error, NotReached):
-        return "\nthe service's address is that of --server or PLUMBLINE; `plumbline serve --open` starts one"
+        return "\nthe service's address is that of --server or PLUMBLINE_SERVER; `plumbline serve --open` starts one"
     if isinstance(error, Unauthorized):
         return "\nthe service's key is that of --key or PLUMBLINE_KEY"
     return ""

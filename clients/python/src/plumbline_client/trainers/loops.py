@@ -18,7 +18,7 @@ _coalescers: WeakKeyDictionary[asyncio.AbstractEventLoop, dict[str | None, Coale
 
 
 def coalescer(url: str | None = None) -> Coalescer:
-    """Returns the coalescer of the running loop for a service, by default that of `PLUMBLINE`."""
+    """Returns the coalescer of the running loop for a service, by default that of `PLUMBLINE_SERVER`."""
     of_loop = _coalescers.setdefault(asyncio.get_running_loop(), {})
     if url not in of_loop:
         of_loop[url] = Coalescer(AsyncClient(url))

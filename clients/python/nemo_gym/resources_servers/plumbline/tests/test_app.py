@@ -1,4 +1,4 @@
-"""The server with the framework's own shapes. Needs a service at `PLUMBLINE` (`plumbline serve --open`)."""
+"""The server with the framework's own shapes. Needs a service at `PLUMBLINE_SERVER` (`plumbline serve --open`)."""
 
 import json
 import os
@@ -10,7 +10,7 @@ from nemo_gym.server_utils import ServerClient
 from pytest import fixture
 from resources_servers.plumbline.app import PlumblineConfig, PlumblineResourcesServer
 
-URL = os.environ.get("PLUMBLINE", "http://127.0.0.1:7586")
+URL = os.environ.get("PLUMBLINE_SERVER", "http://127.0.0.1:7586")
 WALL = "for (let x = 0; x < 5; x++) {\n  await skills.placeBlock(bot, 'stone', x, 0, 0);\n}"
 
 
