@@ -47,10 +47,10 @@ pub async fn search(app: &App, text: &str) -> AppResult<Found> {
     let pattern = SearchText::new(text);
     let mut entries = app.catalogue().suites().to_vec();
     entries.sort_by_key(|entry| (entry.suite.name.clone(), std::cmp::Reverse(entry.suite.version)));
-    let suites = entries.iter().map(|entry| entry.suite.id()).filter(|id| pattern.is_in(id)).collect();
+    let suites = entries.iter().map(|entry| entry.id.clone()).filter(|id| pattern.is_in(id)).collect();
     let names = epochs(app).await?.into_iter().map(|epoch| epoch.row.id().to_owned());
     let of_suite = entries.iter().map(|entry| {
-        let suite = entry.suite.id();
+        let suite = entry.id.clone();
         let tasks = entry.suite.tasks.iter().filter(|task| pattern.is_in_task(task));
         let found = |task: &plumbline_engine::tasks::Task| FoundTask {
             suite: suite.clone(),

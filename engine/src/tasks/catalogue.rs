@@ -14,6 +14,8 @@ pub struct Catalogue {
 /// A suite with indexes of its tasks.
 #[derive(Debug)]
 pub struct Entry {
+    /// Name and version of the suite, `name@version`.
+    pub id: String,
     /// The suite.
     pub suite: Suite,
     /// Content hash of each task, in the suite's order.
@@ -39,7 +41,7 @@ impl Catalogue {
     #[must_use]
     pub fn suite(&self, name: &str) -> Option<&Arc<Entry>> {
         if name.contains('@') {
-            return self.suites.iter().find(|entry| entry.suite.id() == name);
+            return self.suites.iter().find(|entry| entry.id == name);
         }
         self.suites.iter().filter(|entry| entry.suite.name == name).max_by_key(|entry| entry.suite.version)
     }
@@ -49,6 +51,7 @@ impl Entry {
     fn new(suite: Suite) -> Self {
         let tasks = || suite.tasks.iter().enumerate();
         Self {
+            id: suite.id(),
             hashes: suite.tasks.iter().map(Task::content_hash).collect(),
             by_id: tasks().map(|(i, task)| (task.id.clone(), i)).collect(),
             by_number: tasks().map(|(i, task)| (task.number, i)).collect(),

@@ -89,7 +89,7 @@ pub fn of_rows(board: &Board, by: GroupBy, rows: &[Arc<Standing>]) -> Breakdown 
         groups.iter().map(cell).collect()
     };
     Breakdown {
-        suite: board.entry.suite.id(),
+        suite: board.entry.id.clone(),
         rows: rows.iter().map(|row| (Arc::clone(row), cells(row))).collect(),
         groups: groups.into_iter().map(|(name, _)| name).collect(),
     }

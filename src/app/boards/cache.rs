@@ -335,21 +335,21 @@ impl Boards {
     /// # Errors
     /// Returns an error if the database fails.
     pub(super) async fn of(&self, store: &Store, least_coverage: f64, entry: &Arc<Entry>) -> AppResult<Arc<Board>> {
-        let suite_id = entry.suite.id();
-        if let Some(board) = self.current(store, &suite_id) {
+        let suite_id = entry.id.as_str();
+        if let Some(board) = self.current(store, suite_id) {
             return Ok(board);
         }
         let _alone = self.reading.lock().await;
-        if let Some(board) = self.current(store, &suite_id) {
+        if let Some(board) = self.current(store, suite_id) {
             return Ok(board);
         }
         let runs_ended = store.runs_ended();
-        let known = self.kept.read().unwrap_or_else(PoisonError::into_inner).get(&suite_id).cloned();
+        let known = self.kept.read().unwrap_or_else(PoisonError::into_inner).get(suite_id).cloned();
         let board = known.map_or_else(|| Arc::new(empty(entry, least_coverage)), |kept| kept.board);
-        let news = store.board_update(&suite_id, &entry.suite.tasks, board.read).await?;
+        let news = store.board_update(suite_id, &entry.suite.tasks, board.read).await?;
         let board = board.with(news);
         let kept = Kept { board: Arc::clone(&board), runs_ended, since: Instant::now() };
-        self.kept.write().unwrap_or_else(PoisonError::into_inner).insert(suite_id, kept);
+        self.kept.write().unwrap_or_else(PoisonError::into_inner).insert(suite_id.to_owned(), kept);
         Ok(board)
     }
 
@@ -364,7 +364,7 @@ impl Boards {
 fn version(entry: &Entry, BoardCursor { result, action, run }: BoardCursor) -> String {
     // Include the process: another program, or another database under the same name, may compute something else.
     static PROCESS: LazyLock<Uuid> = LazyLock::new(Uuid::new_v4);
-    format!("{}:{result}:{action}:{run}:{}", entry.suite.id(), *PROCESS)
+    format!("{}:{result}:{action}:{run}:{}", entry.id, *PROCESS)
 }
 
 fn empty(entry: &Arc<Entry>, least_coverage: f64) -> Board {

@@ -38,7 +38,7 @@ pub async fn repeats(app: &App, suite: &str) -> AppResult<(Arc<Board>, Vec<Group
 /// # Errors
 /// Returns an error if the database fails.
 pub async fn of_board(app: &App, board: &Board) -> AppResult<Vec<Group>> {
-    let declared = app.store.configurations(&board.entry.suite.id()).await?;
+    let declared = app.store.configurations(&board.entry.id).await?;
     let key_of = |row: &Standing| {
         let configuration = declared.get(&row.run)?.clone();
         Some((row.owner.clone(), row.agent.clone(), row.track.name(), row.profile.clone(), configuration))

@@ -141,7 +141,7 @@ pub async fn with_id(app: &App, suite: Option<&str>, id: &str) -> AppResult<Foun
     let place = entry.task(id).and_then(|(task, _)| place_of(&entry, task.number));
     let Some(place) = place else {
         let near = near_tasks(&entry, id);
-        return Err(AppError::not_found(format!("{} has no task {id:?}{near}", entry.suite.id())));
+        return Err(AppError::not_found(format!("{} has no task {id:?}{near}", entry.id)));
     };
     Ok(FoundTask { entry, place })
 }
@@ -154,7 +154,7 @@ pub async fn numbered(app: &App, suite: &str, number: u32) -> AppResult<FoundTas
     let entry = app.suite(suite).await?;
     match place_of(&entry, number) {
         Some(place) => Ok(FoundTask { entry, place }),
-        None => Err(AppError::not_found(format!("{} has no task {number}", entry.suite.id()))),
+        None => Err(AppError::not_found(format!("{} has no task {number}", entry.id))),
     }
 }
 

@@ -97,5 +97,5 @@ async fn task_attempt(
         return Ok(None);
     };
     let number = task.number_in(&entry, faults).filter(|_| faults.is_empty());
-    Ok(number.map(|number| (Attempt::Task { suite_id: entry.suite.id(), number, run_id: new.run }, track)))
+    Ok(number.map(|number| (Attempt::Task { suite_id: entry.id.clone(), number, run_id: new.run }, track)))
 }

@@ -68,7 +68,7 @@ impl GivenTask {
             Self::Inline(task) => Ok((&task.0, &task.1)),
             Self::Listed(entry, number) => entry
                 .task_numbered(*number)
-                .ok_or_else(|| AppError::internal(&format!("{} has no task {number}", entry.suite.id()))),
+                .ok_or_else(|| AppError::internal(&format!("{} has no task {number}", entry.id))),
         }
     }
 }

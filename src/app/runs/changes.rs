@@ -75,7 +75,7 @@ fn find_tasks(tasks: &[Option<TaskRef>], entry: &Entry, faults: &mut Faults) -> 
     let most = entry.suite.tasks.len();
     faults.enter_key("skip");
     if tasks.len() > most {
-        faults.add(format!("{}; {} has {most}", counted(tasks.len(), "task"), entry.suite.id()));
+        faults.add(format!("{}; {} has {most}", counted(tasks.len(), "task"), entry.id));
     }
     let mut numbers = Vec::new();
     // A body may list millions of tasks. Those far beyond the maximum are not looked up.

@@ -52,7 +52,7 @@ pub async fn create(
                 if let Some(detail) = entry.suite.lacks(track) {
                     faults.add_at("track", detail);
                 }
-                suite_id = Some(entry.suite.id());
+                suite_id = Some(entry.id.clone());
             }
             None => faults.add_at("suite", no_suite(&app.catalogue(), name)),
         }

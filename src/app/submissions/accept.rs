@@ -251,7 +251,7 @@ fn prepare(
             faults.enter_line(line);
         }
         check_against_task(&submission.sent.log, task, faults);
-        placed.push((submission, entry.suite.id(), task, hash));
+        placed.push((submission, entry.id.clone(), task, hash));
     }
     if !faults.is_empty() {
         return Ok(Vec::new());

@@ -69,7 +69,7 @@ impl TaskRef {
                 },
                 Self::Number(_) => String::new(),
             };
-            format!("{} has no task {named}; /v1/tasks lists them{near}", entry.suite.id())
+            format!("{} has no task {named}; /v1/tasks lists them{near}", entry.id)
         })
     }
 }

@@ -227,7 +227,7 @@ pub async fn get_board_feed(
     let board = read::board(&state, &suite).await?;
     let entries: Vec<Entry> = news(&board).into_iter().map(|it| Entry::of(it, &board)).collect();
     let feed = Feed {
-        suite: board.entry.suite.id(),
+        suite: board.entry.id.clone(),
         origin,
         updated: rfc3339(entries.first().map_or(0, |entry| entry.at_ms)),
         entries,

@@ -121,5 +121,5 @@ pub async fn get_repeats(
 ) -> AppResult<Response> {
     let (board, groups) = repeats(&state, &suite).await?;
     let groups = groups.into_iter().map(RepeatGroup::from).collect();
-    tagged_json(&asked, &RepeatsBody { suite: board.entry.suite.id(), groups })
+    tagged_json(&asked, &RepeatsBody { suite: board.entry.id.clone(), groups })
 }

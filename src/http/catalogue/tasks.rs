@@ -257,7 +257,7 @@ pub async fn list_tasks(
         }
         return Ok(set.rows(&page.entry.suite, tasks.into_iter()));
     }
-    let (suite, total, next_after) = (page.entry.suite.id(), page.total, page.next_after);
+    let (suite, total, next_after) = (page.entry.id.clone(), page.total, page.next_after);
     tagged_json(
         &headers,
         &TaskPage { suite, total, tasks: page.tasks().map(|task| summary(task, track)).collect(), next_after },
@@ -336,7 +336,7 @@ fn body(found: &FoundTask, track: Track) -> TaskBody {
         category: task.category,
         kind: task.kind.clone(),
         parameters: Some(Value::Object(task.parameters.clone())),
-        suite: found.entry.suite.id(),
+        suite: found.entry.id.clone(),
         hash: found.hash().to_owned(),
         reading: Some(task.reading).filter(|reading| !reading.is_as_listed()),
         criteria: Some(task.criteria()),
