@@ -24,11 +24,11 @@ pub mod submissions;
 
 use std::sync::Arc;
 
-use axum::Router;
 use metrics_exporter_prometheus::PrometheusHandle;
 
 use crate::app::App;
 use crate::fair::PermitPool;
+use middleware::front::Front;
 use role::Role;
 use state::{AppState, Shared};
 
@@ -45,21 +45,21 @@ pub struct HttpParts {
     pub role: Role,
 }
 
-/// Routers of the service, one for each listener.
+/// The service as its listeners see it.
 #[derive(Debug)]
-pub struct Routers {
-    /// Router of the public listener. Without an admin router, it serves metrics and operator actions as well.
-    pub public: Router,
-    /// Router of the admin listener, with all routes; if there is one, the public router has no metrics or operator
-    /// actions.
-    pub admin: Option<Router>,
+pub struct Fronts {
+    /// What the public listener serves. Without an admin listener, that includes metrics and operator actions.
+    pub public: Front,
+    /// What the admin listener serves, which is everything; if there is one, the public listener has no metrics or
+    /// operator actions.
+    pub admin: Option<Front>,
 }
 
 /// Number of epoch reveals kept in memory.
 const REVEALS: usize = 4;
 
-/// Builds the routers of the whole service.
-pub fn routers(HttpParts { app, metrics, rates, role }: HttpParts, has_admin_listener: bool) -> Routers {
+/// Builds the whole service.
+pub fn fronts(HttpParts { app, metrics, rates, role }: HttpParts, has_admin_listener: bool) -> Fronts {
     let (routes, mut openapi) = router::routes().split_for_parts();
     router::complete(&mut openapi);
     openapi.paths.paths.retain(|path, _| role.serves(path));
@@ -79,15 +79,9 @@ pub fn routers(HttpParts { app, metrics, rates, role }: HttpParts, has_admin_lis
         openapi: openapi.to_json().expect("the document is JSON").into(),
     });
     let routes = routes.merge(pages::routes()).merge(hidden::log::routes()).merge(router::trainers_elsewhere());
-    let mut router = routes.with_state(state.clone());
-    if role != Role::Whole {
-        let rest = axum::routing::any(|| async { axum::http::StatusCode::NOT_FOUND });
-        router = router.fallback(rest).layer(axum::middleware::from_fn_with_state(role, role::keep_to_role));
+    let whole = Front::new(routes.with_state(state.clone()), state, role);
+    if has_admin_listener {
+        return Fronts { public: whole.without_administration(), admin: Some(whole) };
     }
-    if !has_admin_listener {
-        return Routers { public: middleware::layers::around(router, state), admin: None };
-    }
-    let admin = middleware::layers::around(router.clone(), state.clone());
-    let public = router.layer(axum::middleware::from_fn(middleware::layers::without_administration));
-    Routers { public: middleware::layers::around(public, state), admin: Some(admin) }
+    Fronts { public: whole, admin: None }
 }

@@ -1,10 +1,6 @@
 //! Roles of nodes: which routes a node serves.
 
-use axum::extract::{Request, State};
-use axum::middleware::Next;
-use axum::response::{IntoResponse as _, Response};
-
-use crate::app::error::AppError;
+use crate::app::error::{AppError, AppResult};
 
 /// Role of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -56,23 +52,26 @@ impl Role {
             Self::WorkOnly => EVERYWHERE.iter().any(is_at),
         }
     }
-}
 
-/// Refuses paths that a node of this role does not serve, and says which node does.
-pub async fn keep_to_role(State(role): State<Role>, request: Request, next: Next) -> Response {
-    if role.serves(request.uri().path()) {
-        return next.run(request).await;
+    /// Refuses a path that a node of this role does not serve.
+    ///
+    /// # Errors
+    /// Returns an error (404) that says which node serves it.
+    pub fn must_serve(self, path: &str) -> AppResult<()> {
+        if self.serves(path) {
+            return Ok(());
+        }
+        Err(AppError::not_found(match self {
+            Self::GradeOnly => {
+                "this node only grades within requests (it was started with --grade-only); send this to a node with a \
+                 database"
+            }
+            _ => {
+                "this node only grades submissions (`plumbline work`); send this to a node that serves \
+                 (`plumbline serve`)"
+            }
+        }))
     }
-    let detail = match role {
-        Role::GradeOnly => {
-            "this node only grades within requests (it was started with --grade-only); send this to a node with a \
-             database"
-        }
-        _ => {
-            "this node only grades submissions (`plumbline work`); send this to a node that serves (`plumbline serve`)"
-        }
-    };
-    AppError::not_found(detail).into_response()
 }
 
 #[cfg(test)]

@@ -198,13 +198,13 @@ impl RunningService {
             tokio::spawn(deliver(Arc::clone(&app)));
         }
         let parts = HttpParts { app: Arc::clone(&app), metrics, rates, role: config.role };
-        let routers = http::routers(parts, admin_listener.is_some());
+        let fronts = http::fronts(parts, admin_listener.is_some());
         let per_address = config.settings.rates.connections_from_one(LIMITS.connections);
-        let serve = http::server::accept::serve(listener, routers.public, connections, per_address, stop.clone());
+        let serve = http::server::accept::serve(listener, fronts.public, connections, per_address, stop.clone());
         let mut listeners = vec![tokio::spawn(serve)];
-        if let (Some(listener), Some(router)) = (admin_listener, routers.admin) {
+        if let (Some(listener), Some(front)) = (admin_listener, fronts.admin) {
             let serve =
-                http::server::accept::serve(listener, router, Connections::default(), LIMITS.connections, stop.clone());
+                http::server::accept::serve(listener, front, Connections::default(), LIMITS.connections, stop.clone());
             listeners.push(tokio::spawn(serve));
         }
         let admin = admin_address.map(|address| address.to_string());

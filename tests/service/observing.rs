@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 
 use crate::support::commands::{plumbline, succeeded};
 use crate::support::{PROGRAM, Service};
-use reqwest::StatusCode;
+use reqwest::{Method, StatusCode};
 use serde_json::{Value, json};
 
 /// Trainers that can send no header: grading alone is open, or the key stands in the path.
@@ -112,6 +112,8 @@ async fn probes_are_never_limited_and_administration_has_its_own_port() {
     };
     let metrics = service.send(service.http.get(format!("{admin}metrics"))).await;
     assert_eq!(metrics.status, StatusCode::OK);
+    // What was refused before it reached its route still counts for it.
+    assert!(metrics.text.contains("method=\"GET\",route=\"/v1/limits\",status=\"429\""), "{}", metrics.text);
     let is_described = |name: &str| metrics.text.contains(&format!("# HELP {name} "));
     for name in [
         "plumbline_build_info",
@@ -165,4 +167,28 @@ async fn logs_are_json_throughout_with_a_line_a_request() {
         .unwrap();
     let line: Value = serde_json::from_slice(&wrong.stderr).unwrap();
     assert!(!wrong.status.success() && line["message"].as_str().unwrap().contains("nowhere"), "{line}");
+}
+
+#[tokio::test]
+async fn a_head_has_the_headers_of_its_get() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &[]);
+    for path in ["/", "/v1/limits", "/assets/style.css", "/assets/none", "/suites/mineceraft/tasks/none"] {
+        for (accept, coding) in [("text/html", "gzip"), ("text/html", "identity"), ("*/*", "gzip"), ("*/*", "identity")]
+        {
+            let mut seen = Vec::new();
+            for method in [Method::GET, Method::HEAD] {
+                let request = service.http.request(method, format!("{}{path}", service.url));
+                let answer = service.send(request.header("accept", accept).header("accept-encoding", coding)).await;
+                let mut headers = answer.headers;
+                // A body of unknown length is sent in chunks, and a HEAD has no body.
+                for own in ["date", "x-request-id", "ratelimit-remaining", "transfer-encoding"] {
+                    headers.remove(own);
+                }
+                seen.push((answer.status, headers));
+            }
+            assert_eq!(seen[0], seen[1], "{path} {accept} {coding}");
+            assert!(seen[0].1.contains_key("vary"), "{path}: {:?}", seen[0]);
+        }
+    }
 }

@@ -90,7 +90,7 @@ pub async fn get_leaderboard(
     let board = read::board(&state, &suite).await?;
     prepare(&board, query.as_of.as_deref()).await?;
     // The same version of a board and the same query always give the same document.
-    let name = format!("board:{}:{}", board.version, raw.unwrap_or_default());
+    let name = ["board:", &board.version, ":", &raw.unwrap_or_default()].concat();
     state.documents.answer(&asked, name, || {
         let format = query.format;
         render(&page(&board, &query.into())?.into(), format)

@@ -16,11 +16,13 @@ use plumbline_engine::tasks::hex;
 const KEPT_BYTES: u64 = 32 << 20;
 /// Typical size of a document in bytes, from which the initial number of cache slots is estimated.
 const TYPICAL_BYTES: u64 = 16 << 10;
+/// Typical number of headers of a response with a document, including those that the middleware adds.
+const TYPICAL_HEADERS: usize = 12;
 
 /// Returns whether `If-None-Match` contains this entity tag or `*`. Weak and strong tags match each other.
 #[must_use]
 pub fn has_tag(headers: &HeaderMap, tag: &str) -> bool {
-    let known = headers.get(header::IF_NONE_MATCH).and_then(|tags| tags.to_str().ok()).unwrap_or_default();
+    let Some(known) = headers.get(header::IF_NONE_MATCH).and_then(|tags| tags.to_str().ok()) else { return false };
     known.split(',').any(|known| known.trim() == "*" || strong(known) == strong(tag))
 }
 
@@ -30,13 +32,14 @@ fn strong(tag: &str) -> &str {
 
 /// A strong entity tag.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Tag(String);
+pub struct Tag(HeaderValue);
 
 impl Tag {
     /// Computes the tag of these bytes.
     #[must_use]
     pub fn of(bytes: &[u8]) -> Self {
-        Self(format!("\"{}\"", &hex(&Sha256::digest(bytes))[..32]))
+        let digest = &hex(&Sha256::digest(bytes))[..32];
+        Self(HeaderValue::try_from(format!("\"{digest}\"")).expect("hexadecimal digits are valid in a header value"))
     }
 
     /// Computes the tag of a document from its name, which must contain everything that the bytes depend on.
@@ -45,8 +48,13 @@ impl Tag {
         Self::of(name.as_bytes())
     }
 
-    fn header(&self) -> AppResult<HeaderValue> {
-        HeaderValue::from_str(&self.0).map_err(|error| AppError::internal(&error))
+    /// Returns whether `If-None-Match` contains this tag or `*`.
+    fn is_known(&self, asked: &HeaderMap) -> bool {
+        self.0.to_str().is_ok_and(|tag| has_tag(asked, tag))
+    }
+
+    fn not_modified(&self) -> Response {
+        (StatusCode::NOT_MODIFIED, [(header::ETAG, self.0.clone())]).into_response()
     }
 }
 
@@ -70,16 +78,17 @@ impl Document {
     }
 
     /// Responds with the document, or with 304 if the client has it.
-    ///
-    /// # Errors
-    /// Returns an error (500) if the tag is not a valid header value.
-    pub fn answer(&self, asked: &HeaderMap, tag: &Tag) -> AppResult<Response> {
-        let header = [(header::ETAG, tag.header()?)];
-        if has_tag(asked, &tag.0) {
-            return Ok((StatusCode::NOT_MODIFIED, header).into_response());
+    #[must_use]
+    pub fn answer(&self, asked: &HeaderMap, tag: &Tag) -> Response {
+        if tag.is_known(asked) {
+            return tag.not_modified();
         }
-        let kind = [(header::CONTENT_TYPE, HeaderValue::from_static(self.kind))];
-        Ok((header, kind, Body::from(self.bytes.clone())).into_response())
+        let mut response = Response::new(Body::from(self.bytes.clone()));
+        let headers = response.headers_mut();
+        headers.reserve(TYPICAL_HEADERS);
+        headers.insert(header::ETAG, tag.0.clone());
+        headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(self.kind));
+        response
     }
 }
 
@@ -90,7 +99,7 @@ impl Document {
 pub fn tagged_json(asked: &HeaderMap, document: &impl Serialize) -> AppResult<Response> {
     let document = Document::json(document)?;
     let tag = Tag::of(&document.bytes);
-    document.answer(asked, &tag)
+    Ok(document.answer(asked, &tag))
 }
 
 #[derive(Debug, Clone)]
@@ -126,34 +135,27 @@ impl Documents {
         name: String,
         make: impl FnOnce() -> AppResult<Document>,
     ) -> AppResult<Response> {
-        match self.known(asked, &name)? {
+        match self.known(asked, &name) {
             Some(response) => Ok(response),
-            None => self.keep(asked, name, &make()?),
+            None => Ok(self.keep(asked, name, &make()?)),
         }
     }
 
     /// Responds with the document of this name if it is cached, or with 304 if the client has it.
-    ///
-    /// # Errors
-    /// Returns an error (500) if the tag is not a valid header value.
-    pub fn known(&self, asked: &HeaderMap, name: &str) -> AppResult<Option<Response>> {
+    #[must_use]
+    pub fn known(&self, asked: &HeaderMap, name: &str) -> Option<Response> {
         if let Some((document, tag)) = self.kept.get(name) {
-            return document.answer(asked, &tag).map(Some);
+            return Some(document.answer(asked, &tag));
         }
         // The tag depends on the name alone, so the document is not needed for the comparison.
-        let tag = Tag::named(name);
         let is_any = asked.get(header::IF_NONE_MATCH).is_some_and(|known| known == "*");
-        if !is_any && has_tag(asked, &tag.0) {
-            return Ok(Some((StatusCode::NOT_MODIFIED, [(header::ETAG, tag.header()?)]).into_response()));
-        }
-        Ok(None)
+        let tag = Tag::named(name);
+        (!is_any && tag.is_known(asked)).then(|| tag.not_modified())
     }
 
     /// Caches a document under its name, and responds with it.
-    ///
-    /// # Errors
-    /// Returns an error (500) if the tag is not a valid header value.
-    pub fn keep(&self, asked: &HeaderMap, name: String, document: &Document) -> AppResult<Response> {
+    #[must_use]
+    pub fn keep(&self, asked: &HeaderMap, name: String, document: &Document) -> Response {
         let tag = Tag::named(&name);
         self.kept.insert(name, (document.clone(), tag.clone()));
         document.answer(asked, &tag)

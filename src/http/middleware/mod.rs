@@ -1,6 +1,7 @@
-//! Middleware around every route.
+//! Middleware around the router.
 
-pub mod layers;
+pub mod front;
 pub mod observe;
 pub mod queries;
 pub mod rates;
+mod route;

@@ -8,11 +8,11 @@ use std::time::{Duration, Instant};
 
 use axum::extract::{MatchedPath, Request};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
-use axum::middleware::Next;
 use axum::response::{IntoResponse as _, Response};
 use metrics::{Counter, Histogram};
 use uuid::Uuid;
 
+use super::route::RouteSlot;
 use crate::http::extract::caller::MODERATION;
 
 /// Header of the request identifier, which the client or this module sets; every response has it.
@@ -22,30 +22,53 @@ const MAX_ID_BYTES: usize = 128;
 /// Route label of requests that match no route.
 const UNMATCHED: &str = "unmatched";
 
-/// Assigns an identifier to the request, answers preflight requests, and records metrics and a log line.
-pub async fn observe(mut request: Request, next: Next) -> Response {
-    let begun = Instant::now();
-    let method = request.method().clone();
-    let route = request.extensions().get::<MatchedPath>().cloned();
-    let is_for_operators = request.uri().path().starts_with(MODERATION);
-    let id = id_of(request.headers_mut());
-    let mut response = if is_preflight(&request) { allowed() } else { next.run(request).await };
-    let route = route.as_ref().map_or(UNMATCHED, MatchedPath::as_str);
-    let (status, took) = (response.status().as_u16(), begun.elapsed());
-    let series = Series::of(route);
-    series.seconds.record(took.as_secs_f64());
-    series.count(&method, status, route).increment(1);
-    let owner = response.extensions_mut().remove::<Owner>();
-    log(&method, route, status, took, &id, owner.as_ref());
-    let headers = response.headers_mut();
-    headers.insert(REQUEST_ID, id);
-    headers.entry(header::X_CONTENT_TYPE_OPTIONS).or_insert(HeaderValue::from_static("nosniff"));
-    if is_for_operators {
-        return response;
+/// What is noted when a request arrives, for its metrics, its log line and the headers of its response.
+#[derive(Debug)]
+pub(super) struct Observation {
+    begun: Instant,
+    method: Method,
+    id: HeaderValue,
+    route: RouteSlot,
+    is_for_operators: bool,
+}
+
+impl Observation {
+    /// Gives a request its identifier, and a slot for its route.
+    pub(super) fn begin(request: &mut Request) -> Self {
+        let route = RouteSlot::default();
+        request.extensions_mut().insert(route.clone());
+        Self {
+            begun: Instant::now(),
+            method: request.method().clone(),
+            id: id_of(request.headers()),
+            route,
+            is_for_operators: request.uri().path().starts_with(MODERATION),
+        }
     }
-    headers.insert(header::ACCESS_CONTROL_ALLOW_ORIGIN, HeaderValue::from_static("*"));
-    headers.insert(header::ACCESS_CONTROL_EXPOSE_HEADERS, HeaderValue::from_static("*"));
-    response
+
+    /// Returns the slot for the route of the request if it is empty.
+    pub(super) fn empty_slot(&self) -> Option<&RouteSlot> {
+        Some(&self.route).filter(|slot| slot.get().is_none())
+    }
+
+    /// Records metrics and a log line for the response, and completes its headers.
+    pub(super) fn finish(self, response: &mut Response) {
+        let route = self.route.get().map_or(UNMATCHED, MatchedPath::as_str);
+        let (status, took) = (response.status().as_u16(), self.begun.elapsed());
+        let series = Series::of(route);
+        series.seconds.record(took.as_secs_f64());
+        series.count(&self.method, status, route).increment(1);
+        let owner = response.extensions_mut().remove::<Owner>();
+        log(&self.method, route, status, took, &self.id, owner.as_ref());
+        let headers = response.headers_mut();
+        headers.insert(REQUEST_ID, self.id);
+        headers.entry(header::X_CONTENT_TYPE_OPTIONS).or_insert(HeaderValue::from_static("nosniff"));
+        if self.is_for_operators {
+            return;
+        }
+        headers.insert(header::ACCESS_CONTROL_ALLOW_ORIGIN, HeaderValue::from_static("*"));
+        headers.insert(header::ACCESS_CONTROL_EXPOSE_HEADERS, HeaderValue::from_static("*"));
+    }
 }
 
 /// Owner of the key that a request was sent with, for its log line.
@@ -65,7 +88,7 @@ fn log(method: &Method, route: &str, status: u16, took: Duration, id: &HeaderVal
 }
 
 /// Returns whether a request is a CORS preflight.
-fn is_preflight(request: &Request) -> bool {
+pub(super) fn is_preflight(request: &Request) -> bool {
     request.method() == Method::OPTIONS
         && !request.uri().path().starts_with(MODERATION)
         && request.headers().contains_key(header::ACCESS_CONTROL_REQUEST_METHOD)
@@ -73,7 +96,7 @@ fn is_preflight(request: &Request) -> bool {
 
 /// Answers a preflight: allows all requests. That is safe because access depends on a key in a header, which browsers
 /// never add by themselves. The page of operators, which has a cookie, is left out.
-fn allowed() -> Response {
+pub(super) fn allowed() -> Response {
     let allow = [
         (header::ACCESS_CONTROL_ALLOW_METHODS, "*"),
         // The wildcard does not cover `authorization` (Fetch standard, "CORS non-wildcard request-header name").
@@ -84,16 +107,19 @@ fn allowed() -> Response {
 }
 
 /// Returns the client's identifier if it is valid, otherwise a new one, which is unique in this process and almost
-/// certainly across processes.
-fn id_of(headers: &mut HeaderMap) -> HeaderValue {
-    static PROCESS: LazyLock<String> = LazyLock::new(|| Uuid::new_v4().simple().to_string());
-    static NEXT: AtomicU64 = AtomicU64::new(0);
+/// certainly across processes: 16 hexadecimal digits identify the process, and those after the dash number the request.
+fn id_of(headers: &HeaderMap) -> HeaderValue {
+    static PROCESS: LazyLock<u64> = LazyLock::new(|| Uuid::new_v4().as_u64_pair().0);
+    static NEXT: AtomicU64 = AtomicU64::new(1);
     if let Some(id) = headers.get(REQUEST_ID).filter(|id| !id.is_empty() && id.len() <= MAX_ID_BYTES) {
         return id.clone();
     }
     let number = NEXT.fetch_add(1, Ordering::Relaxed);
-    let id = HeaderValue::try_from(format!("{}-{number:x}", &PROCESS[..16]));
-    id.unwrap_or(HeaderValue::from_static("none"))
+    let mut digits = Uuid::encode_buffer();
+    let digits = Uuid::from_u64_pair(*PROCESS, number).simple().encode_lower(&mut digits);
+    let (process, number) = digits.split_at(16);
+    let id = HeaderValue::try_from([process, "-", number.trim_start_matches('0')].concat());
+    id.expect("hexadecimal digits and a dash are valid in a header value")
 }
 
 /// Metrics of a route, cached because looking them up by label takes longer than answering many a request.

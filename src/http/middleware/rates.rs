@@ -193,15 +193,13 @@ impl Rates {
 impl RateLimitStatus {
     /// Writes the state into the headers of a response.
     pub fn write_to(self, headers: &mut HeaderMap) {
+        const LIMIT: HeaderName = HeaderName::from_static("ratelimit-limit");
+        const REMAINING: HeaderName = HeaderName::from_static("ratelimit-remaining");
+        const RESET: HeaderName = HeaderName::from_static("ratelimit-reset");
+        headers.insert(LIMIT, HeaderValue::from(self.a_second));
+        headers.insert(REMAINING, HeaderValue::from(self.left));
         // The limit is fully replenished one second after the last request.
-        let values = [
-            (HeaderName::from_static("ratelimit-limit"), self.a_second),
-            (HeaderName::from_static("ratelimit-remaining"), self.left),
-            (HeaderName::from_static("ratelimit-reset"), 1),
-        ];
-        for (name, value) in values {
-            headers.insert(name, HeaderValue::from(value));
-        }
+        headers.insert(RESET, HeaderValue::from_static("1"));
     }
 }
 

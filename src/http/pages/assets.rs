@@ -47,7 +47,7 @@ pub async fn get(Path(name): Path<String>, RawQuery(query): RawQuery, asked: Hea
         _ => return Err(AppError::not_found(format!("there is no asset {name:?}"))),
     };
     let document = Document { kind, bytes: text.into() };
-    let mut response = document.answer(&asked, &Tag::of(text.as_bytes()))?;
+    let mut response = document.answer(&asked, &Tag::of(text.as_bytes()));
     response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static(kept_for(query.as_deref())));
     Ok(response)
 }

@@ -84,7 +84,7 @@ async fn drawn<const SIDE: u32>(
 ) -> AppResult<Response> {
     // Another version of the program may draw otherwise.
     let name = format!("thumbnail {} {SIDE} {what}", env!("CARGO_PKG_VERSION"));
-    if let Some(response) = state.documents.known(asked, &name)? {
+    if let Some(response) = state.documents.known(asked, &name) {
         return Ok(kept_for_a_day(response));
     }
     let slot = state.file_slots.take(who).await;
@@ -97,7 +97,7 @@ async fn drawn<const SIDE: u32>(
     });
     let drawn = drawing.await.map_err(|error| AppError::internal(&error))?;
     let bytes = drawn.map_err(|error| AppError::internal(&error))?.into();
-    Ok(kept_for_a_day(state.documents.keep(asked, name, &Document { kind: "image/png", bytes })?))
+    Ok(kept_for_a_day(state.documents.keep(asked, name, &Document { kind: "image/png", bytes })))
 }
 
 /// What a submission or a version of a suite holds never changes.

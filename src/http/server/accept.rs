@@ -3,27 +3,28 @@
 //! It runs on a thread of its own. Among the thousands of tasks that serve connections, it would wait to be scheduled
 //! and delay new connections.
 
+use std::convert::Infallible;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::Router;
 use axum::body::Body;
 use axum::http::Request;
+use futures_util::FutureExt as _;
 use hyper::body::Incoming;
 use hyper::server::conn::http1;
+use hyper::service::service_fn;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::server::graceful::{GracefulShutdown, Watcher};
-use hyper_util::service::TowerToHyperService;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 use tokio_util::sync::CancellationToken;
-use tower::ServiceExt as _;
 
 use super::impatient::Impatient;
 use crate::app::limits::LIMITS;
 use crate::app::load::{Connections, OpenConnection};
 use crate::fair::{Permit, PermitPool};
+use crate::http::middleware::front::Front;
 use crate::http::middleware::rates::{Peer, network};
 
 /// How long responses may take to finish after a shutdown is requested.
@@ -45,7 +46,7 @@ struct Open {
 /// Returns an error if the listener cannot be handed over, or if the accept thread cannot be started.
 pub async fn serve(
     listener: TcpListener,
-    router: Router,
+    front: Front,
     connections: Connections,
     per_address: usize,
     stop: CancellationToken,
@@ -53,7 +54,7 @@ pub async fn serve(
     let serving = tokio::runtime::Handle::current();
     let permits = PermitPool::new(LIMITS.connections, per_address);
     let acceptor =
-        Acceptor { router, connections, permits, graceful: GracefulShutdown::new(), serving, stop: stop.clone() };
+        Acceptor { front, connections, permits, graceful: GracefulShutdown::new(), serving, stop: stop.clone() };
     let listener = listener.into_std()?;
     let (closed, is_closed) = oneshot::channel();
     std::thread::Builder::new().name("accept".to_owned()).spawn(move || {
@@ -72,7 +73,7 @@ pub async fn serve(
 
 /// Acceptor of connections, which hands them to the threads that serve.
 struct Acceptor {
-    router: Router,
+    front: Front,
     connections: Connections,
     permits: Arc<PermitPool>,
     graceful: GracefulShutdown,
@@ -110,14 +111,14 @@ impl Acceptor {
             return;
         };
         let open = Open { _counted: self.connections.count(), _slot: slot, _permit: permit };
-        let (router, graceful, stop) = (self.router.clone(), self.graceful.watcher(), self.stop.clone());
+        let (front, graceful, stop) = (self.front.clone(), self.graceful.watcher(), self.stop.clone());
         self.serving.spawn(async move {
             let _open = open;
             let stream = match TcpStream::from_std(stream) {
                 Ok(stream) => stream,
                 Err(error) => return tracing::warn!(%error, "could not hand over a connection"),
             };
-            if let Err(error) = serve_one(stream, peer, router, graceful, stop).await {
+            if let Err(error) = serve_one(stream, peer, front, graceful, stop).await {
                 tracing::debug!(%error, "connection ended");
             }
         });
@@ -127,7 +128,7 @@ impl Acceptor {
 async fn serve_one(
     stream: TcpStream,
     peer: SocketAddr,
-    router: Router,
+    front: Front,
     graceful: Watcher,
     stop: CancellationToken,
 ) -> hyper::Result<()> {
@@ -140,11 +141,12 @@ async fn serve_one(
     // The size of a connection's buffer for reading, which bounds a request's head, and of that for writing. A client
     // that pipelines requests fills them.
     builder.max_buf_size(LIMITS.head_bytes);
-    let service = router.map_request(move |mut request: Request<Incoming>| {
+    let service = service_fn(move |mut request: Request<Incoming>| {
         request.extensions_mut().insert(Peer(peer));
-        request.map(Body::new)
+        // hyper reserves room for this future as long as the connection is open, so what a request takes is in a box.
+        front.clone().answer(request.map(Body::new)).boxed().map(Ok::<_, Infallible>)
     });
     let stream = Impatient::new(stream, Duration::from_secs(LIMITS.write_seconds), stop);
-    let connection = builder.serve_connection(TokioIo::new(stream), TowerToHyperService::new(service));
+    let connection = builder.serve_connection(TokioIo::new(stream), service);
     graceful.watch(connection).await
 }
