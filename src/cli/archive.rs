@@ -14,7 +14,8 @@ use flate2::write::GzEncoder;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::verify_epoch::{answers_in, read_json, take_epoch, verified};
+use super::evidence::key;
+use super::verify_epoch::{answers_in, take_commitment, take_epoch, verified};
 use super::witness::{folder_of, witness_key};
 use crate::client::Service;
 use plumbline_engine::hidden::canonical::unhex;
@@ -57,7 +58,7 @@ pub struct VerifyArchiveArgs {
     #[arg(long = "witness", value_name = "KEY", value_parser = witness_key)]
     witnesses: Vec<Witness>,
     /// Additional public key to trust, in hex, besides the one that the epoch committed to; needed if the key changed.
-    #[arg(long = "key", value_name = "HEX")]
+    #[arg(long = "key", value_name = "HEX", value_parser = key)]
     keys: Vec<String>,
 }
 
@@ -102,7 +103,30 @@ pub fn run(args: &ArchiveArgs) -> anyhow::Result<ExitCode> {
     packed.finish().with_context(place)?.sync_all().with_context(place)?;
     File::open(folder_of(&args.out))?.sync_all()?;
     println!("{}", args.out.display());
+    for (name, size) in cosigned_sizes(&archive) {
+        let needed = needed_of(&archive);
+        if size < needed {
+            println!(
+                "NOTE    {name}: has cosigned the log up to entry {size}, and the epoch needs {needed}; let it run once \
+                 more, and archive again"
+            );
+        }
+    }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Returns the name of each witness with the greatest checkpoint that it has cosigned.
+fn cosigned_sizes(archive: &Archive) -> Vec<(String, u64)> {
+    let witnesses = archive.witnesses["witnesses"].as_array().map(Vec::as_slice).unwrap_or_default();
+    let size = |witness: &Value| witness["note"].as_str().and_then(|note| note.lines().nth(1)?.parse().ok());
+    let told = |witness: &Value| (witness["name"].as_str().unwrap_or("witness").to_owned(), size(witness).unwrap_or(0));
+    witnesses.iter().map(told).collect()
+}
+
+/// Returns the position of the last receipt of an archive's epoch.
+fn needed_of(archive: &Archive) -> u64 {
+    let receipts = archive.reveal["receipts"].as_array().map(Vec::as_slice).unwrap_or_default();
+    receipts.iter().filter_map(|receipt| receipt["seq"].as_u64()).max().unwrap_or(0)
 }
 
 async fn download(service: &Service, name: &str) -> anyhow::Result<Archive> {
@@ -151,7 +175,7 @@ pub fn verify(args: &VerifyArchiveArgs) -> anyhow::Result<ExitCode> {
         logs: Some(answers_in(&answers.join("\n"), "answers")?),
         heads: archive.log.iter().filter_map(|page| page.head.clone()).collect(),
         boards: archive.boards.clone(),
-        keys: args.keys.iter().map(|key| key.trim().to_owned()).collect(),
+        keys: args.keys.clone(),
         ..Kept::default()
     };
     take_epoch(&mut kept, archive.epoch.clone()).with_context(place)?;
@@ -159,7 +183,7 @@ pub fn verify(args: &VerifyArchiveArgs) -> anyhow::Result<ExitCode> {
     kept.commitment = None;
     if let Some(path) = &args.commitment {
         let pool = kept.pool.take();
-        take_epoch(&mut kept, read_json(path)?).with_context(|| path.display().to_string())?;
+        take_commitment(&mut kept, path, &reveal)?;
         kept.pool = kept.pool.or(pool);
     }
     let has_board = |tier: &str| archive.boards.iter().any(|board| board["tier"] == tier);

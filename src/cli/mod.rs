@@ -8,6 +8,7 @@ pub mod database;
 pub mod demo;
 pub mod environment;
 pub mod epochs;
+mod evidence;
 pub mod grade;
 pub mod keys;
 pub mod process;

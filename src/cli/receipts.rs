@@ -1,5 +1,6 @@
 //! `plumbline verify-receipt`: verifies receipts and the log that chains them, without the service.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -8,8 +9,8 @@ use clap::Args;
 use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 
-use super::verify_epoch::read_given;
-use plumbline_engine::hidden::canonical::{canonical_json, unhex};
+use super::evidence::{key, read_given};
+use plumbline_engine::hidden::canonical::canonical_json;
 use plumbline_engine::hidden::evidence::GivenReceipt;
 use plumbline_engine::hidden::receipts::{
     LogHead, LogPage, ReceiptFault, ReceiptFile, verify, verify_chain, verify_end, verify_keys, verify_signature,
@@ -34,11 +35,8 @@ pub struct VerifyReceiptArgs {
     part: bool,
 }
 
-/// Parses a public key.
-fn key(text: &str) -> Result<String, &'static str> {
-    let is_key = unhex::<32>(text.trim()).is_some();
-    is_key.then(|| text.trim().to_ascii_lowercase()).ok_or("expected 64 hexadecimal digits")
-}
+/// How long after its time a receipt is in the log for sure, in milliseconds.
+const LOGGED_WITHIN_MS: i64 = 2 * 60_000;
 
 /// Contents of the files.
 #[derive(Default)]
@@ -90,6 +88,63 @@ impl Given {
     }
 }
 
+/// What is known of a receipt as it was handed out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Verdict {
+    Note,
+    NotChecked,
+    Broken,
+}
+
+impl Verdict {
+    const fn label(self) -> &'static str {
+        match self {
+            Self::Note => "NOTE   ",
+            Self::NotChecked => "NOT CHECKED ",
+            Self::Broken => "BROKEN ",
+        }
+    }
+}
+
+impl Given {
+    /// Verifies a receipt with this hash, as it was handed out, and looks it up in the pages of the log. If the pages are
+    /// the whole log, a receipt that they lack although their head is signed much later is not in the log.
+    fn handed_out(
+        &self,
+        handed: &GivenReceipt,
+        hash: &str,
+        trusted: &[&str],
+        is_whole: bool,
+    ) -> (Verdict, Cow<'static, str>) {
+        let is_own = hash == handed.hash && trusted.contains(&handed.public_key.as_str());
+        if !is_own || verify_signature(&handed.receipt, &handed.public_key, &handed.signature).is_err() {
+            return (Verdict::Broken, "its hash, its key or its signature does not verify".into());
+        }
+        if self.log.is_empty() {
+            let told = "is signed; whether the log has it was not checked: give the pages of the log too";
+            return (Verdict::NotChecked, told.into());
+        }
+        if let Some(own) = self.log.iter().find(|own| own.hash == hash) {
+            return (Verdict::Note, format!("is at position {} of the log", own.seq).into());
+        }
+        let head = self.heads.iter().max_by_key(|head| head.size);
+        let later = head.zip(time_of(&handed.receipt)).map(|(head, at_ms)| head.at_ms - at_ms);
+        if let Some(later) = later.filter(|later| is_whole && *later > LOGGED_WITHIN_MS) {
+            let told = format!("is not in the log, whose head was signed {} later", counted(later / 60_000, "minute"));
+            return (Verdict::Broken, told.into());
+        }
+        let told = "is signed, and not in the pages given; the log has it by its hash from the next full minute on: fetch \
+                    all of its pages later than that";
+        (Verdict::NotChecked, told.into())
+    }
+}
+
+/// Returns the time of a receipt of hidden evaluation, in milliseconds since 1970.
+fn time_of(receipt: &Value) -> Option<i64> {
+    let members = receipt.as_object()?.iter().filter(|(name, _)| name.ends_with("_at_ms"));
+    members.filter_map(|(_, at_ms)| at_ms.as_i64()).max()
+}
+
 /// Runs the command, with exit code 1 if a receipt or the chain does not verify.
 ///
 /// # Errors
@@ -120,18 +175,12 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
             }
         }
     }
+    let has_log = given.alone.len() + given.handed.len() < args.files.len();
     for handed in &given.handed {
         let hash = hex(&Sha256::digest(canonical_json(&handed.receipt)));
-        let is_own = hash == handed.hash && trusted.contains(&handed.public_key.as_str());
-        if is_own && verify_signature(&handed.receipt, &handed.public_key, &handed.signature).is_ok() {
-            println!(
-                "NOTE    receipt {}…: is signed; the log has it by its hash from the next full minute on",
-                &hash[..12]
-            );
-        } else {
-            is_good = false;
-            println!("BROKEN  receipt {}…: its hash, its key or its signature does not verify", &hash[..12]);
-        }
+        let (verdict, told) = given.handed_out(handed, &hash, &trusted, has_log && !args.part);
+        is_good &= verdict != Verdict::Broken;
+        println!("{} receipt {}…: {told}", verdict.label(), &hash[..12]);
     }
     for alone in given.alone.iter().filter(|receipt| receipt.inclusion.is_none()) {
         println!("NOTE    receipt {}: has no proof of inclusion, so whether the log has it was not checked", alone.seq);
@@ -151,8 +200,9 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
             }
         }
     }
+    let mut is_linked = true;
     for fault in chains.iter().filter_map(|chain| verify_chain(chain.iter().copied()).err()) {
-        is_good = false;
+        (is_good, is_linked) = (false, false);
         println!("BROKEN  {fault}");
     }
     for alone in &given.alone {
@@ -161,7 +211,6 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
             println!("BROKEN  receipt {}: the log has a different receipt at this position", alone.seq);
         }
     }
-    let has_log = given.alone.len() + given.handed.len() < args.files.len();
     for fault in given.places(&trusted, has_log).iter().filter(|_| !args.part) {
         is_good = false;
         println!("BROKEN  {fault}");
@@ -176,7 +225,57 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
             println!("NOTE    receipt {}: the key changed from {} to {}", receipt.seq, change["before"], change["now"]);
         }
     }
-    let chain = if log.is_empty() { "" } else { ", each log entry linked to the one before" };
-    println!("{}{chain}; {withheld} of them not released yet", counted(all.len() + given.handed.len(), "receipt"));
+    let beside = given.alone.len() + given.handed.len();
+    let mut told = Vec::new();
+    if !log.is_empty() {
+        let linked = if is_linked { ", each linked to the one before" } else { "" };
+        told.push(format!("{} of the log{linked}", counted(log.len(), "receipt")));
+    }
+    if beside > 0 || log.is_empty() {
+        told.push(format!("{}{}", counted(beside, "receipt"), if log.is_empty() { "" } else { " beside it" }));
+    }
+    println!("{}; {withheld} of them not released yet", told.join("; "));
     Ok(if is_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plumbline_engine::hidden::receipts::Signer;
+    use serde_json::json;
+
+    #[test]
+    fn a_receipt_that_was_handed_out_is_looked_up_in_the_log() {
+        let signer = Signer::new(&[5; 32]);
+        let handed = |at_ms: i64| {
+            let receipt = json!({ "plumbline_receipt": 1, "registered_at_ms": at_ms });
+            let signed = signer.sign(&receipt);
+            GivenReceipt {
+                receipt,
+                hash: hex(&signed.hash),
+                signature: signed.signature,
+                public_key: signed.public_key,
+            }
+        };
+        let logged = handed(1_000);
+        let head = LogHead::signed(1, "0".repeat(64), 600_000, &signer);
+        let own = json!({ "seq": 1, "receipt": null, "hash": logged.hash, "signature": null,
+            "public_key": logged.public_key, "previous": "", "link": "" });
+        let given = Given { log: vec![serde_json::from_value(own).unwrap()], heads: vec![head], ..Given::default() };
+        let trusted = signer.public_key();
+        let verdict = |given: &Given, handed: &GivenReceipt, is_whole| {
+            let (verdict, told) = given.handed_out(handed, &handed.hash.clone(), &[&trusted], is_whole);
+            (verdict, told.into_owned())
+        };
+        assert_eq!(verdict(&given, &logged, true), (Verdict::Note, "is at position 1 of the log".to_owned()));
+        let (broken, told) = verdict(&given, &handed(2_000), true);
+        assert_eq!(broken, Verdict::Broken);
+        assert!(told.contains("is not in the log, whose head was signed 9 minutes later"), "{told}");
+        // It may be too young, or on a page that was not given.
+        assert_eq!(verdict(&given, &handed(599_000), true).0, Verdict::NotChecked);
+        assert_eq!(verdict(&given, &handed(2_000), false).0, Verdict::NotChecked);
+        assert_eq!(verdict(&Given::default(), &logged, true).0, Verdict::NotChecked);
+        let forged = GivenReceipt { receipt: json!({ "registered_at_ms": 5 }), ..logged };
+        assert_eq!(verdict(&given, &forged, true).0, Verdict::Broken);
+    }
 }

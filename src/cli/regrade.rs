@@ -87,7 +87,7 @@ pub fn run(args: &RegradeArgs) -> anyhow::Result<ExitCode> {
     runtime.block_on(async {
         let store = args.database.open().await?;
         let done = match &args.command {
-            None => compute(&store, &args.compute).await,
+            None => compute(&store, &args.database, &args.compute).await,
             Some(RegradeCommand::List) => list(&store).await,
             Some(RegradeCommand::Show(named)) => show(&store, &named.id).await,
             Some(RegradeCommand::Apply(named)) => apply(&store, &named.id).await,
@@ -99,14 +99,14 @@ pub fn run(args: &RegradeArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-async fn compute(store: &Store, args: &ComputeArgs) -> anyhow::Result<()> {
+async fn compute(store: &Store, database: &DatabaseArgs, args: &ComputeArgs) -> anyhow::Result<()> {
     let Some(name) = &args.suite else { bail!("--suite: name the suite to regrade (name@version)") };
     let Some(reason) = args.reason.as_deref().map(str::trim).filter(|reason| !reason.is_empty()) else {
         bail!("--reason: must not be empty; it is recorded with every row that changes");
     };
     let catalogue = store.catalogue();
     let entry = catalogue.suite(name).with_context(|| format!("there is no suite {name:?}"))?;
-    let suite_id = entry.suite.id();
+    let suite_id = entry.id.clone();
     let id = Uuid::now_v7().to_string();
     store.begin_regrade(&id, &suite_id, reason, &args.actor, now_ms()).await?;
     let progress = bar(0, "regrading");
@@ -127,7 +127,9 @@ async fn compute(store: &Store, args: &ComputeArgs) -> anyhow::Result<()> {
         bail!("the regrade {id} was discarded while it was computed");
     }
     show(store, &id).await?;
-    println!("\nplumbline regrade apply {id}\nplumbline regrade discard {id}");
+    // The URL of a server may hold a password, and is usually in the environment.
+    let file = database.database.file().map(|file| format!(" --database {}", file.display())).unwrap_or_default();
+    println!("\nplumbline regrade apply {id}{file}\nplumbline regrade discard {id}{file}");
     Ok(())
 }
 
@@ -175,7 +177,7 @@ async fn show(store: &Store, id: &str) -> anyhow::Result<()> {
 
 /// Prints how the rates and ranks of runs change.
 async fn ranks(store: &Store, id: &str, entry: &Entry, differences: &[Difference]) -> anyhow::Result<()> {
-    let news = store.board_update(&entry.suite.id(), &entry.suite.tasks, BoardCursor::default()).await?;
+    let news = store.board_update(&entry.id, &entry.suite.tasks, BoardCursor::default()).await?;
     // The last result of a run counts.
     let before: BTreeMap<String, (String, f64)> = news
         .results

@@ -8,10 +8,10 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::{Deserializer, Value};
 
+use super::evidence::{key, read_given};
 use plumbline_engine::hidden::commitment::Commitment;
-use plumbline_engine::hidden::evidence::GivenReceipt;
 use plumbline_engine::hidden::receipts::LogPage;
-use plumbline_engine::hidden::reveal::Reveal;
+use plumbline_engine::hidden::reveal::{Reveal, RevealedInstance};
 use plumbline_engine::hidden::verify::{Kept, verify};
 use plumbline_engine::text::counted;
 use plumbline_engine::voxel::BlockLog;
@@ -39,7 +39,7 @@ pub struct VerifyEpochArgs {
     #[arg(long, value_name = "FILE", num_args = 1..)]
     board: Vec<PathBuf>,
     /// Additional public key to trust, in hex, besides the one that the epoch committed to; needed if the key changed.
-    #[arg(long = "key", value_name = "HEX")]
+    #[arg(long = "key", value_name = "HEX", value_parser = key)]
     keys: Vec<String>,
 }
 
@@ -77,14 +77,14 @@ pub(super) fn answers_in(text: &str, name: &str) -> anyhow::Result<BTreeMap<Stri
     Ok(logs)
 }
 
-/// Reads a receipt as the service returned it: alone, or inside the response to the step that it confirms.
-pub(super) fn read_given(value: &Value) -> Option<GivenReceipt> {
-    let inner = value.get("receipt").filter(|inner| inner.get("signature").is_some());
-    serde_json::from_value(inner.unwrap_or(value).clone()).ok()
-}
-
 /// Takes the commitment, and the pool if it has one, from an epoch as it was published, or from a commitment alone.
+///
+/// # Errors
+/// Returns an error if it is something else, such as the reveal, whose own copy proves nothing.
 pub(super) fn take_epoch(kept: &mut Kept, epoch: Value) -> anyhow::Result<()> {
+    if epoch.get("instances").is_some() {
+        bail!("this is the reveal; expected GET /v1/epochs/NAME, saved before the epoch closed");
+    }
     let pool = epoch.get("pool").filter(|pool| !pool.is_null()).cloned();
     kept.pool = pool.map(serde_json::from_value).transpose()?;
     let commitment: Commitment = serde_json::from_value(epoch.get("commitment").cloned().unwrap_or(epoch))?;
@@ -92,12 +92,44 @@ pub(super) fn take_epoch(kept: &mut Kept, epoch: Value) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn read_kept(args: &VerifyEpochArgs) -> anyhow::Result<Kept> {
-    let mut kept = Kept { keys: args.keys.iter().map(|key| key.trim().to_owned()).collect(), ..Kept::default() };
-    if let Some(path) = &args.commitment {
-        take_epoch(&mut kept, read_json(path)?).with_context(|| path.display().to_string())?;
+/// Takes the commitment from a copy of the epoch that the verifier saved. One that was saved after the end promises
+/// nothing, and is left out with a remark.
+///
+/// # Errors
+/// Returns an error if the file cannot be read, or is of another epoch than the reveal.
+pub(super) fn take_commitment(kept: &mut Kept, path: &Path, reveal: &Reveal) -> anyhow::Result<()> {
+    let place = || path.display().to_string();
+    let epoch = read_json(path)?;
+    let state = epoch["state"].as_str().unwrap_or_default().to_owned();
+    take_epoch(kept, epoch).with_context(place)?;
+    let (own, wanted) = (kept.commitment.as_ref().map(|own| own.epoch.clone()), &reveal.commitment.epoch);
+    if let Some(own) = own.filter(|own| own != wanted) {
+        bail!("{}: is of the epoch {own:?}, and the reveal of {wanted:?}", place());
     }
-    kept.logs = args.answers.as_deref().map(read_answers).transpose()?;
+    if !["", "committed", "open"].contains(&state.as_str()) {
+        println!("NOT CHECKED  {}: was saved when the epoch was {state} already, so it promised nothing", place());
+        kept.commitment = None;
+    }
+    Ok(())
+}
+
+fn read_kept(args: &VerifyEpochArgs, reveal: &Reveal) -> anyhow::Result<Kept> {
+    let mut kept = Kept { keys: args.keys.clone(), ..Kept::default() };
+    if let Some(path) = &args.commitment {
+        take_commitment(&mut kept, path, reveal)?;
+    }
+    if let Some(path) = &args.answers {
+        let answers = read_answers(path)?;
+        let is_answered = |own: &RevealedInstance| own.log_sha256.is_some();
+        if reveal.instances.iter().any(is_answered) && reveal.instances.iter().all(|own| !answers.contains_key(&own.id))
+        {
+            let (place, epoch) = (path.display(), &reveal.commitment.epoch);
+            bail!(
+                "{place}: has no answer to an instance of the epoch {epoch:?}; expected GET /v1/epochs/{epoch}/answers"
+            );
+        }
+        kept.logs = Some(answers);
+    }
     for path in &args.receipts {
         for value in read_values(path)? {
             let page: LogPage = serde_json::from_value(value).with_context(|| path.display().to_string())?;
@@ -124,7 +156,7 @@ fn read_kept(args: &VerifyEpochArgs) -> anyhow::Result<Kept> {
 pub fn run(args: &VerifyEpochArgs) -> anyhow::Result<ExitCode> {
     let place = || format!("{}: expected the response to GET /v1/epochs/NAME/reveal", args.reveal.display());
     let reveal: Reveal = serde_json::from_value(read_json(&args.reveal)?).with_context(place)?;
-    let kept = read_kept(args)?;
+    let kept = read_kept(args, &reveal)?;
     let is_good = verified(&reveal, &kept)?;
     Ok(if is_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -63,12 +63,15 @@ async fn a_regrade_is_looked_at_and_then_holds_or_is_gone() {
     assert!(told.contains("96.0 %") && told.contains("100.0 %"), "{told}");
     assert_eq!(overall().await, 0.96, "nothing holds before it is applied");
     let id = told.lines().find_map(|line| line.strip_prefix("plumbline regrade discard ")).unwrap();
+    let (id, file) = id.split_once(" --database ").unwrap();
+    assert_eq!(file, database.display().to_string());
     assert_eq!(regrade(&database, &["discard", id]).unwrap().trim(), "discarded");
     assert!(regrade(&database, &["apply", id]).unwrap_err().contains("discarded, not ready"));
 
     let told =
         regrade(&database, &["--suite", "mineceraft-lite", "--reason", "doors count", "--actor", "ada"]).unwrap();
     let id = told.lines().find_map(|line| line.strip_prefix("plumbline regrade apply ")).unwrap();
+    let id = id.split(' ').next().unwrap();
     assert_eq!(regrade(&database, &["apply", id]).unwrap().trim(), "applied; 1 finished run has new results");
     tokio::time::sleep(std::time::Duration::from_millis(1_100)).await;
     assert_eq!(overall().await, 1.0, "the service that runs follows");

@@ -58,6 +58,7 @@ async fn an_epoch_is_verified_from_one_file() {
 
     // The service is gone.
     let archive = unpacked(&scene);
+    only_what_was_saved_in_time_is_a_promise(&scene, &archive);
     let kept = scene.file("kept.json").to_str().unwrap().to_owned();
     let verified = |file: &str, more: &[&str]| -> Output { run(&[&["verify-archive", file], more].concat(), None) };
     let told = succeeded(&verified(&out, &["--commitment", &kept, "--witness", &key]));
@@ -101,5 +102,32 @@ async fn an_epoch_is_verified_from_one_file() {
         let output = verified(file, &[]);
         assert_eq!(output.status.code(), Some(2), "{file}");
         assert!(refused(&output).contains("is no archive of an epoch"), "{file}: {}", refused(&output));
+    }
+}
+
+/// What says nothing about the epoch is no evidence of a breach, and no promise.
+fn only_what_was_saved_in_time_is_a_promise(scene: &Scene, archive: &Value) {
+    let write = |name: &str, text: String| {
+        std::fs::write(scene.file(name), text).unwrap();
+        scene.file(name).to_str().unwrap().to_owned()
+    };
+    let reveal = write("reveal.json", archive["reveal"].to_string());
+    let with = |change: &dyn Fn(&mut Value)| {
+        let mut epoch: Value = serde_json::from_slice(&std::fs::read(scene.file("kept.json")).unwrap()).unwrap();
+        change(&mut epoch);
+        run(&["verify-epoch", &reveal, "--commitment", &write("epoch.json", epoch.to_string())], None)
+    };
+    let promised = succeeded(&with(&|_| {}));
+    assert!(!promised.contains("NOT CHECKED  commitment"), "{promised}");
+    let late = succeeded(&with(&|epoch| epoch["state"] = archive["epoch"]["state"].clone()));
+    assert!(late.contains("was saved when the epoch was") && late.contains("NOT CHECKED  commitment"), "{late}");
+    let other = with(&|epoch| epoch["commitment"]["epoch"] = "other".into());
+    assert!(refused(&other).contains("is of the epoch \"other\", and the reveal of \"autumn\""));
+    let itself = run(&["verify-epoch", &reveal, "--commitment", &reveal], None);
+    assert!(refused(&itself).contains("this is the reveal"));
+    let nothing = run(&["verify-epoch", &reveal, "--answers", &write("nothing.ndjson", String::new())], None);
+    assert!(refused(&nothing).contains("has no answer to an instance of the epoch \"autumn\""));
+    for wrong in [other, itself, nothing] {
+        assert_eq!(wrong.status.code(), Some(2));
     }
 }

@@ -133,7 +133,7 @@ fn verify_offline(scene: &Scene, key: &str) {
     assert!(
         // An announcement, 2 entries, 3 draws, 77 answers with a place each, 2 ends with as many places, and the end of
         // all.
-        said(&checked).contains("240 receipts, each log entry linked to the one before; 0 of them"),
+        said(&checked).contains("240 receipts of the log, each linked to the one before; 0 of them"),
         "{}",
         said(&checked)
     );
