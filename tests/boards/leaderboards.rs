@@ -3,6 +3,7 @@
 use std::process::Command;
 
 use crate::support::{PROGRAM, Service};
+use plumbline_engine::tasks::{Task, embedded};
 use reqwest::StatusCode;
 use serde_json::{Value, json};
 
@@ -200,7 +201,7 @@ async fn empty_runs_spoil_no_places() {
 
     // Whoever says that the rest is left out on purpose is compared, and has failed it.
     let run = service.begin_run("honest", SUITE).await;
-    let suite = plumbline_engine::tasks::embedded::lite(&plumbline_engine::tasks::embedded::latest().unwrap(), 42);
+    let suite = embedded::lite(&embedded::latest().unwrap(), 42);
     let one = crate::support::good_build(&suite.tasks[0], false, Some(&run));
     service.post_json("/v1/submissions", &one).await;
     let finish = format!("/v1/runs/{run}/finish");
@@ -347,4 +348,43 @@ async fn near_identical_runs_of_two_owners_are_flagged_and_the_host_may_run_agai
     let rows = |filter: &str| format!("/v1/leaderboards/mineceraft-lite?provenance={filter}");
     assert_eq!(service.get(&rows("self-reported")).await.json()["total"], 4);
     assert_eq!(service.get(&rows("re-run-by-host")).await.json()["total"], 0);
+}
+
+/// Posts a run that answers each task of the Lite suite with one block beside the others.
+async fn run_of_single_blocks(service: &Service, agent: &str) {
+    let run = service.begin_run(agent, SUITE).await;
+    let suite = embedded::lite(&embedded::latest().unwrap(), embedded::LITE_SEED);
+    let line = |task: &Task| {
+        let turns = vec![json!({ "palette": ["stone"], "rows": [[9, 1, 9, 0]] }); task.turns.len()];
+        json!({ "task": task.number, "run": run, "turns": turns }).to_string()
+    };
+    let lines: Vec<String> = suite.tasks.iter().map(line).collect();
+    let accepted = service.post("/v1/submissions", "application/x-ndjson", lines.join("\n")).await;
+    assert_eq!(accepted.status, StatusCode::ACCEPTED, "{}", accepted.text);
+    service.wait_for(&format!("/v1/runs/{run}"), |run| run["state"] == "finished").await;
+}
+
+#[tokio::test]
+async fn the_home_page_shows_a_build_that_failed_and_never_an_empty_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &["--board-coverage", "0"]);
+    service.finished_run("good", 0).await;
+    service.finished_run("built nothing", 20).await;
+    let home = service.get("/").await.text;
+    assert!(home.contains("good") && !home.contains("Build for"), "{home}");
+    run_of_single_blocks(&service, "one block").await;
+    let home = service.get("/").await.text;
+    assert_eq!(home.matches("<canvas").count(), 2, "{home}");
+    let pair = home.split("class=\"pair\"").nth(1).unwrap().split("</section>").next().unwrap();
+    assert!(pair.contains("one block") && !pair.contains("built nothing"), "{pair}");
+}
+
+#[tokio::test]
+async fn a_board_of_another_time_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &[]);
+    let now = service.get(&format!("/boards/{SUITE}")).await.text;
+    assert!(!now.contains("as of 2026") && now.contains("Moderation log</a>: nothing so far"), "{now}");
+    let then = service.get(&format!("/boards/{SUITE}?as_of=2026-01-01")).await.text;
+    assert!(then.contains("The board as of 2026-01-01</strong>, the end of that day in UTC"), "{then}");
 }

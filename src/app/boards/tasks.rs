@@ -1,5 +1,6 @@
 //! Results of the finished runs of a board on its tasks.
 
+use std::cmp::Reverse;
 use std::sync::Arc;
 
 use super::cache::Board;
@@ -14,6 +15,8 @@ use plumbline_engine::tasks::{Task, Track};
 
 /// Greatest number of runs listed for a task.
 const MAX_RUNS: usize = 50;
+/// Greatest number of contrasts that are returned.
+const MAX_CONTRASTS: usize = 8;
 
 /// Result of a run on a task.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -64,11 +67,12 @@ pub struct Contrast {
     pub fails: Arc<Standing>,
 }
 
-/// Finds a task that tells the best run of a board from another of its track, the worst that there is: if possible a
-/// task of one turn, by the size of its build, which anybody sees; of several, one of the last, which ask for more.
+/// Returns tasks that tell the best run of a board from another of its track, at most one for each other run: those that
+/// answered the most tasks come first, and of these the worst. If possible it is a task of one turn, by the size of its
+/// build, which anybody sees; of several, one of the last, which ask for more.
 #[must_use]
-pub fn contrast(board: &Board) -> Option<Contrast> {
-    let solves = board.rows.all.first()?;
+pub fn contrasts(board: &Board) -> Vec<Contrast> {
+    let Some(solves) = board.rows.all.first() else { return Vec::new() };
     let tells = |other: &Standing, place: usize| {
         let (one, other) = (&solves.outcomes, &other.outcomes);
         one.is_solved(place) && other.is_answered(place) && !other.is_accurate(place)
@@ -76,15 +80,17 @@ pub fn contrast(board: &Board) -> Option<Contrast> {
     let is_plain = |other: &Standing, place: usize| {
         !other.outcomes.holds(place, Criterion::Size) && board.entry.suite.tasks[place].turns.len() == 1
     };
+    let mut others: Vec<_> = board.rows.all.iter().skip(1).rev().filter(|other| other.track == solves.track).collect();
+    others.sort_by_key(|other| Reverse(other.answered()));
     let find = |must_be_plain: bool| {
-        let others = board.rows.all.iter().skip(1).rev().filter(|other| other.track == solves.track);
-        others.into_iter().find_map(|other| {
+        let of = move |other: &&Arc<Standing>| {
             let shows = |place: &usize| tells(other, *place) && (!must_be_plain || is_plain(other, *place));
             let place = (0..solves.outcomes.len()).rev().find(shows)?;
             Some(Contrast { place, solves: Arc::clone(solves), fails: Arc::clone(other) })
-        })
+        };
+        others.iter().filter_map(of)
     };
-    find(true).or_else(|| find(false))
+    find(true).chain(find(false)).take(MAX_CONTRASTS).collect()
 }
 
 /// Results on one task.

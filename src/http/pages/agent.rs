@@ -63,7 +63,7 @@ pub async fn page(State(state): State<AppState>, Path(name): Path<String>) -> Pa
             BestRun { run: run.run.clone(), best: builds(best), worst: builds(worst) }
         };
         sections.push(Section {
-            suite: board.entry.suite.id(),
+            suite: board.entry.id.clone(),
             not_shown: count - rows.len(),
             track: first.as_ref().map(|run| run.track).filter(|track| of_track(*track) > 1),
             best: first.as_deref().map(told).filter(|it| !(it.best.is_empty() && it.worst.is_empty())),

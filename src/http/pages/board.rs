@@ -120,7 +120,7 @@ pub async fn board(
     let board = read::board(&state, &suite).await?;
     if query.format != Format::Json {
         // Other formats are those of the API.
-        return Ok(Redirect::to(&format!("/v1/leaderboards/{}?{set}", board.entry.suite.id())).into_response());
+        return Ok(Redirect::to(&format!("/v1/leaderboards/{}?{set}", board.entry.id)).into_response());
     }
     let now = rfc3339(now_ms());
     let links = Links::of(&suite, &query);

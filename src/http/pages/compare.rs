@@ -67,7 +67,7 @@ pub async fn compare_runs(
     let two: Two = params::read(raw.as_deref().unwrap_or_default())?;
     let told = compare(&state, &suite, &two.a, &two.b).await?;
     let figure = dumbbells::draw(&told.a, &told.b);
-    html::page(&ComparePage { suite: told.board.entry.suite.id(), figure, told: told.into() })
+    html::page(&ComparePage { suite: told.board.entry.id.clone(), figure, told: told.into() })
 }
 
 /// Serves the criteria of two runs as CSV.

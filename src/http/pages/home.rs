@@ -8,8 +8,9 @@ use super::html::{self, PageResult};
 use super::lines::{Line, lines};
 use super::submission::{View, view_of};
 use crate::app::access::Openness;
+use crate::app::boards::cache::Board;
 use crate::app::boards::leaderboard::best_of_newest;
-use crate::app::boards::tasks::{Contrast, contrast};
+use crate::app::boards::tasks::{Contrast, contrasts};
 use crate::app::error::{AppError, AppResult};
 use crate::app::runs::read::answer;
 use crate::http::extract::origin::Origin;
@@ -83,32 +84,12 @@ fn people(suite: &str) -> AppResult<Option<f64>> {
 /// Returns an error if the database fails.
 pub async fn home(State(state): State<AppState>, origin: Origin) -> PageResult {
     let (newest, others) = best_of_newest(&state, ROWS).await?;
-    let pair = match newest.first().and_then(|page| contrast(&page.board)) {
-        Some(Contrast { place, solves, fails }) => {
-            let task = &newest[0].board.entry.suite.tasks[place];
-            let (good, bad) = (answer(&state, &solves.run, task.number), answer(&state, &fails.run, task.number));
-            let build = async |row: SubmissionRow, agent: &str| {
-                let (submission, agent) = (row.id.clone(), agent.to_owned());
-                AppResult::Ok(Build { submission, agent, view: view_of(&state, row, "pair").await? })
-            };
-            // What was withdrawn or deleted meanwhile is not shown.
-            match (good.await, bad.await) {
-                (Ok(good), Ok(bad)) => Some(Pair {
-                    suite: newest[0].board.entry.suite.id(),
-                    number: task.number,
-                    prompt: task
-                        .turns
-                        .first()
-                        .map(|turn| turn.brief.clone().unwrap_or_else(|| turn.prompt.clone()))
-                        .unwrap_or_default(),
-                    good: build(good, &solves.agent).await?,
-                    bad: build(bad, &fails.agent).await?,
-                }),
-                _ => None,
-            }
+    let mut shown = None;
+    for page in &newest {
+        if shown.is_none() {
+            shown = pair(&state, &page.board).await?;
         }
-        None => None,
-    };
+    }
     let mut boards = Vec::new();
     for page in newest {
         let suite = &page.board.entry.suite;
@@ -121,5 +102,34 @@ pub async fn home(State(state): State<AppState>, origin: Origin) -> PageResult {
         });
     }
     let is_open = state.keys.open == Openness::Open;
-    html::page(&Home { boards, others, pair, epoch: next_of(&state).await?, origin, is_open })
+    html::page(&Home { boards, others, pair: shown, epoch: next_of(&state).await?, origin, is_open })
+}
+
+/// Returns two builds for one task that show what is measured. A run that built nothing shows nothing.
+async fn pair(state: &AppState, board: &Board) -> AppResult<Option<Pair>> {
+    for Contrast { place, solves, fails } in contrasts(board) {
+        let task = &board.entry.suite.tasks[place];
+        let good = answer(state, &solves.run, task.number).await;
+        let bad = answer(state, &fails.run, task.number).await;
+        // What was withdrawn or deleted meanwhile is not shown.
+        let (Ok(good), Ok(bad)) = (good, bad) else { continue };
+        if bad.events == 0 {
+            continue;
+        }
+        let first = task.turns.first();
+        let prompt = first.map(|turn| turn.brief.clone().unwrap_or_else(|| turn.prompt.clone()));
+        return Ok(Some(Pair {
+            suite: board.entry.id.clone(),
+            number: task.number,
+            prompt: prompt.unwrap_or_default(),
+            good: build(state, good, &solves.agent).await?,
+            bad: build(state, bad, &fails.agent).await?,
+        }));
+    }
+    Ok(None)
+}
+
+async fn build(state: &AppState, row: SubmissionRow, agent: &str) -> AppResult<Build> {
+    let (submission, agent) = (row.id.clone(), agent.to_owned());
+    Ok(Build { submission, agent, view: view_of(state, row, "pair").await? })
 }

@@ -52,6 +52,11 @@ impl RunLine {
         criteria(&self.row.problems, &self.row.graded)
     }
 
+    /// Returns how many problems the run answered.
+    pub fn answered(&self) -> u64 {
+        self.row.overall.of.saturating_sub(self.row.skipped as u64)
+    }
+
     /// Returns the bounds of the interval in percent; empty without one.
     pub fn bounds(&self) -> String {
         html::bounds(self.row.interval)

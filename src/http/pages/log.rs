@@ -44,5 +44,5 @@ pub async fn page(State(state): State<AppState>, Path(suite): Path<String>) -> P
         actor: action.actor.clone(),
         reason: action.reason.clone(),
     });
-    html::page(&LogPage { suite: board.entry.suite.id(), all: board.actions.len(), entries: entries.collect() })
+    html::page(&LogPage { suite: board.entry.id.clone(), all: board.actions.len(), entries: entries.collect() })
 }

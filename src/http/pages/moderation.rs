@@ -118,7 +118,7 @@ async fn shown(state: &AppState, caller: AppResult<Caller>, draft: Draft, why: &
     };
     match (told, caller) {
         (Ok(told), Ok(caller)) => {
-            let suites = state.catalogue().suites().iter().map(|entry| entry.suite.id()).collect();
+            let suites = state.catalogue().suites().iter().map(|entry| entry.id.clone()).collect();
             let actor = caller.owner().unwrap_or_default().to_owned();
             let status = if draft.fault.is_empty() { StatusCode::OK } else { StatusCode::UNPROCESSABLE_ENTITY };
             Ok(unkept(status, html::page(&ModerationPage { actor, now_ms: now_ms(), told, suites, draft })?))

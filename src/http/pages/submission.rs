@@ -167,6 +167,17 @@ struct BesidePage {
     two: [Shown; 2],
 }
 
+impl BesidePage {
+    fn title(&self) -> String {
+        let agent = |one: &Shown| one.agent.clone().unwrap_or_else(|| "no run".to_owned());
+        let [one, other] = &self.two;
+        if one.task == other.task {
+            return format!("{}: {} and {}", one.task, agent(one), agent(other));
+        }
+        format!("{} by {} and {} by {}", one.task, agent(one), other.task, agent(other))
+    }
+}
+
 #[derive(Template)]
 #[template(path = "evidence.html")]
 struct EvidencePage {
@@ -212,7 +223,7 @@ async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Re
         "looks": looks_of(names.iter().map(String::as_str)),
         "stress": { "sph": field("sph"), "fem": field("fem") },
         "witnesses": cells,
-        "reference": format!("/suites/{}/tasks/{}/reference.json", details.entry.suite.id(), details.row.task_number),
+        "reference": format!("/suites/{}/tasks/{}/reference.json", details.entry.id, details.row.task_number),
     });
     let task = details.task().map(|task| task.id.clone()).unwrap_or_default();
     let prompts = details.task().map(|task| task.turns.iter().map(|turn| turn.prompt.clone()).collect());

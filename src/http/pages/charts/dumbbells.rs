@@ -41,7 +41,7 @@ pub fn draw(a: &Standing, b: &Standing) -> Figure {
                 drawing.mark(&format!("s{series}"), series, [left + value * width, y], &told);
             }
         }
-        let difference = one.value.zip(other.value).map(|(one, other)| format!("{:+.1}", (other - one) * 100.0));
+        let difference = one.value.zip(other.value).map(|(one, other)| points(other - one));
         let cells = vec![html::percent(one.value), html::percent(other.value), difference.unwrap_or_default()];
         let values = vec![share(one.value), share(other.value)];
         rows.push(FigureRow { name: one.name.to_owned(), run: None, cells, values });
@@ -55,8 +55,18 @@ pub fn draw(a: &Standing, b: &Standing) -> Figure {
         title,
         about,
         size: [WIDTH, height],
-        head: ["criterion", "first run", "second run", "difference, points"].map(ToOwned::to_owned).into(),
+        head: ["criterion", "first run", "second run", "second − first, points"].map(ToOwned::to_owned).into(),
         columns: Some(["criterion", "first", "second"].map(ToOwned::to_owned).into()),
         rows,
+    }
+}
+
+/// Writes a difference of two shares in points, with its sign.
+fn points(difference: f64) -> String {
+    let told = format!("{:.1}", difference.abs() * 100.0);
+    match difference {
+        _ if told == "0.0" => told,
+        less if less < 0.0 => format!("−{told}"),
+        _ => format!("+{told}"),
     }
 }

@@ -63,7 +63,7 @@ pub async fn charts(State(state): State<AppState>, Path(suite): Path<String>, Ra
     let charted = Charted::read(&state, &suite, &query).await?;
     let draw = |(name, draw): (&'static str, Draw)| Some(Shown { name, figure: draw(&charted)? });
     html::page(&ChartsPage {
-        suite: charted.board.entry.suite.id(),
+        suite: charted.board.entry.id.clone(),
         track: charted.track,
         tracks: charted.board.entry.suite.tracks(),
         charts: CHARTS.into_iter().filter_map(draw).collect(),
