@@ -103,24 +103,18 @@ pub fn run(args: &ArchiveArgs) -> anyhow::Result<ExitCode> {
     packed.finish().with_context(place)?.sync_all().with_context(place)?;
     File::open(folder_of(&args.out))?.sync_all()?;
     println!("{}", args.out.display());
-    for (name, size) in cosigned_sizes(&archive) {
-        let needed = needed_of(&archive);
+    let needed = needed_of(&archive);
+    for witness in archive.witnesses["witnesses"].as_array().into_iter().flatten() {
+        let size = witness["size"].as_u64().unwrap_or(0);
         if size < needed {
             println!(
-                "NOTE    {name}: has cosigned the log up to entry {size}, and the epoch needs {needed}; let it run once \
-                 more, and archive again"
+                "NOTE    {}: has cosigned {size} entries of the log, and the epoch needs {needed}; run the witness once \
+                 more, and archive again",
+                witness["name"].as_str().unwrap_or("a witness")
             );
         }
     }
     Ok(ExitCode::SUCCESS)
-}
-
-/// Returns the name of each witness with the greatest checkpoint that it has cosigned.
-fn cosigned_sizes(archive: &Archive) -> Vec<(String, u64)> {
-    let witnesses = archive.witnesses["witnesses"].as_array().map(Vec::as_slice).unwrap_or_default();
-    let size = |witness: &Value| witness["note"].as_str().and_then(|note| note.lines().nth(1)?.parse().ok());
-    let told = |witness: &Value| (witness["name"].as_str().unwrap_or("witness").to_owned(), size(witness).unwrap_or(0));
-    witnesses.iter().map(told).collect()
 }
 
 /// Returns the position of the last receipt of an archive's epoch.

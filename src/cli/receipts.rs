@@ -108,14 +108,8 @@ impl Verdict {
 
 impl Given {
     /// Verifies a receipt with this hash, as it was handed out, and looks it up in the pages of the log. If the pages are
-    /// the whole log, a receipt that they lack although their head is signed much later is not in the log.
-    fn handed_out(
-        &self,
-        handed: &GivenReceipt,
-        hash: &str,
-        trusted: &[&str],
-        is_whole: bool,
-    ) -> (Verdict, Cow<'static, str>) {
+    /// the whole log, a receipt that they lack although their head was signed much later is not in the log.
+    fn handed_out(&self, handed: &GivenReceipt, hash: &str, trusted: &[&str]) -> (Verdict, Cow<'static, str>) {
         let is_own = hash == handed.hash && trusted.contains(&handed.public_key.as_str());
         if !is_own || verify_signature(&handed.receipt, &handed.public_key, &handed.signature).is_err() {
             return (Verdict::Broken, "its hash, its key or its signature does not verify".into());
@@ -128,8 +122,9 @@ impl Given {
             return (Verdict::Note, format!("is at position {} of the log", own.seq).into());
         }
         let head = self.heads.iter().max_by_key(|head| head.size);
-        let later = head.zip(time_of(&handed.receipt)).map(|(head, at_ms)| head.at_ms - at_ms);
-        if let Some(later) = later.filter(|later| is_whole && *later > LOGGED_WITHIN_MS) {
+        let whole = head.filter(|head| usize::try_from(head.size) == Ok(self.log.len()));
+        let later = whole.zip(time_of(&handed.receipt)).map(|(head, at_ms)| head.at_ms - at_ms);
+        if let Some(later) = later.filter(|later| *later > LOGGED_WITHIN_MS) {
             let told = format!("is not in the log, whose head was signed {} later", counted(later / 60_000, "minute"));
             return (Verdict::Broken, told.into());
         }
@@ -175,10 +170,9 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
             }
         }
     }
-    let has_log = given.alone.len() + given.handed.len() < args.files.len();
     for handed in &given.handed {
         let hash = hex(&Sha256::digest(canonical_json(&handed.receipt)));
-        let (verdict, told) = given.handed_out(handed, &hash, &trusted, has_log && !args.part);
+        let (verdict, told) = given.handed_out(handed, &hash, &trusted);
         is_good &= verdict != Verdict::Broken;
         println!("{} receipt {}…: {told}", verdict.label(), &hash[..12]);
     }
@@ -211,6 +205,7 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
             println!("BROKEN  receipt {}: the log has a different receipt at this position", alone.seq);
         }
     }
+    let has_log = given.alone.len() + given.handed.len() < args.files.len();
     for fault in given.places(&trusted, has_log).iter().filter(|_| !args.part) {
         is_good = false;
         println!("BROKEN  {fault}");
@@ -261,21 +256,23 @@ mod tests {
         let head = LogHead::signed(1, "0".repeat(64), 600_000, &signer);
         let own = json!({ "seq": 1, "receipt": null, "hash": logged.hash, "signature": null,
             "public_key": logged.public_key, "previous": "", "link": "" });
-        let given = Given { log: vec![serde_json::from_value(own).unwrap()], heads: vec![head], ..Given::default() };
+        let mut given =
+            Given { log: vec![serde_json::from_value(own).unwrap()], heads: vec![head], ..Given::default() };
         let trusted = signer.public_key();
-        let verdict = |given: &Given, handed: &GivenReceipt, is_whole| {
-            let (verdict, told) = given.handed_out(handed, &handed.hash.clone(), &[&trusted], is_whole);
+        let verdict = |given: &Given, handed: &GivenReceipt| {
+            let (verdict, told) = given.handed_out(handed, &handed.hash, &[&trusted]);
             (verdict, told.into_owned())
         };
-        assert_eq!(verdict(&given, &logged, true), (Verdict::Note, "is at position 1 of the log".to_owned()));
-        let (broken, told) = verdict(&given, &handed(2_000), true);
+        assert_eq!(verdict(&given, &logged), (Verdict::Note, "is at position 1 of the log".to_owned()));
+        let (broken, told) = verdict(&given, &handed(2_000));
         assert_eq!(broken, Verdict::Broken);
         assert!(told.contains("is not in the log, whose head was signed 9 minutes later"), "{told}");
         // It may be too young, or on a page that was not given.
-        assert_eq!(verdict(&given, &handed(599_000), true).0, Verdict::NotChecked);
-        assert_eq!(verdict(&given, &handed(2_000), false).0, Verdict::NotChecked);
-        assert_eq!(verdict(&Given::default(), &logged, true).0, Verdict::NotChecked);
+        assert_eq!(verdict(&given, &handed(599_000)).0, Verdict::NotChecked);
+        given.heads[0].size = 2;
+        assert_eq!(verdict(&given, &handed(2_000)).0, Verdict::NotChecked);
+        assert_eq!(verdict(&Given::default(), &logged).0, Verdict::NotChecked);
         let forged = GivenReceipt { receipt: json!({ "registered_at_ms": 5 }), ..logged };
-        assert_eq!(verdict(&given, &forged, true).0, Verdict::Broken);
+        assert_eq!(verdict(&given, &forged).0, Verdict::Broken);
     }
 }

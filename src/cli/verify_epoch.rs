@@ -11,7 +11,7 @@ use serde_json::{Deserializer, Value};
 use super::evidence::{key, read_given};
 use plumbline_engine::hidden::commitment::Commitment;
 use plumbline_engine::hidden::receipts::LogPage;
-use plumbline_engine::hidden::reveal::{Reveal, RevealedInstance};
+use plumbline_engine::hidden::reveal::Reveal;
 use plumbline_engine::hidden::verify::{Kept, verify};
 use plumbline_engine::text::counted;
 use plumbline_engine::voxel::BlockLog;
@@ -100,14 +100,14 @@ pub(super) fn take_epoch(kept: &mut Kept, epoch: Value) -> anyhow::Result<()> {
 pub(super) fn take_commitment(kept: &mut Kept, path: &Path, reveal: &Reveal) -> anyhow::Result<()> {
     let place = || path.display().to_string();
     let epoch = read_json(path)?;
-    let state = epoch["state"].as_str().unwrap_or_default().to_owned();
+    let is_late = epoch["state"] == "closed";
     take_epoch(kept, epoch).with_context(place)?;
     let (own, wanted) = (kept.commitment.as_ref().map(|own| own.epoch.clone()), &reveal.commitment.epoch);
     if let Some(own) = own.filter(|own| own != wanted) {
         bail!("{}: is of the epoch {own:?}, and the reveal of {wanted:?}", place());
     }
-    if !["", "committed", "open"].contains(&state.as_str()) {
-        println!("NOT CHECKED  {}: was saved when the epoch was {state} already, so it promised nothing", place());
+    if is_late {
+        println!("NOT CHECKED  {}: was saved after the epoch had closed, so it promised nothing", place());
         kept.commitment = None;
     }
     Ok(())
@@ -120,12 +120,11 @@ fn read_kept(args: &VerifyEpochArgs, reveal: &Reveal) -> anyhow::Result<Kept> {
     }
     if let Some(path) = &args.answers {
         let answers = read_answers(path)?;
-        let is_answered = |own: &RevealedInstance| own.log_sha256.is_some();
-        if reveal.instances.iter().any(is_answered) && reveal.instances.iter().all(|own| !answers.contains_key(&own.id))
-        {
+        // No answers at all is what a service that withholds them would send, and a breach.
+        if !answers.is_empty() && reveal.instances.iter().all(|own| !answers.contains_key(&own.id)) {
             let (place, epoch) = (path.display(), &reveal.commitment.epoch);
             bail!(
-                "{place}: has no answer to an instance of the epoch {epoch:?}; expected GET /v1/epochs/{epoch}/answers"
+                "{place}: its answers are to no instance of the epoch {epoch:?}: expected /v1/epochs/{epoch}/answers"
             );
         }
         kept.logs = Some(answers);

@@ -51,9 +51,13 @@ async fn an_epoch_is_verified_from_one_file() {
     scene.answer(&lab, &instances, 2).await;
     scene.made(&lab, &format!("/v1/entries/{entry}/finalize"), &json!({})).await;
     scene.end_epoch().await;
+    let hasty = scene.file("hasty.archive").to_str().unwrap().to_owned();
+    let told = succeeded(&run(&["archive-epoch", &scene.service.url, "autumn", "--out", &hasty], None));
+    assert!(told.contains("NOTE    w.example: has cosigned 0 entries of the log, and the epoch needs"), "{told}");
     succeeded(&witness(&scene.service.url, &["--publish"]));
     let url = scene.service.url.clone();
-    succeeded(&run(&["archive-epoch", &url, "autumn", "--out", &out], None));
+    let told = succeeded(&run(&["archive-epoch", &url, "autumn", "--out", &out], None));
+    assert!(!told.contains("NOTE"), "{told}");
     assert!(refused(&run(&["archive-epoch", &url, "autumn", "--out", &out], None)).contains("already exists"));
 
     // The service is gone.
@@ -120,14 +124,21 @@ fn only_what_was_saved_in_time_is_a_promise(scene: &Scene, archive: &Value) {
     let promised = succeeded(&with(&|_| {}));
     assert!(!promised.contains("NOT CHECKED  commitment"), "{promised}");
     let late = succeeded(&with(&|epoch| epoch["state"] = archive["epoch"]["state"].clone()));
-    assert!(late.contains("was saved when the epoch was") && late.contains("NOT CHECKED  commitment"), "{late}");
+    assert!(
+        late.contains("was saved after the epoch had closed") && late.contains("NOT CHECKED  commitment"),
+        "{late}"
+    );
     let other = with(&|epoch| epoch["commitment"]["epoch"] = "other".into());
     assert!(refused(&other).contains("is of the epoch \"other\", and the reveal of \"autumn\""));
     let itself = run(&["verify-epoch", &reveal, "--commitment", &reveal], None);
     assert!(refused(&itself).contains("this is the reveal"));
-    let nothing = run(&["verify-epoch", &reveal, "--answers", &write("nothing.ndjson", String::new())], None);
-    assert!(refused(&nothing).contains("has no answer to an instance of the epoch \"autumn\""));
-    for wrong in [other, itself, nothing] {
+    let foreign = json!({ "instance": "other", "log": { "palette": [], "turns": [] } }).to_string();
+    let foreign = run(&["verify-epoch", &reveal, "--answers", &write("foreign.ndjson", foreign)], None);
+    assert!(refused(&foreign).contains("its answers are to no instance of the epoch \"autumn\""));
+    // No answers at all are withheld ones.
+    let withheld = run(&["verify-epoch", &reveal, "--answers", &write("withheld.ndjson", String::new())], None);
+    assert!(withheld.status.code() == Some(1) && refused(&withheld).contains("BROKEN"));
+    for wrong in [other, itself, foreign] {
         assert_eq!(wrong.status.code(), Some(2));
     }
 }
