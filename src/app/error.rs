@@ -102,6 +102,7 @@ kinds! {
     TooManyRequests = "too-many-requests", "Too many requests";
     RateLimited = "rate-limited", "Too many requests";
     Internal = "internal", "Internal error";
+    Damaged = "damaged", "Stored data is damaged";
     Busy = "busy", "Busy";
     Stopping = "stopping", "Stopping";
     NotReady = "not-ready", "Not ready";
@@ -240,11 +241,11 @@ impl AppError {
         self
     }
 
-    /// Does the same as [`Self::without_reward`] if the request may be sent again: the failure was ours, or the load
-    /// was too high.
+    /// Does the same as [`Self::without_reward`] if the sender is not at fault: the failure was ours, or the load was
+    /// too high.
     #[must_use]
     pub fn without_reward_where_ours(self) -> Self {
-        if self.is_retryable() { self.without_reward() } else { self }
+        if self.is_retryable() || self.kind() == Kind::Damaged { self.without_reward() } else { self }
     }
 
     /// Returns the kind of the failure.
@@ -304,6 +305,13 @@ impl From<StoreError> for AppError {
             tracing::warn!(%error, "refused");
             let detail = "this node lacks the secrets that this needs; send the request again, to another node";
             return Self::new(Kind::NotReady, detail).retry_after(1);
+        }
+        if let StoreError::Corrupt { .. } = error {
+            tracing::error!(%error, "stored data is damaged");
+            metrics::counter!("plumbline_corrupt_rows_total").increment(1);
+            let detail = "Data that the service stored is damaged, and sending the request again changes nothing. Tell the operator: \
+                          the service's log says what is damaged.";
+            return Self::new(Kind::Damaged, detail);
         }
         Self::internal(&error)
     }

@@ -29,7 +29,7 @@ pub async fn check(app: &App) -> AppResult<()> {
     found.map_err(|detail| AppError::new(Kind::NotReady, detail).retry_after(1))
 }
 
-/// Returns the secrets that the node lacks: all of them, or keys of epochs that are not over.
+/// Returns what the node lacks: its secrets, or keys of epochs that are not over; or a log of receipts without damage.
 ///
 /// # Errors
 /// Returns an error if the database or a file cannot be read.
@@ -38,6 +38,9 @@ pub async fn lacking(app: &App) -> AppResult<Vec<String>> {
         return Ok(vec!["secrets".to_owned()]);
     }
     let mut lacking = Vec::new();
+    if app.log.is_damaged() {
+        lacking.push("intact log of receipts".to_owned());
+    }
     if matches!(app.store.location(), Location::Server(_)) {
         let now = now_ms();
         for epoch in app.store.epochs().await?.iter().filter(|epoch| !epoch.is_over(now)) {

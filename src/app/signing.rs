@@ -56,8 +56,9 @@ pub async fn signing(store: &Store, replaces: bool) -> anyhow::Result<Signing> {
     let notice = before.map(|before| {
         format!(
             "receipts are signed with a new key from now on: {public_key}; the key before was {before}. The change is \
-             recorded in the log at /v1/receipts. If you still have the old key, stop the service, put it back into \
-             {}, and start again",
+             recorded in the log at /v1/receipts. Tell the witnesses: they follow the log with --new-log-key and what /log/key \
+             shows now. If you did not mean to replace the key, another folder of secrets may have been given: stop the \
+             service, and put the receipts.key from before into {}",
             store.secrets().folder().display()
         )
     });

@@ -196,12 +196,19 @@ pub fn verify(args: &VerifyArchiveArgs) -> anyhow::Result<ExitCode> {
     let cosigned = told.iter().filter_map(|witness| Some(("cosigned checkpoint", witness["note"].as_str()?)));
     let mut cosigned_by: Vec<&str> = Vec::new();
     for (what, note) in [("checkpoint", archive.checkpoint.as_str())].into_iter().chain(cosigned) {
-        let checkpoint = Checkpoint::verified(note, &trusted);
-        let Some(checkpoint) = checkpoint.filter(|own| tree.root(own.size) == Some(own.root)) else {
-            println!("BROKEN  {what}: is not signed with a trusted key, or not of the log in the archive");
+        let Some(checkpoint) = Checkpoint::verified(note, &trusted) else {
+            println!(
+                "BROKEN  {what}: is signed neither with the key that the epoch committed to nor with one of --key; if the operator \
+                 replaced the key, the log says so: get the other one from somebody you trust, and name it with --key"
+            );
             is_good = false;
             continue;
         };
+        if tree.root(checkpoint.size) != Some(checkpoint.root) {
+            println!("BROKEN  {what}: is not of the log in the archive");
+            is_good = false;
+            continue;
+        }
         println!("{what} of {}: is of the log in the archive", agreeing(checkpoint.size, "entry", "entries"));
         if checkpoint.size < needed {
             println!("NOTE    {what}: is from before the epoch's last receipt, {needed}");

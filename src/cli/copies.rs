@@ -78,10 +78,18 @@ pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
     let database = args.database.file(NO_BACKUP)?;
     let (from, to) = (args.file.display(), std::path::absolute(database)?);
     let keys = Secrets::beside(&args.file);
-    println!("restoring {from} to {}", to.display());
+    must_exist(&args.file)?;
+    let beside = |ending: &str| PathBuf::from(format!("{}{ending}", database.display()));
+    for left in [database.to_owned(), beside("-wal"), beside("-shm")] {
+        if left.exists() {
+            bail!("{} already exists; move it away first (and stop the service)", left.display());
+        }
+    }
     if args.with_secrets && !keys.folder().is_dir() {
         bail!("there are no keys beside {from}: the backup was made without --with-secrets");
     }
+    let contents = run(inspect(&args.file))?.with_context(|| args.file.display().to_string())?;
+    println!("restoring {from} to {}", to.display());
     let kept = args.database.kept_secrets();
     match (args.with_secrets, keys.folder().exists()) {
         (true, _) => println!("with the keys in {}", keys.folder().display()),
@@ -97,14 +105,6 @@ pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
              new key, which their log notes"
         ),
     }
-    must_exist(&args.file)?;
-    let beside = |ending: &str| PathBuf::from(format!("{}{ending}", database.display()));
-    for left in [database.to_owned(), beside("-wal"), beside("-shm")] {
-        if left.exists() {
-            bail!("{} already exists; move it away first (and stop the service)", left.display());
-        }
-    }
-    let contents = run(inspect(&args.file))?.with_context(|| args.file.display().to_string())?;
     if *dry_run {
         tell("nothing was changed; would restore", &args.file, contents);
         return Ok(ExitCode::SUCCESS);
@@ -116,7 +116,9 @@ pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
     tell("restored to", database, contents);
     println!(
         "if the service accepted anything after this backup, its log of receipts is now shorter than witnesses may have seen \
-         it, and they will say so: tell them before you start it"
+         it, and they will say so. Tell them before you start it, and give it a new key: move receipts.key out of {} and \
+         keep it (docs/operations.md says why)",
+        args.database.kept_secrets().folder().display()
     );
     Ok(ExitCode::SUCCESS)
 }

@@ -31,6 +31,10 @@ pub struct WitnessArgs {
     /// Key of the log, from `/log/key`: get it from somebody you trust. Needed the first time.
     #[arg(long, value_name = "KEY")]
     log_key: Option<String>,
+    /// Key that the log is signed with now, if its operator has told you that the key was replaced. What the witness saw
+    /// under the key before must still be there.
+    #[arg(long, value_name = "KEY", conflicts_with = "log_key")]
+    new_log_key: Option<String>,
     /// Name of the witness, such as `example.org/witness`, to cosign under. Its key is FILE.key, made the first time.
     #[arg(long, value_name = "NAME", value_parser = witness_name)]
     name: Option<String>,
@@ -52,6 +56,16 @@ struct Seen {
     frontier: Frontier,
     /// The last checkpoint, as it was signed.
     note: Option<String>,
+    /// The last checkpoints under keys that were replaced, which stay evidence.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    replaced: Vec<Replaced>,
+}
+
+/// A key that the log was signed with before.
+#[derive(Debug, Serialize, Deserialize)]
+struct Replaced {
+    log_key: String,
+    note: String,
 }
 
 /// Runs the command, with exit code 1 if the log is not what it was.
@@ -66,21 +80,30 @@ pub fn run(args: &WitnessArgs) -> anyhow::Result<ExitCode> {
 async fn follow(args: &WitnessArgs) -> anyhow::Result<ExitCode> {
     let _alone = alone(&args.state)?;
     let mut seen = remembered(args)?;
-    let Some((origin, key)) = read_verifier_key(&seen.log_key) else {
-        bail!("--log-key: expected the key of a log as /log/key shows it: name+id+key");
+    let (origin, seen_key) = log_key("--log-key", &seen.log_key)?;
+    let key = match &args.new_log_key {
+        Some(new) => {
+            let (name, key) = log_key("--new-log-key", new)?;
+            if name != origin {
+                bail!("--new-log-key: is the key of {name}, and {} follows {origin}", args.state.display());
+            }
+            key
+        }
+        None => seen_key.clone(),
     };
     let service = Service::at(&args.url, None)?;
     let note = String::from_utf8(service.get_bytes("/log/checkpoint").await?).context("the checkpoint is not text")?;
     let Some(checkpoint) = Checkpoint::verified(&note, &[&key]).filter(|checkpoint| checkpoint.origin == origin) else {
         println!(
-            "BROKEN  the checkpoint is not signed with the key of {origin}; does --log-key come from /log/key of this service?\n{note}"
+            "BROKEN  the checkpoint is not signed with the key of {origin}; {}\n{note}",
+            unsigned_why(&seen, &note)
         );
         return Ok(ExitCode::FAILURE);
     };
     let before = seen.frontier.size();
     if before > 0 {
         // Only a state that its own signed note proves can accuse the service.
-        let own = seen.note.as_deref().and_then(|note| Checkpoint::verified(note, &[&key]));
+        let own = seen.note.as_deref().and_then(|note| Checkpoint::verified(note, &[&seen_key]));
         if own.is_none_or(|own| own.size != before || own.root != seen.frontier.root()) {
             bail!(
                 "--state: {} is damaged: what it keeps of the log is not what its signed checkpoint says; put a copy of it back",
@@ -108,6 +131,13 @@ async fn follow(args: &WitnessArgs) -> anyhow::Result<ExitCode> {
             checkpoint.size - before
         ),
     }
+    if let Some(new) = &args.new_log_key
+        && new.trim() != seen.log_key
+    {
+        let before = std::mem::replace(&mut seen.log_key, new.trim().to_owned());
+        seen.replaced.extend(seen.note.take().map(|note| Replaced { log_key: before, note }));
+        eprintln!("the log is followed under its new key from now on");
+    }
     (seen.frontier, seen.note) = (grown, Some(note.clone()));
     keep(&args.state, &seen)?;
     print!("{note}");
@@ -123,6 +153,23 @@ async fn follow(args: &WitnessArgs) -> anyhow::Result<ExitCode> {
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Parses the key of a log; returns its name and the key in hexadecimal.
+fn log_key(option: &str, text: &str) -> anyhow::Result<(String, String)> {
+    read_verifier_key(text)
+        .with_context(|| format!("{option}: expected the key of a log as /log/key shows it: name+id+key"))
+}
+
+/// Says what may be the cause of a checkpoint without the signature of the known key.
+fn unsigned_why(seen: &Seen, note: &str) -> &'static str {
+    let known = seen.note.as_deref().and_then(|note| note.lines().next());
+    if known.is_some() && known == note.lines().next() {
+        "its operator may have replaced the key. Ask: a change of the key is told in /v1/receipts. If it is so, \
+         follow the log with --new-log-key, and the key that they give you. Until then this is no log to trust"
+    } else {
+        "does --log-key come from /log/key of this service?"
+    }
 }
 
 /// Waits for other commands that use the same state: of two at once, each could cosign a history of its own.
@@ -142,14 +189,19 @@ fn remembered(args: &WitnessArgs) -> anyhow::Result<Seen> {
         Ok(text) => serde_json::from_slice(&text)
             .with_context(|| format!("--state: {} is not what `plumbline witness` writes", args.state.display()))?,
         Err(error) if error.kind() == ErrorKind::NotFound => {
-            let log_key =
-                args.log_key.clone().context("--log-key: needed the first time, when nothing was seen yet")?;
-            Seen { log_key: log_key.trim().to_owned(), frontier: Frontier::default(), note: None }
+            let needed = "--log-key: needed the first time, when nothing was seen yet";
+            let log_key = args.log_key.clone().context(needed)?;
+            Seen { log_key: log_key.trim().to_owned(), frontier: Frontier::default(), note: None, replaced: Vec::new() }
         }
         Err(error) => return Err(error).with_context(place),
     };
     if args.log_key.as_ref().is_some_and(|key| key.trim() != seen.log_key) {
-        bail!("--log-key: {} follows the log with the key {}", args.state.display(), seen.log_key);
+        bail!(
+            "--log-key: {} follows the log with the key {}. If its operator replaced that key, give the new one as \
+             --new-log-key; for another log, name another file",
+            args.state.display(),
+            seen.log_key
+        );
     }
     Ok(seen)
 }
@@ -181,10 +233,14 @@ async fn entries(service: &Service, from: u64, size: u64) -> anyhow::Result<Vec<
     Ok(entries)
 }
 
-/// Shows both checkpoints: signed with one key, they prove that the service has shown two histories.
+/// Shows both checkpoints: signed with keys of one log, they prove that the service has shown two histories.
 fn other_history(seen: &Seen, note: &str, why: &str) -> ExitCode {
     println!("BROKEN  the service shows another history: {why}.");
     println!("Seen before:\n{}\nNow:\n{note}", seen.note.as_deref().unwrap_or("nothing"));
+    eprintln!(
+        "Keep the file of --state and both checkpoints: they are the evidence. If the operator can explain it, as after a \
+         backup that was restored, follow the new history with another file (and tell whoever trusts this witness)"
+    );
     ExitCode::FAILURE
 }
 

@@ -76,7 +76,10 @@ pub fn run(args: &WorkArgs) -> anyhow::Result<ExitCode> {
     };
     run_until_stopped(&config, args.log_format, async |app| {
         if args.log_format == LogFormat::Text {
-            eprintln!("plumbline is at http://{}/ and grades submissions; it serves probes and metrics", app.address);
+            eprintln!(
+                "plumbline is at http://{}/ and grades submissions of {}; it serves probes and metrics",
+                app.address, config.database
+            );
         }
         Ok(None)
     })

@@ -56,7 +56,7 @@ pub const fn status_of(kind: Kind) -> StatusCode {
             StatusCode::UNPROCESSABLE_ENTITY
         }
         Kind::TooManyRequests | Kind::RateLimited => StatusCode::TOO_MANY_REQUESTS,
-        Kind::Internal => StatusCode::INTERNAL_SERVER_ERROR,
+        Kind::Internal | Kind::Damaged => StatusCode::INTERNAL_SERVER_ERROR,
         Kind::Busy | Kind::Stopping | Kind::NotReady => StatusCode::SERVICE_UNAVAILABLE,
         Kind::Deadline => StatusCode::GATEWAY_TIMEOUT,
     }

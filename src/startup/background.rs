@@ -9,6 +9,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::app::App;
 use crate::app::hidden::completion;
+use crate::app::hidden::log::look_for_damage;
 use crate::app::hidden::pools::publish_pool;
 use crate::client::fetch_round;
 use crate::clock::now_ms;
@@ -26,6 +27,12 @@ const UPKEEP: &str = "upkeep";
 const BLOBS: &str = "blobs";
 /// Task that one node does for all: fetching the rounds of beacons.
 const BEACONS: &str = "beacons";
+
+/// Looks once whether the stored log of receipts lacks anything.
+pub(super) async fn look_at_log(app: Arc<App>) {
+    // A database that fails has been logged.
+    let _ = look_for_damage(&app).await;
+}
 
 /// Runs upkeep every few seconds: forgets idle clients in the rate limits, folds samples of histograms together, which
 /// would pile up if nobody reads the metrics, loads suites that another process has added, lifts embargoes that are

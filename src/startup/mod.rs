@@ -195,6 +195,7 @@ impl RunningService {
         }
         tokio::spawn(background::keep_uses(Arc::clone(&app), stop.clone()));
         if config.role == Role::Whole {
+            tokio::spawn(background::look_at_log(Arc::clone(&app)));
             tokio::spawn(deliver(Arc::clone(&app)));
         }
         let parts = HttpParts { app: Arc::clone(&app), metrics, rates, role: config.role };

@@ -8,4 +8,5 @@ mod evaluation;
 mod fields;
 mod leaks;
 mod log;
+mod log_trouble;
 mod siblings;

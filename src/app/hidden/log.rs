@@ -1,9 +1,12 @@
 //! The transparency log: the tree over all receipts, which grows with the log, and checkpoints of it.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use tokio::sync::Mutex;
 
 use crate::app::App;
 use crate::app::error::{AppError, AppResult, Kind};
+use crate::store::StoreError;
 use plumbline_engine::hidden::canonical::Hash;
 use plumbline_engine::hidden::receipts::{InclusionProof, Signer};
 use plumbline_engine::hidden::tlog::note::{Checkpoint, origin, verifier_key};
@@ -16,7 +19,17 @@ const AT_ONCE: i64 = 10_000;
 
 /// The tree in memory, about 100 bytes a receipt. It is made when it is first asked for.
 #[derive(Debug, Default)]
-pub struct TransparencyLog(Mutex<Grown>);
+pub struct TransparencyLog {
+    grown: Mutex<Grown>,
+    is_damaged: AtomicBool,
+}
+
+impl TransparencyLog {
+    /// Returns whether damage to the stored log was found since the start.
+    pub(in crate::app) fn is_damaged(&self) -> bool {
+        self.is_damaged.load(Ordering::Relaxed)
+    }
+}
 
 #[derive(Debug, Default)]
 struct Grown {
@@ -30,7 +43,11 @@ impl Grown {
     /// Takes in the receipts that were added since.
     async fn grow(&mut self, app: &App) -> AppResult<()> {
         loop {
-            let read = app.store.receipt_hashes(self.entries.len() as i64, AT_ONCE).await?;
+            let read = app.store.receipt_hashes(self.entries.len() as i64, AT_ONCE).await;
+            if let Err(StoreError::Corrupt { .. }) = &read {
+                app.log.is_damaged.store(true, Ordering::Relaxed);
+            }
+            let read = read?;
             let is_last = (read.len() as i64) < AT_ONCE;
             for hash in read {
                 self.tree.push(leaf(&hash));
@@ -59,12 +76,27 @@ impl Grown {
     }
 }
 
+/// Looks for damage to the stored log, and tells the operator of it. `/readyz` shows it from then on.
+///
+/// # Errors
+/// Returns an error if the database fails.
+pub async fn look_for_damage(app: &App) -> AppResult<()> {
+    if let Some(lack) = app.store.lack_of_log().await? {
+        app.log.is_damaged.store(true, Ordering::Relaxed);
+        tracing::error!(
+            "the log of receipts is damaged: {lack}. What is missing cannot be proven any more, and every witness will say so. \
+             Keep this database as it is, and see docs/operations.md, section Backup and copies"
+        );
+    }
+    Ok(())
+}
+
 /// Returns a checkpoint of the log as it is now, as a signed note.
 ///
 /// # Errors
 /// Returns an error if this node cannot sign, or if the database fails.
 pub async fn checkpoint(app: &App) -> AppResult<String> {
-    let mut grown = app.log.0.lock().await;
+    let mut grown = app.log.grown.lock().await;
     grown.grow(app).await?;
     grown.checkpoint(app).await
 }
@@ -74,7 +106,7 @@ pub async fn checkpoint(app: &App) -> AppResult<String> {
 /// # Errors
 /// Returns an error if the database fails.
 pub(super) async fn root_at(app: &App, origin: &str, size: u64) -> AppResult<Option<Hash>> {
-    let mut grown = app.log.0.lock().await;
+    let mut grown = app.log.grown.lock().await;
     grown.grow(app).await?;
     let is_own = grown.name(app).await? == origin;
     Ok(grown.tree.root(size).filter(|_| is_own))
@@ -85,7 +117,7 @@ pub(super) async fn root_at(app: &App, origin: &str, size: u64) -> AppResult<Opt
 /// # Errors
 /// Returns an error if this node cannot sign, or if the database fails.
 pub async fn key(app: &App) -> AppResult<String> {
-    let name = app.log.0.lock().await.name(app).await?;
+    let name = app.log.grown.lock().await.name(app).await?;
     Ok(verifier_key(&name, signer(app)?))
 }
 
@@ -97,7 +129,7 @@ pub async fn tile(app: &App, path: &str) -> AppResult<Vec<u8>> {
     let wanted = TileName::parse(path).ok_or_else(|| {
         AppError::not_found(format!("{path:?} names no tile: expected LEVEL/N or entries/N, such as 0/000.p/17"))
     })?;
-    let mut grown = app.log.0.lock().await;
+    let mut grown = app.log.grown.lock().await;
     let read = |grown: &Grown| match wanted.level {
         Some(_) => wanted.hashes(&grown.tree),
         None => wanted.entries(&grown.entries),
@@ -116,7 +148,7 @@ pub async fn tile(app: &App, path: &str) -> AppResult<Vec<u8>> {
 /// # Errors
 /// Returns an error (404) if there is no such receipt, or an error if this node cannot sign, or if the database fails.
 pub async fn inclusion(app: &App, seq: i64) -> AppResult<InclusionProof> {
-    let mut grown = app.log.0.lock().await;
+    let mut grown = app.log.grown.lock().await;
     grown.grow(app).await?;
     let size = grown.tree.len();
     let path = u64::try_from(seq - 1).ok().and_then(|index| grown.tree.inclusion(index, size));
