@@ -18,6 +18,7 @@ pub mod guide;
 pub mod hidden;
 pub mod limits;
 pub mod load;
+pub mod operator;
 pub mod paging;
 pub mod readiness;
 pub mod replay;
@@ -42,6 +43,7 @@ use boards::cache::Boards;
 use error::{AppError, AppResult};
 use hidden::log::TransparencyLog;
 use limits::Limits;
+use operator::Operator;
 use plumbline_engine::hidden::receipts::Signer;
 use plumbline_engine::hidden::tlog::cosignature::Witness;
 use plumbline_engine::tasks::catalogue::{Catalogue, Entry};
@@ -84,6 +86,8 @@ pub struct App {
     pub witnesses: Vec<Witness>,
     /// Settings of webhooks.
     pub webhooks: WebhookSettings,
+    /// Who runs the service.
+    pub operator: Operator,
     /// Cancelled when the service stops.
     pub stop: CancellationToken,
 }
@@ -111,6 +115,8 @@ pub struct AppParts {
     pub witnesses: Vec<Witness>,
     /// Settings of webhooks.
     pub webhooks: WebhookSettings,
+    /// Who runs the service.
+    pub operator: Operator,
     /// Cancelled when the service stops.
     pub stop: CancellationToken,
 }
@@ -132,6 +138,7 @@ impl App {
             receipt_key,
             witnesses,
             webhooks,
+            operator,
             stop,
         } = parts;
         Ok(Self {
@@ -151,6 +158,7 @@ impl App {
             receipt_key,
             witnesses,
             webhooks,
+            operator,
             stop,
         })
     }

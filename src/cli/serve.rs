@@ -11,6 +11,7 @@ use super::process::{processors, run_until_stopped};
 use super::witness::witness_key;
 use crate::app::access::Openness;
 use crate::app::limits::LIMITS;
+use crate::app::operator::{Contact, Operator};
 use crate::app::webhooks::WebhookSettings;
 use crate::http::middleware::rates::RateSettings;
 use crate::http::role::Role;
@@ -92,6 +93,12 @@ pub struct ServeArgs {
     /// Pauses in seconds between the attempts to deliver a message to a webhook.
     #[arg(long, env = "PLUMBLINE_WEBHOOK_RETRY_SECONDS", value_delimiter = ',', value_name = "SECONDS,…", default_value = WebhookSettings::RETRY_TEXT)]
     webhook_retry_seconds: Vec<u64>,
+    /// Who runs this service, as its pages tell readers: a person or an institution.
+    #[arg(long, env = "PLUMBLINE_OPERATOR", value_name = "NAME")]
+    operator: Option<String>,
+    /// Address of mail, or of a page, where readers reach the operator.
+    #[arg(long, env = "PLUMBLINE_CONTACT", value_name = "ADDRESS", value_parser = Contact::read)]
+    contact: Option<Contact>,
     /// Format of log lines.
     #[arg(long, env = "PLUMBLINE_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]
     pub log_format: LogFormat,
@@ -149,6 +156,10 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<ExitCode> {
         webhooks: WebhookSettings {
             allows_private: args.webhooks_to_private_addresses,
             retries: args.webhook_retry_seconds.iter().copied().map(Duration::from_secs).collect(),
+        },
+        operator: Operator {
+            name: args.operator.clone().filter(|name| !name.trim().is_empty()),
+            contact: args.contact.clone(),
         },
         settings: ServiceSettings {
             grade_cache_bytes: args.grade_cache_mib << 20,

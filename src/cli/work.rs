@@ -9,6 +9,7 @@ use super::database::{BlobArgs, DatabaseArgs, NoticeArgs};
 use super::process::{processors, run_until_stopped};
 use crate::app::access::Openness;
 use crate::app::limits::LIMITS;
+use crate::app::operator::Operator;
 use crate::app::webhooks::WebhookSettings;
 use crate::http::middleware::rates::RateSettings;
 use crate::http::role::Role;
@@ -62,6 +63,7 @@ pub fn run(args: &WorkArgs) -> anyhow::Result<ExitCode> {
         beacon_url: None,
         witnesses: Vec::new(),
         webhooks: WebhookSettings::default(),
+        operator: Operator::default(),
         settings: ServiceSettings {
             grade_cache_bytes: 0,
             open: Openness::Keyed,

@@ -23,7 +23,9 @@ const API: &str = "/v1/";
 struct ErrorPage<'a> {
     status: u16,
     title: &'a str,
-    detail: &'a str,
+    detail: String,
+    /// Whether the query string is at fault, so that the page without it can be shown.
+    is_query: bool,
 }
 
 /// Returns the headers of all pages.
@@ -50,9 +52,20 @@ pub fn is_asked_for(request: &Request) -> bool {
 /// Shows a problem as a page; returns `None` if it cannot be rendered.
 #[must_use]
 pub fn page_of(problem: &Problem) -> Option<Response> {
-    let page = ErrorPage { status: problem.status, title: &problem.title, detail: &problem.detail };
+    let is_query = problem.kind.ends_with(":invalid-query");
+    let title = if is_query { "This address has settings that cannot be used" } else { &problem.title };
+    // A detail about settings begins with the name of one.
+    let detail = if is_query { problem.detail.clone() } else { sentence(&problem.detail) };
+    let page = ErrorPage { status: problem.status, title, detail, is_query };
     let status = StatusCode::from_u16(problem.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
     Some((status, page_headers(), page.render().ok()?).into_response())
+}
+
+/// Writes the description of a problem as a sentence.
+fn sentence(detail: &str) -> String {
+    let mut chars = detail.chars();
+    let text: String = chars.next().into_iter().flat_map(char::to_uppercase).chain(chars).collect();
+    if text.ends_with(['.', '?', '!']) { text } else { text + "." }
 }
 
 /// Shows a response as a page if it is a problem; its other headers stay.

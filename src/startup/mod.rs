@@ -18,6 +18,7 @@ use crate::actions::pool::Pool;
 use crate::app::access::{Keys, Openness};
 use crate::app::limits::{LIMITS, Limits};
 use crate::app::load::Connections;
+use crate::app::operator::Operator;
 use crate::app::rewards::grader::Grader;
 use crate::app::signing::{Signing, signing};
 use crate::app::webhooks::WebhookSettings;
@@ -89,6 +90,8 @@ pub struct Config {
     pub witnesses: Vec<Witness>,
     /// Settings of webhooks.
     pub webhooks: WebhookSettings,
+    /// Who runs the service.
+    pub operator: Operator,
     /// Settings of the use cases and of HTTP.
     pub settings: ServiceSettings,
 }
@@ -184,6 +187,7 @@ impl RunningService {
             receipt_key: public_key,
             witnesses: config.witnesses.clone(),
             webhooks: config.webhooks.clone(),
+            operator: config.operator.clone(),
             stop: stop.clone(),
         })?;
         let app = Arc::new(app);

@@ -62,6 +62,8 @@ async fn pages_have_no_faults_that_axe_finds() {
         "/docs/create_submission".to_owned(),
         "/docs/schemas/NewSubmissionBody".to_owned(),
         "/nosuch".to_owned(),
+        "/boards/mineceraft-lite?nosuch=1".to_owned(),
+        "/about".to_owned(),
     ];
     let (axe, browser) = (axe(), Browser::open().await);
     let examine = "const done = arguments[arguments.length - 1]; document.querySelectorAll('details').forEach(d => { d.open = true; }); \

@@ -57,6 +57,48 @@ async fn errors_are_pages_for_browsers_and_problems_for_programs() {
 }
 
 #[tokio::test]
+async fn readers_learn_who_runs_the_service_and_what_its_words_mean() {
+    let folder = tempfile::tempdir().unwrap();
+    let named = ["--operator", "Structural Lab <1>", "--contact", "board@lab.example"];
+    let service = Service::start(&folder.path().join("p.db"), &named);
+    let about = service.get("/about").await.text;
+    for told in ["Structural Lab &#60;1&#62;", "href=\"mailto:board@lab.example\"", "Self-reported", "Possible copy"] {
+        assert!(about.contains(told), "{told}: {about}");
+    }
+    for page in ["/", "/boards/mineceraft", "/epochs", "/about"] {
+        assert!(service.get(page).await.text.contains("<footer><a href=\"/about\">"), "{page}");
+    }
+    let unnamed = Service::start(&folder.path().join("q.db"), &[]);
+    assert!(unnamed.get("/about").await.text.contains("has not said who they are"));
+
+    let asked = service.http.get(format!("{}/boards/mineceraft?bogus=1", service.url)).header("accept", "text/html");
+    let told = service.send(asked).await;
+    assert_eq!(told.status.as_u16(), 400);
+    assert!(
+        told.text.contains("bogus: there is no such parameter") && told.text.contains("<a href=\"?\">"),
+        "{}",
+        told.text
+    );
+}
+
+#[tokio::test]
+async fn a_run_that_left_a_task_out_is_compared_without_a_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &[]);
+    let built = service.finished_run("steady", 0).await;
+    let empty = service.begin_run("absent", "mineceraft-lite").await;
+    service.post_json(&format!("/v1/runs/{empty}/finish"), &serde_json::json!({ "skip": "unanswered" })).await;
+    service.wait_for(&format!("/v1/runs/{empty}"), |run| run["state"] == "finished").await;
+    let page = service.get(&format!("/boards/mineceraft-lite/compare?a={built}&b={empty}")).await.text;
+    assert!(page.contains("No answer") && page.contains(&format!("/runs/{built}/tasks/")), "{page}");
+    assert!(!page.contains(&format!("/runs/{empty}/tasks/")) && !page.contains("/compare?run_a="), "{page}");
+    // Every picture and every link of the page is there.
+    for address in page.split(['"']).filter(|text| text.starts_with("/runs/")) {
+        assert_eq!(service.get(address).await.status.as_u16(), 200, "{address}");
+    }
+}
+
+#[tokio::test]
 async fn assets_are_kept_under_their_version_alone() {
     let folder = tempfile::tempdir().unwrap();
     let service = Service::start(&folder.path().join("p.db"), &[]);

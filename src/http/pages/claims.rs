@@ -97,7 +97,7 @@ fn material(name: &str) -> String {
 }
 
 /// A range, such as "49", "30 to 40", "at least 3" or "at most 5"; none if there is no bound.
-fn range(min: Option<f64>, max: Option<f64>) -> Option<String> {
+pub(super) fn range(min: Option<f64>, max: Option<f64>) -> Option<String> {
     match (min, max) {
         (Some(min), Some(max)) if min.to_bits() == max.to_bits() => Some(plain(min)),
         (Some(min), Some(max)) => Some(format!("{} to {}", plain(min), plain(max))),

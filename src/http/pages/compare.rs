@@ -1,5 +1,7 @@
 //! The page that compares two runs of a board.
 
+use std::collections::BTreeSet;
+
 use askama::Template;
 use axum::extract::{Path, RawQuery, State};
 use serde::Deserialize;
@@ -30,6 +32,8 @@ struct ComparePage {
     suite: String,
     told: Comparison,
     figure: Figure,
+    /// Numbers of the tasks that each of the two runs left without an answer.
+    unanswered: [BTreeSet<u32>; 2],
 }
 
 impl ComparePage {
@@ -43,6 +47,26 @@ impl ComparePage {
             true if a.agent == b.agent => format!("{p}: significant difference."),
             true => format!("{p}: significant difference, in favour of {better}."),
             false => format!("{p}: no significant difference."),
+        }
+    }
+
+    /// Returns both runs: number, identifier and name of the place.
+    fn runs(&self) -> [(usize, &str, &'static str); 2] {
+        [(0, &self.told.a.run, "First run"), (1, &self.told.b.run, "Second run")]
+    }
+
+    /// Returns whether a run has a build for a task.
+    fn has_build(&self, run: usize, number: u32) -> bool {
+        !self.unanswered[run].contains(&number)
+    }
+
+    /// Returns where to look at a task: at both builds, or at the only one.
+    fn link(&self, number: u32) -> String {
+        let Comparison { a, b, .. } = &self.told;
+        match (self.has_build(0, number), self.has_build(1, number)) {
+            (true, true) => format!("/compare?run_a={}&run_b={}&task={number}", a.run, b.run),
+            (true, false) => format!("/runs/{}/tasks/{number}", a.run),
+            (false, _) => format!("/runs/{}/tasks/{number}", b.run),
         }
     }
 
@@ -67,7 +91,12 @@ pub async fn compare_runs(
     let two: Two = params::read(raw.as_deref().unwrap_or_default())?;
     let told = compare(&state, &suite, &two.a, &two.b).await?;
     let figure = dumbbells::draw(&told.a, &told.b);
-    html::page(&ComparePage { suite: told.board.entry.id.clone(), figure, told: told.into() })
+    let tasks = &told.board.entry.suite.tasks;
+    let unanswered = [&told.a, &told.b].map(|run| {
+        let left = tasks.iter().enumerate().filter(|(place, _)| !run.outcomes.is_answered(*place));
+        left.map(|(_, task)| task.number).collect()
+    });
+    html::page(&ComparePage { suite: told.board.entry.id.clone(), figure, unanswered, told: told.into() })
 }
 
 /// Serves the criteria of two runs as CSV.

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use super::claims::{Args, plain, sentence};
+use super::claims::{Args, plain, range, sentence};
 use plumbline_engine::grading::report::CheckReport;
 use plumbline_engine::text::counted;
 
@@ -22,6 +22,39 @@ pub fn found(check: &CheckReport) -> String {
     }
     let summary = check.finding.summary.split("; required").next().unwrap_or_default();
     sentence(&told.unwrap_or_else(|| in_good_number(&summary.replace("y=", "y = "))))
+}
+
+/// Writes what a check measured or required in words and numbers, such as "blocks at least 4, parts 1".
+#[must_use]
+pub fn values(value: &Value) -> String {
+    told(value).unwrap_or_else(|| "nothing in particular".to_owned())
+}
+
+/// Writes a value; `None` if it says nothing, such as a bound that is not set.
+fn told(value: &Value) -> Option<String> {
+    match value {
+        Value::Null => None,
+        Value::Bool(holds) => Some(if *holds { "yes" } else { "no" }.to_owned()),
+        // Long fractions are for programs, which read the report.
+        Value::Number(number) => number.as_f64().map(plain),
+        Value::String(text) => Some(text.replace('_', " ").trim().to_owned()),
+        Value::Array(list) if list.is_empty() => Some("none".to_owned()),
+        Value::Array(list) => Some(list.iter().filter_map(told).collect::<Vec<_>>().join(", ")),
+        Value::Object(members) if members.keys().all(|name| matches!(name.as_str(), ">=" | "<=")) => {
+            let bound = |name: &str| value.get(name).and_then(Value::as_f64);
+            // No count is below 0, so a bound of 0 says nothing.
+            range(bound(">=").filter(|min| *min > 0.0), bound("<="))
+        }
+        Value::Object(members) => {
+            let member = |(name, value): (&String, &Value)| {
+                let name = name.replace('_', " ").replace(">=", "at least").replace("<=", "at most");
+                let is_many = value.as_array().is_some_and(|list| list.len() > 1);
+                Some(if is_many { format!("{name}: ({})", told(value)?) } else { format!("{name}: {}", told(value)?) })
+            };
+            let all: Vec<String> = members.iter().filter_map(member).collect();
+            (!all.is_empty()).then(|| all.join("; "))
+        }
+    }
 }
 
 /// Puts a count of one in the singular: summaries of reports count without looking.
@@ -54,6 +87,28 @@ mod tests {
     use plumbline_engine::checks::Criterion;
     use plumbline_engine::checks::evidence::Finding;
     use serde_json::json;
+
+    #[test]
+    fn values_are_told_without_the_signs_of_programs() {
+        for (value, wanted) in [
+            (json!({ "<=": 10, ">=": 10 }), "10"),
+            (json!({ "<=": 218, ">=": 0 }), "at most 218"),
+            (json!({ "<=": null, ">=": 49 }), "at least 49"),
+            (
+                json!({ "blocks": { "<=": 4, ">=": 4 }, "parts": { "<=": null, ">=": 0 }, "size": { ">=": null }, "y": 0 }),
+                "blocks: 4; y: 0",
+            ),
+            (json!({ "blocks": 20, "parts": 1, "widest": [2, 10] }), "blocks: 20; parts: 1; widest: (2, 10)"),
+            (json!({ "of": "oak_planks", "share >=": 0.5 }), "of: oak planks; share at least: 0.5"),
+            (json!({ "symmetric": false }), "symmetric: no"),
+            (json!([]), "none"),
+            (json!(0.123_456), "0.12"),
+            (json!(null), "nothing in particular"),
+            (json!({}), "nothing in particular"),
+        ] {
+            assert_eq!(values(&value), wanted, "{value}");
+        }
+    }
 
     #[test]
     fn findings_are_told_without_what_was_required() {

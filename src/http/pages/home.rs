@@ -3,6 +3,7 @@
 use askama::Template;
 use axum::extract::State;
 
+use super::about::CRITERIA;
 use super::epochs::{Next, next_of};
 use super::html::{self, PageResult};
 use super::lines::{Line, lines};
@@ -46,17 +47,6 @@ struct Pair {
     good: Build,
     bad: Build,
 }
-
-/// What a criterion asks, in one sentence.
-const CRITERIA: [(&str, &str); 7] = [
-    ("Material", "Are the right blocks used, and as many as asked?"),
-    ("Shape", "Is it what was asked for: rooms, doors, arches, stairs?"),
-    ("Size", "Does it measure what was asked?"),
-    ("Plausibility", "Is every block held up by the ground or by others?"),
-    ("Stability", "Does the stress inside stay below what the task allows?"),
-    ("Efficiency", "Is the path from block to block short?"),
-    ("Dependency", "Were the parts built in an order in which they can be built?"),
-];
 
 #[derive(Template)]
 #[template(path = "home.html")]

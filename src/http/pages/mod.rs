@@ -1,6 +1,7 @@
 //! Web pages, rendered on the server. They load nothing from other hosts. Scripts add the 3D view,
 //! running countdowns, buttons that copy, and updates of what is under way.
 
+mod about;
 mod agent;
 pub mod assets;
 mod board;
@@ -36,6 +37,7 @@ pub fn routes() -> Router<AppState> {
         .merge(moderation::routes())
         .merge(reference::routes())
         .route("/", get(home::home))
+        .route("/about", get(about::page))
         .route("/assets/{name}", get(assets::get))
         .route("/boards/{suite}", get(board::board))
         .route("/boards/{suite}/charts", get(charts::charts))
