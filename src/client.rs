@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::time::Duration;
 
 use anyhow::{Context as _, bail};
-use reqwest::{Client, ClientBuilder, RequestBuilder};
+use reqwest::{Client, ClientBuilder, RequestBuilder, StatusCode};
 use serde_json::{Value, json};
 
 use crate::tls::use_tls;
@@ -78,6 +78,11 @@ impl Service {
         let response = request.send().await.with_context(|| format!("cannot reach {}", self.base))?;
         let (status, url) = (response.status(), response.url().clone());
         let bytes = response.bytes().await.with_context(|| url.to_string())?;
+        if status == StatusCode::UNAUTHORIZED {
+            bail!(
+                "{url}: {status}: a key is needed, which --key or PLUMBLINE_KEY gives, or it is not valid (any more)"
+            );
+        }
         if !status.is_success() {
             bail!("{url}: {status}: {}", String::from_utf8_lossy(&bytes).chars().take(MAX_TOLD).collect::<String>());
         }

@@ -29,7 +29,7 @@ pub async fn check(app: &App) -> AppResult<()> {
     found.map_err(|detail| AppError::new(Kind::NotReady, detail).retry_after(1))
 }
 
-/// Returns what the node lacks: its secrets, or keys of epochs that are not over; or a log of receipts without damage.
+/// Returns what the node lacks: its secrets, or keys of epochs that are not over; a log of receipts without damage; or the folder of large logs.
 ///
 /// # Errors
 /// Returns an error if the database or a file cannot be read.
@@ -38,15 +38,16 @@ pub async fn lacking(app: &App) -> AppResult<Vec<String>> {
         return Ok(vec!["secrets".to_owned()]);
     }
     let mut lacking = Vec::new();
+    if app.store.missing_folder().await.is_some() {
+        lacking.push("folder of large logs and reports".to_owned());
+    }
     if app.log.is_damaged() {
         lacking.push("intact log of receipts".to_owned());
     }
-    if matches!(app.store.location(), Location::Server(_)) {
-        let now = now_ms();
-        for epoch in app.store.epochs().await?.iter().filter(|epoch| !epoch.is_over(now)) {
-            if !app.store.secrets().has_epoch(epoch.id()) {
-                lacking.push(format!("key of epoch {}", epoch.id()));
-            }
+    let now = now_ms();
+    for epoch in app.store.epochs().await?.iter().filter(|epoch| !epoch.is_over(now)) {
+        if !app.store.secrets().has_epoch(epoch.id()) {
+            lacking.push(format!("key of epoch {}", epoch.id()));
         }
     }
     Ok(lacking)
@@ -61,6 +62,11 @@ impl Readiness {
             return found;
         }
         let new = match tokio::time::timeout(PATIENCE, store.probe(now_ms())).await {
+            // A small write may still fit where a submission does not.
+            Ok(Ok(())) if matches!(store.has_room(), Ok(false)) => {
+                tracing::error!("not ready: the disk of the database is full");
+                Err("The disk of the database is full.")
+            }
             Ok(Ok(())) => Ok(()),
             Ok(Err(error)) => {
                 tracing::error!(%error, "not ready");

@@ -65,7 +65,10 @@ pub fn back_up(args: &CopyArgs) -> anyhow::Result<ExitCode> {
     if args.with_secrets {
         args.database.kept_secrets().copy_to(&Secrets::beside(&args.file))?;
     }
-    tell("backed up to", &args.file, contents);
+    tell("backed up to", &args.file, &contents);
+    if let Some(place) = contents.blobs {
+        println!("its large logs and reports are in {place}: back that up too, now, after the database");
+    }
     Ok(ExitCode::SUCCESS)
 }
 
@@ -88,6 +91,9 @@ pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
     if args.with_secrets && !keys.folder().is_dir() {
         bail!("there are no keys beside {from}: the backup was made without --with-secrets");
     }
+    if args.with_secrets {
+        keys.must_fit(&args.database.kept_secrets())?;
+    }
     let contents = run(inspect(&args.file))?.with_context(|| args.file.display().to_string())?;
     println!("restoring {from} to {}", to.display());
     let kept = args.database.kept_secrets();
@@ -106,20 +112,27 @@ pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
         ),
     }
     if *dry_run {
-        tell("nothing was changed; would restore", &args.file, contents);
+        tell("nothing was changed; would restore", &args.file, &contents);
         return Ok(ExitCode::SUCCESS);
     }
     if args.with_secrets {
         Secrets::beside(&args.file).copy_to(&args.database.kept_secrets())?;
     }
     let contents = copy_checked(&args.file, database)?;
-    tell("restored to", database, contents);
+    tell("restored to", database, &contents);
     println!(
         "if the service accepted anything after this backup, its log of receipts is now shorter than witnesses may have seen \
-         it, and they will say so. Tell them before you start it, and give it a new key: move receipts.key out of {} and \
-         keep it (docs/operations.md says why)",
-        args.database.kept_secrets().folder().display()
+         it, and they will say so: tell them before you start it"
     );
+    if kept.has_signer()? {
+        println!(
+            "then give it a new key too, so that both histories can be told apart: move receipts.key out of {} and keep it",
+            kept.folder().display()
+        );
+    }
+    if let Some(place) = contents.blobs {
+        println!("its large logs and reports are in {place}, which must be there with all that the backup refers to");
+    }
     Ok(ExitCode::SUCCESS)
 }
 
@@ -198,8 +211,13 @@ fn copy_checked(from: &Path, to: &Path) -> anyhow::Result<Contents> {
     if partial.exists() {
         std::fs::remove_file(&partial).with_context(|| partial.display().to_string())?;
     }
-    run(copy(from, &partial))?.with_context(|| format!("{} to {}", from.display(), to.display()))?;
-    let contents = run(inspect(&partial))?.with_context(|| partial.display().to_string())?;
+    let made = run(copy(from, &partial))?.with_context(|| format!("{} to {}", from.display(), to.display()));
+    let made = made.and_then(|()| run(inspect(&partial))?.with_context(|| partial.display().to_string()));
+    if made.is_err() {
+        // What is not whole would only be in the way; that it cannot be deleted is not the fault to tell.
+        let _ = std::fs::remove_file(&partial);
+    }
+    let contents = made?;
     File::open(&partial)?.sync_all()?;
     std::fs::rename(&partial, to).with_context(|| to.display().to_string())?;
     let folder = to.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -214,9 +232,9 @@ fn must_exist(file: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn tell(what: &str, file: &Path, contents: Contents) {
-    let Contents { runs, submissions, reports } = contents;
-    let told = [(runs, "run"), (submissions, "submission"), (reports, "report")].map(|(n, thing)| counted(n, thing));
+fn tell(what: &str, file: &Path, contents: &Contents) {
+    let Contents { runs, submissions, reports, blobs: _ } = contents;
+    let told = [(*runs, "run"), (*submissions, "submission"), (*reports, "report")].map(|(n, thing)| counted(n, thing));
     println!("{what} {}: {}", file.display(), told.join(", "));
 }
 

@@ -7,7 +7,7 @@ use anyhow::{Context as _, bail};
 use clap::{Args, Subcommand, ValueEnum};
 
 use super::database::DatabaseArgs;
-use super::progress;
+use super::{files, progress};
 use crate::app::hidden::pools::publish_pool;
 use crate::app::signing::signing;
 use crate::client::{DRAND, fetch_round};
@@ -173,8 +173,11 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
     if new.opens.is_some_and(|opens| opens < now_ms()) {
         bail!("--opens: must not be in the past, before anyone has seen the commitment");
     }
-    if closes_at_ms <= new.opens.unwrap_or_else(now_ms) {
-        bail!("--closes: {} is in the past or before the epoch opens", rfc3339(closes_at_ms));
+    if closes_at_ms <= now_ms() {
+        bail!("--closes: {} is in the past", rfc3339(closes_at_ms));
+    }
+    if let Some(opens) = new.opens.filter(|opens| closes_at_ms <= *opens) {
+        bail!("--closes: {} is not after --opens, {}", rfc3339(closes_at_ms), rfc3339(opens));
     }
     if store.epoch(&new.name).await?.is_some() {
         bail!("the epoch {:?} already exists", new.name);
@@ -270,9 +273,8 @@ fn bound_to(new: &CreateArgs, opens_at_ms: i64) -> anyhow::Result<Beacon> {
         None => Chain::quicknet(),
         Some(file) => {
             let place = || format!("--beacon-chain: {}", file.display());
-            let text = std::fs::read(file).with_context(place)?;
             let what = || format!("{}: expected what the beacon's servers answer to /CHAIN-HASH/info", place());
-            serde_json::from_slice(&text).with_context(what)?
+            files::json(file).with_context(what)?
         }
     };
     let beacon = chain.first_round_from(opens_at_ms).map_err(|why| anyhow::anyhow!("--beacon-chain: {why}"))?;
@@ -298,13 +300,12 @@ async fn bring_round(store: &Store, name: &str, from: &str) -> anyhow::Result<()
     let round = if from.starts_with("http://") || from.starts_with("https://") {
         fetch_round(from, beacon).await.with_context(elsewhere)?
     } else {
-        let text = std::fs::read(from).with_context(|| format!("--from: {from:?}"))?;
         let what = || {
             format!(
                 "--from: {from:?}: expected a round as the beacon's servers publish it, with \"round\" and \"signature\""
             )
         };
-        serde_json::from_slice(&text).with_context(what)?
+        files::json(std::path::Path::new(from)).with_context(what)?
     };
     signing(store, false).await?;
     let pool = publish_pool(store, &epoch, &round, now_ms()).await?;

@@ -9,7 +9,7 @@ use comfy_table::{Table, presets};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::progress;
+use super::{files, progress};
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::elasticity::Control;
 use plumbline_engine::grading::raw_records::{RecordedProblem, problems, read_records};
@@ -45,7 +45,7 @@ struct Output {
 /// # Errors
 /// Returns an error if the file cannot be read, has faults, or lacks problems of the requested draw.
 pub fn run(args: &GradeArgs) -> anyhow::Result<ExitCode> {
-    let text = std::fs::read_to_string(&args.file).with_context(|| format!("cannot read {}", args.file.display()))?;
+    let text = files::text(&args.file)?;
     let mut problems = read_problems(&text).with_context(|| format!("{} is faulty", args.file.display()))?;
     let drawn = args.lite.map(lite_numbers).transpose()?;
     if let Some(drawn) = &drawn {

@@ -234,10 +234,20 @@ async fn rotate(store: &Store, given: &str, overlap_hours: u32, expires: Option<
     let lifetime_ms = expires.or_else(|| old.lifetime_ms.map_or_else(by_its_end, |own| (own > 0).then_some(own)));
     let expires_at_ms = lifetime_ms.map(|lifetime_ms| now + lifetime_ms);
     let Some(key) = store.rotate_key(&old.id, end, expires_at_ms, now).await? else {
-        bail!("{:?} has {LIVE_KEYS} live keys; revoke the other one first (plumbline keys list)", old.owner);
+        bail!(
+            "{:?} has {LIVE_KEYS} live keys beside {}; revoke one of them first (plumbline keys list)",
+            old.owner,
+            old.id
+        );
     };
     println!("{key}");
     let until = expires_at_ms.map_or_else(String::new, |until| format!(" and works until {}", rfc3339(until)));
+    if old.is_replaced() {
+        eprintln!(
+            "{} was replaced before: that newer key works too, unless you revoke it (plumbline keys list)",
+            old.id
+        );
+    }
     eprintln!("this key is shown only once{until}; {} of {} works until {}", old.id, old.owner, rfc3339(end));
     Ok(())
 }

@@ -9,6 +9,7 @@ pub mod demo;
 pub mod environment;
 pub mod epochs;
 mod evidence;
+mod files;
 pub mod grade;
 pub mod keys;
 pub mod process;

@@ -10,6 +10,7 @@ use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 
 use super::evidence::{key, read_given};
+use super::files;
 use plumbline_engine::hidden::canonical::canonical_json;
 use plumbline_engine::hidden::evidence::GivenReceipt;
 use plumbline_engine::hidden::receipts::{
@@ -22,7 +23,7 @@ use plumbline_engine::text::{agreeing, counted};
 /// Arguments of `verify-receipt`.
 #[derive(Debug, Args)]
 pub struct VerifyReceiptArgs {
-    /// Files of receipts (`GET /v1/submissions/ID/receipt`), or of pages of the log (`GET /v1/receipts`) in order.
+    /// Files of receipts (`GET /v1/submissions/ID/receipt`), or of pages of the log (`GET /v1/receipts`).
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// Public key to trust, in hex: `public_key` in `/.well-known/plumbline-receipts.json`. If the key changed, give
@@ -51,8 +52,7 @@ struct Given {
 impl Given {
     fn read(&mut self, path: &Path) -> anyhow::Result<()> {
         let place = || path.display().to_string();
-        let text = std::fs::read(path).with_context(place)?;
-        let value: Value = serde_json::from_slice(&text).with_context(place)?;
+        let value: Value = files::json(path)?;
         if value.get("receipts").is_none() && value.get("seq").is_none() {
             let told =
                 || format!("{}: expected a receipt, a page of the log, or a response with a receipt", path.display());
@@ -149,6 +149,9 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
     for file in &args.files {
         given.read(file)?;
     }
+    // Files may come in any order, and a page twice.
+    given.log.sort_by_key(|receipt| receipt.seq);
+    given.log.dedup_by(|one, other| (one.seq, &one.hash, &one.link) == (other.seq, &other.hash, &other.link));
     let log = &given.log;
     let mut chains: Vec<Vec<&ReceiptFile>> = given.alone.iter().map(|single| vec![single]).collect();
     // Pages of the log form one chain without gaps.

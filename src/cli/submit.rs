@@ -7,7 +7,7 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::json;
 
-use super::{grade, progress};
+use super::{files, grade, progress};
 use crate::client::{Answer, Service};
 use plumbline_engine::grading::raw_records::RecordedProblem;
 use plumbline_engine::text::counted;
@@ -56,7 +56,7 @@ pub struct SubmitArgs {
 /// Returns an error if the file cannot be read or has faults, or the service cannot be reached or rejects a request.
 pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
     eprintln!("server {}{}", args.server, if args.key.is_some() { ", with a key" } else { "" });
-    let text = std::fs::read_to_string(&args.file).with_context(|| format!("cannot read {}", args.file.display()))?;
+    let text = files::text(&args.file)?;
     let problems = grade::read_problems(&text).with_context(|| format!("{} is faulty", args.file.display()))?;
     let mut answers: Vec<Answer> = problems.iter().map(answer).collect();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
@@ -93,15 +93,17 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
             None => service.create_run(&args.agent, &args.suite, json!({ "source": "raw records" })).await?,
         };
         eprintln!("run {run}");
+        let go_on = || format!("the run stays as it is: once the cause is mended, go on with --run {run}");
         let bar = progress::bar(answers.len(), "posting");
-        service.post_answers(&run, &answers, |posted| bar.inc(posted as u64)).await?;
+        service.post_answers(&run, &answers, |posted| bar.inc(posted as u64)).await.with_context(go_on)?;
         bar.finish_and_clear();
         let bar = progress::bar(answers.len(), "grading");
         if args.keep_open {
             println!("{}", serde_json::to_string_pretty(&service.get(&format!("/v1/runs/{run}")).await?)?);
             return Ok(ExitCode::SUCCESS);
         }
-        let finished = service.finish_run(&run, args.skip_rest, |graded| bar.set_position(graded)).await?;
+        let finished =
+            service.finish_run(&run, args.skip_rest, |graded| bar.set_position(graded)).await.with_context(go_on)?;
         bar.finish_and_clear();
         println!("{}", serde_json::to_string_pretty(&finished)?);
         Ok(ExitCode::SUCCESS)

@@ -10,6 +10,7 @@ use clap::Subcommand;
 use serde_json::Value;
 
 use super::database::DatabaseArgs;
+use super::files;
 use super::validate::{self, ValidateArgs};
 use crate::clock::now_ms;
 use crate::store::location::Location;
@@ -233,7 +234,7 @@ fn store(suite: &Suite, database: &DatabaseArgs) -> anyhow::Result<()> {
 fn read_files(files: &[PathBuf]) -> anyhow::Result<Vec<Task>> {
     let mut texts = Vec::with_capacity(files.len());
     for file in files {
-        let text = std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
+        let text = files::text(file)?;
         let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         texts.push((name, text));
     }

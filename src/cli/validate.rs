@@ -8,7 +8,7 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use rayon::prelude::*;
 
-use super::progress;
+use super::{files, progress};
 use plumbline_engine::builders::{build, has_builder};
 use plumbline_engine::elasticity::Control;
 use plumbline_engine::grading::grade_log;
@@ -107,7 +107,7 @@ pub fn read_folder(folder: &Path) -> anyhow::Result<SuiteSource> {
     for entry in std::fs::read_dir(folder).with_context(place)? {
         let path = entry.with_context(place)?.path();
         if path.extension().is_some_and(|extension| extension == "toml") {
-            let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+            let text = files::text(&path)?;
             texts.push((path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default(), text));
         }
     }

@@ -7,6 +7,7 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::Value;
 
+use super::files;
 use crate::app::hidden::draws::DrawProof;
 use plumbline_engine::hidden::commitment::Commitment;
 use plumbline_engine::hidden::draw_proof::{DrawMessage, verify};
@@ -30,11 +31,7 @@ pub struct VerifyDrawArgs {
 /// # Errors
 /// Returns an error if a file cannot be read or is something else.
 pub fn run(args: &VerifyDrawArgs) -> anyhow::Result<ExitCode> {
-    let read = |path: &PathBuf| -> anyhow::Result<Value> {
-        let text = std::fs::read(path).with_context(|| path.display().to_string())?;
-        serde_json::from_slice(&text).with_context(|| path.display().to_string())
-    };
-    let (response, epoch) = (read(&args.draw)?, read(&args.commitment)?);
+    let (response, epoch): (Value, Value) = (files::json(&args.draw)?, files::json(&args.commitment)?);
     let draw = response.get("draw").cloned().unwrap_or(response);
     let not_a_draw = || {
         format!(

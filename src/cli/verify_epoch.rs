@@ -6,9 +6,10 @@ use std::process::ExitCode;
 
 use anyhow::{Context as _, bail};
 use clap::Args;
-use serde_json::{Deserializer, Value};
+use serde_json::Value;
 
 use super::evidence::{key, read_given};
+use super::files;
 use plumbline_engine::hidden::commitment::Commitment;
 use plumbline_engine::hidden::receipts::LogPage;
 use plumbline_engine::hidden::reveal::Reveal;
@@ -43,22 +44,9 @@ pub struct VerifyEpochArgs {
     keys: Vec<String>,
 }
 
-pub(super) fn read_json(path: &Path) -> anyhow::Result<Value> {
-    let text = std::fs::read(path).with_context(|| path.display().to_string())?;
-    serde_json::from_slice(&text).with_context(|| path.display().to_string())
-}
-
-/// Reads a file of concatenated JSON values.
-fn read_values(path: &Path) -> anyhow::Result<Vec<Value>> {
-    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
-    let values: Result<Vec<Value>, _> = Deserializer::from_str(&text).into_iter().collect();
-    values.with_context(|| path.display().to_string())
-}
-
 /// Reads answers, one JSON object per line with the instance and its log.
 fn read_answers(path: &Path) -> anyhow::Result<BTreeMap<String, BlockLog>> {
-    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
-    answers_in(&text, &path.display().to_string())
+    answers_in(&files::text(path)?, &path.display().to_string())
 }
 
 /// Reads answers, one JSON object per line with the instance and its log; `name` says where they are from.
@@ -99,7 +87,7 @@ pub(super) fn take_epoch(kept: &mut Kept, epoch: Value) -> anyhow::Result<()> {
 /// Returns an error if the file cannot be read, or is of another epoch than the reveal.
 pub(super) fn take_commitment(kept: &mut Kept, path: &Path, reveal: &Reveal) -> anyhow::Result<()> {
     let place = || path.display().to_string();
-    let epoch = read_json(path)?;
+    let epoch: Value = files::json(path)?;
     let is_late = epoch["state"] == "closed";
     take_epoch(kept, epoch).with_context(place)?;
     let (own, wanted) = (kept.commitment.as_ref().map(|own| own.epoch.clone()), &reveal.commitment.epoch);
@@ -130,20 +118,20 @@ fn read_kept(args: &VerifyEpochArgs, reveal: &Reveal) -> anyhow::Result<Kept> {
         kept.logs = Some(answers);
     }
     for path in &args.receipts {
-        for value in read_values(path)? {
+        for value in files::values(path)? {
             let page: LogPage = serde_json::from_value(value).with_context(|| path.display().to_string())?;
             kept.log.extend(page.receipts);
             kept.heads.extend(page.head);
         }
     }
     for path in &args.given {
-        for value in read_values(path)? {
+        for value in files::values(path)? {
             let given = read_given(&value).with_context(|| format!("{} holds no receipt", path.display()))?;
             kept.given.push(given);
         }
     }
     for path in &args.board {
-        kept.boards.push(read_json(path)?);
+        kept.boards.push(files::json(path)?);
     }
     Ok(kept)
 }
@@ -154,7 +142,7 @@ fn read_kept(args: &VerifyEpochArgs, reveal: &Reveal) -> anyhow::Result<Kept> {
 /// Returns an error if a file cannot be read or parsed.
 pub fn run(args: &VerifyEpochArgs) -> anyhow::Result<ExitCode> {
     let place = || format!("{}: expected the response to GET /v1/epochs/NAME/reveal", args.reveal.display());
-    let reveal: Reveal = serde_json::from_value(read_json(&args.reveal)?).with_context(place)?;
+    let reveal: Reveal = serde_json::from_value(files::json(&args.reveal)?).with_context(place)?;
     let kept = read_kept(args, &reveal)?;
     let is_good = verified(&reveal, &kept)?;
     Ok(if is_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })

@@ -1,6 +1,7 @@
 //! Composition: assembles store, workers and HTTP into one service, and starts and stops them in order.
 
 mod background;
+mod notices;
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -30,13 +31,13 @@ use crate::http::role::Role;
 use crate::http::{self, HttpParts};
 use crate::store::Store;
 use crate::store::blobs::BlobPlace;
-use crate::store::epochs::EpochRow;
 use crate::store::keys::{Holder, KeyCreated, Scope};
 use crate::store::location::Location;
 use crate::store::schema::{self, SchemaState};
 use crate::store::serving::Serving;
 use crate::store::suites::SuiteStored;
 use crate::worker::{WorkerSettings, Workers};
+use notices::{notices_of_secrets, refuse_to_begin_anew, serving_notice};
 use plumbline_engine::hidden::tlog::cosignature::Witness;
 use plumbline_engine::tasks::embedded;
 
@@ -264,6 +265,7 @@ async fn open_store(config: &Config) -> anyhow::Result<(Store, Option<String>)> 
     {
         tracing::info!(found, needed = known, "bringing the schema of the database up to date");
     }
+    refuse_to_begin_anew(config)?;
     let store = Store::open(&config.database, config.secrets.clone())
         .await
         .with_context(|| format!("cannot open the database {}", config.database))?;
@@ -278,56 +280,9 @@ async fn open_store(config: &Config) -> anyhow::Result<(Store, Option<String>)> 
     Ok((store, unreached))
 }
 
-/// Returns what the operator must know of the secrets: who else may read them, and which epochs cannot be revealed.
-async fn notices_of_secrets(store: &Store) -> anyhow::Result<Vec<String>> {
-    let secrets = store.secrets();
-    let exposed = secrets.exposed().map(|(path, mode)| {
-        let (path, folder) = (path.display(), secrets.folder().display());
-        format!(
-            "others may read or change the secrets: {path} has mode {mode:04o}. Close the folder: chmod -R go= {folder}"
-        )
-    });
-    // Another node of a server may have the keys that this one lacks.
-    if matches!(store.location(), Location::Server(_)) {
-        return Ok(exposed.into_iter().collect());
-    }
-    let now = now_ms();
-    let epochs = store.epochs().await?;
-    let lost: Vec<&str> =
-        epochs.iter().filter(|epoch| epoch.is_over(now) && !secrets.has_epoch(epoch.id())).map(EpochRow::id).collect();
-    let unrevealed = (!lost.is_empty()).then(|| {
-        format!(
-            "the keys of these epochs, which are over, are not in {}, so nobody can get their reveal and verify them: {}. Put \
-             them back from a backup made with --with-secrets",
-            secrets.folder().display(),
-            lost.join(", ")
-        )
-    });
-    Ok(exposed.into_iter().chain(unrevealed).collect())
-}
-
 async fn listen(option: &str, place: &str) -> anyhow::Result<TcpListener> {
     let bound = TcpListener::bind(place).await;
     bound.with_context(|| format!("cannot listen on {place:?} ({option} is a host and a port, such as 127.0.0.1:7586)"))
-}
-
-/// Notes that this process serves a database; returns a notice for the operator if another process does so too.
-fn serving_notice(database: &Path) -> (Option<Serving>, Option<String>) {
-    match Serving::of(database) {
-        Ok(serving) => {
-            let notice = serving.is_shared.then(|| {
-                format!(
-                    "another process serves {} too; both grade its queue. If that is a mistake, stop one of them",
-                    database.display()
-                )
-            });
-            (Some(serving), notice)
-        }
-        Err(error) => {
-            tracing::warn!(%error, "could not find out whether another process serves the database");
-            (None, None)
-        }
-    }
 }
 
 async fn store_suites(store: &Store) -> anyhow::Result<()> {

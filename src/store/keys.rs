@@ -118,6 +118,14 @@ pub struct KeyRow {
 }
 
 impl KeyRow {
+    /// Returns whether another key replaced this one: it ends sooner than it was made to.
+    #[must_use]
+    pub fn is_replaced(&self) -> bool {
+        self.expires_at_ms
+            .zip(self.lifetime_ms)
+            .is_some_and(|(end, lifetime_ms)| lifetime_ms == 0 || end < self.created_at_ms.saturating_add(lifetime_ms))
+    }
+
     /// Returns whether the key allows what needs this scope.
     #[must_use]
     pub fn allows(&self, scope: Scope) -> bool {

@@ -1,9 +1,26 @@
 //! Readiness probe for `/readyz`: whether the database can be written and read.
 
+use std::path::Path;
+
 use super::db::{Each, Row, query, query_scalar};
+use super::location::Location;
 use super::{Store, StoreResult, commit};
 
+/// Bytes that must be free on the disk of a database file: what a large submission takes, with its report.
+const ROOM: u64 = 2 << 20;
+
 impl Store {
+    /// Returns whether the disk of the database file has room for submissions. What a server has is not known here.
+    ///
+    /// # Errors
+    /// Returns an error if the disk cannot be asked.
+    pub fn has_room(&self) -> std::io::Result<bool> {
+        let Location::File(file) = &*self.location else { return Ok(true) };
+        let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let disk = rustix::fs::statvfs(folder)?;
+        Ok(disk.f_bavail.saturating_mul(disk.f_frsize) >= ROOM)
+    }
+
     /// Writes a row durably, and reads a row of each table.
     ///
     /// # Errors

@@ -108,10 +108,9 @@ impl Secrets {
             let draft = self.file(&format!(".{name}.{}", uuid::Uuid::new_v4()));
             let _ = std::fs::remove_file(&draft);
             let mut file = std::fs::OpenOptions::new().write(true).create_new(true).mode(0o600).open(&draft)?;
-            file.write_all(content)?;
-            file.sync_all()?;
             // A link, unlike a rename, never replaces an existing file.
-            let linked = std::fs::hard_link(&draft, &path);
+            let linked =
+                file.write_all(content).and_then(|()| file.sync_all()).and_then(|()| std::fs::hard_link(&draft, &path));
             std::fs::remove_file(&draft)?;
             std::fs::File::open(&self.folder)?.sync_all()?;
             match linked {
@@ -220,19 +219,45 @@ impl Secrets {
         files.filter_map(|path| mode(&path).map(|own| (path, own))).find(|(_, own)| own & OTHERS != 0)
     }
 
+    /// Makes sure that [`Self::copy_to`] can copy: that no other secret has the name of one of these.
+    ///
+    /// # Errors
+    /// Returns an error that names the file, if there is one, or if a file cannot be read.
+    pub fn must_fit(&self, other: &Self) -> StoreResult<()> {
+        for name in self.names()? {
+            let (own, there) = (self.get(&name)?, other.get(&name)?);
+            if there.is_some() && there != own {
+                let detail = format!(
+                    "is another than the one in {}; move it away and keep it, or restore without --with-secrets",
+                    self.folder.display()
+                );
+                return Err(StoreError::Secret { path: other.file(&name), detail });
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns the names of the files.
+    fn names(&self) -> StoreResult<Vec<String>> {
+        let entries = std::fs::read_dir(&self.folder).map_err(|error| failed(&self.folder, &error))?;
+        let mut names = Vec::new();
+        for entry in entries {
+            let name = entry.map_err(|error| failed(&self.folder, &error))?.file_name();
+            names.extend(name.to_str().filter(|name| !name.starts_with('.')).map(str::to_owned));
+        }
+        Ok(names)
+    }
+
     /// Copies every secret to another folder; existing files stay unchanged.
     ///
     /// # Errors
     /// Returns an error if a file cannot be read or written, or if a different secret of the same name exists.
     pub fn copy_to(&self, other: &Self) -> StoreResult<()> {
-        let entries = std::fs::read_dir(&self.folder).map_err(|error| failed(&self.folder, &error))?;
-        for entry in entries {
-            let name = entry.map_err(|error| failed(&self.folder, &error))?.file_name();
-            let Some(name) = name.to_str().filter(|name| !name.starts_with('.')) else { continue };
-            let content = self.get(name)?.unwrap_or_default();
-            if !other.put(name, &content)? && other.get(name)?.as_ref() != Some(&content) {
+        for name in self.names()? {
+            let content = self.get(&name)?.unwrap_or_default();
+            if !other.put(&name, &content)? && other.get(&name)?.as_ref() != Some(&content) {
                 let detail = "a different secret of this name exists".to_owned();
-                return Err(StoreError::Secret { path: other.file(name), detail });
+                return Err(StoreError::Secret { path: other.file(&name), detail });
             }
         }
         Ok(())

@@ -102,6 +102,7 @@ async fn keys_are_rotated_revoked_whole_and_named_plainly() {
     let second = told(&plumbline(&["keys", "rotate", &other], &database));
     let day = |text: &str| text.split("works until ").nth(1).unwrap()[..10].to_owned();
     assert_eq!(day(&first), day(&second), "{first} {second}");
+    assert!(!first.contains("was replaced before") && second.contains("was replaced before"), "{first} {second}");
     let endless = succeeded(&plumbline(&["keys", "create", "--name", "third"], &database));
     let endless = endless.split('_').nth(1).unwrap();
     for _ in 0..2 {

@@ -135,6 +135,54 @@ async fn a_backup_of_a_running_service_restores_to_the_same_answers() {
     succeeded(&plumbline("import", &path("lines"), &path("tampered.db")));
 }
 
+#[tokio::test]
+async fn keys_are_not_mixed_with_those_of_another_database() {
+    if crate::support::database::is_postgres() {
+        // Only a file is copied, locked, filled or taken over from an old release.
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let serve = |database: &Path| {
+        let mut limited = Command::new("timeout");
+        let output =
+            limited.args(["20", PROGRAM, "serve", "--listen", "127.0.0.1:0", "--database"]).arg(database).output();
+        String::from_utf8(output.unwrap().stderr).unwrap()
+    };
+    let service = Service::start(&path("p.db"), &[]);
+    service.finished_run("first", 0).await;
+    drop(service);
+    let with_secrets = |command: &str, database: &Path| {
+        let mut run = Command::new(PROGRAM);
+        run.args([command, "--with-secrets"]).arg(path("copy.db")).arg("--database").arg(database).output().unwrap()
+    };
+    succeeded(&with_secrets("backup", &path("p.db")));
+
+    // A database that is gone is no reason to begin another under its key.
+    std::fs::rename(path("p.db"), path("away.db")).unwrap();
+    let told = serve(&path("p.db"));
+    assert!(told.contains("holds the keys of one") && told.contains("plumbline restore"), "{told}");
+    assert!(!path("p.db").exists(), "nothing is made");
+
+    // Keys of another database are not touched, and none is copied to them.
+    drop(Service::start(&path("q.db"), &[]));
+    std::fs::remove_file(path("q.db")).unwrap();
+    for left in ["q.db-wal", "q.db-shm"] {
+        let _ = std::fs::remove_file(path(left));
+    }
+    std::fs::write(path("copy.db.secrets/epoch-x.json"), "{}").unwrap();
+    let told = String::from_utf8(with_secrets("restore", &path("q.db")).stderr).unwrap();
+    assert!(told.contains("receipts.key") && told.contains("without --with-secrets"), "{told}");
+    assert!(!path("q.db").exists() && !path("q.db.secrets/epoch-x.json").exists());
+
+    for left in ["p.db-wal", "p.db-shm"] {
+        let _ = std::fs::remove_file(path(left));
+    }
+    succeeded(&with_secrets("restore", &path("p.db")));
+    let service = Service::start(&path("p.db"), &[]);
+    assert_eq!(service.get("/v1/leaderboards/mineceraft-lite").await.json()["total"], 1);
+}
+
 /// The id of a submission's task in an export.
 fn found_task(logs: &[Value], submission: &str) -> Value {
     assert!(logs.iter().any(|line| line["id"] == submission && line["task"].is_string()), "{logs:?}");

@@ -88,15 +88,24 @@ async fn a_small_file_system_fills_and_is_freed() {
     }
     // Within the service's own name space of mounts; from outside, space is freed through its root.
     let mut command = Command::new("unshare");
-    let script = "mount -t tmpfs -o size=24m small \"$1\"; dd if=/dev/zero of=\"$1/ballast\" bs=1M count=12 2>/dev/null; shift; exec \"$@\"";
+    let script = "mount -t tmpfs -o size=32m small \"$1\"; dd if=/dev/zero of=\"$1/ballast\" bs=1M count=16 2>/dev/null; shift; exec \"$@\"";
     command.args(["-rm", "sh", "-c", script, "sh"]).arg(&disk).arg(PROGRAM);
     let service = Service::start_by(command, &disk.join("p.db"), &["--open"]);
+    becomes(&service, StatusCode::OK).await;
+    // Others fill the disk: a small write still fits into what the database has, and a submission does not.
+    let inside = |name: &str| format!("/proc/{}/root{}", service.process_id(), disk.join(name).display());
+    let mut rest = std::fs::File::create(inside("rest")).unwrap();
+    while std::io::Write::write_all(&mut rest, &[0; 4_096]).is_ok() {}
+    becomes(&service, StatusCode::SERVICE_UNAVAILABLE).await;
+    tokio::time::sleep(Duration::from_millis(2_500)).await;
+    assert_eq!(service.get("/readyz").await.status, StatusCode::SERVICE_UNAVAILABLE);
+    std::fs::remove_file(inside("rest")).unwrap();
+    drop(rest);
     becomes(&service, StatusCode::OK).await;
     // A full disk is the operator's to mend, and the request may be sent again.
     assert_eq!(fill(&service).await, StatusCode::SERVICE_UNAVAILABLE);
     becomes(&service, StatusCode::SERVICE_UNAVAILABLE).await;
-    let ballast = format!("/proc/{}/root{}", service.process_id(), disk.join("ballast").display());
-    std::fs::remove_file(ballast).unwrap();
+    std::fs::remove_file(inside("ballast")).unwrap();
     becomes(&service, StatusCode::OK).await;
     let after = service.begin_run("after", "mineceraft-lite").await;
     assert_eq!(service.get(&format!("/v1/runs/{after}")).await.json()["agent"], "after");

@@ -238,6 +238,16 @@ async fn a_lost_key_closes_the_epoch_and_says_so() {
         assert_eq!(mode(&scene.file("asked.db.secrets/epoch-autumn.json")), 0o600);
     }
     let entry = scene.register(&lab, "official", 1).await;
+    // A key that is not there is told before anybody draws, and while it can still be put back.
+    std::fs::rename(secrets.join("epoch-autumn.json"), scene.file("autumn.key")).unwrap();
+    assert_eq!(scene.service.get("/readyz").await.json()["lacks"][0], "key of epoch autumn");
+    scene.restart(None);
+    if !crate::support::database::is_postgres() {
+        let told = scene.service.said.lock().unwrap().join("\n");
+        assert!(told.contains("which are not over") && told.contains("autumn"), "{told}");
+    }
+    std::fs::rename(scene.file("autumn.key"), secrets.join("epoch-autumn.json")).unwrap();
+    assert!(scene.service.get("/readyz").await.json().get("lacks").is_none());
     // Another key is as good as none.
     let text = std::fs::read_to_string(secrets.join("epoch-autumn.json")).unwrap();
     let at = text.find("\"key\":\"").unwrap() + 7;

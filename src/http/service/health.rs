@@ -18,8 +18,8 @@ pub struct Health {
     #[schema(example = "0.1.0")]
     pub version: &'static str,
     /// What the node lacks: `secrets`, without which it grades no submissions and issues no hidden instances (other
-    /// nodes do), `key of epoch NAME`, without which it draws none of that epoch, or `intact log of receipts`, which is
-    /// damaged then and needs its operator.
+    /// nodes do), `key of epoch NAME`, without which it draws none of that epoch, `folder of large logs and reports`,
+    /// without which it refuses these, or `intact log of receipts`, which is damaged then and needs its operator.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub lacks: Vec<String>,
 }

@@ -29,6 +29,9 @@ pub const OBJECT_BYTES: usize = 32 << 10;
 
 /// Object that holds the identifier of a place.
 const IDENTIFIER: &str = "plumbline.id";
+/// Reads the place that the database notes, and its identifier.
+const NOTED: &str =
+    "SELECT place.value, id.value FROM agreed place JOIN agreed id ON id.name = 'blobs id' WHERE place.name = 'blobs'";
 
 /// Blobs of a database; clones share what they know.
 #[derive(Debug, Clone, Default)]
@@ -39,31 +42,66 @@ pub(super) struct Blobs(Arc<RwLock<Option<Opened>>>);
 struct Opened {
     place: Arc<BlobPlace>,
     objects: Arc<dyn ObjectStore>,
+    /// Identifier that the place has, once it is agreed on.
+    id: Option<Arc<str>>,
 }
 
 impl Opened {
-    fn open(place: BlobPlace) -> StoreResult<Self> {
-        Ok(Self { objects: place.open()?, place: Arc::new(place) })
+    fn open(place: BlobPlace, id: Option<&str>) -> StoreResult<Self> {
+        Ok(Self { objects: place.open()?, place: Arc::new(place), id: id.map(Into::into) })
     }
 
     /// Describes a request that failed. What is not there, or is not what it should be, stays so.
     fn failed(&self, path: &Path, error: &object_store::Error) -> StoreError {
-        let place = self.place.to_string();
         match error {
-            object_store::Error::NotFound { .. } => StoreError::BlobLost(format!("there is no {path} in {place}")),
-            _ => StoreError::Blobs { place, detail: error.to_string() },
+            object_store::Error::NotFound { .. } => {
+                StoreError::BlobLost(format!("there is no {path} in {}", self.place))
+            }
+            _ => self.unreached(error),
+        }
+    }
+
+    /// Describes a place that does not answer, or not as it should, which may pass.
+    fn unreached(&self, detail: &dyn std::fmt::Display) -> StoreError {
+        StoreError::Blobs { place: self.place.to_string(), detail: detail.to_string() }
+    }
+
+    /// Makes sure that the folder is the one that was agreed on. Where a share is not mounted, its empty mount point is
+    /// a folder too: what is written there is lost to everybody who has the share, and what is read seems lost.
+    async fn is_agreed(&self) -> StoreResult<()> {
+        let (BlobPlace::Folder(_), Some(id)) = (&*self.place, &self.id) else { return Ok(()) };
+        let read = async || self.objects.get(&Path::from(IDENTIFIER)).await?.bytes().await;
+        match read().await {
+            Ok(found) if String::from_utf8_lossy(&found).trim() == &**id => Ok(()),
+            Ok(_) => Err(self.unreached(&format!("{IDENTIFIER} there is of another place"))),
+            Err(object_store::Error::NotFound { .. }) => {
+                Err(self.unreached(&format!("{IDENTIFIER} is not there: is the folder mounted?")))
+            }
+            Err(error) => Err(self.unreached(&error)),
         }
     }
 
     async fn get(&self, path: &Path) -> StoreResult<Vec<u8>> {
         let failed = |error| self.failed(path, &error);
-        let found = self.objects.get(path).await.map_err(failed)?;
-        Ok(found.bytes().await.map_err(failed)?.to_vec())
+        let read = async || -> StoreResult<Vec<u8>> {
+            let found = self.objects.get(path).await.map_err(failed)?;
+            Ok(found.bytes().await.map_err(failed)?.to_vec())
+        };
+        match read().await {
+            Err(error @ StoreError::BlobLost(_)) => {
+                self.is_agreed().await?;
+                Err(error)
+            }
+            read => read,
+        }
     }
 
+    /// Writes an object durably.
     async fn put(&self, path: &Path, bytes: Vec<u8>) -> StoreResult<()> {
-        self.objects.put(path, PutPayload::from(bytes)).await.map_err(|error| self.failed(path, &error))?;
-        Ok(())
+        self.is_agreed().await?;
+        self.objects.put(path, PutPayload::from(bytes)).await.map_err(|error| self.unreached(&error))?;
+        // The folder may have gone away meanwhile.
+        self.is_agreed().await
     }
 }
 
@@ -81,10 +119,9 @@ impl Blobs {
         if let Some(opened) = self.opened() {
             return Ok(Some(opened));
         }
-        let noted: Option<String> =
-            query_scalar("SELECT value FROM agreed WHERE name = 'blobs'").fetch_optional(readers).await?;
-        let Some(noted) = noted else { return Ok(None) };
-        let opened = Opened::open(noted.parse().map_err(StoreError::BlobPlace)?)?;
+        let noted: Option<(String, String)> = query_as(NOTED).fetch_optional(readers).await?;
+        let Some((noted, id)) = noted else { return Ok(None) };
+        let opened = Opened::open(noted.parse().map_err(StoreError::BlobPlace)?, Some(&id))?;
         self.set(opened.clone());
         Ok(Some(opened))
     }
@@ -135,30 +172,38 @@ impl Store {
     /// # Errors
     /// Returns an error if the place is another than the one noted, or cannot be opened, or the database fails.
     pub async fn settle_blobs(&self, wanted: Option<&BlobPlace>) -> StoreResult<Option<String>> {
-        let noted: Option<(String, String)> = query_as(
-            "SELECT place.value, id.value FROM agreed place JOIN agreed id ON id.name = 'blobs id' WHERE place.name = 'blobs'",
-        )
-        .fetch_optional(&self.readers)
-        .await?;
+        let noted: Option<(String, String)> = query_as(NOTED).fetch_optional(&self.readers).await?;
         let place = match (&noted, wanted) {
             (None, None) => return Ok(None),
             (_, Some(wanted)) => wanted.clone(),
             (Some((noted, _)), None) => noted.parse().map_err(StoreError::BlobPlace)?,
         };
-        let opened = Opened::open(place)?;
+        let mut opened = Opened::open(place, None)?;
+        let own = noted.as_ref().filter(|(noted, _)| *noted == opened.place.to_string());
+        let later = |mut opened: Opened, error: &StoreError, id: &str| {
+            opened.id = Some(id.into());
+            self.blobs.set(opened);
+            Ok(Some(format!("{error}; large logs are refused until it answers")))
+        };
         let found = match opened.get(&Path::from(IDENTIFIER)).await {
             Ok(id) => Some(String::from_utf8_lossy(&id).trim().to_owned()),
             Err(StoreError::BlobLost(_)) => None,
-            Err(error) if noted.as_ref().is_some_and(|(noted, _)| *noted == opened.place.to_string()) => {
-                self.blobs.set(opened);
-                return Ok(Some(format!("{error}; large logs are refused until it answers")));
-            }
-            Err(error) => return Err(StoreError::BlobPlace(error.to_string())),
+            Err(error) => match own {
+                Some((_, id)) => return later(opened, &error, id),
+                None => return Err(StoreError::BlobPlace(error.to_string())),
+            },
         };
+        if let (None, Some((_, id))) = (&found, own)
+            && self.has_objects().await?
+        {
+            let error = opened.unreached(&format!("{IDENTIFIER} is not there: is the folder mounted?"));
+            return later(opened, &error, id);
+        }
         let id = self.agree_on_place(&opened.place, noted, found.as_deref()).await?;
         if found.is_none() {
-            opened.put(&Path::from(IDENTIFIER), id.into_bytes()).await?;
+            opened.put(&Path::from(IDENTIFIER), id.clone().into_bytes()).await?;
         }
+        opened.id = Some(id.into());
         self.blobs.set(opened);
         Ok(None)
     }
@@ -208,16 +253,18 @@ impl Store {
                 .execute(&mut tx)
                 .await?;
         }
-        let (held, id): (String, String) = query_as(
-            "SELECT place.value, id.value FROM agreed place JOIN agreed id ON id.name = 'blobs id' WHERE place.name = 'blobs'",
-        )
-        .fetch_one(&mut tx)
-        .await?;
+        let (held, id): (String, String) = query_as(NOTED).fetch_one(&mut tx).await?;
         if held != place.to_string() {
             return Err(StoreError::BlobPlace(format!("{place}: another node has just begun to keep blobs in {held}")));
         }
         commit(tx, "note_place").await?;
         Ok(id)
+    }
+
+    /// Returns the folder of large logs and reports if it is not there now. A bucket is not asked.
+    pub async fn missing_folder(&self) -> Option<String> {
+        let opened = self.blobs.opened()?;
+        opened.is_agreed().await.is_err().then(|| opened.place.to_string())
     }
 
     /// Returns whether a row refers to an object.

@@ -7,8 +7,8 @@ use sqlx::{ConnectOptions as _, Connection as _, SqliteConnection};
 
 use crate::store::{StoreError, StoreResult};
 
-/// Number of rows in a copy.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// What a copy holds.
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Contents {
     /// Number of runs.
     pub runs: i64,
@@ -16,6 +16,8 @@ pub struct Contents {
     pub submissions: i64,
     /// Number of reports.
     pub reports: i64,
+    /// Place of the large logs and reports that it refers to; none if it has none.
+    pub blobs: Option<String>,
 }
 
 /// Writes a consistent copy of a database to a file that must not exist. The service may keep running.
@@ -53,8 +55,19 @@ pub async fn inspect(file: &Path) -> StoreResult<Contents> {
     )
     .fetch_one(&mut connection)
     .await?;
+    // A copy of an old schema knows no places.
+    let knows_places: bool = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM sqlite_schema WHERE name = 'agreed')")
+        .fetch_one(&mut connection)
+        .await?;
+    let blobs = match knows_places {
+        true => {
+            let noted = sqlx::query_scalar("SELECT value FROM agreed WHERE name = 'blobs'");
+            noted.fetch_optional(&mut connection).await?
+        }
+        false => None,
+    };
     connection.close().await?;
-    Ok(Contents { runs, submissions, reports })
+    Ok(Contents { runs, submissions, reports, blobs })
 }
 
 /// Opens a file read-only.

@@ -121,10 +121,22 @@ pub(super) fn against_log(epoch: &str, receipts: &[ReceiptFile], kept: &Kept, tr
              fetch the log again when no epoch is open: if bodies are still withheld, something is hidden"
         ));
     }
-    for file in receipts.iter().filter(|file| log.iter().all(|own| own.seq != file.seq)) {
-        let detail =
-            if file.seq > last { "comes after the pages of the log that were given" } else { "is not in the log" };
-        found.breach(format!("receipt {}", file.seq), detail);
+    let places: BTreeSet<i64> = log.iter().map(|file| file.seq).collect();
+    let absent = receipts.iter().map(|file| file.seq).filter(|seq| !places.contains(seq));
+    let (later, missing): (Vec<i64>, Vec<i64>) = absent.partition(|seq| *seq > last);
+    for (absent, where_to) in [(later, "after the pages of the log that were given"), (missing, "not in the log")] {
+        match absent.as_slice() {
+            [] => {}
+            [one] => found.breach(format!("receipt {one}"), format!("is {where_to}")),
+            [first, .., end] => found.breach(
+                "log",
+                format!(
+                    "{} receipts of the epoch, from {first} to {end}, are {where_to}: if you did not save all of its pages, do so, \
+                     from /v1/receipts?after=0 until next_after is null",
+                    absent.len()
+                ),
+            ),
+        }
     }
 }
 

@@ -1,0 +1,83 @@
+//! What the operator must know before the service starts: who else serves the database, what is wrong with its secrets.
+
+use std::path::Path;
+
+use super::Config;
+use crate::clock::now_ms;
+use crate::store::Store;
+use crate::store::epochs::EpochRow;
+use crate::store::location::Location;
+use crate::store::secrets::Secrets;
+use crate::store::serving::Serving;
+
+/// Refuses to make a new database where the keys of one are: its log would have the name and the key of the one before,
+/// and be another history.
+pub(super) fn refuse_to_begin_anew(config: &Config) -> anyhow::Result<()> {
+    let Some(file) = config.database.file().filter(|file| !file.exists()) else { return Ok(()) };
+    let folder = config.secrets.clone().unwrap_or_else(|| config.database.default_secrets());
+    if !Secrets::in_folder(folder.clone()).has_signer()? {
+        return Ok(());
+    }
+    anyhow::bail!(
+        "there is no database {}, but {} holds the keys of one. If it was moved or lost, put it back (plumbline restore). To \
+         begin a new one, move that folder away first: a new log under the old key would be a second history",
+        file.display(),
+        folder.display()
+    )
+}
+
+/// Returns what the operator must know of the secrets: who else may read them, and which epochs cannot be revealed.
+pub(super) async fn notices_of_secrets(store: &Store) -> anyhow::Result<Vec<String>> {
+    let secrets = store.secrets();
+    let exposed = secrets.exposed().map(|(path, mode)| {
+        let (path, folder) = (path.display(), secrets.folder().display());
+        format!(
+            "others may read or change the secrets: {path} has mode {mode:04o}. Close the folder: chmod -R go= {folder}"
+        )
+    });
+    // Another node of a server may have the keys that this one lacks.
+    if matches!(store.location(), Location::Server(_)) {
+        return Ok(exposed.into_iter().collect());
+    }
+    let now = now_ms();
+    let epochs = store.epochs().await?;
+    let lost = epochs.iter().filter(|epoch| !secrets.has_epoch(epoch.id()));
+    let (lost, open): (Vec<&EpochRow>, Vec<&EpochRow>) = lost.partition(|epoch| epoch.is_over(now));
+    let names = |epochs: &[&EpochRow]| epochs.iter().map(|epoch| epoch.id()).collect::<Vec<_>>().join(", ");
+    let undrawn = (!open.is_empty()).then(|| {
+        format!(
+            "the keys of these epochs, which are not over, are not in {}: {}. Put them back before anybody draws: without its \
+             key an epoch closes at the first draw",
+            secrets.folder().display(),
+            names(&open)
+        )
+    });
+    let unrevealed = (!lost.is_empty()).then(|| {
+        format!(
+            "the keys of these epochs, which are over, are not in {}, so nobody can get their reveal and verify them: {}. Put \
+             them back from a backup made with --with-secrets",
+            secrets.folder().display(),
+            names(&lost)
+        )
+    });
+    Ok(exposed.into_iter().chain(undrawn).chain(unrevealed).collect())
+}
+
+/// Notes that this process serves a database; returns a notice for the operator if another process does so too.
+pub(super) fn serving_notice(database: &Path) -> (Option<Serving>, Option<String>) {
+    match Serving::of(database) {
+        Ok(serving) => {
+            let notice = serving.is_shared.then(|| {
+                format!(
+                    "another process serves {} too; both grade its queue. If that is a mistake, stop one of them",
+                    database.display()
+                )
+            });
+            (Some(serving), notice)
+        }
+        Err(error) => {
+            tracing::warn!(%error, "could not find out whether another process serves the database");
+            (None, None)
+        }
+    }
+}
