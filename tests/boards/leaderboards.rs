@@ -146,9 +146,12 @@ async fn what_is_done_to_a_row_is_told_for_ever() {
     assert_eq!(act(&operator, hide).await.status, StatusCode::CONFLICT);
     assert_eq!(names(&service.get(&path).await.json()), ["two"]);
     assert_eq!(names(&service.get(&then).await.json()), ["one"], "the past stays");
+    let page = async || service.get(&format!("/boards/{SUITE}?as_of={between}")).await.text;
+    assert!(page().await.contains("hidden or withdrawn since"), "and its page says what came later");
     let restore = json!({ "action": "restore", "reason": "a mistake" });
     assert_eq!(act(&operator, restore).await.status, StatusCode::OK);
     assert_eq!(names(&service.get(&path).await.json()), ["one", "two"]);
+    assert!(!page().await.contains("hidden or withdrawn since"));
     let entries = service.get(&format!("{path}/actions")).await.json();
     let told: Vec<String> = entries["actions"]
         .as_array()

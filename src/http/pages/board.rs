@@ -143,7 +143,12 @@ pub async fn board(
             .filter(|table| !table.rates.groups.is_empty())
             .collect();
     let is_first = wanted.after.is_none() && wanted.sort == SortBy::Overall && wanted.order == Direction::Desc;
-    let shown = lines(&state, page.rows.clone()).await?;
+    let mut shown = lines(&state, page.rows.clone()).await?;
+    for line in &mut shown {
+        if let Line::Run(run) = line {
+            run.is_gone = board.is_hidden(&run.row.run);
+        }
+    }
     let shown = if is_first { with_reported(shown, &page.reported) } else { shown };
     let previous = page.before.as_ref().map(|PageStart(after)| links.page(after.as_deref()));
     let body = BoardBody::from(page);

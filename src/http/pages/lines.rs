@@ -36,6 +36,8 @@ pub struct RunLine {
     pub copied_from: usize,
     /// Whether it begins a group: its best possible rank is worse than that of the run before it.
     pub begins_group: bool,
+    /// Whether its row was hidden or withdrawn after the time of the board.
+    pub is_gone: bool,
 }
 
 /// A criterion of a run: its name, its abbreviation and its value.
@@ -106,7 +108,14 @@ pub async fn lines(app: &App, rows: Vec<Row>) -> AppResult<Vec<Line>> {
         before = first.or(before);
         let cost = card.cost.as_ref().map(|cost| format!("{} {}", money(cost.amount), cost.currency));
         let copied_from = row.copied_from;
-        Line::Run(Box::new(RunLine { about: about(&card, owner), cost, copied_from, begins_group, row: row.into() }))
+        Line::Run(Box::new(RunLine {
+            about: about(&card, owner),
+            cost,
+            copied_from,
+            begins_group,
+            is_gone: false,
+            row: row.into(),
+        }))
     };
     Ok(rows.into_iter().map(line).collect())
 }

@@ -59,12 +59,11 @@ pub async fn inspect(file: &Path) -> StoreResult<Contents> {
     let knows_places: bool = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM sqlite_schema WHERE name = 'agreed')")
         .fetch_one(&mut connection)
         .await?;
-    let blobs = match knows_places {
-        true => {
-            let noted = sqlx::query_scalar("SELECT value FROM agreed WHERE name = 'blobs'");
-            noted.fetch_optional(&mut connection).await?
-        }
-        false => None,
+    let blobs = if knows_places {
+        let noted = sqlx::query_scalar("SELECT value FROM agreed WHERE name = 'blobs'");
+        noted.fetch_optional(&mut connection).await?
+    } else {
+        None
     };
     connection.close().await?;
     Ok(Contents { runs, submissions, reports, blobs })
