@@ -289,7 +289,8 @@ impl From<StoreError> for AppError {
     fn from(error: StoreError) -> Self {
         if error.is_busy() {
             tracing::warn!(%error, "the database is busy");
-            return Self::new(Kind::Busy, "The database is busy. The request may be sent again.").retry_after(1);
+            return Self::new(Kind::Busy, "The database is busy, or cannot be reached. The request may be sent again.")
+                .retry_after(1);
         }
         if error.is_full() {
             tracing::error!(%error, "the disk of the database is full");

@@ -8,7 +8,7 @@ use clap::{Args, Subcommand};
 use super::database::DatabaseArgs;
 use crate::clock::{now_ms, rfc3339};
 use crate::store::Store;
-use plumbline_engine::text::did_you_mean;
+use plumbline_engine::text::{counted, did_you_mean};
 
 /// Arguments of `quota`.
 #[derive(Debug, Args)]
@@ -125,6 +125,9 @@ async fn show(store: &Store, name: &str) -> anyhow::Result<()> {
     };
     let left = quota.left().map(|left| format!(", left {left}")).unwrap_or_default();
     println!("{name}: granted {granted}{left}; reserved {}, charged {}{before}", quota.reserved, quota.charged);
+    if quota.debt() > 0 {
+        println!("{name} owes {}: a new grant settles that first", counted(quota.debt(), "submission"));
+    }
     for entry in store.quota_entries(name, i64::MAX, ENTRIES).await? {
         let of = entry.submission_id.unwrap_or_default();
         println!("{}  {:7} {:>6}  {of:36}  {}", rfc3339(entry.at_ms), entry.kind, entry.units, entry.reason);

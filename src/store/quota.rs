@@ -30,8 +30,18 @@ impl QuotaRow {
     /// Returns the number of submissions left; none means unlimited.
     #[must_use]
     pub fn left(&self) -> Option<i64> {
+        self.balance().map(|balance| balance.max(0))
+    }
+
+    /// Returns how many more submissions were used than granted, of which a later grant is first taken.
+    #[must_use]
+    pub fn debt(&self) -> i64 {
+        self.balance().map_or(0, |balance| (-balance).max(0))
+    }
+
+    fn balance(&self) -> Option<i64> {
         let used = (self.charged + self.reserved - self.used_before).max(0);
-        self.granted.map(|granted| (granted - used).max(0))
+        self.granted.map(|granted| granted - used)
     }
 }
 
