@@ -79,9 +79,8 @@ impl Service {
         let (status, url) = (response.status(), response.url().clone());
         let bytes = response.bytes().await.with_context(|| url.to_string())?;
         if status == StatusCode::UNAUTHORIZED {
-            bail!(
-                "{url}: {status}: a key is needed, which --key or PLUMBLINE_KEY gives, or it is not valid (any more)"
-            );
+            let told = String::from_utf8_lossy(&bytes).chars().take(MAX_TOLD).collect::<String>();
+            bail!("{url}: {status}: {told}; a key is given with --key or PLUMBLINE_KEY");
         }
         if !status.is_success() {
             bail!("{url}: {status}: {}", String::from_utf8_lossy(&bytes).chars().take(MAX_TOLD).collect::<String>());

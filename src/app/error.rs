@@ -307,7 +307,7 @@ impl From<StoreError> for AppError {
             let detail = "this node lacks the secrets that this needs; send the request again, to another node";
             return Self::new(Kind::NotReady, detail).retry_after(1);
         }
-        if let StoreError::Corrupt { .. } | StoreError::BlobLost(_) = error {
+        if error.is_damage() {
             tracing::error!(%error, "stored data is damaged");
             metrics::counter!("plumbline_corrupt_rows_total").increment(1);
             let detail = "Data that the service stored is damaged, and sending the request again changes nothing. Tell the operator: \

@@ -19,7 +19,7 @@ pub struct Contact {
 }
 
 impl Contact {
-    /// Reads an address: of mail, or of a page.
+    /// Reads an email address, or the address of a page.
     ///
     /// # Errors
     /// Returns what is expected, if it is neither.
@@ -37,7 +37,7 @@ impl Contact {
         };
         if link.is_empty() || !is_clean {
             return Err(
-                "expected an address of mail, such as board@lab.example, or of a page, such as https://lab.example/contact",
+                "expected an email address, such as board@lab.example, or the address of a page, such as https://lab.example/contact",
             );
         }
         Ok(Self { shown: text.to_owned(), link })

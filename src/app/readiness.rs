@@ -7,7 +7,7 @@ use tokio::sync::Mutex;
 use crate::app::App;
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::clock::now_ms;
-use crate::store::Store;
+use crate::store::StoreResult;
 use crate::store::location::Location;
 use crate::store::schema;
 
@@ -16,58 +16,68 @@ const HOLDS_FOR: Duration = Duration::from_secs(1);
 /// Time that the database may take.
 const PATIENCE: Duration = Duration::from_secs(4);
 
+/// Bytes that must be free on the disk of a database file: what a large submission takes, with its report.
+const ROOM: u64 = 2 << 20;
+
+/// What the last look came to: what the node lacks, or why it is not ready.
+type Found = Result<Vec<String>, &'static str>;
+
 /// Recent result of writing to and reading from the database. One request looks; the others wait for its result.
 #[derive(Debug, Default)]
-pub struct Readiness(Mutex<Option<(Instant, Result<(), &'static str>)>>);
+pub struct Readiness(Mutex<Option<(Instant, Found)>>);
 
-/// Checks that the database can be written and read, at most a second ago.
+/// Checks that the database can be written and read, at most a second ago. Returns what the node lacks although it is
+/// ready, for people to read.
 ///
 /// # Errors
-/// Returns an error that says why it cannot.
-pub async fn check(app: &App) -> AppResult<()> {
-    let found = app.readiness.look(&app.store).await;
-    found.map_err(|detail| AppError::new(Kind::NotReady, detail).retry_after(1))
+/// Returns an error that says why it is not ready.
+pub async fn check(app: &App) -> AppResult<Vec<String>> {
+    app.readiness.look(app).await.map_err(|detail| AppError::new(Kind::NotReady, detail).retry_after(1))
 }
 
-/// Returns what the node lacks: its secrets, or keys of epochs that are not over; a log of receipts without damage; or the folder of large logs.
-///
-/// # Errors
-/// Returns an error if the database or a file cannot be read.
-pub async fn lacking(app: &App) -> AppResult<Vec<String>> {
-    if app.signer.is_none() {
-        return Ok(vec!["secrets".to_owned()]);
-    }
+/// Returns what the node lacks: its secrets, keys of epochs that are not over, the folder of large logs, or a whole log
+/// of receipts.
+async fn lacking(app: &App) -> StoreResult<Vec<String>> {
     let mut lacking = Vec::new();
+    if app.signer.is_none() {
+        lacking.push("secrets".to_owned());
+    } else {
+        let now = now_ms();
+        for epoch in app.store.epochs().await?.iter().filter(|epoch| !epoch.is_over(now)) {
+            if !app.store.secrets().has_epoch(epoch.id()) {
+                lacking.push(format!("key of epoch {}", epoch.id()));
+            }
+        }
+    }
     if app.store.missing_folder().await.is_some() {
         lacking.push("folder of large logs and reports".to_owned());
     }
     if app.log.is_damaged() {
         lacking.push("intact log of receipts".to_owned());
     }
-    let now = now_ms();
-    for epoch in app.store.epochs().await?.iter().filter(|epoch| !epoch.is_over(now)) {
-        if !app.store.secrets().has_epoch(epoch.id()) {
-            lacking.push(format!("key of epoch {}", epoch.id()));
-        }
-    }
     Ok(lacking)
 }
 
 impl Readiness {
-    async fn look(&self, store: &Store) -> Result<(), &'static str> {
+    async fn look(&self, app: &App) -> Found {
+        let store = &app.store;
         let mut found = self.0.lock().await;
-        if let Some((at, found)) = *found
+        if let Some((at, found)) = &*found
             && at.elapsed() < HOLDS_FOR
         {
-            return found;
+            return found.clone();
         }
-        let new = match tokio::time::timeout(PATIENCE, store.probe(now_ms())).await {
+        let probe = async {
+            store.probe(now_ms()).await?;
+            StoreResult::Ok((store.free_bytes().await, lacking(app).await?))
+        };
+        let new = match tokio::time::timeout(PATIENCE, probe).await {
             // A small write may still fit where a submission does not.
-            Ok(Ok(())) if matches!(store.has_room(), Ok(false)) => {
-                tracing::error!("not ready: the disk of the database is full");
-                Err("The disk of the database is full.")
+            Ok(Ok((Some(free), _))) if free < ROOM => {
+                tracing::error!(free, needed = ROOM, "not ready: the disk of the database has too little room");
+                Err("The disk of the database has less than 2 MiB of room.")
             }
-            Ok(Ok(())) => Ok(()),
+            Ok(Ok((_, lacking))) => Ok(lacking),
             Ok(Err(error)) => {
                 tracing::error!(%error, "not ready");
                 Err("The database cannot be written or read; the service's log says why.")
@@ -89,7 +99,7 @@ impl Readiness {
                 Err("The database could not be written in time: another process may hold its lock.")
             }
         };
-        *found = Some((Instant::now(), new));
+        *found = Some((Instant::now(), new.clone()));
         new
     }
 }

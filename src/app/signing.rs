@@ -1,5 +1,6 @@
 //! The key that signs receipts: where it comes from, and what the operator is told about it.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
@@ -7,6 +8,7 @@ use anyhow::{Context as _, bail};
 use crate::clock::now_ms;
 use crate::store::Store;
 use crate::store::location::Location;
+use crate::store::secrets::Secrets;
 use plumbline_engine::hidden::receipts::Signer;
 
 /// Key that signs receipts.
@@ -57,10 +59,29 @@ pub async fn signing(store: &Store, replaces: bool) -> anyhow::Result<Signing> {
         format!(
             "receipts are signed with a new key from now on: {public_key}; the key before was {before}. The change is \
              recorded in the log at /v1/receipts. Tell the witnesses: they follow the log with --new-log-key and what /log/key \
-             shows now. If you did not mean to replace the key, another folder of secrets may have been given: stop the \
+             shows now, or after a backup was restored with a new --state. If you did not mean to replace the key, another folder of secrets may have been given: stop the \
              service, and put the receipts.key from before into {}",
             store.secrets().folder().display()
         )
     });
     Ok(Signing { signer: Some(signer), public_key, notice })
+}
+
+/// Refuses to make a new database file where the keys of one are: its log would have the name and the key of the one
+/// before, and be another history.
+///
+/// # Errors
+/// Returns an error that says what to do, if there are keys and no database.
+pub fn refuse_to_begin_anew(database: &Location, secrets: Option<&Path>) -> anyhow::Result<()> {
+    let Some(file) = database.file().filter(|file| !file.exists()) else { return Ok(()) };
+    let folder = secrets.map_or_else(|| database.default_secrets(), Path::to_owned);
+    if Secrets::in_folder(folder.clone()).is_empty() {
+        return Ok(());
+    }
+    bail!(
+        "there is no database {}, but {} holds the keys of one. If it was moved or lost, put it back (plumbline restore). To \
+         begin a new one, move that folder away first: a new log under the old key would be a second history",
+        file.display(),
+        folder.display()
+    )
 }

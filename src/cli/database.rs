@@ -7,6 +7,7 @@ use anyhow::bail;
 use clap::Args;
 use clap::builder::BoolishValueParser;
 
+use crate::app::signing::refuse_to_begin_anew;
 use crate::store::blobs::BlobPlace;
 use crate::store::location::Location;
 use crate::store::moving::{Moved, move_to};
@@ -116,6 +117,7 @@ pub fn migrate(args: &MigrateArgs) -> anyhow::Result<ExitCode> {
         before.must_not_be_newer(location)?;
         let is_new = !before.is_there && args.create;
         if is_new && !args.dry_run {
+            refuse_to_begin_anew(location, args.database.secrets.as_deref())?;
             Store::open(location, args.database.secrets.clone()).await?.close().await;
             println!("created with schema {}", before.known);
             return Ok(ExitCode::SUCCESS);

@@ -11,10 +11,10 @@ use serde_json::{Deserializer, Value};
 /// it redirects.
 ///
 /// # Errors
-/// Returns an error that names the file, if it cannot be read or is no text.
+/// Returns an error that names the file, if it cannot be read or is not text.
 pub(super) fn text(path: &Path) -> anyhow::Result<String> {
     let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-    decoded(bytes).with_context(|| format!("{} is no text in UTF-8", path.display()))
+    decoded(bytes).with_context(|| format!("{} is not text in UTF-8", path.display()))
 }
 
 fn decoded(bytes: Vec<u8>) -> anyhow::Result<String> {
@@ -51,6 +51,9 @@ pub(super) fn json<T: DeserializeOwned>(path: &Path) -> anyhow::Result<T> {
 /// Returns an error that names the file and says what it holds instead.
 pub(super) fn values(path: &Path) -> anyhow::Result<Vec<Value>> {
     let text = text(path)?;
+    if text.trim().is_empty() {
+        bail!("{} is empty; it should hold JSON", path.display());
+    }
     let values: Result<Vec<Value>, _> = Deserializer::from_str(&text).into_iter().collect();
     values.map_err(|error| no_json(path, &text, &error))
 }
@@ -65,7 +68,7 @@ fn no_json(path: &Path, text: &str, error: &serde_json::Error) -> anyhow::Error 
             error.line(),
             error.column()
         ),
-        Some(_) => anyhow::anyhow!("{file} is no JSON: {error}"),
+        Some(_) => anyhow::anyhow!("{file} is not JSON: {error}"),
     }
 }
 
@@ -95,9 +98,9 @@ mod tests {
             (b" \n", "is empty"),
             (b"<!doctype html>", "a page of HTML"),
             (b"{\"a\": [1, 2", "ends in the middle of its JSON (line 1, column 11)"),
-            (b"{\"a\": x}", "is no JSON: expected value at line 1 column 7"),
-            (b"\xff\xfea", "no text in UTF-8"),
-            (b"\x80", "no text in UTF-8"),
+            (b"{\"a\": x}", "is not JSON: expected value at line 1 column 7"),
+            (b"\xff\xfea", "not text in UTF-8"),
+            (b"\x80", "not text in UTF-8"),
         ] {
             std::fs::write(&path, bytes).unwrap();
             let told = json::<Value>(&path).unwrap_err().to_string();

@@ -244,7 +244,7 @@ async fn rotate(store: &Store, given: &str, overlap_hours: u32, expires: Option<
     let until = expires_at_ms.map_or_else(String::new, |until| format!(" and works until {}", rfc3339(until)));
     if old.is_replaced() {
         eprintln!(
-            "{} was replaced before: that newer key works too, unless you revoke it (plumbline keys list)",
+            "{} was replaced before; the key from then works too unless it was revoked (plumbline keys list)",
             old.id
         );
     }

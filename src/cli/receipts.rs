@@ -149,24 +149,26 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
     for file in &args.files {
         given.read(file)?;
     }
-    // Files may come in any order, and a page twice.
-    given.log.sort_by_key(|receipt| receipt.seq);
+    // Files may come in any order, and a page twice: of equal receipts, one with its body is kept for the chain, but
+    // every copy is verified.
+    given.log.sort_by_key(|receipt| (receipt.seq, receipt.receipt.is_none()));
+    let mut copies = given.log.clone();
+    copies.dedup();
     given.log.dedup_by(|one, other| (one.seq, &one.hash, &one.link) == (other.seq, &other.hash, &other.link));
     let log = &given.log;
     let mut chains: Vec<Vec<&ReceiptFile>> = given.alone.iter().map(|single| vec![single]).collect();
     // Pages of the log form one chain without gaps.
     chains.push(log.iter().collect());
-    let all: Vec<&ReceiptFile> = chains.concat();
+    let all: Vec<&ReceiptFile> = given.alone.iter().chain(&copies).collect();
     if all.is_empty() && given.heads.is_empty() && given.handed.is_empty() {
         bail!("no receipts in these files");
     }
     let trusted: Vec<&str> = args.keys.iter().map(String::as_str).collect();
     let mut is_good = true;
-    let mut withheld = 0;
+    let withheld = chains.iter().flatten().filter(|receipt| receipt.receipt.is_none()).count();
     for receipt in &all {
         match verify(receipt, &trusted) {
-            Ok(()) => {}
-            Err(ReceiptFault::Withheld) => withheld += 1,
+            Ok(()) | Err(ReceiptFault::Withheld) => {}
             Err(fault) => {
                 is_good = false;
                 println!("BROKEN  receipt {}: {fault}", receipt.seq);

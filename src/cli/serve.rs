@@ -96,7 +96,7 @@ pub struct ServeArgs {
     /// Who runs this service, as its pages tell readers: a person or an institution.
     #[arg(long, env = "PLUMBLINE_OPERATOR", value_name = "NAME")]
     operator: Option<String>,
-    /// Address of mail, or of a page, where readers reach the operator.
+    /// Email address, or address of a page, where readers reach the operator.
     #[arg(long, env = "PLUMBLINE_CONTACT", value_name = "ADDRESS", value_parser = Contact::read)]
     contact: Option<Contact>,
     /// Format of log lines.

@@ -93,7 +93,7 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
             None => service.create_run(&args.agent, &args.suite, json!({ "source": "raw records" })).await?,
         };
         eprintln!("run {run}");
-        let go_on = || format!("the run stays as it is: once the cause is mended, go on with --run {run}");
+        let go_on = || format!("the run stays as it is: once the cause is fixed, go on with --run {run}");
         let bar = progress::bar(answers.len(), "posting");
         service.post_answers(&run, &answers, |posted| bar.inc(posted as u64)).await.with_context(go_on)?;
         bar.finish_and_clear();

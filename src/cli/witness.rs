@@ -96,7 +96,7 @@ async fn follow(args: &WitnessArgs) -> anyhow::Result<ExitCode> {
     let Some(checkpoint) = Checkpoint::verified(&note, &[&key]).filter(|checkpoint| checkpoint.origin == origin) else {
         println!(
             "BROKEN  the checkpoint is not signed with the key of {origin}; {}\n{note}",
-            unsigned_why(&seen, &note)
+            unsigned_why(&seen, &note, args)
         );
         return Ok(ExitCode::FAILURE);
     };
@@ -162,7 +162,10 @@ fn log_key(option: &str, text: &str) -> anyhow::Result<(String, String)> {
 }
 
 /// Says what may be the cause of a checkpoint without the signature of the known key.
-fn unsigned_why(seen: &Seen, note: &str) -> &'static str {
+fn unsigned_why(seen: &Seen, note: &str, args: &WitnessArgs) -> &'static str {
+    if args.new_log_key.is_some() {
+        return "does --new-log-key come from /log/key of this service?";
+    }
     let known = seen.note.as_deref().and_then(|note| note.lines().next());
     if known.is_some() && known == note.lines().next() {
         "its operator may have replaced the key. Ask: a change of the key is told in /v1/receipts. If it is so, \

@@ -52,7 +52,8 @@ pub fn is_asked_for(request: &Request) -> bool {
 /// Shows a problem as a page; returns `None` if it cannot be rendered.
 #[must_use]
 pub fn page_of(problem: &Problem) -> Option<Response> {
-    let is_query = problem.kind.ends_with(":invalid-query");
+    // Where a setting is missing, leaving all of them out does not help.
+    let is_query = problem.kind.ends_with(":invalid-query") && !problem.detail.contains("missing field");
     let title = if is_query { "This address has settings that cannot be used" } else { &problem.title };
     // A detail about settings begins with the name of one.
     let detail = if is_query { problem.detail.clone() } else { sentence(&problem.detail) };

@@ -21,7 +21,7 @@ use crate::app::limits::{LIMITS, Limits};
 use crate::app::load::Connections;
 use crate::app::operator::Operator;
 use crate::app::rewards::grader::Grader;
-use crate::app::signing::{Signing, signing};
+use crate::app::signing::{Signing, refuse_to_begin_anew, signing};
 use crate::app::webhooks::WebhookSettings;
 use crate::app::webhooks::delivering::deliver;
 use crate::app::{App, AppParts};
@@ -37,7 +37,7 @@ use crate::store::schema::{self, SchemaState};
 use crate::store::serving::Serving;
 use crate::store::suites::SuiteStored;
 use crate::worker::{WorkerSettings, Workers};
-use notices::{notices_of_secrets, refuse_to_begin_anew, serving_notice};
+use notices::{notices_of_secrets, serving_notice};
 use plumbline_engine::hidden::tlog::cosignature::Witness;
 use plumbline_engine::tasks::embedded;
 
@@ -265,7 +265,7 @@ async fn open_store(config: &Config) -> anyhow::Result<(Store, Option<String>)> 
     {
         tracing::info!(found, needed = known, "bringing the schema of the database up to date");
     }
-    refuse_to_begin_anew(config)?;
+    refuse_to_begin_anew(&config.database, config.secrets.as_deref())?;
     let store = Store::open(&config.database, config.secrets.clone())
         .await
         .with_context(|| format!("cannot open the database {}", config.database))?;

@@ -2,29 +2,11 @@
 
 use std::path::Path;
 
-use super::Config;
 use crate::clock::now_ms;
 use crate::store::Store;
 use crate::store::epochs::EpochRow;
 use crate::store::location::Location;
-use crate::store::secrets::Secrets;
 use crate::store::serving::Serving;
-
-/// Refuses to make a new database where the keys of one are: its log would have the name and the key of the one before,
-/// and be another history.
-pub(super) fn refuse_to_begin_anew(config: &Config) -> anyhow::Result<()> {
-    let Some(file) = config.database.file().filter(|file| !file.exists()) else { return Ok(()) };
-    let folder = config.secrets.clone().unwrap_or_else(|| config.database.default_secrets());
-    if !Secrets::in_folder(folder.clone()).has_signer()? {
-        return Ok(());
-    }
-    anyhow::bail!(
-        "there is no database {}, but {} holds the keys of one. If it was moved or lost, put it back (plumbline restore). To \
-         begin a new one, move that folder away first: a new log under the old key would be a second history",
-        file.display(),
-        folder.display()
-    )
-}
 
 /// Returns what the operator must know of the secrets: who else may read them, and which epochs cannot be revealed.
 pub(super) async fn notices_of_secrets(store: &Store) -> anyhow::Result<Vec<String>> {

@@ -300,7 +300,7 @@ impl Store {
         let (secrets, epoch) = (self.secrets.clone(), epoch.clone());
         let id = epoch.id().to_owned();
         let read = tokio::task::spawn_blocking(move || secrets.epoch(&epoch.commitment, epoch.pool.as_ref()));
-        let read = read.await.map_err(|error| StoreError::corrupt("secrets", error))??;
+        let read = read.await.map_err(|error| StoreError::failed("reading a secret", error))??;
         let Some(secret) = read.map(Arc::new) else { return Ok(None) };
         held().insert(id, Arc::clone(&secret));
         Ok(Some(secret))

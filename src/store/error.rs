@@ -118,6 +118,14 @@ pub enum StoreError {
     /// An object that a row refers to is gone or damaged.
     #[error("a blob is lost: {0}")]
     BlobLost(String),
+    /// The program failed at something that has nothing to do with what is stored.
+    #[error("{what}: {detail}")]
+    Failed {
+        /// What was done.
+        what: &'static str,
+        /// Description of the fault.
+        detail: String,
+    },
     /// A stored row cannot be read, or holds invalid data.
     #[error("row of {table}: {detail}")]
     Corrupt {
@@ -144,6 +152,21 @@ impl StoreError {
     pub fn is_full(&self) -> bool {
         let Self::Database(sqlx::Error::Database(error)) = self else { return false };
         error.code().is_some_and(|code| is_full_code(&code))
+    }
+
+    /// Returns whether stored data is damaged, so that the same operation fails again.
+    #[must_use]
+    pub fn is_damage(&self) -> bool {
+        match self {
+            Self::Corrupt { .. } | Self::BlobLost(_) => true,
+            Self::Database(sqlx::Error::Database(error)) => error.code().is_some_and(|code| is_damage_code(&code)),
+            _ => false,
+        }
+    }
+
+    /// Creates the error for a failure of the program.
+    pub fn failed(what: &'static str, detail: impl std::fmt::Display) -> Self {
+        Self::Failed { what, detail: detail.to_string() }
     }
 
     /// Creates the error for a stored row that cannot be read.
@@ -176,6 +199,17 @@ fn is_busy_code(code: &str) -> bool {
         return POSTGRES.contains(&code) || code.starts_with("08");
     }
     code.parse::<i32>().is_ok_and(|code| matches!(code & 0xff, SQLITE_BUSY | SQLITE_LOCKED))
+}
+
+/// Returns whether a code of the database says that its files are damaged.
+fn is_damage_code(code: &str) -> bool {
+    const SQLITE_CORRUPT: i32 = 11;
+    const SQLITE_NOTADB: i32 = 26;
+    const POSTGRES: [&str; 2] = ["XX001", "XX002"];
+    if code.len() == 5 {
+        return POSTGRES.contains(&code);
+    }
+    code.parse::<i32>().is_ok_and(|code| matches!(code & 0xff, SQLITE_CORRUPT | SQLITE_NOTADB))
 }
 
 /// Returns whether a code of the database says that its disk is full.

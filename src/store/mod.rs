@@ -288,7 +288,7 @@ async fn pools(location: &Location, may_change: bool) -> StoreResult<(Pool, Pool
 
 /// Compresses a body for storage.
 fn compress(bytes: &[u8]) -> StoreResult<Vec<u8>> {
-    zstd::bulk::compress(bytes, 3).map_err(|error| StoreError::corrupt("compression", error))
+    zstd::bulk::compress(bytes, 3).map_err(|error| StoreError::failed("compression", error))
 }
 
 /// Decompresses a stored body.

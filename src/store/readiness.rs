@@ -1,24 +1,22 @@
 //! Readiness probe for `/readyz`: whether the database can be written and read.
 
-use std::path::Path;
-
 use super::db::{Each, Row, query, query_scalar};
 use super::location::Location;
 use super::{Store, StoreResult, commit};
 
-/// Bytes that must be free on the disk of a database file: what a large submission takes, with its report.
-const ROOM: u64 = 2 << 20;
-
 impl Store {
-    /// Returns whether the disk of the database file has room for submissions. What a server has is not known here.
-    ///
-    /// # Errors
-    /// Returns an error if the disk cannot be asked.
-    pub fn has_room(&self) -> std::io::Result<bool> {
-        let Location::File(file) = &*self.location else { return Ok(true) };
-        let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let disk = rustix::fs::statvfs(folder)?;
-        Ok(disk.f_bavail.saturating_mul(disk.f_frsize) >= ROOM)
+    /// Returns the bytes that are free on the disk of the database file; none if they are not known, as those of a server.
+    pub async fn free_bytes(&self) -> Option<u64> {
+        let Location::File(file) = &*self.location else { return None };
+        let file = file.clone();
+        let asked = tokio::task::spawn_blocking(move || {
+            // The file may be a link to another disk.
+            let file = std::fs::canonicalize(file).ok()?;
+            let disk = rustix::fs::statvfs(file.parent()?).ok()?;
+            // Some file systems, such as those in memory without a bound, tell nothing.
+            (disk.f_blocks > 0).then(|| disk.f_bavail.saturating_mul(disk.f_frsize))
+        });
+        asked.await.ok().flatten()
     }
 
     /// Writes a row durably, and reads a row of each table.

@@ -137,7 +137,7 @@ impl Secrets {
     /// Returns an error if the file cannot be written.
     pub fn put_epoch(&self, id: &str, secret: &EpochSecret) -> StoreResult<bool> {
         let file = SecretFile { key: secret.key.expose(), pool: secret.pool.clone() };
-        let content = serde_json::to_vec(&file).map_err(|error| StoreError::corrupt("secrets", error))?;
+        let content = serde_json::to_vec(&file).map_err(|error| StoreError::failed("making a secret", error))?;
         self.put(&format!("epoch-{id}.json"), &content)
     }
 
@@ -194,8 +194,8 @@ impl Secrets {
     /// Returns an error if the pool cannot be drawn, or the file cannot be written.
     pub fn put_pool(&self, commitment: &Commitment, key: &EpochKey) -> StoreResult<PoolFile> {
         let pool = PoolFile::draw(commitment.generator_version, key, commitment.per_instance, &|| ())
-            .map_err(|error| StoreError::corrupt("secrets", error))?;
-        let content = serde_json::to_vec(&pool).map_err(|error| StoreError::corrupt("secrets", error))?;
+            .map_err(|error| StoreError::failed("making a secret", error))?;
+        let content = serde_json::to_vec(&pool).map_err(|error| StoreError::failed("making a secret", error))?;
         self.put(&pool_file(&commitment.epoch), &content)?;
         Ok(pool)
     }
@@ -261,6 +261,12 @@ impl Secrets {
             }
         }
         Ok(())
+    }
+
+    /// Returns whether there is any secret.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.names().is_ok_and(|names| names.is_empty()) || !self.folder.exists()
     }
 
     /// Returns whether there is a key that signs receipts.

@@ -192,7 +192,7 @@ impl Store {
         let Some(log) = log else { return Ok(None) };
         let log = self.blobs.fetch(&self.readers, log).await?;
         let unpacked = tokio::task::spawn_blocking(move || decompress("submissions", &log));
-        unpacked.await.map_err(|error| StoreError::corrupt("submissions", error))?.map(Some)
+        unpacked.await.map_err(|error| StoreError::failed("unpacking a log", error))?.map(Some)
     }
 
     /// Returns the number of submissions that have not ended, and the age of the oldest in milliseconds. Answers to

@@ -16,7 +16,7 @@ use crate::support::line::{Line, Passes};
 use crate::support::{PROGRAM, Service};
 
 /// A submission of blocks here and there, which packs badly: with 12,000 it becomes an object, with 100 it does not.
-fn scattered(blocks: u32, seed: u32) -> Value {
+pub(super) fn scattered(blocks: u32, seed: u32) -> Value {
     let mut state = seed.wrapping_mul(2_654_435_761).wrapping_add(1);
     let mut next = |below: u32| {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -26,23 +26,23 @@ fn scattered(blocks: u32, seed: u32) -> Value {
     json!({ "task": 1, "turns": [{ "palette": ["stone"], "rows": rows }] })
 }
 
-const LARGE: u32 = 12_000;
-const SMALL: u32 = 100;
+pub(super) const LARGE: u32 = 12_000;
+pub(super) const SMALL: u32 = 100;
 
-struct Scene {
+pub(super) struct Scene {
     folder: tempfile::TempDir,
 }
 
 impl Scene {
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         Self { folder: tempfile::tempdir().unwrap() }
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub(super) fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    fn blobs(&self, name: &str) -> String {
+    pub(super) fn blobs(&self, name: &str) -> String {
         format!("file://{}", self.path(name).display())
     }
 
@@ -52,7 +52,7 @@ impl Scene {
         command
     }
 
-    fn start(&self, database: &str, arguments: &[&str]) -> Service {
+    pub(super) fn start(&self, database: &str, arguments: &[&str]) -> Service {
         Service::launch(self.command(database, arguments))
     }
 
@@ -66,7 +66,7 @@ impl Scene {
     }
 
     /// The column of a log, as text if it refers to an object.
-    async fn reference(&self, database: &str, id: &str) -> Option<String> {
+    pub(super) async fn reference(&self, database: &str, id: &str) -> Option<String> {
         let log: Vec<u8> = query_scalar("SELECT log FROM submissions WHERE id = $1")
             .bind(id)
             .fetch_one(&pool(&self.path(database)).await)
@@ -78,7 +78,7 @@ impl Scene {
 }
 
 /// Files in a folder and the folders in it, by their paths from there.
-fn files(folder: &Path) -> Vec<String> {
+pub(super) fn files(folder: &Path) -> Vec<String> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
@@ -93,13 +93,13 @@ fn files(folder: &Path) -> Vec<String> {
     found
 }
 
-async fn post(service: &Service, body: &Value) -> String {
+pub(super) async fn post(service: &Service, body: &Value) -> String {
     let answer = service.post_json("/v1/submissions", body).await;
     assert_eq!(answer.status, 202, "{}", answer.text);
     answer.json()["id"].as_str().unwrap().to_owned()
 }
 
-async fn graded(service: &Service, id: &str) -> Value {
+pub(super) async fn graded(service: &Service, id: &str) -> Value {
     service.wait_for(&format!("/v1/submissions/{id}"), |submission| submission["state"] == "graded").await
 }
 
@@ -178,51 +178,6 @@ async fn nobody_takes_another_place_for_theirs() {
     scene.start("p.db", &["--blobs", &scene.blobs("moved")]).kill();
     let service = scene.start("p.db", &[]);
     assert_eq!(service.get(&format!("/v1/submissions/{large}/log")).await.text, log);
-}
-
-#[tokio::test]
-async fn a_folder_that_is_not_mounted_loses_nothing() {
-    let scene = Scene::new();
-    let service = scene.start("p.db", &["--blobs", &scene.blobs("share")]);
-    let first = post(&service, &scattered(LARGE, 1)).await;
-    graded(&service, &first).await;
-    assert!(service.get("/readyz").await.json().get("lacks").is_none());
-
-    // A share that goes away leaves its mount point, an empty folder.
-    std::fs::rename(scene.path("share"), scene.path("away")).unwrap();
-    std::fs::create_dir(scene.path("share")).unwrap();
-    let is_refused = async |service: &Service| {
-        let answer = service.post_json("/v1/submissions", &scattered(LARGE, 2)).await;
-        assert_eq!(answer.status, 503, "{}", answer.text);
-        assert!(answer.json()["retryable"] == true && answer.text.contains("does not answer"), "{}", answer.text);
-        let read = service.get(&format!("/v1/submissions/{first}/log")).await;
-        assert_eq!((read.status.as_u16(), read.json()["retryable"].clone()), (503, true.into()), "{}", read.text);
-        assert_eq!(service.get("/readyz").await.json()["lacks"][0], "folder of large logs and reports");
-    };
-    is_refused(&service).await;
-    let small = post(&service, &scattered(SMALL, 3)).await;
-    graded(&service, &small).await;
-    service.kill();
-    let service = scene.start("p.db", &[]);
-    is_refused(&service).await;
-    assert_eq!(files(&scene.path("share")), Vec::<String>::new(), "nothing is written below the mount point");
-
-    // Nor is another place taken for it.
-    std::fs::write(scene.path("share").join("plumbline.id"), "another").unwrap();
-    is_refused(&service).await;
-    std::fs::remove_dir_all(scene.path("share")).unwrap();
-    std::fs::rename(scene.path("away"), scene.path("share")).unwrap();
-    let second = post(&service, &scattered(LARGE, 2)).await;
-    for id in [&first, &second] {
-        graded(&service, id).await;
-        assert_eq!(service.get(&format!("/v1/submissions/{id}/log")).await.status.as_u16(), 200);
-    }
-
-    // What is gone for good is not said to pass.
-    let lost = scene.reference("p.db", &second).await.unwrap();
-    std::fs::remove_file(scene.path("share").join(lost)).unwrap();
-    let read = service.get(&format!("/v1/submissions/{second}/log")).await;
-    assert_eq!((read.status.as_u16(), read.json()["retryable"].clone()), (500, false.into()), "{}", read.text);
 }
 
 #[tokio::test]

@@ -2,6 +2,7 @@
 
 mod across_nodes;
 mod blobs;
+mod blobs_unmounted;
 mod copies;
 mod crash;
 mod crash_faults;

@@ -112,8 +112,14 @@ async fn damage_to_the_stored_log_shows_and_is_not_said_to_pass() {
             assert_eq!(problem["type"], "urn:plumbline:problem:damaged");
             assert!(answer.headers.get("retry-after").is_none());
         }
-        // Everything else goes on.
+        // Everything else goes on, and entries that come later do not hide what is missing.
         service.finished_run("second", 0).await;
+        service.finished_run("third", 0).await;
+        drop(service);
+        let service = Service::start(&database, &["--witness", own]);
+        let told = service.wait_for("/readyz", |ready| ready.get("lacks").is_some()).await;
+        assert_eq!(told["lacks"][0], "intact log of receipts", "{name}");
+        assert!(service.get("/metrics").await.text.contains("plumbline_corrupt_rows_total 1"), "{name}");
     }
 }
 

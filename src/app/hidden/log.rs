@@ -9,6 +9,7 @@ use crate::app::error::{AppError, AppResult, Kind};
 use crate::store::StoreError;
 use plumbline_engine::hidden::canonical::Hash;
 use plumbline_engine::hidden::receipts::{InclusionProof, Signer};
+use plumbline_engine::hidden::tlog::frontier::Frontier;
 use plumbline_engine::hidden::tlog::note::{Checkpoint, origin, verifier_key};
 use plumbline_engine::hidden::tlog::tiles::TileName;
 use plumbline_engine::hidden::tlog::tree::{Tree, leaf};
@@ -76,19 +77,52 @@ impl Grown {
     }
 }
 
-/// Looks for damage to the stored log, and tells the operator of it. `/readyz` shows it from then on.
+/// Looks for damage to the stored log, and tells the operator of it. `/readyz` shows it from then on. What the receipts
+/// say is not looked at: whoever verifies them does that.
 ///
 /// # Errors
 /// Returns an error if the database fails.
 pub async fn look_for_damage(app: &App) -> AppResult<()> {
-    if let Some(lack) = app.store.lack_of_log().await? {
+    if let Some(lack) = damage(app).await? {
         app.log.is_damaged.store(true, Ordering::Relaxed);
+        metrics::counter!("plumbline_corrupt_rows_total").increment(1);
         tracing::error!(
             "the log of receipts is damaged: {lack}. What is missing cannot be proven any more, and every witness will say so. \
              Keep this database as it is, and see docs/operations.md, section Backup and copies"
         );
     }
     Ok(())
+}
+
+/// Says what the log lacks: entries in between, or what a witness has cosigned.
+async fn damage(app: &App) -> AppResult<Option<String>> {
+    // Read first: a cosignature of entries that come meanwhile is not compared.
+    let mut cosigned = app.store.cosignatures().await?;
+    cosigned.sort_by_key(|row| row.size);
+    let (entries, last) = app.store.log_extent().await?;
+    if entries != last {
+        return Ok(Some(format!("it has {entries} entries, and the last one is number {last}")));
+    }
+    let mut read = Frontier::default();
+    for row in cosigned {
+        let Some(root) = Checkpoint::parts(&row.checkpoint).and_then(|(text, _)| Checkpoint::read(&text)) else {
+            continue;
+        };
+        while read.size() < root.size {
+            let from = read.size().cast_signed();
+            let hashes = app.store.receipt_hashes(from, AT_ONCE.min(row.size - from)).await?;
+            if hashes.is_empty() {
+                return Ok(Some(format!("it has {entries} entries, and {} has cosigned {}", row.witness, row.size)));
+            }
+            for hash in hashes {
+                read.push(leaf(&hash));
+            }
+        }
+        if read.size() == root.size && read.root() != root.root {
+            return Ok(Some(format!("its first {} entries are not those that {} has cosigned", row.size, row.witness)));
+        }
+    }
+    Ok(None)
 }
 
 /// Returns a checkpoint of the log as it is now, as a signed note.

@@ -80,6 +80,8 @@ struct BoardPage {
     rows: String,
     /// Link that shows the rows as they are now, whatever is added later, without the origin.
     lasting: String,
+    /// Whether the page shows the rows of a time that is over.
+    is_past: bool,
     /// Time of the page.
     now: String,
     preview: Preview,
@@ -179,6 +181,7 @@ pub async fn board(
         charts: links.charts(),
         rows: links.rows(),
         lasting: links.lasting(&now),
+        is_past: links.is_past(),
         now,
         previous,
         next: body.next_after.as_ref().map(|after| links.page(Some(after))),

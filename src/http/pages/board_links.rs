@@ -1,6 +1,7 @@
 //! Links of a board page to itself and to the same rows elsewhere.
 
-use crate::app::boards::leaderboard::{CoverageFilter, Direction, RunsListed, SortBy};
+use crate::app::boards::leaderboard::{CoverageFilter, Direction, RunsListed, SortBy, moment};
+use crate::clock::now_ms;
 use crate::http::boards::leaderboard::BoardQuery;
 use plumbline_engine::tasks::Track;
 
@@ -79,21 +80,32 @@ impl<'q> Links<'q> {
 
     /// Returns the query of these rows in the API, as the beginning of a longer one.
     pub fn rows(&self) -> String {
+        form_urlencoded::Serializer::new(self.order_of_rows()).extend_pairs(&self.filters).finish()
+    }
+
+    fn order_of_rows(&self) -> String {
         let mut query = form_urlencoded::Serializer::new(String::new());
         if (self.sort(), self.order) != ("overall", Direction::Desc) {
             query.append_pair("sort", self.sort());
             query.extend_pairs((self.order == Direction::Asc).then_some(("order", "asc")));
         }
-        query.extend_pairs(&self.filters).finish()
+        query.finish()
+    }
+
+    /// Returns whether the page shows the rows of a time that is over, which nothing can change any more.
+    pub fn is_past(&self) -> bool {
+        let as_of = self.filters.iter().find(|(name, _)| *name == "as_of");
+        as_of.is_some_and(|(_, text)| matches!(moment(Some(text)), Ok(Some(at)) if at < now_ms()))
     }
 
     /// Returns a link that shows these rows as they are at a time.
     pub fn lasting(&self, now: &str) -> String {
-        let mut query = form_urlencoded::Serializer::new(self.rows());
-        if !self.filters.iter().any(|(name, _)| *name == "as_of") {
-            query.append_pair("as_of", now);
+        if self.is_past() {
+            return format!("/boards/{}?{}", self.suite, self.rows());
         }
-        format!("/boards/{}?{}", self.suite, query.finish())
+        let mut query = form_urlencoded::Serializer::new(self.order_of_rows());
+        query.extend_pairs(self.filters.iter().filter(|(name, _)| *name != "as_of"));
+        format!("/boards/{}?{}", self.suite, query.append_pair("as_of", now).finish())
     }
 
     /// Returns a link to the same filters with prompts of a track.
@@ -145,6 +157,8 @@ mod tests {
             links.lasting("now"),
             format!("/boards/lite?sort=shape&order=asc&{}", filters.replace("&limit=7", ""))
         );
+        let today = query("as_of=2999-01-01&agent=a");
+        assert_eq!(Links::of("lite", &today).lasting("now"), "/boards/lite?agent=a&as_of=now", "it is not over");
         assert_eq!(links.page(Some("y")), format!("/boards/lite?sort=shape&order=asc&{filters}&after=y"));
         assert!(links.is_filtered());
     }

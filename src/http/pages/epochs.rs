@@ -7,6 +7,7 @@ use super::html::{self, PageResult};
 use crate::app::error::AppResult;
 use crate::app::hidden::boards::{TierBoard, board_of};
 use crate::app::hidden::epochs;
+use crate::app::hidden::receipts::verifying_keys;
 use crate::clock::{milliseconds, now_ms};
 use crate::http::extract::origin::Origin;
 use crate::http::hidden::epochs::EpochBody;
@@ -94,7 +95,8 @@ fn span(ms: i64) -> String {
 struct EpochsPage {
     epochs: Vec<Shown>,
     origin: Origin,
-    key: String,
+    /// Public keys of receipts, from the first to the one in use.
+    keys: Vec<String>,
 }
 
 /// Serves the list of epochs with instructions for entering one and verifying its reveal.
@@ -106,7 +108,7 @@ pub async fn epochs(State(state): State<AppState>, origin: Origin) -> PageResult
     html::page(&EpochsPage {
         epochs: epochs.into_iter().map(|epoch| Shown::of(epoch.into(), now_ms())).collect(),
         origin,
-        key: state.receipt_key.clone(),
+        keys: verifying_keys(&state).await?.all,
     })
 }
 

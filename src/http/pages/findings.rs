@@ -24,10 +24,16 @@ pub fn found(check: &CheckReport) -> String {
     sentence(&told.unwrap_or_else(|| in_good_number(&summary.replace("y=", "y = "))))
 }
 
-/// Writes what a check measured or required in words and numbers, such as "blocks at least 4, parts 1".
+/// Writes what a check required in words and numbers, such as "blocks: at least 4; y: 0".
 #[must_use]
-pub fn values(value: &Value) -> String {
-    told(value).unwrap_or_else(|| "nothing in particular".to_owned())
+pub fn asked(required: &Value) -> String {
+    told(required).unwrap_or_else(|| "nothing in particular".to_owned())
+}
+
+/// Writes what a check measured in words and numbers, such as "blocks: 4; parts: 1".
+#[must_use]
+pub fn built(measured: &Value) -> String {
+    told(measured).unwrap_or_else(|| "nothing that can be measured".to_owned())
 }
 
 /// Writes a value; `None` if it says nothing, such as a bound that is not set.
@@ -35,26 +41,56 @@ fn told(value: &Value) -> Option<String> {
     match value {
         Value::Null => None,
         Value::Bool(holds) => Some(if *holds { "yes" } else { "no" }.to_owned()),
-        // Long fractions are for programs, which read the report.
-        Value::Number(number) => number.as_f64().map(plain),
-        Value::String(text) => Some(text.replace('_', " ").trim().to_owned()),
+        Value::Number(number) => number.as_f64().map(number_of),
+        Value::String(text) => Some(text.replace('_', " ").trim().trim_start_matches('#').to_owned()),
         Value::Array(list) if list.is_empty() => Some("none".to_owned()),
         Value::Array(list) => Some(list.iter().filter_map(told).collect::<Vec<_>>().join(", ")),
-        Value::Object(members) if members.keys().all(|name| matches!(name.as_str(), ">=" | "<=")) => {
+        Value::Object(members) if !members.is_empty() && members.keys().all(|name| sign(name).is_some()) => {
             let bound = |name: &str| value.get(name).and_then(Value::as_f64);
-            // No count is below 0, so a bound of 0 says nothing.
-            range(bound(">=").filter(|min| *min > 0.0), bound("<="))
+            let is_range = members.keys().all(|name| matches!(name.as_str(), ">=" | "<="))
+                && members.values().all(|bound| bound.is_null() || bound.is_number());
+            if is_range {
+                // No count is below 0, so a bound of 0 says nothing.
+                return range(bound(">=").filter(|min| *min != 0.0), bound("<="));
+            }
+            let side = |(name, value): (&String, &Value)| Some(format!("{}{}", sign(name)?, told(value)?));
+            let all: Vec<String> = members.iter().filter_map(side).collect();
+            (!all.is_empty()).then(|| all.join(" and "))
         }
         Value::Object(members) => {
             let member = |(name, value): (&String, &Value)| {
-                let name = name.replace('_', " ").replace(">=", "at least").replace("<=", "at most");
+                let (name, sign) = match name.rsplit_once(' ') {
+                    Some((name, end)) => sign(end).map_or((name, ""), |sign| (name, sign)),
+                    None => (name.as_str(), ""),
+                };
                 let is_many = value.as_array().is_some_and(|list| list.len() > 1);
-                Some(if is_many { format!("{name}: ({})", told(value)?) } else { format!("{name}: {}", told(value)?) })
+                let told = told(value)?;
+                let told = if is_many { format!("({told})") } else { told };
+                Some(format!("{}: {sign}{told}", name.replace('_', " ")))
             };
             let all: Vec<String> = members.iter().filter_map(member).collect();
             (!all.is_empty()).then(|| all.join("; "))
         }
     }
+}
+
+/// Returns the words for a sign of comparison, with a space where one is needed.
+fn sign(text: &str) -> Option<&'static str> {
+    Some(match text {
+        ">=" => "at least ",
+        "<=" => "at most ",
+        ">" => "more than ",
+        "<" => "less than ",
+        "==" => "",
+        _ => return None,
+    })
+}
+
+/// Writes a number: with two digits after the point, or with as many as tell it from 0 and from 1.
+fn number_of(number: f64) -> String {
+    let short = plain(number);
+    let is_told = short.parse::<f64>().is_ok_and(|short| (short - number).abs() < 1e-4);
+    if is_told || number.abs() >= 10.0 { short } else { format!("{number:.4}") }
 }
 
 /// Puts a count of one in the singular: summaries of reports count without looking.
@@ -94,20 +130,23 @@ mod tests {
             (json!({ "<=": 10, ">=": 10 }), "10"),
             (json!({ "<=": 218, ">=": 0 }), "at most 218"),
             (json!({ "<=": null, ">=": 49 }), "at least 49"),
-            (
-                json!({ "blocks": { "<=": 4, ">=": 4 }, "parts": { "<=": null, ">=": 0 }, "size": { ">=": null }, "y": 0 }),
-                "blocks: 4; y: 0",
-            ),
+            (json!({ "<=": null, ">=": -5 }), "at least -5"),
+            (json!({ "<=": { "xz": [20, 20], "y": null } }), "at most xz: (20, 20)"),
+            (json!({ "==": { "xz": [7, 7], "y": 1 } }), "xz: (7, 7); y: 1"),
+            (json!({ ">": 3 }), "more than 3"),
+            (json!({ "blocks": { "<=": 4, ">=": 4 }, "parts": { "<=": null, ">=": 0 }, "y": 0 }), "blocks: 4; y: 0"),
             (json!({ "blocks": 20, "parts": 1, "widest": [2, 10] }), "blocks: 20; parts: 1; widest: (2, 10)"),
-            (json!({ "of": "oak_planks", "share >=": 0.5 }), "of: oak planks; share at least: 0.5"),
+            (json!({ "of": "#red_concrete", "share >=": 0.5 }), "of: red concrete; share: at least 0.5"),
             (json!({ "symmetric": false }), "symmetric: no"),
             (json!([]), "none"),
-            (json!(0.123_456), "0.12"),
+            (json!(0.499_6), "0.4996"),
+            (json!(12.345_6), "12.35"),
             (json!(null), "nothing in particular"),
             (json!({}), "nothing in particular"),
         ] {
-            assert_eq!(values(&value), wanted, "{value}");
+            assert_eq!(asked(&value), wanted, "{value}");
         }
+        assert_eq!(built(&json!(null)), "nothing that can be measured");
     }
 
     #[test]

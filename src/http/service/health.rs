@@ -5,7 +5,7 @@ use axum::extract::State;
 use serde::Serialize;
 
 use crate::app::error::AppResult;
-use crate::app::readiness::{check, lacking};
+use crate::app::readiness::check;
 use crate::http::state::AppState;
 
 /// Status of the service.
@@ -45,6 +45,5 @@ pub async fn get_health() -> Json<Health> {
     )
 )]
 pub async fn get_readiness(State(state): State<AppState>) -> AppResult<Json<Health>> {
-    check(&state).await?;
-    Ok(Json(Health { lacks: lacking(&state).await?, ..OK }))
+    Ok(Json(Health { lacks: check(&state).await?, ..OK }))
 }

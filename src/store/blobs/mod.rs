@@ -9,9 +9,11 @@ mod place;
 mod reference;
 mod sweep;
 
-use std::sync::{Arc, PoisonError, RwLock};
+use std::sync::{Arc, OnceLock, PoisonError, RwLock};
+use std::time::Duration;
 
 use object_store::{ObjectStore, ObjectStoreExt as _, PutPayload, path::Path};
+use tokio::sync::Mutex;
 
 use super::db::{Pool, query, query_as, query_scalar};
 use super::locks::Lock;
@@ -29,6 +31,10 @@ pub const OBJECT_BYTES: usize = 32 << 10;
 
 /// Object that holds the identifier of a place.
 const IDENTIFIER: &str = "plumbline.id";
+/// What the database notes once the place has its identifier: from then on, a place without it is another.
+const NAMED: &str = "blobs named";
+/// Time to look whether a folder is there.
+const LOOK: Duration = Duration::from_secs(2);
 /// Reads the place that the database notes, and its identifier.
 const NOTED: &str =
     "SELECT place.value, id.value FROM agreed place JOIN agreed id ON id.name = 'blobs id' WHERE place.name = 'blobs'";
@@ -41,14 +47,31 @@ pub(super) struct Blobs(Arc<RwLock<Option<Opened>>>);
 #[derive(Debug, Clone)]
 struct Opened {
     place: Arc<BlobPlace>,
-    objects: Arc<dyn ObjectStore>,
+    /// Its objects, once the place could be opened.
+    objects: Arc<OnceLock<Arc<dyn ObjectStore>>>,
     /// Identifier that the place has, once it is agreed on.
     id: Option<Arc<str>>,
+    /// Held while somebody looks whether the place is there: a share that hangs is asked by one at a time.
+    looking: Arc<Mutex<()>>,
 }
 
 impl Opened {
-    fn open(place: BlobPlace, id: Option<&str>) -> StoreResult<Self> {
-        Ok(Self { objects: place.open()?, place: Arc::new(place), id: id.map(Into::into) })
+    fn at(place: BlobPlace, id: Option<&str>) -> Self {
+        let (objects, looking) = (Arc::default(), Arc::default());
+        Self { place: Arc::new(place), objects, id: id.map(Into::into), looking }
+    }
+
+    /// Returns the objects of the place. A folder that was not there is looked for again.
+    fn objects(&self) -> StoreResult<&Arc<dyn ObjectStore>> {
+        match self.objects.get() {
+            Some(objects) => Ok(objects),
+            None => self.open(false),
+        }
+    }
+
+    fn open(&self, creates: bool) -> StoreResult<&Arc<dyn ObjectStore>> {
+        let objects = self.place.open(creates)?;
+        Ok(self.objects.get_or_init(|| objects))
     }
 
     /// Describes a request that failed. What is not there, or is not what it should be, stays so.
@@ -70,7 +93,8 @@ impl Opened {
     /// a folder too: what is written there is lost to everybody who has the share, and what is read seems lost.
     async fn is_agreed(&self) -> StoreResult<()> {
         let (BlobPlace::Folder(_), Some(id)) = (&*self.place, &self.id) else { return Ok(()) };
-        let read = async || self.objects.get(&Path::from(IDENTIFIER)).await?.bytes().await;
+        let objects = self.objects()?;
+        let read = async || objects.get(&Path::from(IDENTIFIER)).await?.bytes().await;
         match read().await {
             Ok(found) if String::from_utf8_lossy(&found).trim() == &**id => Ok(()),
             Ok(_) => Err(self.unreached(&format!("{IDENTIFIER} there is of another place"))),
@@ -83,8 +107,9 @@ impl Opened {
 
     async fn get(&self, path: &Path) -> StoreResult<Vec<u8>> {
         let failed = |error| self.failed(path, &error);
+        let objects = self.objects()?;
         let read = async || -> StoreResult<Vec<u8>> {
-            let found = self.objects.get(path).await.map_err(failed)?;
+            let found = objects.get(path).await.map_err(failed)?;
             Ok(found.bytes().await.map_err(failed)?.to_vec())
         };
         match read().await {
@@ -99,7 +124,7 @@ impl Opened {
     /// Writes an object durably.
     async fn put(&self, path: &Path, bytes: Vec<u8>) -> StoreResult<()> {
         self.is_agreed().await?;
-        self.objects.put(path, PutPayload::from(bytes)).await.map_err(|error| self.unreached(&error))?;
+        self.objects()?.put(path, PutPayload::from(bytes)).await.map_err(|error| self.unreached(&error))?;
         // The folder may have gone away meanwhile.
         self.is_agreed().await
     }
@@ -121,7 +146,7 @@ impl Blobs {
         }
         let noted: Option<(String, String)> = query_as(NOTED).fetch_optional(readers).await?;
         let Some((noted, id)) = noted else { return Ok(None) };
-        let opened = Opened::open(noted.parse().map_err(StoreError::BlobPlace)?, Some(&id))?;
+        let opened = Opened::at(noted.parse().map_err(StoreError::BlobPlace)?, Some(&id));
         self.set(opened.clone());
         Ok(Some(opened))
     }
@@ -178,8 +203,11 @@ impl Store {
             (_, Some(wanted)) => wanted.clone(),
             (Some((noted, _)), None) => noted.parse().map_err(StoreError::BlobPlace)?,
         };
-        let mut opened = Opened::open(place, None)?;
+        let mut opened = Opened::at(place, None);
         let own = noted.as_ref().filter(|(noted, _)| *noted == opened.place.to_string());
+        if own.is_none() {
+            opened.open(true)?;
+        }
         let later = |mut opened: Opened, error: &StoreError, id: &str| {
             opened.id = Some(id.into());
             self.blobs.set(opened);
@@ -193,15 +221,25 @@ impl Store {
                 None => return Err(StoreError::BlobPlace(error.to_string())),
             },
         };
-        if let (None, Some((_, id))) = (&found, own)
-            && self.has_objects().await?
-        {
+        let is_named = self.noted_as(NAMED).await?.is_some() || self.has_objects().await?;
+        if let (None, Some((_, id)), true) = (&found, own, is_named) {
+            // A bucket is not asked for its identifier at each request, so none is begun without it.
+            if let BlobPlace::Bucket { .. } = &*opened.place {
+                let place = &opened.place;
+                let why = format!(
+                    "{place} lacks {IDENTIFIER}: is AWS_ENDPOINT the server that has the blobs of this database?"
+                );
+                return Err(StoreError::BlobPlace(why));
+            }
             let error = opened.unreached(&format!("{IDENTIFIER} is not there: is the folder mounted?"));
             return later(opened, &error, id);
         }
         let id = self.agree_on_place(&opened.place, noted, found.as_deref()).await?;
         if found.is_none() {
             opened.put(&Path::from(IDENTIFIER), id.clone().into_bytes()).await?;
+        }
+        if !is_named {
+            self.note(NAMED, "yes").await?;
         }
         opened.id = Some(id.into());
         self.blobs.set(opened);
@@ -264,7 +302,14 @@ impl Store {
     /// Returns the folder of large logs and reports if it is not there now. A bucket is not asked.
     pub async fn missing_folder(&self) -> Option<String> {
         let opened = self.blobs.opened()?;
-        opened.is_agreed().await.is_err().then(|| opened.place.to_string())
+        let place = opened.place.to_string();
+        let Ok(alone) = Arc::clone(&opened.looking).try_lock_owned() else { return Some(place) };
+        let look = tokio::spawn(async move {
+            let _alone = alone;
+            opened.is_agreed().await.is_ok()
+        });
+        let is_there = matches!(tokio::time::timeout(LOOK, look).await, Ok(Ok(true)));
+        (!is_there).then_some(place)
     }
 
     /// Returns whether a row refers to an object.

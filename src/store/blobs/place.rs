@@ -38,12 +38,20 @@ pub enum BlobPlace {
 }
 
 impl BlobPlace {
-    /// Opens the place. A folder that does not exist is created; a bucket is not asked yet.
-    pub(super) fn open(&self) -> StoreResult<Arc<dyn ObjectStore>> {
+    /// Opens the place. A folder that does not exist is created if `creates` says so; a bucket is not asked yet.
+    ///
+    /// # Errors
+    /// Returns an error that may pass if a folder is not there.
+    pub(super) fn open(&self, creates: bool) -> StoreResult<Arc<dyn ObjectStore>> {
         let failed = |error: &dyn fmt::Display| StoreError::BlobPlace(format!("{self}: {error}"));
         match self {
             Self::Folder(folder) => {
-                std::fs::create_dir_all(folder).map_err(|error| failed(&error))?;
+                if creates {
+                    std::fs::create_dir_all(folder).map_err(|error| failed(&error))?;
+                } else if !folder.is_dir() {
+                    let detail = "there is no such folder: is it mounted?".to_owned();
+                    return Err(StoreError::Blobs { place: self.to_string(), detail });
+                }
                 let files = LocalFileSystem::new_with_prefix(folder).map_err(|error| failed(&error))?;
                 Ok(Arc::new(files.with_fsync(true)))
             }

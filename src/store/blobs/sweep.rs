@@ -83,7 +83,7 @@ impl Store {
         }
         let before = rfc3339(now_ms - DAYS * DAY_MS);
         let mut deleted = 0;
-        let mut objects = opened.objects.list(None).try_chunks(AT_ONCE);
+        let mut objects = opened.objects()?.list(None).try_chunks(AT_ONCE);
         loop {
             let chunk = objects.try_next().await.map_err(|error| opened.failed(&"".into(), &error.1))?;
             let Some(chunk) = chunk else { break };
@@ -130,12 +130,12 @@ impl Store {
     }
 
     /// Returns a fact that the nodes of the database go by.
-    async fn noted_as(&self, name: &str) -> StoreResult<Option<String>> {
+    pub(super) async fn noted_as(&self, name: &str) -> StoreResult<Option<String>> {
         query_scalar("SELECT value FROM agreed WHERE name = $1").bind(name).fetch_optional(&self.readers).await
     }
 
     /// Notes something that all nodes of the database go by.
-    async fn note(&self, name: &str, value: &str) -> StoreResult<()> {
+    pub(super) async fn note(&self, name: &str, value: &str) -> StoreResult<()> {
         let mut tx = self.begin().await?;
         query(
             "INSERT INTO agreed (name, value) VALUES ($1, $2)
@@ -165,7 +165,7 @@ impl Store {
         let mut deleted = 0;
         for orphan in old.iter().filter(|reference| !held.contains(&reference.to_column())) {
             let path = orphan.path();
-            match opened.objects.delete(&path).await {
+            match opened.objects()?.delete(&path).await {
                 Ok(()) => deleted += 1,
                 Err(object_store::Error::NotFound { .. }) => {}
                 Err(error) => return Err(opened.failed(&path, &error)),

@@ -36,14 +36,20 @@ impl Checkpoint {
         Some((format!("{text}\n"), signatures.lines().collect()))
     }
 
+    /// Reads the text that is signed, whoever signed it.
+    #[must_use]
+    pub fn read(text: &str) -> Option<Self> {
+        let mut lines = text.lines();
+        let (origin, size, root) = (lines.next()?.to_owned(), lines.next()?, lines.next()?);
+        Some(Self { origin, size: size.parse().ok()?, root: BASE64_STANDARD.decode(root).ok()?.try_into().ok()? })
+    }
+
     /// Reads a note that one of the trusted Ed25519 keys, in hexadecimal, has signed under the name of the log; `None`
     /// if it is no checkpoint or none of them has.
     #[must_use]
     pub fn verified(note: &str, trusted: &[&str]) -> Option<Self> {
         let (text, signatures) = Self::parts(note)?;
-        let mut lines = text.lines();
-        let (origin, size, root) = (lines.next()?.to_owned(), lines.next()?, lines.next()?);
-        let read = Self { origin, size: size.parse().ok()?, root: BASE64_STANDARD.decode(root).ok()?.try_into().ok()? };
+        let read = Self::read(&text)?;
         let signed = |line: &str| {
             let (name, signature) = line.strip_prefix("— ")?.split_once(' ')?;
             let signature = BASE64_STANDARD.decode(signature).ok().filter(|_| name == read.origin)?;

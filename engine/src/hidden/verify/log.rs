@@ -110,7 +110,6 @@ pub(super) fn against_log(epoch: &str, receipts: &[ReceiptFile], kept: &Kept, tr
             _ => {}
         }
     }
-    let last = log.last().map_or(0, |file| file.seq);
     let end = receipts.iter().map(|file| file.seq).max().unwrap_or(0);
     let withheld =
         log.iter().filter(|file| file.receipt.is_none() && file.seq < end && !revealed.contains_key(&file.seq));
@@ -121,9 +120,17 @@ pub(super) fn against_log(epoch: &str, receipts: &[ReceiptFile], kept: &Kept, tr
              fetch the log again when no epoch is open: if bodies are still withheld, something is hidden"
         ));
     }
+    absent(receipts, &log, found);
+}
+
+/// Reports the receipts of the epoch that the pages of the log lack: those of many missing pages in one line.
+fn absent(receipts: &[ReceiptFile], log: &[&ReceiptFile], found: &mut Verified) {
+    let last = log.last().map_or(0, |file| file.seq);
     let places: BTreeSet<i64> = log.iter().map(|file| file.seq).collect();
     let absent = receipts.iter().map(|file| file.seq).filter(|seq| !places.contains(seq));
-    let (later, missing): (Vec<i64>, Vec<i64>) = absent.partition(|seq| *seq > last);
+    let (mut later, mut missing): (Vec<i64>, Vec<i64>) = absent.partition(|seq| *seq > last);
+    later.sort_unstable();
+    missing.sort_unstable();
     for (absent, where_to) in [(later, "after the pages of the log that were given"), (missing, "not in the log")] {
         match absent.as_slice() {
             [] => {}
