@@ -671,8 +671,9 @@ class Health(BaseModel):
     """
     lacks: list[str] | None = None
     """
-    What the node lacks and others do instead: `secrets`, without which it grades no submissions and issues no
-    hidden instances, or `key of epoch NAME`, without which it draws none of that epoch.
+    What the node lacks: `secrets`, without which it grades no submissions and issues no hidden instances (other
+    nodes do), `key of epoch NAME`, without which it draws none of that epoch, `folder of large logs and reports`,
+    without which it refuses these, or `intact log of receipts`, which is damaged then and needs its operator.
     """
 
 
