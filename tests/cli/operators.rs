@@ -194,6 +194,15 @@ async fn a_new_receipt_key_is_told_and_the_log_verifies_under_both() {
     };
     assert!(succeeded(&verify(&[&old, &new])).contains("the key changed"));
     assert!(refused(&verify(&[&new])).contains("not with"));
+    // A forged copy of a page is found whichever file comes first.
+    let mut forged = log.json();
+    forged["receipts"][0]["receipt"]["task"] = json!("another");
+    std::fs::write(path("forged.json"), forged.to_string()).unwrap();
+    for order in [["forged.json", "log.json"], ["log.json", "forged.json"]] {
+        let mut both = Command::new(PROGRAM);
+        both.arg("verify-receipt").args(order.map(path)).args(["--key", &old, "--key", &new]);
+        assert!(refused(&both.output().unwrap()).contains("BROKEN  receipt 1"), "{order:?}");
+    }
     // Started again it says nothing more.
     restored.kill();
     let again = Service::start(&path("r.db"), &[]);
