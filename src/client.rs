@@ -78,12 +78,11 @@ impl Service {
         let response = request.send().await.with_context(|| format!("cannot reach {}", self.base))?;
         let (status, url) = (response.status(), response.url().clone());
         let bytes = response.bytes().await.with_context(|| url.to_string())?;
-        if status == StatusCode::UNAUTHORIZED {
-            let told = String::from_utf8_lossy(&bytes).chars().take(MAX_TOLD).collect::<String>();
-            bail!("{url}: {status}: {told}; a key is given with --key or PLUMBLINE_KEY");
-        }
         if !status.is_success() {
-            bail!("{url}: {status}: {}", String::from_utf8_lossy(&bytes).chars().take(MAX_TOLD).collect::<String>());
+            let told = String::from_utf8_lossy(&bytes).chars().take(MAX_TOLD).collect::<String>();
+            let is_keyless = status == StatusCode::UNAUTHORIZED;
+            let remedy = if is_keyless { "; a key is given with --key or PLUMBLINE_KEY" } else { "" };
+            bail!("{url}: {status}: {told}{remedy}");
         }
         Ok(bytes.into())
     }

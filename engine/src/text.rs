@@ -2,6 +2,13 @@
 
 use std::fmt::Display;
 
+/// Begins a text with a capital letter.
+#[must_use]
+pub fn sentence(text: &str) -> String {
+    let mut chars = text.chars();
+    chars.next().map_or_else(String::new, |first| first.to_uppercase().chain(chars).collect())
+}
+
 /// Returns a count with its noun: `1 fault`, `2 faults`.
 #[must_use]
 pub fn counted(count: impl Copy + Display, thing: &str) -> String {

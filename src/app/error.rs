@@ -245,7 +245,7 @@ impl AppError {
     /// too high.
     #[must_use]
     pub fn without_reward_where_ours(self) -> Self {
-        if self.is_retryable() || self.kind() == Kind::Damaged { self.without_reward() } else { self }
+        if self.is_ours() { self.without_reward() } else { self }
     }
 
     /// Returns the kind of the failure.
@@ -276,6 +276,12 @@ impl AppError {
     #[must_use]
     pub const fn is_retryable(&self) -> bool {
         self.0.retry_after_s.is_some()
+    }
+
+    /// Returns whether the sender is not at fault: the service failed, or had too much to do.
+    #[must_use]
+    pub const fn is_ours(&self) -> bool {
+        self.is_retryable() || matches!(self.0.kind, Kind::Damaged)
     }
 
     /// Returns whether the response states that there is no reward.

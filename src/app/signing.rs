@@ -75,7 +75,7 @@ pub async fn signing(store: &Store, replaces: bool) -> anyhow::Result<Signing> {
 pub fn refuse_to_begin_anew(database: &Location, secrets: Option<&Path>) -> anyhow::Result<()> {
     let Some(file) = database.file().filter(|file| !file.exists()) else { return Ok(()) };
     let folder = secrets.map_or_else(|| database.default_secrets(), Path::to_owned);
-    if Secrets::in_folder(folder.clone()).is_empty() {
+    if !Secrets::in_folder(folder.clone()).holds_keys()? {
         return Ok(());
     }
     bail!(

@@ -55,11 +55,11 @@ pub(super) fn answers_in(text: &str, name: &str) -> anyhow::Result<BTreeMap<Stri
     for (number, line) in (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty()) {
         let place = || format!("{name}: line {number}");
         let answer: Value = serde_json::from_str(line).map_err(|error| {
-            let what = if line.trim_start().starts_with('<') { "a page of HTML" } else { "no JSON, or not all of it" };
+            let what = if line.trim_start().starts_with('<') { "a page of HTML" } else { "not JSON, or not all of it" };
             anyhow::anyhow!("{}: is {what} ({error}); expected /v1/epochs/NAME/answers, line by line", place())
         })?;
         let Some(instance) = answer["instance"].as_str().map(str::to_owned) else {
-            bail!("{}: is no answer to an instance; expected /v1/epochs/NAME/answers", place());
+            bail!("{}: is not an answer to an instance; expected /v1/epochs/NAME/answers", place());
         };
         let log = BlockLog::from_canonical_json(answer["log"].to_string().as_bytes());
         let log = log.map_err(|error| anyhow::anyhow!("{}: {error}", place()))?;

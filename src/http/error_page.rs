@@ -7,6 +7,7 @@ use axum::http::{HeaderName, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 
 use super::problem::{PROBLEM_JSON, Problem};
+use plumbline_engine::text::sentence;
 
 /// Content security policy: pages load only files of this service.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
@@ -53,20 +54,17 @@ pub fn is_asked_for(request: &Request) -> bool {
 #[must_use]
 pub fn page_of(problem: &Problem) -> Option<Response> {
     // Where a setting is missing, leaving all of them out does not help.
-    let is_query = problem.kind.ends_with(":invalid-query") && !problem.detail.contains("missing field");
+    let is_of_settings = problem.kind.ends_with(":invalid-query");
+    let is_query = is_of_settings && !problem.detail.contains("missing field");
     let title = if is_query { "This address has settings that cannot be used" } else { &problem.title };
     // A detail about settings begins with the name of one.
-    let detail = if is_query { problem.detail.clone() } else { sentence(&problem.detail) };
+    let mut detail = if is_of_settings { problem.detail.clone() } else { sentence(&problem.detail) };
+    if !detail.ends_with(['.', '?', '!']) {
+        detail.push('.');
+    }
     let page = ErrorPage { status: problem.status, title, detail, is_query };
     let status = StatusCode::from_u16(problem.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
     Some((status, page_headers(), page.render().ok()?).into_response())
-}
-
-/// Writes the description of a problem as a sentence.
-fn sentence(detail: &str) -> String {
-    let mut chars = detail.chars();
-    let text: String = chars.next().into_iter().flat_map(char::to_uppercase).chain(chars).collect();
-    if text.ends_with(['.', '?', '!']) { text } else { text + "." }
 }
 
 /// Shows a response as a page if it is a problem; its other headers stay.

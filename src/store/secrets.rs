@@ -263,10 +263,13 @@ impl Secrets {
         Ok(())
     }
 
-    /// Returns whether there is any secret.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.names().is_ok_and(|names| names.is_empty()) || !self.folder.exists()
+    /// Returns whether the folder holds a key of a database: the one that signs receipts, or one of an epoch.
+    ///
+    /// # Errors
+    /// Returns an error if the folder is there and cannot be read.
+    pub fn holds_keys(&self) -> StoreResult<bool> {
+        let is_key = |name: &String| name == SIGNER || name.starts_with("epoch-");
+        Ok(self.folder.exists() && self.names()?.iter().any(is_key))
     }
 
     /// Returns whether there is a key that signs receipts.

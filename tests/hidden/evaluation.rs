@@ -240,14 +240,15 @@ async fn a_lost_key_closes_the_epoch_and_says_so() {
     let entry = scene.register(&lab, "official", 1).await;
     // A key that is not there is told before anybody draws, and while it can still be put back.
     std::fs::rename(secrets.join("epoch-autumn.json"), scene.file("autumn.key")).unwrap();
-    assert_eq!(scene.service.get("/readyz").await.json()["lacks"][0], "key of epoch autumn");
+    let told = scene.service.wait_for("/readyz", |ready| ready.get("lacks").is_some()).await;
+    assert_eq!(told["lacks"][0], "key of epoch autumn");
     scene.restart(None);
     if !crate::support::database::is_postgres() {
         let told = scene.service.said.lock().unwrap().join("\n");
         assert!(told.contains("which are not over") && told.contains("autumn"), "{told}");
     }
     std::fs::rename(scene.file("autumn.key"), secrets.join("epoch-autumn.json")).unwrap();
-    assert!(scene.service.get("/readyz").await.json().get("lacks").is_none());
+    scene.service.wait_for("/readyz", |ready| ready["status"] == "ok" && ready.get("lacks").is_none()).await;
     // Another key is as good as none.
     let text = std::fs::read_to_string(secrets.join("epoch-autumn.json")).unwrap();
     let at = text.find("\"key\":\"").unwrap() + 7;

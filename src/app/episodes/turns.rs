@@ -136,7 +136,7 @@ pub async fn submit(
         Ok(Submitted::Answer(..)) => None,
         Err(refused) => {
             // After a failure of ours it is not known what was stored, so nothing may be added to it.
-            if !refused.is_retryable() {
+            if !refused.is_ours() {
                 app.store.reopen_episode(id).await?;
             }
             return submitted;

@@ -44,11 +44,7 @@ impl Grown {
     /// Takes in the receipts that were added since.
     async fn grow(&mut self, app: &App) -> AppResult<()> {
         loop {
-            let read = app.store.receipt_hashes(self.entries.len() as i64, AT_ONCE).await;
-            if let Err(StoreError::Corrupt { .. }) = &read {
-                app.log.is_damaged.store(true, Ordering::Relaxed);
-            }
-            let read = read?;
+            let read = hashes(app, self.entries.len() as i64, AT_ONCE).await?;
             let is_last = (read.len() as i64) < AT_ONCE;
             for hash in read {
                 self.tree.push(leaf(&hash));
@@ -75,6 +71,15 @@ impl Grown {
         let root = self.tree.root(size).expect("a tree has its own root");
         Ok(Checkpoint { origin, size, root }.signed(signer))
     }
+}
+
+/// Reads hashes of receipts, and notes it if the stored ones are damaged.
+async fn hashes(app: &App, after: i64, limit: i64) -> AppResult<Vec<Hash>> {
+    let read = app.store.receipt_hashes(after, limit).await;
+    if read.as_ref().is_err_and(StoreError::is_damage) {
+        app.log.is_damaged.store(true, Ordering::Relaxed);
+    }
+    Ok(read?)
 }
 
 /// Looks for damage to the stored log, and tells the operator of it. `/readyz` shows it from then on. What the receipts
@@ -110,7 +115,7 @@ async fn damage(app: &App) -> AppResult<Option<String>> {
         };
         while read.size() < root.size {
             let from = read.size().cast_signed();
-            let hashes = app.store.receipt_hashes(from, AT_ONCE.min(row.size - from)).await?;
+            let hashes = hashes(app, from, AT_ONCE.min(row.size - from)).await?;
             if hashes.is_empty() {
                 return Ok(Some(format!("it has {entries} entries, and {} has cosigned {}", row.witness, row.size)));
             }

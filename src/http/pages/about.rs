@@ -69,7 +69,6 @@ const WORDS: [(&str, &str); 16] = [
 #[template(path = "about.html")]
 struct AboutPage {
     operator: Operator,
-    words: [(&'static str, &'static str); 16],
 }
 
 /// Serves the page.
@@ -77,5 +76,5 @@ struct AboutPage {
 /// # Errors
 /// Returns an error if the page cannot be rendered.
 pub async fn page(State(state): State<AppState>) -> PageResult {
-    html::page(&AboutPage { operator: state.operator.clone(), words: WORDS })
+    html::page(&AboutPage { operator: state.operator.clone() })
 }

@@ -4,6 +4,7 @@ use serde_json::Value;
 
 use plumbline_engine::checks::Check;
 use plumbline_engine::text::counted;
+pub use plumbline_engine::text::sentence;
 
 /// Says what a check requires in one sentence, such as "All blocks are stone".
 #[must_use]
@@ -28,13 +29,6 @@ pub fn claim_of(check: &Check) -> String {
 fn plain_name(name: &str) -> String {
     let words = name.rsplit('.').next().unwrap_or(name).replace('_', " ");
     sentence(&words)
-}
-
-/// Begins a text with a capital letter.
-#[must_use]
-pub fn sentence(text: &str) -> String {
-    let mut chars = text.chars();
-    chars.next().map_or_else(String::new, |first| first.to_uppercase().chain(chars).collect())
 }
 
 /// Values by name: the arguments of a check, or what it measured.

@@ -131,7 +131,7 @@ pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: Jso
         };
         match graded {
             Ok(graded) => Ok(Ok((graded, is_whole))),
-            Err(error) if !error.is_retryable() => Ok(Err(error.at(&format!("/labels/{i}")))),
+            Err(error) if !error.is_ours() => Ok(Err(error.at(&format!("/labels/{i}")))),
             Err(error) => Err(error),
         }
     };
