@@ -12,15 +12,37 @@ pub fn sentence(text: &str) -> String {
 /// Returns a count with its noun: `1 fault`, `2 faults`.
 #[must_use]
 pub fn counted(count: impl Copy + Display, thing: &str) -> String {
-    agreeing(count, thing, &format!("{thing}s"))
+    let mut text = count.to_string();
+    let is_one = text == "1";
+    text.reserve(thing.len() + 2);
+    text.push(' ');
+    text.push_str(thing);
+    if !is_one {
+        text.push('s');
+    }
+    text
 }
 
 /// Returns a count with words that agree with it: `1 block is`, `2 blocks are`.
 #[must_use]
 pub fn agreeing(count: impl Copy + Display, one: &str, many: &str) -> String {
-    let count = count.to_string();
-    let words = if count == "1" { one } else { many };
-    format!("{count} {words}")
+    let mut text = count.to_string();
+    let words = if text == "1" { one } else { many };
+    text.reserve(words.len() + 1);
+    text.push(' ');
+    text.push_str(words);
+    text
+}
+
+/// Returns how many of all do something, with words that agree: `1 of 3 blocks floats`, `none of 2 doors is blocked`.
+#[must_use]
+pub fn of_all(some: usize, all: impl Copy + Display, thing: &str, one: &str, many: &str) -> String {
+    let all = counted(all, thing);
+    match some {
+        0 => format!("none of {all} {one}"),
+        1 => format!("1 of {all} {one}"),
+        _ => format!("{some} of {all} {many}"),
+    }
 }
 
 /// Rewords an error of serde about a value for readers who know JSON but not Rust. Other errors lose at most their
@@ -122,6 +144,8 @@ mod tests {
     fn words_agree_with_their_counts() {
         assert_eq!([counted(0, "turn"), counted(1, "turn"), counted(2_i64, "turn")], ["0 turns", "1 turn", "2 turns"]);
         assert_eq!(agreeing(1, "block is", "blocks are"), "1 block is");
+        let told = [0, 1, 2].map(|some| of_all(some, 3, "door", "is shut", "are shut"));
+        assert_eq!(told, ["none of 3 doors is shut", "1 of 3 doors is shut", "2 of 3 doors are shut"]);
     }
 
     #[test]

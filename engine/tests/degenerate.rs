@@ -110,3 +110,22 @@ fn no_solid_cube_solves_a_task_of_the_latest_version() {
         .collect();
     assert!(solved.is_empty(), "{solved:#?}");
 }
+
+/// A foundation belongs into the ground, and one that lacks a block is told where it lies.
+#[test]
+fn a_foundation_as_it_should_be_is_not_said_to_be_in_the_ground() {
+    let suite = embedded::latest().unwrap();
+    let mut tried = 0;
+    for task in suite.tasks.iter().filter(|task| task.family() == "foundations") {
+        let good = build(task).unwrap();
+        let lies_in_ground = |log: &BlockLog| {
+            let report = grade(task, log);
+            (report.overall, report.advisories.iter().any(|own| own.code == AdvisoryCode::EntirelyInGround))
+        };
+        assert_eq!(lies_in_ground(&good), (true, false), "{}", task.id);
+        let lacking = remade(&good, |turn| turn[..turn.len() - 1].to_vec());
+        assert_eq!(lies_in_ground(&lacking), (false, true), "{}", task.id);
+        tried += 1;
+    }
+    assert!(tried > 3, "{tried}");
+}

@@ -27,7 +27,7 @@ pub fn advise(structure: &Structure, instruction: &Instruction, report: &TurnRep
     };
     if structure.is_empty() {
         add(AdvisoryCode::EmptyStructure, None, "the structure is empty: no blocks stand".to_owned());
-    } else if structure.cells().iter().all(|cell| cell.y <= 0) {
+    } else if structure.cells().iter().all(|cell| cell.y <= 0) && !belongs_in_ground(instruction, report) {
         add(AdvisoryCode::EntirelyInGround, None, "every block is at y <= 0; none stands above that level".to_owned());
     }
     let repeated = structure.len() - structure.distinct_cells();
@@ -77,6 +77,17 @@ pub fn advise(structure: &Structure, instruction: &Instruction, report: &TurnRep
             }
         }
     }
+}
+
+/// Returns whether a turn asks for blocks at or below y = 0, like those of a foundation, and got what it asked for.
+fn belongs_in_ground(instruction: &Instruction, report: &TurnReport) -> bool {
+    let asks = |check: &Check| match check {
+        Check::LevelHas(level) => {
+            level.y <= 0 && (level.min_blocks > 0 || level.min_parts > 0 || level.min_size.is_some())
+        }
+        _ => false,
+    };
+    instruction.checks.iter().any(asks) && report.checks.iter().all(|check| check.finding.holds())
 }
 
 /// Adds an advisory for each turn that removes blocks which it placed: under `published` that has no effect.

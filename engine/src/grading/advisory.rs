@@ -42,7 +42,7 @@ pub enum AdvisoryCode {
     AirPlaced,
     /// Names have the `minecraft:` prefix, which exact comparisons do not strip.
     NamespacedNames,
-    /// Every block is at y <= 0.
+    /// Every block is at y <= 0. Not told where `shape.level_has` asks for blocks there and all checks of the turn hold.
     EntirelyInGround,
     /// A required material was matched only as part of other blocks' names.
     LookalikeMaterial,

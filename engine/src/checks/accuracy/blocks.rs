@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::checks::{Finding, Rule, Subject};
-use crate::text::agreeing;
+use crate::text::{agreeing, counted};
 use crate::voxel::blocks::{BlockSet, GAME_VERSION, is_air, is_door, is_known};
 use crate::voxel::inside::LEAST_FLOOR;
 use crate::voxel::{Cell, CellSet};
@@ -103,8 +103,8 @@ impl Rule for CountWithin {
         let holds = count >= self.min as usize && self.max.is_none_or(|max| count <= max as usize);
         let required = subject.tell(|| json!({ ">=": self.min, "<=": self.max }));
         let summary = subject.tell(|| match self.of {
-            None => format!("{count} blocks"),
-            Some(of) => format!("{count} blocks of {of}"),
+            None => counted(count, "block"),
+            Some(of) => format!("{} of {of}", counted(count, "block")),
         });
         Finding::binary(holds, count, required, summary).vacuous_if(holds && structure.is_empty())
     }

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::checks::{Amount, Finding, Rule, Subject};
+use crate::text::{counted, of_all};
 use crate::voxel::{Cell, Structure};
 
 /// Returns whether a block's name matches the wanted one.
@@ -26,11 +27,13 @@ fn count(structure: &Structure, wanted: Option<&str>, use_substring_match: bool)
     structure.material_ids().iter().filter(|&&id| mask[id as usize]).count()
 }
 
-fn described(wanted: Option<&str>, use_substring_match: bool) -> String {
+/// Says how many entries of the wanted material were found.
+fn described(found: usize, wanted: Option<&str>, use_substring_match: bool) -> String {
+    let blocks = counted(found, "block");
     match wanted {
-        None => "blocks".to_owned(),
-        Some(name) if use_substring_match => format!("blocks whose name contains {name:?}"),
-        Some(name) => format!("blocks of {name:?}"),
+        None => blocks,
+        Some(name) if use_substring_match => format!("{blocks} whose name contains {name:?}"),
+        Some(name) => format!("{blocks} of {name:?}"),
     }
 }
 
@@ -55,13 +58,12 @@ macro_rules! count_rule {
                 let wanted = self.expected_material.as_deref();
                 let found = count(subject.structure, wanted, self.use_substring_match);
                 let compare: fn(f64, f64) -> bool = $compare;
-                let what = described(wanted, self.use_substring_match);
-                Finding::binary(
-                    compare(found as f64, self.$bound.0),
-                    found,
-                    json!({ $relation: self.$bound }),
-                    format!("{found} {what}; required {} {}", $relation, self.$bound),
-                )
+                let required = subject.tell(|| json!({ $relation: self.$bound }));
+                let summary = subject.tell(|| {
+                    let what = described(found, wanted, self.use_substring_match);
+                    format!("{what}; required {} {}", $relation, self.$bound)
+                });
+                Finding::binary(compare(found as f64, self.$bound.0), found, required, summary)
             }
         }
     };
@@ -128,7 +130,7 @@ fn ratio_finding(
     let is_match = |&i: &usize| mask[structure.material_ids()[i] as usize];
     let matching = region.iter().filter(|i| is_match(i)).count();
     let ratio = matching as f64 / region.len() as f64;
-    let summary = format!("{matching} of {} blocks are {wanted:?}", region.len());
+    let summary = format!("{} {wanted:?}", of_all(matching, region.len(), "block", "is", "are"));
     let mut finding = Finding::binary(ratio >= threshold.0, ratio, required, summary);
     for i in region.into_iter().filter(|i| !is_match(i)) {
         finding.add_witness(structure.cells()[i], structure.material(i));

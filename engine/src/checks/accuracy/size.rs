@@ -29,6 +29,12 @@ pub struct AtMost {
     pub y: Option<Amount>,
 }
 
+/// Shows two opposite corners of the bounding box, or the only block.
+fn with_corners(finding: Finding, bounds: &Bounds) -> Finding {
+    let other = Some(bounds.max).filter(|max| *max != bounds.min);
+    finding.with_witnesses([bounds.min].into_iter().chain(other), "corner of the bounding box")
+}
+
 fn size_finding(
     subject: &Subject<'_>,
     xz: [Amount; 2],
@@ -57,7 +63,7 @@ fn size_finding(
     });
     let measured = subject.tell(|| json!({ "x": spans[0], "y": spans[1], "z": spans[2] }));
     let finding = Finding::binary(holds, measured, required, summary);
-    if holds { finding } else { finding.with_witnesses([bounds.min, bounds.max], "corner of the bounding box") }
+    if holds { finding } else { with_corners(finding, &bounds) }
 }
 
 impl Rule for Equal {
@@ -157,6 +163,6 @@ impl Rule for AllDimensionsAtLeast {
         let summary =
             subject.tell(|| format!("spans {x} x {y} x {z}; required at least {} on each axis", self.min_size));
         let finding = Finding::binary(holds, measured, required, summary);
-        if holds { finding } else { finding.with_witnesses([bounds.min, bounds.max], "corner of the bounding box") }
+        if holds { finding } else { with_corners(finding, &bounds) }
     }
 }

@@ -50,6 +50,7 @@ impl Rule for MaterialSequenceOrder {
         let holds = met.len() == wanted.len();
         let summary = match wanted.get(met.len()) {
             None => format!("all {} materials appear in order", wanted.len()),
+            Some(missing) if met.is_empty() => format!("no {missing:?} to begin with"),
             Some(missing) => {
                 format!("{} of {} materials appear in order; no {missing:?} follows them", met.len(), wanted.len())
             }

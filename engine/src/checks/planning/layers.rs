@@ -42,8 +42,9 @@ impl Rule for LayersFollow {
                 last = Some(at);
             }
             if count < self.min_blocks as usize {
-                let summary = subject
-                    .tell(|| format!("{} of {layer}; required at least {}", counted(count, "block"), self.min_blocks));
+                let summary = subject.tell(|| {
+                    format!("{} of {layer}, where at least {} must be", counted(count, "block"), self.min_blocks)
+                });
                 return Finding::binary(false, i, required, summary);
             }
             if let (Some(first), Some(end)) = (first, last_end)
@@ -59,6 +60,10 @@ impl Rule for LayersFollow {
             }
             last_end = last.or(last_end);
         }
-        Finding::binary(true, self.layers.len(), required, format!("{} layers follow one another", self.layers.len()))
+        let summary = match self.layers.len() {
+            1 => "the only layer is complete".to_owned(),
+            all => format!("{all} layers follow one another"),
+        };
+        Finding::binary(true, self.layers.len(), required, summary)
     }
 }

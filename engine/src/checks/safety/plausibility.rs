@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::checks::{Finding, Rule, Subject};
+use crate::text::of_all;
 use crate::voxel::connectivity::floating_cells;
 
 /// Check that every block is connected through shared faces to a block at y <= 0.
@@ -23,7 +24,7 @@ impl Rule for GroundConnected {
             return Finding::nothing_stands(true, required);
         }
         let floating = floating_cells(subject.structure);
-        let summary = subject.tell(|| format!("{} of {} blocks float", floating.len(), subject.structure.len()));
+        let summary = subject.tell(|| of_all(floating.len(), subject.structure.len(), "block", "floats", "float"));
         Finding::binary(floating.is_empty(), floating.len(), required, summary).with_witnesses(floating, "floats")
     }
 }

@@ -36,10 +36,12 @@ impl StressScore {
         let is_usable = stress_pa.is_finite() && stress_pa > 0.0;
         let score = if is_usable { self.reference_pa.0 / stress_pa } else { 0.0 };
         let beside = equilibrium.max_von_mises_pa.map_or_else(|| "none".to_owned(), |pa| format!("{pa:.2} Pa"));
-        let summary = format!(
-            "greatest von Mises stress {stress_pa:.2} Pa (in equilibrium, by fem: {beside}); reference {} Pa",
-            self.reference_pa
-        );
+        let greatest = match (is_usable, stress_pa == 0.0 && !outcome.diagnostics.order_sensitive) {
+            (true, _) => format!("greatest von Mises stress {stress_pa:.2} Pa"),
+            (false, true) => "the published simulation finds no stress, which scores 0".to_owned(),
+            (false, false) => "the published simulation has no defined result, which scores 0".to_owned(),
+        };
+        let summary = format!("{greatest} (in equilibrium, by fem: {beside}); reference {} Pa", self.reference_pa);
         let measured = if stress_pa.is_finite() { json!(stress_pa) } else { Value::Null };
         let mut finding = Finding::graded(score, measured, required, summary);
         if let Some(most) = outcome.most_stressed {
@@ -49,5 +51,29 @@ impl StressScore {
         let figures = StressFigures { sph: SphFigures::of(cells, &outcome), fem: FemFigures::of(cells, &equilibrium) };
         finding.stress = Some(Box::new(figures));
         Ok(finding)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::voxel::{Cell, Structure};
+
+    #[test]
+    fn a_build_without_a_stress_says_why_it_scores_0() {
+        let rule = StressScore { reference_pa: Amount(1e6) };
+        let found = |cells: &[[i32; 3]]| {
+            let structure = Structure::from_named(cells.iter().map(|[x, y, z]| (Cell::new(*x, *y, *z), "stone")));
+            rule.evaluate(&Subject::unhurried(&structure)).unwrap()
+        };
+        let one = found(&[[0, 0, 0]]);
+        assert_eq!((one.score, one.measured), (0.0, json!(0.0)));
+        assert!(
+            one.summary.starts_with("the published simulation finds no stress, which scores 0 (in"),
+            "{}",
+            one.summary
+        );
+        let two = found(&[[0, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0], [0, 0, 1], [0, 1, 1], [1, 0, 1], [1, 1, 1]]);
+        assert!(two.summary.starts_with("greatest von Mises stress ") && two.score > 0.0, "{}", two.summary);
     }
 }

@@ -64,7 +64,7 @@ impl Outcome {
         let mut cautions = Vec::new();
         if !self.unsupported.is_empty() {
             cautions.push(format!(
-                "{} not connected to the lowest level through faces: fem leaves them out",
+                "{} not connected to the lowest level through faces, and left out by fem",
                 agreeing(self.unsupported.len(), "block is", "blocks are")
             ));
         }

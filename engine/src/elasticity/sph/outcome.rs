@@ -65,11 +65,14 @@ impl Diagnostics {
         }
         if !self.unconnected.is_empty() {
             cautions.push(format!(
-                "{} not connected to the lowest level: the published method lets them fall",
+                "{} not connected to the lowest level, which the published method lets fall",
                 blocks_are(&self.unconnected)
             ));
         }
-        if self.max_displacement_m > WILD_M || self.max_displacement_m.is_nan() {
+        if !self.max_displacement_m.is_finite() {
+            let told = "the motion of the published method grew without bound";
+            cautions.push(told.to_owned());
+        } else if self.max_displacement_m > WILD_M {
             cautions.push(format!(
                 "blocks moved by up to {:.2} blocks: the figure is a snapshot of a motion that amplifies rounding",
                 self.max_displacement_m

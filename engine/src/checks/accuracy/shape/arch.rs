@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::checks::{Finding, Rule, Subject};
+use crate::text::counted;
 use crate::voxel::planar::{Clusters, PlaneCell, Touch, level};
 use crate::voxel::{Cell, Structure};
 
@@ -179,8 +180,9 @@ const fn is_below(p: (i64, i64), a: (i64, i64), b: (i64, i64), by: i64) -> bool 
 
 impl Rule for TrueArch {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required =
-            subject.tell(|| json!({ "supports": 2, "underside": "bulges up", "upper_surface": "bulges up" }));
+        let required = subject.tell(
+            || json!({ "supports": 2, "y": self.support_y, "underside": "bulges up", "upper_surface": "bulges up" }),
+        );
         let structure = subject.structure;
         if structure.is_empty() {
             return Finding::nothing_stands(false, required);
@@ -189,9 +191,12 @@ impl Rule for TrueArch {
         let clusters = Clusters::of(&cells, Touch::Sides);
         let fails = |measured, summary: String| Finding::binary(false, measured, required.clone(), summary);
         if clusters.count != 2 {
-            let summary = subject
-                .tell(|| format!("{} separate supports at y = {}; an arch has two", clusters.count, self.support_y));
-            return fails(json!({ "supports": clusters.count }), summary);
+            let summary = subject.tell(|| {
+                format!("{} at y = {}; an arch has two", counted(clusters.count, "separate support"), self.support_y)
+            });
+            let supports = subject.tell(|| clusters.representatives(&cells)).into_iter();
+            return fails(json!({ "supports": clusters.count }), summary)
+                .with_witnesses(supports.map(|(x, z)| Cell::new(x, self.support_y, z)), "first block of a support");
         }
         let Some(span) = ClearSpan::between(&cells, &clusters) else {
             return fails(json!({ "supports": 2, "clear_span": 0 }), "no clear span separates the supports".to_owned());

@@ -77,7 +77,7 @@ impl Rule for ClusterCountAtY {
         let (cells, clusters) = clusters_at(subject, self.y, self.use_8_neighbors);
         let holds = clusters.count as f64 == self.expected_count.0;
         let summary =
-            format!("{} at y={}; required {}", counted(clusters.count, "cluster"), self.y, self.expected_count);
+            format!("{} at y = {}; required {}", counted(clusters.count, "cluster"), self.y, self.expected_count);
         let finding = Finding::binary(holds, clusters.count, json!({ "==": self.expected_count }), summary);
         if holds {
             return finding.vacuous_if(cells.is_empty());
@@ -91,14 +91,14 @@ impl Rule for ClustersAtYHaveMinSpan {
         let required = subject.tell(|| json!({ ">=": self.min_span }));
         let (cells, clusters) = clusters_at(subject, self.y, self.use_8_neighbors);
         let Some(closest) = closest_pair_between(&cells, &clusters.label) else {
-            let summary =
-                subject.tell(|| format!("{} at y={}: no pair to measure", counted(clusters.count, "cluster"), self.y));
+            let summary = subject
+                .tell(|| format!("{} at y = {}: no pair to measure", counted(clusters.count, "cluster"), self.y));
             return Finding::binary(true, json!(null), required, summary).vacuous_if(true);
         };
         let span = closest.length();
         let holds = span >= self.min_span.0;
         let summary =
-            subject.tell(|| format!("nearest clusters at y={} are {span} apart; required {}", self.y, self.min_span));
+            subject.tell(|| format!("nearest clusters at y = {} are {span} apart; required {}", self.y, self.min_span));
         let finding = Finding::binary(holds, span, required, summary);
         if holds { finding } else { finding.with_witnesses(raised([closest.a, closest.b], self.y), "too near") }
     }
@@ -106,7 +106,7 @@ impl Rule for ClustersAtYHaveMinSpan {
 
 /// Returns the finding for a level that must have exactly one cluster and does not.
 fn not_one_cluster(y: i32, cells: &[PlaneCell], clusters: &Clusters, required: serde_json::Value) -> Finding {
-    let summary = format!("{} at y={y}; exactly one is required", counted(clusters.count, "cluster"));
+    let summary = format!("{} at y = {y}; exactly one is required", counted(clusters.count, "cluster"));
     Finding::binary(false, json!(null), required, summary)
         .with_witnesses(raised(clusters.representatives(cells), y), "first cell of a cluster")
 }
@@ -131,7 +131,7 @@ impl Rule for ClusterAtYHasMinRadius {
             }
         }
         let holds = radius >= self.min_radius.0;
-        let summary = subject.tell(|| format!("radius {radius} at y={}; required {}", self.y, self.min_radius));
+        let summary = subject.tell(|| format!("radius {radius} at y = {}; required {}", self.y, self.min_radius));
         let finding = Finding::binary(holds, radius, required, summary);
         if holds { finding } else { finding.with_witnesses(raised([farthest], self.y), "farthest from the mean") }
     }
@@ -147,7 +147,7 @@ impl Rule for ClusterAtYHasMinDiameter {
         };
         let diameter = farthest.length();
         let holds = diameter >= self.min_diameter.0;
-        let summary = subject.tell(|| format!("diameter {diameter} at y={}; required {}", self.y, self.min_diameter));
+        let summary = subject.tell(|| format!("diameter {diameter} at y = {}; required {}", self.y, self.min_diameter));
         let finding = Finding::binary(holds, diameter, required, summary);
         if holds { finding } else { finding.with_witnesses(raised([farthest.a, farthest.b], self.y), "farthest apart") }
     }

@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::is_door;
 use crate::checks::{Finding, Rule, Subject};
-use crate::text::counted;
+use crate::text::{counted, of_all};
 use crate::voxel::CellSet;
 
 /// Check that each door has at least two of its four sides free of blocks other than doors, at its level and one above.
@@ -41,7 +41,10 @@ impl Rule for DoorsPassable {
                 blocked.push(cell);
             }
         }
-        let summary = subject.tell(|| format!("{} of {doors} doors are blocked", blocked.len()));
+        let summary = subject.tell(|| match doors {
+            0 => "there are no doors".to_owned(),
+            _ => of_all(blocked.len(), doors, "door", "is blocked", "are blocked"),
+        });
         Finding::binary(blocked.is_empty(), blocked.len(), required, summary)
             .vacuous_if(doors == 0)
             .with_witnesses(blocked, "blocked door")

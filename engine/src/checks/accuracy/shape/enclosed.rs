@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::checks::{Finding, Rule, Subject};
-use crate::text::counted;
+use crate::text::{counted, of_all};
 use crate::voxel::terrain::MAX_EXTENT;
 
 /// Check that there are enough enclosed regions of air with standing room that doors connect to the outside.
@@ -66,13 +66,19 @@ impl Rule for EnclosedRooms {
         let holds = rooms.len() >= self.min_rooms as usize && is_not_too_many;
         let summary = subject.tell(|| {
             format!(
-                "{} rooms with a roof, a door and head room; {closed} other enclosed spaces; required {}",
-                rooms.len(),
+                "{} with a roof, a door and head room; {}; required {}",
+                counted(rooms.len(), "room"),
+                counted(closed, "other enclosed space"),
                 self.min_rooms
             )
         });
-        let witnesses = subject.tell(|| rooms.iter().map(|&room| spaces.pieces[room].first).collect::<Vec<_>>());
-        Finding::binary(holds, rooms.len(), required, summary).with_witnesses(witnesses, "room")
+        // Rooms that are there need no look if others are missing.
+        let lacks_rooms = rooms.len() < self.min_rooms as usize;
+        let shown = |piece: &usize| lacks_rooms != rooms.binary_search(piece).is_ok();
+        let witnesses = subject.tell(|| (1..spaces.pieces.len()).filter(shown).collect::<Vec<_>>());
+        let witnesses = witnesses.into_iter().map(|piece| spaces.pieces[piece].first);
+        let why = if lacks_rooms { "enclosed, but no room" } else { "room" };
+        Finding::binary(holds, rooms.len(), required, summary).with_witnesses(witnesses, why)
     }
 }
 
@@ -87,12 +93,12 @@ impl Rule for DoorsLeadThrough {
         let blocked: Vec<_> = doors.iter().copied().filter(|door| terrain.joins(*door, spaces).is_none()).collect();
         let holds = blocked.is_empty() && doors.len() >= self.min_doors as usize;
         let summary = subject.tell(|| {
-            format!(
-                "{} of {} doors are blocked; required {}",
-                blocked.len(),
-                doors.len(),
-                counted(self.min_doors, "door")
-            )
+            let required = counted(self.min_doors, "door");
+            let found = match doors.len() {
+                0 => "no door".to_owned(),
+                all => of_all(blocked.len(), all, "door", "is blocked", "are blocked"),
+            };
+            format!("{found}; required at least {required}")
         });
         let measured = subject.tell(|| json!({ "doors": doors.len(), "blocked": blocked.len() }));
         Finding::binary(holds, measured, required, summary).with_witnesses(blocked, "blocked")

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::checks::{Finding, Rule, Subject};
+use crate::text::counted;
 use crate::voxel::blocks::BlockSet;
 use crate::voxel::planar::{Clusters, PlaneCell, Touch, sorted_distinct};
 use crate::voxel::{Cell, Structure};
@@ -67,24 +68,26 @@ impl Rule for LevelHas {
         let is_within = |count: usize, least: u32, most: Option<u32>| {
             count >= least as usize && most.is_none_or(|most| count <= most as usize)
         };
-        let holds = is_within(cells.len(), self.min_blocks, self.max_blocks)
-            && is_within(clusters.count, self.min_parts, self.max_parts)
-            && self.min_size.is_none_or(reaches);
+        let has_parts = is_within(clusters.count, self.min_parts, self.max_parts);
+        let holds =
+            has_parts && is_within(cells.len(), self.min_blocks, self.max_blocks) && self.min_size.is_none_or(reaches);
         let widest = || extents.iter().max_by_key(|[x, z]| u64::from(*x) * u64::from(*z)).copied().unwrap_or_default();
         let summary = subject.tell(|| {
             let what = self.of.map_or_else(String::new, |of| format!(" of {of}"));
             let [wide, long] = widest();
-            format!(
-                "{} blocks{what} in {} separate parts stand at y = {}; the widest part measures {wide} by {long}",
-                cells.len(),
-                clusters.count,
-                self.y
-            )
+            if cells.is_empty() {
+                return format!("at y = {}: no block{what}", self.y);
+            }
+            let (blocks, parts) = (counted(cells.len(), "block"), counted(clusters.count, "separate part"));
+            format!("at y = {}: {blocks}{what} in {parts}; the widest part measures {wide} by {long}", self.y)
         });
         let measured = subject.tell(|| json!({ "blocks": cells.len(), "parts": clusters.count, "widest": widest() }));
-        let witnesses =
-            subject.tell(|| clusters.representatives(&cells)).into_iter().map(|(x, z)| Cell::new(x, self.y, z));
-        Finding::binary(holds, measured, required, summary).with_witnesses(witnesses, "part")
+        let finding = Finding::binary(holds, measured, required, summary);
+        if has_parts {
+            return finding;
+        }
+        let parts = subject.tell(|| clusters.representatives(&cells)).into_iter();
+        finding.with_witnesses(parts.map(|(x, z)| Cell::new(x, self.y, z)), "first block of a part")
     }
 }
 

@@ -8,6 +8,7 @@ use serde_json::json;
 use super::exits::starts;
 use super::{contains_lower, is_door};
 use crate::checks::{Finding, Rule, Subject};
+use crate::text::of_all;
 use crate::voxel::planar::PlaneCell;
 use crate::voxel::{Bounds, Cell, CellSet};
 
@@ -91,7 +92,7 @@ impl Rule for SingleLevel {
         };
         let y = bounds.min.y;
         if y > -1 {
-            let summary = subject.tell(|| format!("the lowest level is y={y}; required -1 or lower"));
+            let summary = subject.tell(|| format!("the lowest level is y = {y}; required -1 or lower"));
             return Finding::binary(false, json!({ "floor": y }), required, summary);
         }
         let starts = starts(structure, &bounds, self.start_material.as_deref());
@@ -123,8 +124,9 @@ impl Rule for SingleLevel {
             start.y == y + 1 && floor.can_step_to(at) && has_way()
         };
         let stuck: Vec<Cell> = starts.iter().copied().filter(|start| !gets_out(start)).collect();
-        let summary =
-            subject.tell(|| format!("{} of {} starts have no flat path outside at y={y}", stuck.len(), starts.len()));
+        let summary = subject.tell(|| {
+            of_all(stuck.len(), starts.len(), "start", "has", "have") + &format!(" no flat path outside at y = {y}")
+        });
         Finding::binary(stuck.is_empty(), stuck.len(), required, summary).with_witnesses(stuck, "no flat path outside")
     }
 }

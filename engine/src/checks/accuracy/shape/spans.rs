@@ -5,6 +5,8 @@ use serde_json::{Value, json};
 
 use super::arch::{ClearSpan, cuts};
 use crate::checks::{Finding, Rule, Subject};
+use crate::text::counted;
+use crate::voxel::Cell;
 use crate::voxel::planar::{Clusters, Touch, level};
 
 /// Check that every level from 0 up to a height has two supports with enough free cells between them, and that above, a
@@ -33,7 +35,9 @@ const fn is_one(n: &u32) -> bool {
 impl Rule for HasClearSpan {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let structure = subject.structure;
-        let required = subject.tell(|| json!({ "free": { ">=": self.min_free }, "height": self.height, "deck": true }));
+        let required = subject.tell(
+            || json!({ "supports": 2, "free": { ">=": self.min_free }, "clear levels": self.height, "deck": true }),
+        );
         if structure.is_empty() {
             return Finding::nothing_stands(false, required);
         }
@@ -45,34 +49,41 @@ impl Rule for HasClearSpan {
             // Supports that touch at an edge count as one.
             let clusters = Clusters::of(&cells, Touch::SidesAndCorners);
             if clusters.count != 2 {
-                return fails(
-                    json!(null),
-                    format!("{} separate supports at y = {y}; a bridge has two", clusters.count),
-                );
+                let measured = subject.tell(|| json!({ "supports": clusters.count, "y": y }));
+                let summary = subject
+                    .tell(|| format!("{} at y = {y}; a bridge has two", counted(clusters.count, "separate support")));
+                let supports = subject.tell(|| clusters.representatives(&cells)).into_iter();
+                return fails(measured, summary)
+                    .with_witnesses(supports.map(|(x, z)| Cell::new(x, y, z)), "first block of a support");
             }
             let here = ClearSpan::between(&cells, &clusters);
             let free = here.map_or(0, |here| here.length());
             if free < self.min_free as usize {
-                let summary = subject
-                    .tell(|| format!("{free} free cells between the supports at y = {y}; required {}", self.min_free));
-                return fails(json!({ "free": free }), summary);
+                let summary = subject.tell(|| {
+                    let free = counted(free, "free cell");
+                    format!("{free} between the supports at y = {y}; required {}", self.min_free)
+                });
+                return fails(subject.tell(|| json!({ "supports": 2, "free": free })), summary);
             }
             span = span.or(here);
         }
-        let Some(span) = span else { return fails(json!(null), "no clear span".to_owned()) };
+        let Some(span) = span else { return fails(json!({ "supports": 2, "free": 0 }), "no clear span".to_owned()) };
         let is_deck = |heights: &[i32]| heights.windows(2).all(|pair| pair[0].abs_diff(pair[1]) <= 1);
         let mut decks = cuts(structure, span, height - 1);
         decks.retain(|cut| is_deck(&cut.upper));
         let rows = decks.chunk_by(|a, b| a.across + 1 == b.across).find(|rows| rows.len() >= self.min_width as usize);
         let crossing = rows.and_then(<[_]>::first);
-        let measured = subject.tell(|| json!({ "free": span.length(), "deck": crossing.is_some() }));
-        let summary = match crossing {
-            None if !decks.is_empty() => {
-                format!("no deck {} wide crosses the {} free cells", self.min_width, span.length())
+        let measured = subject.tell(|| json!({ "supports": 2, "free": span.length(), "deck": crossing.is_some() }));
+        let summary = subject.tell(|| {
+            let (cells, axis) = (counted(span.length(), "free cell"), span.axis.name());
+            match crossing {
+                Some(_) => format!("a deck crosses the {cells} along {axis}"),
+                None if !decks.is_empty() => {
+                    format!("no deck {} wide crosses the {cells} along {axis}", self.min_width)
+                }
+                None => format!("no deck without gaps and high steps crosses the {cells} along {axis}"),
             }
-            Some(_) => format!("a deck crosses the {} free cells along {}", span.length(), span.axis.name()),
-            None => format!("no deck crosses the {} free cells along {}", span.length(), span.axis.name()),
-        };
+        });
         Finding::binary(crossing.is_some(), measured, required, summary)
             .with_witnesses(crossing.map(|cut| span.axis.cell(span.first, cut.across, cut.upper[0])), "deck")
     }

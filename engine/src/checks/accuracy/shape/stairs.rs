@@ -45,11 +45,11 @@ impl Rule for ReachableByStairs {
             }
         }
         let Some(highest) = highest else {
-            let summary = "no block at y=0 has two free cells above it to start from";
+            let summary = "no block at y = 0 has two free cells above it to start from";
             return Finding::binary(false, json!(null), required, summary);
         };
         let holds = f64::from(highest.y) >= self.min_floor_y.0;
-        let summary = subject.tell(|| format!("stairs lead up to y={}; required {}", highest.y, self.min_floor_y));
+        let summary = subject.tell(|| format!("stairs lead up to y = {}; required {}", highest.y, self.min_floor_y));
         Finding::binary(holds, highest.y, required, summary).with_witnesses([highest], "highest block reached")
     }
 }

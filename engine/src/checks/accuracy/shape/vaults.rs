@@ -3,9 +3,10 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::checks::{Finding, Rule, Subject};
+use crate::text::counted;
 use crate::voxel::{Cell, Structure};
 
 /// Check that every row of the plan is covered, that there is head room below the cover in the middle, and that along
@@ -47,9 +48,22 @@ fn covered_share(tops: &BTreeMap<(i32, i32), i32>) -> f64 {
     if area > 0.0 { tops.len() as f64 / area } else { 0.0 }
 }
 
+impl IsVault {
+    fn required(&self) -> Value {
+        let mut required = json!({ "clear": { ">=": self.min_clear }, "closed": true, "falls_to_all_sides": true });
+        if self.min_cover > 0.0 {
+            required["cover"] = json!({ ">=": self.min_cover });
+        }
+        if self.no_gaps {
+            required["gaps"] = json!(false);
+        }
+        required
+    }
+}
+
 impl Rule for IsVault {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = subject.tell(|| json!({ "clear": { ">=": self.min_clear }, "falls_to_all_sides": true }));
+        let required = subject.tell(|| self.required());
         let structure = subject.structure;
         let Some(bounds) = structure.bounds() else { return Finding::nothing_stands(false, required) };
         let (x, z) = (i32::midpoint(bounds.min.x, bounds.max.x), i32::midpoint(bounds.min.z, bounds.max.z));
@@ -77,15 +91,17 @@ impl Rule for IsVault {
         }
         let is_closed = rows.values().all(|(low, high, count)| high - low + 1 == *count);
         let plan_share = covered_share(&tops);
-        let has_gaps = self.no_gaps && has_gaps(structure, &tops);
+        let gaps = self.no_gaps.then(|| has_gaps(structure, &tops));
         let falls = lines.iter().all(|line| falls_to_both_ends(line));
-        let holds = is_closed && plan_share >= self.min_cover && !has_gaps && has_room && falls;
-        let measured =
-            subject.tell(|| json!({ "clear": clear, "closed": is_closed, "along_x": lines[0], "along_z": lines[1] }));
+        let holds = is_closed && plan_share >= self.min_cover && gaps != Some(true) && has_room && falls;
+        let measured = subject.tell(|| {
+            json!({ "clear": clear, "closed": is_closed, "cover": plan_share, "gaps": gaps,
+                    "falls_to_all_sides": falls, "along_x": lines[0], "along_z": lines[1] })
+        });
         let failed: Vec<&str> = [
             (is_closed, "some row of the plan is not covered from end to end"),
             (plan_share >= self.min_cover, "the plan covers too little of the rectangle around it"),
-            (!has_gaps, "a column does not reach down to its lower neighbour"),
+            (gaps != Some(true), "a column does not reach down to its lower neighbour"),
             (has_room, "too few cells are free over the middle"),
             (falls, "the upper surface does not fall by two to every side, or dips"),
         ]
@@ -94,11 +110,12 @@ impl Rule for IsVault {
         .map(|(_, told)| told)
         .collect();
         let summary = if holds {
-            format!("{clear} free cells under the cover")
+            format!("{} under the cover", counted(clear, "free cell"))
         } else {
             format!(
-                "{}: {clear} free cells under the cover; upper surface {:?} along x, {:?} along z",
+                "{}: {} under the cover; upper surface {:?} along x, {:?} along z",
                 failed.join(", and "),
+                counted(clear, "free cell"),
                 lines[0],
                 lines[1]
             )

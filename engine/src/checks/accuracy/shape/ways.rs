@@ -6,6 +6,7 @@ use serde_json::json;
 
 use super::enclosed::without_terrain;
 use crate::checks::{Finding, Rule, Subject};
+use crate::text::counted;
 use crate::voxel::blocks::BlockSet;
 use crate::voxel::{Cell, CellMap, CellSet};
 
@@ -85,13 +86,16 @@ impl Rule for WalksOut {
         let stuck: Vec<Cell> = starts.iter().copied().filter(|start| !gets_out(start)).collect();
         let holds = stuck.is_empty() && starts.len() >= self.min_starts as usize;
         let summary = subject.tell(|| {
-            format!(
-                "no path {width} wide leads outside from {} of {} blocks of {}; at least {} such blocks are required",
-                stuck.len(),
-                starts.len(),
-                self.from,
-                self.min_starts
-            )
+            let (all, from) = (starts.len(), self.from);
+            let blocks = format!("{} of {from}", counted(all, "block"));
+            match stuck.len() {
+                _ if all < self.min_starts as usize => {
+                    format!("{blocks} to start from; required {}", self.min_starts)
+                }
+                0 if all == 1 => format!("a path {width} wide leads outside from {blocks}"),
+                0 => format!("a path {width} wide leads outside from each of {blocks}"),
+                some => format!("no path {width} wide leads outside from {some} of {blocks}"),
+            }
         });
         let measured = subject.tell(|| json!({ "starts": starts.len(), "stuck": stuck.len() }));
         Finding::binary(holds, measured, required, summary).with_witnesses(stuck, "no path outside")
@@ -109,8 +113,8 @@ impl Rule for HasUpperFloor {
         reached.retain(|feet| feet.y > self.min_y && terrain.is_floor(*feet) && terrain.is_enclosed(*feet, spaces));
         let summary = subject.tell(|| {
             format!(
-                "{} enclosed cells of floor at y = {} or higher can be reached from outside; required {}",
-                reached.len(),
+                "{} of floor at y = {} or higher can be reached from outside; required {}",
+                counted(reached.len(), "enclosed cell"),
                 self.min_y,
                 self.min_cells
             )
@@ -128,8 +132,12 @@ impl Rule for ClimbsTo {
         };
         let terrain = &around.terrain;
         let highest = terrain.highest_climbed();
-        let y = highest.map_or(i32::MIN, |block| block.y);
-        let summary = subject.tell(|| format!("the climb reaches a block at y={y}; required {}", self.min_y));
+        let Some(block) = highest else {
+            let summary = "no block can be climbed from the ground";
+            return Finding::binary(false, json!(null), required, summary);
+        };
+        let y = block.y;
+        let summary = subject.tell(|| format!("the climb reaches a block at y = {y}; required {}", self.min_y));
         Finding::binary(y >= self.min_y, y, required, summary).with_witnesses(highest, "highest block reached")
     }
 }
