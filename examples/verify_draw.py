@@ -1,6 +1,7 @@
 """Checks the proof of a draw with nothing but Python: python verify_draw.py DRAW.json EPOCH.json
 
 DRAW.json is the response to POST /v1/entries/ID/instances, EPOCH.json what GET /v1/epochs/NAME gave before the epoch opened.
+It exits with 0 if the proof holds, 1 if it does not, and 2 if the files are something else.
 The function is ECVRF-EDWARDS25519-SHA512-TAI of RFC 9381; names are those of the standard.
 """
 import hashlib
@@ -54,20 +55,30 @@ def verify(key, alpha, pi):
 
 def check(draw, epoch):
     draw, commitment = draw.get("draw", draw), epoch.get("commitment", epoch)
-    if draw["epoch"] != commitment["epoch"] or type(draw["run"]) is not int:
+    if draw["epoch"] != commitment["epoch"]:
+        raise ValueError("they are of different epochs")
+    if type(draw["run"]) is not int:
         return False
     alpha = "\n".join(["plumbline draw", draw["epoch"], draw["entry"], str(draw["run"]), draw["nonce"]]).encode()
-    output = verify(bytes.fromhex(commitment["draw_key"]), alpha, bytes.fromhex(draw["proof"]))
+    key = bytes.fromhex(commitment["draw_key"])
+    try:
+        proof = bytes.fromhex(draw["proof"])
+    except ValueError:
+        return False
+    output = verify(key, alpha, proof)
     return output is not None and output.hex() == draw["output"]
 
 
 if len(sys.argv) != 3 or sys.argv[1].startswith("-"):
-    sys.exit(__doc__)
+    print(__doc__, file=sys.stderr)
+    sys.exit(2)
 try:
-    holds = check(*(json.load(open(path, encoding="utf-8")) for path in sys.argv[1:3]))
+    holds = check(*(json.load(open(path, "rb")) for path in sys.argv[1:3]))
 except OSError as error:
-    sys.exit(f"{error.filename} cannot be read: {error.strerror}")
+    print(f"{error.filename} cannot be read: {error.strerror}", file=sys.stderr)
+    sys.exit(2)
 except (AttributeError, KeyError, TypeError, ValueError) as error:
-    sys.exit(f"these are not a draw and an epoch with a key of draws: {error!r}")
+    print(f"these are not a draw and an epoch with a key of draws: {error!r}", file=sys.stderr)
+    sys.exit(2)
 print("the draw is as committed" if holds else "the proof does NOT hold")
 sys.exit(0 if holds else 1)

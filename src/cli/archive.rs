@@ -2,7 +2,7 @@
 //! after the service is gone.
 
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{ErrorKind, Read as _};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -13,8 +13,10 @@ use flate2::read::GzDecoder;
 use flate2::write::GzEncoder;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use serde_json::error::Category;
 
 use super::evidence::key;
+use super::files;
 use super::verify_epoch::{answers_in, take_commitment, take_epoch, verified};
 use super::witness::{folder_of, witness_key};
 use crate::client::Service;
@@ -103,18 +105,33 @@ pub fn run(args: &ArchiveArgs) -> anyhow::Result<ExitCode> {
     packed.finish().with_context(place)?.sync_all().with_context(place)?;
     File::open(folder_of(&args.out))?.sync_all()?;
     println!("{}", args.out.display());
-    let needed = needed_of(&archive);
-    for witness in archive.witnesses["witnesses"].as_array().into_iter().flatten() {
-        let size = witness["size"].as_u64().unwrap_or(0);
-        if size < needed {
-            println!(
-                "NOTE    {}: has cosigned {size} entries of the log, and the epoch needs {needed}; run the witness once \
-                 more, and archive again",
-                witness["name"].as_str().unwrap_or("a witness")
-            );
+    tell_of_witnesses(&archive);
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Says which witnesses have not cosigned all of the epoch.
+fn tell_of_witnesses(archive: &Archive) {
+    let needed = needed_of(archive);
+    let witnesses = archive.witnesses["witnesses"].as_array().map(Vec::as_slice).unwrap_or_default();
+    if witnesses.is_empty() {
+        println!(
+            "NOTE    no witness has cosigned the log, so only the operator vouches for it: `plumbline witness` makes one, and its \
+             key goes to the operator"
+        );
+    }
+    for witness in witnesses {
+        let name = witness["name"].as_str().unwrap_or("a witness");
+        let then = "run the witness once more, and archive again";
+        match witness["size"].as_u64() {
+            None => println!("NOTE    {name}: has cosigned nothing yet; {then}"),
+            Some(size) if size < needed => {
+                println!(
+                    "NOTE    {name}: has cosigned {size} entries of the log, and the epoch needs {needed}; {then}"
+                );
+            }
+            Some(_) => {}
         }
     }
-    Ok(ExitCode::SUCCESS)
 }
 
 /// Returns the position of the last receipt of an archive's epoch.
@@ -169,6 +186,8 @@ pub fn verify(args: &VerifyArchiveArgs) -> anyhow::Result<ExitCode> {
         logs: Some(answers_in(&answers.join("\n"), "answers")?),
         heads: archive.log.iter().filter_map(|page| page.head.clone()).collect(),
         boards: archive.boards.clone(),
+        // `archive-epoch` fetches them last.
+        boards_follow_reveal: true,
         keys: args.keys.clone(),
         ..Kept::default()
     };
@@ -188,6 +207,10 @@ pub fn verify(args: &VerifyArchiveArgs) -> anyhow::Result<ExitCode> {
     let size = kept.log.last().map_or(0, |last| last.seq);
     kept.heads.retain(|head| head.size == size);
     let mut is_good = verified(&reveal, &kept)?;
+    if kept.log.is_empty() {
+        println!("BROKEN  log: the archive has no receipt of the public log");
+        is_good = false;
+    }
     let committed = reveal.commitment.rules.as_ref().map(|rules| rules.receipt_key.as_str());
     let trusted: Vec<&str> = kept.keys.iter().map(String::as_str).chain(committed).collect();
     // A witness vouches for the epoch only if it has seen the log with all of its receipts.
@@ -222,7 +245,11 @@ pub fn verify(args: &VerifyArchiveArgs) -> anyhow::Result<ExitCode> {
         if cosigned_by.contains(&witness.name.as_str()) {
             println!("{} has cosigned it", witness.name);
         } else {
-            println!("BROKEN  witness {}: has not cosigned the log with all receipts of the epoch", witness.name);
+            println!(
+                "BROKEN  witness {}: has not cosigned the log with all receipts of the epoch; if it may have done so since, run it once \
+                 more and archive again",
+                witness.name
+            );
             is_good = false;
         }
     }
@@ -235,8 +262,31 @@ pub fn verify(args: &VerifyArchiveArgs) -> anyhow::Result<ExitCode> {
     Ok(if is_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
+/// Unpacks the bytes of an archive, whose checksum shows damage.
+fn unpacked(packed: &[u8]) -> anyhow::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    match GzDecoder::new(packed).read_to_end(&mut bytes) {
+        Ok(_) => Ok(bytes),
+        Err(error) if error.kind() == ErrorKind::UnexpectedEof => {
+            bail!("it ends in the middle: copy or download it again")
+        }
+        Err(_) => bail!("its compressed bytes are damaged: copy or download it again"),
+    }
+}
+
 fn read(path: &Path) -> anyhow::Result<Archive> {
-    let archive: Archive = serde_json::from_reader(BufReader::new(GzDecoder::new(File::open(path)?)))?;
+    let bytes = std::fs::read(path)?;
+    // A browser or a proxy may have unpacked it.
+    let bytes = if bytes.starts_with(&[0x1f, 0x8b]) { unpacked(&bytes)? } else { bytes };
+    let text = files::decoded(bytes).context("it is not text in UTF-8")?;
+    let archive: Archive = match text.trim_start().chars().next() {
+        None => bail!("the file is empty"),
+        Some('<') => bail!("it holds a page of HTML"),
+        Some(_) => serde_json::from_str(&text).map_err(|error| match error.classify() {
+            Category::Eof => anyhow::anyhow!("it ends in the middle: copy or download it again"),
+            _ => anyhow::Error::new(error),
+        })?,
+    };
     if archive.format != FORMAT {
         bail!("it has format {}, this program reads format {FORMAT}", archive.format);
     }

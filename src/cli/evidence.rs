@@ -11,6 +11,11 @@ pub(super) fn key(text: &str) -> Result<String, &'static str> {
     is_key.then(|| text.trim().to_ascii_lowercase()).ok_or("expected 64 hexadecimal digits")
 }
 
+/// Returns whether this is the reveal of an epoch, which other commands are given by mistake.
+pub(super) fn is_reveal(value: &Value) -> bool {
+    ["key", "specifications", "instances"].iter().all(|name| value.get(name).is_some())
+}
+
 /// Reads a receipt as the service returned it: alone, or inside the response to the step that it confirms.
 pub(super) fn read_given(value: &Value) -> Option<GivenReceipt> {
     let inner = value.get("receipt").filter(|inner| inner.get("signature").is_some());

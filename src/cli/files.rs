@@ -14,10 +14,14 @@ use serde_json::{Deserializer, Value};
 /// Returns an error that names the file, if it cannot be read or is not text.
 pub(super) fn text(path: &Path) -> anyhow::Result<String> {
     let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    if bytes.starts_with(&[0x1f, 0x8b]) {
+        bail!("{} is compressed with gzip: unpack it first", path.display());
+    }
     decoded(bytes).with_context(|| format!("{} is not text in UTF-8", path.display()))
 }
 
-fn decoded(bytes: Vec<u8>) -> anyhow::Result<String> {
+/// Decodes what a file of text holds.
+pub(super) fn decoded(bytes: Vec<u8>) -> anyhow::Result<String> {
     let units = |bytes: &[u8], unit: fn([u8; 2]) -> u16| {
         let (pairs, rest) = bytes.as_chunks::<2>();
         if !rest.is_empty() {
@@ -45,7 +49,7 @@ pub(super) fn json<T: DeserializeOwned>(path: &Path) -> anyhow::Result<T> {
     serde_json::from_value(value).with_context(|| path.display().to_string())
 }
 
-/// Reads a file of concatenated JSON values.
+/// Reads a file of JSON values: one after the other, or in an array.
 ///
 /// # Errors
 /// Returns an error that names the file and says what it holds instead.
@@ -55,7 +59,16 @@ pub(super) fn values(path: &Path) -> anyhow::Result<Vec<Value>> {
         bail!("{} is empty; it should hold JSON", path.display());
     }
     let values: Result<Vec<Value>, _> = Deserializer::from_str(&text).into_iter().collect();
-    values.map_err(|error| no_json(path, &text, &error))
+    let values = values.map_err(|error| no_json(path, &text, &error))?;
+    let each = values.into_iter().flat_map(|value| match value {
+        Value::Array(items) => items,
+        one => vec![one],
+    });
+    let values: Vec<Value> = each.collect();
+    if values.is_empty() {
+        bail!("{} holds an empty list", path.display());
+    }
+    Ok(values)
 }
 
 fn no_json(path: &Path, text: &str, error: &serde_json::Error) -> anyhow::Error {
@@ -93,6 +106,8 @@ mod tests {
             assert_eq!(json::<Value>(&path).unwrap()["agent"], "Mädi 🏠");
             assert_eq!(values(&path).unwrap().len(), 1);
         }
+        std::fs::write(&path, "{\"a\": 1}\n[{\"a\": 2}, {\"a\": 3}]\n").unwrap();
+        assert_eq!(values(&path).unwrap().len(), 3);
         for (bytes, wanted) in [
             (b"".as_slice(), "is empty"),
             (b" \n", "is empty"),
@@ -101,6 +116,7 @@ mod tests {
             (b"{\"a\": x}", "is not JSON: expected value at line 1 column 7"),
             (b"\xff\xfea", "not text in UTF-8"),
             (b"\x80", "not text in UTF-8"),
+            (b"\x1f\x8b\x08", "compressed with gzip"),
         ] {
             std::fs::write(&path, bytes).unwrap();
             let told = json::<Value>(&path).unwrap_err().to_string();

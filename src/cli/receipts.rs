@@ -9,12 +9,13 @@ use clap::Args;
 use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 
-use super::evidence::{key, read_given};
+use super::evidence::{is_reveal, key, read_given};
 use super::files;
 use plumbline_engine::hidden::canonical::canonical_json;
 use plumbline_engine::hidden::evidence::GivenReceipt;
 use plumbline_engine::hidden::receipts::{
-    LogHead, LogPage, ReceiptFault, ReceiptFile, verify, verify_chain, verify_end, verify_keys, verify_signature,
+    LogHead, LogPage, ReceiptFault, ReceiptFile, gaps, of_other_keys, verify, verify_chain, verify_end, verify_keys,
+    verify_signature,
 };
 use plumbline_engine::hidden::tlog::note::Checkpoint;
 use plumbline_engine::tasks::hex;
@@ -31,7 +32,7 @@ pub struct VerifyReceiptArgs {
     #[arg(long = "key", required = true, value_name = "HEX", value_parser = key)]
     keys: Vec<String>,
     /// Accept pages that do not reach the signed end of the log, and receipts whose position in it is not signed.
-    /// Receipts that were cut off or moved are then not detected.
+    /// Receipts that were cut off or moved are then not detected. Pages must still follow one another without gaps.
     #[arg(long)]
     part: bool,
 }
@@ -53,6 +54,12 @@ impl Given {
     fn read(&mut self, path: &Path) -> anyhow::Result<()> {
         let place = || path.display().to_string();
         let value: Value = files::json(path)?;
+        if is_reveal(&value) {
+            bail!(
+                "{}: is a reveal, which `plumbline verify-epoch` verifies; expected pages of GET /v1/receipts",
+                path.display()
+            );
+        }
         if value.get("receipts").is_none() && value.get("seq").is_none() {
             let told =
                 || format!("{}: expected a receipt, a page of the log, or a response with a receipt", path.display());
@@ -121,12 +128,8 @@ impl Given {
         if let Some(own) = self.log.iter().find(|own| own.hash == hash) {
             return (Verdict::Note, format!("is at position {} of the log", own.seq).into());
         }
-        let head = self.heads.iter().max_by_key(|head| head.size);
-        let whole = head.filter(|head| usize::try_from(head.size) == Ok(self.log.len()));
-        let later = whole.zip(time_of(&handed.receipt)).map(|(head, at_ms)| head.at_ms - at_ms);
-        if let Some(later) = later.filter(|later| *later > LOGGED_WITHIN_MS) {
-            let told = format!("is not in the log, whose head was signed {} later", counted(later / 60_000, "minute"));
-            return (Verdict::Broken, told.into());
+        if let Some(broken) = self.lacks(&handed.receipt) {
+            return broken;
         }
         let told = "is signed, and not in the pages given; the log has it by its hash from the next full minute on: fetch \
                     all of its pages later than that";
@@ -134,7 +137,31 @@ impl Given {
     }
 }
 
-/// Returns the time of a receipt of hidden evaluation, in milliseconds since 1970.
+impl Given {
+    /// Says that the log lacks a receipt, if the pages are all of it and their head was signed much later.
+    fn lacks(&self, receipt: &Value) -> Option<(Verdict, Cow<'static, str>)> {
+        let head = self.heads.iter().max_by_key(|head| head.size);
+        let whole = head.filter(|head| usize::try_from(head.size) == Ok(self.log.len()))?;
+        let later = whole.at_ms.saturating_sub(time_of(receipt)?);
+        let told = || format!("is not in the log, whose head was signed {} later", counted(later / 60_000, "minute"));
+        (later > LOGGED_WITHIN_MS).then(|| (Verdict::Broken, told().into()))
+    }
+
+    /// Looks a receipt with a place but without a proof up in the pages of the log.
+    fn without_inclusion(&self, alone: &ReceiptFile) -> (Verdict, Cow<'static, str>) {
+        if self.log.iter().any(|own| own.seq == alone.seq && own.hash == alone.hash && own.link == alone.link) {
+            return (Verdict::Note, "is in the log".into());
+        }
+        let told = if self.log.is_empty() {
+            "has no proof of inclusion, so whether the log has it was not checked: give the pages of the log too"
+        } else {
+            "has no proof of inclusion, and is not in the pages given: fetch all of its pages again"
+        };
+        alone.receipt.as_ref().and_then(|receipt| self.lacks(receipt)).unwrap_or((Verdict::NotChecked, told.into()))
+    }
+}
+
+/// Returns the time of a receipt, in milliseconds since 1970.
 fn time_of(receipt: &Value) -> Option<i64> {
     let members = receipt.as_object()?.iter().filter(|(name, _)| name.ends_with("_at_ms"));
     members.filter_map(|(_, at_ms)| at_ms.as_i64()).max()
@@ -166,9 +193,13 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
     let trusted: Vec<&str> = args.keys.iter().map(String::as_str).collect();
     let mut is_good = true;
     let withheld = chains.iter().flatten().filter(|receipt| receipt.receipt.is_none()).count();
+    for others in of_other_keys(all.iter().copied(), &trusted) {
+        is_good = false;
+        println!("BROKEN  {others}");
+    }
     for receipt in &all {
         match verify(receipt, &trusted) {
-            Ok(()) | Err(ReceiptFault::Withheld) => {}
+            Ok(()) | Err(ReceiptFault::Withheld | ReceiptFault::OtherKey { .. }) => {}
             Err(fault) => {
                 is_good = false;
                 println!("BROKEN  receipt {}: {fault}", receipt.seq);
@@ -182,7 +213,9 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
         println!("{} receipt {}…: {told}", verdict.label(), &hash[..12]);
     }
     for alone in given.alone.iter().filter(|receipt| receipt.inclusion.is_none()) {
-        println!("NOTE    receipt {}: has no proof of inclusion, so whether the log has it was not checked", alone.seq);
+        let (verdict, told) = given.without_inclusion(alone);
+        is_good &= verdict != Verdict::Broken;
+        println!("{} receipt {}: {told}", verdict.label(), alone.seq);
     }
     for alone in given.alone.iter().filter(|receipt| receipt.inclusion.is_some()) {
         match alone.verify_inclusion(&trusted) {
@@ -200,9 +233,13 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
         }
     }
     let mut is_linked = true;
-    for fault in chains.iter().filter_map(|chain| verify_chain(chain.iter().copied()).err()) {
+    for chain in &chains {
+        let Err(fault) = verify_chain(chain.iter().copied()) else { continue };
         (is_good, is_linked) = (false, false);
-        println!("BROKEN  {fault}");
+        let faults = if matches!(fault, ReceiptFault::Gap { .. }) { gaps(chain) } else { vec![fault] };
+        for fault in faults {
+            println!("BROKEN  {fault}");
+        }
     }
     for alone in &given.alone {
         if given.log.iter().any(|own| own.seq == alone.seq && (own.link != alone.link || own.hash != alone.hash)) {
@@ -213,7 +250,8 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
     let has_log = given.alone.len() + given.handed.len() < args.files.len();
     for fault in given.places(&trusted, has_log).iter().filter(|_| !args.part) {
         is_good = false;
-        println!("BROKEN  {fault}");
+        let or = if *fault == ReceiptFault::NoBeginning { ", or use --part" } else { "" };
+        println!("BROKEN  {fault}{or}");
     }
     if let Err(fault) = verify_keys(log) {
         is_good = false;
@@ -274,6 +312,16 @@ mod tests {
         assert!(told.contains("is not in the log, whose head was signed 9 minutes later"), "{told}");
         // It may be too young, or on a page that was not given.
         assert_eq!(verdict(&given, &handed(599_000)).0, Verdict::NotChecked);
+        // So for one that is returned with its place, but without a proof.
+        let placed = |handed: &GivenReceipt| ReceiptFile {
+            receipt: Some(handed.receipt.clone()),
+            hash: handed.hash.clone(),
+            ..given.log[0].clone()
+        };
+        assert_eq!(given.without_inclusion(&placed(&logged)).0, Verdict::Note);
+        assert_eq!(given.without_inclusion(&placed(&handed(2_000))).0, Verdict::Broken);
+        assert_eq!(given.without_inclusion(&placed(&handed(599_000))).0, Verdict::NotChecked);
+        assert_eq!(Given::default().without_inclusion(&placed(&logged)).0, Verdict::NotChecked);
         given.heads[0].size = 2;
         assert_eq!(verdict(&given, &handed(2_000)).0, Verdict::NotChecked);
         assert_eq!(verdict(&Given::default(), &logged).0, Verdict::NotChecked);

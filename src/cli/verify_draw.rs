@@ -52,8 +52,8 @@ pub fn run(args: &VerifyDrawArgs) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::FAILURE);
     }
     if draw.epoch != commitment.epoch {
-        println!("BROKEN  epoch: the draw is of {}, the commitment of {}", draw.epoch, commitment.epoch);
-        return Ok(ExitCode::FAILURE);
+        let (file, other) = (args.draw.display(), args.commitment.display());
+        bail!("{file} is a draw of the epoch {:?}, and {other} is the epoch {:?}", draw.epoch, commitment.epoch);
     }
     let message = DrawMessage { epoch: &draw.epoch, entry: &draw.entry, run: draw.run, nonce: &draw.nonce };
     let Some(output) = verify(key, &message, &draw.proof) else {

@@ -8,9 +8,10 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::Value;
 
-use super::evidence::{key, read_given};
+use super::evidence::{is_reveal, key, read_given};
 use super::files;
 use plumbline_engine::hidden::commitment::Commitment;
+use plumbline_engine::hidden::feedback::Tier;
 use plumbline_engine::hidden::receipts::LogPage;
 use plumbline_engine::hidden::reveal::Reveal;
 use plumbline_engine::hidden::verify::{Kept, verify};
@@ -75,7 +76,7 @@ pub(super) fn answers_in(text: &str, name: &str) -> anyhow::Result<BTreeMap<Stri
 /// # Errors
 /// Returns an error if it is something else, such as the reveal, whose own copy proves nothing.
 pub(super) fn take_epoch(kept: &mut Kept, epoch: Value) -> anyhow::Result<()> {
-    if epoch.get("instances").is_some() {
+    if is_reveal(&epoch) {
         bail!("this is the reveal; expected GET /v1/epochs/NAME, saved before the epoch closed");
     }
     let pool = epoch.get("pool").filter(|pool| !pool.is_null()).cloned();
@@ -124,10 +125,16 @@ fn read_kept(args: &VerifyEpochArgs, reveal: &Reveal) -> anyhow::Result<Kept> {
     }
     for path in &args.receipts {
         for value in files::values(path)? {
+            if is_reveal(&value) {
+                bail!("{}: is a reveal; expected pages of GET /v1/receipts", path.display());
+            }
             let page: LogPage = serde_json::from_value(value).with_context(|| path.display().to_string())?;
             kept.log.extend(page.receipts);
             kept.heads.extend(page.head);
         }
+    }
+    if !args.receipts.is_empty() && kept.log.is_empty() && kept.heads.is_empty() {
+        bail!("--receipts: these pages hold no receipt and no head; expected the pages of GET /v1/receipts");
     }
     for path in &args.given {
         for value in files::values(path)? {
@@ -136,9 +143,26 @@ fn read_kept(args: &VerifyEpochArgs, reveal: &Reveal) -> anyhow::Result<Kept> {
         }
     }
     for path in &args.board {
-        kept.boards.push(files::json(path)?);
+        kept.boards.push(read_board(path, &reveal.commitment.epoch)?);
     }
     Ok(kept)
+}
+
+/// Reads a board of the epoch.
+///
+/// # Errors
+/// Returns an error if the file cannot be read, is something else, or is of another epoch.
+fn read_board(path: &Path, epoch: &str) -> anyhow::Result<Value> {
+    let board: Value = files::json(path)?;
+    let (file, expected) = (path.display(), format!("expected GET /v1/epochs/{epoch}/leaderboard"));
+    let is_tier = Tier::ALL.iter().any(|tier| board["tier"] == tier.name());
+    if !is_tier || !board["rows"].is_array() || !board["is_released"].is_boolean() || !board["epoch"].is_string() {
+        bail!("{file}: is no board of an epoch; {expected}");
+    }
+    if board["epoch"] != epoch {
+        bail!("{file}: is of the epoch {}, and the reveal of {epoch:?}; {expected}", board["epoch"]);
+    }
+    Ok(board)
 }
 
 /// Runs `verify-epoch`, with exit code 1 if anything does not match.

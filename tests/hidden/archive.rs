@@ -53,7 +53,7 @@ async fn an_epoch_is_verified_from_one_file() {
     scene.end_epoch().await;
     let hasty = scene.file("hasty.archive").to_str().unwrap().to_owned();
     let told = succeeded(&run(&["archive-epoch", &scene.service.url, "autumn", "--out", &hasty], None));
-    assert!(told.contains("NOTE    w.example: has cosigned 0 entries of the log, and the epoch needs"), "{told}");
+    assert!(told.contains("NOTE    w.example: has cosigned nothing yet; run the witness once more"), "{told}");
     succeeded(&witness(&scene.service.url, &["--publish"]));
     let url = scene.service.url.clone();
     let told = succeeded(&run(&["archive-epoch", &url, "autumn", "--out", &out], None));
@@ -63,6 +63,7 @@ async fn an_epoch_is_verified_from_one_file() {
     // The service is gone.
     let archive = unpacked(&scene);
     only_what_was_saved_in_time_is_a_promise(&scene, &archive);
+    mistakes_of_a_verifier_are_no_breaches(&scene, &archive);
     let kept = scene.file("kept.json").to_str().unwrap().to_owned();
     let verified = |file: &str, more: &[&str]| -> Output { run(&[&["verify-archive", file], more].concat(), None) };
     let told = succeeded(&verified(&out, &["--commitment", &kept, "--witness", &key]));
@@ -75,7 +76,8 @@ async fn an_epoch_is_verified_from_one_file() {
         assert!(told.contains(part), "{part}: {told}");
     }
     assert!(!told.contains("BROKEN"), "{told}");
-    let changes: [Change; 7] = [
+    let changes: [Change; 8] = [
+        ("a board that is not final", |it| it["boards"][1]["is_final"] = json!(false)),
         ("a verdict", |it| it["reveal"]["instances"][0]["overall"] = json!(true)),
         ("an answer", |it| drop(it["answers"].as_array_mut().unwrap().pop())),
         ("a receipt", |it| drop(it["log"][0]["receipts"].as_array_mut().unwrap().remove(3))),
@@ -101,11 +103,127 @@ async fn an_epoch_is_verified_from_one_file() {
     let whole = std::fs::read(&out).unwrap();
     std::fs::write(scene.file("cut"), &whole[..whole.len() / 2]).unwrap();
     std::fs::write(scene.file("text"), "<!doctype html>").unwrap();
-    let newer = pack(&scene, "newer", &json!({ "plumbline_archive": 2 }));
-    for file in [scene.file("cut").to_str().unwrap(), scene.file("text").to_str().unwrap(), "missing", &newer] {
-        let output = verified(file, &[]);
-        assert_eq!(output.status.code(), Some(2), "{file}");
-        assert!(refused(&output).contains("is no archive of an epoch"), "{file}: {}", refused(&output));
+    std::fs::write(scene.file("empty"), "").unwrap();
+    let mut page = GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    page.write_all(b"<html>").unwrap();
+    std::fs::write(scene.file("page.gz"), page.finish().unwrap()).unwrap();
+    std::fs::write(scene.file("halved"), &archive.to_string()[..999]).unwrap();
+    let mut damaged = whole.clone();
+    let middle = damaged.len() / 2;
+    damaged[middle..middle + 64].fill(0);
+    std::fs::write(scene.file("damaged"), damaged).unwrap();
+    pack(&scene, "newer", &json!({ "plumbline_archive": 2 }));
+    for (name, why) in [
+        ("cut", "ends in the middle"),
+        ("halved", "ends in the middle"),
+        ("text", "a page of HTML"),
+        ("empty", "is empty"),
+        ("damaged", "compressed bytes are damaged"),
+        ("page.gz", "a page of HTML"),
+        ("newer", "missing field"),
+        ("missing", "No such file"),
+    ] {
+        let output = verified(scene.file(name).to_str().unwrap(), &[]);
+        assert_eq!(output.status.code(), Some(2), "{name}");
+        let told = refused(&output);
+        assert!(told.contains("is no archive of an epoch") && told.contains(why), "{name}: {told}");
+    }
+    // A browser may have unpacked it, and a shell saved it in its own way.
+    std::fs::write(scene.file("unpacked"), format!("\u{feff}{archive}")).unwrap();
+    succeeded(&verified(scene.file("unpacked").to_str().unwrap(), &["--commitment", &kept, "--witness", &key]));
+}
+
+/// The wrong file, or a part of the right one, is told as such: only the service can break its word.
+fn mistakes_of_a_verifier_are_no_breaches(scene: &Scene, archive: &Value) {
+    let write = |name: &str, text: String| {
+        std::fs::write(scene.file(name), text).unwrap();
+        scene.file(name).to_str().unwrap().to_owned()
+    };
+    let reveal = write("reveal.json", archive["reveal"].to_string());
+    let board = |change: &dyn Fn(&mut Value)| {
+        let mut board = archive["boards"][1].clone();
+        change(&mut board);
+        run(&["verify-epoch", &reveal, "--board", &write("board.json", board.to_string())], None)
+    };
+    assert!(succeeded(&board(&|_| {})).contains("1 board recomputed"));
+    // When a board was fetched nobody can show, but what no board of any time says is a breach.
+    let unreleased = |board: &mut Value| {
+        (board["is_final"], board["is_released"]) = (json!(false), json!(false));
+        board["rows"] = json!([]);
+    };
+    let told = succeeded(&board(&unreleased));
+    assert!(told.contains("NOT CHECKED  board of the official tier: was fetched before its scores"), "{told}");
+    let changes: [Change; 6] = [
+        ("although it says that its scores are not released", |board| board["is_released"] = json!(false)),
+        ("shows 77 registered entries", |board| {
+            board["rows"] = json!([]);
+            board["registered"] = json!(77);
+        }),
+        ("says that it is released and is not final", |board| board["is_released"] = json!(true)),
+        ("does not say whether it is released and final", |board| {
+            drop(board.as_object_mut().unwrap().remove("is_final"));
+        }),
+        ("is not a response of GET", |board| board["rows"][0]["passed"] = json!("all")),
+        ("does not say whether", |board| board["is_final"] = Value::Null),
+    ];
+    for (what, change) in changes {
+        let output = board(&|board| {
+            (board["is_final"], board["is_released"]) = (json!(false), json!(false));
+            change(board);
+        });
+        assert!(output.status.code() == Some(1) && refused(&output).contains(what), "{what}: {}", refused(&output));
+    }
+    for (wrong, why) in [
+        (board(&|board| board["epoch"] = json!("other")), "is of the epoch \"other\""),
+        (board(&|board| board["tier"] = json!("gold")), "is no board of an epoch"),
+        (run(&["verify-epoch", &reveal, "--board", &reveal], None), "is no board of an epoch"),
+        (run(&["verify-epoch", &reveal, "--receipts", &reveal], None), "is a reveal"),
+        (run(&["verify-receipt", &reveal, "--key", &"0".repeat(64)], None), "is a reveal"),
+    ] {
+        assert_eq!(wrong.status.code(), Some(2), "{why}");
+        assert!(refused(&wrong).contains(why), "{why}: {}", refused(&wrong));
+    }
+    // Answers that lack some are a breach, unless they were cut off: one line says both.
+    let answers: Vec<String> = archive["answers"].as_array().unwrap().iter().map(Value::to_string).collect();
+    let cut = write("cut.ndjson", answers[..answers.len() - 5].join("\n"));
+    let output = run(&["verify-epoch", &reveal, "--answers", &cut], None);
+    assert_eq!(output.status.code(), Some(1));
+    let told = refused(&output);
+    assert_eq!(told.matches("BROKEN").count(), 1, "{told}");
+    assert!(told.contains("BROKEN  answers: lack 5 logs") && told.contains("fetch them again"), "{told}");
+
+    // A key that is not trusted is one finding, however many receipts have it.
+    let page = write("page.json", archive["log"][0].to_string());
+    let output = run(&["verify-receipt", &page, "--key", &"0".repeat(64)], None);
+    assert_eq!(output.status.code(), Some(1));
+    let told = refused(&output);
+    assert!(told.contains(" receipts, from 1 to ") && told.contains("give it with --key"), "{told}");
+    assert_eq!(told.matches("BROKEN").count(), 2, "the receipts, and the head: {told}");
+    // A page that is missing is named.
+    let key = archive["log"][0]["receipts"][0]["public_key"].as_str().unwrap();
+    let mut gap = archive["log"][0].clone();
+    let receipts = gap["receipts"].as_array_mut().unwrap();
+    drop(receipts.drain(9..11));
+    drop(receipts.drain(3..7));
+    let output = run(&["verify-receipt", &write("gap.json", gap.to_string()), "--key", key], None);
+    let told = refused(&output);
+    assert_eq!((output.status.code(), told.matches("BROKEN").count()), (Some(1), 2), "{told}");
+    assert!(told.contains("receipts 10 to 11 are missing"), "{told}");
+    assert!(told.contains("receipts 4 to 7 are missing") && told.contains("after=3&limit=1000"), "{told}");
+
+    // The announcement is the first receipt; and a page may hide a body, but not half of a receipt.
+    let with_log = |change: &dyn Fn(&mut Vec<Value>)| {
+        let mut page = archive["log"][0].clone();
+        change(page["receipts"].as_array_mut().unwrap());
+        run(&["verify-epoch", &reveal, "--receipts", &write("changed.json", page.to_string())], None)
+    };
+    assert!(!succeeded(&with_log(&|_| {})).contains("BROKEN"));
+    for (change, why) in [
+        (with_log(&|log| drop(log.remove(0))), "the log does not start at receipt 1"),
+        (with_log(&|log| log[5]["receipt"] = Value::Null), "its body or its signature, but not both"),
+    ] {
+        assert_eq!(change.status.code(), Some(1), "{why}");
+        assert!(refused(&change).contains(why), "{why}: {}", refused(&change));
     }
 }
 

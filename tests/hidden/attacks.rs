@@ -39,6 +39,7 @@ impl Downloaded {
             log: pages.into_iter().flat_map(|page| page.receipts).collect(),
             given: self.given.iter().map(|given| serde_json::from_value(given.clone()).unwrap()).collect(),
             boards: self.boards.clone(),
+            boards_follow_reveal: true,
             keys: Vec::new(),
             pool: serde_json::from_value(self.reveal["pool"].clone()).unwrap(),
         }
@@ -171,7 +172,7 @@ fn the_log_is_not_believed_for_being_long(forged: &Reveal, downloaded: &Download
     kept.heads = vec![LogHead::signed(file.seq, file.link.clone(), 8, &own)];
     kept.log.push(file);
     let found = verify(&good, &kept).unwrap();
-    assert!(found.breaches.iter().any(|breach| breach.detail.contains("signed with key")), "{:?}", found.breaches);
+    assert!(found.breaches.iter().any(|breach| breach.detail.contains("signed with the key")), "{:?}", found.breaches);
 }
 
 /// The command, with everything that can be given to it.

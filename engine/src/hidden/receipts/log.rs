@@ -111,7 +111,8 @@ impl ReceiptFile {
         let checkpoint = Checkpoint::verified(&proof.checkpoint, trusted).ok_or_else(bad)?;
         let path: Option<Vec<Hash>> = proof.path.iter().map(|hash| unhex(hash)).collect();
         let entry: Hash = unhex(&self.hash).ok_or(ReceiptFault::Unreadable("hash"))?;
-        let (Some(path), Ok(index)) = (path, u64::try_from(self.seq - 1)) else { return Err(bad()) };
+        let index = self.seq.checked_sub(1).and_then(|index| u64::try_from(index).ok());
+        let (Some(path), Some(index)) = (path, index) else { return Err(bad()) };
         let holds = proof.size == checkpoint.size
             && is_included(&leaf(&entry), index, checkpoint.size, &path, &checkpoint.root);
         if holds { Ok(checkpoint) } else { Err(bad()) }
@@ -119,28 +120,40 @@ impl ReceiptFile {
 }
 
 /// Checks that each entry of the log has the key of the entry before it or announces the change of the key itself.
+/// After a gap nothing is known of the entry before; [`verify_chain`] reports the gap.
 ///
 /// # Errors
 /// Returns an error for the first entry that does neither.
 pub fn verify_keys<'a>(log: impl IntoIterator<Item = &'a ReceiptFile>) -> Result<(), ReceiptFault> {
-    let mut last: Option<&str> = None;
+    let mut last: Option<(i64, &str)> = None;
     for file in log {
         let is_told = |before: &str| {
             let change = file.receipt.as_ref().and_then(|receipt| receipt.get("key_change"));
             change.is_some_and(|change| change["before"] == before && change["now"] == file.public_key.as_str())
         };
-        if last.is_some_and(|last| last != file.public_key && !is_told(last)) {
+        let before = last.filter(|(seq, _)| seq.checked_add(1) == Some(file.seq));
+        if before.is_some_and(|(_, key)| key != file.public_key && !is_told(key)) {
             return Err(ReceiptFault::UntoldKey(file.seq));
         }
-        last = Some(&file.public_key);
+        last = Some((file.seq, &file.public_key));
     }
     Ok(())
+}
+
+/// Lists the gaps between the entries of the log, in order.
+#[must_use]
+pub fn gaps(log: &[&ReceiptFile]) -> Vec<ReceiptFault> {
+    let between = |pair: &[&ReceiptFile]| {
+        let (from, to) = (pair[0].seq.checked_add(1)?, pair[1].seq.checked_sub(1)?);
+        (from <= to).then_some(ReceiptFault::Gap { from, to })
+    };
+    log.windows(2).filter_map(between).collect()
 }
 
 /// Checks that the entries of the log, in order, form a chain, and returns their number.
 ///
 /// # Errors
-/// Returns an error for the first link that cannot be read or does not follow from the one before it.
+/// Returns an error for the first gap, or the first link that cannot be read or does not follow from the one before it.
 pub fn verify_chain<'a>(log: impl IntoIterator<Item = &'a ReceiptFile>) -> Result<usize, ReceiptFault> {
     let mut last: Option<(i64, &str)> = None;
     let mut count = 0;
@@ -148,7 +161,12 @@ pub fn verify_chain<'a>(log: impl IntoIterator<Item = &'a ReceiptFile>) -> Resul
         let previous: Hash = unhex(&file.previous).ok_or(ReceiptFault::Unreadable("previous"))?;
         let hash: Hash = unhex(&file.hash).ok_or(ReceiptFault::Unreadable("hash"))?;
         let starts = (file.seq == 1) == (previous == FIRST_LINK) && file.seq > 0;
-        let follows = last.is_none_or(|(seq, link)| link == file.previous && seq + 1 == file.seq);
+        if let Some((seq, link)) = last.filter(|(seq, _)| seq.checked_add(1).is_some_and(|next| next < file.seq))
+            && link != file.previous
+        {
+            return Err(ReceiptFault::Gap { from: seq + 1, to: file.seq - 1 });
+        }
+        let follows = last.is_none_or(|(seq, link)| link == file.previous && seq.checked_add(1) == Some(file.seq));
         if !starts || !follows || hex(&link(&previous, &hash)) != file.link {
             return Err(ReceiptFault::BrokenLink(file.seq));
         }
@@ -185,7 +203,9 @@ mod tests {
         let change = file(&new, 2, &unhex(&first.link).unwrap(), told);
         let after = file(&new, 3, &unhex(&change.link).unwrap(), json!({ "submission": 2 }));
         assert_eq!(verify_keys([&first, &change, &after]), Ok(()));
-        assert_eq!(verify_keys([&first, &after]), Err(ReceiptFault::UntoldKey(3)));
+        let untold = file(&new, 2, &unhex(&first.link).unwrap(), json!({ "submission": 2 }));
+        assert_eq!(verify_keys([&first, &untold]), Err(ReceiptFault::UntoldKey(2)));
+        assert_eq!(verify_keys([&first, &after]), Ok(()), "the page between them may tell");
         assert_eq!(verify(&change, &[&new.public_key()]), Ok(()));
     }
 
@@ -202,7 +222,14 @@ mod tests {
             .collect();
         assert_eq!(verify_chain(&log), Ok(4));
         assert_eq!(verify_chain(&log[1..]), Ok(3), "a page from the middle");
-        assert_eq!(verify_chain([&log[0], &log[2]]), Err(ReceiptFault::BrokenLink(3)));
+        assert_eq!(verify_chain([&log[0], &log[3]]), Err(ReceiptFault::Gap { from: 2, to: 3 }));
+        let told = ReceiptFault::Gap { from: 2, to: 3 }.to_string();
+        assert!(told.contains("`GET /v1/receipts?after=1&limit=1000`"), "{told}");
+        assert_eq!(gaps(&[&log[0], &log[3]]), [ReceiptFault::Gap { from: 2, to: 3 }]);
+        assert_eq!(gaps(&[&log[0], &log[1]]), []);
+        let last = ReceiptFile { seq: i64::MAX, ..log[3].clone() };
+        assert!(verify_chain([&last, &last]).is_err() && verify_keys([&last, &last]).is_ok());
+        assert_eq!(gaps(&[&last, &last]), []);
         let mut moved = log[1].clone();
         moved.seq = 3;
         assert_eq!(verify_chain([&log[0], &moved]), Err(ReceiptFault::BrokenLink(3)), "another position");

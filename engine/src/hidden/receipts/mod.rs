@@ -4,6 +4,7 @@
 //! Ed25519 signature over them. The public log holds the hashes in order; each link is the SHA-256 over the previous
 //! link and the hash, so removing or inserting a receipt changes every later link.
 
+mod faults;
 mod log;
 
 use ed25519_dalek::{Signature, Signer as _, SigningKey, VerifyingKey};
@@ -15,7 +16,8 @@ use super::canonical::{Hash, canonical_json, unhex};
 use crate::grading::Report;
 use crate::tasks::hex;
 
-pub use log::{FIRST_LINK, LogHead, LogPage, link, verify_chain, verify_end, verify_keys};
+pub use faults::{OfOtherKey, ReceiptFault, of_other_keys};
+pub use log::{FIRST_LINK, LogHead, LogPage, gaps, link, verify_chain, verify_end, verify_keys};
 
 /// The facts about a grade that its report does not contain.
 #[derive(Debug, Clone, Copy)]
@@ -207,70 +209,6 @@ pub fn verify_signature(value: &Value, public_key: &str, signature: &str) -> Res
     let signature = unhex(signature).ok_or(ReceiptFault::Unreadable("signature"))?;
     let verified = key.verify_strict(&canonical_json(value), &Signature::from_bytes(&signature));
     verified.map_err(|_bad| ReceiptFault::BadSignature)
-}
-
-/// A fault of a receipt or of the public log.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum ReceiptFault {
-    /// The receipt has not been released.
-    #[error("the receipt is withheld until its epoch closes; until then the log has only its hash and link")]
-    Withheld,
-    /// The receipt has either no body or no signature.
-    #[error("the receipt has its body or its signature, but not both: one was removed")]
-    Halved,
-    /// A member cannot be decoded.
-    #[error("{0} is not hexadecimal of the right length")]
-    Unreadable(&'static str),
-    /// The signing key is not trusted.
-    #[error("signed with key {found}, not with {wanted}")]
-    OtherKey {
-        /// Key of the signature.
-        found: String,
-        /// Trusted keys.
-        wanted: String,
-    },
-    /// The hash does not belong to the receipt.
-    #[error("the receipt has the hash {0}, which is not its hash in the log: the receipt was changed")]
-    OtherHash(String),
-    /// The signature does not verify.
-    #[error("the signature does not verify: this key did not sign this content")]
-    BadSignature,
-    /// The key changed without an announcement in the log.
-    #[error("receipt {0} has a different signing key from the receipt before it, but announces no change of the key")]
-    UntoldKey(i64),
-    /// The receipt's position in the log is not signed.
-    #[error(
-        "the position of receipt {0} in the log is not signed: fetch the receipt again, or give its log page and head"
-    )]
-    UnsignedPlace(i64),
-    /// The signature over position and link does not verify.
-    #[error("the signature over position {0} in the log does not verify: the position or the link was changed")]
-    BadPlace(i64),
-    /// The proof that the transparency log has the receipt does not hold.
-    #[error("the proof that the transparency log has the receipt at position {0} does not hold")]
-    BadInclusion(i64),
-    /// The log has more or fewer receipts than its signed head states.
-    #[error(
-        "the log ends at receipt {found}, but its signed head states {signed}: receipts were cut off or added, \
-             or more pages follow (`GET /v1/receipts?after={found}&limit=1000`)"
-    )]
-    OtherLength {
-        /// Position of the last receipt present.
-        found: i64,
-        /// Number of receipts that the head states.
-        signed: i64,
-    },
-    /// The log came without a signed head.
-    #[error(
-        "the log has no signed head, so nothing shows where it ends; `GET /v1/receipts` sends a head with each page"
-    )]
-    NoHead,
-    /// The log does not start at its first receipt.
-    #[error("the log does not start at receipt 1: give all of its pages, or use --part")]
-    NoBeginning,
-    /// The link does not follow from the previous link.
-    #[error("the link of receipt {0} does not follow from the previous link and the receipt's hash")]
-    BrokenLink(i64),
 }
 
 /// Verifies the key, hash, signature and link of a receipt against the trusted public keys.

@@ -4,10 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::Value;
 
-use super::Verified;
+use super::{Kept, Verified};
 use crate::hidden::board::{Answered, BoardRules, Entrant, Row, rows};
 use crate::hidden::commitment::Commitment;
-use crate::hidden::feedback::Tier;
+use crate::hidden::feedback::{Feedback, Tier};
 use crate::hidden::reveal::Reveal;
 use crate::hidden::secret::EpochKey;
 use crate::tasks::hex;
@@ -45,12 +45,12 @@ fn made(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, tier: Tier) ->
 }
 
 /// Recomputes the boards that the service shows and compares them.
-pub(super) fn check(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, shown: &[Value], found: &mut Verified) {
+pub(super) fn check(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, kept: &Kept, found: &mut Verified) {
     if reveal.entries.iter().any(|entry| entry.owner.is_none()) {
         found.unchecked.push("boards: an older program made the reveal, which does not name owners".to_owned());
         return;
     }
-    for board in shown {
+    for board in &kept.boards {
         let tier = Tier::ALL.into_iter().find(|tier| board["tier"] == tier.name());
         let (Some(tier), Ok(rows)) = (tier, serde_json::from_value::<Vec<Row>>(board["rows"].clone())) else {
             found.breach("board", "is not a response of GET /v1/epochs/NAME/leaderboard");
@@ -61,6 +61,24 @@ pub(super) fn check(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, sh
             found.breach(place, "belongs to another epoch");
             continue;
         }
+        let early = match (board["is_released"] == true, commitment.protocol() < 2 || board["is_final"] == true) {
+            (false, _) => Some("before its scores were released"),
+            (true, false) => Some("before it was final"),
+            (true, true) => None,
+        };
+        if let Some(early) = early {
+            match contradiction(reveal, commitment, board, tier, &rows) {
+                Some(what) => found.breach(place, what),
+                None if kept.boards_follow_reveal => {
+                    found.breach(place, "is not final, though the service had published the reveal when it was fetched");
+                }
+                // It has no signature, so nothing shows when the service sent it.
+                None => found.unchecked.push(format!(
+                    "{place}: was fetched {early}; fetch it again: a service that has published the reveal has the final board too"
+                )),
+            }
+            continue;
+        }
         let made = made(reveal, commitment, key, tier);
         let registered = reveal.entries.iter().filter(|entry| entry.tier == tier).count();
         if board["registered"].as_u64() != Some(registered as u64) {
@@ -68,14 +86,6 @@ pub(super) fn check(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, sh
                 place,
                 format!("shows {} registered entries, but the reveal has {registered}", board["registered"]),
             );
-            continue;
-        }
-        if board["is_released"] != true {
-            found.breach(place, "was fetched before its scores were released; fetch it again when the epoch is over");
-            continue;
-        }
-        if commitment.protocol() >= 2 && board["is_final"] != true {
-            found.breach(place, "was fetched before it was final; fetch it again when the epoch is over");
             continue;
         }
         if rows.len() != made.len() {
@@ -95,6 +105,44 @@ pub(super) fn check(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, sh
             }
         }
     }
+}
+
+/// Returns what of a board no time before the end explains.
+fn contradiction(reveal: &Reveal, commitment: &Commitment, board: &Value, tier: Tier, rows: &[Row]) -> Option<String> {
+    let own = || reveal.entries.iter().filter(|entry| entry.tier == tier);
+    let is_entered = |row: &Row| {
+        let of_row = || own().filter(|entry| entry.owner.as_deref().unwrap_or_default() == row.owner);
+        let has = |id: &String| of_row().any(|entry| entry.id == *id);
+        of_row().any(|entry| entry.agent == row.agent && entry.configuration_hash == row.configuration_sha256)
+            && row.entries.iter().all(has)
+    };
+    if commitment.protocol() >= 2 {
+        let (Some(is_released), Some(is_final)) = (board["is_released"].as_bool(), board["is_final"].as_bool()) else {
+            return Some("does not say whether it is released and final".to_owned());
+        };
+        // Scores that are told only after the epoch are released with the final board.
+        let is_told_at_end = tier.feedback(commitment.dev_feedback) == Feedback::AfterEpoch;
+        if is_released != is_final && (is_final || is_told_at_end) {
+            let told = |is: bool| if is { "is" } else { "is not" };
+            let what = format!(
+                "says that it {} released and {} final, which no board ever is",
+                told(is_released),
+                told(is_final)
+            );
+            return Some(what);
+        }
+    }
+    if board["is_released"] == false && !rows.is_empty() {
+        return Some("has rows, although it says that its scores are not released".to_owned());
+    }
+    if board["registered"].as_u64().is_none_or(|registered| registered > own().count() as u64) {
+        return Some(format!("shows {} registered entries, but the reveal has {}", board["registered"], own().count()));
+    }
+    let stranger = rows.iter().find(|row| !is_entered(row))?;
+    Some(format!(
+        "has a row of agent {:?} of {:?}, whose entries the reveal does not have",
+        stranger.agent, stranger.owner
+    ))
 }
 
 /// Lists the members in which a shown row differs from the one that the reveal gives.

@@ -9,7 +9,7 @@ use super::issued::Issued;
 use crate::checks::Criterion;
 use crate::elasticity::Control;
 use crate::grading::grade_log;
-use crate::hidden::reveal::Reveal;
+use crate::hidden::reveal::{Reveal, RevealedInstance};
 use crate::tasks::hex;
 use crate::voxel::BlockLog;
 
@@ -23,22 +23,34 @@ pub(super) fn check(reveal: &Reveal, logs: &BTreeMap<String, BlockLog>, issued: 
     for id in logs.keys().filter(|id| !answered(id)) {
         found.breach(format!("instance {id}"), "has a log among the answers but no answer in the reveal");
     }
+    let is_graded = |own: &RevealedInstance| own.overall.is_some() || own.scores.is_some();
+    let graded = reveal.instances.iter().filter(|own| own.log_sha256.is_some() && is_graded(own));
+    let missing: Vec<&str> = graded.map(|own| own.id.as_str()).filter(|id| !logs.contains_key(*id)).collect();
+    if let [first, ..] = missing.as_slice() {
+        let lack = match missing.len() {
+            1 => format!("lack the log of instance {first}, which the reveal has a grade of"),
+            many => format!("lack {many} logs that the reveal has grades of, the first that of instance {first}"),
+        };
+        let then =
+            "the download may have been cut off, so fetch them again; what they still lack, the service withholds";
+        found.breach("answers", format!("{lack}: {then}"));
+    }
     for instance in &reveal.instances {
         let place = format!("instance {}", instance.id);
-        let is_graded = instance.overall.is_some() || instance.scores.is_some();
         if instance.log_sha256.is_none() {
-            if is_graded {
+            if is_graded(instance) {
                 found.breach(place, "has a grade but no answer");
             }
             continue;
         }
         // An answer that the service failed to grade has no grade and counts as failed.
-        if !is_graded {
+        if !is_graded(instance) {
             found.ungraded += 1;
             continue;
         }
-        let (Some(log), Some(specification)) = (logs.get(&instance.id), issued.specification(instance.leaf)) else {
-            found.breach(place, "its log is missing from the answers, or its specification from the reveal");
+        let Some(log) = logs.get(&instance.id) else { continue };
+        let Some(specification) = issued.specification(instance.leaf) else {
+            found.breach(place, "its specification is missing from the reveal");
             continue;
         };
         let hash = hex(&Sha256::digest(log.canonical_json()));
@@ -46,7 +58,14 @@ pub(super) fn check(reveal: &Reveal, logs: &BTreeMap<String, BlockLog>, issued: 
             found.breach(place, format!("the log has the hash {hash}, which is not the one in the reveal"));
             continue;
         }
-        let Ok(report) = grade_log(&specification.task, log, &Control::unhurried()) else { continue };
+        let report = match grade_log(&specification.task, log, &Control::unhurried()) {
+            Ok(report) => report,
+            // Without a deadline nothing stops a grading.
+            Err(error) => {
+                found.unchecked.push(format!("{place}: this program cannot grade its log: {error}"));
+                continue;
+            }
+        };
         let is_same = Some(report.overall) == instance.overall
             && instance.scores.as_ref().is_some_and(|scores| are_same(&report.scores().rows, scores));
         if is_same {

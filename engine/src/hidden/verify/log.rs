@@ -4,7 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::{Kept, Verified};
 use crate::hidden::canonical::canonical_json;
-use crate::hidden::receipts::{ReceiptFile, verify, verify_chain, verify_end, verify_keys, verify_signature};
+use crate::hidden::receipts::{
+    ReceiptFault, ReceiptFile, gaps, of_other_keys, verify, verify_chain, verify_end, verify_keys, verify_signature,
+};
 use crate::tasks::hex;
 use crate::text::counted;
 use sha2::{Digest as _, Sha256};
@@ -18,10 +20,14 @@ pub(super) fn trusted(committed: &str, kept: &Kept) -> BTreeSet<String> {
 /// Checks that every receipt of the reveal belongs to this epoch, verifies, and appears only once.
 pub(super) fn signatures(epoch: &str, receipts: &[ReceiptFile], trusted: &[&str], found: &mut Verified) {
     let (mut places, mut hashes) = (BTreeSet::new(), BTreeSet::new());
+    for others in of_other_keys(receipts, trusted) {
+        found.breach("receipts", others.to_string());
+    }
     for file in receipts {
         let place = || format!("receipt {}", file.seq);
-        if let Err(fault) = verify(file, trusted) {
-            found.breach(place(), fault.to_string());
+        match verify(file, trusted) {
+            Ok(()) | Err(ReceiptFault::OtherKey { .. }) => {}
+            Err(fault) => found.breach(place(), fault.to_string()),
         }
         if file.receipt.as_ref().is_none_or(|receipt| receipt["epoch"] != epoch) {
             found.breach(place(), "does not belong to this epoch");
@@ -56,7 +62,7 @@ pub(super) fn against_log(epoch: &str, receipts: &[ReceiptFile], kept: &Kept, tr
     let mut log: BTreeMap<i64, &ReceiptFile> = BTreeMap::new();
     for file in &kept.log {
         let known = log.entry(file.seq).or_insert(file);
-        if known.link != file.link || known.hash != file.hash {
+        if (&known.link, &known.hash, &known.public_key) != (&file.link, &file.hash, &file.public_key) {
             found.breach(
                 format!("receipt {} of the log", file.seq),
                 "differs between the given pages: the log was rewritten",
@@ -66,18 +72,30 @@ pub(super) fn against_log(epoch: &str, receipts: &[ReceiptFile], kept: &Kept, tr
         }
     }
     let log: Vec<&ReceiptFile> = log.into_values().collect();
-    for fault in [verify_chain(log.iter().copied()).err(), verify_keys(log.iter().copied()).err()].into_iter().flatten()
-    {
+    let mut faults = match verify_chain(log.iter().copied()) {
+        Ok(_) => Vec::new(),
+        Err(ReceiptFault::Gap { .. }) => gaps(&log),
+        Err(fault) => vec![fault],
+    };
+    faults.extend(verify_keys(log.iter().copied()).err());
+    faults.extend(log.first().filter(|first| first.seq != 1).map(|_| ReceiptFault::NoBeginning));
+    for fault in faults {
         found.breach("log", fault.to_string());
     }
-    for file in log.iter().filter(|file| file.receipt.is_some()) {
+    let mut told = BTreeSet::new();
+    for file in &kept.log {
         // Only the epoch's own receipts need a trusted key; others may be older than the key in the epoch's commitment.
-        if let Err(fault) = verify(file, &[&file.public_key]) {
-            found.breach(format!("receipt {} of the log", file.seq), fault.to_string());
+        match verify(file, &[&file.public_key]) {
+            Ok(()) | Err(ReceiptFault::Withheld) => {}
+            Err(fault) if told.insert((file.seq, fault.to_string())) => {
+                found.breach(format!("receipt {} of the log", file.seq), fault.to_string());
+            }
+            Err(_) => {}
         }
     }
-    match kept.heads.iter().max_by_key(|head| head.size) {
-        None => found.breach("log", crate::hidden::receipts::ReceiptFault::NoHead.to_string()),
+    let greatest = kept.heads.iter().max_by_key(|head| head.size);
+    match greatest {
+        None => found.breach("log", ReceiptFault::NoHead.to_string()),
         Some(head) => {
             if let Err(fault) = verify_end(&log, head, trusted) {
                 found.breach("log", fault.to_string());
@@ -89,6 +107,8 @@ pub(super) fn against_log(epoch: &str, receipts: &[ReceiptFile], kept: &Kept, tr
         let place = format!("head of {} receipts", head.size);
         if link.is_some_and(|link| link != head.link) {
             found.breach(place, "belongs to another log: the log was rewritten");
+        } else if greatest.is_some_and(|greatest| greatest == head) {
+            // Verified above.
         } else if !trusted.contains(&head.public_key.as_str()) {
             found
                 .unchecked

@@ -94,6 +94,8 @@ pub struct Kept {
     pub given: Vec<GivenReceipt>,
     /// Boards of the epoch as the service shows them.
     pub boards: Vec<Value>,
+    /// Whether the boards were fetched after the reveal, so that they must be final.
+    pub boards_follow_reveal: bool,
     /// Public keys to trust in addition to the one in the commitment.
     pub keys: Vec<String>,
 }
@@ -172,7 +174,7 @@ pub fn verify(reveal: &Reveal, kept: &Kept) -> Result<Verified, PoolError> {
         None => found.unchecked.push("grades: no answers were given (--answers)".to_owned()),
     }
     steps::check(reveal, commitment, kept, &issued, &mut found);
-    board::check(reveal, commitment, &key, &kept.boards, &mut found);
+    board::check(reveal, commitment, &key, kept, &mut found);
     Ok(found)
 }
 
