@@ -57,14 +57,26 @@ pub fn page_of(problem: &Problem) -> Option<Response> {
     let is_of_settings = problem.kind.ends_with(":invalid-query");
     let is_query = is_of_settings && !problem.detail.contains("missing field");
     let title = if is_query { "This address has settings that cannot be used" } else { &problem.title };
-    // A detail about settings begins with the name of one.
-    let mut detail = if is_of_settings { problem.detail.clone() } else { sentence(&problem.detail) };
+    let mut detail = in_words_of_readers(&problem.detail, is_of_settings);
     if !detail.ends_with(['.', '?', '!']) {
         detail.push('.');
     }
     let page = ErrorPage { status: problem.status, title, detail, is_query };
     let status = StatusCode::from_u16(problem.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
     Some((status, page_headers(), page.render().ok()?).into_response())
+}
+
+/// Writes a detail, which speaks to programs, for people.
+fn in_words_of_readers(detail: &str, is_of_settings: bool) -> String {
+    if let Some((asked, _)) = detail.strip_prefix("no resource matches ").and_then(|rest| rest.split_once("; ")) {
+        let path = asked.split_once(' ').map_or(asked, |(_, path)| path);
+        return format!("This service has no page at {path}");
+    }
+    if let Some((name, _)) = detail.split_once(": missing field").filter(|_| is_of_settings) {
+        return format!("The address lacks the setting {name:?}");
+    }
+    // A detail about settings begins with the name of one.
+    if is_of_settings { detail.to_owned() } else { sentence(detail) }
 }
 
 /// Shows a response as a page if it is a problem; its other headers stay.
@@ -112,5 +124,17 @@ mod tests {
         assert_eq!(headers.get_all(header::CONTENT_TYPE).iter().count(), 1);
         assert!(headers[header::CONTENT_TYPE].to_str().unwrap().starts_with("text/html"), "{headers:?}");
         assert!(text.contains("<h1>Not found</h1>") && !text.contains("<b>"), "{text}");
+        for (detail, is_of_settings, wanted) in [
+            (
+                "no resource matches GET /x; the API reference lists all operations",
+                false,
+                "This service has no page at /x",
+            ),
+            ("b: missing field `b`", true, "The address lacks the setting \"b\""),
+            ("page: at least 1", true, "page: at least 1"),
+            ("the run does not exist", false, "The run does not exist"),
+        ] {
+            assert_eq!(in_words_of_readers(detail, is_of_settings), wanted);
+        }
     }
 }

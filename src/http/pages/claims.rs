@@ -63,9 +63,15 @@ impl<'a> Args<'a> {
         all.filter_map(Value::as_str).map(material).collect::<Vec<_>>().join(between)
     }
 
-    /// "blocks" of a material, if the check names one.
-    fn blocks(self, of: &str) -> String {
-        self.text(of).map_or_else(|| "blocks".to_owned(), |name| format!("blocks of {}", material(name)))
+    /// So many blocks of a material, if the check names one: "30 to 40 blocks", "at least 1 bed".
+    fn blocks(self, count: &str, of: &str) -> String {
+        let (one, many) = match self.text(of) {
+            None => ("block".to_owned(), "blocks".to_owned()),
+            Some("#beds") => ("bed".to_owned(), "beds".to_owned()),
+            Some("#doors") => ("door".to_owned(), "doors".to_owned()),
+            Some(name) => (format!("block of {}", material(name)), format!("blocks of {}", material(name))),
+        };
+        format!("{count} {}", if is_one(count) { one } else { many })
     }
 
     /// The share that a check requires: "All" or "At least 50 % of".
@@ -86,8 +92,12 @@ pub(super) fn plain(number: f64) -> String {
 
 /// Writes a material as people do: `#doors` and `_door` stand for a kind.
 fn material(name: &str) -> String {
-    let plain = name.trim_start_matches('_').replace('_', " ");
-    plain.strip_prefix('#').map_or_else(|| plain.clone(), |tag| format!("any {tag}"))
+    name.trim_start_matches(['#', '_']).replace('_', " ")
+}
+
+/// Returns whether a range ends in one, which takes the singular: "1", "at most 1".
+fn is_one(range: &str) -> bool {
+    range.rsplit(' ').next() == Some("1")
 }
 
 /// A range, such as "49", "30 to 40", "at least 3" or "at most 5"; none if there is no bound.
@@ -111,20 +121,20 @@ fn of_materials(name: &str, args: Args<'_>) -> Option<String> {
         "material.is_all_material_equal_to" => Some(format!("All blocks are {}", wanted())),
         "material.are_blocks_known" => Some("Every block exists in Minecraft 1.21.4".to_owned()),
         "material.count_is_within" => {
-            let range = range(args.number("min"), args.number("max"))?;
-            Some(sentence(&format!("{range} {}", args.blocks("of"))))
+            // No count is below 0, so a bound of 0 says nothing, unless there is no other.
+            let least = args.number("min").filter(|min| *min > 0.0 || args.number("max").is_none());
+            let none = (args.number("max") == Some(0.0)).then(|| "no".to_owned());
+            Some(sentence(&args.blocks(&none.or_else(|| range(least, args.number("max")))?, "of")))
         }
-        "material.is_block_cnt_equal_to" => {
-            Some(format!("{} {}", args.told("expected_count"), args.blocks("expected_material")))
-        }
+        "material.is_block_cnt_equal_to" => Some(args.blocks(&args.told("expected_count"), "expected_material")),
         "material.is_block_cnt_geq" => {
-            Some(format!("At least {} {}", args.told("min_count"), args.blocks("expected_material")))
+            Some(args.blocks(&format!("At least {}", args.told("min_count")), "expected_material"))
         }
         "material.is_block_cnt_leq" => {
-            Some(format!("At most {} {}", args.told("max_count"), args.blocks("expected_material")))
+            Some(args.blocks(&format!("At most {}", args.told("max_count")), "expected_material"))
         }
         "material.is_block_cnt_larger_than" => {
-            Some(format!("More than {} {}", args.told("cnt"), args.blocks("expected_material")))
+            Some(args.blocks(&format!("More than {}", args.told("cnt")), "expected_material"))
         }
         "material.is_made_of" => {
             let at = format!("at y = {}", args.told("y"));
@@ -190,37 +200,39 @@ fn of_shapes(name: &str, args: Args<'_>) -> Option<String> {
         "shape.is_reachable_by_stairs" => format!("Stairs lead up to y = {} or higher", args.told("min_floor_y")),
         "shape.has_ceilings" => {
             let levels = counted(args.count("min_levels"), "level");
-            format!("Rooms on {levels} have a ceiling over {} of floor", blocks(args, "min_cells"))
+            let top = args.number("min_top").map(|top| format!(", the highest at y = {} or higher", plain(top)));
+            let cells = counted(args.count("min_cells"), "cell");
+            format!("Rooms on {levels} have a ceiling over {cells} of floor{}", top.unwrap_or_default())
         }
         "shape.has_clear_span" => format!(
-            "A deck {} wide at y = {} spans {} between its supports",
+            "A deck {} wide at y = {} or higher spans {} between its supports",
             blocks(args, "min_width"),
             args.told("height"),
             blocks(args, "min_free")
         ),
         "shape.has_enclosed_rooms" => {
-            let count = range(args.number("min_rooms"), args.number("max_rooms"))?;
-            let rooms = if count == "1" || count == "at least 1" { "room" } else { "rooms" };
+            let count = range(args.number("min_rooms").filter(|min| *min > 0.0), args.number("max_rooms"))
+                .unwrap_or_else(|| "any number of".to_owned());
+            let rooms = if is_one(&count) { "room" } else { "rooms" };
             format!(
                 "{} {rooms} with walls, a roof, a door and {} of floor",
                 sentence(&count),
-                blocks(args, "min_floor_cells")
+                counted(args.count("min_floor_cells"), "cell")
             )
         }
-        "shape.has_rooms" => format!("{} at y = {}", counted(args.count("room_cnt"), "room"), args.told("y")),
+        "shape.has_rooms" => format!("At least {} at y = {}", counted(args.count("room_cnt"), "room"), args.told("y")),
         "shape.has_upper_floor" => {
             format!(
                 "An upper floor of {} at y = {} or higher can be reached",
-                blocks(args, "min_cells"),
+                counted(args.count("min_cells"), "cell"),
                 args.told("min_y")
             )
         }
         "shape.has_exit" => format!("An exit {} wide and {} high", blocks(args, "width"), blocks(args, "height")),
         "shape.has_wide_exit" => format!("An exit {} wide", blocks(args, "width")),
         "shape.walks_out" => format!(
-            "From {} of {} a path {} wide leads outside",
-            args.told("min_starts"),
-            material(args.text("from")?),
+            "{}, each with a path {} wide that leads outside",
+            args.blocks(&format!("At least {}", args.told("min_starts")), "from"),
             blocks(args, "width")
         ),
         "shape.is_single_level" => "One can walk outside on one level".to_owned(),
@@ -239,10 +251,13 @@ fn of_levels(name: &str, args: Args<'_>) -> Option<String> {
         "shape.level_has" => {
             let blocks = range(args.number("min_blocks").filter(|min| *min > 0.0), args.number("max_blocks"));
             let parts = range(args.number("min_parts").filter(|min| *min > 0.0), args.number("max_parts"));
-            let what = args.blocks("of");
-            let blocks = blocks.map(|range| format!("{range} {what}"));
-            let parts = parts.map(|range| format!("{range} separate {}", if range == "1" { "part" } else { "parts" }));
-            let size = args.number("min_size").map(|size| format!("a part {} wide", counted(size as i64, "block")));
+            let blocks = blocks.map(|range| args.blocks(&range, "of"));
+            let parts =
+                parts.map(|range| format!("{range} separate {}", if is_one(&range) { "part" } else { "parts" }));
+            let size = args.0.get("min_size").and_then(Value::as_array).map(|size| {
+                let sides: Vec<String> = size.iter().filter_map(Value::as_f64).map(plain).collect();
+                format!("one part of at least {}", sides.join(" × "))
+            });
             let all: Vec<String> = blocks.into_iter().chain(parts).chain(size).collect();
             format!("{} {}", sentence(&all.join(", ")), at())
         }
@@ -279,7 +294,7 @@ fn of_safety_and_planning(name: &str, args: Args<'_>) -> Option<String> {
 }
 
 /// Writes a pressure in a unit that keeps it short.
-fn pascals(pascals: f64) -> String {
+pub(super) fn pascals(pascals: f64) -> String {
     match pascals {
         pa if pa >= 1e6 => format!("{} MPa", plain(pa / 1e6)),
         pa if pa >= 1e3 => format!("{} kPa", plain(pa / 1e3)),
@@ -322,10 +337,19 @@ mod tests {
                 "At least 50 % of the corners of the rooms at y = 1 are stone",
             ),
             ("material.count_is_within", json!({ "min": 49, "max": 49, "of": null }), "49 blocks"),
+            ("material.count_is_within", json!({ "min": 3, "max": null, "of": "#beds" }), "At least 3 beds"),
+            ("material.count_is_within", json!({ "min": 0, "max": 1, "of": "#oak" }), "At most 1 block of oak"),
+            ("material.count_is_within", json!({ "min": 0, "max": 0, "of": "#doors" }), "No doors"),
+            ("material.count_is_within", json!({ "min": 0, "max": null, "of": null }), "At least 0 blocks"),
             (
-                "material.count_is_within",
-                json!({ "min": 3, "max": null, "of": "#beds" }),
-                "At least 3 blocks of any beds",
+                "shape.level_has",
+                json!({ "min_blocks": 0, "max_blocks": 1, "min_parts": 0, "max_parts": 1, "y": 2 }),
+                "At most 1 block, at most 1 separate part at y = 2",
+            ),
+            (
+                "shape.walks_out",
+                json!({ "min_starts": 1, "from": "#beds", "width": 2 }),
+                "At least 1 bed, each with a path 2 blocks wide that leads outside",
             ),
             ("size.is_equal", json!({ "xz": [7, 8], "y": 1 }), "The build measures 7 × 8 in plan and 1 block high"),
             (

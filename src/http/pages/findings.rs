@@ -2,8 +2,9 @@
 
 use serde_json::Value;
 
-use super::claims::{Args, plain, range, sentence};
-use plumbline_engine::grading::report::CheckReport;
+use super::claims::{Args, claim, pascals, plain, range, sentence};
+use plumbline_engine::grading::advisory::Advisory;
+use plumbline_engine::grading::report::{CheckReport, TurnReport};
 use plumbline_engine::text::counted;
 
 /// Says what a check found in one sentence, without what it requires.
@@ -13,7 +14,8 @@ pub fn found(check: &CheckReport) -> String {
     let told = match &*check.name {
         "shape.level_has" => level_found(measured),
         "size.is_equal" | "size.is_geq" | "size.is_leq" | "size.all_dimensions_geq" => extents_found(measured),
-        "material.is_made_of" => check.finding.measured.as_f64().map(|share| format!("{} % are", plain(share * 100.0))),
+        "material.is_made_of" => check.finding.measured.as_f64().map(|share| format!("{} are", percent(share))),
+        STRESS => stress_found(check),
         _ => None,
     };
     // What was built under the ground has no upper surface.
@@ -21,19 +23,76 @@ pub fn found(check: &CheckReport) -> String {
         return "Nothing of it stands above the ground".to_owned();
     }
     let summary = check.finding.summary.split("; required").next().unwrap_or_default();
-    sentence(&told.unwrap_or_else(|| in_good_number(&summary.replace("y=", "y = "))))
+    sentence(&told.unwrap_or_else(|| readable(&in_good_number(&summary.replace("y=", "y = ")))))
 }
 
-/// Writes what a check required in words and numbers, such as "blocks: at least 4; y: 0".
+/// Check whose values are pressures.
+const STRESS: &str = "structural_stability.stress_score";
+
+/// Writes what a check required in words and numbers, such as "blocks: at least 4; y: 0"; `None` if nothing in particular.
 #[must_use]
-pub fn asked(required: &Value) -> String {
-    told(required).unwrap_or_else(|| "nothing in particular".to_owned())
+pub fn asked(check: &CheckReport) -> Option<String> {
+    let required = &check.finding.required;
+    let most = (check.name == STRESS).then(|| required.get("<=").and_then(Value::as_f64)).flatten();
+    most.map(|most| format!("at most {}", pascals(most))).or_else(|| told(required))
 }
 
-/// Writes what a check measured in words and numbers, such as "blocks: 4; parts: 1".
+/// Writes what a check measured in words and numbers, such as "blocks: 4; parts: 1"; `None` if it measured nothing.
 #[must_use]
-pub fn built(measured: &Value) -> String {
-    told(measured).unwrap_or_else(|| "nothing that can be measured".to_owned())
+pub fn built(check: &CheckReport) -> Option<String> {
+    let measured = &check.finding.measured;
+    match &*check.name {
+        STRESS => measured.as_f64().filter(|pa| *pa > 0.0).map(pascals),
+        "material.is_made_of" => told_as("share", measured),
+        _ => told(measured),
+    }
+}
+
+/// Writes an advisory with the check that it is about in words.
+#[must_use]
+pub fn note(turns: &[TurnReport], advisory: &Advisory) -> String {
+    let turn = turns.iter().find(|turn| turn.turn == advisory.turn);
+    let check = turn.zip(advisory.check).and_then(|(turn, at)| turn.checks.get(at as usize));
+    let named = check.and_then(|check| Some((check, advisory.detail.strip_prefix(&*check.name)?)));
+    match named {
+        Some((check, rest)) => format!("“{}”{}", claim(&check.name, &check.args), readable(rest)),
+        None => sentence(&advisory.detail),
+    }
+}
+
+/// Returns what to call the blocks that a check shows: they explain a fault, or where it looked.
+#[must_use]
+pub fn marked(check: &CheckReport) -> &'static str {
+    if check.finding.holds() { "marked block" } else { "flagged block" }
+}
+
+/// Says which stress was found, and which in equilibrium.
+fn stress_found(check: &CheckReport) -> Option<String> {
+    let figures = check.finding.stress.as_ref()?;
+    let beside = figures.fem.max_von_mises_pa.map(|pa| format!("; in equilibrium it is {}", pascals(pa)));
+    let found = match built(check) {
+        Some(greatest) => format!("the greatest stress is {greatest} by the published method, which counts"),
+        None if figures.sph.is_undefined => "the published method gives no stress here, which scores 0".to_owned(),
+        None => "the published method finds no stress, which scores 0".to_owned(),
+    };
+    Some(found + &beside.unwrap_or_default())
+}
+
+/// Writes names of blocks and of their kinds as people do: `#beds`, `oak_planks`, `"_door"`.
+fn readable(text: &str) -> String {
+    let is_name = |word: &str| {
+        (word.contains('_') || word.starts_with('#'))
+            && word.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || matches!(c, '_' | '#'))
+    };
+    let words = text.split(' ').map(|word| {
+        let bare = word.trim_matches(|c: char| matches!(c, '"' | ',' | ';' | ':' | '.' | '(' | ')'));
+        if is_name(bare) {
+            word.replace(bare, bare.trim_start_matches(['#', '_']).replace('_', " ").trim_end())
+        } else {
+            word.to_owned()
+        }
+    });
+    words.collect::<Vec<_>>().join(" ")
 }
 
 /// Writes a value; `None` if it says nothing, such as a bound that is not set.
@@ -64,13 +123,39 @@ fn told(value: &Value) -> Option<String> {
                     None => (name.as_str(), ""),
                 };
                 let is_many = value.as_array().is_some_and(|list| list.len() > 1);
-                let told = told(value)?;
+                let told = told_as(name, value)?;
                 let told = if is_many { format!("({told})") } else { told };
                 Some(format!("{}: {sign}{told}", name.replace('_', " ")))
             };
             let all: Vec<String> = members.iter().filter_map(member).collect();
             (!all.is_empty()).then(|| all.join("; "))
         }
+    }
+}
+
+/// Writes a share as a percentage that is 0 % and 100 % only where the share is.
+fn percent(share: f64) -> String {
+    let short = plain(share * 100.0);
+    match short.as_str() {
+        "100" if share < 1.0 => "99.99 %".to_owned(),
+        "0" if share > 0.0 => "0.01 %".to_owned(),
+        _ => format!("{short} %"),
+    }
+}
+
+/// Writes a value by its name: shares are percentages.
+fn told_as(name: &str, value: &Value) -> Option<String> {
+    match value.as_f64() {
+        Some(share) if matches!(name, "share" | "cover") => Some(percent(share)),
+        _ => match value.as_object() {
+            Some(bounds) if matches!(name, "share" | "cover") => {
+                let side =
+                    |(bound, value): (&String, &Value)| Some(format!("{}{}", sign(bound)?, told_as(name, value)?));
+                let all: Vec<String> = bounds.iter().filter_map(side).collect();
+                (!all.is_empty()).then(|| all.join(" and "))
+            }
+            _ => told(value),
+        },
     }
 }
 
@@ -136,25 +221,26 @@ mod tests {
             (json!({ ">": 3 }), "more than 3"),
             (json!({ "blocks": { "<=": 4, ">=": 4 }, "parts": { "<=": null, ">=": 0 }, "y": 0 }), "blocks: 4; y: 0"),
             (json!({ "blocks": 20, "parts": 1, "widest": [2, 10] }), "blocks: 20; parts: 1; widest: (2, 10)"),
-            (json!({ "of": "#red_concrete", "share >=": 0.5 }), "of: red concrete; share: at least 0.5"),
+            (json!({ "of": "#red_concrete", "share >=": 0.5 }), "of: red concrete; share: at least 50 %"),
+            (json!({ "cover": { ">=": 0.9 }, "clear": 2 }), "clear: 2; cover: at least 90 %"),
             (json!({ "symmetric": false }), "symmetric: no"),
             (json!([]), "none"),
             (json!(0.499_6), "0.4996"),
             (json!(12.345_6), "12.35"),
-            (json!(null), "nothing in particular"),
-            (json!({}), "nothing in particular"),
         ] {
-            assert_eq!(asked(&value), wanted, "{value}");
+            assert_eq!(told(&value).as_deref(), Some(wanted), "{value}");
         }
-        assert_eq!(built(&json!(null)), "nothing that can be measured");
+        assert_eq!(told(&json!(null)), None);
+        assert_eq!(told(&json!({})), None);
     }
 
     #[test]
     fn findings_are_told_without_what_was_required() {
-        let told = |name: &str, measured: Value, summary: &str| {
+        let made = |name: &str, measured: Value, summary: &str| {
             let finding = Finding::binary(false, measured, json!({}), summary);
-            found(&CheckReport { name: name.to_owned().into(), args: json!({}), criterion: Criterion::Shape, finding })
+            CheckReport { name: name.to_owned().into(), args: json!({}), criterion: Criterion::Shape, finding }
         };
+        let told = |name: &str, measured: Value, summary: &str| found(&made(name, measured, summary));
         let none = json!({ "blocks": 0, "parts": 0, "widest": [0, 0] });
         assert_eq!(told("shape.level_has", none, "0 blocks in 0 separate parts"), "No block");
         let one = json!({ "blocks": 1, "parts": 1, "widest": [1, 1] });
@@ -171,5 +257,19 @@ mod tests {
         assert_eq!(told("material.count_is_within", json!(1), "1 blocks"), "1 block");
         let floats = told("physical_plausibility.is_ground_connected", json!(1), "1 of 1 blocks float");
         assert_eq!(floats, "1 of 1 block floats");
+
+        let mut stress = made(STRESS, json!(61_557_000.0), "greatest von Mises stress 61557000.00 Pa");
+        stress.finding.required = json!({ "<=": 62_000.0 });
+        assert_eq!((asked(&stress), built(&stress)), (Some("at most 62 kPa".to_owned()), Some("61.56 MPa".to_owned())));
+        stress.finding.measured = json!(0.0);
+        assert_eq!(built(&stress), None, "no stress is no measurement of 0");
+        let share = made("material.is_made_of", json!(0.325), "");
+        assert_eq!(built(&share).as_deref(), Some("32.5 %"));
+        assert_eq!([1.0, 0.999_96, 0.000_01, 0.0].map(percent), ["100 %", "99.99 %", "0.01 %", "0 %"]);
+
+        let told = |summary: &str| told("shape.walks_out", json!(null), summary);
+        assert_eq!(told("1 of 2 blocks of #beds, and \"_door\""), "1 of 2 blocks of beds, and \"door\"");
+        assert_eq!(told("oak_planks begins before #red is complete"), "Oak planks begins before red is complete");
+        assert_eq!(told("at y = -1: no block"), "At y = -1: no block");
     }
 }
