@@ -18,6 +18,8 @@ const BATCH_LINES: usize = 100;
 const BATCH_BYTES: usize = 8 << 20;
 /// Characters of a refusal that are shown.
 const MAX_TOLD: usize = 2_000;
+/// Number of faults of a refusal that are told.
+const MAX_FAULTS: usize = 10;
 /// Interval between two requests for the state of a run.
 const LOOK: Duration = Duration::from_millis(200);
 
@@ -79,7 +81,7 @@ impl Service {
         let (status, url) = (response.status(), response.url().clone());
         let bytes = response.bytes().await.with_context(|| url.to_string())?;
         if !status.is_success() {
-            let told = String::from_utf8_lossy(&bytes).chars().take(MAX_TOLD).collect::<String>();
+            let told: String = told(&bytes).chars().take(MAX_TOLD).collect();
             let is_keyless = status == StatusCode::UNAUTHORIZED;
             let remedy = if is_keyless { "; a key is given with --key or PLUMBLINE_KEY" } else { "" };
             bail!("{url}: {status}: {told}{remedy}");
@@ -195,6 +197,24 @@ impl Service {
             tokio::time::sleep(LOOK).await;
         }
     }
+}
+
+/// Returns what a refusal says: the detail of a problem with its kind and its first faults, or the text as it is.
+fn told(answer: &[u8]) -> String {
+    let problem: Value = serde_json::from_slice(answer).unwrap_or_default();
+    let (Some(detail), Some(kind)) = (problem["detail"].as_str(), problem["type"].as_str()) else {
+        return String::from_utf8_lossy(answer).into_owned();
+    };
+    let kind = kind.rsplit(':').next().unwrap_or(kind);
+    let faults = problem["faults"].as_array().into_iter().flatten().take(MAX_FAULTS);
+    let text = |fault: &Value, name: &str| fault[name].as_str().unwrap_or_default().to_owned();
+    let line = |fault: &Value| {
+        let line = fault["line"].as_u64().map(|line| format!("line {line}"));
+        let place = Some(text(fault, "pointer") + &text(fault, "parameter")).filter(|place| !place.is_empty());
+        let place: Vec<String> = line.into_iter().chain(place).chain([text(fault, "detail")]).collect();
+        format!("\n  {}", place.join(": "))
+    };
+    faults.fold(format!("{detail} ({kind})"), |told, fault| told + &line(fault))
 }
 
 /// Returns an NDJSON line in the compact form, with the log's palette in each turn.

@@ -47,6 +47,9 @@ struct Output {
 pub fn run(args: &GradeArgs) -> anyhow::Result<ExitCode> {
     let text = files::text(&args.file)?;
     let mut problems = read_problems(&text).with_context(|| format!("{} is faulty", args.file.display()))?;
+    if problems.is_empty() {
+        bail!("{} holds no record", args.file.display());
+    }
     let drawn = args.lite.map(lite_numbers).transpose()?;
     if let Some(drawn) = &drawn {
         problems.retain(|problem| drawn.contains(&problem.task.number));

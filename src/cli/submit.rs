@@ -21,9 +21,10 @@ pub struct SubmitArgs {
     /// File of raw records, one JSON object per line.
     file: PathBuf,
     /// Name of the agent that built, as shown on the board.
-    #[arg(long)]
-    agent: String,
-    /// Continue this run after an interrupted attempt; answers that it already has are not stored again.
+    #[arg(long, required_unless_present = "run")]
+    agent: Option<String>,
+    /// Continue this run after an interrupted attempt; answers that it already has are not stored again. It must be of the
+    /// suite, and of the agent if one is named.
     #[arg(long, value_name = "ID")]
     run: Option<String>,
     /// Skip problems that are not in the suite, such as those outside a Lite draw.
@@ -75,22 +76,25 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
         if answers.len() < tasks.len() && !args.keep_open {
             let missing = tasks.len() - answers.len();
             let then = if args.skip_rest {
-                ""
+                "are skipped on purpose and count as failed"
             } else {
-                ", and the run is not compared with others (--skip-rest declares that they are skipped on purpose)"
+                "count as failed, and the run is not compared with others (--skip-rest declares that they are skipped on purpose)"
             };
-            eprintln!("{missing} of {} tasks have no record and count as failed{then}", tasks.len());
+            eprintln!("{missing} of {} tasks have no record: they {then}", tasks.len());
+        }
+        let agent = args.agent.as_deref().unwrap_or_default();
+        if let Some(run) = &args.run {
+            continues(&service, run, args).await?;
         }
         if args.dry_run {
-            let run =
-                args.run.as_ref().map_or_else(|| format!("a new run of {:?}", args.agent), |run| format!("run {run}"));
+            let run = args.run.as_ref().map_or_else(|| format!("a new run of {agent:?}"), |run| format!("run {run}"));
             let answers = counted(answers.len(), "answer");
             println!("would post {answers} to {run} in {}; nothing was posted", args.suite);
             return Ok(ExitCode::SUCCESS);
         }
         let run = match &args.run {
             Some(run) => run.clone(),
-            None => service.create_run(&args.agent, &args.suite, json!({ "source": "raw records" })).await?,
+            None => service.create_run(agent, &args.suite, json!({ "source": "raw records" })).await?,
         };
         eprintln!("run {run}");
         let go_on = || format!("the run stays as it is: once the cause is fixed, go on with --run {run}");
@@ -108,6 +112,21 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
         println!("{}", serde_json::to_string_pretty(&finished)?);
         Ok(ExitCode::SUCCESS)
     })
+}
+
+/// Checks that a run can be continued with these answers.
+async fn continues(service: &Service, run: &str, args: &SubmitArgs) -> anyhow::Result<()> {
+    let found = service.get(&format!("/v1/runs/{run}")).await.with_context(|| format!("--run {run}"))?;
+    let suite = found["suite"].as_str().unwrap_or_default();
+    // An anonymous run has another name for others than for its owner.
+    let agent = found["embargo"]["agent"].as_str().or(found["agent"].as_str()).unwrap_or_default();
+    if suite != args.suite && suite.split('@').next() != Some(&args.suite) {
+        bail!("--run {run} is a run of {suite}, and the answers are of {}: give --suite {suite}", args.suite);
+    }
+    if let Some(named) = args.agent.as_deref().filter(|named| *named != agent) {
+        bail!("--run {run} is of the agent {agent:?}, and --agent names {named:?}: leave one of them out");
+    }
+    Ok(())
 }
 
 /// Converts recorded structures into the events that lead to them. Several entries for one cell become one, since a log

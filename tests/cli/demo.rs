@@ -33,10 +33,11 @@ async fn submit_posts_records_as_a_run_and_goes_on_with_one() {
     let records = std::fs::read_to_string(repository("tests/conformance/run.jsonl")).unwrap();
     let few: Vec<&str> = records.lines().take(20).collect();
     std::fs::write(&file, few.join("\n")).unwrap();
+    let posting = |more: &[&str]| {
+        Command::new(PROGRAM).arg("submit").arg(&file).args(["--server", &service.url]).args(more).output().unwrap()
+    };
     let submit = |more: &[&str]| {
-        let mut command = Command::new(PROGRAM);
-        command.arg("submit").arg(&file).args(["--agent", "lab", "--server", &service.url]).args(more);
-        let output = command.output().unwrap();
+        let output = posting(more);
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         serde_json::from_slice::<Value>(&output.stdout).unwrap()
     };
@@ -48,8 +49,21 @@ async fn submit_posts_records_as_a_run_and_goes_on_with_one() {
         .unwrap();
     let told = String::from_utf8_lossy(&lite.stderr);
     assert!(told.contains("19 of 20 problems are not in mineceraft-lite; --only-suite leaves them out"), "{told}");
-    let run = submit(&[]);
+    let run = submit(&["--agent", "lab"]);
     assert_eq!((&run["state"], &run["graded"]), (&json!("finished"), &json!(20)));
-    let again = submit(&["--run", run["id"].as_str().unwrap()]);
-    assert_eq!(again, run);
+    let id = run["id"].as_str().unwrap();
+    assert_eq!(submit(&["--agent", "lab", "--run", id]), run);
+    assert_eq!(submit(&["--run", id]), run);
+    // What cannot be continued is told once, before anything is posted.
+    for (more, why) in [
+        (&["--run", id, "--agent", "other"][..], "is of the agent \"lab\", and --agent names \"other\""),
+        (&["--run", id, "--suite", "mineceraft@2", "--only-suite"], "is a run of mineceraft@1"),
+        (&["--run", "nosuch"], "--run nosuch"),
+        (&[], "--agent"),
+    ] {
+        let output = posting(more);
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && told.contains(why), "{more:?}: {told}");
+        assert!(told.matches("fault").count() < 3, "{told}");
+    }
 }
