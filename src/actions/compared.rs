@@ -52,7 +52,15 @@ fn difference(job: &Job, limits: &ActionLimits, answer: &Answer) -> Option<(usiz
                     }
                     add(&mut theirs, turn, &done);
                     if let Some(error) = done.error.as_ref().filter(|_| why.is_empty()) {
-                        why = format!("; there the code ends with {}", error.message);
+                        let is_function =
+                            without_fences(file).trim_start().trim_start_matches('(').starts_with("async");
+                        let hint = if error.message.starts_with("SyntaxError") && file.contains("await") && !is_function
+                        {
+                            " (published takes one function, `async (bot) => { … }`, and no await outside it)"
+                        } else {
+                            ""
+                        };
+                        why = format!("; there the code ends with {}{hint}", error.message);
                     }
                 }
             }

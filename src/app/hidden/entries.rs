@@ -119,7 +119,7 @@ fn refused(refusal: &RegistrationRefusal, tier: Tier, epoch: &EpochRow) -> AppEr
         }
         RegistrationRefusal::ShareUsedUp(most) => {
             let detail = format!(
-                "one owner may hold at most {most} runs of this epoch's pool, drawn or reserved; a reservation ends \
+                "one owner may hold at most {most} runs of this epoch's pool, drawn or reserved; what is drawn stays used, and a reservation ends \
                  when its entry is finalized, or after {} s",
                 epoch.rules.reservation_ms.unwrap_or_default() / 1_000
             );

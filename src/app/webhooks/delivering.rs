@@ -220,6 +220,22 @@ async fn attempt(app: Arc<App>, client: Client, webhook: WebhookRow, taken: Deli
         Attempted::Failed { .. } | Attempted::Gone => "dead",
     };
     metrics::counter!("plumbline_webhook_attempts_total", "outcome" => outcome).increment(1);
+    // The address may hold a secret of the endpoint, and belongs to the owner.
+    match &result {
+        Attempted::Failed { error, next_at_ms: None, .. } => {
+            tracing::warn!(
+                webhook = webhook.id,
+                owner = webhook.owner,
+                delivery = taken.id,
+                error,
+                "a delivery was given up"
+            );
+        }
+        Attempted::Gone => {
+            tracing::warn!(webhook = webhook.id, owner = webhook.owner, "the endpoint of a webhook is gone (410)");
+        }
+        Attempted::Delivered(_) | Attempted::Failed { .. } => {}
+    }
     if let Err(error) = app.store.record_delivery(&webhook, &taken, &result, now_ms()).await {
         tracing::warn!(%error, "could not record a delivery to a webhook; it will be made again");
     }
