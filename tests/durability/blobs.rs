@@ -5,11 +5,12 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::time::Duration;
 
+use plumbline::client::without_tls;
 use plumbline::store::db::{query, query_scalar};
 use serde_json::{Value, json};
 
 use crate::support::audit::audit;
-use crate::support::bucket::{BUCKET, BucketServer};
+use crate::support::bucket::{ANY_SIGNATURE, BUCKET, BucketServer};
 use crate::support::commands::{plumbline, refused, succeeded};
 use crate::support::database::{copied, named, pool};
 use crate::support::line::{Line, Passes};
@@ -57,11 +58,17 @@ impl Scene {
     }
 
     /// Starts the service where it must not start, and gives what it says.
-    fn refused(&self, database: &str, arguments: &[&str]) -> String {
+    fn refused(&self, database: &str, arguments: &[&str], environment: &[(&str, String)]) -> String {
         let arguments = [&["serve", "--listen", "127.0.0.1:0", "--open"], arguments].concat();
         let mut limited = Command::new("timeout");
-        let output: Output =
-            limited.arg("30").arg(PROGRAM).args(arguments).args(named(&self.path(database))).output().unwrap();
+        let output: Output = limited
+            .arg("30")
+            .arg(PROGRAM)
+            .args(arguments)
+            .args(named(&self.path(database)))
+            .envs(environment.iter().cloned())
+            .output()
+            .unwrap();
         refused(&output)
     }
 
@@ -162,12 +169,12 @@ async fn nobody_takes_another_place_for_theirs() {
     let log = service.get(&format!("/v1/submissions/{large}/log")).await.text;
     service.kill();
 
-    let told = scene.refused("p.db", &["--blobs", &scene.blobs("empty")]);
+    let told = scene.refused("p.db", &["--blobs", &scene.blobs("empty")], &[]);
     assert!(told.contains("lacks the blobs of this database") && told.contains("/first"), "{told}");
-    let told = scene.refused("q.db", &["--blobs", &scene.blobs("first")]);
+    let told = scene.refused("q.db", &["--blobs", &scene.blobs("first")], &[]);
     assert!(told.contains("holds blobs of another database"), "{told}");
     for (place, why) in [("blobs", "file:///"), ("ftp://x/y", "s3://NAME"), ("s3://a:b@c", "AWS_ACCESS_KEY_ID")] {
-        let told = scene.refused("p.db", &["--blobs", place]);
+        let told = scene.refused("p.db", &["--blobs", place], &[]);
         assert!(told.contains(why), "{place}: {told}");
     }
     // A copy is the same place under another name, and is noted from then on.
@@ -267,7 +274,7 @@ async fn a_bucket_that_does_not_answer_refuses_large_logs_for_a_while() {
     let third = post(&service, &scattered(LARGE, 3)).await;
     graded(&service, &third).await;
     service.kill();
-    audit(&scene.path("p.db"), &[first, waiting, small, third], "after a bucket that did not answer").await;
+    audit(&scene.path("p.db"), &[first.clone(), waiting, small, third], "after a bucket that did not answer").await;
     // What refers to it is all that the database holds of a large log.
     let longest: i64 = query("SELECT CAST(MAX(length(log)) AS BIGINT) AS longest FROM submissions")
         .fetch_one(&pool(&scene.path("p.db")).await)
@@ -276,6 +283,20 @@ async fn a_bucket_that_does_not_answer_refuses_large_logs_for_a_while() {
         .get("longest")
         .unwrap();
     assert!(longest < 1_000, "{longest}");
+
+    // A bucket that was emptied is another place: no large log may go there.
+    let identifier = server.url(&format!("/{BUCKET}/of/lab/plumbline.id"));
+    let client = without_tls().build().unwrap();
+    let may_do_all = |request: reqwest::RequestBuilder| request.header("authorization", ANY_SIGNATURE).send();
+    let identity =
+        may_do_all(client.get(&identifier)).await.unwrap().error_for_status().unwrap().bytes().await.unwrap();
+    may_do_all(client.delete(&identifier)).await.unwrap().error_for_status().unwrap();
+    let told = scene.refused("p.db", &[], &BucketServer::environment(line.port));
+    assert!(told.contains("plumbline.id") && told.contains(&format!("s3://{BUCKET}/of/lab")), "{told}");
+    may_do_all(client.put(&identifier).body(identity)).await.unwrap().error_for_status().unwrap();
+    let service = start(&[]);
+    assert_eq!(service.get(&format!("/v1/submissions/{first}/log")).await.text, log.text);
+    service.kill();
 }
 
 /// A copy of a database knows the same place, but not what the original writes later.

@@ -7,9 +7,10 @@ use std::path::Path;
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 
+use crate::support::database::pool;
 use crate::support::epoch::{Scene, id};
 use crate::support::{Answer, PROGRAM, Service};
-use plumbline::store::db::query_scalar;
+use plumbline::store::db::{query, query_scalar};
 use plumbline_engine::tasks::{Task, embedded};
 use reqwest::StatusCode;
 use serde_json::{Value, json};
@@ -240,7 +241,7 @@ async fn killed_around_each_commit_an_episode_becomes_one_submission_with_every_
         assert_eq!(report["turns"][0]["blocks"], 1, "{moment}");
         let counted = service.get("/metrics").await.text;
         assert!(counted.contains("plumbline_submissions_not_ended 0"), "{moment}");
-        let pool = crate::support::database::pool(&database).await;
+        let pool = pool(&database).await;
         let stored: i64 = query_scalar("SELECT COUNT(*) FROM submissions").fetch_one(&pool).await.unwrap();
         assert_eq!(stored, 1, "{moment}");
         pool.close().await;
@@ -338,4 +339,34 @@ async fn a_hidden_instance_is_attempted_under_the_rules_of_disclosure() {
     let file = json!({ "turns": [{ "structure": "" }] });
     let refused = scene.post(&lab, &format!("/v1/instances/{}/answer", id(&drawn[1])), &file).await;
     assert!(refused.text.contains("take no structure files"), "{}", refused.text);
+}
+
+/// What is damaged is told as ours, and not as something that the same request may mend.
+#[tokio::test]
+async fn a_damaged_episode_is_told_as_such() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path());
+    let task = task_of_turns(1);
+    let (whole, damaged) = (
+        open(&service, &json!({ "task": task.id, "suite": "mineceraft" })).await,
+        open(&service, &json!({ "task": task.id, "suite": "mineceraft" })).await,
+    );
+    let first = step(&service, &damaged, &json!({ "step": 1, "events": [] })).await;
+    assert_eq!(first.status, StatusCode::OK, "{}", first.text);
+    let pool = pool(&folder.path().join("p.db")).await;
+    let id = damaged.rsplit('/').next().unwrap();
+    let spoilt = query("UPDATE episodes SET state = $1 WHERE id = $2").bind(vec![1_u8, 2, 3]).bind(id.to_owned());
+    assert_eq!(spoilt.execute(&pool).await.unwrap(), 1);
+    let another = json!({ "step": 2, "events": [] });
+    for answer in [
+        service.get(&damaged).await,
+        step(&service, &damaged, &another).await,
+        service.post_json(&format!("{damaged}/submit"), &json!({})).await,
+    ] {
+        let problem = answer.json();
+        assert_eq!(answer.status, StatusCode::INTERNAL_SERVER_ERROR, "{problem}");
+        assert_eq!((&problem["type"], &problem["retryable"]), (&json!("urn:plumbline:problem:damaged"), &json!(false)));
+        assert!(answer.headers.get("retry-after").is_none());
+    }
+    assert_eq!(step(&service, &whole, &json!({ "step": 1, "events": [] })).await.status, StatusCode::OK);
 }

@@ -1,6 +1,8 @@
 //! Grading over the bodies that trainers send: NeMo Gym's and OpenRLHF's.
 
 use crate::support::Service;
+use crate::support::database::pool;
+use plumbline::store::db::query;
 use plumbline_engine::builders::build;
 use plumbline_engine::builders::saboteurs::find;
 use plumbline_engine::tasks::{Suite, Task, embedded};
@@ -168,6 +170,32 @@ async fn openrlhf_reads_rewards_scores_and_logs() {
         service.post_json("/get_reward", &json!({ "query": ["a"], "labels": [] })).await.faults(422),
         ["null /labels"]
     );
+}
+
+/// A task that cannot be read any more is a failure of the service, and nobody's reward of 0.
+#[tokio::test]
+async fn openrlhf_gets_no_reward_from_damaged_data() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = folder.path().join("p.db");
+    let service = Service::start(&database, &[]);
+    let wall = build(task(&embedded::latest().unwrap(), "walls/5x1x5-raise")).unwrap();
+    let body = json!({ "query": [turns(&wall).to_string(), "no"], "labels": ["walls/5x1x5-raise", { "task": 1, "suite": "torn" }] });
+    let wrong = service.post_json("/get_reward", &body).await.json();
+    assert_eq!(wrong["rewards"], json!([1.0, 0.0]), "no suite of this name: {wrong}");
+
+    let pool = pool(&database).await;
+    for statement in [
+        "INSERT INTO suites (id, name, version, task_count, content_hash, created_at_ms) VALUES ('torn@1', 'torn', 1, 1, 'x', 0)",
+        "INSERT INTO tasks (hash, id, family, body) VALUES ('y', 'walls/torn', 'walls', '{\"id\":')",
+        "INSERT INTO suite_tasks (suite_id, number, task_hash) VALUES ('torn@1', 1, 'y')",
+    ] {
+        query(statement).execute(&pool).await.unwrap();
+    }
+    let refused = service.post_json("/get_reward", &body).await;
+    let problem = refused.json();
+    assert_eq!(refused.status, StatusCode::INTERNAL_SERVER_ERROR, "{problem}");
+    assert_eq!((&problem["type"], &problem["retryable"]), (&json!("urn:plumbline:problem:damaged"), &json!(false)));
+    assert!(problem.get("rewards").is_none(), "{problem}");
 }
 
 /// Each row of a data set asks for a reward that the service gives.

@@ -14,6 +14,10 @@ const PACKAGES: [&str; 3] = ["moto[s3]==5.2.5", "flask==3.1.2", "flask-cors==6.0
 /// Name of the bucket.
 pub const BUCKET: &str = "grades";
 
+/// What the server takes as a signature of somebody who may do everything.
+pub const ANY_SIGNATURE: &str =
+    "AWS4-HMAC-SHA256 Credential=lab/20260101/eu-central-1/s3/aws4_request, SignedHeaders=host, Signature=00";
+
 /// A running server. Dropping it stops it.
 pub struct BucketServer {
     process: Child,
