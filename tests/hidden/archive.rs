@@ -25,6 +25,12 @@ fn pack(scene: &Scene, name: &str, archive: &Value) -> String {
     scene.file(name).to_str().unwrap().to_owned()
 }
 
+/// Writes a file beside the database, and returns its path.
+fn written(scene: &Scene, name: &str, text: &str) -> String {
+    std::fs::write(scene.file(name), text).unwrap();
+    scene.file(name).to_str().unwrap().to_owned()
+}
+
 #[tokio::test]
 async fn an_epoch_is_verified_from_one_file() {
     let mut scene = Scene::new(&["--per-instance", "1"]);
@@ -135,10 +141,7 @@ async fn an_epoch_is_verified_from_one_file() {
 
 /// The wrong file, or a part of the right one, is told as such: only the service can break its word.
 fn mistakes_of_a_verifier_are_no_breaches(scene: &Scene, archive: &Value) {
-    let write = |name: &str, text: String| {
-        std::fs::write(scene.file(name), text).unwrap();
-        scene.file(name).to_str().unwrap().to_owned()
-    };
+    let write = |name: &str, text: String| written(scene, name, &text);
     let reveal = write("reveal.json", archive["reveal"].to_string());
     let board = |change: &dyn Fn(&mut Value)| {
         let mut board = archive["boards"][1].clone();
@@ -229,10 +232,7 @@ fn mistakes_of_a_verifier_are_no_breaches(scene: &Scene, archive: &Value) {
 
 /// What says nothing about the epoch is no evidence of a breach, and no promise.
 fn only_what_was_saved_in_time_is_a_promise(scene: &Scene, archive: &Value) {
-    let write = |name: &str, text: String| {
-        std::fs::write(scene.file(name), text).unwrap();
-        scene.file(name).to_str().unwrap().to_owned()
-    };
+    let write = |name: &str, text: String| written(scene, name, &text);
     let reveal = write("reveal.json", archive["reveal"].to_string());
     let with = |change: &dyn Fn(&mut Value)| {
         let mut epoch: Value = serde_json::from_slice(&std::fs::read(scene.file("kept.json")).unwrap()).unwrap();
