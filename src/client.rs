@@ -1,6 +1,6 @@
 //! HTTP client of services, which commands and the demo agents use.
 
-use std::collections::HashSet;
+use std::collections::{BTreeSet, HashSet};
 use std::time::Duration;
 
 use anyhow::{Context as _, bail};
@@ -142,6 +142,23 @@ impl Service {
         Ok(numbers)
     }
 
+    /// Gets the numbers of the tasks that a run has answers to.
+    ///
+    /// # Errors
+    /// Returns an error if the service cannot be reached or rejects a request.
+    pub async fn answered(&self, run: &str) -> anyhow::Result<BTreeSet<u32>> {
+        let mut numbers = BTreeSet::new();
+        let mut after = Value::from(0);
+        while !after.is_null() {
+            let page = self.get(&format!("/v1/runs/{run}/submissions?limit=1000&after={after}")).await?;
+            let own = page["submissions"].as_array().into_iter().flatten();
+            let own = own.filter_map(|own| own["number"].as_u64());
+            numbers.extend(own.filter_map(|number| u32::try_from(number).ok()));
+            after = page["next_after"].clone();
+        }
+        Ok(numbers)
+    }
+
     /// Creates a run and returns its id.
     ///
     /// # Errors
@@ -206,7 +223,7 @@ fn told(answer: &[u8]) -> String {
         return String::from_utf8_lossy(answer).into_owned();
     };
     let kind = kind.rsplit(':').next().unwrap_or(kind);
-    let faults = problem["faults"].as_array().into_iter().flatten().take(MAX_FAULTS);
+    let faults = problem["faults"].as_array().map(Vec::as_slice).unwrap_or_default();
     let text = |fault: &Value, name: &str| fault[name].as_str().unwrap_or_default().to_owned();
     let line = |fault: &Value| {
         let line = fault["line"].as_u64().map(|line| format!("line {line}"));
@@ -214,7 +231,12 @@ fn told(answer: &[u8]) -> String {
         let place: Vec<String> = line.into_iter().chain(place).chain([text(fault, "detail")]).collect();
         format!("\n  {}", place.join(": "))
     };
-    faults.fold(format!("{detail} ({kind})"), |told, fault| told + &line(fault))
+    let lines = faults.iter().map(line);
+    // The detail of a problem with a single fault is often that fault.
+    let lines: Vec<String> = lines.filter(|told| !detail.contains(told.trim_start())).take(MAX_FAULTS).collect();
+    let more = faults.len().saturating_sub(MAX_FAULTS);
+    let more = if more > 0 { format!("\n  and {}", counted(more, "more fault")) } else { String::new() };
+    format!("{detail} ({kind}){}{more}", lines.concat())
 }
 
 /// Returns an NDJSON line in the compact form, with the log's palette in each turn.

@@ -45,6 +45,24 @@ pub fn of_all(some: usize, all: impl Copy + Display, thing: &str, one: &str, man
     }
 }
 
+/// Returns a range of numbers, such as `49`, `30 to 40`, `at least 3` or `at most 5`; `None` if neither end is bounded.
+#[must_use]
+pub fn range<N: PartialEq + Display>(least: Option<N>, most: Option<N>) -> Option<String> {
+    Some(match (least, most) {
+        (Some(least), Some(most)) if least == most => least.to_string(),
+        (Some(least), Some(most)) => format!("{least} to {most}"),
+        (Some(least), None) => format!("at least {least}"),
+        (None, Some(most)) => format!("at most {most}"),
+        (None, None) => return None,
+    })
+}
+
+/// Returns the range of counts that a check allows. A least count of 0 says nothing, unless 0 is also the greatest one.
+#[must_use]
+pub fn range_of_counts(least: u32, most: Option<u32>) -> Option<String> {
+    range(Some(least).filter(|least| *least > 0 || most == Some(0)), most)
+}
+
 /// Rewords an error of serde about a value for readers who know JSON but not Rust. Other errors lose at most their
 /// position in the text, which means nothing for a value that was parsed before.
 #[must_use]
@@ -146,6 +164,14 @@ mod tests {
         assert_eq!(agreeing(1, "block is", "blocks are"), "1 block is");
         let told = [0, 1, 2].map(|some| of_all(some, 3, "door", "is shut", "are shut"));
         assert_eq!(told, ["none of 3 doors is shut", "1 of 3 doors is shut", "2 of 3 doors are shut"]);
+    }
+
+    #[test]
+    fn ranges_name_the_bounds_that_there_are() {
+        let told = [(3, Some(3)), (3, Some(5)), (3, None), (0, Some(5)), (0, Some(0))];
+        let told = told.map(|(least, most)| range_of_counts(least, most).unwrap());
+        assert_eq!(told, ["3", "3 to 5", "at least 3", "at most 5", "0"]);
+        assert_eq!(range_of_counts(0, None), None);
     }
 
     #[test]

@@ -11,6 +11,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::evidence::{is_reveal, key, read_given};
 use super::files;
+use super::serve::MOST_PUBLISH_SECONDS;
 use plumbline_engine::hidden::canonical::canonical_json;
 use plumbline_engine::hidden::evidence::GivenReceipt;
 use plumbline_engine::hidden::receipts::{
@@ -37,8 +38,9 @@ pub struct VerifyReceiptArgs {
     part: bool,
 }
 
-/// How long after its time a receipt is in the log for sure, in milliseconds.
-const LOGGED_WITHIN_MS: i64 = 2 * 60_000;
+/// How long after its time a receipt is in the log for sure, in milliseconds: the longest interval at which a service may
+/// publish receipts of hidden evaluation, and some minutes.
+const LOGGED_WITHIN_MS: i64 = 1_000 * MOST_PUBLISH_SECONDS.cast_signed() + 5 * 60_000;
 
 /// Contents of the files.
 #[derive(Default)]
@@ -115,7 +117,7 @@ impl Verdict {
 
 impl Given {
     /// Verifies a receipt with this hash, as it was handed out, and looks it up in the pages of the log. If the pages are
-    /// the whole log, a receipt that they lack although their head was signed much later is not in the log.
+    /// the whole log, a receipt that they lack although their head was signed more than a day later is not in the log.
     fn handed_out(&self, handed: &GivenReceipt, hash: &str, trusted: &[&str]) -> (Verdict, Cow<'static, str>) {
         let is_own = hash == handed.hash && trusted.contains(&handed.public_key.as_str());
         if !is_own || verify_signature(&handed.receipt, &handed.public_key, &handed.signature).is_err() {
@@ -135,15 +137,13 @@ impl Given {
                     all of its pages later than that";
         (Verdict::NotChecked, told.into())
     }
-}
 
-impl Given {
-    /// Says that the log lacks a receipt, if the pages are all of it and their head was signed much later.
+    /// Says that the log lacks a receipt, if the pages are all of it and their head was signed more than a day later.
     fn lacks(&self, receipt: &Value) -> Option<(Verdict, Cow<'static, str>)> {
         let head = self.heads.iter().max_by_key(|head| head.size);
         let whole = head.filter(|head| usize::try_from(head.size) == Ok(self.log.len()))?;
         let later = whole.at_ms.saturating_sub(time_of(receipt)?);
-        let told = || format!("is not in the log, whose head was signed {} later", counted(later / 60_000, "minute"));
+        let told = || format!("is not in the log, whose head was signed {} later", counted(later / 3_600_000, "hour"));
         (later > LOGGED_WITHIN_MS).then(|| (Verdict::Broken, told().into()))
     }
 
@@ -152,8 +152,11 @@ impl Given {
         if self.log.iter().any(|own| own.seq == alone.seq && own.hash == alone.hash && own.link == alone.link) {
             return (Verdict::Note, "is in the log".into());
         }
+        let head = self.heads.iter().map(|head| head.size).max();
         let told = if self.log.is_empty() {
             "has no proof of inclusion, so whether the log has it was not checked: give the pages of the log too"
+        } else if head.is_some_and(|size| alone.seq > size) {
+            "has no proof of inclusion, and comes after the signed end of the pages given: fetch all of its pages again"
         } else {
             "has no proof of inclusion, and is not in the pages given: fetch all of its pages again"
         };
@@ -161,10 +164,14 @@ impl Given {
     }
 }
 
-/// Returns the time of a receipt, in milliseconds since 1970.
+/// Returns the latest time that a receipt states, in milliseconds since 1970. What it confirms may state it: a
+/// registration, an answer.
 fn time_of(receipt: &Value) -> Option<i64> {
-    let members = receipt.as_object()?.iter().filter(|(name, _)| name.ends_with("_at_ms"));
-    members.filter_map(|(_, at_ms)| at_ms.as_i64()).max()
+    let of_member = |(name, value): (&String, &Value)| match value {
+        Value::Number(at_ms) if name.ends_with("_at_ms") => at_ms.as_i64(),
+        inner => time_of(inner),
+    };
+    receipt.as_object()?.iter().filter_map(of_member).max()
 }
 
 /// Runs the command, with exit code 1 if a receipt or the chain does not verify.
@@ -251,7 +258,7 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
     for fault in given.places(&trusted, has_log).iter().filter(|_| !args.part) {
         is_good = false;
         let or = if *fault == ReceiptFault::NoBeginning { ", or use --part" } else { "" };
-        println!("BROKEN  {fault}{or}");
+        println!("BROKEN  end of the log: {fault}{or}");
     }
     if let Err(fault) = verify_keys(log) {
         is_good = false;
@@ -279,14 +286,19 @@ pub fn run(args: &VerifyReceiptArgs) -> anyhow::Result<ExitCode> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use plumbline_engine::hidden::evidence::{EntryFact, Fact, receipt};
+    use plumbline_engine::hidden::feedback::Tier;
     use plumbline_engine::hidden::receipts::Signer;
     use serde_json::json;
 
     #[test]
     fn a_receipt_that_was_handed_out_is_looked_up_in_the_log() {
         let signer = Signer::new(&[5; 32]);
-        let handed = |at_ms: i64| {
-            let receipt = json!({ "plumbline_receipt": 1, "registered_at_ms": at_ms });
+        let handed = |registered_at_ms: i64| {
+            let [id, owner, agent, configuration_sha256] = [(); 4].map(|()| "x".to_owned());
+            let entry =
+                EntryFact { id, owner, agent, configuration_sha256, tier: Tier::Dev, runs: 1, registered_at_ms };
+            let receipt = receipt("2026-11", &[1; 32], &Fact::Entry(entry));
             let signed = signer.sign(&receipt);
             GivenReceipt {
                 receipt,
@@ -296,7 +308,8 @@ mod tests {
             }
         };
         let logged = handed(1_000);
-        let head = LogHead::signed(1, "0".repeat(64), 600_000, &signer);
+        // Two days later.
+        let head = LogHead::signed(1, "0".repeat(64), 172_800_000, &signer);
         let own = json!({ "seq": 1, "receipt": null, "hash": logged.hash, "signature": null,
             "public_key": logged.public_key, "previous": "", "link": "" });
         let mut given =
@@ -309,9 +322,9 @@ mod tests {
         assert_eq!(verdict(&given, &logged), (Verdict::Note, "is at position 1 of the log".to_owned()));
         let (broken, told) = verdict(&given, &handed(2_000));
         assert_eq!(broken, Verdict::Broken);
-        assert!(told.contains("is not in the log, whose head was signed 9 minutes later"), "{told}");
+        assert!(told.contains("is not in the log, whose head was signed 47 hours later"), "{told}");
         // It may be too young, or on a page that was not given.
-        assert_eq!(verdict(&given, &handed(599_000)).0, Verdict::NotChecked);
+        assert_eq!(verdict(&given, &handed(172_000_000)).0, Verdict::NotChecked);
         // So for one that is returned with its place, but without a proof.
         let placed = |handed: &GivenReceipt| ReceiptFile {
             receipt: Some(handed.receipt.clone()),
@@ -320,12 +333,16 @@ mod tests {
         };
         assert_eq!(given.without_inclusion(&placed(&logged)).0, Verdict::Note);
         assert_eq!(given.without_inclusion(&placed(&handed(2_000))).0, Verdict::Broken);
-        assert_eq!(given.without_inclusion(&placed(&handed(599_000))).0, Verdict::NotChecked);
+        assert_eq!(given.without_inclusion(&placed(&handed(172_000_000))).0, Verdict::NotChecked);
         assert_eq!(Given::default().without_inclusion(&placed(&logged)).0, Verdict::NotChecked);
+        let later = ReceiptFile { seq: 2, ..placed(&handed(172_000_000)) };
+        let (verdict_of, told) = given.without_inclusion(&later);
+        assert_eq!(verdict_of, Verdict::NotChecked);
+        assert!(told.contains("comes after the signed end"), "{told}");
         given.heads[0].size = 2;
         assert_eq!(verdict(&given, &handed(2_000)).0, Verdict::NotChecked);
         assert_eq!(verdict(&Given::default(), &logged).0, Verdict::NotChecked);
-        let forged = GivenReceipt { receipt: json!({ "registered_at_ms": 5 }), ..logged };
+        let forged = GivenReceipt { receipt: json!({ "entry": { "registered_at_ms": 5 } }), ..logged };
         assert_eq!(verdict(&given, &forged).0, Verdict::Broken);
     }
 }

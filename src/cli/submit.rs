@@ -1,5 +1,6 @@
 //! `plumbline submit`: posts raw records of the published pipeline to a service as one run.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -63,18 +64,25 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
         let service = Service::at(&args.server, args.key.as_deref())?;
-        let tasks = service.task_numbers(&args.suite).await?;
+        let agent = args.agent.as_deref().unwrap_or_default();
+        // A name without a version is the newest, but the run is of the version that it was begun with.
+        let (suite, answered) = match &args.run {
+            None => (args.suite.clone(), BTreeSet::new()),
+            Some(run) => (continues(&service, run, args).await?, service.answered(run).await?),
+        };
+        let tasks = service.task_numbers(&suite).await?;
         let given = answers.len();
         answers.retain(|answer| tasks.contains(&answer.number));
         if answers.len() < given && !args.only_suite {
             let others = given - answers.len();
-            bail!("{others} of {given} problems are not in {}; --only-suite leaves them out", args.suite);
+            bail!("{others} of {given} problems are not in {suite}; --only-suite leaves them out");
         }
         if answers.is_empty() {
-            bail!("{} holds no problem of {}", args.file.display(), args.suite);
+            bail!("{} holds no problem of {suite}", args.file.display());
         }
-        if answers.len() < tasks.len() && !args.keep_open {
-            let missing = tasks.len() - answers.len();
+        let is_there = |task: &u32| answered.contains(task) || answers.iter().any(|answer| answer.number == *task);
+        let missing = tasks.iter().filter(|task| !is_there(task)).count();
+        if missing > 0 && !args.keep_open {
             let then = if args.skip_rest {
                 "are skipped on purpose and count as failed"
             } else {
@@ -82,19 +90,15 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
             };
             eprintln!("{missing} of {} tasks have no record: they {then}", tasks.len());
         }
-        let agent = args.agent.as_deref().unwrap_or_default();
-        if let Some(run) = &args.run {
-            continues(&service, run, args).await?;
-        }
         if args.dry_run {
             let run = args.run.as_ref().map_or_else(|| format!("a new run of {agent:?}"), |run| format!("run {run}"));
             let answers = counted(answers.len(), "answer");
-            println!("would post {answers} to {run} in {}; nothing was posted", args.suite);
+            println!("would post {answers} to {run} in {suite}; nothing was posted");
             return Ok(ExitCode::SUCCESS);
         }
         let run = match &args.run {
             Some(run) => run.clone(),
-            None => service.create_run(agent, &args.suite, json!({ "source": "raw records" })).await?,
+            None => service.create_run(agent, &suite, json!({ "source": "raw records" })).await?,
         };
         eprintln!("run {run}");
         let go_on = || format!("the run stays as it is: once the cause is fixed, go on with --run {run}");
@@ -114,8 +118,8 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
     })
 }
 
-/// Checks that a run can be continued with these answers.
-async fn continues(service: &Service, run: &str, args: &SubmitArgs) -> anyhow::Result<()> {
+/// Checks that a run can be continued with these answers, and returns its suite with the version.
+async fn continues(service: &Service, run: &str, args: &SubmitArgs) -> anyhow::Result<String> {
     let found = service.get(&format!("/v1/runs/{run}")).await.with_context(|| format!("--run {run}"))?;
     let suite = found["suite"].as_str().unwrap_or_default();
     // An anonymous run has another name for others than for its owner.
@@ -126,7 +130,7 @@ async fn continues(service: &Service, run: &str, args: &SubmitArgs) -> anyhow::R
     if let Some(named) = args.agent.as_deref().filter(|named| *named != agent) {
         bail!("--run {run} is of the agent {agent:?}, and --agent names {named:?}: leave one of them out");
     }
-    Ok(())
+    Ok(suite.to_owned())
 }
 
 /// Converts recorded structures into the events that lead to them. Several entries for one cell become one, since a log

@@ -162,6 +162,9 @@ fn read_board(path: &Path, epoch: &str) -> anyhow::Result<Value> {
     if board["epoch"] != epoch {
         bail!("{file}: is of the epoch {}, and the reveal of {epoch:?}; {expected}", board["epoch"]);
     }
+    if let Some(filter) = board["provenance"].as_str() {
+        bail!("{file}: has the rows of provenance {filter:?} alone; {expected} without `provenance`");
+    }
     Ok(board)
 }
 

@@ -143,6 +143,15 @@ impl Criterion {
         }
     }
 
+    /// Returns whether a problem passes only if this criterion holds, where it applies (`docs/rules.md#scores`).
+    #[must_use]
+    pub const fn decides(self) -> bool {
+        match self {
+            Self::Material | Self::Shape | Self::Size | Self::PhysicalPlausibility | Self::Dependency => true,
+            Self::StructuralStability | Self::Efficiency => false,
+        }
+    }
+
     /// Returns the criterion's name in the API and in published files.
     #[must_use]
     pub const fn name(self) -> &'static str {

@@ -79,7 +79,8 @@ pub fn advise(structure: &Structure, instruction: &Instruction, report: &TurnRep
     }
 }
 
-/// Returns whether a turn asks for blocks at or below y = 0, like those of a foundation, and got what it asked for.
+/// Returns whether a turn asks for blocks at or below y = 0, like those of a foundation, and got what it asked for, by the
+/// criteria that decide whether a problem passes.
 fn belongs_in_ground(instruction: &Instruction, report: &TurnReport) -> bool {
     let asks = |check: &Check| match check {
         Check::LevelHas(level) => {
@@ -87,7 +88,8 @@ fn belongs_in_ground(instruction: &Instruction, report: &TurnReport) -> bool {
         }
         _ => false,
     };
-    instruction.checks.iter().any(asks) && report.checks.iter().all(|check| check.finding.holds())
+    let mut deciding = report.checks.iter().filter(|check| check.criterion.decides());
+    instruction.checks.iter().any(asks) && deciding.all(|check| check.finding.holds())
 }
 
 /// Adds an advisory for each turn that removes blocks which it placed: under `published` that has no effect.

@@ -18,7 +18,7 @@ use plumbline_engine::hidden::feedback::Tier;
 pub struct EpochBoardQuery {
     /// Tier of the board: `official` (the default) or `dev`.
     tier: Option<Tier>,
-    /// Only rows with this provenance.
+    /// Only rows with this provenance; `verify-epoch` needs the board without it.
     provenance: Option<String>,
 }
 
@@ -36,13 +36,16 @@ pub struct EpochBoard {
     pub is_final: Option<bool>,
     /// Number of entries registered in this tier.
     pub registered: usize,
+    /// Provenance of the rows, if the request asked for one; rows with another are left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub provenance: Option<String>,
     /// Rows, best first; empty until scores are released.
     pub rows: Vec<Row>,
 }
 
 impl From<TierBoard> for EpochBoard {
     fn from(TierBoard { epoch, tier, is_released, is_final, registered, rows }: TierBoard) -> Self {
-        Self { epoch, tier, is_released, is_final, registered, rows }
+        Self { epoch, tier, is_released, is_final, registered, provenance: None, rows }
     }
 }
 
@@ -63,5 +66,6 @@ pub async fn get_epoch_leaderboard(
     Params(query): Params<EpochBoardQuery>,
 ) -> AppResult<Json<EpochBoard>> {
     let tier = query.tier.unwrap_or(Tier::Official);
-    Ok(Json(tier_board(&state, &epoch, tier, query.provenance.as_deref()).await?.into()))
+    let board = EpochBoard::from(tier_board(&state, &epoch, tier, query.provenance.as_deref()).await?);
+    Ok(Json(EpochBoard { provenance: query.provenance, ..board }))
 }

@@ -79,7 +79,7 @@ impl<'a> Args<'a> {
         match self.number(name) {
             None => "All".to_owned(),
             Some(share) if share >= 1.0 => "All".to_owned(),
-            Some(share) => format!("At least {} % of the", plain((share * 1_000.0).round() / 10.0)),
+            Some(share) => format!("At least {} % of the", plain(share * 100.0)),
         }
     }
 }
@@ -179,6 +179,7 @@ fn of_sizes(name: &str, args: Args<'_>) -> Option<String> {
         "size.is_leq" => extents("The build measures at most"),
         "size.all_dimensions_geq" => Some(format!("At least {} on every axis", blocks(args, "min_size"))),
         "size.max_y_is_geq" => Some(format!("The highest block is at y = {} or higher", args.told("min_y"))),
+        "size.min_y_is_leq" => Some(format!("The lowest block is at y = {} or lower", args.told("max_y"))),
         "size.min_y_is_equal" => Some(format!("The lowest block is at y = {}", args.told("expected_y"))),
         _ => None,
     }
@@ -202,11 +203,12 @@ fn of_shapes(name: &str, args: Args<'_>) -> Option<String> {
             let levels = counted(args.count("min_levels"), "level");
             let top = args.number("min_top").map(|top| format!(", the highest at y = {} or higher", plain(top)));
             let cells = counted(args.count("min_cells"), "cell");
-            format!("Rooms on {levels} have a ceiling over {cells} of floor{}", top.unwrap_or_default())
+            format!("Ceilings over at least {cells} of floor lie at {levels} or more{}", top.unwrap_or_default())
         }
         "shape.has_clear_span" => format!(
-            "A deck {} wide at y = {} or higher spans {} between its supports",
-            blocks(args, "min_width"),
+            "A deck at least {} wide at y = {} or higher spans at least {} between its supports",
+            // The argument is left out where it is 1.
+            counted(args.0.get("min_width").and_then(Value::as_i64).unwrap_or(1), "block"),
             args.told("height"),
             blocks(args, "min_free")
         ),
@@ -215,7 +217,7 @@ fn of_shapes(name: &str, args: Args<'_>) -> Option<String> {
                 .unwrap_or_else(|| "any number of".to_owned());
             let rooms = if is_one(&count) { "room" } else { "rooms" };
             format!(
-                "{} {rooms} with walls, a roof, a door and {} of floor",
+                "{} {rooms} with walls, a roof, a door and at least {} of floor",
                 sentence(&count),
                 counted(args.count("min_floor_cells"), "cell")
             )
@@ -223,7 +225,7 @@ fn of_shapes(name: &str, args: Args<'_>) -> Option<String> {
         "shape.has_rooms" => format!("At least {} at y = {}", counted(args.count("room_cnt"), "room"), args.told("y")),
         "shape.has_upper_floor" => {
             format!(
-                "An upper floor of {} at y = {} or higher can be reached",
+                "An upper floor of at least {} at y = {} or higher can be reached",
                 counted(args.count("min_cells"), "cell"),
                 args.told("min_y")
             )
@@ -259,6 +261,9 @@ fn of_levels(name: &str, args: Args<'_>) -> Option<String> {
                 format!("one part of at least {}", sides.join(" × "))
             });
             let all: Vec<String> = blocks.into_iter().chain(parts).chain(size).collect();
+            if all.is_empty() {
+                return Some(format!("Anything {}", at()));
+            }
             format!("{} {}", sentence(&all.join(", ")), at())
         }
         "shape.cluster_count_at_y_is" => {
@@ -281,13 +286,25 @@ fn of_safety_and_planning(name: &str, args: Args<'_>) -> Option<String> {
         "structural_stability.stress_score" => {
             format!("No stress above {}", pascals(args.number("von_mises_stress")?))
         }
+        "structural_stability.equilibrium_score" => {
+            format!("No stress in equilibrium above {}", pascals(args.number("reference_pa")?))
+        }
         "efficiency.l1_dist" => "The path from block to block is as short as possible".to_owned(),
         "dependency.layers_follow" => {
-            format!("{}: each complete before the next", sentence(&args.list("layers", ", then ")))
+            let layers = sentence(&args.list("layers", ", then "));
+            if layers.contains(", then ") {
+                format!("{layers}: each complete before the next")
+            } else {
+                format!("A layer of {}", args.list("layers", ""))
+            }
         }
         "dependency.material_sequence_order" => {
-            let kind = if args.is("use_substring_match") { "in this order" } else { "in exactly this order" };
-            format!("{}: placed {kind}", sentence(&args.list("material_sequence", ", then ")))
+            let materials = sentence(&args.list("material_sequence", ", then "));
+            match (materials.is_empty(), args.is("use_substring_match")) {
+                (true, _) => "No order is asked for".to_owned(),
+                (false, true) => format!("{materials}: placed in this order"),
+                (false, false) => format!("{materials}: placed in exactly this order"),
+            }
         }
         _ => return None,
     })
@@ -305,18 +322,25 @@ pub(super) fn pascals(pascals: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use plumbline_engine::tasks::{Task, embedded};
+    use plumbline_engine::hidden::GENERATOR_VERSION;
+    use plumbline_engine::hidden::siblings::Siblings;
+    use plumbline_engine::tasks::embedded;
     use serde_json::json;
 
     #[test]
     fn every_check_of_every_suite_has_words_of_its_own() {
-        let mut seen = 0;
+        let (mut seen, mut tasks) = (0, Vec::new());
         for suite in embedded::suites().unwrap() {
-            for check in suite.tasks.iter().flat_map(Task::checks) {
+            tasks.extend(suite.tasks);
+        }
+        tasks.extend(Siblings::of(GENERATOR_VERSION).unwrap().specifications().iter().map(|own| own.task.clone()));
+        for task in &tasks {
+            for check in task.checks() {
                 let told = claim_of(check);
                 assert_ne!(told, plain_name(check.name()), "{check:?}");
                 let is_code = told.contains(['{', '}', '_', '?', '"', '#', '[']) || told.contains("null");
-                assert!(!is_code && !told.contains("  "), "{check:?}: {told}");
+                let is_nothing = ["0 blocks wide", "spans 0", "of 0", "over 0"].iter().any(|none| told.contains(none));
+                assert!(!is_code && !is_nothing && !told.contains("  "), "{check:?}: {told}");
                 seen += 1;
             }
         }
@@ -368,6 +392,18 @@ mod tests {
                 "Stone, then oak planks: each complete before the next",
             ),
             ("structural_stability.stress_score", json!({ "von_mises_stress": 62_000_000 }), "No stress above 62 MPa"),
+            (
+                "shape.has_clear_span",
+                json!({ "height": 2, "min_free": 5 }),
+                "A deck at least 1 block wide at y = 2 or higher spans at least 5 blocks between its supports",
+            ),
+            (
+                "structural_stability.equilibrium_score",
+                json!({ "reference_pa": 12_500 }),
+                "No stress in equilibrium above 12.5 kPa",
+            ),
+            ("dependency.layers_follow", json!({ "layers": ["stone"] }), "A layer of stone"),
+            ("shape.level_has", json!({ "y": 3 }), "Anything at y = 3"),
             ("custom.is_nice_build", json!({}), "Is nice build"),
         ] {
             assert_eq!(claim(name, &args), told);

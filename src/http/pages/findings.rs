@@ -16,6 +16,7 @@ pub fn found(check: &CheckReport) -> String {
         "size.is_equal" | "size.is_geq" | "size.is_leq" | "size.all_dimensions_geq" => extents_found(measured),
         "material.is_made_of" => check.finding.measured.as_f64().map(|share| format!("{} are", percent(share))),
         STRESS => stress_found(check),
+        EQUILIBRIUM => built(check).map(|greatest| format!("the greatest stress in equilibrium is {greatest}")),
         _ => None,
     };
     // What was built under the ground has no upper surface.
@@ -26,24 +27,40 @@ pub fn found(check: &CheckReport) -> String {
     sentence(&told.unwrap_or_else(|| readable(&in_good_number(&summary.replace("y=", "y = ")))))
 }
 
-/// Check whose values are pressures.
+/// Check whose values are pressures by both methods.
 const STRESS: &str = "structural_stability.stress_score";
+/// Check whose values are pressures in equilibrium.
+const EQUILIBRIUM: &str = "structural_stability.equilibrium_score";
+
+/// Returns whether a check measures a pressure.
+fn is_pressure(check: &CheckReport) -> bool {
+    matches!(&*check.name, STRESS | EQUILIBRIUM)
+}
+
+/// Returns whether a check measures a share of blocks.
+fn is_share(check: &CheckReport) -> bool {
+    matches!(&*check.name, "material.is_made_of" | "material.is_all_material_equal_to")
+        || check.args.get("ratio_threshold").is_some()
+}
 
 /// Writes what a check required in words and numbers, such as "blocks: at least 4; y: 0"; `None` if nothing in particular.
 #[must_use]
 pub fn asked(check: &CheckReport) -> Option<String> {
     let required = &check.finding.required;
-    let most = (check.name == STRESS).then(|| required.get("<=").and_then(Value::as_f64)).flatten();
-    most.map(|most| format!("at most {}", pascals(most))).or_else(|| told(required))
+    let most = is_pressure(check).then(|| required.get("<=").and_then(Value::as_f64)).flatten();
+    most.map(|most| format!("at most {}", pascals(most))).or_else(|| {
+        let name = if is_share(check) && required.get("of").is_none() { "share" } else { "" };
+        told_as(name, required)
+    })
 }
 
 /// Writes what a check measured in words and numbers, such as "blocks: 4; parts: 1"; `None` if it measured nothing.
 #[must_use]
 pub fn built(check: &CheckReport) -> Option<String> {
     let measured = &check.finding.measured;
-    match &*check.name {
-        STRESS => measured.as_f64().filter(|pa| *pa > 0.0).map(pascals),
-        "material.is_made_of" => told_as("share", measured),
+    match measured.as_f64() {
+        Some(pa) if is_pressure(check) => Some(pa).filter(|pa| *pa > 0.0).map(pascals),
+        Some(_) if is_share(check) => told_as("share", measured),
         _ => told(measured),
     }
 }
@@ -78,14 +95,18 @@ fn stress_found(check: &CheckReport) -> Option<String> {
     Some(found + &beside.unwrap_or_default())
 }
 
-/// Writes names of blocks and of their kinds as people do: `#beds`, `oak_planks`, `"_door"`.
+/// Writes names of blocks and of their kinds as people do: `#beds`, `oak_planks`. What is quoted stays as it is written.
 fn readable(text: &str) -> String {
+    let mut text = text.to_owned();
+    for (tag, one) in [("#beds", "bed"), ("#doors", "door")] {
+        text = text.replace(&format!("blocks of {tag}"), &format!("{one}s")).replace(&format!("block of {tag}"), one);
+    }
     let is_name = |word: &str| {
         (word.contains('_') || word.starts_with('#'))
             && word.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || matches!(c, '_' | '#'))
     };
     let words = text.split(' ').map(|word| {
-        let bare = word.trim_matches(|c: char| matches!(c, '"' | ',' | ';' | ':' | '.' | '(' | ')'));
+        let bare = word.trim_matches(|c: char| matches!(c, ',' | ';' | ':' | '.' | '(' | ')'));
         if is_name(bare) {
             word.replace(bare, bare.trim_start_matches(['#', '_']).replace('_', " ").trim_end())
         } else {
@@ -112,25 +133,28 @@ fn told(value: &Value) -> Option<String> {
                 // No count is below 0, so a bound of 0 says nothing.
                 return range(bound(">=").filter(|min| *min != 0.0), bound("<="));
             }
-            let side = |(name, value): (&String, &Value)| Some(format!("{}{}", sign(name)?, told(value)?));
+            let side = |(name, value): (&String, &Value)| Some(format!("{}{}", sign(name)?, grouped(value)?));
             let all: Vec<String> = members.iter().filter_map(side).collect();
             (!all.is_empty()).then(|| all.join(" and "))
         }
         Value::Object(members) => {
             let member = |(name, value): (&String, &Value)| {
-                let (name, sign) = match name.rsplit_once(' ') {
-                    Some((name, end)) => sign(end).map_or((name, ""), |sign| (name, sign)),
-                    None => (name.as_str(), ""),
-                };
-                let is_many = value.as_array().is_some_and(|list| list.len() > 1);
-                let told = told_as(name, value)?;
-                let told = if is_many { format!("({told})") } else { told };
+                // Reports of earlier programs have names of two words.
+                let ends = name.rsplit_once(' ').and_then(|(name, end)| Some((name, sign(end)?)));
+                let (name, sign) = ends.unwrap_or((name, ""));
+                let told = if value.is_array() { grouped(value)? } else { told_as(name, value)? };
                 Some(format!("{}: {sign}{told}", name.replace('_', " ")))
             };
             let all: Vec<String> = members.iter().filter_map(member).collect();
             (!all.is_empty()).then(|| all.join("; "))
         }
     }
+}
+
+/// Writes a value, and a list of several in brackets.
+fn grouped(value: &Value) -> Option<String> {
+    let is_many = value.as_array().is_some_and(|list| list.len() > 1);
+    told(value).map(|told| if is_many { format!("({told})") } else { told })
 }
 
 /// Writes a share as a percentage that is 0 % and 100 % only where the share is.
@@ -223,6 +247,8 @@ mod tests {
             (json!({ "blocks": 20, "parts": 1, "widest": [2, 10] }), "blocks: 20; parts: 1; widest: (2, 10)"),
             (json!({ "of": "#red_concrete", "share >=": 0.5 }), "of: red concrete; share: at least 50 %"),
             (json!({ "cover": { ">=": 0.9 }, "clear": 2 }), "clear: 2; cover: at least 90 %"),
+            (json!({ "clear levels": 3, "deck": true }), "clear levels: 3; deck: yes"),
+            (json!({ "size": { ">=": [2, 3] } }), "size: at least (2, 3)"),
             (json!({ "symmetric": false }), "symmetric: no"),
             (json!([]), "none"),
             (json!(0.499_6), "0.4996"),
@@ -263,12 +289,26 @@ mod tests {
         assert_eq!((asked(&stress), built(&stress)), (Some("at most 62 kPa".to_owned()), Some("61.56 MPa".to_owned())));
         stress.finding.measured = json!(0.0);
         assert_eq!(built(&stress), None, "no stress is no measurement of 0");
-        let share = made("material.is_made_of", json!(0.325), "");
+        let mut equilibrium = made(EQUILIBRIUM, json!(2_285.7), "greatest von Mises stress 2285.70 Pa in equilibrium");
+        equilibrium.finding.required = json!({ "<=": 1_000 });
+        assert_eq!(
+            (asked(&equilibrium), built(&equilibrium)),
+            (Some("at most 1 kPa".to_owned()), Some("2.29 kPa".to_owned()))
+        );
+        assert_eq!(found(&equilibrium), "The greatest stress in equilibrium is 2.29 kPa");
+
+        let mut share = made("material.is_made_of", json!(0.325), "");
         assert_eq!(built(&share).as_deref(), Some("32.5 %"));
+        share.finding.required = json!({ "of": "#red_concrete", "share >=": 0.5 });
+        assert_eq!(asked(&share).as_deref(), Some("of: red concrete; share: at least 50 %"));
+        let mut side = made("material.is_min_x_material_equal_to", json!(1.0), "");
+        (side.args, side.finding.required) = (json!({ "ratio_threshold": 0.5 }), json!({ ">=": 0.5 }));
+        assert_eq!((asked(&side).as_deref(), built(&side).as_deref()), (Some("at least 50 %"), Some("100 %")));
         assert_eq!([1.0, 0.999_96, 0.000_01, 0.0].map(percent), ["100 %", "99.99 %", "0.01 %", "0 %"]);
 
         let told = |summary: &str| told("shape.walks_out", json!(null), summary);
-        assert_eq!(told("1 of 2 blocks of #beds, and \"_door\""), "1 of 2 blocks of beds, and \"door\"");
+        assert_eq!(told("1 of 2 blocks of #beds, and \"_door\""), "1 of 2 beds, and \"_door\"");
+        assert_eq!(told("1 block of #doors to start from"), "1 door to start from");
         assert_eq!(told("oak_planks begins before #red is complete"), "Oak planks begins before red is complete");
         assert_eq!(told("at y = -1: no block"), "At y = -1: no block");
     }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::checks::{Finding, Rule, Subject};
-use crate::text::{agreeing, counted};
+use crate::text::{agreeing, counted, range_of_counts};
 use crate::voxel::blocks::{BlockSet, GAME_VERSION, is_air, is_door, is_known};
 use crate::voxel::inside::LEAST_FLOOR;
 use crate::voxel::{Cell, CellSet};
@@ -102,9 +102,10 @@ impl Rule for CountWithin {
         let count = structure.entries().filter(is_counted).count();
         let holds = count >= self.min as usize && self.max.is_none_or(|max| count <= max as usize);
         let required = subject.tell(|| json!({ ">=": self.min, "<=": self.max }));
-        let summary = subject.tell(|| match self.of {
-            None => counted(count, "block"),
-            Some(of) => format!("{} of {of}", counted(count, "block")),
+        let summary = subject.tell(|| {
+            let of = self.of.map(|of| format!(" of {of}")).unwrap_or_default();
+            let bounds = range_of_counts(self.min, self.max).map(|range| format!("; required {range}"));
+            format!("{}{of}{}", counted(count, "block"), bounds.unwrap_or_default())
         });
         Finding::binary(holds, count, required, summary).vacuous_if(holds && structure.is_empty())
     }

@@ -38,7 +38,7 @@ fn described(found: usize, wanted: Option<&str>, use_substring_match: bool) -> S
 }
 
 macro_rules! count_rule {
-    ($(#[$doc:meta])* $rule:ident, $bound:ident, $relation:literal, $compare:expr) => {
+    ($(#[$doc:meta])* $rule:ident, $bound:ident, $relation:literal $words:literal, $compare:expr) => {
         $(#[$doc])*
         #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
         #[serde(deny_unknown_fields)]
@@ -61,7 +61,7 @@ macro_rules! count_rule {
                 let required = subject.tell(|| json!({ $relation: self.$bound }));
                 let summary = subject.tell(|| {
                     let what = described(found, wanted, self.use_substring_match);
-                    format!("{what}; required {} {}", $relation, self.$bound)
+                    format!("{what}; required {} {}", $words, self.$bound)
                 });
                 Finding::binary(compare(found as f64, self.$bound.0), found, required, summary)
             }
@@ -71,19 +71,19 @@ macro_rules! count_rule {
 
 count_rule!(
     /// Check that the number of entries equals a count.
-    BlockCountEqualTo, expected_count, "==", |found, bound| found == bound
+    BlockCountEqualTo, expected_count, "==" "exactly", |found, bound| found == bound
 );
 count_rule!(
     /// Check that the number of entries is larger than a count.
-    BlockCountLargerThan, cnt, ">", |found, bound| found > bound
+    BlockCountLargerThan, cnt, ">" "more than", |found, bound| found > bound
 );
 count_rule!(
     /// Check that the number of entries is at least a count.
-    BlockCountAtLeast, min_count, ">=", |found, bound| found >= bound
+    BlockCountAtLeast, min_count, ">=" "at least", |found, bound| found >= bound
 );
 count_rule!(
     /// Check that the number of entries is at most a count.
-    BlockCountAtMost, max_count, "<=", |found, bound| found <= bound
+    BlockCountAtMost, max_count, "<=" "at most", |found, bound| found <= bound
 );
 
 /// Check that every entry is of one material.

@@ -55,9 +55,10 @@ fn size_finding(
         compare(found[0], wanted[0]) && compare(found[1], wanted[1]) && y.is_none_or(|y| compare(dy, y.0 - 1.0));
     let spans = [dx + 1.0, dy + 1.0, dz + 1.0];
     let summary = subject.tell(|| {
-        let height = y.map_or_else(|| "any height".to_owned(), |y| format!("height {relation} {y}"));
+        let bound = if relation == "==" { "exactly" } else { "at most" };
+        let height = y.map_or_else(|| "any height".to_owned(), |y| format!("{bound} {y} in height"));
         format!(
-            "spans {} x {} in plan and {} in height; required plan {relation} {} x {}, {height}",
+            "spans {} x {} in plan and {} in height; required {bound} {} x {} in plan, {height}",
             spans[0], spans[2], spans[1], xz[0], xz[1]
         )
     });
@@ -116,7 +117,14 @@ fn height_finding(
     };
     let y = pick(&bounds);
     let holds = compare(f64::from(y), bound.0);
-    let summary = subject.tell(|| format!("{what} y is {y}; required {relation} {bound}"));
+    let summary = subject.tell(|| {
+        let side = match relation {
+            ">=" => " or higher",
+            "<=" => " or lower",
+            _ => "",
+        };
+        format!("the {what} block is at y = {y}; required {bound}{side}")
+    });
     let finding = Finding::binary(holds, y, required, summary);
     if holds {
         return finding;

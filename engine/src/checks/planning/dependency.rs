@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::checks::{Finding, Rule, Subject};
+use crate::text::of_all;
 
 /// Check that the blocks, in building order, contain the named materials one after another.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -49,10 +50,12 @@ impl Rule for MaterialSequenceOrder {
         }
         let holds = met.len() == wanted.len();
         let summary = match wanted.get(met.len()) {
+            None if wanted.len() == 1 => "the only material of the sequence appears".to_owned(),
             None => format!("all {} materials appear in order", wanted.len()),
             Some(missing) if met.is_empty() => format!("no {missing:?} to begin with"),
             Some(missing) => {
-                format!("{} of {} materials appear in order; no {missing:?} follows them", met.len(), wanted.len())
+                let appear = of_all(met.len(), wanted.len(), "material", "appears", "appear");
+                format!("{appear} in order; no {missing:?} follows")
             }
         };
         let mut finding = Finding::binary(holds, met.len(), required, summary);

@@ -61,9 +61,10 @@ impl Rule for LayersFollow {
             last_end = last.or(last_end);
         }
         let summary = match self.layers.len() {
+            _ if last_end.is_none() => "no block of any layer stands, and none is required".to_owned(),
             1 => "the only layer is complete".to_owned(),
             all => format!("{all} layers follow one another"),
         };
-        Finding::binary(true, self.layers.len(), required, summary)
+        Finding::binary(true, self.layers.len(), required, summary).vacuous_if(last_end.is_none())
     }
 }

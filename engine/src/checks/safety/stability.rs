@@ -34,15 +34,16 @@ impl StressScore {
         let equilibrium = fem::solve_equilibrium(cells, subject.control)?;
         let stress_pa = outcome.max_von_mises_pa;
         let is_usable = stress_pa.is_finite() && stress_pa > 0.0;
+        let has_result = is_usable || stress_pa == 0.0 && !outcome.diagnostics.order_sensitive;
         let score = if is_usable { self.reference_pa.0 / stress_pa } else { 0.0 };
         let beside = equilibrium.max_von_mises_pa.map_or_else(|| "none".to_owned(), |pa| format!("{pa:.2} Pa"));
-        let greatest = match (is_usable, stress_pa == 0.0 && !outcome.diagnostics.order_sensitive) {
+        let greatest = match (is_usable, has_result) {
             (true, _) => format!("greatest von Mises stress {stress_pa:.2} Pa"),
             (false, true) => "the published simulation finds no stress, which scores 0".to_owned(),
             (false, false) => "the published simulation has no defined result, which scores 0".to_owned(),
         };
         let summary = format!("{greatest} (in equilibrium, by fem: {beside}); reference {} Pa", self.reference_pa);
-        let measured = if stress_pa.is_finite() { json!(stress_pa) } else { Value::Null };
+        let measured = if has_result { json!(stress_pa) } else { Value::Null };
         let mut finding = Finding::graded(score, measured, required, summary);
         if let Some(most) = outcome.most_stressed {
             finding.add_witness(cells[most], "greatest stress");

@@ -71,8 +71,9 @@ pub enum ReceiptFault {
     NoBeginning,
     /// Receipts are missing between others.
     #[error(
-        "receipts {from} to {to} are missing: give the pages with them (`GET /v1/receipts?after={}&limit=1000`); if the service \
-             does not have them, they were removed",
+        "{} missing: give the pages with them (`GET /v1/receipts?after={}&limit=1000`); if the service does not have them, they \
+             were removed",
+        if from == to { format!("receipt {from} is") } else { format!("receipts {from} to {to} are") },
         from - 1
     )]
     Gap {
@@ -86,7 +87,7 @@ pub enum ReceiptFault {
     BrokenLink(i64),
 }
 
-/// Receipts whose key is not trusted, although nothing else need be wrong with them.
+/// Receipts whose key is not trusted. Nothing else may be wrong with them.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OfOtherKey {
     /// Their key, in hex.

@@ -11,7 +11,7 @@ use crate::hidden::feedback::{Feedback, Tier};
 use crate::hidden::reveal::Reveal;
 use crate::hidden::secret::EpochKey;
 use crate::tasks::hex;
-use crate::text::counted;
+use crate::text::{agreeing, counted};
 
 /// Computes the rows of a tier from the reveal.
 fn made(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, tier: Tier) -> Vec<Row> {
@@ -57,6 +57,10 @@ pub(super) fn check(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, ke
             continue;
         };
         let place = format!("board of the {} tier", tier.name());
+        if let Some(filter) = board["provenance"].as_str() {
+            found.breach(place, format!("has the rows of provenance {filter} alone; fetch it without that parameter"));
+            continue;
+        }
         if board["epoch"] != commitment.epoch.as_str() {
             found.breach(place, "belongs to another epoch");
             continue;
@@ -135,14 +139,42 @@ fn contradiction(reveal: &Reveal, commitment: &Commitment, board: &Value, tier: 
     if board["is_released"] == false && !rows.is_empty() {
         return Some("has rows, although it says that its scores are not released".to_owned());
     }
-    if board["registered"].as_u64().is_none_or(|registered| registered > own().count() as u64) {
-        return Some(format!("shows {} registered entries, but the reveal has {}", board["registered"], own().count()));
+    let Some(registered) = board["registered"].as_u64() else {
+        return Some("does not say how many entries are registered".to_owned());
+    };
+    if registered > own().count() as u64 {
+        let entries = agreeing(registered, "registered entry", "registered entries");
+        return Some(format!("shows {entries}, but the reveal has {}", own().count()));
     }
-    let stranger = rows.iter().find(|row| !is_entered(row))?;
-    Some(format!(
-        "has a row of agent {:?} of {:?}, whose entries the reveal does not have",
-        stranger.agent, stranger.owner
-    ))
+    if let Some(stranger) = rows.iter().find(|row| !is_entered(row)) {
+        let Row { agent, owner, .. } = stranger;
+        return Some(format!("has a row of agent {agent:?} of {owner:?}, whose entries the reveal does not have"));
+    }
+    let mut owners = BTreeSet::new();
+    rows.iter().find_map(|row| {
+        let impossible = if owners.insert(&row.owner) {
+            exceeds(reveal, commitment, tier, row)?
+        } else {
+            "is not the only row of its owner".to_owned()
+        };
+        Some(format!("has a row of agent {:?} of {:?} that {impossible}", row.agent, row.owner))
+    })
+}
+
+/// Returns which number of a row is greater than the reveal allows at any time.
+fn exceeds(reveal: &Reveal, commitment: &Commitment, tier: Tier, row: &Row) -> Option<String> {
+    let own = || reveal.entries.iter().filter(|entry| row.entries.contains(&entry.id));
+    let by_owner = reveal.entries.iter().filter(|entry| entry.tier == tier && entry.owner.as_ref() == Some(&row.owner));
+    let instances = own().map(|entry| u64::from(entry.runs) * u64::from(commitment.instances_per_run)).sum();
+    let is_own = |id: &String| own().any(|entry| entry.id == *id);
+    let passing = reveal.instances.iter().filter(|own| own.overall == Some(true) && is_own(&own.entry)).count();
+    let bounds = [
+        ("attempts", row.attempts as u64, by_owner.count() as u64),
+        ("instances", u64::from(row.of), instances),
+        ("passes", u64::from(row.passed), passing as u64),
+    ];
+    let (name, shown, most) = bounds.into_iter().find(|(_, shown, most)| shown > most)?;
+    Some(format!("has {name}: {shown}, where the reveal allows {most} at most"))
 }
 
 /// Lists the members in which a shown row differs from the one that the reveal gives.

@@ -5,7 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::{Kept, Verified};
 use crate::hidden::canonical::canonical_json;
 use crate::hidden::receipts::{
-    ReceiptFault, ReceiptFile, gaps, of_other_keys, verify, verify_chain, verify_end, verify_keys, verify_signature,
+    LogHead, ReceiptFault, ReceiptFile, gaps, of_other_keys, verify, verify_chain, verify_end, verify_keys,
+    verify_signature,
 };
 use crate::tasks::hex;
 use crate::text::counted;
@@ -45,19 +46,7 @@ pub(super) fn signatures(epoch: &str, receipts: &[ReceiptFile], trusted: &[&str]
 /// the epoch.
 pub(super) fn against_log(epoch: &str, receipts: &[ReceiptFile], kept: &Kept, trusted: &[&str], found: &mut Verified) {
     if kept.log.is_empty() {
-        match kept.heads.iter().map(|head| head.size).max() {
-            Some(size) if size > 0 => {
-                found.breach(
-                    "log",
-                    format!("its signed end states {}, but the pages have none", counted(size, "receipt")),
-                );
-            }
-            _ => {
-                let why = "receipts against the public log: no log pages were given (--receipts)";
-                found.unchecked.push(why.to_owned());
-            }
-        }
-        return;
+        return without_log(receipts, &kept.heads, trusted, found);
     }
     let mut log: BTreeMap<i64, &ReceiptFile> = BTreeMap::new();
     for file in &kept.log {
@@ -140,31 +129,46 @@ pub(super) fn against_log(epoch: &str, receipts: &[ReceiptFile], kept: &Kept, tr
              fetch the log again when no epoch is open: if bodies are still withheld, something is hidden"
         ));
     }
-    absent(receipts, &log, found);
+    if greatest.is_none_or(|head| log.last().is_some_and(|last| last.seq >= head.size)) {
+        younger(receipts, &log, found);
+    }
 }
 
-/// Reports the receipts of the epoch that the pages of the log lack: those of many missing pages in one line.
-fn absent(receipts: &[ReceiptFile], log: &[&ReceiptFile], found: &mut Verified) {
-    let last = log.last().map_or(0, |file| file.seq);
-    let places: BTreeSet<i64> = log.iter().map(|file| file.seq).collect();
-    let absent = receipts.iter().map(|file| file.seq).filter(|seq| !places.contains(seq));
-    let (mut later, mut missing): (Vec<i64>, Vec<i64>) = absent.partition(|seq| *seq > last);
-    later.sort_unstable();
-    missing.sort_unstable();
-    for (absent, where_to) in [(later, "after the pages of the log that were given"), (missing, "not in the log")] {
-        match absent.as_slice() {
-            [] => {}
-            [one] => found.breach(format!("receipt {one}"), format!("is {where_to}")),
-            [first, .., end] => found.breach(
-                "log",
-                format!(
-                    "{} receipts of the epoch, from {first} to {end}, are {where_to}: if you did not save all of its pages, do so, \
-                     from /v1/receipts?after=0 until next_after is null",
-                    absent.len()
-                ),
-            ),
-        }
+/// Says what is known of a log without receipts: nothing was given, or its signed end is that of another time.
+fn without_log(receipts: &[ReceiptFile], heads: &[LogHead], trusted: &[&str], found: &mut Verified) {
+    let Some(head) = heads.iter().max_by_key(|head| head.size) else {
+        let why = "receipts against the public log: no log pages were given (--receipts)";
+        found.unchecked.push(why.to_owned());
+        return;
+    };
+    if let Err(fault) = head.verify(trusted) {
+        found.breach("log", fault.to_string());
     }
+    if head.size > 0 {
+        let states = counted(head.size, "receipt");
+        found.breach("log", format!("its signed end states {states}, but the pages have none"));
+    } else if !receipts.is_empty() {
+        let has = counted(receipts.len(), "receipt");
+        found.breach("log", format!("is empty, but the reveal has {has} of it: {SAVE_ALL}"));
+    }
+}
+
+/// What to do about pages of the log that are missing.
+const SAVE_ALL: &str =
+    "if you did not save all of its pages, do so, from /v1/receipts?after=0 until next_after is null";
+
+/// Reports the receipts of the epoch that come after the pages of the log. Those before them and in gaps between them were
+/// reported with what is missing of the log.
+fn younger(receipts: &[ReceiptFile], log: &[&ReceiptFile], found: &mut Verified) {
+    let last = log.last().map_or(0, |file| file.seq);
+    let mut younger: Vec<i64> = receipts.iter().map(|file| file.seq).filter(|seq| *seq > last).collect();
+    younger.sort_unstable();
+    let told = match younger.as_slice() {
+        [] => return,
+        [one] => format!("receipt {one} of the epoch is"),
+        [first, .., end] => format!("{} receipts of the epoch, from {first} to {end}, are", younger.len()),
+    };
+    found.breach("log", format!("{told} after the pages of the log that were given: {SAVE_ALL}"));
 }
 
 /// Checks that the reveal contains the receipts that entrants received.

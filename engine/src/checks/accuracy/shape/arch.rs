@@ -105,8 +105,11 @@ pub(super) struct Cut {
     pub(super) upper: Vec<i32>,
 }
 
-/// Returns the cuts that have a block over every column of the clear span.
-pub(super) fn cuts(structure: &Structure, span: ClearSpan, support_y: i32) -> Vec<Cut> {
+/// Place of a column across and along a span, and the heights of its lowest and highest block above the supports.
+pub(super) type Column = ((i32, i32), (i32, i32));
+
+/// Returns the columns over the clear span that have a block above the supports, those of each row together.
+pub(super) fn columns_over(structure: &Structure, span: ClearSpan, support_y: i32) -> Vec<Column> {
     let mut columns: BTreeMap<(i32, i32), (i32, i32)> = BTreeMap::new();
     for cell in structure.cells().iter().filter(|cell| cell.y > support_y) {
         let (along, across) = (span.axis.along((cell.x, cell.z)), span.axis.across((cell.x, cell.z)));
@@ -115,7 +118,11 @@ pub(super) fn cuts(structure: &Structure, span: ClearSpan, support_y: i32) -> Ve
             (*low, *high) = ((*low).min(cell.y), (*high).max(cell.y));
         }
     }
-    let columns: Vec<((i32, i32), (i32, i32))> = columns.into_iter().collect();
+    columns.into_iter().collect()
+}
+
+/// Returns the cuts that have a block over every column of the clear span.
+pub(super) fn cuts(columns: &[Column], span: ClearSpan) -> Vec<Cut> {
     columns
         .chunk_by(|a, b| a.0.0 == b.0.0)
         .filter(|cut| cut.len() == span.length())
@@ -202,7 +209,7 @@ impl Rule for TrueArch {
             return fails(json!({ "supports": 2, "clear_span": 0 }), "no clear span separates the supports".to_owned());
         };
         let axis = span.axis.name();
-        let cuts = cuts(structure, span, self.support_y);
+        let cuts = cuts(&columns_over(structure, span, self.support_y), span);
         let measured = |surfaces: Option<&Cut>| {
             json!({ "supports": 2, "clear_span": span.length(), "axis": axis,
                     "underside": surfaces.map(|cut| &cut.underside), "upper_surface": surfaces.map(|cut| &cut.upper) })

@@ -7,6 +7,7 @@ use serde_json::json;
 
 use super::enclosed::without_terrain;
 use crate::checks::{Finding, Rule, Subject};
+use crate::text::counted;
 use crate::voxel::Cell;
 use crate::voxel::inside::LEAST_FLOOR;
 
@@ -51,11 +52,14 @@ impl Rule for HasCeilings {
         let levels: Vec<i32> = over.keys().copied().collect();
         let is_high = self.min_top.is_none_or(|top| levels.last().is_some_and(|level| *level >= top));
         let holds = levels.len() >= self.min_levels as usize && is_high;
-        let summary = if levels.is_empty() {
-            format!("no room has a ceiling over {} cells of floor", self.min_cells)
-        } else {
-            format!("ceilings over at least {} cells of floor lie at y = {levels:?}", self.min_cells)
-        };
+        let summary = subject.tell(|| {
+            let cells = counted(self.min_cells, "cell");
+            match levels.as_slice() {
+                [] => format!("no room has a ceiling over at least {cells} of floor"),
+                [one] => format!("the ceilings over at least {cells} of floor lie at y = {one}"),
+                levels => format!("ceilings over at least {cells} of floor lie at y = {levels:?}"),
+            }
+        });
         Finding::binary(holds, json!({ "levels": levels }), required, summary)
             .with_witnesses(over.into_values().map(|(_, cell)| cell), "ceiling")
     }

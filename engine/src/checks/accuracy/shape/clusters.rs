@@ -76,8 +76,12 @@ impl Rule for ClusterCountAtY {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let (cells, clusters) = clusters_at(subject, self.y, self.use_8_neighbors);
         let holds = clusters.count as f64 == self.expected_count.0;
-        let summary =
-            format!("{} at y = {}; required {}", counted(clusters.count, "cluster"), self.y, self.expected_count);
+        let summary = format!(
+            "{} at y = {}; required exactly {}",
+            counted(clusters.count, "cluster"),
+            self.y,
+            self.expected_count
+        );
         let finding = Finding::binary(holds, clusters.count, json!({ "==": self.expected_count }), summary);
         if holds {
             return finding.vacuous_if(cells.is_empty());
@@ -97,8 +101,9 @@ impl Rule for ClustersAtYHaveMinSpan {
         };
         let span = closest.length();
         let holds = span >= self.min_span.0;
-        let summary =
-            subject.tell(|| format!("nearest clusters at y = {} are {span} apart; required {}", self.y, self.min_span));
+        let summary = subject.tell(|| {
+            format!("nearest clusters at y = {} are {span} apart; required at least {}", self.y, self.min_span)
+        });
         let finding = Finding::binary(holds, span, required, summary);
         if holds { finding } else { finding.with_witnesses(raised([closest.a, closest.b], self.y), "too near") }
     }
@@ -131,7 +136,8 @@ impl Rule for ClusterAtYHasMinRadius {
             }
         }
         let holds = radius >= self.min_radius.0;
-        let summary = subject.tell(|| format!("radius {radius} at y = {}; required {}", self.y, self.min_radius));
+        let summary =
+            subject.tell(|| format!("radius {radius} at y = {}; required at least {}", self.y, self.min_radius));
         let finding = Finding::binary(holds, radius, required, summary);
         if holds { finding } else { finding.with_witnesses(raised([farthest], self.y), "farthest from the mean") }
     }
@@ -147,7 +153,8 @@ impl Rule for ClusterAtYHasMinDiameter {
         };
         let diameter = farthest.length();
         let holds = diameter >= self.min_diameter.0;
-        let summary = subject.tell(|| format!("diameter {diameter} at y = {}; required {}", self.y, self.min_diameter));
+        let summary =
+            subject.tell(|| format!("diameter {diameter} at y = {}; required at least {}", self.y, self.min_diameter));
         let finding = Finding::binary(holds, diameter, required, summary);
         if holds { finding } else { finding.with_witnesses(raised([farthest.a, farthest.b], self.y), "farthest apart") }
     }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::checks::{Finding, Rule, Subject};
-use crate::text::{counted, of_all};
+use crate::text::{counted, of_all, range_of_counts};
 use crate::voxel::terrain::MAX_EXTENT;
 
 /// Check that there are enough enclosed regions of air with standing room that doors connect to the outside.
@@ -48,11 +48,30 @@ pub(super) fn without_terrain(subject: &Subject<'_>, required: Value) -> Finding
     Finding::binary(false, Value::Null, required, summary)
 }
 
+/// Enclosed spaces that a finding shows.
+#[derive(Debug, Clone, Copy)]
+enum Shown {
+    Rooms,
+    NoRooms,
+    /// Closed spaces that have the size of a room.
+    ClosedOfSize,
+}
+
+impl EnclosedRooms {
+    /// Returns the bounds in words, or `None` if there are none.
+    fn wanted(&self) -> Option<String> {
+        let range = range_of_counts(self.min_rooms, self.max_rooms)?;
+        // Only a greatest number counts the spaces that nobody can enter.
+        let with_closed = if self.max_rooms.is_some() { ", closed spaces of that size included" } else { "" };
+        Some(format!("; required {range}{with_closed}"))
+    }
+}
+
 impl Rule for EnclosedRooms {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let required = subject.tell(|| match self.max_rooms {
             None => json!({ ">=": self.min_rooms }),
-            Some(most) => json!({ ">=": self.min_rooms, "<=": most }),
+            Some(most) => json!({ "rooms": { ">=": self.min_rooms }, "rooms_and_closed": { "<=": most } }),
         });
         let Some(around) = subject.surroundings() else {
             return without_terrain(subject, required);
@@ -66,19 +85,34 @@ impl Rule for EnclosedRooms {
         let holds = rooms.len() >= self.min_rooms as usize && is_not_too_many;
         let summary = subject.tell(|| {
             format!(
-                "{} with a roof, a door and head room; {}; required {}",
+                "{} with a roof, a door and head room; {}{}",
                 counted(rooms.len(), "room"),
                 counted(closed, "other enclosed space"),
-                self.min_rooms
+                self.wanted().unwrap_or_default()
             )
         });
-        // Rooms that are there need no look if others are missing.
+        // What explains a fault: spaces that are no rooms if rooms are missing, and those that count against the greatest
+        // number if there are too many.
         let lacks_rooms = rooms.len() < self.min_rooms as usize;
-        let shown = |piece: &usize| lacks_rooms != rooms.binary_search(piece).is_ok();
-        let witnesses = subject.tell(|| (1..spaces.pieces.len()).filter(shown).collect::<Vec<_>>());
+        let is_room = |piece: usize| rooms.binary_search(&piece).is_ok();
+        let is_of_size = |piece: usize| spaces.pieces[piece].floor_cells >= self.min_floor_cells;
+        let (shown, why) = match (lacks_rooms, is_not_too_many, of_size > rooms.len()) {
+            (true, ..) => (Shown::NoRooms, "enclosed, but no room"),
+            (false, false, true) => (Shown::ClosedOfSize, "closed space, which nobody can enter"),
+            _ => (Shown::Rooms, "room"),
+        };
+        let is_shown = |piece: &usize| match shown {
+            Shown::Rooms => is_room(*piece),
+            Shown::NoRooms => !is_room(*piece),
+            Shown::ClosedOfSize => !is_room(*piece) && is_of_size(*piece),
+        };
+        let witnesses = subject.tell(|| (1..spaces.pieces.len()).filter(is_shown).collect::<Vec<_>>());
         let witnesses = witnesses.into_iter().map(|piece| spaces.pieces[piece].first);
-        let why = if lacks_rooms { "enclosed, but no room" } else { "room" };
-        Finding::binary(holds, rooms.len(), required, summary).with_witnesses(witnesses, why)
+        let measured = subject.tell(|| match self.max_rooms {
+            None => json!(rooms.len()),
+            Some(_) => json!({ "rooms": rooms.len(), "closed": of_size - rooms.len() }),
+        });
+        Finding::binary(holds, measured, required, summary).with_witnesses(witnesses, why)
     }
 }
 

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::checks::{Finding, Rule, Subject};
-use crate::text::counted;
+use crate::text::{counted, range_of_counts};
 use crate::voxel::blocks::BlockSet;
 use crate::voxel::planar::{Clusters, PlaneCell, Touch, sorted_distinct};
 use crate::voxel::{Cell, Structure};
@@ -37,6 +37,15 @@ pub struct LevelHas {
 }
 
 impl LevelHas {
+    /// Returns the bounds in words, or `None` if there are none.
+    fn wanted(&self) -> Option<String> {
+        let blocks = range_of_counts(self.min_blocks, self.max_blocks).map(|range| format!("blocks: {range}"));
+        let parts = range_of_counts(self.min_parts, self.max_parts).map(|range| format!("parts: {range}"));
+        let size = self.min_size.map(|[a, b]| format!("a part of at least {a} by {b}"));
+        let all: Vec<String> = [blocks, parts, size].into_iter().flatten().collect();
+        (!all.is_empty()).then(|| all.join(", "))
+    }
+
     fn cells(&self, structure: &Structure) -> Vec<PlaneCell> {
         let own = structure.palette().mask(|name| self.of.is_none_or(|of| of.has(name)));
         let at = structure.entries().filter(|(cell, id)| cell.y == self.y && own[*id as usize]);
@@ -74,12 +83,13 @@ impl Rule for LevelHas {
         let widest = || extents.iter().max_by_key(|[x, z]| u64::from(*x) * u64::from(*z)).copied().unwrap_or_default();
         let summary = subject.tell(|| {
             let what = self.of.map_or_else(String::new, |of| format!(" of {of}"));
+            let wanted = self.wanted().map(|wanted| format!("; required {wanted}")).unwrap_or_default();
             let [wide, long] = widest();
             if cells.is_empty() {
-                return format!("at y = {}: no block{what}", self.y);
+                return format!("at y = {}: no block{what}{wanted}", self.y);
             }
             let (blocks, parts) = (counted(cells.len(), "block"), counted(clusters.count, "separate part"));
-            format!("at y = {}: {blocks}{what} in {parts}; the widest part measures {wide} by {long}", self.y)
+            format!("at y = {}: {blocks}{what} in {parts}; the widest part measures {wide} by {long}{wanted}", self.y)
         });
         let measured = subject.tell(|| json!({ "blocks": cells.len(), "parts": clusters.count, "widest": widest() }));
         let finding = Finding::binary(holds, measured, required, summary);

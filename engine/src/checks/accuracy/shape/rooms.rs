@@ -40,8 +40,8 @@ impl Rule for HasRooms {
         let plan = FloorPlan::of(sorted_distinct(walls.collect()));
         let found = plan.rooms().len();
         let holds = found as f64 >= self.room_cnt.0;
-        let summary =
-            subject.tell(|| format!("{} at y = {}; required {}", counted(found, "room"), self.y, self.room_cnt));
+        let summary = subject
+            .tell(|| format!("{} at y = {}; required at least {}", counted(found, "room"), self.y, self.room_cnt));
         let raised = |(x, z): (i32, i32)| Cell::new(x, self.y, z);
         let finding = Finding::binary(holds, found, required, summary)
             .with_witnesses(plan.rooms().iter().map(|room| raised(room.first)), "room");

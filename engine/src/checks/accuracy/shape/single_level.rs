@@ -124,8 +124,10 @@ impl Rule for SingleLevel {
             start.y == y + 1 && floor.can_step_to(at) && has_way()
         };
         let stuck: Vec<Cell> = starts.iter().copied().filter(|start| !gets_out(start)).collect();
-        let summary = subject.tell(|| {
-            of_all(stuck.len(), starts.len(), "start", "has", "have") + &format!(" no flat path outside at y = {y}")
+        let summary = subject.tell(|| match (stuck.len(), starts.len()) {
+            (0, 1) => format!("the only start has a flat path outside at y = {y}"),
+            (0, all) => format!("each of {all} starts has a flat path outside at y = {y}"),
+            (some, all) => format!("{} no flat path outside at y = {y}", of_all(some, all, "start", "has", "have")),
         });
         Finding::binary(stuck.is_empty(), stuck.len(), required, summary).with_witnesses(stuck, "no flat path outside")
     }

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::arch::{ClearSpan, cuts};
+use super::arch::{ClearSpan, Column, columns_over, cuts};
 use crate::checks::{Finding, Rule, Subject};
 use crate::text::counted;
 use crate::voxel::Cell;
@@ -32,11 +32,36 @@ const fn is_one(n: &u32) -> bool {
     *n == 1
 }
 
+/// Returns where the row that gets farthest stops being a deck, and why; `None` if nothing lies over the span.
+fn break_of(columns: &[Column], span: ClearSpan) -> Option<(Cell, &'static str)> {
+    let in_row = |row: &[Column]| {
+        let mut last: Option<i32> = None;
+        let mut rest = row.iter().peekable();
+        for along in span.first..=span.last {
+            let here = rest.next_if(|((_, at), _)| *at == along).map(|(_, (_, high))| *high);
+            let why = match (last, here) {
+                (Some(last), Some(here)) if last.abs_diff(here) > 1 => "high step",
+                (_, Some(_)) => {
+                    last = here;
+                    continue;
+                }
+                (_, None) => "gap",
+            };
+            let y = here.or(last).unwrap_or(row[0].1.1);
+            return Some((along, (span.axis.cell(along, row[0].0.0, y), why)));
+        }
+        None
+    };
+    let breaks = columns.chunk_by(|a, b| a.0.0 == b.0.0).filter_map(in_row);
+    // Of rows that get equally far, the first.
+    breaks.reduce(|best, next| if next.0 > best.0 { next } else { best }).map(|(_, found)| found)
+}
+
 impl Rule for HasClearSpan {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let structure = subject.structure;
         let required = subject.tell(
-            || json!({ "supports": 2, "free": { ">=": self.min_free }, "clear levels": self.height, "deck": true }),
+            || json!({ "supports": 2, "free": { ">=": self.min_free }, "clear_levels": self.height, "deck": true }),
         );
         if structure.is_empty() {
             return Finding::nothing_stands(false, required);
@@ -61,7 +86,7 @@ impl Rule for HasClearSpan {
             if free < self.min_free as usize {
                 let summary = subject.tell(|| {
                     let free = counted(free, "free cell");
-                    format!("{free} between the supports at y = {y}; required {}", self.min_free)
+                    format!("{free} between the supports at y = {y}; required at least {}", self.min_free)
                 });
                 return fails(subject.tell(|| json!({ "supports": 2, "free": free })), summary);
             }
@@ -69,22 +94,81 @@ impl Rule for HasClearSpan {
         }
         let Some(span) = span else { return fails(json!({ "supports": 2, "free": 0 }), "no clear span".to_owned()) };
         let is_deck = |heights: &[i32]| heights.windows(2).all(|pair| pair[0].abs_diff(pair[1]) <= 1);
-        let mut decks = cuts(structure, span, height - 1);
+        let columns = columns_over(structure, span, height - 1);
+        let mut decks = cuts(&columns, span);
         decks.retain(|cut| is_deck(&cut.upper));
-        let rows = decks.chunk_by(|a, b| a.across + 1 == b.across).find(|rows| rows.len() >= self.min_width as usize);
-        let crossing = rows.and_then(<[_]>::first);
+        let mut widths = decks.chunk_by(|a, b| a.across + 1 == b.across);
+        let widest = subject.tell(|| widths.clone().map(<[_]>::len).max().unwrap_or(0));
+        let crossing = widths.find(|rows| rows.len() >= self.min_width as usize).and_then(<[_]>::first);
+        let broken = subject.tell(|| break_of(&columns, span).filter(|_| decks.is_empty()));
         let measured = subject.tell(|| json!({ "supports": 2, "free": span.length(), "deck": crossing.is_some() }));
         let summary = subject.tell(|| {
             let (cells, axis) = (counted(span.length(), "free cell"), span.axis.name());
-            match crossing {
-                Some(_) => format!("a deck crosses the {cells} along {axis}"),
-                None if !decks.is_empty() => {
-                    format!("no deck {} wide crosses the {cells} along {axis}", self.min_width)
+            match (crossing, broken) {
+                (Some(_), _) => format!("a deck crosses the {cells} along {axis}"),
+                (None, Some((place, why))) => {
+                    format!("no deck crosses the {cells} along {axis}: {why} at {:?}", <[i32; 3]>::from(place))
                 }
-                None => format!("no deck without gaps and high steps crosses the {cells} along {axis}"),
+                (None, None) if widest > 0 => format!(
+                    "a deck {} wide crosses the {cells} along {axis}; required a width of at least {}",
+                    counted(widest, "block"),
+                    self.min_width
+                ),
+                (None, None) => format!("nothing lies over the {cells} along {axis}"),
             }
         });
         Finding::binary(crossing.is_some(), measured, required, summary)
             .with_witnesses(crossing.map(|cut| span.axis.cell(span.first, cut.across, cut.upper[0])), "deck")
+            .with_witnesses(broken.map(|(place, _)| place), broken.map_or("", |(_, why)| why))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::voxel::Structure;
+
+    fn finding(min_width: u32, deck: &[[i32; 3]]) -> Finding {
+        let piers = (0..2).flat_map(|y| [[0, y, 0], [4, y, 0]]);
+        let all = piers.chain(deck.iter().copied());
+        let bridge = Structure::from_named(all.map(|[x, y, z]| (Cell::new(x, y, z), "stone")));
+        HasClearSpan { height: 2, min_free: 3, min_width }.evaluate(&Subject::unhurried(&bridge))
+    }
+
+    #[test]
+    fn a_deck_that_breaks_says_where() {
+        for (width, deck, wanted, marked) in [
+            (
+                1,
+                vec![[1, 2, 0], [2, 2, 0], [3, 2, 0]],
+                "a deck crosses the 3 free cells along x",
+                Some(([1, 2, 0], "deck")),
+            ),
+            (1, vec![], "nothing lies over the 3 free cells along x", None),
+            (
+                1,
+                vec![[1, 2, 0], [3, 2, 0], [1, 3, 1], [2, 3, 1]],
+                "no deck crosses the 3 free cells along x: gap at [3, 3, 1]",
+                Some(([3, 3, 1], "gap")),
+            ),
+            (
+                1,
+                vec![[1, 2, 0], [2, 5, 0], [3, 2, 0]],
+                "no deck crosses the 3 free cells along x: high step at [2, 5, 0]",
+                Some(([2, 5, 0], "high step")),
+            ),
+            (
+                2,
+                vec![[1, 2, 0], [2, 2, 0], [3, 2, 0]],
+                "a deck 1 block wide crosses the 3 free cells along x; required a width of at least 2",
+                None,
+            ),
+        ] {
+            let found = finding(width, &deck);
+            assert_eq!(found.summary, wanted);
+            let shown = found.witnesses.first().map(|witness| (<[i32; 3]>::from(witness.cell), &*witness.why));
+            assert_eq!(shown, marked, "{wanted}");
+            assert_eq!(found.holds(), wanted.starts_with("a deck crosses"));
+        }
     }
 }

@@ -49,7 +49,8 @@ impl Rule for ReachableByStairs {
             return Finding::binary(false, json!(null), required, summary);
         };
         let holds = f64::from(highest.y) >= self.min_floor_y.0;
-        let summary = subject.tell(|| format!("stairs lead up to y = {}; required {}", highest.y, self.min_floor_y));
+        let summary =
+            subject.tell(|| format!("stairs lead up to y = {}; required {} or higher", highest.y, self.min_floor_y));
         Finding::binary(holds, highest.y, required, summary).with_witnesses([highest], "highest block reached")
     }
 }

@@ -29,12 +29,24 @@ fn is_zero(share: &f64) -> bool {
     *share == 0.0
 }
 
-/// Returns whether the cover lets air pass between two neighbouring columns of different heights.
-fn has_gaps(structure: &Structure, tops: &BTreeMap<(i32, i32), i32>) -> bool {
-    tops.iter().any(|((x, z), top)| {
+/// Returns the first free cell through which the cover lets air pass between two neighbouring columns of different
+/// heights.
+fn gap_of(structure: &Structure, tops: &BTreeMap<(i32, i32), i32>) -> Option<Cell> {
+    tops.iter().find_map(|((x, z), top)| {
         let sides = [(x - 1, *z), (x + 1, *z), (*x, z - 1), (*x, z + 1)];
-        let lower = sides.iter().filter_map(|side| tops.get(side)).min();
-        lower.is_some_and(|lower| (lower + 1..=*top).any(|y| !structure.contains(Cell::new(*x, y, *z))))
+        let lower = sides.iter().filter_map(|side| tops.get(side)).min()?;
+        (lower + 1..=*top).map(|y| Cell::new(*x, y, *z)).find(|cell| !structure.contains(*cell))
+    })
+}
+
+/// Returns the first column of the plan's rows that has no block although columns to both sides do, at the height of the
+/// column before it.
+fn uncovered(tops: &BTreeMap<(i32, i32), i32>) -> Option<Cell> {
+    let mut rows: BTreeMap<i32, (i32, i32)> = BTreeMap::new();
+    tops.iter().find_map(|((x, z), top)| {
+        // Columns come by x, so those of a row do.
+        let (before, y) = rows.insert(*z, (*x, *top))?;
+        (before + 1 < *x).then(|| Cell::new(before + 1, y, *z))
     })
 }
 
@@ -84,24 +96,20 @@ impl Rule for IsVault {
         };
         let lines = [line(true), line(false)];
         // Every row of the plan is covered from one end to the other.
-        let mut rows: BTreeMap<i32, (i32, i32, i32)> = BTreeMap::new();
-        for (x, z) in tops.keys() {
-            let (low, high, count) = rows.entry(*z).or_insert((*x, *x, 0));
-            (*low, *high, *count) = ((*low).min(*x), (*high).max(*x), *count + 1);
-        }
-        let is_closed = rows.values().all(|(low, high, count)| high - low + 1 == *count);
+        let hole = uncovered(&tops);
+        let is_closed = hole.is_none();
         let plan_share = covered_share(&tops);
-        let gaps = self.no_gaps.then(|| has_gaps(structure, &tops));
+        let gap = if self.no_gaps { gap_of(structure, &tops) } else { None };
         let falls = lines.iter().all(|line| falls_to_both_ends(line));
-        let holds = is_closed && plan_share >= self.min_cover && gaps != Some(true) && has_room && falls;
+        let holds = is_closed && plan_share >= self.min_cover && gap.is_none() && has_room && falls;
         let measured = subject.tell(|| {
-            json!({ "clear": clear, "closed": is_closed, "cover": plan_share, "gaps": gaps,
+            json!({ "clear": clear, "closed": is_closed, "cover": plan_share, "gaps": self.no_gaps.then_some(gap.is_some()),
                     "falls_to_all_sides": falls, "along_x": lines[0], "along_z": lines[1] })
         });
         let failed: Vec<&str> = [
             (is_closed, "some row of the plan is not covered from end to end"),
             (plan_share >= self.min_cover, "the plan covers too little of the rectangle around it"),
-            (gaps != Some(true), "a column does not reach down to its lower neighbour"),
+            (gap.is_none(), "a column does not reach down to its lower neighbour"),
             (has_room, "too few cells are free over the middle"),
             (falls, "the upper surface does not fall by two to every side, or dips"),
         ]
@@ -122,6 +130,8 @@ impl Rule for IsVault {
         };
         Finding::binary(holds, measured, required, summary)
             .with_witnesses(cover.map(|y| Cell::new(x, y, z)), "cover over the middle")
+            .with_witnesses(hole, "not covered")
+            .with_witnesses(gap, "gap")
     }
 }
 
@@ -145,5 +155,32 @@ mod tests {
         assert!(!falls_to_both_ends(&[0, 1, 2]), "falls on one side only");
         assert!(!falls_to_both_ends(&[0, 3, 1, 3, 0]), "dips");
         assert!(!falls_to_both_ends(&[]));
+    }
+
+    #[test]
+    fn a_hole_and_a_gap_say_where() {
+        // A pyramid of columns: the cover of each ring lies one higher, and each column reaches down to the next ring.
+        let height = |x: i32, z: i32| 5 - (x - 3).abs().max((z - 3).abs());
+        let columns = || (0..7).flat_map(|x| (0..7).map(move |z| (x, z)));
+        let dome = |is_left_out: fn(Cell) -> bool| {
+            let cells = columns().flat_map(|(x, z)| [height(x, z) - 1, height(x, z)].map(|y| Cell::new(x, y, z)));
+            Structure::from_named(cells.filter(|cell| !is_left_out(*cell)).map(|cell| (cell, "stone")))
+        };
+        let found = |build: &Structure| {
+            let rule = IsVault { min_clear: 2, min_cover: 0.0, no_gaps: true };
+            let finding = rule.evaluate(&Subject::unhurried(build));
+            let shown = finding.witnesses.iter().map(|witness| (<[i32; 3]>::from(witness.cell), witness.why.clone()));
+            (finding.holds(), shown.skip(1).collect::<Vec<_>>())
+        };
+        assert_eq!(found(&dome(|_| false)), (true, vec![]));
+        let open = found(&dome(|cell| (cell.x, cell.z) == (1, 5)));
+        assert_eq!(open, (false, vec![([1, 2, 5], "not covered".to_owned())]));
+        let thin = found(&dome(|cell| <[i32; 3]>::from(cell) == [1, 2, 1]));
+        assert!(thin.0, "{thin:?}: the column reaches its neighbour all the same");
+        let high = Cell::new(3, 9, 3);
+        let mut cells: Vec<Cell> = dome(|_| false).cells().to_vec();
+        cells.push(high);
+        let gap = found(&Structure::from_named(cells.into_iter().map(|cell| (cell, "stone"))));
+        assert_eq!(gap, (false, vec![([3, 6, 3], "gap".to_owned())]));
     }
 }

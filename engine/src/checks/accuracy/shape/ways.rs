@@ -90,15 +90,18 @@ impl Rule for WalksOut {
             let blocks = format!("{} of {from}", counted(all, "block"));
             match stuck.len() {
                 _ if all < self.min_starts as usize => {
-                    format!("{blocks} to start from; required {}", self.min_starts)
+                    format!("{blocks} to start from; required at least {}", self.min_starts)
                 }
+                0 if all == 0 => format!("{blocks} to start from, and none is required"),
                 0 if all == 1 => format!("a path {width} wide leads outside from {blocks}"),
                 0 => format!("a path {width} wide leads outside from each of {blocks}"),
                 some => format!("no path {width} wide leads outside from {some} of {blocks}"),
             }
         });
         let measured = subject.tell(|| json!({ "starts": starts.len(), "stuck": stuck.len() }));
-        Finding::binary(holds, measured, required, summary).with_witnesses(stuck, "no path outside")
+        Finding::binary(holds, measured, required, summary)
+            .vacuous_if(holds && starts.is_empty())
+            .with_witnesses(stuck, "no path outside")
     }
 }
 
@@ -113,7 +116,7 @@ impl Rule for HasUpperFloor {
         reached.retain(|feet| feet.y > self.min_y && terrain.is_floor(*feet) && terrain.is_enclosed(*feet, spaces));
         let summary = subject.tell(|| {
             format!(
-                "{} of floor at y = {} or higher can be reached from outside; required {}",
+                "{} of floor at y = {} or higher can be reached from outside; required at least {}",
                 counted(reached.len(), "enclosed cell"),
                 self.min_y,
                 self.min_cells
@@ -137,7 +140,8 @@ impl Rule for ClimbsTo {
             return Finding::binary(false, json!(null), required, summary);
         };
         let y = block.y;
-        let summary = subject.tell(|| format!("the climb reaches a block at y = {y}; required {}", self.min_y));
+        let summary =
+            subject.tell(|| format!("the climb reaches a block at y = {y}; required {} or higher", self.min_y));
         Finding::binary(y >= self.min_y, y, required, summary).with_witnesses(highest, "highest block reached")
     }
 }
