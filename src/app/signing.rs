@@ -2,6 +2,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 
 use anyhow::{Context as _, bail};
 
@@ -10,6 +11,7 @@ use crate::store::Store;
 use crate::store::location::Location;
 use crate::store::secrets::Secrets;
 use plumbline_engine::hidden::receipts::Signer;
+use plumbline_engine::text::agreeing;
 
 /// Key that signs receipts.
 #[derive(Debug)]
@@ -22,17 +24,27 @@ pub struct Signing {
     pub notice: Option<String>,
 }
 
+/// What is known of other processes that serve the database.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Others {
+    /// Another process serves the file.
+    Serve,
+    /// None is known; of the nodes of a server, the server knows.
+    Unknown,
+}
+
 /// Loads the key, or makes it on first use. Nodes of one PostgreSQL database sign with the same key.
 ///
 /// # Errors
 /// Returns an error if the key cannot be loaded, or if the folder holds another key than the nodes sign with, unless
-/// `replaces` says that the new key holds from now on.
-pub async fn signing(store: &Store, replaces: bool) -> anyhow::Result<Signing> {
+/// `replaces` says that the new key holds from now on. Then it returns an error if other nodes run, which would go on
+/// signing with the old key, and break the log of receipts for ever.
+pub async fn signing(store: &Store, replaces: bool, others: Others) -> anyhow::Result<Signing> {
     if matches!(store.location(), Location::Server(_)) {
         let folder = store.secrets().folder().display().to_string();
         let held = store.agree_on_receipt_key(None, false).await?;
         if !store.secrets().has_signer()? {
-            if let Some(public_key) = held.filter(|_| !replaces) {
+            if let Some(public_key) = held.clone().filter(|_| !replaces) {
                 let notice = format!(
                     "this node lacks the secrets of the service: it grades no submissions, issues no hidden \
                      instances, and takes no actions on boards. Share the folder of another node, which holds receipts.key, as {folder} (--secrets). If no \
@@ -43,6 +55,12 @@ pub async fn signing(store: &Store, replaces: bool) -> anyhow::Result<Signing> {
             store.secrets().signer().context("cannot make the key that signs receipts")?;
         }
         let own = store.signer().context("cannot load the key that signs receipts")?.public_key();
+        if replaces && held.as_ref().is_some_and(|held| *held != own) {
+            let others = others_after_a_moment(store).await?;
+            if others > 0 {
+                bail!("{}", still_signs(&agreeing(others, "other node is", "other nodes are")));
+            }
+        }
         let held = store.agree_on_receipt_key(Some(&own), replaces).await?;
         if let Some(held) = held.filter(|held| *held != own) {
             bail!(
@@ -53,6 +71,12 @@ pub async fn signing(store: &Store, replaces: bool) -> anyhow::Result<Signing> {
         }
     }
     let signer = store.signer().context("cannot load the key that signs receipts")?;
+    if others == Others::Serve {
+        let last = store.last_receipt_key().await?;
+        if last.is_some_and(|last| last != signer.public_key()) {
+            bail!("{}", still_signs("another process that serves the file is"));
+        }
+    }
     let before = store.note_receipt_key(&signer, now_ms()).await?;
     let public_key = signer.public_key();
     let notice = before.map(|before| {
@@ -65,6 +89,26 @@ pub async fn signing(store: &Store, replaces: bool) -> anyhow::Result<Signing> {
         )
     });
     Ok(Signing { signer: Some(signer), public_key, notice })
+}
+
+/// Returns how many other nodes are connected to the server. It takes a moment to notice that one was killed.
+async fn others_after_a_moment(store: &Store) -> anyhow::Result<i64> {
+    const LOOKS: u32 = 10;
+    for _ in 1..LOOKS {
+        if store.other_nodes().await? == 0 {
+            return Ok(0);
+        }
+        tokio::time::sleep(Duration::from_millis(300)).await;
+    }
+    Ok(store.other_nodes().await?)
+}
+
+/// Says why a new key is refused while other processes run.
+fn still_signs(others: &str) -> String {
+    format!(
+        "{others} running, and would go on signing receipts with the old key, which breaks their log for ever: stop all of \
+         them before you start one with a new receipt key"
+    )
 }
 
 /// Refuses to make a new database file where the keys of one are: its log would have the name and the key of the one

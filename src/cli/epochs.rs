@@ -9,7 +9,7 @@ use clap::{Args, Subcommand, ValueEnum};
 use super::database::DatabaseArgs;
 use super::{files, progress};
 use crate::app::hidden::pools::publish_pool;
-use crate::app::signing::signing;
+use crate::app::signing::{Others, signing};
 use crate::client::{DRAND, fetch_round};
 use crate::clock::{DAY_MS, day_ms, milliseconds, now_ms, rfc3339};
 use crate::store::Store;
@@ -182,7 +182,7 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
     if store.epoch(&new.name).await?.is_some() {
         bail!("the epoch {:?} already exists", new.name);
     }
-    let signing = signing(store, false).await?;
+    let signing = signing(store, false, Others::Unknown).await?;
     if signing.signer.is_none() {
         bail!("{}", signing.notice.unwrap_or_default());
     }
@@ -307,7 +307,7 @@ async fn bring_round(store: &Store, name: &str, from: &str) -> anyhow::Result<()
         };
         files::json(std::path::Path::new(from)).with_context(what)?
     };
-    signing(store, false).await?;
+    signing(store, false, Others::Unknown).await?;
     let pool = publish_pool(store, &epoch, &round, now_ms()).await?;
     println!("{}", serde_json::to_string_pretty(&pool)?);
     Ok(())

@@ -13,7 +13,7 @@ use uuid::Uuid;
 
 use super::database::DatabaseArgs;
 use super::progress::bar;
-use crate::app::signing::signing;
+use crate::app::signing::{Others, signing};
 use crate::clock::{now_ms, rfc3339};
 use crate::store::Store;
 use crate::store::boards::BoardCursor;
@@ -230,7 +230,7 @@ async fn apply(store: &Store, id: &str) -> anyhow::Result<()> {
         bail!("{left_out} graded by other checks in the meantime; regrade again before applying");
     }
     // The actions on boards are signed with the key that the service signs with.
-    signing(store, false).await?;
+    signing(store, false, Others::Unknown).await?;
     match store.apply_regrade(id, &entry.suite.tasks, now_ms()).await? {
         Some(runs) => println!("applied; {} new results", agreeing(runs, "finished run has", "finished runs have")),
         None => bail!("the regrade is {}, not ready", regrade.state),

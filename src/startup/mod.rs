@@ -21,7 +21,7 @@ use crate::app::limits::{LIMITS, Limits};
 use crate::app::load::Connections;
 use crate::app::operator::Operator;
 use crate::app::rewards::grader::Grader;
-use crate::app::signing::{Signing, refuse_to_begin_anew, signing};
+use crate::app::signing::{Others, Signing, refuse_to_begin_anew, signing};
 use crate::app::webhooks::WebhookSettings;
 use crate::app::webhooks::delivering::deliver;
 use crate::app::{App, AppParts};
@@ -133,12 +133,16 @@ impl RunningService {
             lease: config.lease,
             deadline: Duration::from_secs(LIMITS.grading_seconds),
         };
-        let Signing { signer, public_key, notice } = signing(&store, config.new_receipt_key).await?;
+        let (serving, shared) = match config.database.file() {
+            Some(file) => serving_notice(file)?,
+            None => (None, None),
+        };
+        let others = if shared.is_some() { Others::Serve } else { Others::Unknown };
+        let Signing { signer, public_key, notice } = signing(&store, config.new_receipt_key, others).await?;
         let mut notices: Vec<String> = notice.into_iter().collect();
         if config.role == Role::WorkOnly && signer.is_none() {
             anyhow::bail!("{}", notices.concat());
         }
-        let (serving, shared) = config.database.file().map_or((None, None), serving_notice);
         notices.extend(shared);
         notices.extend(unreached);
         if config.role != Role::GradeOnly {

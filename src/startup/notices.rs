@@ -28,7 +28,7 @@ pub(super) async fn notices_of_secrets(store: &Store) -> anyhow::Result<Vec<Stri
     let names = |epochs: &[&EpochRow]| epochs.iter().map(|epoch| epoch.id()).collect::<Vec<_>>().join(", ");
     let undrawn = (!open.is_empty()).then(|| {
         format!(
-            "the keys of these epochs, which are not over, are not in {}: {}. Put them back before anybody draws: without its \
+            "the keys of these epochs, which are not over, are not in {}, or cannot be read there: {}. Put them back before anybody draws: without its \
              key an epoch closes at the first draw",
             secrets.folder().display(),
             names(&open)
@@ -36,7 +36,7 @@ pub(super) async fn notices_of_secrets(store: &Store) -> anyhow::Result<Vec<Stri
     });
     let unrevealed = (!lost.is_empty()).then(|| {
         format!(
-            "the keys of these epochs, which are over, are not in {}, so nobody can get their reveal and verify them: {}. Put \
+            "the keys of these epochs, which are over, are not in {}, or cannot be read there, so nobody can get their reveal and verify them: {}. Put \
              them back from a backup made with --with-secrets",
             secrets.folder().display(),
             names(&lost)
@@ -46,8 +46,11 @@ pub(super) async fn notices_of_secrets(store: &Store) -> anyhow::Result<Vec<Stri
 }
 
 /// Notes that this process serves a database; returns a notice for the operator if another process does so too.
-pub(super) fn serving_notice(database: &Path) -> (Option<Serving>, Option<String>) {
-    match Serving::of(database) {
+///
+/// # Errors
+/// Returns an error if another user made the lock file, so that this process could not tell others that it serves.
+pub(super) fn serving_notice(database: &Path) -> anyhow::Result<(Option<Serving>, Option<String>)> {
+    Ok(match Serving::of(database) {
         Ok(serving) => {
             let notice = serving.is_shared.then(|| {
                 format!(
@@ -57,9 +60,14 @@ pub(super) fn serving_notice(database: &Path) -> (Option<Serving>, Option<String
             });
             (Some(serving), notice)
         }
+        Err(error) if error.kind() == std::io::ErrorKind::PermissionDenied => anyhow::bail!(
+            "cannot open {}.lock, which tells others that this process serves the database: {error}. Another user made it; \
+             give it to the user of the service (chown)",
+            database.display()
+        ),
         Err(error) => {
             tracing::warn!(%error, "could not find out whether another process serves the database");
             (None, None)
         }
-    }
+    })
 }

@@ -40,6 +40,18 @@ impl Store {
         Ok(Some(before))
     }
 
+    /// Returns the number of other processes of this program that are connected to the server. A command counts while it
+    /// runs.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails.
+    pub async fn other_nodes(&self) -> StoreResult<i64> {
+        const OTHERS: &str = "SELECT COUNT(DISTINCT application_name) FROM pg_stat_activity
+                              WHERE datname = current_database() AND application_name LIKE 'plumbline%'
+                              AND application_name <> current_setting('application_name')";
+        query_scalar(OTHERS).fetch_one(&self.readers).await
+    }
+
     /// Returns the key that receipts were signed with last; none if there are no receipts.
     ///
     /// # Errors

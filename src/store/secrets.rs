@@ -2,7 +2,7 @@
 //! that only the user of the service may read, and copies of the database do not contain them.
 
 use std::io::{ErrorKind, Write as _};
-use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _, PermissionsExt as _};
+use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _, fchown};
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
@@ -74,7 +74,12 @@ pub struct Secrets {
 }
 
 fn failed(path: &Path, error: &std::io::Error) -> StoreError {
-    StoreError::Secret { path: path.to_owned(), detail: error.to_string() }
+    let detail = if error.kind() == ErrorKind::PermissionDenied {
+        format!("{error}: it must belong to the user of the service (chown)")
+    } else {
+        error.to_string()
+    };
+    StoreError::Secret { path: path.to_owned(), detail }
 }
 
 impl Secrets {
@@ -108,6 +113,11 @@ impl Secrets {
             let draft = self.file(&format!(".{name}.{}", uuid::Uuid::new_v4()));
             let _ = std::fs::remove_file(&draft);
             let mut file = std::fs::OpenOptions::new().write(true).create_new(true).mode(0o600).open(&draft)?;
+            // A command that root runs must not make files that the service cannot read.
+            let folder = std::fs::metadata(&self.folder)?;
+            if file.metadata()?.uid() != folder.uid() {
+                fchown(&file, Some(folder.uid()), Some(folder.gid()))?;
+            }
             // A link, unlike a rename, never replaces an existing file.
             let linked =
                 file.write_all(content).and_then(|()| file.sync_all()).and_then(|()| std::fs::hard_link(&draft, &path));
@@ -141,10 +151,10 @@ impl Secrets {
         self.put(&format!("epoch-{id}.json"), &content)
     }
 
-    /// Returns whether there is a file with the secret of an epoch.
+    /// Returns whether there is a file with the secret of an epoch that can be read.
     #[must_use]
     pub fn has_epoch(&self, id: &str) -> bool {
-        self.file(&format!("epoch-{id}.json")).is_file()
+        std::fs::File::open(self.file(&format!("epoch-{id}.json"))).is_ok()
     }
 
     /// Returns the secret of an epoch; none if it is lost, or does not match the commitment. A pool that is bound to a

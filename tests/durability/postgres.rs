@@ -110,10 +110,19 @@ async fn a_node_without_the_secrets_serves_what_needs_none() {
     std::fs::write(folder.path().join("other/receipts.key"), "11".repeat(32)).unwrap();
     let told = serve_refused(&url, folder.path().join("other").to_str().unwrap());
     assert!(told.contains("Give this node the folder of the others"), "{told}");
-    let mut command = node("serve", "other");
-    command.arg("--new-receipt-key");
-    let replaced = Service::launch(command);
-    assert_ne!(replaced.get(key).await.json()["public_key"], whole.get(key).await.json()["public_key"]);
+    let with_new_key = || {
+        let mut command = node("serve", "other");
+        command.arg("--new-receipt-key");
+        command
+    };
+    // The others would go on signing with the old key.
+    let told = refused(&with_new_key().output().unwrap());
+    assert!(told.contains("other nodes are running") && told.contains("stop all of them"), "{told}");
+    let before = whole.get(key).await.json()["public_key"].clone();
+    whole.kill();
+    lacking.kill();
+    let replaced = Service::launch(with_new_key());
+    assert_ne!(replaced.get(key).await.json()["public_key"], before);
     let log = replaced.get("/v1/receipts").await.json();
     assert_eq!(log["receipts"].as_array().unwrap().len(), 2, "{log}");
 }

@@ -4,6 +4,7 @@ pub(super) mod notices;
 pub(super) mod schema;
 pub(super) mod silence;
 
+use std::sync::LazyLock;
 use std::time::Duration;
 
 use sqlx::postgres::{PgConnectOptions, PgPoolOptions};
@@ -47,9 +48,15 @@ pub(super) async fn open(server: &Server, may_change: bool) -> StoreResult<Pool>
     Ok(Pool::Postgres(pool))
 }
 
+/// Returns the name of this process at a server, by which nodes tell each other apart.
+fn application_name() -> &'static str {
+    static NAME: LazyLock<String> = LazyLock::new(|| format!("plumbline {}", uuid::Uuid::new_v4().simple()));
+    &NAME
+}
+
 /// Connects to a server and checks its version.
 async fn connect(server: &Server, connections: u32) -> StoreResult<PgPool> {
-    let options: PgConnectOptions = server.options.clone().application_name("plumbline").options(SETTINGS);
+    let options: PgConnectOptions = server.options.clone().application_name(application_name()).options(SETTINGS);
     let unreachable = |error: sqlx::Error| explain(&error, Location::Server(Box::new(server.clone())));
     // A pool would try again for seconds, and then not say why it failed.
     let first = silence::broken_after(ACQUIRE, options.connect()).await.map_err(unreachable)?;
