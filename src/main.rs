@@ -2,8 +2,7 @@
 
 use std::process::ExitCode;
 
-use clap::Parser as _;
-use plumbline::cli::{Cli, environment, run};
+use plumbline::cli::{environment, run};
 
 /// Requests are taken up on one thread and dropped on another; the allocator of glibc makes these threads wait for each
 /// other.
@@ -12,7 +11,7 @@ use plumbline::cli::{Cli, environment, run};
 static ALLOCATOR: tikv_jemallocator::Jemalloc = tikv_jemallocator::Jemalloc;
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = environment::parse();
     // Files may hold unreleased grades, owners and keys: only the user who runs the program may read them.
     rustix::process::umask(rustix::fs::Mode::from_raw_mode(0o077));
     // When its reader closes the pipe (`plumbline openapi | head`), a command ends quietly, like other tools. A service

@@ -9,6 +9,7 @@ use std::process::ExitCode;
 use anyhow::{Context as _, bail};
 use clap::Args;
 
+use super::checksums;
 use super::database::DatabaseArgs;
 use crate::app::submissions::decision::lane_of;
 use crate::store::secrets::Secrets;
@@ -61,7 +62,12 @@ pub fn back_up(args: &CopyArgs) -> anyhow::Result<ExitCode> {
     let database = args.database.file(NO_BACKUP)?;
     must_exist(database)?;
     args.database.name();
+    let checksums = checksums_of(&args.file);
+    if checksums.exists() {
+        bail!("{} already exists: move it away, with the backup that it belongs to", checksums.display());
+    }
     let contents = copy_checked(database, &args.file)?;
+    checksums::write(&checksums, &checksums::line(&args.file)?)?;
     if args.with_secrets {
         args.database.kept_secrets().copy_to(&Secrets::beside(&args.file))?;
     }
@@ -70,6 +76,11 @@ pub fn back_up(args: &CopyArgs) -> anyhow::Result<ExitCode> {
         println!("its large logs and reports are in {place}: back that up too, now, after the database");
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Returns the file with the checksum of a backup.
+fn checksums_of(backup: &Path) -> PathBuf {
+    PathBuf::from(format!("{}.sha256", backup.display()))
 }
 
 /// Restores the database from a copy. The service must not run, and an existing database is never overwritten.
@@ -93,6 +104,12 @@ pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
     }
     if args.with_secrets {
         keys.must_fit(&args.database.kept_secrets())?;
+    }
+    let checksums = checksums_of(&args.file);
+    if checksums.exists() {
+        checksums::verify(&checksums, &[&args.file])?;
+    } else {
+        println!("there is no {}: bytes that were changed since the backup may go unnoticed", checksums.display());
     }
     let contents = run(inspect(&args.file))?.with_context(|| args.file.display().to_string())?;
     println!("restoring {from} to {}", to.display());
@@ -143,6 +160,13 @@ pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
 pub fn export_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
     args.database.name();
     std::fs::create_dir_all(&args.folder).with_context(|| args.folder.display().to_string())?;
+    let unfinished = args.folder.join(UNFINISHED);
+    for there in [&args.folder.join(CHECKSUMS), &unfinished] {
+        if there.exists() {
+            bail!("{} is there; export into a folder that holds no export yet", there.display());
+        }
+    }
+    File::create_new(&unfinished).with_context(|| unfinished.display().to_string())?;
     let mut files = Vec::new();
     for kind in KINDS {
         let path = lines_file(&args.folder, kind);
@@ -161,14 +185,24 @@ pub fn export_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
         for (_, path, _) in &files {
             let _ = std::fs::remove_file(path);
         }
+        let _ = std::fs::remove_file(&unfinished);
         return Err(error.into());
     }
+    let mut checksums = String::new();
     for (file, path, lines) in files {
         file.into_inner().map_err(std::io::IntoInnerError::into_error)?.sync_all()?;
         println!("{}: {}", path.display(), counted(lines, "line"));
+        checksums += &checksums::line(&path)?;
     }
+    checksums::write(&args.folder.join(CHECKSUMS), &checksums)?;
+    std::fs::remove_file(&unfinished)?;
     Ok(ExitCode::SUCCESS)
 }
+
+/// Name of the file with the checksums of an export, which is written last.
+const CHECKSUMS: &str = "SHA256SUMS";
+/// Name of the file that is there while an export is being written.
+const UNFINISHED: &str = "SHA256SUMS.unfinished";
 
 fn lines_file(folder: &Path, kind: &Kind) -> PathBuf {
     folder.join(format!("{}.ndjson", kind.name))
@@ -183,6 +217,16 @@ pub fn import_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
     let missing: Vec<String> = KINDS.iter().filter(is_missing).map(|kind| format!("{}.ndjson", kind.name)).collect();
     if !missing.is_empty() {
         bail!("{} holds no complete export: {} missing", args.folder.display(), missing.join(", "));
+    }
+    if args.folder.join(UNFINISHED).exists() {
+        bail!("{} holds an export that was interrupted ({UNFINISHED} is there): export again", args.folder.display());
+    }
+    let checksums = args.folder.join(CHECKSUMS);
+    if checksums.exists() {
+        let files: Vec<PathBuf> = KINDS.iter().map(|kind| lines_file(&args.folder, kind)).collect();
+        checksums::verify(&checksums, &files.iter().map(PathBuf::as_path).collect::<Vec<_>>())?;
+    } else {
+        println!("there is no {}: lines that were lost may go unnoticed", checksums.display());
     }
     run(async {
         let store = args.database.open().await?;

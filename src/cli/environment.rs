@@ -1,6 +1,11 @@
-//! Environment variables that nothing reads: a misspelt option would be ignored without a word.
+//! Environment variables: those that are empty count as not set, and those that nothing reads are told, because a misspelt
+//! option would be ignored without a word.
 
-use clap::{Command, CommandFactory as _};
+use std::ffi::OsStr;
+
+use clap::builder::Resettable;
+use clap::error::{ContextKind, ContextValue};
+use clap::{Arg, Command, CommandFactory as _, FromArgMatches as _};
 
 use super::Cli;
 use plumbline_engine::text::nearest;
@@ -9,6 +14,44 @@ use plumbline_engine::text::nearest;
 const PREFIX: &str = "PLUMBLINE_";
 /// Greatest number of slips in a misspelt name.
 const SLIPS: usize = 2;
+
+/// Reads the arguments of the program. An empty variable counts as one that is not set, which is what Compose makes of a
+/// variable without a value. Ends the program if an argument is wrong, and says so if it comes from the environment.
+#[must_use]
+pub fn parse() -> Cli {
+    let value = |name: &OsStr| std::env::var_os(name);
+    let command = without_empty(Cli::command(), &|name| value(name).is_some_and(|value| value.is_empty()));
+    let mut known = command.clone();
+    known.build();
+    let parsed = command.try_get_matches().and_then(|matches| Cli::from_arg_matches(&matches));
+    parsed.unwrap_or_else(|error| {
+        let from = match error.get(ContextKind::InvalidArg) {
+            Some(ContextValue::String(argument)) => variable_of(&known, argument, &|name| value(name).is_some()),
+            _ => None,
+        };
+        if let Some(name) = from {
+            let _ = error.print();
+            eprintln!("{name} is set in the environment");
+            std::process::exit(error.exit_code());
+        }
+        error.exit()
+    })
+}
+
+/// Returns the command without the variables that are empty.
+fn without_empty(command: Command, is_empty: &impl Fn(&OsStr) -> bool) -> Command {
+    let of_argument = |argument: Arg| {
+        if argument.get_env().is_some_and(is_empty) { argument.env(Resettable::Reset) } else { argument }
+    };
+    command.mut_args(of_argument).mut_subcommands(|command| without_empty(command, is_empty))
+}
+
+/// Returns the variable that sets an argument, as the command shows it, if it is set.
+fn variable_of(command: &Command, shown: &str, is_set: &impl Fn(&OsStr) -> bool) -> Option<String> {
+    let own = command.get_arguments().filter(|argument| argument.to_string() == shown);
+    let name = own.filter_map(Arg::get_env).find(|name| is_set(name)).map(|name| name.to_string_lossy().into_owned());
+    name.or_else(|| command.get_subcommands().find_map(|command| variable_of(command, shown, is_set)))
+}
 
 /// Returns a warning for each variable whose name is nearly that of an option.
 #[must_use]
@@ -36,6 +79,21 @@ fn warning(name: &str, known: &[String]) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn empty_variables_count_as_not_set_and_wrong_ones_are_named() {
+        let command = without_empty(Cli::command(), &|name| name == "PLUMBLINE_WORKERS");
+        let of = |command: &Command, name: &str| {
+            let serve = command.find_subcommand("serve").unwrap();
+            serve.get_arguments().any(|argument| argument.get_env().is_some_and(|own| own == name))
+        };
+        assert!(of(&Cli::command(), "PLUMBLINE_WORKERS") && !of(&command, "PLUMBLINE_WORKERS"));
+        assert!(of(&command, "PLUMBLINE_LISTEN"));
+        let mut known = Cli::command();
+        known.build();
+        let named = |is_set| variable_of(&known, "--workers <WORKERS>", &|_| is_set);
+        assert_eq!((named(true).as_deref(), named(false)), (Some("PLUMBLINE_WORKERS"), None));
+    }
 
     #[test]
     fn misspelt_variables_are_told_and_others_left_alone() {

@@ -2,6 +2,7 @@
 
 pub mod archive;
 pub mod build;
+pub mod checksums;
 pub mod conformance;
 pub mod copies;
 pub mod database;

@@ -33,11 +33,13 @@ pub fn run_until_stopped(
         // From here on, signals are recorded, even while the service starts.
         let mut interrupt = signal(SignalKind::interrupt())?;
         let mut terminate = signal(SignalKind::terminate())?;
+        let mut hangup = signal(SignalKind::hangup())?;
         let service = RunningService::start(config, metrics).await?;
         let beside = begin(&service).await?;
         tokio::select! {
             _ = interrupt.recv() => {}
             _ = terminate.recv() => {}
+            _ = hangup.recv() => {}
         }
         tracing::info!("stopping");
         if let Some(beside) = beside {

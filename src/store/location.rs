@@ -87,17 +87,21 @@ impl FromStr for Location {
         match scheme.to_ascii_lowercase().as_str() {
             "postgres" | "postgresql" => match PgConnectOptions::from_str(&format!("postgres://{rest}")) {
                 Ok(_) if let Some(why) = misspelt_parameter(rest) => Ok(Self::Unreadable(why)),
+                // What follows the first slash is no name then, but the rest of a password.
+                Ok(_) if has_at_in_name(rest) => unreadable(NOT_A_URL),
                 Ok(options) => Ok(Self::Server(Box::new(Server { options, shown: without_password(rest) }))),
-                Err(_) => unreadable(
-                    "not a PostgreSQL URL, postgres://USER:PASSWORD@HOST:PORT/NAME: percent-encode what is special in \
-                     the password (/ is %2F, @ is %40, : is %3A)",
-                ),
+                Err(_) => unreadable(NOT_A_URL),
             },
             "sqlite" | "file" => Ok(Self::File(rest.into())),
             _ => unreadable("no known database: give the path of a file, or postgres://USER@HOST/NAME"),
         }
     }
 }
+
+/// What is said of a URL that cannot be read, without its text.
+const NOT_A_URL: &str = "not a PostgreSQL URL, postgres://USER:PASSWORD@HOST:PORT/NAME: percent-encode what is special in the \
+                         password (/ is %2F, @ is %40, : is %3A, # is %23, ? is %3F). A socket is \
+                         postgres://USER@localhost/NAME?host=/run/postgresql";
 
 /// Parameters of a PostgreSQL URL.
 const PARAMETERS: [&str; 18] = [
@@ -135,6 +139,12 @@ fn misspelt_parameter(rest: &str) -> Option<String> {
         let meant = nearest(&name, PARAMETERS, |own| SLIPS.min(own.len() / 3))?;
         Some(format!("the URL postgres://… has no parameter {name:?}; did you mean {meant}?"))
     })
+}
+
+/// Returns whether an @ follows the first slash: it is that of a password with a slash.
+fn has_at_in_name(rest: &str) -> bool {
+    let rest = rest.split('?').next().unwrap_or_default();
+    rest.split_once('/').is_some_and(|(_, name)| name.contains('@'))
 }
 
 /// Returns the URL of what follows `postgres://`, without its password and its parameters, which may hold one.
@@ -202,9 +212,14 @@ mod tests {
         }
         let server: Location = "Postgres://lab:se@cret@db.example/grades".parse().unwrap();
         assert_eq!(server.to_string(), "postgres://lab@db.example/grades");
-        for text in
-            ["mysql://lab:secret@x/y", "postgres://lab:se/cret@x/y", "host=x password=secret", "postgres:/x", ""]
-        {
+        for text in [
+            "mysql://lab:secret@x/y",
+            "postgres://lab:se/cret@x/y",
+            "postgres://lab:p@secret/w@db/x",
+            "host=x password=secret",
+            "postgres:/x",
+            "",
+        ] {
             let Ok(Location::Unreadable(why)) = text.parse() else { panic!("{text}") };
             assert!(!why.contains("secret") && why.contains("postgres://"), "{text}: {why}");
         }

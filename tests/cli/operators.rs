@@ -229,6 +229,15 @@ async fn a_second_process_on_a_file_is_noticed_while_the_first_lives() {
     let second = Service::start(&database, &[]);
     assert!(!notice(&first).await && notice(&second).await);
     second.kill();
+    // A new receipt key beside a process that signs with the old one would break the log.
+    let body = json!({ "task": 113, "turns": [{ "palette": ["stone"], "rows": [[0, 0, 0, 0]] }] });
+    let id = first.post_json("/v1/submissions", &body).await.json()["id"].as_str().unwrap().to_owned();
+    first.wait_for(&format!("/v1/submissions/{id}"), |submission| submission["state"] == "graded").await;
+    let (key, aside) = (folder.path().join("p.db.secrets/receipts.key"), folder.path().join("aside.key"));
+    std::fs::rename(&key, &aside).unwrap();
+    let said = refused(&plumbline(&["serve", "--listen", "127.0.0.1:0"], &database));
+    assert!(said.contains("another process that serves the file is running"), "{said}");
+    std::fs::rename(&aside, &key).unwrap();
     first.kill();
     let alone = Service::start(&database, &[]);
     assert!(!notice(&alone).await, "processes that were killed are no more");
@@ -243,7 +252,10 @@ fn switches_in_the_environment_may_be_numbers_and_words() {
     for value in ["1", "true", "yes", "0", "false"] {
         assert!(told(&start(value)).contains("cannot listen"), "{value}: {}", told(&start(value)));
     }
-    assert!(told(&start("maybe")).contains("--open"), "{}", told(&start("maybe")));
+    let wrong = told(&start("maybe"));
+    assert!(wrong.contains("--open") && wrong.contains("PLUMBLINE_OPEN is set in the environment"), "{wrong}");
+    // As Compose sets a variable without a value.
+    assert!(told(&start("")).contains("cannot listen"), "{}", told(&start("")));
 }
 
 #[test]
