@@ -73,6 +73,7 @@ pub fn describe_metrics() {
     describe_counter!("plumbline_connections_refused_total", "Connections closed because their address had too many");
     describe_counter!("plumbline_rate_limited_total", "Requests refused by rate limits, by what was counted");
     describe_counter!("plumbline_corrupt_rows_total", "Stored rows that could not be read back");
+    describe_gauge!("plumbline_database_up", "1 if the database answered when the metrics were asked for, else 0");
     describe_gauge!("plumbline_submissions_not_ended", "Submissions queued or being graded");
     describe_gauge!(
         "plumbline_oldest_submission_not_ended_seconds",

@@ -1,5 +1,7 @@
 //! `/openapi.json` and `/metrics`.
 
+use std::time::Duration;
+
 use axum::extract::State;
 use axum::http::header;
 use axum::response::IntoResponse;
@@ -18,6 +20,9 @@ pub async fn get_openapi(State(state): State<AppState>) -> impl IntoResponse {
     ([(header::CONTENT_TYPE, "application/json")], state.openapi.to_string())
 }
 
+/// Time that the database may take for its metrics; Prometheus waits ten seconds for all.
+const PATIENCE: Duration = Duration::from_secs(2);
+
 /// Returns the metrics in the Prometheus text format.
 #[utoipa::path(
     get, path = "/metrics", operation_id = "get_metrics", tag = "service", summary = "Get the metrics",
@@ -27,8 +32,13 @@ pub async fn get_openapi(State(state): State<AppState>) -> impl IntoResponse {
     )
 )]
 pub async fn get_metrics(State(state): State<AppState>) -> AppResult<impl IntoResponse> {
-    let Backlog { open, oldest_ms } = backlog(&state).await?;
-    metrics::gauge!("plumbline_submissions_not_ended").set(open as f64);
-    metrics::gauge!("plumbline_oldest_submission_not_ended_seconds").set(oldest_ms as f64 / 1_000.0);
+    // What the process counts is told also while the database is out of reach; what only the database knows is no number
+    // then.
+    let found = tokio::time::timeout(PATIENCE, backlog(&state)).await.ok().and_then(Result::ok);
+    let [open, oldest_s] =
+        found.map_or([f64::NAN; 2], |Backlog { open, oldest_ms }| [open as f64, oldest_ms as f64 / 1_000.0]);
+    metrics::gauge!("plumbline_database_up").set(if open.is_nan() { 0.0 } else { 1.0 });
+    metrics::gauge!("plumbline_submissions_not_ended").set(open);
+    metrics::gauge!("plumbline_oldest_submission_not_ended_seconds").set(oldest_s);
     Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], state.metrics.render()))
 }
