@@ -3,6 +3,9 @@
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use quick_cache::sync::Cache;
+use sha2::{Digest as _, Sha256};
+
 use super::job::{Answer, Job, TurnInput};
 use super::replayer::{Outcome, Replayer};
 use super::{ActionLimits, LimitReached, Profile, Replayed};
@@ -41,7 +44,17 @@ struct Inner {
     again: Arc<FairSlots>,
     size: usize,
     limits: ActionLimits,
+    /// Results of scripts that ran out of processor time, by the hash of their job: whoever sends one again, as a trainer
+    /// does whose request took too long, need not wait as long again.
+    endless: Cache<Hash, Answer>,
 }
+
+/// SHA-256 of a job.
+type Hash = [u8; 32];
+/// Number of results of endless scripts that are kept.
+const MOST_ENDLESS: usize = 256;
+/// Greatest number of events of a result that is kept.
+const MOST_KEPT_EVENTS: usize = 1_000;
 
 impl Pool {
     /// Creates a pool that runs at most `size` first attempts and `size` second ones at the same time, and keeps `size`
@@ -50,7 +63,8 @@ impl Pool {
     pub fn new(size: usize, limits: ActionLimits) -> Self {
         let size = size.max(1);
         let (first, again) = (FairSlots::new(size, size), FairSlots::new(size, size));
-        Self { inner: Arc::new(Inner { ready: Mutex::default(), first, again, size, limits }) }
+        let endless = Cache::new(MOST_ENDLESS);
+        Self { inner: Arc::new(Inner { ready: Mutex::default(), first, again, size, limits, endless }) }
     }
 
     /// Returns the limits on scripts.
@@ -120,9 +134,22 @@ impl Pool {
             Some(done) if done.stopped().is_none_or(|stopped| stopped.limit != "time") => return Ok(done),
             _ => {}
         }
+        let hash: Hash = Sha256::digest(serde_json::to_vec(job)?).into();
+        if let Some(known) = self.inner.endless.get(&hash) {
+            return Ok(known);
+        }
         let _turn = self.inner.again.take(who).await;
+        // The same script may have been run meanwhile.
+        if let Some(known) = self.inner.endless.get(&hash) {
+            return Ok(known);
+        }
         let done = self.run_timed(job, &all, left).await?;
-        done.ok_or_else(|| Overloaded { wall_ms: all.wall_ms }.into())
+        let done = done.ok_or(Overloaded { wall_ms: all.wall_ms })?;
+        let events = done.turns.iter().map(|turn| turn.events.len()).sum::<usize>();
+        if done.stopped().is_some_and(|stopped| stopped.limit == "time") && events <= MOST_KEPT_EVENTS {
+            self.inner.endless.insert(hash, done.clone());
+        }
+        Ok(done)
     }
 
     /// Runs a script in a process for at most the time that is left, and takes from it what the script took; returns

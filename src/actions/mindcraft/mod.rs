@@ -224,6 +224,11 @@ fn run_file(sent: &str, prepared: Prepared, limits: &ActionLimits, end_cpu_ms: u
             host.borrow_mut().note(why);
         }
     }
+    // The word "json" after a fence is read as "on", so a list in that fence fails where an object does nothing.
+    let has_failed = !ended.errors.is_empty() || !sandbox.watch.borrow().unheard.is_empty();
+    if !ended.unreadable && has_failed && answer::is_json(&code) {
+        host.borrow_mut().note(answer::JSON_IS_NO_CODE);
+    }
     let own = host.borrow().world.bytes();
     if sandbox.ran_out(limits, peak, own, ended.errors.first()) {
         sandbox.watch.borrow_mut().stopped.get_or_insert("memory");

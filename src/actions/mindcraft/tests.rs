@@ -51,6 +51,14 @@ fn every_form_of_code_is_run() {
 }
 
 #[test]
+fn json_in_a_fence_is_told_as_json_whatever_it_does_as_code() {
+    for json in [r#"[{"action": "place", "x": 0}]"#, r#"{"events": []}"#] {
+        let done = ran(&format!("Here's the list:\n```json\n{json}\n```"));
+        assert!(done.notes.iter().any(|note| note == answer::JSON_IS_NO_CODE), "{json}: {done:?}");
+    }
+}
+
+#[test]
 fn errors_keep_the_lines_of_the_answer_and_name_the_function() {
     let done = ran(
         "So:\n```js\nawait skills.placeBlock(bot, 'stone', 1, 0, 0);\nawait skills.goToPositon(bot, 1, 2, 3);\n```",

@@ -101,7 +101,7 @@ pub fn run(code: &str, limits: &ActionLimits, peak: &PeakMemory) -> Replayed {
     let dropped =
         recorder.dropped.into_iter().map(|(reason, count)| Dropped { reason: reason.to_owned(), count }).collect();
     let error_or_unheard = error.is_some() || !unheard.is_empty();
-    let mut notes = if recorder.unreadable { script.hints() } else { Vec::new() };
+    let mut notes = if recorder.unreadable { script.hints(is_body_of_async(&sandbox, &script)) } else { Vec::new() };
     notes.extend(null_noted(code).map(str::to_owned));
     if events == 0 && !error_or_unheard && stopped.is_none() {
         notes.push(nothing_recorded(recorder.has_main, &recorder.functions));
@@ -118,6 +118,22 @@ pub fn run(code: &str, limits: &ActionLimits, peak: &PeakMemory) -> Replayed {
         unreadable: recorder.unreadable,
         ..Replayed::default()
     }
+}
+
+/// Time for reading a script once more as a body, in milliseconds.
+const READ_AGAIN_MS: u64 = 50;
+
+/// Returns whether a script that could not be read can be read as the body of an async function. What it did is known by
+/// then, so it does not matter if a text that ends the function runs.
+fn is_body_of_async(sandbox: &Sandbox, script: &Script) -> bool {
+    sandbox.watch.borrow_mut().end_cpu_ms = Some(cpu_ms() + READ_AGAIN_MS);
+    let body = format!("(async () => {{\n{}\n}})", script.text);
+    sandbox.context.with(|ctx| {
+        let is_read = ctx.eval::<Value<'_>, _>(body).is_ok();
+        // An exception that nobody takes would stay.
+        ctx.catch();
+        is_read
+    })
 }
 
 impl Recorder {
@@ -292,6 +308,26 @@ mod tests {
                 (too_deep, None),
                 "{code}"
             );
+        }
+    }
+
+    #[test]
+    fn the_hint_on_await_is_given_where_it_helps() {
+        let is_hinted = |code: &str| {
+            let done = run(code, &ACTION_LIMITS, &PeakMemory::unknown());
+            assert!(done.unreadable && done.events.is_empty(), "{code}: {done:?}");
+            done.notes.iter().any(|note| note.contains("async functions"))
+        };
+        assert!(is_hinted("await skills.placeBlock(bot, 'stone', 0, 0, 0);"));
+        assert!(is_hinted("async function build(bot) {}\nawait build(bot);"));
+        for code in [
+            "for (let y = 0; y < 5; y++ { await skills.placeBlock(bot, 'stone', 0, y, 0); }",
+            "for (let y = 0; y &lt; 5; y++) { await skills.placeBlock(bot, 'stone', 0, y, 0); }",
+            "const n: number = 5; await skills.placeBlock(bot, 'stone', 0, 0, 0);",
+            // A text that ends the function is not stopped by its time alone.
+            "}); while (true) {} (async () => { await",
+        ] {
+            assert!(!is_hinted(code), "{code}");
         }
     }
 }

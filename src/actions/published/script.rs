@@ -41,10 +41,11 @@ impl Script {
         Self { text, exported: Some(NAMELESS.to_owned()) }
     }
 
-    /// Returns hints for the author of code that is not JavaScript.
-    pub fn hints(&self) -> Vec<String> {
+    /// Returns hints for the author of code that is not JavaScript; `is_body_of_async` says that it could be read as the
+    /// body of an async function.
+    pub fn hints(&self, is_body_of_async: bool) -> Vec<String> {
         let mut hints = Vec::new();
-        if self.text.contains("await") && !self.text.contains("async") {
+        if is_body_of_async && self.text.contains("await") {
             hints.push("await is only valid in async functions: wrap the code in (async (bot) => { … })".to_owned());
         }
         let is_of_module = |line: &str| {
@@ -146,7 +147,7 @@ mod tests {
 
     #[test]
     fn the_words_of_modules_are_explained() {
-        let hinted = |code: &str| Script::of(code).hints().iter().any(|hint| hint.contains("not as a module"));
+        let hinted = |code: &str| Script::of(code).hints(false).iter().any(|hint| hint.contains("not as a module"));
         assert!(hinted("import fs from 'fs'; export default f"));
         assert!(hinted("export const x = 1;\nexport default f"));
         assert!(!hinted("export default (bot) => {"));

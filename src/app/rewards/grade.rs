@@ -16,7 +16,7 @@ use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::aside::aside;
 use crate::app::catalogue::suites::no_suite;
-use crate::app::error::{AppError, AppResult};
+use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::event_budget::EventBudget;
 use crate::app::limits::LIMITS;
 use crate::app::replay::{place, run_sent};
@@ -121,12 +121,21 @@ impl ReadRequest {
     /// Finds the log in the texts of a model, runs action code, and checks the log against its task.
     ///
     /// # Errors
-    /// Returns 422 if the log does not fit the task or its code reached a limit, 429 if too much code waits, and 500 if
-    /// code cannot be run. A faulty text of a model is no error, but earns a reward of 0.
+    /// Returns 422 if the log does not fit the task or its code reached a limit, 429 if too much code waits, 503 or 504 if
+    /// code waits and runs too long, and 500 if code cannot be run. A faulty text of a model is no error, but earns a reward of 0.
     pub async fn prepare(self, app: &App, who: &Arc<str>) -> AppResult<Prepared> {
         let found = if self.is_small() { self.find_log()? } else { aside(move || self.find_log()).await? };
-        let _permit = if found.has_code() { Some(place(app, who)?) } else { None };
-        found.prepare(app, who).await
+        if !found.has_code() {
+            return found.prepare(app, who).await;
+        }
+        let _permit = place(app, who)?;
+        in_time(found.request.for_code, found.prepare(app, who)).await
+    }
+
+    /// Returns the deadline that the request asks for, if it does.
+    #[must_use]
+    pub const fn asked(&self) -> Option<Duration> {
+        self.request.for_code
     }
 
     /// Prepares one of many requests, which share a slot.
@@ -157,6 +166,22 @@ impl ReadRequest {
         let Self { request, given, begun } = self;
         Ok(Found { request, given, sent, answer, not_measured: Vec::new(), begun })
     }
+}
+
+/// Time for which a request may be prepared: enough of the time for the request is left to grade it and to answer.
+const PREPARED_WITHIN: Duration = Duration::from_secs(LIMITS.request_seconds - 10);
+
+/// Prepares something within the deadline that its sender asked for, or within what a request may take. Otherwise the
+/// request itself would run out of time, which says nothing of the reward.
+pub(super) async fn in_time<T>(asked: Option<Duration>, preparing: impl Future<Output = AppResult<T>>) -> AppResult<T> {
+    let most = asked.map_or(PREPARED_WITHIN, |asked| asked.min(PREPARED_WITHIN));
+    tokio::time::timeout(most, preparing).await.unwrap_or_else(|_late| {
+        let waited = format!("action code waited and ran for {} s", most.as_secs_f64());
+        Err(match asked {
+            Some(_) => AppError::new(Kind::Deadline, format!("The deadline passed: {waited}.")).retry_after(1),
+            None => AppError::new(Kind::Busy, format!("The machine has too much to do: {waited}.")).retry_after(5),
+        })
+    })
 }
 
 /// Maximum number of events of a log that is processed on the thread that serves its request.

@@ -4,15 +4,15 @@ use std::sync::Arc;
 
 use serde_json::{Map, Value};
 
-use super::grade::ReadRequest;
+use super::grade::{ReadRequest, in_time};
 use super::score::GradeBody;
 use crate::app::App;
 use crate::app::error::{AppError, AppResult};
 use plumbline_engine::tasks::catalogue::Catalogue;
 
 /// Grades the texts of a model against the task that `naming` selects (`task`, `suite`, `reward`). A text that cannot
-/// be graded has reward 0, and `answer.why` gives the reason. The time that it waits does not count as time for
-/// grading.
+/// be graded has reward 0, and `answer.why` gives the reason. The time that it waits to be graded does not count as time
+/// for grading.
 ///
 /// # Errors
 /// Returns an error if the task cannot be found (the trainer's fault) or grading failed (ours).
@@ -24,7 +24,8 @@ pub async fn judge(
     texts: Vec<String>,
 ) -> AppResult<GradeBody> {
     let request = ReadRequest::read(request(naming).as_bytes(), catalogue)?.about(texts);
-    let prepared = request.prepare_in_turn(app, who).await.map_err(AppError::without_reward_where_ours)?;
+    let prepared = in_time(request.asked(), request.prepare_in_turn(app, who)).await;
+    let prepared = prepared.map_err(AppError::without_reward_where_ours)?;
     prepared.grade_in_turn(app, who).await
 }
 

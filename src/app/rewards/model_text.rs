@@ -7,7 +7,7 @@ use plumbline_engine::intake::code::SentLog;
 use plumbline_engine::intake::text::thinking::{thoughts_removed, without_thoughts};
 use plumbline_engine::intake::text::{AnswerKind, FoundAnswer, NO_LOG, is_other_json, read_answer};
 use plumbline_engine::text::counted;
-use plumbline_engine::voxel::Profile;
+use plumbline_engine::voxel::{BlockLog, Profile};
 
 /// Answers found in the texts of a model.
 #[derive(Debug, Clone, Default, Serialize, utoipa::ToSchema)]
@@ -48,8 +48,9 @@ pub enum FoundKind {
 
 /// Finds the log of a task with this number of turns in texts, and where it was found.
 ///
-/// Texts without an answer are ignored. For a task of one turn the last answer counts. For a task of several turns, the
-/// last answers give one turn each, or the last one gives all turns.
+/// For a task of one turn the last answer counts. For a task of several turns, as many texts as turns give one turn each,
+/// and one without an answer leaves its turn empty; of more texts the last answers give one turn each. Or the last answer
+/// gives all turns. Texts without an answer are otherwise ignored.
 ///
 /// # Errors
 /// Returns the reason if there is no such log.
@@ -63,6 +64,11 @@ pub fn log_in_texts(texts: &[String], turns: usize, profile: Profile) -> Result<
         return Err(why.cloned().unwrap_or_else(|| "the model wrote nothing".to_owned()));
     };
     let of_last = last.sent.log.turns.len();
+    let is_one = |found: &&(usize, &FoundAnswer)| found.1.sent.log.turns.len() == 1;
+    if turns > 1 && texts.len() == turns && found.iter().all(|found| is_one(&found)) {
+        // Each text belongs to a turn, which one without an answer leaves empty.
+        return one_for_each(turns, &found);
+    }
     if of_last == turns {
         found.drain(..found.len() - 1);
     } else if of_last != 1 {
@@ -72,10 +78,7 @@ pub fn log_in_texts(texts: &[String], turns: usize, profile: Profile) -> Result<
     } else {
         found.drain(..found.len() - turns);
     }
-    // Files would let the model choose that its order is not checked.
-    if found.iter().any(|(_, answer)| !answer.sent.files.is_empty()) {
-        return Err("a model's answer takes no structure files; expected events, rows or action code".to_owned());
-    }
+    refuse_files(&found)?;
     let mut sent = SentLog::default();
     for (place, answer) in &found {
         let has = answer.sent.log.turns.len();
@@ -87,6 +90,30 @@ pub fn log_in_texts(texts: &[String], turns: usize, profile: Profile) -> Result<
     Ok((sent, found.into_iter().map(|(place, answer)| FoundBody::of(place, answer)).collect()))
 }
 
+/// Puts the answers of texts together, each as the turn of its text.
+fn one_for_each(turns: usize, found: &[(usize, &FoundAnswer)]) -> Result<(SentLog, Vec<FoundBody>), String> {
+    refuse_files(found)?;
+    let mut sent = SentLog::default();
+    for turn in 1..=turns {
+        match found.iter().find(|(place, _)| *place == turn) {
+            Some((_, answer)) => sent.append(&answer.sent),
+            None => sent.append(&BlockLog { turns: vec![Vec::new()], ..BlockLog::default() }.into()),
+        }
+    }
+    Ok((sent, found.iter().map(|(place, answer)| FoundBody::of(*place, answer)).collect()))
+}
+
+/// Refuses structure files: they would let the model choose that its order is not checked.
+fn refuse_files(found: &[(usize, &FoundAnswer)]) -> Result<(), String> {
+    if found.iter().any(|(_, answer)| !answer.sent.files.is_empty()) {
+        return Err("a model's answer takes no structure files; expected events, rows or action code".to_owned());
+    }
+    Ok(())
+}
+
+/// Beginnings of the functions that action code calls.
+const CALLS: [&str; 3] = ["skills.", "bot.", "world."];
+
 /// Reads a text. Under the profile `mindcraft`, code is found as mindcraft finds it, which is between the first fence
 /// and the last, so the whole text is kept, but for what the model only thought.
 fn read_as(profile: Profile, text: &str) -> Result<FoundAnswer, String> {
@@ -95,11 +122,12 @@ fn read_as(profile: Profile, text: &str) -> Result<FoundAnswer, String> {
         return read;
     }
     let is_code = if let Ok(found) = &read {
-        found.kind == AnswerKind::Code
+        // What mindcraft runs stands between the fences; JSON before or after them is said beside the code.
+        found.kind == AnswerKind::Code || is_beside_code(text, found.line)
     } else {
         // What a model only thought is no answer.
         let (shown, ends_in_thought) = without_thoughts(text);
-        !ends_in_thought && ["skills.", "bot.", "world."].iter().any(|name| shown.contains(name))
+        !ends_in_thought && CALLS.iter().any(|name| shown.contains(name))
     };
     if !is_code {
         return read;
@@ -111,6 +139,16 @@ fn read_as(profile: Profile, text: &str) -> Result<FoundAnswer, String> {
     let code = thoughts_removed(text);
     let line = code.find("```").map_or(1, |at| 1 + code[..at].matches('\n').count());
     Ok(FoundAnswer { sent: SentLog::of_code(code), kind: AnswerKind::Code, line, passed_over: 0, cut_off: None })
+}
+
+/// Returns whether a line of a text lies outside its fences, and what the fences enclose calls the functions of action
+/// code.
+fn is_beside_code(text: &str, line: usize) -> bool {
+    let (shown, _) = without_thoughts(text);
+    let (Some(first), Some(last)) = (shown.find("```"), shown.rfind("```")) else { return false };
+    let line_of = |at: usize| 1 + shown[..at].matches('\n').count();
+    let is_outside = line < line_of(first) || line > line_of(last);
+    first < last && is_outside && CALLS.iter().any(|name| shown[first..last].contains(name))
 }
 
 impl FoundBody {
@@ -143,9 +181,30 @@ mod tests {
         assert_eq!(found(&[one, "and", one], 2), Ok(vec![1, 3]));
         assert_eq!(found(&[one, one, one], 2), Ok(vec![2, 3]));
         assert_eq!(found(&[one, both], 2), Ok(vec![2]));
+        assert_eq!(found(&[one, "I am sorry"], 2), Ok(vec![1]), "the second turn is empty");
+        assert_eq!(found(&["I am sorry", one], 2), Ok(vec![2]));
         assert_eq!(found(&[one], 2), Err("the task has 2 turns; answers found: 1".to_owned()));
         assert_eq!(found(&[both], 3), Err("the answer has 2 turns; the task has 3".to_owned()));
+        assert_eq!(found(&["", "no", one, ""], 2), Err("the task has 2 turns; answers found: 1".to_owned()));
         assert_eq!(found(&[both, one], 2), Err("text 1 has 2 turns; each text answers one".to_owned()));
         assert!(found(&["no"], 1).is_err());
+    }
+
+    #[test]
+    fn json_beside_the_fences_of_mindcraft_does_not_displace_their_code() {
+        let wall = "Here:\n```js\nawait skills.placeBlock(bot, 'stone', 0, 0, 0);\n```\n";
+        let kind = |text: &str| {
+            let found = read_as(Profile::Mindcraft, text).unwrap();
+            (found.kind, found.line)
+        };
+        for after in
+            [r#"{"events": []}"#, r#"The first event is [{"action":"place","x":0,"y":0,"z":0,"block":"dirt"}]."#]
+        {
+            assert_eq!(kind(&format!("{wall}{after}")), (AnswerKind::Code, 2), "{after}");
+            assert_eq!(kind(&format!("{after}\n{wall}")), (AnswerKind::Code, 3), "{after}");
+        }
+        // JSON in a fence is an answer of its own, and so is JSON alone.
+        assert_eq!(kind(&format!("{wall}Or:\n```json\n{{\"events\": []}}\n```")).0, AnswerKind::Log);
+        assert_eq!(kind(r#"{"events": []}"#).0, AnswerKind::Log);
     }
 }

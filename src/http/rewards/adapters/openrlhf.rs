@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::add_misspelt;
+use crate::actions::turn_replay::TurnReplay;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult, FaultBody, Kind};
 use crate::app::limits::LIMITS;
@@ -67,7 +68,7 @@ pub struct Rewards {
     pub scores: Vec<f64>,
     /// Values to log, one per sample.
     pub extra_logs: ExtraLogs,
-    /// Samples that could not be graded or whose code ended with an error, with the reason.
+    /// Samples that could not be graded, and those whose code ended with an error or built nothing, with the reason.
     pub problems: Vec<SampleProblem>,
 }
 
@@ -84,7 +85,7 @@ pub struct ExtraLogs {
     pub mislabelled: Vec<f64>,
 }
 
-/// Reason why a sample could not be graded, or the error that ended its code.
+/// Reason why a sample could not be graded, the error that ended its code, or the reason why its code built nothing.
 #[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 pub struct SampleProblem {
     /// Index of the sample, from 0.
@@ -236,7 +237,10 @@ fn naming(label: &Value) -> AppResult<Map<String, Value>> {
             object.insert("reward".to_owned(), scheme);
         }
     }
-    let missing: Vec<&str> = OPTIONS.into_iter().filter(|option| !object.contains_key(*option)).collect();
+    let mut missing: Vec<&str> = OPTIONS.into_iter().filter(|option| !object.contains_key(*option)).collect();
+    if missing.contains(&"reward") {
+        missing.push("reward_scheme");
+    }
     let mut faults = Faults::new();
     add_misspelt(&object, &missing, &mut faults);
     if !faults.is_empty() {
@@ -270,11 +274,9 @@ fn answer(judged: Vec<Judged>) -> AppResult<Json<Rewards>> {
                 let mean = sum / graded.criteria.len().max(1) as f64;
                 let why = graded.answer.and_then(|answer| answer.why);
                 let is_readable = why.is_none();
-                // Code that ended with an error is graded for what it did, and its error is reported.
-                let broke = graded.action_code.into_iter().find_map(|replay| replay.error).map(|error| error.message);
                 let note = if is_whole { NOT_THE_PROMPT } else { "" };
-                let problem =
-                    why.or(broke).map(|detail| SampleProblem { index, detail: detail + note, faults: Vec::new() });
+                let told = why.or_else(|| told_of_code(&graded.action_code));
+                let problem = told.map(|detail| SampleProblem { index, detail: detail + note, faults: Vec::new() });
                 (graded.reward, f64::from(graded.overall), mean, is_readable, problem)
             }
             Err(error) => {
@@ -292,6 +294,26 @@ fn answer(judged: Vec<Judged>) -> AppResult<Json<Rewards>> {
         rewards.problems.extend(problem);
     }
     Ok(Json(rewards))
+}
+
+/// Says what went wrong with code that was graded for what it did: the error that ended it, or why it built nothing.
+fn told_of_code(replays: &[TurnReplay]) -> Option<String> {
+    let of_error = |replay: &TurnReplay| {
+        let error = replay.error.as_ref()?;
+        let line = error.line.map(|line| format!(" (line {line})")).unwrap_or_default();
+        Some(format!("{}{line}, after {}", error.message, counted(replay.events, "event")))
+    };
+    if let Some(error) = replays.iter().find_map(of_error) {
+        return Some(error);
+    }
+    if replays.is_empty() || replays.iter().any(|replay| replay.events > 0) {
+        return None;
+    }
+    let dropped = replays.iter().flat_map(|replay| &replay.dropped);
+    let dropped = dropped.map(|dropped| format!("{}: {}", counted(dropped.count, "call"), dropped.reason));
+    let reasons: Vec<String> = dropped.chain(replays.iter().flat_map(|replay| replay.notes.clone())).collect();
+    let reasons = if reasons.is_empty() { String::new() } else { format!(": {}", reasons.join("; ")) };
+    Some(format!("the code built nothing{reasons}"))
 }
 
 /// Joins the errors of labels into one with the faults of all; if none has faults, returns the first.
