@@ -2722,7 +2722,7 @@ class Rules(BaseModel):
 
 class SampleProblem(BaseModel):
     """
-    Reason why a sample could not be graded, or the error that ended its code.
+    Reason why a sample could not be graded, the error that ended its code, or the reason why its code built nothing.
     """
 
     model_config = ConfigDict(
@@ -4851,7 +4851,7 @@ class Rewards(BaseModel):
     """
     problems: list[SampleProblem]
     """
-    Samples that could not be graded or whose code ended with an error, with the reason.
+    Samples that could not be graded, and those whose code ended with an error or built nothing, with the reason.
     """
 
 
@@ -5559,6 +5559,10 @@ class EpochBoard(BaseModel):
     registered: Annotated[int, Field(ge=0)]
     """
     Number of entries registered in this tier.
+    """
+    provenance: str | None = None
+    """
+    Provenance of the rows, if the request asked for one; rows with another are left out.
     """
     rows: list[EpochRowBody]
     """

@@ -135,12 +135,18 @@ def words(done: StepDone) -> str:
         if code.error is not None:
             line = f" (line {code.error.line})" if code.error.line else ""
             lines.append(f"The code ended early{line}: {code.error.message}")
+        lines += [dropped_words(dropped.count, dropped.reason) for dropped in code.dropped or []]
         lines += [f"Note: {note}" for note in code.notes or []]
         printed = "\n".join(code.log or [])
         if printed:
             lines.append(f"It printed:\n{printed[:4000]}")
     lines.append("You stand at ({:g}, {:g}, {:g}).".format(*done.position))
     return "\n".join(lines)
+
+
+def dropped_words(count: int, reason: str) -> str:
+    """Says why calls did nothing, for the model."""
+    return f"{count} {'call' if count == 1 else 'calls'} did nothing: {reason}"
 
 
 def counts(journal: Journal) -> dict[str, int | None]:

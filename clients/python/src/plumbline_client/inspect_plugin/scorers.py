@@ -11,7 +11,8 @@ from inspect_ai.util import concurrency
 
 from ..async_client import AsyncClient
 from ..errors import Conflict, Faulty, PlumblineError
-from ..models import ReportBody
+from ..evaluate.attempts import dropped_words
+from ..models import ReportBody, TurnReplay
 from ..refused import without_refused
 from .boards import run_of
 from .state import Build, answers
@@ -134,9 +135,22 @@ async def verdicts(client: AsyncClient, submission: str, refused: list[str]) -> 
     return {
         "overall": report.overall,
         "holds": holds,
-        "explanation": explained(report, page, refused),
+        "explanation": explained(report, page, [*refused, *told_of_code(settled.action_code or [])]),
         "evidence": {"submission": submission, "report": f"{client.url}/v1/submissions/{submission}/report"},
     }
+
+
+def told_of_code(replays: list[TurnReplay]) -> list[str]:
+    """Says what went wrong with the code of each turn: the error that ended it, calls that did nothing, and notes."""
+    told = []
+    for replay in replays:
+        place = f"turn {replay.turn}"
+        if replay.error is not None:
+            line = f" in line {replay.error.line}" if replay.error.line else ""
+            told.append(f"{place}: the code ended{line} with {replay.error.message}")
+        told += [f"{place}: {dropped_words(dropped.count, dropped.reason)}" for dropped in replay.dropped or []]
+        told += [f"{place}: {note}" for note in replay.notes or []]
+    return told
 
 
 def explained(report: ReportBody, page: str, refused: list[str]) -> str:
