@@ -215,7 +215,16 @@ async fn a_reader_sees_epochs_their_clocks_and_what_they_revealed() {
     browser.wait(ROWS, |rows| *rows == 1).await;
     let told = browser.run("return document.querySelector('tbody').textContent").await;
     assert!(told.as_str().unwrap().contains("24 of 26"), "{told}");
+    // A heading stands above its column; on a phone each cell begins with it.
+    let edges = "return [...document.querySelectorAll('.rows tr')].map(row => Math.round(row.children[3].getBoundingClientRect().right))";
+    let edges = browser.run(edges).await;
+    assert!(edges[0].is_number() && edges[0] == edges[1], "{edges}");
     browser.see("epoch-over").await;
+    browser.is_well(service).await;
+    page.set_window_size(390, 844).await.unwrap();
+    let label = "return getComputedStyle(document.querySelector('.rows td:nth-of-type(2)'), '::before').content";
+    assert_eq!(browser.run(label).await, "\"overall\"");
+    browser.see("epoch-over-phone").await;
     browser.is_well(service).await;
     page.close_window().await.unwrap();
 }
