@@ -32,6 +32,11 @@ pub fn canonical(name: &str) -> &str {
     name.split_once('[').map_or(name, |(block, _)| block)
 }
 
+/// Returns the names of all blocks of the game, in no particular order.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    BLOCKS.keys().copied()
+}
+
 /// Returns whether Minecraft has a block of this name.
 #[must_use]
 pub fn is_known(name: &str) -> bool {

@@ -1,6 +1,8 @@
 //! The raw answer of a language model: which part of it is code, as mindcraft's coder reads it.
 
 use plumbline_engine::intake::text::thinking::without_thoughts;
+use plumbline_engine::text::did_you_mean;
+use plumbline_engine::voxel::blocks;
 
 /// Marks around code.
 const FENCE: &str = "```";
@@ -114,10 +116,54 @@ pub fn rewritten(code: &str) -> String {
         .replace(";\n", "; if(bot.interrupt_code) {log(bot, \"interrupted\");return;}\n")
 }
 
+/// Returns the line of the first `else` that follows a statement without braces which mindcraft adds a check to: it then
+/// belongs to that check.
+pub fn else_of_check(code: &str) -> Option<usize> {
+    let is_else = |rest: &str| {
+        let word = rest.strip_prefix("else");
+        word.is_some_and(|rest| !rest.starts_with(|c: char| c.is_alphanumeric() || matches!(c, '_' | '$' | ':')))
+    };
+    code.match_indices(";\n").find_map(|(at, check)| {
+        let rest = &code[at + check.len()..];
+        let other = rest.trim_start();
+        is_else(other).then(|| 1 + code[..code.len() - other.len()].matches('\n').count())
+    })
+}
+
+/// Adds names of blocks to the reason of a call that named none.
+pub fn with_suggestion(reason: String) -> String {
+    let named = reason.strip_prefix('\'').and_then(|rest| rest.strip_suffix("' is not the name of a block"));
+    let meant = named.map(|name| did_you_mean(&name.to_lowercase().replace(' ', "_"), blocks::names()));
+    reason + &meant.unwrap_or_default()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use plumbline_engine::intake::text::thinking::thoughts_removed;
+
+    #[test]
+    fn an_else_that_a_check_takes_is_found() {
+        assert_eq!(else_of_check("if (a)\n  f();\nelse\n  g();"), Some(3));
+        assert_eq!(else_of_check("if (a) f();\n\n  else g();"), Some(3));
+        for code in [
+            "if (a) { f();\n} else { g();\n}",
+            "f();\nelsewhere();",
+            "if (a) f(); else g();",
+            "const o = {\na: f(),\nelse: 1 };",
+        ] {
+            assert_eq!(else_of_check(code), None, "{code}");
+        }
+    }
+
+    #[test]
+    fn a_misspelt_block_is_answered_with_names() {
+        for (name, meant) in [("stoone", "stone"), ("Stone", "stone"), ("oak planks", "oak_planks")] {
+            let told = with_suggestion(format!("'{name}' is not the name of a block"));
+            assert!(told.contains("; did you mean ") && told.contains(meant), "{told}");
+        }
+        assert_eq!(with_suggestion("the cell is out of range".to_owned()), "the cell is out of range");
+    }
 
     #[test]
     fn json_is_told_from_code() {

@@ -101,7 +101,8 @@ pub fn run(job: &Job, limits: &ActionLimits, peak: &PeakMemory, first: Prepared)
         let Told { notes, dropped, log, .. } = std::mem::take(&mut host.told);
         replayed.notes.extend(notes);
         replayed.log.extend(log);
-        replayed.dropped = dropped.into_iter().map(|(reason, count)| Dropped { reason, count }).collect();
+        let told = |(reason, count)| Dropped { reason: answer::with_suggestion(reason), count };
+        replayed.dropped = dropped.into_iter().map(told).collect();
         let is_stopped = replayed.stopped.is_some();
         turns.push(replayed);
         if is_stopped {
@@ -292,15 +293,29 @@ fn start<'js>(ctx: &Ctx<'js>, given: &Object<'js>, code: &str, host: &Rc<RefCell
     let defined = |text: String| ctx.eval_with_options::<Function<'js>, _>(text, strict()).catch(ctx);
     let run: Function<'js> = given.get("run").map_err(failed)?;
     let rewritten = answer::rewritten(code);
-    for code in [rewritten.as_str(), code] {
+    let note_on_else = || {
+        if let Some(line) = answer::else_of_check(code) {
+            host.borrow_mut().note(&format!(
+                "mindcraft adds a check after each line that ends with a semicolon, so the else in line {line} belongs to that \
+                 check, and its branch runs in any case: put braces around both branches"
+            ));
+        }
+    };
+    for (code, is_rewritten) in [(rewritten.as_str(), true), (code, false)] {
         let expression = code.trim_end().trim_end_matches(';').trim_end();
         if let Ok(make) = defined(format!("(async function () {{ return ({expression}\n) }})")) {
+            if is_rewritten {
+                note_on_else();
+            }
             return run.call::<_, ()>((make, true, code.contains("Code finished."))).map_err(failed);
         }
     }
     let body = |code: &str| format!("(async (bot) => {{{code}\n}})");
     let refused = match defined(body(&rewritten)) {
-        Ok(make) => return run.call::<_, ()>((make, false, false)).map_err(failed),
+        Ok(make) => {
+            note_on_else();
+            return run.call::<_, ()>((make, false, false)).map_err(failed);
+        }
         Err(error) => error,
     };
     if let Ok(make) = defined(body(code)) {

@@ -59,6 +59,23 @@ fn json_in_a_fence_is_told_as_json_whatever_it_does_as_code() {
 }
 
 #[test]
+fn what_models_often_write_and_mindcraft_does_otherwise_is_noted() {
+    let noted = |code: &str, text: &str| {
+        let done = ran(code);
+        assert!(done.notes.iter().any(|note| note.contains(text)), "{code}: {done:?}");
+        done
+    };
+    let both = "if (true)\n  await skills.placeBlock(bot, 'stone', 0, 0, 0);\nelse\n  await skills.placeBlock(bot, 'dirt', 1, 0, 0);";
+    assert_eq!(events(&noted(both, "the else in line 3 belongs to that check")), ["stone@0,0,0", "dirt@1,0,0"]);
+    for said in ["fill 0 0 0 4 4 0 stone", " /setblock 0 0 0 stone"] {
+        let done = noted(&format!("bot.chat('{said}');"), "a command begins with /");
+        assert!(done.events.is_empty());
+    }
+    let done = ran("await skills.placeBlock(bot, 'stoone', 0, 0, 0);");
+    assert!(done.dropped[0].reason.starts_with("'stoone' is not the name of a block; did you mean stone"), "{done:?}");
+}
+
+#[test]
 fn errors_keep_the_lines_of_the_answer_and_name_the_function() {
     let done = ran(
         "So:\n```js\nawait skills.placeBlock(bot, 'stone', 1, 0, 0);\nawait skills.goToPositon(bot, 1, 2, 3);\n```",

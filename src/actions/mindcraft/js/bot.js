@@ -55,7 +55,11 @@
     const lines = String(message).split("\n").filter((line) => line);
     if (lines.length > 1) note("bot.chat got several lines, for which a server ends the connection; each was sent on its own");
     const before = host.changes();
-    for (const line of lines) send(line);
+    const isMeant = (line) => ["setblock ", "fill ", "clone ", "/"].some((word) => line.trimStart().startsWith(word));
+    for (const line of lines) {
+      if (!line.startsWith("/") && isMeant(line)) note(`bot.chat: a command begins with /; this was said, and did nothing: ${line.slice(0, 80)}`);
+      send(line);
+    }
     if (!isOfSkill && host.changes() > before) note("a command of bot.chat built: under published it would have no effect");
   };
 

@@ -15,12 +15,12 @@ SCHEMES = ("reward", "scheme", "reward_scheme")
 """Names under which data sets have the reward's scheme."""
 
 
-def request(label: object, texts: list[str]) -> dict[str, Any]:
+def request(label: object, texts: list[str | None]) -> dict[str, Any]:
     """Returns the request to grade a model's texts for a label.
 
     A label is a task's id or number, or JSON (or a mapping) with `task` and, if wanted, `suite`, `profile` and `reward`;
-    other members belong to the data set. Raises ValueError if it names no task, or if a member looks like one of these
-    misspelt.
+    other members belong to the data set. A text that is None, as of a model that only called tools, is empty. Raises
+    ValueError if it names no task, or if a member looks like one of these misspelt.
     """
     found: Any = label
     if isinstance(label, str):
@@ -36,7 +36,7 @@ def request(label: object, texts: list[str]) -> dict[str, Any]:
     named = {name: members[name] for name in MEMBERS if members.get(name) is not None}
     if not isinstance(named.get("task"), (str, int)) or named["task"] == "":
         raise ValueError(f"the label {label!r} names no task")
-    return {**named, "answer": [clean(text) for text in texts]}
+    return {**named, "answer": ["" if text is None else clean(text) for text in texts]}
 
 
 def refuse_misspelt(names: Iterable[str]) -> None:
