@@ -52,9 +52,9 @@ struct Inner {
 /// SHA-256 of a job.
 type Hash = [u8; 32];
 /// Number of results of endless scripts that are kept.
-const MOST_ENDLESS: usize = 256;
+const MOST_ENDLESS: usize = 4_096;
 /// Greatest number of events of a result that is kept.
-const MOST_KEPT_EVENTS: usize = 1_000;
+const MOST_KEPT_EVENTS: usize = 100;
 
 impl Pool {
     /// Creates a pool that runs at most `size` first attempts and `size` second ones at the same time, and keeps `size`

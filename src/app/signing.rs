@@ -29,8 +29,10 @@ pub struct Signing {
 pub enum Others {
     /// Another process serves the file.
     Serve,
-    /// None is known; of the nodes of a server, the server knows.
-    Unknown,
+    /// None serves the file; of the nodes of a server, the server knows.
+    None,
+    /// This is a command, beside which a process may serve.
+    MaySign,
 }
 
 /// Loads the key, or makes it on first use. Nodes of one PostgreSQL database sign with the same key.
@@ -43,6 +45,12 @@ pub async fn signing(store: &Store, replaces: bool, others: Others) -> anyhow::R
     if matches!(store.location(), Location::Server(_)) {
         let folder = store.secrets().folder().display().to_string();
         let held = store.agree_on_receipt_key(None, false).await?;
+        if replaces && held.is_some() && held != own_key(store)? {
+            let others = others_after_a_moment(store).await?;
+            if others > 0 {
+                bail!("{}", still_signs(&agreeing(others, "other node is", "other nodes are")));
+            }
+        }
         if !store.secrets().has_signer()? {
             if let Some(public_key) = held.clone().filter(|_| !replaces) {
                 let notice = format!(
@@ -55,12 +63,6 @@ pub async fn signing(store: &Store, replaces: bool, others: Others) -> anyhow::R
             store.secrets().signer().context("cannot make the key that signs receipts")?;
         }
         let own = store.signer().context("cannot load the key that signs receipts")?.public_key();
-        if replaces && held.as_ref().is_some_and(|held| *held != own) {
-            let others = others_after_a_moment(store).await?;
-            if others > 0 {
-                bail!("{}", still_signs(&agreeing(others, "other node is", "other nodes are")));
-            }
-        }
         let held = store.agree_on_receipt_key(Some(&own), replaces).await?;
         if let Some(held) = held.filter(|held| *held != own) {
             bail!(
@@ -70,13 +72,19 @@ pub async fn signing(store: &Store, replaces: bool, others: Others) -> anyhow::R
             );
         }
     }
-    let signer = store.signer().context("cannot load the key that signs receipts")?;
-    if others == Others::Serve {
-        let last = store.last_receipt_key().await?;
-        if last.is_some_and(|last| last != signer.public_key()) {
-            bail!("{}", still_signs("another process that serves the file is"));
+    // Before a key is made where one is missing.
+    let last = if others == Others::None { None } else { store.last_receipt_key().await? };
+    if last.is_some() && last != own_key(store)? {
+        match others {
+            Others::Serve => bail!("{}", still_signs("another process that serves the file is")),
+            Others::None | Others::MaySign => bail!(
+                "{} does not hold the key that receipts were signed with last. Put receipts.key back; if it was replaced on \
+                 purpose, start the service with the new one first, and no other process beside it",
+                store.secrets().folder().display()
+            ),
         }
     }
+    let signer = store.signer().context("cannot load the key that signs receipts")?;
     let before = store.note_receipt_key(&signer, now_ms()).await?;
     let public_key = signer.public_key();
     let notice = before.map(|before| {
@@ -89,6 +97,14 @@ pub async fn signing(store: &Store, replaces: bool, others: Others) -> anyhow::R
         )
     });
     Ok(Signing { signer: Some(signer), public_key, notice })
+}
+
+/// Returns the public key in the folder of secrets; none if there is none.
+fn own_key(store: &Store) -> anyhow::Result<Option<String>> {
+    let has_key = store.secrets().has_signer()?;
+    let key =
+        has_key.then(|| store.secrets().signer()).transpose().context("cannot load the key that signs receipts")?;
+    Ok(key.map(|key| key.public_key()))
 }
 
 /// Returns how many other nodes are connected to the server. It takes a moment to notice that one was killed.

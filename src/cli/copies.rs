@@ -63,10 +63,11 @@ pub fn back_up(args: &CopyArgs) -> anyhow::Result<ExitCode> {
     must_exist(database)?;
     args.database.name();
     let checksums = checksums_of(&args.file);
-    if checksums.exists() {
-        bail!("{} already exists: move it away, with the backup that it belongs to", checksums.display());
-    }
     let contents = copy_checked(database, &args.file)?;
+    // One that is left belongs to a backup that is no more.
+    if checksums.exists() {
+        std::fs::remove_file(&checksums).with_context(|| checksums.display().to_string())?;
+    }
     checksums::write(&checksums, &checksums::line(&args.file)?)?;
     if args.with_secrets {
         args.database.kept_secrets().copy_to(&Secrets::beside(&args.file))?;
@@ -161,7 +162,8 @@ pub fn export_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
     args.database.name();
     std::fs::create_dir_all(&args.folder).with_context(|| args.folder.display().to_string())?;
     let unfinished = args.folder.join(UNFINISHED);
-    for there in [&args.folder.join(CHECKSUMS), &unfinished] {
+    let lines = KINDS.iter().map(|kind| lines_file(&args.folder, kind));
+    for there in lines.chain([args.folder.join(CHECKSUMS), unfinished.clone()]) {
         if there.exists() {
             bail!("{} is there; export into a folder that holds no export yet", there.display());
         }

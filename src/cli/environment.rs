@@ -4,7 +4,7 @@
 use std::ffi::OsStr;
 
 use clap::builder::Resettable;
-use clap::error::{ContextKind, ContextValue};
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Arg, Command, CommandFactory as _, FromArgMatches as _};
 
 use super::Cli;
@@ -25,8 +25,14 @@ pub fn parse() -> Cli {
     known.build();
     let parsed = command.try_get_matches().and_then(|matches| Cli::from_arg_matches(&matches));
     parsed.unwrap_or_else(|error| {
-        let from = match error.get(ContextKind::InvalidArg) {
-            Some(ContextValue::String(argument)) => variable_of(&known, argument, &|name| value(name).is_some()),
+        if error.kind() == ErrorKind::DisplayHelp {
+            // With the names of the variables that are empty.
+            let _ = Cli::command().get_matches();
+        }
+        let from = match (error.get(ContextKind::InvalidArg), error.get(ContextKind::InvalidValue)) {
+            (Some(ContextValue::String(argument)), Some(ContextValue::String(wrong))) => {
+                variable_of(&known, argument, &|name| value(name).is_some_and(|value| value == **wrong))
+            }
             _ => None,
         };
         if let Some(name) = from {

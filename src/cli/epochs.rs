@@ -182,7 +182,7 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
     if store.epoch(&new.name).await?.is_some() {
         bail!("the epoch {:?} already exists", new.name);
     }
-    let signing = signing(store, false, Others::Unknown).await?;
+    let signing = signing(store, false, Others::MaySign).await?;
     if signing.signer.is_none() {
         bail!("{}", signing.notice.unwrap_or_default());
     }
@@ -307,7 +307,7 @@ async fn bring_round(store: &Store, name: &str, from: &str) -> anyhow::Result<()
         };
         files::json(std::path::Path::new(from)).with_context(what)?
     };
-    signing(store, false, Others::Unknown).await?;
+    signing(store, false, Others::MaySign).await?;
     let pool = publish_pool(store, &epoch, &round, now_ms()).await?;
     println!("{}", serde_json::to_string_pretty(&pool)?);
     Ok(())

@@ -33,13 +33,14 @@ pub fn run_until_stopped(
         // From here on, signals are recorded, even while the service starts.
         let mut interrupt = signal(SignalKind::interrupt())?;
         let mut terminate = signal(SignalKind::terminate())?;
-        let mut hangup = signal(SignalKind::hangup())?;
+        // `nohup` asks to go on.
+        let mut hangup = if ignores_hangup() { None } else { Some(signal(SignalKind::hangup())?) };
         let service = RunningService::start(config, metrics).await?;
         let beside = begin(&service).await?;
         tokio::select! {
             _ = interrupt.recv() => {}
             _ = terminate.recv() => {}
-            _ = hangup.recv() => {}
+            _ = async { hangup.as_mut().expect("the branch is off without it").recv().await }, if hangup.is_some() => {}
         }
         tracing::info!("stopping");
         if let Some(beside) = beside {
@@ -48,6 +49,15 @@ pub fn run_until_stopped(
         service.shut_down().await;
         Ok(ExitCode::SUCCESS)
     })
+}
+
+/// Returns whether the process was started with SIGHUP ignored.
+fn ignores_hangup() -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let mask = ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    // SIGHUP is the first signal.
+    mask.is_some_and(|mask| mask & 1 != 0)
 }
 
 /// Raises the limit on open files to the maximum that the system allows. Each connection is an open file, and the usual

@@ -230,7 +230,7 @@ async fn apply(store: &Store, id: &str) -> anyhow::Result<()> {
         bail!("{left_out} graded by other checks in the meantime; regrade again before applying");
     }
     // The actions on boards are signed with the key that the service signs with.
-    signing(store, false, Others::Unknown).await?;
+    signing(store, false, Others::MaySign).await?;
     match store.apply_regrade(id, &entry.suite.tasks, now_ms()).await? {
         Some(runs) => println!("applied; {} new results", agreeing(runs, "finished run has", "finished runs have")),
         None => bail!("the regrade is {}, not ready", regrade.state),

@@ -137,7 +137,7 @@ impl RunningService {
             Some(file) => serving_notice(file)?,
             None => (None, None),
         };
-        let others = if shared.is_some() { Others::Serve } else { Others::Unknown };
+        let others = if shared.is_some() { Others::Serve } else { Others::None };
         let Signing { signer, public_key, notice } = signing(&store, config.new_receipt_key, others).await?;
         let mut notices: Vec<String> = notice.into_iter().collect();
         if config.role == Role::WorkOnly && signer.is_none() {

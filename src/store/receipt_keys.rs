@@ -47,7 +47,7 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn other_nodes(&self) -> StoreResult<i64> {
         const OTHERS: &str = "SELECT COUNT(DISTINCT application_name) FROM pg_stat_activity
-                              WHERE datname = current_database() AND application_name LIKE 'plumbline%'
+                              WHERE datname = current_database() AND application_name ~ '^plumbline( [0-9a-f]{32})?$'
                               AND application_name <> current_setting('application_name')";
         query_scalar(OTHERS).fetch_one(&self.readers).await
     }

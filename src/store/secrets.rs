@@ -113,10 +113,11 @@ impl Secrets {
             let draft = self.file(&format!(".{name}.{}", uuid::Uuid::new_v4()));
             let _ = std::fs::remove_file(&draft);
             let mut file = std::fs::OpenOptions::new().write(true).create_new(true).mode(0o600).open(&draft)?;
-            // A command that root runs must not make files that the service cannot read.
-            let folder = std::fs::metadata(&self.folder)?;
-            if file.metadata()?.uid() != folder.uid() {
-                fchown(&file, Some(folder.uid()), Some(folder.gid()))?;
+            // A command that root runs should not make files that the service cannot read. Where root may not give files
+            // away, as on some network file systems, they stay root's.
+            if rustix::process::geteuid().is_root() {
+                let folder = std::fs::metadata(&self.folder)?;
+                let _ = fchown(&file, Some(folder.uid()), Some(folder.gid()));
             }
             // A link, unlike a rename, never replaces an existing file.
             let linked =

@@ -77,6 +77,9 @@ impl Scene {
 
     /// Ends the service and starts it again.
     pub fn restart(&mut self, dies_at: Option<&str>) {
+        // One that was to die may have done so.
+        let _ = self.service.process.kill();
+        let _ = self.service.process.wait();
         self.service = Self::serve(self.folder.path(), dies_at, self.publish_every, &self.options);
     }
 

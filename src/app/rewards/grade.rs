@@ -158,8 +158,8 @@ impl ReadRequest {
         let (mut sent, answer) = match work {
             GivenWork::Log(sent) => (sent, None),
             GivenWork::Answer(texts) => match log_in_texts(&texts, task.turns.len(), reads_code) {
-                Ok((sent, found)) => (sent, Some(AnswerBody { found, why: None })),
-                Err(why) => (nothing(task), Some(AnswerBody { found: Vec::new(), why: Some(why) })),
+                Ok((sent, answer)) => (sent, Some(answer)),
+                Err(why) => (nothing(task), Some(AnswerBody { why: Some(why), ..AnswerBody::default() })),
             },
         };
         sent.choose_profile(self.request.profile, Some(of_code));
@@ -173,13 +173,18 @@ const PREPARED_WITHIN: Duration = Duration::from_secs(LIMITS.request_seconds - 1
 
 /// Prepares something within the deadline that its sender asked for, or within what a request may take. Otherwise the
 /// request itself would run out of time, which says nothing of the reward.
-pub(super) async fn in_time<T>(asked: Option<Duration>, preparing: impl Future<Output = AppResult<T>>) -> AppResult<T> {
-    let most = asked.map_or(PREPARED_WITHIN, |asked| asked.min(PREPARED_WITHIN));
+pub async fn in_time<T>(asked: Option<Duration>, preparing: impl Future<Output = AppResult<T>>) -> AppResult<T> {
+    // What runs code says more of a deadline that it notices by itself.
+    let most = asked.map_or(PREPARED_WITHIN, |asked| (asked + Duration::from_secs(1)).min(PREPARED_WITHIN));
     tokio::time::timeout(most, preparing).await.unwrap_or_else(|_late| {
-        let waited = format!("action code waited and ran for {} s", most.as_secs_f64());
+        let waited = format!("action code waited and ran, for {} s", most.as_secs_f64());
         Err(match asked {
-            Some(_) => AppError::new(Kind::Deadline, format!("The deadline passed: {waited}.")).retry_after(1),
-            None => AppError::new(Kind::Busy, format!("The machine has too much to do: {waited}.")).retry_after(5),
+            Some(_) => AppError::new(Kind::Deadline, format!("The deadline passed while {waited}.")).retry_after(1),
+            None => AppError::new(
+                Kind::Busy,
+                format!("The machine has too much to do: {waited}. The request may be sent again."),
+            )
+            .retry_after(5),
         })
     })
 }

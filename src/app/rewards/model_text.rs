@@ -14,10 +14,22 @@ use plumbline_engine::voxel::{BlockLog, Profile};
 pub struct AnswerBody {
     /// Location of each answer that was used.
     pub found: Vec<FoundBody>,
+    /// Texts without an answer that can be used, whose turns are empty: as many texts as turns give one turn each.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub empty_turns: Vec<EmptyTurnBody>,
     /// Reason why nothing could be graded; then the reward is 0, and the model is responsible for it.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(example = "there is neither a block log as JSON nor action code in the answer")]
     pub why: Option<String>,
+}
+
+/// Text of a model that leaves its turn empty.
+#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
+pub struct EmptyTurnBody {
+    /// Number of the text, from 1.
+    pub text: usize,
+    /// Reason why it has no answer that can be used.
+    pub why: String,
 }
 
 /// Location and kind of an answer in the texts of a model.
@@ -54,7 +66,7 @@ pub enum FoundKind {
 ///
 /// # Errors
 /// Returns the reason if there is no such log.
-pub fn log_in_texts(texts: &[String], turns: usize, profile: Profile) -> Result<(SentLog, Vec<FoundBody>), String> {
+pub fn log_in_texts(texts: &[String], turns: usize, profile: Profile) -> Result<(SentLog, AnswerBody), String> {
     let read: Vec<(usize, Result<FoundAnswer, String>)> =
         (1..).zip(texts).map(|(place, text)| (place, read_as(profile, text))).collect();
     let mut found: Vec<(usize, &FoundAnswer)> =
@@ -67,7 +79,7 @@ pub fn log_in_texts(texts: &[String], turns: usize, profile: Profile) -> Result<
     let is_one = |found: &&(usize, &FoundAnswer)| found.1.sent.log.turns.len() == 1;
     if turns > 1 && texts.len() == turns && found.iter().all(|found| is_one(&found)) {
         // Each text belongs to a turn, which one without an answer leaves empty.
-        return one_for_each(turns, &found);
+        return one_for_each(&read);
     }
     if of_last == turns {
         found.drain(..found.len() - 1);
@@ -87,20 +99,27 @@ pub fn log_in_texts(texts: &[String], turns: usize, profile: Profile) -> Result<
         }
         sent.append(&answer.sent);
     }
-    Ok((sent, found.into_iter().map(|(place, answer)| FoundBody::of(place, answer)).collect()))
+    let found = found.into_iter().map(|(place, answer)| FoundBody::of(place, answer)).collect();
+    Ok((sent, AnswerBody { found, ..AnswerBody::default() }))
 }
 
-/// Puts the answers of texts together, each as the turn of its text.
-fn one_for_each(turns: usize, found: &[(usize, &FoundAnswer)]) -> Result<(SentLog, Vec<FoundBody>), String> {
-    refuse_files(found)?;
-    let mut sent = SentLog::default();
-    for turn in 1..=turns {
-        match found.iter().find(|(place, _)| *place == turn) {
-            Some((_, answer)) => sent.append(&answer.sent),
-            None => sent.append(&BlockLog { turns: vec![Vec::new()], ..BlockLog::default() }.into()),
+/// Puts the answers of texts together, each as the turn of its text; a text without one leaves its turn empty.
+fn one_for_each(read: &[(usize, Result<FoundAnswer, String>)]) -> Result<(SentLog, AnswerBody), String> {
+    let (mut sent, mut answer) = (SentLog::default(), AnswerBody::default());
+    for (place, read) in read {
+        match read {
+            Ok(found) => {
+                refuse_files(&[(*place, found)])?;
+                sent.append(&found.sent);
+                answer.found.push(FoundBody::of(*place, found));
+            }
+            Err(why) => {
+                sent.append(&BlockLog { turns: vec![Vec::new()], ..BlockLog::default() }.into());
+                answer.empty_turns.push(EmptyTurnBody { text: *place, why: why.clone() });
+            }
         }
     }
-    Ok((sent, found.iter().map(|(place, answer)| FoundBody::of(*place, answer)).collect()))
+    Ok((sent, answer))
 }
 
 /// Refuses structure files: they would let the model choose that its order is not checked.
@@ -141,15 +160,18 @@ fn read_as(profile: Profile, text: &str) -> Result<FoundAnswer, String> {
     Ok(FoundAnswer { sent: SentLog::of_code(code), kind: AnswerKind::Code, line, passed_over: 0, cut_off: None })
 }
 
-/// Returns whether a line of a text lies outside its fences, and what the fences enclose calls the functions of action
-/// code.
+/// Returns whether a line of a text lies outside its fences, and what the fences enclose is action code.
 fn is_beside_code(text: &str, line: usize) -> bool {
     let (shown, _) = without_thoughts(text);
-    let (Some(first), Some(last)) = (shown.find("```"), shown.rfind("```")) else { return false };
+    let (Some(first), Some(last)) = (shown.find(FENCE), shown.rfind(FENCE)) else { return false };
     let line_of = |at: usize| 1 + shown[..at].matches('\n').count();
     let is_outside = line < line_of(first) || line > line_of(last);
-    first < last && is_outside && CALLS.iter().any(|name| shown[first..last].contains(name))
+    let fenced = &shown[first..last + FENCE.len()];
+    is_outside && read_answer(fenced, LIMITS.log()).is_ok_and(|found| found.kind == AnswerKind::Code)
 }
+
+/// Marks around code.
+const FENCE: &str = "```";
 
 impl FoundBody {
     fn of(text: usize, answer: &FoundAnswer) -> Self {
@@ -169,7 +191,7 @@ mod tests {
         let texts: Vec<String> = texts.iter().map(|text| (*text).to_owned()).collect();
         log_in_texts(&texts, turns, Profile::Published).map(|(sent, found)| {
             assert_eq!(sent.log.turns.len(), turns);
-            found.iter().map(|found| found.text).collect()
+            found.found.iter().map(|found| found.text).collect()
         })
     }
 
@@ -202,6 +224,13 @@ mod tests {
         {
             assert_eq!(kind(&format!("{wall}{after}")), (AnswerKind::Code, 2), "{after}");
             assert_eq!(kind(&format!("{after}\n{wall}")), (AnswerKind::Code, 3), "{after}");
+        }
+        let log = r#"{"events": []}"#;
+        // What else a model puts between fences is no code.
+        for fenced in
+            ["text\n1. stand by the bot. 2. Raise a wall.", "python\nbot.place(1)", "\n  the edge of the world."]
+        {
+            assert_eq!(kind(&format!("Plan:\n```{fenced}\n```\n{log}")).0, AnswerKind::Log, "{fenced}");
         }
         // JSON in a fence is an answer of its own, and so is JSON alone.
         assert_eq!(kind(&format!("{wall}Or:\n```json\n{{\"events\": []}}\n```")).0, AnswerKind::Log);

@@ -34,7 +34,11 @@ const PATIENCE: Duration = Duration::from_secs(2);
 pub async fn get_metrics(State(state): State<AppState>) -> AppResult<impl IntoResponse> {
     // What the process counts is told also while the database is out of reach; what only the database knows is no number
     // then.
-    let found = tokio::time::timeout(PATIENCE, backlog(&state)).await.ok().and_then(Result::ok);
+    let found = tokio::time::timeout(PATIENCE, backlog(&state)).await;
+    if let Ok(Err(error)) = &found {
+        tracing::warn!(detail = error.detail(), "the metrics lack what the database knows");
+    }
+    let found = found.ok().and_then(Result::ok);
     let [open, oldest_s] =
         found.map_or([f64::NAN; 2], |Backlog { open, oldest_ms }| [open as f64, oldest_ms as f64 / 1_000.0]);
     metrics::gauge!("plumbline_database_up").set(if open.is_nan() { 0.0 } else { 1.0 });

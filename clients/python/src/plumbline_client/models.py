@@ -358,6 +358,24 @@ class EmbargoBody(BaseModel):
     """
 
 
+class EmptyTurnBody(BaseModel):
+    """
+    Text of a model that leaves its turn empty.
+    """
+
+    model_config = ConfigDict(
+        populate_by_name=True,
+    )
+    text: Annotated[int, Field(ge=0)]
+    """
+    Number of the text, from 1.
+    """
+    why: str
+    """
+    Reason why it has no answer that can be used.
+    """
+
+
 class EntryCounts(BaseModel):
     """
     Number of entries, by tier.
@@ -5341,6 +5359,10 @@ class AnswerBody(BaseModel):
     found: list[FoundBody]
     """
     Location of each answer that was used.
+    """
+    empty_turns: list[EmptyTurnBody] | None = None
+    """
+    Texts without an answer that can be used, whose turns are empty: as many texts as turns give one turn each.
     """
     why: Annotated[
         str | None,

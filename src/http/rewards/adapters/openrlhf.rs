@@ -15,6 +15,7 @@ use crate::actions::turn_replay::TurnReplay;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult, FaultBody, Kind};
 use crate::app::limits::LIMITS;
+use crate::app::rewards::grade::in_time;
 use crate::app::rewards::judge::judge;
 use crate::app::rewards::score::GradeBody;
 use crate::http::extract::body::{JsonBody, read_json};
@@ -137,9 +138,9 @@ pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: Jso
         }
     };
     // If the client disconnects, or the service fails on one sample, the work on the others ends with this request.
-    let judged: AppResult<Vec<Judged>> =
-        stream::iter(0..query.query.len()).map(judge_one).buffered(AT_ONCE).try_collect().await;
-    answer(judged?)
+    let judging = stream::iter(0..query.query.len()).map(judge_one).buffered(AT_ONCE).try_collect();
+    let judged: Vec<Judged> = in_time(None, judging).await.map_err(AppError::without_reward_where_ours)?;
+    answer(judged)
 }
 
 /// Added to the problem of an answer that may hold its prompt.
@@ -237,11 +238,11 @@ fn naming(label: &Value) -> AppResult<Map<String, Value>> {
             object.insert("reward".to_owned(), scheme);
         }
     }
-    let mut missing: Vec<&str> = OPTIONS.into_iter().filter(|option| !object.contains_key(*option)).collect();
-    if missing.contains(&"reward") {
-        missing.push("reward_scheme");
-    }
+    let missing: Vec<&str> = OPTIONS.into_iter().filter(|option| !object.contains_key(*option)).collect();
     let mut faults = Faults::new();
+    for key in object.keys().filter(|key| key.starts_with("reward_sche")) {
+        faults.add_at(key, "unknown; did you mean reward_scheme?");
+    }
     add_misspelt(&object, &missing, &mut faults);
     if !faults.is_empty() {
         return Err(AppError::faulty(faults));

@@ -60,10 +60,11 @@ enum Shown {
 impl EnclosedRooms {
     /// Returns the bounds in words, or `None` if there are none.
     fn wanted(&self) -> Option<String> {
-        let range = range_of_counts(self.min_rooms, self.max_rooms)?;
+        let least = range_of_counts(self.min_rooms, None);
         // Only a greatest number counts the spaces that nobody can enter.
-        let with_closed = if self.max_rooms.is_some() { ", closed spaces of that size included" } else { "" };
-        Some(format!("; required {range}{with_closed}"))
+        let most = self.max_rooms.map(|most| format!("at most {most} together with closed spaces as large as a room"));
+        let both: Vec<String> = [least, most].into_iter().flatten().collect();
+        (!both.is_empty()).then(|| format!("; required {}", both.join(", and ")))
     }
 }
 
