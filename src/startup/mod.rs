@@ -133,10 +133,7 @@ impl RunningService {
             lease: config.lease,
             deadline: Duration::from_secs(LIMITS.grading_seconds),
         };
-        let (serving, shared) = match config.database.file() {
-            Some(file) => serving_notice(file)?,
-            None => (None, None),
-        };
+        let (serving, shared) = serving_notice(config.database.file())?;
         let others = if shared.is_some() { Others::Serve } else { Others::None };
         let Signing { signer, public_key, notice } = signing(&store, config.new_receipt_key, others).await?;
         let mut notices: Vec<String> = notice.into_iter().collect();

@@ -45,11 +45,12 @@ pub(super) async fn notices_of_secrets(store: &Store) -> anyhow::Result<Vec<Stri
     Ok(exposed.into_iter().chain(undrawn).chain(unrevealed).collect())
 }
 
-/// Notes that this process serves a database; returns a notice for the operator if another process does so too.
+/// Notes that this process serves a database file, if it is one; returns a notice for the operator if another process does so too.
 ///
 /// # Errors
 /// Returns an error if another user made the lock file, so that this process could not tell others that it serves.
-pub(super) fn serving_notice(database: &Path) -> anyhow::Result<(Option<Serving>, Option<String>)> {
+pub(super) fn serving_notice(database: Option<&Path>) -> anyhow::Result<(Option<Serving>, Option<String>)> {
+    let Some(database) = database else { return Ok((None, None)) };
     Ok(match Serving::of(database) {
         Ok(serving) => {
             let notice = serving.is_shared.then(|| {

@@ -32,6 +32,37 @@ async fn finished_run(service: &Service, agent: &str) -> Value {
     service.wait_for(&format!("/v1/runs/{run}"), |run| run["state"] == "finished").await
 }
 
+/// Restores a backup with a byte that changed on the way, wherever it is.
+fn a_changed_byte_is_told(folder: &Path) {
+    let path = |name: &str| folder.join(name);
+    let mut bytes = std::fs::read(path("copy.db")).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    std::fs::write(path("changed.db"), bytes).unwrap();
+    std::fs::copy(path("copy.db.sha256"), path("changed.db.sha256")).unwrap();
+    let taken = plumbline("restore", &path("changed.db"), &path("changed"));
+    assert!(String::from_utf8_lossy(&taken.stderr).contains("was changed or cut off"), "{taken:?}");
+    assert!(!path("changed").exists());
+}
+
+/// Imports an export whose end is missing, and one that was not finished; then it is whole again.
+fn lost_lines_are_told(folder: &Path) {
+    let path = |name: &str| folder.join("lines").join(name);
+    let is_refused = |why: &str| {
+        let output = plumbline("import", &folder.join("lines"), &folder.join("imported.db"));
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success() && told.contains(why), "{told}");
+    };
+    let whole = std::fs::read_to_string(path("reports.ndjson")).unwrap();
+    let cut = whole.trim_end().rfind('\n').unwrap();
+    std::fs::write(path("reports.ndjson"), &whole[..=cut]).unwrap();
+    is_refused("reports.ndjson was changed or cut off");
+    std::fs::write(path("reports.ndjson"), &whole).unwrap();
+    std::fs::write(path("SHA256SUMS.unfinished"), "").unwrap();
+    is_refused("an export that was interrupted");
+    std::fs::remove_file(path("SHA256SUMS.unfinished")).unwrap();
+}
+
 #[tokio::test]
 async fn a_backup_of_a_running_service_restores_to_the_same_answers() {
     if crate::support::database::is_postgres() {
@@ -58,16 +89,7 @@ async fn a_backup_of_a_running_service_restores_to_the_same_answers() {
     assert!(String::from_utf8_lossy(&taken.stderr).contains("move it away first"), "nor a database");
     service.kill();
 
-    // A byte that changed on the way is told, wherever it is.
-    let mut bytes = std::fs::read(path("copy.db")).unwrap();
-    let middle = bytes.len() / 2;
-    bytes[middle] ^= 1;
-    std::fs::write(path("changed.db"), bytes).unwrap();
-    let checksum = std::fs::read_to_string(path("copy.db.sha256")).unwrap();
-    std::fs::write(path("changed.db.sha256"), checksum.replace("copy.db", "changed.db")).unwrap();
-    let taken = plumbline("restore", &path("changed.db"), &path("changed"));
-    assert!(String::from_utf8_lossy(&taken.stderr).contains("was changed or cut off"), "{taken:?}");
-    assert!(!path("changed").exists());
+    a_changed_byte_is_told(folder.path());
     succeeded(&plumbline("restore", &path("copy.db"), &path("restored.db")));
     let restored = Service::start(&path("restored.db"), &[]);
     assert_eq!(restored.get(&format!("/v1/runs/{id}")).await.json(), run);
@@ -102,19 +124,7 @@ async fn a_backup_of_a_running_service_restores_to_the_same_answers() {
 
     // And into an empty service, which then has the same boards; once, and whole or not at all.
     let imported = Service::start(&path("imported.db"), &[]);
-    let is_refused = |why: &str| {
-        let output = plumbline("import", &path("lines"), &path("imported.db"));
-        let told = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(!output.status.success() && told.contains(why), "{told}");
-    };
-    let whole = std::fs::read_to_string(path("lines/reports.ndjson")).unwrap();
-    let cut = whole.trim_end().rfind('\n').unwrap();
-    std::fs::write(path("lines/reports.ndjson"), &whole[..=cut]).unwrap();
-    is_refused("reports.ndjson was changed or cut off");
-    std::fs::write(path("lines/reports.ndjson"), &whole).unwrap();
-    std::fs::write(path("lines/SHA256SUMS.unfinished"), "").unwrap();
-    is_refused("an export that was interrupted");
-    std::fs::remove_file(path("lines/SHA256SUMS.unfinished")).unwrap();
+    lost_lines_are_told(folder.path());
     let told = succeeded(&plumbline("import", &path("lines"), &path("imported.db")));
     assert!(told.contains(&format!("runs: {}", runs.len())), "{told}");
     for suite in ["mineceraft", "mineceraft-lite"] {

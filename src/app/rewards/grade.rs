@@ -129,7 +129,8 @@ impl ReadRequest {
             return found.prepare(app, who).await;
         }
         let _permit = place(app, who)?;
-        in_time(found.request.for_code, found.prepare(app, who)).await
+        // Most requests have no code, and need not carry the room for it.
+        Box::pin(in_time(found.request.for_code, found.prepare(app, who))).await
     }
 
     /// Returns the deadline that the request asks for, if it does.
@@ -173,6 +174,9 @@ const PREPARED_WITHIN: Duration = Duration::from_secs(LIMITS.request_seconds - 1
 
 /// Prepares something within the deadline that its sender asked for, or within what a request may take. Otherwise the
 /// request itself would run out of time, which says nothing of the reward.
+///
+/// # Errors
+/// Returns the errors of the preparation, 504 if the deadline passes, and 503 if the request would run out of time.
 pub async fn in_time<T>(asked: Option<Duration>, preparing: impl Future<Output = AppResult<T>>) -> AppResult<T> {
     // What runs code says more of a deadline that it notices by itself.
     let most = asked.map_or(PREPARED_WITHIN, |asked| (asked + Duration::from_secs(1)).min(PREPARED_WITHIN));
