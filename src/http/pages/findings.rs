@@ -2,7 +2,8 @@
 
 use serde_json::Value;
 
-use super::claims::{Args, claim, pascals, plain, range, sentence};
+use super::arguments::{Args, plain, range};
+use super::claims::{claim, pascals, sentence};
 use plumbline_engine::grading::advisory::Advisory;
 use plumbline_engine::grading::report::{CheckReport, TurnReport};
 use plumbline_engine::text::counted;

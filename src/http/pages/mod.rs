@@ -3,6 +3,7 @@
 
 mod about;
 mod agent;
+mod arguments;
 pub mod assets;
 mod board;
 mod board_links;
