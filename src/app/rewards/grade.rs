@@ -7,6 +7,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::given_task::GivenTask;
 use super::grader::{Deadline, Graded, Until};
+use super::in_time::in_time;
 use super::model_text::{AnswerBody, log_in_texts};
 use super::named_task::NamedTask;
 use super::reading::read_request;
@@ -16,7 +17,7 @@ use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::aside::aside;
 use crate::app::catalogue::suites::no_suite;
-use crate::app::error::{AppError, AppResult, Kind};
+use crate::app::error::{AppError, AppResult};
 use crate::app::event_budget::EventBudget;
 use crate::app::limits::LIMITS;
 use crate::app::replay::{place, run_sent};
@@ -167,30 +168,6 @@ impl ReadRequest {
         let Self { request, given, begun } = self;
         Ok(Found { request, given, sent, answer, not_measured: Vec::new(), begun })
     }
-}
-
-/// Time for which a request may be prepared: enough of the time for the request is left to grade it and to answer.
-const PREPARED_WITHIN: Duration = Duration::from_secs(LIMITS.request_seconds - 10);
-
-/// Prepares something within the deadline that its sender asked for, or within what a request may take. Otherwise the
-/// request itself would run out of time, which says nothing of the reward.
-///
-/// # Errors
-/// Returns the errors of the preparation, 504 if the deadline passes, and 503 if the request would run out of time.
-pub async fn in_time<T>(asked: Option<Duration>, preparing: impl Future<Output = AppResult<T>>) -> AppResult<T> {
-    // What runs code says more of a deadline that it notices by itself.
-    let most = asked.map_or(PREPARED_WITHIN, |asked| (asked + Duration::from_secs(1)).min(PREPARED_WITHIN));
-    tokio::time::timeout(most, preparing).await.unwrap_or_else(|_late| {
-        let waited = format!("action code waited and ran, for {} s", most.as_secs_f64());
-        Err(match asked {
-            Some(_) => AppError::new(Kind::Deadline, format!("The deadline passed while {waited}.")).retry_after(1),
-            None => AppError::new(
-                Kind::Busy,
-                format!("The machine has too much to do: {waited}. The request may be sent again."),
-            )
-            .retry_after(5),
-        })
-    })
 }
 
 /// Maximum number of events of a log that is processed on the thread that serves its request.

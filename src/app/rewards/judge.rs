@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use serde_json::{Map, Value};
 
-use super::grade::{ReadRequest, in_time};
+use super::grade::ReadRequest;
+use super::in_time::in_time;
 use super::score::GradeBody;
 use crate::app::App;
 use crate::app::error::{AppError, AppResult};

@@ -3,6 +3,7 @@
 pub mod given_task;
 pub mod grade;
 pub mod grader;
+pub mod in_time;
 pub mod judge;
 pub mod model_text;
 pub mod named_task;

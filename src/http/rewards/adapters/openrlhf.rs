@@ -15,7 +15,7 @@ use crate::actions::turn_replay::TurnReplay;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult, FaultBody, Kind};
 use crate::app::limits::LIMITS;
-use crate::app::rewards::grade::in_time;
+use crate::app::rewards::in_time::in_time;
 use crate::app::rewards::judge::judge;
 use crate::app::rewards::score::GradeBody;
 use crate::http::extract::body::{JsonBody, read_json};
