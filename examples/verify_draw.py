@@ -56,7 +56,8 @@ def verify(key, alpha, pi):
 def check(draw, epoch):
     draw, commitment = draw.get("draw", draw), epoch.get("commitment", epoch)
     if draw["epoch"] != commitment["epoch"]:
-        raise ValueError("they are of different epochs")
+        print(f"the draw is of the epoch {draw['epoch']!r}, and the commitment of {commitment['epoch']!r}", file=sys.stderr)
+        sys.exit(2)
     if type(draw["run"]) is not int:
         return False
     alpha = "\n".join(["plumbline draw", draw["epoch"], draw["entry"], str(draw["run"]), draw["nonce"]]).encode()

@@ -56,7 +56,7 @@ fn difference(job: &Job, limits: &ActionLimits, answer: &Answer) -> Option<(usiz
                             without_fences(file).trim_start().trim_start_matches('(').starts_with("async");
                         let hint = if error.message.starts_with("SyntaxError") && file.contains("await") && !is_function
                         {
-                            " (published takes one function, `async (bot) => { … }`, and no await outside it)"
+                            " (published takes a function, such as `async (bot) => { … }`, and no await outside of one)"
                         } else {
                             ""
                         };

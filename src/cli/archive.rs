@@ -115,8 +115,8 @@ fn tell_of_witnesses(archive: &Archive) {
     let witnesses = archive.witnesses["witnesses"].as_array().map(Vec::as_slice).unwrap_or_default();
     if witnesses.is_empty() {
         println!(
-            "NOTE    no witness has cosigned the log, so only the operator vouches for it: `plumbline witness` makes one, and its \
-             key goes to the operator"
+            "NOTE    no witness has cosigned the log, so only the operator vouches for it: somebody else may run `plumbline \
+             witness`, and the operator adds its key (`serve --witness`)"
         );
     }
     for witness in witnesses {
@@ -126,7 +126,8 @@ fn tell_of_witnesses(archive: &Archive) {
             None => println!("NOTE    {name}: has cosigned nothing yet; {then}"),
             Some(size) if size < needed => {
                 println!(
-                    "NOTE    {name}: has cosigned {size} entries of the log, and the epoch needs {needed}; {then}"
+                    "NOTE    {name}: has cosigned {}, and the epoch needs {needed}; {then}",
+                    agreeing(size, "entry of the log", "entries of the log")
                 );
             }
             Some(_) => {}

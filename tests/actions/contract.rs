@@ -122,7 +122,7 @@ fn what_published_would_have_built_otherwise_is_told() {
         let found = told(&code);
         assert!(found.contains(&format!("{marker}: {cells}")), "{code}: {found}");
     }
-    assert!(told(place).contains("published takes one function, `async (bot) => { … }`"), "{}", told(place));
+    assert!(told(place).contains("published takes a function, such as `async (bot) => { … }`"), "{}", told(place));
 }
 
 /// Containers may not find out whether a process has one thread, which is asked before it forks.
