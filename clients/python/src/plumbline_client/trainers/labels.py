@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ..refused import clean
@@ -15,7 +15,7 @@ SCHEMES = ("reward", "scheme", "reward_scheme")
 """Names under which data sets have the reward's scheme."""
 
 
-def request(label: object, texts: list[str | None]) -> dict[str, Any]:
+def request(label: object, texts: Sequence[str | None]) -> dict[str, Any]:
     """Returns the request to grade a model's texts for a label.
 
     A label is a task's id or number, or JSON (or a mapping) with `task` and, if wanted, `suite`, `profile` and `reward`;
