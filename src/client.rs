@@ -1,6 +1,6 @@
 //! HTTP client of services, which commands and the demo agents use.
 
-use std::collections::{BTreeSet, HashSet};
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 use anyhow::{Context as _, bail};
@@ -130,16 +130,8 @@ impl Service {
     ///
     /// # Errors
     /// Returns an error if the service cannot be reached or rejects a request.
-    pub async fn task_numbers(&self, suite: &str) -> anyhow::Result<HashSet<u32>> {
-        let mut numbers = HashSet::new();
-        let mut after = Value::from(0);
-        while !after.is_null() {
-            let page = self.get(&format!("/v1/tasks?suite={suite}&limit=1000&after={after}")).await?;
-            let tasks = page["tasks"].as_array().into_iter().flatten();
-            numbers.extend(tasks.filter_map(|task| task["number"].as_u64()).filter_map(|n| u32::try_from(n).ok()));
-            after = page["next_after"].clone();
-        }
-        Ok(numbers)
+    pub async fn task_numbers(&self, suite: &str) -> anyhow::Result<BTreeSet<u32>> {
+        self.numbers(&format!("/v1/tasks?suite={suite}"), "tasks").await
     }
 
     /// Gets the numbers of the tasks that a run has answers to.
@@ -147,13 +139,17 @@ impl Service {
     /// # Errors
     /// Returns an error if the service cannot be reached or rejects a request.
     pub async fn answered(&self, run: &str) -> anyhow::Result<BTreeSet<u32>> {
+        self.numbers(&format!("/v1/runs/{run}/submissions?"), "submissions").await
+    }
+
+    /// Gets the numbers of all items of a list that comes in pages.
+    async fn numbers(&self, path: &str, list: &str) -> anyhow::Result<BTreeSet<u32>> {
         let mut numbers = BTreeSet::new();
         let mut after = Value::from(0);
         while !after.is_null() {
-            let page = self.get(&format!("/v1/runs/{run}/submissions?limit=1000&after={after}")).await?;
-            let own = page["submissions"].as_array().into_iter().flatten();
-            let own = own.filter_map(|own| own["number"].as_u64());
-            numbers.extend(own.filter_map(|number| u32::try_from(number).ok()));
+            let page = self.get(&format!("{path}&limit=1000&after={after}")).await?;
+            let items = page[list].as_array().into_iter().flatten().filter_map(|item| item["number"].as_u64());
+            numbers.extend(items.filter_map(|number| u32::try_from(number).ok()));
             after = page["next_after"].clone();
         }
         Ok(numbers)

@@ -22,8 +22,7 @@ use plumbline_engine::voxel::terrain::MAX_EXTENT;
 pub struct Limits {
     /// Bytes of a request body after decompression.
     pub body_bytes: usize,
-    /// Bytes of all bodies that are being read at the same time; a request beyond that is refused with 503 and may be
-    /// retried.
+    /// Bytes of all bodies that are being read at the same time; a request beyond that is refused with 503.
     pub bodies_in_memory_bytes: usize,
     /// Bytes of a form of the pages, and of a note with cosignatures.
     pub form_bytes: usize,
@@ -153,6 +152,8 @@ pub struct Limits {
     pub grade_default_deadline_ms: u64,
     /// Longest deadline that a request may set, in milliseconds.
     pub grade_max_deadline_ms: u64,
+    /// Seconds for which action code of a request to grade may wait and run, but for batches; then it is refused with 503.
+    pub grade_code_seconds: u64,
     /// Bytes of memory for the cache of results of `/v1/grade`, by log and task, unless `serve` sets another limit.
     pub grade_cache_bytes: usize,
     /// Bytes in the action code of a turn.
@@ -329,6 +330,7 @@ pub const LIMITS: Limits = Limits {
     grades_waiting_per_sender: 16_384,
     grade_default_deadline_ms: 10_000,
     grade_max_deadline_ms: 50_000,
+    grade_code_seconds: 50,
     grade_cache_bytes: 64 << 20,
     action_code_bytes: ACTION_LIMITS.code_bytes,
     action_files: MAX_FILES,

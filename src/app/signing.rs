@@ -52,7 +52,7 @@ pub async fn signing(store: &Store, replaces: bool, others: Others) -> anyhow::R
             }
         }
         if !store.secrets().has_signer()? {
-            if let Some(public_key) = held.clone().filter(|_| !replaces) {
+            if let Some(public_key) = held.filter(|_| !replaces) {
                 let notice = format!(
                     "this node lacks the secrets of the service: it grades no submissions, issues no hidden \
                      instances, and takes no actions on boards. Share the folder of another node, which holds receipts.key, as {folder} (--secrets). If no \

@@ -63,11 +63,11 @@ pub fn back_up(args: &CopyArgs) -> anyhow::Result<ExitCode> {
     must_exist(database)?;
     args.database.name();
     let checksums = checksums_of(&args.file);
-    let contents = copy_checked(database, &args.file)?;
-    // One that is left belongs to a backup that is no more.
-    if checksums.exists() {
+    // One without its backup is left of a backup that is no more, and would belie the new one.
+    if checksums.exists() && !args.file.exists() {
         std::fs::remove_file(&checksums).with_context(|| checksums.display().to_string())?;
     }
+    let contents = copy_checked(database, &args.file)?;
     checksums::write(&checksums, &checksums::line(&args.file)?)?;
     if args.with_secrets {
         args.database.kept_secrets().copy_to(&Secrets::beside(&args.file))?;

@@ -101,7 +101,11 @@ pub fn run(code: &str, limits: &ActionLimits, peak: &PeakMemory) -> Replayed {
     let dropped =
         recorder.dropped.into_iter().map(|(reason, count)| Dropped { reason: reason.to_owned(), count }).collect();
     let error_or_unheard = error.is_some() || !unheard.is_empty();
-    let mut notes = if recorder.unreadable { script.hints(is_body_of_async(&sandbox, &script)) } else { Vec::new() };
+    let mut notes = if recorder.unreadable {
+        script.hints(script.text.contains("await") && is_body_of_async(&sandbox, &script))
+    } else {
+        Vec::new()
+    };
     notes.extend(null_noted(code).map(str::to_owned));
     if events == 0 && !error_or_unheard && stopped.is_none() {
         notes.push(nothing_recorded(recorder.has_main, &recorder.functions));

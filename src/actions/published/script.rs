@@ -41,11 +41,11 @@ impl Script {
         Self { text, exported: Some(NAMELESS.to_owned()) }
     }
 
-    /// Returns hints for the author of code that is not JavaScript; `is_body_of_async` says that it could be read as the
-    /// body of an async function.
-    pub fn hints(&self, is_body_of_async: bool) -> Vec<String> {
+    /// Returns hints for the author of code that is not JavaScript; `lacks_async` says that it awaits, and could be read as
+    /// the body of an async function.
+    pub fn hints(&self, lacks_async: bool) -> Vec<String> {
         let mut hints = Vec::new();
-        if is_body_of_async && self.text.contains("await") {
+        if lacks_async {
             hints.push("await is only valid in async functions: wrap the code in (async (bot) => { … })".to_owned());
         }
         let is_of_module = |line: &str| {

@@ -134,12 +134,6 @@ impl ReadRequest {
         Box::pin(in_time(found.request.for_code, found.prepare(app, who))).await
     }
 
-    /// Returns the deadline that the request asks for, if it does.
-    #[must_use]
-    pub const fn asked(&self) -> Option<Duration> {
-        self.request.for_code
-    }
-
     /// Prepares one of many requests, which share a slot.
     ///
     /// # Errors

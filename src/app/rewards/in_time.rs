@@ -5,8 +5,8 @@ use std::time::Duration;
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::limits::LIMITS;
 
-/// Time for which a request may be prepared: enough of the time for the request is left to grade it and to answer.
-const PREPARED_WITHIN: Duration = Duration::from_secs(LIMITS.request_seconds - 10);
+/// Time for which a request may be prepared: enough of its time is left to grade and to answer.
+const PREPARED_WITHIN: Duration = Duration::from_secs(LIMITS.grade_code_seconds);
 
 /// Prepares something within the deadline that its sender asked for, or within what a request may take. Otherwise the
 /// request itself would run out of time, which says nothing of the reward.

@@ -25,7 +25,7 @@ pub async fn judge(
     texts: Vec<String>,
 ) -> AppResult<GradeBody> {
     let request = ReadRequest::read(request(naming).as_bytes(), catalogue)?.about(texts);
-    let prepared = in_time(request.asked(), request.prepare_in_turn(app, who)).await;
+    let prepared = in_time(None, request.prepare_in_turn(app, who)).await;
     let prepared = prepared.map_err(AppError::without_reward_where_ours)?;
     prepared.grade_in_turn(app, who).await
 }

@@ -76,8 +76,8 @@ pub fn log_in_texts(texts: &[String], turns: usize, profile: Profile) -> Result<
         return Err(why.cloned().unwrap_or_else(|| "the model wrote nothing".to_owned()));
     };
     let of_last = last.sent.log.turns.len();
-    let is_one = |found: &&(usize, &FoundAnswer)| found.1.sent.log.turns.len() == 1;
-    if turns > 1 && texts.len() == turns && found.iter().all(|found| is_one(&found)) {
+    let are_turns = found.iter().all(|(_, answer)| answer.sent.log.turns.len() == 1);
+    if turns > 1 && texts.len() == turns && are_turns {
         // Each text belongs to a turn, which one without an answer leaves empty.
         return one_for_each(&read);
     }

@@ -880,8 +880,7 @@ class Limits(BaseModel):
     """
     bodies_in_memory_bytes: Annotated[int, Field(ge=0)]
     """
-    Bytes of all bodies that are being read at the same time; a request beyond that is refused with 503 and may be
-    retried.
+    Bytes of all bodies that are being read at the same time; a request beyond that is refused with 503.
     """
     form_bytes: Annotated[int, Field(ge=0)]
     """
@@ -1136,6 +1135,10 @@ class Limits(BaseModel):
     grade_max_deadline_ms: Annotated[int, Field(ge=0)]
     """
     Longest deadline that a request may set, in milliseconds.
+    """
+    grade_code_seconds: Annotated[int, Field(ge=0)]
+    """
+    Seconds for which action code of a request to grade may wait and run, but for batches; then it is refused with 503.
     """
     grade_cache_bytes: Annotated[int, Field(ge=0)]
     """
