@@ -39,6 +39,40 @@ async fn thoughts_do_not_count_towards_the_size_of_code() {
     assert!(two["answer"]["why"].as_str().unwrap().contains("also what stands between fences"), "{two}");
 }
 
+/// Output of a model as it was decoded, with the thoughts and the tokens of its family, is read like the answer alone.
+#[tokio::test]
+async fn raw_output_of_every_family_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = service(&folder);
+    let wrong = "```js\nawait skills.placeBlock(bot, 'dirt', 9, 0, 9);\n```\nNo, not at [9]: again.";
+    let families = [
+        ("<think>", "</think>", "<|im_end|>"),
+        ("", "</think>", "<|im_end|>\n<|endoftext|>"),
+        ("[THINK]", "[/THINK]", "</s>"),
+        ("◁think▷", "◁/think▷", "<|im_end|>"),
+        ("<|START_THINKING|>", "<|END_THINKING|>", ""),
+        ("<|channel>thought\n", "<channel|>", "<turn|>"),
+        (
+            "<|channel|>analysis<|message|>",
+            "<|end|><|start|>assistant<|channel|>commentary<|message|>Plan.<|end|><|start|>assistant<|channel|>final<|message|>",
+            "<|return|>",
+        ),
+        ("analysis", "assistantfinal", ""),
+        ("", "<|channel|>final <|constrain|>json<|message|>", "<|return|>"),
+    ];
+    for (opening, closing, end) in families {
+        let script = format!("(async (bot) => {{\n{WALL}\n}})");
+        for (suite, code) in [("mineceraft@2", script.as_str()), ("mineceraft@3", WALL)] {
+            for answer in [format!("```js\n{code}\n```"), wall_log(), format!("\n{code}")] {
+                let text = format!("{opening}{wrong}{closing}{answer}{end}");
+                let body = json!({ "task": "walls/5x1x5-raise", "suite": suite, "answer": text });
+                let graded = service.post_json("/v1/grade", &body).await.json();
+                assert_eq!(graded["reward"], 1.0, "{suite} {text}: {graded}");
+            }
+        }
+    }
+}
+
 /// What stands beside a fence, or in its place, explains why code fails; where the code builds, nothing is said.
 #[tokio::test]
 async fn what_surrounds_code_explains_why_it_fails() {

@@ -1,13 +1,39 @@
-//! Removal of a model's thoughts, which are not part of its answer.
+//! Removal of what a model's raw output holds beside its answer: its thoughts, and tokens that end a message.
 
-/// Names of the tags that enclose thoughts.
-const TAGS: [&str; 5] = ["think", "thinking", "thought", "reasoning", "scratchpad"];
+/// Names of the tags that enclose thoughts, as in `<think>` and `</think>`, in any letter case.
+const TAGS: [&str; 7] = ["think", "thinking", "thought", "reasoning", "scratchpad", "seed:think", "longcat_think"];
 
 /// Length in bytes of the longest tag name.
-const LONGEST: usize = 10;
+const LONGEST: usize = 13;
 
-/// Replaces thinking tags and the thoughts between them with spaces, which keeps line numbers and byte offsets, and
-/// also returns whether the text ends inside a thought.
+/// Tokens that enclose thoughts in the raw output of a family of models: the opening one and the closing one.
+const TOKENS: [(&str, &str); 6] = [
+    // Mistral.
+    ("[THINK]", "[/THINK]"),
+    // Kimi.
+    ("◁think▷", "◁/think▷"),
+    // Cohere.
+    ("<|START_THINKING|>", "<|END_THINKING|>"),
+    // OpenThinker.
+    ("<|begin_of_thought|>", "<|end_of_thought|>"),
+    // Apertus.
+    ("<|inner_prefix|>", "<|inner_suffix|>"),
+    // Gemma.
+    ("<|channel>", "<channel|>"),
+];
+
+/// Token of gpt-oss (the Harmony format) that begins the name of a channel. The answer is in the channel `final`.
+const CHANNEL: &str = "<|channel|>";
+/// Token of Harmony between the head of a message and its text.
+const MESSAGE: &str = "<|message|>";
+/// Most bytes of the head of a Harmony message, which may name a recipient and a format.
+const LONGEST_HEAD: usize = 200;
+
+/// Tokens without bars that end a message; those with bars have the form `<|name|>`.
+const END_TOKENS: [&str; 3] = ["</s>", "<end_of_turn>", "<turn|>"];
+
+/// Replaces thinking tags, the thoughts between them and the end tokens of the text with spaces, which keeps line numbers
+/// and byte offsets, and also returns whether the text ends inside a thought.
 ///
 /// An unclosed tag extends to the end of the text. Everything before a closing tag without an opening one is a thought,
 /// because some templates put the opening tag into the prompt.
@@ -41,11 +67,27 @@ fn blanked(text: &str) -> (String, Option<Tag>) {
         }
     }
     blank(0, stray);
+    blank(without_end_tokens(text).len(), text.len());
     if let Some(open) = &opened {
         blank(open.begin, text.len());
     }
     // Each byte of a blanked character became a space, so the text is still valid UTF-8.
     (String::from_utf8_lossy(&shown).into_owned(), opened)
+}
+
+/// Returns the text without the tokens that end it, such as `<|im_end|>`.
+fn without_end_tokens(text: &str) -> &str {
+    let rest = text.trim_end();
+    let name_at = rest.strip_suffix("|>").and_then(|rest| rest.rfind("<|"));
+    let is_name =
+        |name: &str| !name.is_empty() && name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_');
+    if let Some(at) = name_at.filter(|at| is_name(&rest[at + "<|".len()..rest.len() - "|>".len()])) {
+        return without_end_tokens(&rest[..at]);
+    }
+    match END_TOKENS.iter().find_map(|token| rest.strip_suffix(token)) {
+        Some(rest) => without_end_tokens(rest),
+        None => text,
+    }
 }
 
 /// Removes thinking tags and the thoughts between them. Lines keep their numbers; what is left of a line with a thought
@@ -73,14 +115,50 @@ struct Tag {
     is_closing: bool,
 }
 
+/// Returns the tags and tokens that open or close a thought, in order.
 fn tags(text: &str) -> impl Iterator<Item = Tag> {
-    text.match_indices('<').filter_map(|(begin, _)| {
-        let rest = &text[begin + 1..];
-        let (is_closing, name) = rest.strip_prefix('/').map_or((false, rest), |name| (true, name));
-        let length = name.bytes().take(LONGEST + 1).position(|byte| byte == b'>')?;
-        let is_one = TAGS.iter().any(|tag| name[..length].eq_ignore_ascii_case(tag));
-        is_one.then(|| Tag { begin, end: begin + 1 + usize::from(is_closing) + length + 1, is_closing })
+    let bare = bare_final(text).map(|end| Tag { begin: 0, end, is_closing: true });
+    let marked = text.match_indices(['<', '[', '◁']).filter_map(|(begin, _)| {
+        let rest = &text[begin..];
+        let (length, is_closing) = named(rest).or_else(|| token(rest)).or_else(|| channel(rest))?;
+        Some(Tag { begin, end: begin + length, is_closing })
+    });
+    bare.into_iter().chain(marked)
+}
+
+/// Returns the length of the tag of [`TAGS`] that a text begins with, and whether it closes.
+fn named(text: &str) -> Option<(usize, bool)> {
+    let rest = text.strip_prefix('<')?;
+    let (is_closing, name) = rest.strip_prefix('/').map_or((false, rest), |name| (true, name));
+    let length = name.bytes().take(LONGEST + 1).position(|byte| byte == b'>')?;
+    let is_one = TAGS.iter().any(|tag| name[..length].eq_ignore_ascii_case(tag));
+    is_one.then(|| (text.len() - name.len() + length + 1, is_closing))
+}
+
+/// Returns the length of the token of [`TOKENS`] that a text begins with, and whether it closes.
+fn token(text: &str) -> Option<(usize, bool)> {
+    TOKENS.iter().find_map(|(opening, closing)| {
+        let length = |token: &str| text.starts_with(token).then_some(token.len());
+        length(opening).map(|length| (length, false)).or_else(|| length(closing).map(|length| (length, true)))
     })
+}
+
+/// Returns the length of the head of a Harmony message that a text begins with, and whether it closes the thoughts, which
+/// that of the channel `final` does.
+fn channel(text: &str) -> Option<(usize, bool)> {
+    let name = text.strip_prefix(CHANNEL)?;
+    let is_final = name.starts_with("final");
+    let head = name.find(MESSAGE).filter(|length| *length <= LONGEST_HEAD);
+    let length = head.map_or(if is_final { "final".len() } else { 0 }, |length| length + MESSAGE.len());
+    Some((CHANNEL.len() + length, is_final))
+}
+
+/// Returns where the answer begins in Harmony output that was decoded without its tokens, which leaves
+/// `analysis…assistantfinal…`.
+fn bare_final(text: &str) -> Option<usize> {
+    const FINAL: &str = "assistantfinal";
+    let is_harmony = text.trim_start().starts_with("analysis");
+    is_harmony.then(|| text.rfind(FINAL)).flatten().map(|at| at + FINAL.len())
 }
 
 #[cfg(test)]
@@ -102,6 +180,24 @@ mod tests {
             ("a <reasoning>never ends", ("a", true)),
             ("a <think>b</think> c</think>d", ("d", false)),
             ("1 < 2 and <b>bold</b>", ("1 < 2 and <b>bold</b>", false)),
+            ("[THINK]a [0][/THINK]b [1]", ("b [1]", false)),
+            ("a◁/think▷b ◁think▷c", ("b", true)),
+            ("<seed:think>a</seed:think>b", ("b", false)),
+            ("a</longcat_think>b", ("b", false)),
+            ("<|START_THINKING|>a<|END_THINKING|><|START_RESPONSE|>b<|END_RESPONSE|>", ("<|START_RESPONSE|>b", false)),
+            ("<|channel>thought\na<channel|>b<turn|>", ("b", false)),
+            (
+                "<|channel|>analysis<|message|>a<|end|><|start|>assistant<|channel|>final<|message|>b<|return|>",
+                ("b", false),
+            ),
+            ("<|channel|>commentary to=f <|constrain|>json<|message|>{}<|call|>", ("", true)),
+            ("<|channel|>final <|constrain|>json<|message|>{}", ("{}", false)),
+            ("analysisWe build.assistantfinalb", ("b", false)),
+            ("the analysis of assistantfinal", ("the analysis of assistantfinal", false)),
+            ("b\n```<|im_end|>\n", ("b ```", false)),
+            ("b</s><|eot_id|>", ("b", false)),
+            ("a <|b c|>", ("a <|b c|>", false)),
+            ("a || b |> c", ("a || b |> c", false)),
         ] {
             assert_eq!(shown(text), (expected.0.to_owned(), expected.1), "{text}");
         }
