@@ -124,7 +124,11 @@ fn read_file(file: &Path, cases: &mut Vec<Case>) -> anyhow::Result<()> {
         return read_run(file, &text, cases);
     }
     for (number, line) in (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty()) {
-        let case = vectors::read_line(line).with_context(|| format!("line {number}"))?;
+        // A line that cannot be read does not hide the others.
+        let case = vectors::read_line(line).unwrap_or_else(|error| Case::Unreadable {
+            id: format!("{}, line {number}", file.display()),
+            fault: format!("{error:#}"),
+        });
         cases.push(case);
     }
     Ok(())

@@ -30,10 +30,14 @@ fn a_wrong_vector_is_a_mismatch() {
     let vectors = std::fs::read_to_string(repository("tests/conformance/checks.jsonl")).unwrap();
     let first = vectors.lines().next().unwrap();
     assert!(first.contains("\"expected\":1"), "{first}");
-    std::fs::write(&file, first.replace("\"expected\":1", "\"expected\":0")).unwrap();
+    let wrong = first.replace("\"expected\":1", "\"expected\":0");
+    let unread = first.replace("\"args\":{", "\"args\":{\"cnt_\":1,");
+    std::fs::write(&file, format!("{wrong}\n{unread}\n{first}\n")).unwrap();
     let output = run(&["conformance", file.to_str().unwrap()]);
     assert_eq!(output.status.code(), Some(1));
-    assert!(text(&output.stdout).contains("MISMATCH s-material.is_block_cnt_equal_to-001"));
+    let told = text(&output.stdout);
+    assert!(told.contains("MISMATCH s-material.is_block_cnt_equal_to-001"), "{told}");
+    assert!(told.contains("wrong.jsonl, line 2: ") && told.contains("3 cases, 2 mismatches"), "{told}");
 }
 
 /// Compares numbers of a part of a summary: counts exactly, means within a tolerance.

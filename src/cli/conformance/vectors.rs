@@ -47,6 +47,8 @@ pub enum Case {
     Run { id: String, problems: Vec<RecordedProblem>, expected: Value },
     /// A task file that must be accepted.
     TaskFile { name: String, text: String },
+    /// A line that holds no vector, or one that does not fit its check.
+    Unreadable { id: String, fault: String },
 }
 
 /// Expected result of a stress simulation.
@@ -147,6 +149,7 @@ impl Case {
             Self::Merge { .. } => "merge",
             Self::Run { .. } => "run",
             Self::TaskFile { .. } => "tasks",
+            Self::Unreadable { .. } => "unreadable",
         }
     }
 
@@ -154,7 +157,11 @@ impl Case {
     #[must_use]
     pub fn id(&self) -> &str {
         match self {
-            Self::Check { id, .. } | Self::Merge { id, .. } | Self::Structure { id, .. } | Self::Run { id, .. } => id,
+            Self::Check { id, .. }
+            | Self::Merge { id, .. }
+            | Self::Structure { id, .. }
+            | Self::Run { id, .. }
+            | Self::Unreadable { id, .. } => id,
             Self::TaskFile { name, .. } => name,
         }
     }
@@ -169,6 +176,7 @@ impl Case {
             Self::Merge { log, expected, .. } => run_merge(log, expected),
             Self::Structure { structure, stress, .. } => run_stress(structure, stress),
             Self::Run { problems, expected, .. } => run_records(problems, expected),
+            Self::Unreadable { fault, .. } => Verdict::Mismatch(fault.clone()),
             Self::TaskFile { name, text } => match read_task_files(&[TaskFile { name, text }]) {
                 Ok(_) => Verdict::Match,
                 Err(faults) => Verdict::Mismatch(faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")),
