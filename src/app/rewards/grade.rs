@@ -7,7 +7,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::given_task::GivenTask;
 use super::grader::{Deadline, Graded, Until};
-use super::in_time::in_time;
+use super::in_time::{code_in_time, graded_in_time};
 use super::model_text::{AnswerBody, log_in_texts};
 use super::named_task::NamedTask;
 use super::reading::read_request;
@@ -131,7 +131,7 @@ impl ReadRequest {
         }
         let _permit = place(app, who)?;
         // Most requests have no code, and need not carry the room for it.
-        Box::pin(in_time(found.request.for_code, found.prepare(app, who))).await
+        Box::pin(code_in_time(found.request.for_code, found.prepare(app, who))).await
     }
 
     /// Prepares one of many requests, which share a slot.
@@ -262,10 +262,11 @@ impl Prepared {
     /// Grades it, and returns whether the result came from the cache.
     ///
     /// # Errors
-    /// Returns the errors of [`super::grader::Grader::grade`], and 422 if no criterion that applies has a weight.
+    /// Returns the errors of [`super::grader::Grader::grade`], 422 if no criterion that applies has a weight, and 503 if
+    /// the request would run out of time.
     pub async fn grade(self, app: &App, who: &Arc<str>) -> AppResult<(GradeBody, bool)> {
-        let deadline = self.request.deadline.into();
-        self.grade_within(app, who, deadline).await
+        let (begun, deadline) = (self.begun, self.request.deadline.into());
+        graded_in_time(begun, self.grade_within(app, who, deadline)).await
     }
 
     /// Grades one of many requests. The time that it waits does not count as time for grading.

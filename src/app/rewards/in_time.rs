@@ -1,30 +1,65 @@
-//! Time for the code of a request: it ends before the request does, so that the answer says what that means for the reward.
+//! Time of a request for a reward: what it waits for ends before the request does, so that the answer says what that means
+//! for the reward.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::limits::LIMITS;
 
-/// Time for which a request may be prepared: enough of its time is left to grade and to answer.
-const PREPARED_WITHIN: Duration = Duration::from_secs(LIMITS.grade_code_seconds);
+/// Time for which the code of a request may wait and run: enough of its time is left to grade and to answer.
+const CODE_WITHIN: Duration = Duration::from_secs(LIMITS.grade_code_seconds);
 
-/// Prepares something within the deadline that its sender asked for, or within what a request may take. Otherwise the
-/// request itself would run out of time, which says nothing of the reward.
+/// Time after which a request is graded, or refused: a little less than what a request may take.
+const GRADED_WITHIN: Duration = Duration::from_secs(LIMITS.request_seconds - 3);
+
+/// Runs the code of a request within the deadline that its sender asked for, or within `grade_code_seconds`.
 ///
 /// # Errors
-/// Returns the errors of the preparation, 504 if the deadline passes, and 503 if the request would run out of time.
-pub async fn in_time<T>(asked: Option<Duration>, preparing: impl Future<Output = AppResult<T>>) -> AppResult<T> {
-    // What runs code says more of a deadline that it notices by itself.
-    let most = asked.map_or(PREPARED_WITHIN, |asked| (asked + Duration::from_secs(1)).min(PREPARED_WITHIN));
-    tokio::time::timeout(most, preparing).await.unwrap_or_else(|_late| {
-        let waited = format!("action code waited and ran, for {} s", most.as_secs_f64());
-        Err(match asked {
-            Some(_) => AppError::new(Kind::Deadline, format!("The deadline passed while {waited}.")).retry_after(1),
-            None => AppError::new(
-                Kind::Busy,
-                format!("The machine has too much to do: {waited}. The request may be sent again."),
-            )
-            .retry_after(5),
-        })
+/// Returns the errors of the code, 504 if the deadline passes, and 503 if the request would run out of time.
+pub async fn code_in_time<T>(asked: Option<Duration>, running: impl Future<Output = AppResult<T>>) -> AppResult<T> {
+    const WHAT: &str = "action code waited and ran";
+    // The code runner says more about its own deadline, so it gets a second's head start.
+    let most = asked.map_or(CODE_WITHIN, |asked| (asked + Duration::from_secs(1)).min(CODE_WITHIN));
+    tokio::time::timeout(most, running).await.unwrap_or_else(|_late| match asked {
+        Some(_) => {
+            let detail = format!("The deadline passed while {WHAT}, for {} s.", most.as_secs_f64());
+            Err(AppError::new(Kind::Deadline, detail).retry_after(1))
+        }
+        None => Err(busy(WHAT, most)),
     })
+}
+
+/// Grades a request that began at `begun`, before it runs out of time.
+///
+/// # Errors
+/// Returns the errors of the grading, and 503 if the request would run out of time.
+pub async fn graded_in_time<T>(begun: Instant, grading: impl Future<Output = AppResult<T>>) -> AppResult<T> {
+    let graded = tokio::time::timeout_at((begun + GRADED_WITHIN).into(), grading).await;
+    graded.unwrap_or_else(|_late| Err(busy("the request waited and was graded", GRADED_WITHIN).without_reward()))
+}
+
+fn busy(what: &str, waited: Duration) -> AppError {
+    let detail = format!(
+        "The machine has too much to do: {what}, for {} s. The request may be sent again.",
+        waited.as_secs_f64()
+    );
+    AppError::new(Kind::Busy, detail).retry_after(5)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn what_takes_too_long_is_no_reward() {
+        let soon = Duration::from_millis(20);
+        let begun = Instant::now().checked_sub(GRADED_WITHIN - soon).expect("the machine runs for longer");
+        let late = graded_in_time::<()>(begun, std::future::pending()).await.unwrap_err();
+        assert_eq!((late.kind(), late.has_null_reward()), (Kind::Busy, true));
+        assert!(begun.elapsed() >= GRADED_WITHIN);
+        let late = code_in_time::<()>(Some(Duration::ZERO), std::future::pending()).await.unwrap_err();
+        assert_eq!(late.kind(), Kind::Deadline);
+        assert_eq!(graded_in_time(Instant::now(), async { Ok(1) }).await.unwrap(), 1);
+        assert!(CODE_WITHIN < GRADED_WITHIN);
+    }
 }

@@ -1,11 +1,12 @@
 //! Judging of texts that a model wrote, for trainers that name the task separately.
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use serde_json::{Map, Value};
 
 use super::grade::ReadRequest;
-use super::in_time::in_time;
+use super::in_time::{code_in_time, graded_in_time};
 use super::score::GradeBody;
 use crate::app::App;
 use crate::app::error::{AppError, AppResult};
@@ -24,10 +25,11 @@ pub async fn judge(
     naming: &Map<String, Value>,
     texts: Vec<String>,
 ) -> AppResult<GradeBody> {
+    let begun = Instant::now();
     let request = ReadRequest::read(request(naming).as_bytes(), catalogue)?.about(texts);
-    let prepared = in_time(None, request.prepare_in_turn(app, who)).await;
+    let prepared = code_in_time(None, request.prepare_in_turn(app, who)).await;
     let prepared = prepared.map_err(AppError::without_reward_where_ours)?;
-    prepared.grade_in_turn(app, who).await
+    graded_in_time(begun, prepared.grade_in_turn(app, who)).await
 }
 
 /// Creates the request that names the task, with an empty log in place of the model's.

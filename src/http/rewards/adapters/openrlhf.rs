@@ -4,6 +4,8 @@
 //! `task`, `suite` and `reward`. The trainer turns the response into tensors, so every list has a number for every
 //! sample, even for one that could not be graded.
 
+use std::time::Instant;
+
 use axum::Json;
 use axum::extract::State;
 use futures_util::{StreamExt as _, TryStreamExt as _, stream};
@@ -15,7 +17,7 @@ use crate::actions::turn_replay::TurnReplay;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult, FaultBody, Kind};
 use crate::app::limits::LIMITS;
-use crate::app::rewards::in_time::in_time;
+use crate::app::rewards::in_time::graded_in_time;
 use crate::app::rewards::judge::judge;
 use crate::app::rewards::score::GradeBody;
 use crate::http::extract::body::{JsonBody, read_json};
@@ -108,13 +110,14 @@ pub struct SampleProblem {
     responses(
         (status = 200, description = "Rewards in the order of the samples", body = Rewards,
          example = json!({ "rewards": [1.0], "scores": [1.0],
-                           "extra_logs": { "overall": [1.0], "criteria_mean": [1.0], "readable": [1.0] } })),
+                           "extra_logs": { "overall": [1.0], "criteria_mean": [1.0], "readable": [1.0], "mislabelled": [0.0] },
+                           "problems": [] })),
         (status = 504, description = "A deadline passed"),
     )
 )]
 pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: JsonBody) -> AppResult<Json<Rewards>> {
     caller.require(Scope::Grade)?;
-    let who = caller.who();
+    let (begun, who) = (Instant::now(), caller.who());
     let catalogue = state.current_catalogue().await?;
     let reading = tokio::task::spawn_blocking(move || read(&body).map(|query| (query, body.share)));
     let (query, _share) = reading.await.map_err(|error| AppError::internal(&error))??;
@@ -139,7 +142,7 @@ pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: Jso
     };
     // If the client disconnects, or the service fails on one sample, the work on the others ends with this request.
     let judging = stream::iter(0..query.query.len()).map(judge_one).buffered(AT_ONCE).try_collect();
-    let judged: Vec<Judged> = in_time(None, judging).await.map_err(AppError::without_reward_where_ours)?;
+    let judged: Vec<Judged> = graded_in_time(begun, judging).await.map_err(AppError::without_reward_where_ours)?;
     answer(judged)
 }
 
