@@ -1,4 +1,4 @@
-//! Background tasks: upkeep, the use of keys, and what hidden evaluation does at fixed times.
+//! Background tasks: upkeep, the use of keys, sweeping blobs, and what hidden evaluation does at fixed times.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -28,8 +28,16 @@ const BLOBS: &str = "blobs";
 /// Task that one node does for all: fetching the rounds of beacons.
 const BEACONS: &str = "beacons";
 
+/// What background tasks share.
+#[derive(Debug, Clone)]
+pub(super) struct Shared {
+    pub app: Arc<App>,
+    pub store: Store,
+    pub stop: CancellationToken,
+}
+
 /// Looks once whether the stored log of receipts lacks anything.
-pub(super) async fn look_at_log(app: Arc<App>) {
+pub(super) async fn look_at_log(Shared { app, .. }: Shared) {
     // A database that fails has been logged.
     let _ = look_for_damage(&app).await;
 }
@@ -37,13 +45,7 @@ pub(super) async fn look_at_log(app: Arc<App>) {
 /// Runs upkeep every few seconds: forgets idle clients in the rate limits, folds samples of histograms together, which
 /// would pile up if nobody reads the metrics, loads suites that another process has added, lifts embargoes that are
 /// over, and forgets old requests and episodes.
-pub(super) async fn keep_up(
-    metrics: PrometheusHandle,
-    app: Arc<App>,
-    store: Store,
-    rates: Arc<Rates>,
-    stop: CancellationToken,
-) {
+pub(super) async fn keep_up(Shared { app, store, stop }: Shared, rates: Arc<Rates>, metrics: PrometheusHandle) {
     const EVERY: Duration = Duration::from_secs(5);
     const LEASE_MS: i64 = 15_000;
     let node = uuid::Uuid::new_v4().to_string();
@@ -77,7 +79,7 @@ pub(super) async fn keep_up(
 }
 
 /// Deletes, once a day, the objects outside the database that no row refers to. Of several nodes, one does it.
-pub(super) async fn sweep(store: Store, stop: CancellationToken) {
+pub(super) async fn sweep(Shared { store, stop, .. }: Shared) {
     const LOOK: Duration = Duration::from_secs(20);
     const LEASE_MS: i64 = 15_000;
     let node = uuid::Uuid::new_v4().to_string();
@@ -106,7 +108,7 @@ async fn sweep_if_due(store: &Store, node: &str, lease_ms: i64) -> StoreResult<O
 }
 
 /// Stores every few seconds when keys were last used. It waits for the writer, and nothing waits for it.
-pub(super) async fn keep_uses(app: Arc<App>, stop: CancellationToken) {
+pub(super) async fn keep_uses(Shared { app, stop, .. }: Shared) {
     const EVERY: Duration = Duration::from_secs(5);
     while stop.run_until_cancelled(tokio::time::sleep(EVERY)).await.is_some() {
         store_uses(&app).await;
@@ -122,7 +124,7 @@ pub(super) async fn store_uses(app: &App) {
 
 /// Settles epochs as soon as they are over. Entries of open epochs are completed, and receipts published, only at full
 /// multiples of `every` since 1970, so that nobody can tell when an answer was graded. Of several nodes, one does it.
-pub(super) async fn keep_hidden(store: Store, every: Duration, stop: CancellationToken) {
+pub(super) async fn keep_hidden(Shared { store, stop, .. }: Shared, every: Duration) {
     const LOOK: Duration = Duration::from_secs(1);
     const LEASE_MS: i64 = 5_000;
     let node = uuid::Uuid::new_v4().to_string();
@@ -168,7 +170,7 @@ pub(super) async fn keep_hidden(store: Store, every: Duration, stop: Cancellatio
 
 /// Fetches the rounds that epochs are bound to from a server of the beacon, as soon as they are emitted, and makes
 /// their pools. Without a server, says which rounds are missing.
-pub(super) async fn follow_beacons(store: Store, server: Option<String>, stop: CancellationToken) {
+pub(super) async fn follow_beacons(Shared { store, stop, .. }: Shared, server: Option<String>) {
     const LOOK: Duration = Duration::from_secs(1);
     // A server that fails is asked again later, and what is missing is said again.
     const AFTER_FAILURE: Duration = Duration::from_secs(10);
@@ -217,7 +219,7 @@ pub(super) async fn follow_beacons(store: Store, server: Option<String>, stop: C
 
 /// Makes the generators that epochs need, with the list of siblings: the first draw and the pool of a beacon shall not
 /// wait for them.
-pub(super) async fn prepare_generators(store: Store, stop: CancellationToken) {
+pub(super) async fn prepare_generators(Shared { store, stop, .. }: Shared) {
     const LOOK: Duration = Duration::from_secs(10);
     let mut made: BTreeSet<u32> = BTreeSet::new();
     loop {
@@ -229,10 +231,17 @@ pub(super) async fn prepare_generators(store: Store, stop: CancellationToken) {
         let open = epochs.iter().filter(|epoch| epoch.settled_at_ms.is_none());
         for version in open.filter(needs).map(|epoch| epoch.commitment.generator_version) {
             if made.insert(version) {
-                let done = tokio::task::spawn_blocking(move || Generator::of(version).map(drop)).await;
-                if !matches!(done, Ok(Ok(()))) {
-                    tracing::error!(version, "could not make the generator of an epoch; draws will try again");
-                }
+                let made = tokio::task::spawn_blocking(move || Generator::of(version).map(drop)).await;
+                let failure = match made {
+                    Ok(Ok(())) => continue,
+                    Ok(Err(error)) => error.to_string(),
+                    Err(panicked) => panicked.to_string(),
+                };
+                tracing::error!(
+                    version,
+                    error = failure,
+                    "could not make the generator of an epoch; draws will try again"
+                );
             }
         }
         if stop.run_until_cancelled(tokio::time::sleep(LOOK)).await.is_none() {

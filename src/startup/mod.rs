@@ -2,6 +2,7 @@
 
 mod background;
 mod notices;
+mod supervisor;
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -37,9 +38,11 @@ use crate::store::schema::{self, SchemaState};
 use crate::store::serving::Serving;
 use crate::store::suites::SuiteStored;
 use crate::worker::{WorkerSettings, Workers};
+use background::Shared;
 use notices::{notices_of_secrets, serving_notice};
 use plumbline_engine::hidden::tlog::cosignature::Witness;
 use plumbline_engine::tasks::embedded;
+use supervisor::Supervisor;
 
 /// Notice of a node that only grades within requests.
 const GRADE_ONLY: &str = "this node only grades within requests: it has no database, and grading needs no key. Only \
@@ -109,6 +112,7 @@ pub struct RunningService {
     workers: Option<Workers>,
     stop: CancellationToken,
     listeners: Vec<JoinHandle<std::io::Result<()>>>,
+    tasks: Supervisor<Shared>,
     /// Tells other processes that this one serves the database.
     _serving: Option<Serving>,
 }
@@ -160,13 +164,6 @@ impl RunningService {
         let connections = Connections::default();
         let rates = Arc::new(Rates::new(config.settings.rates));
         crate::telemetry::describe_metrics();
-        if signer.is_some() && config.role != Role::GradeOnly {
-            tokio::spawn(background::keep_hidden(store.clone(), config.hidden_publish, stop.clone()));
-            if config.role != Role::WorkOnly {
-                tokio::spawn(background::prepare_generators(store.clone(), stop.clone()));
-                tokio::spawn(background::follow_beacons(store.clone(), config.beacon_url.clone(), stop.clone()));
-            }
-        }
         let actions = Pool::new(config.cores, ACTION_LIMITS);
         if config.role != Role::WorkOnly {
             actions.refill();
@@ -193,17 +190,9 @@ impl RunningService {
             stop: stop.clone(),
         })?;
         let app = Arc::new(app);
-        let upkeep =
-            background::keep_up(metrics.clone(), Arc::clone(&app), store.clone(), Arc::clone(&rates), stop.clone());
-        tokio::spawn(upkeep);
-        if config.role != Role::GradeOnly {
-            tokio::spawn(background::sweep(store.clone(), stop.clone()));
-        }
-        tokio::spawn(background::keep_uses(Arc::clone(&app), stop.clone()));
-        if config.role == Role::Whole {
-            tokio::spawn(background::look_at_log(Arc::clone(&app)));
-            tokio::spawn(deliver(Arc::clone(&app)));
-        }
+        let tasks =
+            Supervisor::new(Shared { app: Arc::clone(&app), store: store.clone(), stop: stop.clone() }, stop.clone());
+        run_tasks(&tasks, config, app.signer.is_some(), &rates, &metrics);
         let parts = HttpParts { app: Arc::clone(&app), metrics, rates, role: config.role };
         let fronts = http::fronts(parts, admin_listener.is_some());
         let per_address = config.settings.rates.connections_from_one(LIMITS.connections);
@@ -216,7 +205,7 @@ impl RunningService {
         }
         let admin = admin_address.map(|address| address.to_string());
         tracing::info!(%address, admin_address = admin, database = %config.database, workers = config.workers, "listening");
-        Ok(Self { address, admin_address, app, store, workers, stop, listeners, _serving: serving })
+        Ok(Self { address, admin_address, app, store, workers, stop, listeners, tasks, _serving: serving })
     }
 
     /// Creates a key for the demo agents that is valid for a day, and revokes their earlier keys.
@@ -248,8 +237,40 @@ impl RunningService {
         if let Some(workers) = &self.workers {
             workers.shut_down().await;
         }
+        self.tasks.ended().await;
         background::store_uses(&self.app).await;
         self.store.close().await;
+    }
+}
+
+/// Runs the background tasks of a role.
+fn run_tasks(
+    tasks: &Supervisor<Shared>,
+    config: &Config,
+    can_sign: bool,
+    rates: &Arc<Rates>,
+    metrics: &PrometheusHandle,
+) {
+    let (rates, metrics) = (Arc::clone(rates), metrics.clone());
+    tasks.run("upkeep", move |shared| background::keep_up(shared, Arc::clone(&rates), metrics.clone()));
+    tasks.run("uses of keys", background::keep_uses);
+    if config.role == Role::GradeOnly {
+        return;
+    }
+    tasks.run("sweep", background::sweep);
+    if config.role == Role::Whole {
+        tasks.run("log", background::look_at_log);
+        tasks.run("webhooks", async |shared| deliver(shared.app).await);
+    }
+    if !can_sign {
+        return;
+    }
+    let every = config.hidden_publish;
+    tasks.run("hidden evaluation", move |shared| background::keep_hidden(shared, every));
+    if config.role == Role::Whole {
+        let server = config.beacon_url.clone();
+        tasks.run("beacons", move |shared| background::follow_beacons(shared, server.clone()));
+        tasks.run("generators", background::prepare_generators);
     }
 }
 

@@ -4,9 +4,11 @@
 //! goes out only after the commit.
 
 use std::io;
+use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
 use std::time::Duration;
 
+use futures_util::FutureExt as _;
 use tokio::sync::{Notify, mpsc, oneshot};
 
 use super::acceptance::{Acceptability, Accepted, Decide, Decision, Facts, ToStore, locks_of, store_all};
@@ -46,8 +48,12 @@ impl Acceptances {
             let mut group = Vec::with_capacity(MAX_GROUP);
             while receiver.recv_many(&mut group, MAX_GROUP).await > 0 {
                 metrics::histogram!("plumbline_accepted_together").record(group.len() as f64);
-                if store(&writer, std::mem::take(&mut group)).await {
-                    queued.notify_waiters();
+                // A panic ends the requests of its group, not the task that all later ones need.
+                let stored = AssertUnwindSafe(store(&writer, std::mem::take(&mut group))).catch_unwind().await;
+                match stored {
+                    Ok(true) => queued.notify_waiters(),
+                    Ok(false) => {}
+                    Err(_panic) => tracing::error!("storing submissions panicked; their requests fail"),
                 }
             }
         });
@@ -89,9 +95,9 @@ async fn store(writer: &Pool, group: Vec<Acceptance>) -> bool {
         }
         // Each would wait for the database as long as the group did.
         Err(error) if error.is_busy() => {
-            tracing::warn!(%error, "the database is busy; {} requests are refused", group.len());
+            let error = Arc::new(error);
             for request in group {
-                let _ = request.answer.send(Err(StoreError::Database(sqlx::Error::PoolTimedOut)));
+                let _ = request.answer.send(Err(StoreError::Group(Arc::clone(&error))));
             }
             false
         }
